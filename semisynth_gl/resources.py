@@ -1,0 +1,20 @@
+"""Where shaders/, configs/ and assets/ are: inside an installed package, or beside it in a checkout."""
+
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from pathlib import Path
+
+
+def data_root(name: str) -> Traversable:
+    """Return the folder of packaged data called ``name`` ("shaders", "configs" or "assets").
+
+    Raises:
+        FileNotFoundError: where neither the installed package nor a checkout has it.
+    """
+    installed = files("semisynth_gl") / name
+    if installed.is_dir():
+        return installed
+    checkout = Path(__file__).resolve().parent.parent
+    if (checkout / "pyproject.toml").is_file() and (checkout / name).is_dir():
+        return checkout / name
+    raise FileNotFoundError(f"no {name}/ in {installed} or {checkout}: the installation is incomplete, reinstall it")

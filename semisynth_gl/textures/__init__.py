@@ -1,0 +1,1 @@
+"""Photographs into the patch atlas: reading, cropping, judging texture."""
