@@ -1,0 +1,1 @@
+"""Stereo training pairs from photographs, rendered headless with exact disparity."""

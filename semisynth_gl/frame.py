@@ -1,0 +1,36 @@
+"""The renderer's answer: one stereo pair as arrays, top-left origin."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.camera import StereoCamera
+
+VISIBLE = 255
+OCCLUDED = 128
+OUTSIDE = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """A rendered stereo pair with its truth.
+
+    Attributes:
+        camera: the camera that took it.
+        left: (H, W, 3) uint8 RGB.
+        right: (H, W, 3) uint8 RGB.
+        disparity_left: (H, W) float32, px, positive; inf where nothing is seen or the rig makes it zero or negative.
+        disparity_right: (H, W) float32, likewise, in the right view's pixels.
+        visibility_left: (H, W) uint8: `VISIBLE` where the right eye sees the same point, `OCCLUDED` where something
+            hides it there, `OUTSIDE` where it leaves the right image or has no valid disparity.
+        visibility_right: (H, W) uint8, likewise for the right view.
+    """
+
+    camera: StereoCamera
+    left: NDArray[np.uint8]
+    right: NDArray[np.uint8]
+    disparity_left: NDArray[np.float32]
+    disparity_right: NDArray[np.float32]
+    visibility_left: NDArray[np.uint8]
+    visibility_right: NDArray[np.uint8]

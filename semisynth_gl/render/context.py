@@ -1,0 +1,103 @@
+"""Opening a headless OpenGL context: EGL (a GPU, or llvmpipe) or OSMesa."""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import moderngl
+from glcontext import egl
+
+from semisynth_gl.errors import BackendError
+from semisynth_gl.render.osmesa import OSMesaContext
+from semisynth_gl.render.unbound import UnboundCalls
+
+Backend = Literal["auto", "egl", "osmesa"]
+BACKENDS: tuple[Backend, ...] = get_args(Backend)
+
+# 4.5 is where glClipControl, needed for reversed Z, became core; llvmpipe has offered it since Mesa 20.2.
+REQUIRED_VERSION = 450
+
+INSTALL_COMMAND = "apt-get install -y libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri"
+INSTALL_COMMAND_OSMESA = "apt-get install -y libosmesa6 libgl1"
+
+
+@dataclass(frozen=True, slots=True)
+class GraphicsContext:
+    """An open context, made current and set up for reversed Z in [0, 1].
+
+    Attributes:
+        gl: moderngl's context.
+        unbound: the calls that moderngl lacks.
+        backend: "egl" or "osmesa".
+        renderer: what the driver calls itself, for the provenance of every pair.
+    """
+
+    gl: moderngl.Context
+    unbound: UnboundCalls
+    backend: Backend
+    renderer: str
+
+    def release(self) -> None:
+        """Free the context and all that lives in it."""
+        self.gl.release()
+
+
+def open_context(backend: Backend = "auto", device_index: int = 0) -> GraphicsContext:
+    """Open a headless context.
+
+    Args:
+        backend: "egl", "osmesa", or "auto", which takes EGL and falls back on OSMesa.
+        device_index: EGL's number of the device, in the order that ``semisynth-gl doctor`` lists.
+
+    Raises:
+        BackendError: where no such context can be had, with each reason and what to install.
+    """
+    openers: dict[Backend, Callable[[], Any]] = {
+        "egl": lambda: _open_egl(device_index),
+        "osmesa": lambda: OSMesaContext(4, 5),
+    }
+    reasons = []
+    for name, opener in openers.items():
+        if backend not in ("auto", name):
+            continue
+        try:
+            return _set_up(opener(), name)
+        except BackendError as error:
+            reasons.append(f"{name}: {error}")
+    command = INSTALL_COMMAND_OSMESA if backend == "osmesa" else INSTALL_COMMAND
+    raise BackendError(
+        "no OpenGL context could be opened.\n  " + "\n  ".join(reasons) + f"\nOn Debian or Ubuntu: sudo {command}"
+        "\n`semisynth-gl doctor` shows what is there."
+    )
+
+
+def _open_egl(device_index: int) -> Any:  # noqa: ANN401 - glcontext has no types
+    # A call to glcontext's own backend() would let GLCONTEXT_* variables override these arguments without a word, and
+    # would ask for libGL.so, which only development packages install.
+    try:
+        return egl.create_context(
+            mode="standalone", libgl="libGL.so.1", libegl="libEGL.so.1", glversion=REQUIRED_VERSION,
+            device_index=device_index,
+        )  # fmt: skip
+    except Exception as error:
+        # glcontext raises plain Exception, with messages such as "libGL.so.1 not loaded" or "eglGetError 0x3001".
+        override = os.environ.get("MESA_GL_VERSION_OVERRIDE")
+        hint = f" (MESA_GL_VERSION_OVERRIDE={override} is set)" if override else ""
+        raise BackendError(f"device {device_index}: {error}{hint}") from error
+
+
+def _set_up(raw: Any, backend: Backend) -> GraphicsContext:  # noqa: ANN401 - either of two context types
+    gl = moderngl.create_context(context=raw)
+    renderer = str(gl.info["GL_RENDERER"])
+    if gl.version_code < REQUIRED_VERSION:
+        version = gl.info["GL_VERSION"]
+        gl.release()
+        raise BackendError(f"OpenGL 4.5 is needed, but {renderer} offers {version}: update the driver or Mesa")
+    try:
+        unbound = UnboundCalls(raw.load)
+    except BackendError:
+        gl.release()
+        raise
+    unbound.use_zero_to_one_depth()
+    return GraphicsContext(gl, unbound, backend, renderer)

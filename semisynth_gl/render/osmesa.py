@@ -1,0 +1,98 @@
+"""OSMesa, Mesa's off-screen software renderer, as a context that moderngl accepts.
+
+glcontext has no OSMesa backend, so this loads the library with ctypes. moderngl needs three things of a context:
+`load` (the address of an OpenGL function), the context-manager protocol (make current), and `release`.
+"""
+
+import ctypes
+import ctypes.util
+from types import TracebackType
+
+from semisynth_gl.errors import BackendError
+
+# Names and values from Mesa's GL/osmesa.h.
+_OSMESA_RGBA = 0x1908
+_OSMESA_FORMAT = 0x22
+_OSMESA_DEPTH_BITS = 0x30
+_OSMESA_STENCIL_BITS = 0x31
+_OSMESA_PROFILE = 0x33
+_OSMESA_CORE_PROFILE = 0x34
+_OSMESA_CONTEXT_MAJOR_VERSION = 0x36
+_OSMESA_CONTEXT_MINOR_VERSION = 0x37
+_GL_UNSIGNED_BYTE = 0x1401
+
+_LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
+
+
+def load_library() -> ctypes.CDLL:
+    """Open libOSMesa.
+
+    Raises:
+        BackendError: where it is not installed.
+    """
+    for name in _LIBRARIES:
+        try:
+            return ctypes.CDLL(name)
+        except OSError:
+            continue
+    raise BackendError(f"OSMesa is not installed: none of {', '.join(_LIBRARIES)} could be loaded")
+
+
+class OSMesaContext:
+    """A current OSMesa core-profile context with a 1 x 1 default framebuffer (everything is drawn off screen anyway).
+
+    Raises:
+        BackendError: where the library is missing or does not offer the version asked for.
+    """
+
+    def __init__(self, major: int, minor: int) -> None:
+        library = load_library()
+        try:
+            create = library.OSMesaCreateContextAttribs
+        except AttributeError:
+            raise BackendError("this libOSMesa predates core profiles: install Mesa 12 or newer") from None
+        create.restype = ctypes.c_void_p
+        create.argtypes = [ctypes.POINTER(ctypes.c_int), ctypes.c_void_p]
+        library.OSMesaGetProcAddress.restype = ctypes.c_void_p
+        library.OSMesaGetProcAddress.argtypes = [ctypes.c_char_p]
+        library.OSMesaMakeCurrent.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_int]
+        library.OSMesaMakeCurrent.restype = ctypes.c_ubyte
+        library.OSMesaDestroyContext.argtypes = [ctypes.c_void_p]
+        attributes = [
+            *(_OSMESA_FORMAT, _OSMESA_RGBA),
+            *(_OSMESA_DEPTH_BITS, 0),
+            *(_OSMESA_STENCIL_BITS, 0),
+            *(_OSMESA_PROFILE, _OSMESA_CORE_PROFILE),
+            *(_OSMESA_CONTEXT_MAJOR_VERSION, major),
+            *(_OSMESA_CONTEXT_MINOR_VERSION, minor),
+            *(0, 0),
+        ]
+        self._library = library
+        self._pixel = (ctypes.c_ubyte * 4)()
+        self._handle: int | None = create((ctypes.c_int * len(attributes))(*attributes), None)
+        if not self._handle:
+            raise BackendError(f"OSMesa offers no OpenGL {major}.{minor} core profile")
+        self._make_current()
+
+    def _make_current(self) -> None:
+        if not self._library.OSMesaMakeCurrent(self._handle, self._pixel, _GL_UNSIGNED_BYTE, 1, 1):
+            raise BackendError("OSMesa could not make its context current")
+
+    def load(self, name: str) -> int:
+        """Return the address of an OpenGL function, 0 where there is none."""
+        return self._library.OSMesaGetProcAddress(name.encode()) or 0
+
+    def __enter__(self) -> "OSMesaContext":
+        self._make_current()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leave the context current: one program, one context a thread."""
+
+    def release(self) -> None:
+        """Destroy the context; a second call does nothing."""
+        if self._handle:
+            self._library.OSMesaDestroyContext(self._handle)
+            self._handle = None

@@ -1,0 +1,61 @@
+"""From the camera frame (OpenCV's) to OpenGL's clip space; the only place that knows of half pixels."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.camera import Eye, StereoCamera
+
+
+def clip_from_view(camera: StereoCamera, eye: Eye, near_m: float) -> NDArray[np.float64]:
+    """Projection of one eye, (4, 4) float64, for clip control ZERO_TO_ONE and a depth test of GREATER.
+
+    The pixel whose centre is at (x, y) has its window coordinate at (x + 1/2, y + 1/2). Window y is left to run
+    downwards with the image's, so that the first row read back is the top one and nothing is flipped afterwards.
+    Depth is reversed and without a far plane: near / Z, 1 at the near plane and 0 at infinity.
+    """
+    w, h = camera.width_px, camera.height_px
+    matrix = np.zeros((4, 4))
+    matrix[0, 0] = 2 * camera.focal_px / w
+    matrix[0, 2] = (2 * camera.cx_px(eye) + 1) / w - 1
+    matrix[1, 1] = 2 * camera.focal_px / h
+    matrix[1, 2] = (2 * camera.cy_px + 1) / h - 1
+    matrix[2, 3] = near_m
+    matrix[3, 2] = 1
+    return matrix
+
+
+def view_from_world(camera: StereoCamera, eye: Eye, camera_from_world: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Pose of one eye, (4, 4) float64: the left camera's, shifted by the baseline for the right one."""
+    view = camera_from_world.copy()
+    view[0] -= camera.offset_m(eye) * camera_from_world[3]
+    return view
+
+
+def in_view(
+    camera: StereoCamera,
+    eye: Eye,
+    near_m: float,
+    centre_m: NDArray[np.float64],
+    radius_m: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    """Whether bounding spheres may reach into one eye's image.
+
+    Args:
+        camera: the camera.
+        eye: whose view frame the centres are in.
+        near_m: depth of the near plane.
+        centre_m: (N, 3) float64.
+        radius_m: (N,) float64.
+
+    Returns:
+        (N,) bool; false only where a sphere certainly lies outside the frustum.
+    """
+    x0, x1 = -0.5 - camera.cx_px(eye), camera.width_px - 0.5 - camera.cx_px(eye)
+    y0, y1 = -0.5 - camera.cy_px, camera.height_px - 0.5 - camera.cy_px
+    f = camera.focal_px
+    # Inward normals of the five planes through the eye; a plane through x = x1 is f X - x1 Z <= 0.
+    planes = np.array([[f, 0, -x0], [-f, 0, x1], [0, f, -y0], [0, -f, y1], [0, 0, 1.0]])
+    planes /= np.linalg.norm(planes, axis=1, keepdims=True)
+    distance = centre_m @ planes.T
+    distance[:, 4] -= near_m
+    return (distance > -radius_m[:, None]).all(axis=1)

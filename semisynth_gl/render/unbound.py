@@ -1,0 +1,59 @@
+"""The few OpenGL calls that moderngl has no binding for, made through their addresses."""
+
+import ctypes
+from collections.abc import Callable
+from typing import Any
+
+from semisynth_gl.errors import BackendError
+
+_GL_LOWER_LEFT = 0x8CA1
+_GL_ZERO_TO_ONE = 0x935F
+_GL_RENDERBUFFER = 0x8D41
+_GL_DEPTH_COMPONENT32F = 0x8CAC
+_GL_RENDERBUFFER_DEPTH_SIZE = 0x8D54
+
+_UINT, _INT, _INTS = ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_int)
+
+
+class UnboundCalls:
+    """OpenGL functions of one context.
+
+    Args:
+        load: returns the address of an OpenGL function, 0 where the driver has none.
+
+    Raises:
+        BackendError: where the driver lacks one of them.
+    """
+
+    def __init__(self, load: Callable[[str], int]) -> None:
+        def function(name: str, *types: Any) -> Callable[..., None]:  # noqa: ANN401 - ctypes has no common type
+            address = load(name)
+            if not address:
+                raise BackendError(f"the driver lacks {name}, which OpenGL 4.5 requires: update the driver or Mesa")
+            return ctypes.CFUNCTYPE(None, *types)(address)
+
+        self._clip_control = function("glClipControl", _UINT, _UINT)
+        self._bind = function("glBindRenderbuffer", _UINT, _UINT)
+        self._storage = function("glRenderbufferStorageMultisample", _UINT, _INT, _UINT, _INT, _INT)
+        self._parameter = function("glGetRenderbufferParameteriv", _UINT, _UINT, _INTS)
+
+    def use_zero_to_one_depth(self) -> None:
+        """Map clip z to [0, 1] instead of [-1, 1].
+
+        With [-1, 1] the hardware adds 0.5 on the way to the depth buffer, which throws away what reversed Z gains.
+        """
+        self._clip_control(_GL_LOWER_LEFT, _GL_ZERO_TO_ONE)
+
+    def make_depth_float32(self, renderbuffer: int, width_px: int, height_px: int, samples: int = 0) -> None:
+        """Give a renderbuffer 32-bit float depth storage; moderngl's own is 24-bit integer.
+
+        Raises:
+            BackendError: where the driver gives less than 32 bits.
+        """
+        self._bind(_GL_RENDERBUFFER, renderbuffer)
+        self._storage(_GL_RENDERBUFFER, samples, _GL_DEPTH_COMPONENT32F, width_px, height_px)
+        bits = ctypes.c_int(0)
+        self._parameter(_GL_RENDERBUFFER, _GL_RENDERBUFFER_DEPTH_SIZE, ctypes.byref(bits))
+        self._bind(_GL_RENDERBUFFER, 0)
+        if bits.value != 32:
+            raise BackendError(f"a 32-bit float depth buffer is needed, the driver gave {bits.value} bits")

@@ -1,0 +1,24 @@
+#version 450 core
+// Places one instance of a model in one eye's view.
+
+uniform mat4 clip_from_view;
+
+layout(location = 0) in vec3 position;         // model units
+layout(location = 1) in vec2 uv;
+// Rows of view_from_model, composed in float64 on the CPU: the fourth column is relative to this eye.
+layout(location = 2) in vec4 view_from_model_x;
+layout(location = 3) in vec4 view_from_model_y;
+layout(location = 4) in vec4 view_from_model_z;
+layout(location = 5) in vec4 patch_from_uv;    // scale.xy, offset.xy
+layout(location = 6) in int layer;
+
+out vec2 patch_coordinate;
+flat out int patch_layer;
+
+void main() {
+    vec4 model = vec4(position, 1.0);
+    vec3 view = vec3(dot(view_from_model_x, model), dot(view_from_model_y, model), dot(view_from_model_z, model));
+    patch_coordinate = uv * patch_from_uv.xy + patch_from_uv.zw;
+    patch_layer = layer;
+    gl_Position = clip_from_view * vec4(view, 1.0);
+}
