@@ -1,1 +1,58 @@
-"""Stereo training pairs from photographs, rendered headless with exact disparity."""
+"""Stereo training pairs from photographs, rendered headless with exact disparity.
+
+`load_config` and `render_pair` are the short way. `Renderer` draws scenes made by hand: meshes, patches, instances and
+cameras as arrays. Importing this package loads no OpenGL; the names below are loaded when they are first used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from semisynth_gl.camera import StereoCamera
+    from semisynth_gl.config import Config, load_config
+    from semisynth_gl.errors import BackendError, InputError, SemisynthError
+    from semisynth_gl.frame import Frame
+    from semisynth_gl.geometry.mesh import Mesh, make_mesh
+    from semisynth_gl.pipeline import PairRenderer, render_pair
+    from semisynth_gl.render.renderer import Renderer
+    from semisynth_gl.scene.scene import Scene, make_scene
+
+_HOME = {
+    "BackendError": "errors",
+    "Config": "config",
+    "Frame": "frame",
+    "InputError": "errors",
+    "Mesh": "geometry.mesh",
+    "PairRenderer": "pipeline",
+    "Renderer": "render.renderer",
+    "Scene": "scene.scene",
+    "SemisynthError": "errors",
+    "StereoCamera": "camera",
+    "load_config": "config",
+    "make_mesh": "geometry.mesh",
+    "make_scene": "scene.scene",
+    "render_pair": "pipeline",
+}
+
+__all__ = [
+    "BackendError",
+    "Config",
+    "Frame",
+    "InputError",
+    "Mesh",
+    "PairRenderer",
+    "Renderer",
+    "Scene",
+    "SemisynthError",
+    "StereoCamera",
+    "load_config",
+    "make_mesh",
+    "make_scene",
+    "render_pair",
+]
+
+
+def __getattr__(name: str) -> Any:  # noqa: ANN401 - any public name
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__} has no attribute {name}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

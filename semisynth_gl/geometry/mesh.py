@@ -87,9 +87,7 @@ def merged(name: str, parts: Sequence[Mesh]) -> Mesh:
         name,
         np.concatenate([part.positions for part in parts]),
         np.concatenate([part.uv for part in parts]),
-        np.concatenate(
-            [part.triangles.astype(np.int64) + offset for part, offset in zip(parts, offsets, strict=True)]
-        ),
+        np.concatenate([part.triangles.astype(np.int64) + offset for part, offset in zip(parts, offsets, strict=True)]),
     )
 
 
@@ -105,3 +103,20 @@ def normalised(mesh: Mesh) -> Mesh:
     if not radius > 0:
         raise InputError(f"mesh {mesh.name}: has no extent")
     return make_mesh(mesh.name, centred / radius, mesh.uv.astype(np.float64) / radius, mesh.triangles)
+
+
+def without_degenerate(mesh: Mesh) -> Mesh:
+    """Drop triangles of no area, and the vertices that nothing uses any more.
+
+    A triangle counts as one of no area where its height is below a millionth of the mesh's radius: nothing of it can
+    be seen, and its normal and texture direction are noise.
+
+    Raises:
+        InputError: where no triangle is left.
+    """
+    corners = mesh.positions.astype(np.float64)[mesh.triangles]
+    double_areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    kept = mesh.triangles[double_areas > 1e-6 * mesh.radius * longest]
+    used, renumbered = np.unique(kept, return_inverse=True)
+    return make_mesh(mesh.name, mesh.positions[used], mesh.uv[used], renumbered)

@@ -1,0 +1,5 @@
+"""``python -m semisynth_gl`` is the same as ``semisynth-gl``."""
+
+from semisynth_gl.cli import main
+
+main()

@@ -1,0 +1,95 @@
+"""``semisynth-gl doctor``."""
+
+import platform
+import sys
+from importlib.metadata import PackageNotFoundError, version
+
+import click
+import numpy as np
+
+from semisynth_gl.camera import StereoCamera
+from semisynth_gl.errors import BackendError
+from semisynth_gl.render.context import INSTALL_COMMAND, INSTALL_COMMAND_OSMESA, Backend
+from semisynth_gl.render.devices import context_facts, egl_devices, missing_libraries
+from semisynth_gl.render.renderer import Renderer
+from semisynth_gl.scene.background import FACE
+from semisynth_gl.scene.scene import make_scene
+
+_PACKAGES = ("semisynth-gl", "moderngl", "glcontext", "numpy", "trimesh", "Pillow", "isal", "scikit-image")
+_LARGEST_ERROR_PX = 1e-3
+
+
+@click.command()
+def doctor() -> None:
+    """Show what this machine offers, say what is missing, and render one pair against its known disparity."""
+    click.echo(f"Python {platform.python_version()} on {platform.platform()}")
+    for package in _PACKAGES:
+        click.echo(f"  {package} {_version(package)}")
+    click.echo("EGL devices (in EGL's order, which is not CUDA's)")
+    for device in egl_devices():
+        click.echo(f"  {device.index}: {device.name}{', software' if device.software else ''}")
+    if not egl_devices():
+        click.echo("  none")
+    working = [backend for backend in ("egl", "osmesa") if _try(backend)]  # type: ignore[arg-type]  # a list of names
+    missing = missing_libraries()
+    if missing:
+        click.echo("Missing")
+        for library, package in missing.items():
+            click.echo(f"  {library}, from Debian's {package}")
+        if any("osmesa" not in package for package in missing.values()):
+            click.echo(f"  install with: sudo {INSTALL_COMMAND}")
+        else:
+            click.echo(f"  optional, install with: sudo {INSTALL_COMMAND_OSMESA}")
+    if not working:
+        click.echo("No backend works: nothing can be rendered here.")
+        sys.exit(1)
+    click.echo(f"Ready: {', '.join(working)}")
+
+
+def _try(backend: Backend) -> bool:
+    """Show a backend and render its test pair; return whether all is well."""
+    click.echo(f"Backend {backend}")
+    try:
+        facts = context_facts(backend)
+        click.echo(f"  {facts.renderer}")
+        click.echo(f"  OpenGL {facts.version}")
+        for name, value in facts.limits.items():
+            click.echo(f"  {name}: {value}")
+        error_px = plane_error_px(backend)
+    except BackendError as error:
+        click.echo("  " + str(error).replace("\n", "\n  "))
+        return False
+    good = error_px <= _LARGEST_ERROR_PX
+    verdict = "good" if good else f"WRONG, at most {_LARGEST_ERROR_PX:g} was expected"
+    click.echo(f"  test pair: largest error of the disparity {error_px:.1e} px: {verdict}")
+    return good
+
+
+def plane_error_px(backend: Backend) -> float:
+    """Render a slanted plane and return the largest error of both disparities against its equation, px."""
+    camera = StereoCamera(320, 240, 400.0, 0.2, 155.5, 163.5, 119.5)
+    normal = np.array([0.3, -0.2, 1.0])  # the plane normal . p = 2 m
+    corner, along_x, along_y = np.array([-9.0, -9.0]), np.array([18.0, 0.0]), np.array([0.0, 18.0])
+
+    def lifted(xy: np.ndarray, height: float) -> list[float]:  # type: ignore[type-arg]  # a pair of numbers
+        return [*xy, (height - normal[:2] @ xy) / normal[2]]
+
+    matrix = np.eye(4)
+    matrix[:3, 0], matrix[:3, 1], matrix[:3, 3] = lifted(along_x, 0), lifted(along_y, 0), lifted(corner, 2.0)
+    layers = np.full((1, 8, 8, 4), 255, np.uint8)
+    with Renderer([FACE], layers, backend=backend) as renderer:
+        frame = renderer.render(make_scene(camera, model=[0], world_from_model=[matrix], layer=[0]))
+    y, x = np.mgrid[:240, :320]
+    worst = 0.0
+    for eye, disparity in (("left", frame.disparity_left), ("right", frame.disparity_right)):
+        origin = normal[0] * camera.offset_m(eye)  # type: ignore[arg-type]  # a list of names
+        depth = (2.0 - origin) / (camera.rays(eye, x, y) @ normal)  # type: ignore[arg-type]
+        worst = max(worst, float(np.abs(disparity - camera.disparity_px(depth)).max()))
+    return worst
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"

@@ -1,0 +1,48 @@
+"""``semisynth-gl generate``."""
+
+from pathlib import Path
+
+import click
+
+from semisynth_gl import pipeline
+from semisynth_gl.cli.options import read_config, scene_options
+from semisynth_gl.cli.progress import Progress
+from semisynth_gl.render.context import Backend
+from semisynth_gl.write.dataset import DatasetFolder
+
+
+@click.command()
+@scene_options
+@click.option("--out", type=click.Path(path_type=Path), help="Folder to write to.  [default: out/ and the config's name]")
+@click.option("--pairs", type=click.IntRange(min=1), default=24, show_default=True, help="How many pairs.")
+@click.option("--overwrite", is_flag=True, help="Replace the dataset that is in the folder.")
+def generate(
+    config_name: str,
+    images: tuple[str, ...],
+    models: tuple[str, ...],
+    seed: int,
+    settings: tuple[str, ...],
+    backend: Backend,
+    out: Path | None,
+    pairs: int,
+    overwrite: bool,  # noqa: FBT001 - click passes flags so
+) -> None:
+    """Write a dataset: left, right, both disparities, mask and calibration of each pair.
+
+    Files stand as in Middlebury's evaluation set: MiddEval3/trainingF/<pair>/im0.png, im1.png, disp0GT.pfm,
+    disp1GT.pfm, mask0nocc.png, calib.txt, and pair.json, which says what made the pair.
+    """
+    config = read_config(config_name, images, models, settings)
+    folder = DatasetFolder(out if out is not None else Path("out") / config.name, overwrite=overwrite)
+
+    def started(renderer: pipeline.PairRenderer) -> None:
+        click.echo(renderer.atlas.report.summary(), err=True)
+        for skipped in renderer.library.skipped:
+            click.echo(f"model left out: {skipped}", err=True)
+        click.echo(f"{len(renderer.library.models)} models; rendering with {renderer.renderer_name}", err=True)
+
+    with Progress(pairs) as progress:
+        scenes = pipeline.generate(
+            config, folder, pairs, seed, backend, started=started, written=lambda _: progress.advance()
+        )
+    click.echo(f"{pairs} pairs in {scenes}")

@@ -1,0 +1,255 @@
+"""The typed configuration: every key that a YAML file may set, with its default and its limits."""
+
+import hashlib
+import json
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from semisynth_gl.config.range import NotNegativeRange, PositiveRange, Range, RangeField
+
+
+def _as_tuple(value: Any) -> Any:  # noqa: ANN401 - a validator sees whatever the YAML holds
+    return tuple(value) if isinstance(value, list) else value
+
+
+Weight = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=1)]
+
+
+class Section(BaseModel):
+    """Base of all sections: unknown keys are errors, values are not coerced, nothing changes after loading."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class CameraSection(Section):
+    """The rectified pair. Every range is drawn once per sequence.
+
+    Attributes:
+        width_px: image width.
+        height_px: image height.
+        focal_px: focal length in pixels; or give ``focal_mm`` and ``sensor_width_mm``.
+        focal_mm: focal length in millimetres.
+        sensor_width_mm: width of the sensor that the image covers, in millimetres.
+        baseline_m: distance of the two cameras.
+        cx_left_px: left principal point; by default such that both lie evenly about the image centre.
+        cx_right_px: right principal point; or give ``doffs_px``.
+        cy_px: y of both principal points; by default the image centre, (height - 1) / 2.
+        doffs_px: cx_right - cx_left; by default 0.
+    """
+
+    width_px: Annotated[int, Field(ge=1)]
+    height_px: Annotated[int, Field(ge=1)]
+    focal_px: PositiveRange | None = None
+    focal_mm: PositiveRange | None = None
+    sensor_width_mm: Positive | None = None
+    baseline_m: PositiveRange
+    cx_left_px: RangeField | None = None
+    cx_right_px: RangeField | None = None
+    cy_px: RangeField | None = None
+    doffs_px: RangeField | None = None
+
+    @model_validator(mode="after")
+    def _one_focal_length(self) -> Self:
+        if (self.focal_px is None) == (self.focal_mm is None):
+            raise ValueError("give either focal_px, or focal_mm with sensor_width_mm")
+        if (self.focal_mm is None) != (self.sensor_width_mm is None):
+            raise ValueError("focal_mm and sensor_width_mm go together")
+        if self.cx_right_px is not None and self.doffs_px is not None:
+            raise ValueError("give either cx_right_px or doffs_px, not both")
+        if self.cx_right_px is not None and self.cx_left_px is None:
+            raise ValueError("cx_right_px needs cx_left_px beside it")
+        return self
+
+
+class HistogramSection(Section):
+    """A wanted distribution of disparity over all pixels.
+
+    Attributes:
+        bin_px: width of a bin; the first one begins at 0.
+        shares: share of pixels per bin; they are scaled to a sum of 1.
+    """
+
+    bin_px: Positive
+    shares: Annotated[tuple[Weight, ...], BeforeValidator(_as_tuple), Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _some_share(self) -> Self:
+        if not sum(self.shares) > 0:
+            raise ValueError("expected at least one share above 0")
+        return self
+
+
+class DisparitySection(Section):
+    """Where disparities lie, in pixels.
+
+    Attributes:
+        min_px: walls and particles aim not to fall below it; a far plane may.
+        max_px: hard limit, it sets the near plane: no pixel exceeds it.
+        histogram: the wanted distribution; without it, uniform from ``min_px`` to ``max_px``.
+    """
+
+    min_px: Positive
+    max_px: Positive
+    histogram: HistogramSection | None = None
+
+    @model_validator(mode="after")
+    def _range(self) -> Self:
+        if self.min_px >= self.max_px:
+            raise ValueError(f"expected min_px < max_px, got {self.min_px:g} and {self.max_px:g}: the range is empty")
+        return self
+
+
+class BackgroundSection(Section):
+    """What closes the view: the inside of a cuboid, or one far plane.
+
+    Attributes:
+        cuboid: weight of indoor scenes.
+        plane: weight of outdoor scenes.
+        wall_disparity_px: disparity of the cuboid's back wall at the image centre.
+        wall_turn_deg: largest rotation of the cuboid about each axis.
+        plane_disparity_px: disparity of the far plane, close to zero but above it.
+    """
+
+    cuboid: Weight = 1.0
+    plane: Weight = 0.0
+    wall_disparity_px: PositiveRange | None = None
+    wall_turn_deg: Annotated[float, Field(ge=0, le=40)] = 15.0
+    plane_disparity_px: PositiveRange = Range(0.2, 1.0)
+
+    @model_validator(mode="after")
+    def _some_kind(self) -> Self:
+        if self.cuboid + self.plane == 0:
+            raise ValueError("expected a weight above 0 for cuboid or plane")
+        return self
+
+
+class LayerSection(Section):
+    """One layer of depth.
+
+    Attributes:
+        disparity_px: where its particles are.
+        count: how many it holds at any time, inside the view and just beside it.
+    """
+
+    disparity_px: PositiveRange
+    count: NotNegativeRange
+
+
+class ParticlesSection(Section):
+    """The falling models.
+
+    Attributes:
+        layers: numbers per layer of depth; by default they are solved from the wanted histogram.
+        size_px: diameter of a model's bounding sphere on the screen, drawn uniformly in its logarithm.
+        stretch: scale along each of a model's own axes relative to the largest.
+        fall_m_s: speed downwards.
+        drift: speed in a random horizontal direction, relative to the speed downwards.
+        spin_deg_s: angular speed about a random axis.
+        most: upper limit of the number of particles in a scene.
+    """
+
+    layers: Annotated[tuple[LayerSection, ...], BeforeValidator(_as_tuple)] | None = None
+    size_px: PositiveRange = Range(40, 300)
+    stretch: PositiveRange = Range(0.5, 1.0)
+    fall_m_s: PositiveRange = Range(0.5, 2.0)
+    drift: NotNegativeRange = Range(0.0, 0.3)
+    spin_deg_s: NotNegativeRange = Range(0.0, 180.0)
+    most: Count = 2000
+
+
+class ModelsSection(Section):
+    """Which models fall.
+
+    Attributes:
+        simple: weight of the simple family (cube, sphere, torus, ...).
+        complex: weight of the complex family (chair, mug, plant, ...).
+        user: weight of the models in ``folders``.
+        folders: folders with files that trimesh reads.
+        variants: how many of each kind are built, each with other proportions.
+    """
+
+    simple: Weight = 1.0
+    complex: Weight = 1.0
+    user: Weight = 1.0
+    folders: Annotated[tuple[str, ...], BeforeValidator(_as_tuple)] = ()
+    variants: Count = 3
+
+    @model_validator(mode="after")
+    def _some_family(self) -> Self:
+        if self.simple + self.complex + (self.user if self.folders else 0) == 0:
+            raise ValueError("expected a weight above 0 for simple or complex, or for user with folders")
+        return self
+
+
+class TexturesSection(Section):
+    """Where the patches come from and how they lie on the models.
+
+    Attributes:
+        source: ``images`` (the user's), ``builtin`` (photographs that scikit-image ships) or ``procedural``.
+        images: files, folders and globs, for ``images``.
+        patch_px: side of a patch in the atlas.
+        scales: sides of the squares cut from an image, in units of ``patch_px``.
+        min_texture: crops below this measure are left out (see `semisynth_gl.textures.crops.texture_measure`).
+        max_patches: how many are kept.
+        texels_per_pixel: mapping scale; 1 shows a patch at its own resolution, above 1 smaller, below 1 blown up.
+        wrap: what lies beyond a patch's border, its mirror image or the patch again.
+        sequence: treat the images of a folder as successive frames, which an instance shows one after the other.
+    """
+
+    source: Literal["images", "builtin", "procedural"] = "builtin"
+    images: Annotated[tuple[str, ...], BeforeValidator(_as_tuple)] = ()
+    patch_px: Annotated[int, Field(ge=16, le=8192)] = 256
+    scales: Annotated[tuple[Annotated[float, Field(ge=1)], ...], BeforeValidator(_as_tuple), Field(min_length=1)] = (
+        1.0,
+        2.0,
+        4.0,
+    )
+    min_texture: Annotated[float, Field(ge=0)] = 4.0
+    max_patches: Annotated[int, Field(ge=1, le=2048)] = 512
+    texels_per_pixel: PositiveRange = Range(0.8, 1.5)
+    wrap: Literal["mirror", "repeat"] = "mirror"
+    sequence: bool = False
+
+
+class SequenceSection(Section):
+    """Pairs i n to (i + 1) n - 1 are the frames of one moving scene.
+
+    Attributes:
+        length: frames per sequence, n.
+        frame_s: time between two frames.
+    """
+
+    length: Count = 1
+    frame_s: Positive = 0.04
+
+
+class Config(Section):
+    """Everything that, with a seed and an index, determines a pair.
+
+    Attributes:
+        name: begins the name of every sample; letters, digits and hyphens.
+        camera: see `CameraSection`.
+        disparity: see `DisparitySection`.
+        background: see `BackgroundSection`.
+        particles: see `ParticlesSection`.
+        models: see `ModelsSection`.
+        textures: see `TexturesSection`.
+        sequence: see `SequenceSection`.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9-]*$")]
+    camera: CameraSection
+    disparity: DisparitySection
+    background: BackgroundSection = BackgroundSection()
+    particles: ParticlesSection = ParticlesSection()
+    models: ModelsSection = ModelsSection()
+    textures: TexturesSection = TexturesSection()
+    sequence: SequenceSection = SequenceSection()
+
+    def digest(self) -> str:
+        """SHA-256 of the config's values, 64 hex digits; equal for equal configs however they were written down."""
+        text = json.dumps(self.model_dump(mode="json"), sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()

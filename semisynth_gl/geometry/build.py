@@ -1,0 +1,129 @@
+"""What builders put surfaces together with: outlines, curves, rods, places."""
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+import pyrr
+from numpy.typing import ArrayLike, NDArray
+
+from semisynth_gl.geometry.mesh import Mesh, make_mesh
+from semisynth_gl.geometry.surfaces import lathe, sweep
+
+Builder = Callable[[np.random.Generator], Mesh]
+"""Makes one model of its kind, normalised; all that varies comes from the generator."""
+
+
+def circle(radius: float, sides: int = 12, turn_rad: float = 0.0) -> NDArray[np.float64]:
+    """A regular polygon about the origin, anticlockwise; (sides, 2), model units."""
+    angle = turn_rad + np.arange(sides) * (2 * np.pi / sides)
+    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def rectangle(width: float, height: float) -> NDArray[np.float64]:
+    """A rectangle about the origin, anticlockwise; (4, 2), model units."""
+    return np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.array([width, height]) / 2
+
+
+def arc(radius: float, start_rad: float, stop_rad: float, count: int) -> NDArray[np.float64]:
+    """Points of a circle about the origin, both ends included; (count, 2), model units."""
+    angle = np.linspace(start_rad, stop_rad, count)
+    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def smooth(points: ArrayLike, steps: int = 6) -> NDArray[np.float64]:
+    """A smooth curve through given points (Catmull-Rom); (steps * (N - 1) + 1, D) for (N, D) points."""
+    given = np.asarray(points, np.float64)
+    before = np.concatenate([2 * given[:1] - given[1:2], given[:-2]]) if len(given) > 2 else 2 * given[:1] - given[1:2]
+    after = np.concatenate([given[2:], 2 * given[-1:] - given[-2:-1]])
+    t = (np.arange(steps) / steps)[None, :, None]
+    p, q, start, stop = (corner[:, None] for corner in (before, after, given[:-1], given[1:]))
+    from_start, to_stop = (stop - p) / 2, (q - start) / 2
+    bend = 3 * (stop - start) - 2 * from_start - to_stop
+    snap = 2 * (start - stop) + from_start + to_stop
+    curve = start + t * (from_start + t * (bend + t * snap))
+    return np.concatenate([curve.reshape(-1, given.shape[1]), given[-1:]])
+
+
+def rounded(corners: ArrayLike, radius: float, steps: int = 6) -> NDArray[np.float64]:
+    """A polyline whose inner corners are replaced by arcs.
+
+    Args:
+        corners: (N, 3), model units; neighbours at least two arcs' tangents apart.
+        radius: of the arcs, model units.
+        steps: straight pieces per arc.
+    """
+    given = np.asarray(corners, np.float64)
+    points = [given[:1]]
+    for before, corner, after in zip(given[:-2], given[1:-1], given[2:], strict=True):
+        arriving = (corner - before) / np.linalg.norm(corner - before)
+        leaving = (after - corner) / np.linalg.norm(after - corner)
+        turn = float(np.arccos(np.clip(arriving @ leaving, -1, 1)))
+        if turn < 1e-6:
+            points.append(corner[None])
+            continue
+        inward = (leaving - arriving @ leaving * arriving) / np.sin(turn)
+        start = corner - radius * np.tan(turn / 2) * arriving
+        angle = np.linspace(0, turn, steps + 1)[:, None]
+        points.append(start + radius * (np.sin(angle) * arriving + (1 - np.cos(angle)) * inward))
+    return np.concatenate([*points, given[-1:]])
+
+
+def rod(start: ArrayLike, stop: ArrayLike, radius: float, end_radius: float | None = None, sides: int = 8) -> Mesh:
+    """A straight round rod between two points, closed, thinner or thicker towards its end if asked to be.
+
+    Args:
+        start: (3,), model units.
+        stop: (3,), model units.
+        radius: at the start, model units.
+        end_radius: at the stop; that of the start by default.
+        sides: of its polygon.
+    """
+    first, last = np.asarray(start, np.float64), np.asarray(stop, np.float64)
+    length = float(np.linalg.norm(last - first))
+    taper = radius if end_radius is None else end_radius
+    axis = (last - first) / length
+    return placed(lathe([(0, 0), (radius, 0), (taper, length), (0, length)], sides), rotation=onto(axis), at=first)
+
+
+def wire(path: ArrayLike, radius: float, sides: int = 8, *, closed: bool = False) -> Mesh:
+    """A round wire along a curve, (P, 3)."""
+    return sweep(circle(radius, sides), path, closed=closed)
+
+
+def turned(axis: ArrayLike, angle_rad: float) -> NDArray[np.float64]:
+    """(3, 3) rotation about an axis through the origin, by the right-hand rule, for column vectors."""
+    # pyrr's matrices are for row vectors
+    rotation: NDArray[np.float64] = np.asarray(
+        pyrr.matrix33.create_from_axis_rotation(np.asarray(axis, np.float64), angle_rad)
+    )
+    return rotation.T
+
+
+def placed(
+    mesh: Mesh, at: ArrayLike = (0.0, 0.0, 0.0), *, rotation: NDArray[np.float64] | None = None, scale: float = 1.0
+) -> Mesh:
+    """Scale a mesh, then rotate it, then move it; its UV scales along.
+
+    Args:
+        mesh: what to place.
+        at: (3,) where its origin goes, model units.
+        rotation: (3, 3) for column vectors.
+        scale: factor.
+    """
+    positions = mesh.positions.astype(np.float64) * scale
+    if rotation is not None:
+        positions = positions @ rotation.T
+    return make_mesh(mesh.name, positions + np.asarray(at), mesh.uv.astype(np.float64) * scale, mesh.triangles)
+
+
+def around(count: int, start_rad: float = 0.0) -> Iterable[NDArray[np.float64]]:
+    """Rotations about z that share out a full turn; ``count`` of (3, 3)."""
+    return (turned((0, 0, 1), start_rad + 2 * np.pi * i / count) for i in range(count))
+
+
+def onto(axis: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A rotation that takes z onto a unit vector; (3, 3) for column vectors."""
+    sideways = np.eye(3)[np.argmin(np.abs(axis))]
+    x = np.cross(sideways, axis)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(axis, x), axis], axis=1)

@@ -1,0 +1,71 @@
+"""UV for models that come without: every triangle projected along the nearest of 26 fixed directions."""
+
+import itertools
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from semisynth_gl.geometry.mesh import Mesh, make_mesh
+
+
+def facing_axes(normals: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Axes of the texture on planes that face along ``normals``: seen from outside, u to the right, v downwards.
+
+    Down is -z, except on planes that face along z, where it is -y.
+
+    Args:
+        normals: (N, 3) unit vectors.
+
+    Returns:
+        The u axes and the v axes, (N, 3) unit vectors each; u, -v and the normal are right-handed.
+    """
+    upright = np.abs(normals[:, 2:]) < 1 - 1e-9
+    up = np.where(upright, [0.0, 0.0, 1.0], [0.0, 1.0, 0.0])
+    u = np.cross(up, normals)
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    return u, -np.cross(normals, u)
+
+
+def _cube_directions() -> NDArray[np.float64]:
+    """(26, 3) unit vectors from a cube's centre to its 6 faces, 12 edges and 8 corners."""
+    steps = np.array([step for step in itertools.product((-1, 0, 1), repeat=3) if any(step)], np.float64)
+    return steps / np.linalg.norm(steps, axis=1, keepdims=True)
+
+
+DIRECTIONS: Final = _cube_directions()
+"""(26, 3) unit vectors that triangles are projected along."""
+
+# No unit vector is further from its nearest direction than the point that is equally far from a face, an edge and a
+# corner next to each other: x with F x = (1, 1, 1), where the rows of F are those three directions. A projected
+# length shrinks at most by the cosine of that angle, 1 / |x|.
+_FACE_EDGE_CORNER: Final = np.array([[0, 0, 1], [0, 1, 1], [1, 1, 1]]) / np.sqrt([[1], [2], [3]])
+STRETCH_BOUND: Final = float(np.linalg.norm(np.linalg.solve(_FACE_EDGE_CORNER, np.ones(3))))
+"""Largest ratio of a length on the surface to its length in UV, about 1.13; the smallest is 1."""
+
+
+def project_uv(name: str, positions: ArrayLike, triangles: ArrayLike) -> Mesh:
+    """Give a mesh UV coordinates in model units, at most `STRETCH_BOUND` away from true length in any direction.
+
+    A vertex whose triangles are projected along different directions is duplicated, once per direction.
+
+    Args:
+        name: see `Mesh`.
+        positions: (V, 3), model units.
+        triangles: (T, 3) indices.
+
+    Raises:
+        InputError: where shapes, indices or values are wrong.
+    """
+    points = np.asarray(positions, np.float64)
+    index = np.asarray(triangles, np.int64)
+    corners = points[index]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    direction = np.argmax(normals @ DIRECTIONS.T, axis=1)
+    # one number per pair of vertex and direction: equal pairs share a vertex of the result
+    pairs = index * len(DIRECTIONS) + direction[:, None]
+    unique, renumbered = np.unique(pairs, return_inverse=True)
+    vertex, chart = np.divmod(unique, len(DIRECTIONS))
+    u, v = facing_axes(DIRECTIONS)
+    uv = np.stack([(points[vertex] * u[chart]).sum(axis=1), (points[vertex] * v[chart]).sum(axis=1)], axis=1)
+    return make_mesh(name, points[vertex], uv, renumbered.reshape(-1, 3))

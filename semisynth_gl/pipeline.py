@@ -1,0 +1,171 @@
+"""From a config to a dataset on disk. The one way data goes:
+
+    config -> scene    `SceneSampler`: what stands where in pair i, from (config, seed, i) alone
+           -> frame    `Renderer`: images, disparities and visibilities as arrays
+           -> sample   `encode_scene`: files in memory
+           -> dataset  `DatasetFolder`: whole scenes on disk, the index last
+"""  # noqa: D205, D400, D415 - the drawing is the summary
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from math import ceil
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from semisynth_gl.config import Config
+from semisynth_gl.errors import InputError
+from semisynth_gl.frame import Frame
+from semisynth_gl.geometry.library import ModelLibrary, build_library
+from semisynth_gl.render.context import Backend
+from semisynth_gl.render.renderer import Renderer
+from semisynth_gl.scene.sampler import SceneSampler
+from semisynth_gl.textures.atlas import Atlas
+from semisynth_gl.textures.prepare import prepare_atlas
+from semisynth_gl.write.dataset import DatasetFolder
+from semisynth_gl.write.middlebury import SCENE_LIST, SCENES, encode_scene, encode_scene_list, scene_name
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pair:
+    """One rendered pair.
+
+    Attributes:
+        index: its number in the dataset.
+        frame: images and truth.
+        provenance: what made it, in JSON's types.
+    """
+
+    index: int
+    frame: Frame
+    provenance: dict[str, Any]
+
+
+class PairRenderer:
+    """Renders any pair of a config and seed. Use it in a ``with`` block, in the thread that made it.
+
+    Args:
+        config: the configuration.
+        seed: 0 or more.
+        backend: "auto", "egl" or "osmesa".
+
+    Raises:
+        InputError: where images or models cannot be used.
+        BackendError: where OpenGL cannot be used.
+    """
+
+    def __init__(self, config: Config, seed: int, backend: Backend = "auto") -> None:
+        if seed < 0:
+            raise InputError(f"a seed must be 0 or more, got {seed}")
+        self.config = config
+        self.seed = seed
+        self.atlas: Atlas = prepare_atlas(config.textures, seed)
+        self.library: ModelLibrary = build_library(config.models, seed)
+        self._sampler = SceneSampler(config, seed, self.library, self.atlas.patches)
+        self._renderer = Renderer(
+            self._sampler.models, self.atlas.layers, wrap=config.textures.wrap, backend=backend
+        )
+        self._made_by = {
+            "program": "semisynth-gl",
+            "version": version("semisynth-gl"),
+            "config": config.name,
+            "config_sha256": config.digest(),
+            "seed": seed,
+            "renderer": self._renderer.renderer_name,
+            "backend": self._renderer.backend,
+        }
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._renderer.release()
+
+    @property
+    def renderer_name(self) -> str:
+        """What the driver calls itself (GL_RENDERER)."""
+        return self._renderer.renderer_name
+
+    def render(self, index: int) -> Pair:
+        """Render pair ``index``, 0 or more.
+
+        Raises:
+            InputError: where the index is negative, or the config's ranges leave no scene for it.
+        """
+        if index < 0:
+            raise InputError(f"a pair's index must be 0 or more, got {index}")
+        sampled = self._sampler.sample(index)
+        frame = self._renderer.render(sampled.scene)
+        return Pair(index, frame, {"pair": index} | self._made_by | self._sampler.provenance(sampled))
+
+    def card(self) -> dict[str, Any]:
+        """What all pairs have in common, in JSON's types."""
+        return self._made_by | {
+            "config_values": self.config.model_dump(mode="json"),
+            "patches": [asdict(patch) for patch in self.atlas.patches],
+            "models": sorted({mesh.name for mesh in self.library.models}),
+            "left_out": [str(skipped) for skipped in (*self.atlas.report.images_skipped, *self.library.skipped)],
+        }
+
+
+def render_pair(config: Config, index: int, seed: int = 0, backend: Backend = "auto") -> Frame:
+    """Render one pair of a config.
+
+    This opens and closes everything; for many pairs keep a `PairRenderer`.
+
+    Returns:
+        ``left`` and ``right`` (H, W, 3) uint8, ``disparity_left`` and ``disparity_right`` (H, W) float32 px, and the
+        visibilities; see `Frame`.
+    """
+    with PairRenderer(config, seed, backend) as pairs:
+        return pairs.render(index).frame
+
+
+def generate(
+    config: Config,
+    folder: DatasetFolder,
+    pairs: int,
+    seed: int,
+    backend: Backend = "auto",
+    *,
+    started: Callable[[PairRenderer], None] = lambda _: None,
+    written: Callable[[Pair], None] = lambda _: None,
+) -> Path:
+    """Write a dataset in Middlebury's layout.
+
+    Args:
+        config: the configuration.
+        folder: where to; not opened yet.
+        pairs: how many.
+        seed: 0 or more.
+        backend: "auto", "egl" or "osmesa".
+        started: called once everything is read and opened.
+        written: called after each pair.
+
+    Returns:
+        The folder of the scenes.
+
+    Raises:
+        SemisynthError: where the input cannot be used.
+        OSError: where the disk is full or refuses. Whole scenes stay, nothing half-written does.
+    """
+    with PairRenderer(config, seed, backend) as renderer:
+        started(renderer)
+        folder.open()
+        try:
+            names = []
+            for index in range(pairs):
+                pair = renderer.render(index)
+                names.append(scene_name(config.name, index))
+                files = encode_scene(pair.frame, pair.provenance, ndisp=ceil(config.disparity.max_px))
+                folder.add_folder(SCENES / names[-1], files)
+                written(pair)
+            folder.add_file(SCENE_LIST, encode_scene_list(names))
+            folder.finish(renderer.card() | {"layout": "middlebury", "pairs": pairs, "scenes": names})
+        except BaseException:
+            folder.abandon()
+            raise
+    return folder.path / SCENES

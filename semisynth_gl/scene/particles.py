@@ -1,0 +1,218 @@
+"""The particle system: an emission plane above each layer releases models that fall, drift and spin.
+
+Everything is in closed form, so any moment can be asked for alone. A slot is one place in the stream: it keeps its
+layer, depth, size and speed, and releases one model after the other. Model number g of a slot (its generation) leaves
+the emission plane when model g - 1 has fallen out of the view, so the number of particles per layer stays constant.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.camera import StereoCamera
+from semisynth_gl.config.model import LayerSection, ParticlesSection
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Slots:
+    """S streams of falling models.
+
+    Attributes:
+        depth_m: (S,) planar depth of the path's middle.
+        disparity_px: (S,) disparity there.
+        radius_px: (S,) radius of the bounding sphere on the screen.
+        period_s: (S,) time from the emission plane until out of view.
+        phase: (S,) age at time 0, in periods, in [0, 1).
+    """
+
+    depth_m: Floats
+    disparity_px: Floats
+    radius_px: Floats
+    period_s: Floats
+    phase: Floats
+
+    def __len__(self) -> int:
+        return len(self.depth_m)
+
+    def age(self, time_s: float) -> tuple[Floats, NDArray[np.int64]]:
+        """Age in periods, in [0, 1), and generation, both (S,), at a time."""
+        total = time_s / self.period_s + self.phase
+        generation = np.floor(total)
+        return total - generation, generation.astype(np.int64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Release:
+    """How each slot's model of one generation was released.
+
+    Attributes:
+        start_px: (S,) image x of the path's middle, left view.
+        quaternion: (S, 4) rotation at release, x y z w.
+        axis: (S, 3) unit axis of the spin.
+        spin_rad_s: (S,) angular speed.
+        drift: (S, 2) speed in x and z relative to the speed downwards.
+        scale: (S, 3) scale along the model's axes relative to its radius, the largest 1.
+    """
+
+    start_px: Floats
+    quaternion: Floats
+    axis: Floats
+    spin_rad_s: Floats
+    drift: Floats
+    scale: Floats
+
+
+def expected_cover(camera: StereoCamera, section: ParticlesSection, disparity_px: Floats, fill: float) -> Floats:
+    """Mean number of times that one particle of a layer covers a pixel of the view, (K,) float64.
+
+    Args:
+        camera: the camera.
+        section: sizes and stretch.
+        disparity_px: (K,) disparity of each layer.
+        fill: mean projected area of the models, unstretched, in units of their bounding sphere's disc.
+    """
+    quantile = (np.arange(64) + 0.5) / 64
+    radius = section.size_px.low / 2 * (section.size_px.high / section.size_px.low) ** quantile
+    area = fill * _mean_stretch(section) * np.pi * radius**2
+    width, height = _release_area_px(camera, disparity_px[:, None], radius[None, :])
+    return (area / (width * height)).mean(axis=1)
+
+
+def _mean_stretch(section: ParticlesSection) -> float:
+    """How much the mean projected area shrinks by stretching: mean product of two of the three scales."""
+    ratio = (np.arange(24) + 0.5) / 24
+    scale = section.stretch.low + (section.stretch.high - section.stretch.low) * ratio
+    a, b, c = np.meshgrid(scale, scale, scale)
+    return float(((a * b + b * c + c * a) / 3 / np.maximum(np.maximum(a, b), c) ** 2).mean())
+
+
+def _release_area_px(camera: StereoCamera, disparity_px: Floats, radius_px: Floats) -> tuple[Floats, Floats]:
+    """Width and height, in the left image, of the region that particles pass through: both views and their margin."""
+    return camera.width_px + np.maximum(disparity_px, 0) + 2 * radius_px, camera.height_px + 2 * radius_px
+
+
+def draw_slots(
+    camera: StereoCamera,
+    section: ParticlesSection,
+    layers: Sequence[tuple[float, float, float]],
+    rng: np.random.Generator,
+) -> Slots:
+    """Draw the slots of one sequence.
+
+    Args:
+        camera: the camera.
+        section: sizes, speeds and the upper limit of the number.
+        layers: lowest and highest disparity in px, and number of particles, of each layer.
+        rng: randomness.
+    """
+    counts = np.array([count for _, _, count in layers], np.int64)
+    if counts.sum() > section.most:
+        counts = counts * section.most // counts.sum()
+    low = np.repeat([low for low, _, _ in layers], counts)
+    high = np.repeat([high for _, high, _ in layers], counts)
+    total = len(low)
+    disparity = low + (high - low) * rng.random(total)
+    radius = section.size_px.draw_log(rng, total) / 2
+    speed = section.fall_m_s.draw_many(rng, total)
+    phase = rng.random(total)
+    depth = camera.depth_m(disparity)
+    _, height = _release_area_px(camera, disparity, radius)
+    return Slots(depth, disparity, radius, height * depth / camera.focal_px / speed, phase)
+
+
+def draw_counts(mean: Floats, rng: np.random.Generator) -> NDArray[np.int64]:
+    """Numbers of particles per layer, Poisson as for particles thrown independently: every scene varies."""
+    return rng.poisson(mean)
+
+
+def layer_counts(sections: Sequence[LayerSection], rng: np.random.Generator) -> list[tuple[float, float, float]]:
+    """Layers as the config states them, each count drawn from its range and rounded."""
+    return [(s.disparity_px.low, s.disparity_px.high, round(s.count.draw(rng))) for s in sections]
+
+
+def draw_release(
+    camera: StereoCamera, section: ParticlesSection, slots: Slots, rng: np.random.Generator
+) -> Release:
+    """Draw how every slot's model of one generation is released."""
+    total = len(slots)
+    width, _ = _release_area_px(camera, slots.disparity_px, slots.radius_px)
+    start = rng.random(total) * width - slots.radius_px - 0.5
+    quaternion = rng.normal(size=(total, 4))
+    quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
+    axis = rng.normal(size=(total, 3))
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    spin = np.deg2rad(section.spin_deg_s.draw_many(rng, total))
+    heading = rng.uniform(0, 2 * np.pi, total)
+    drift = section.drift.draw_many(rng, total)[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    scale = section.stretch.draw_many(rng, 3 * total).reshape(total, 3)
+    scale /= scale.max(axis=1, keepdims=True)
+    return Release(start, quaternion, axis, spin, drift, scale)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Particles:
+    """Where the models of all slots are at one moment.
+
+    Attributes:
+        generation: (S,) which of its models each slot shows.
+        radius_m: (S,) radius of the bounding sphere.
+        centre_m: (S, 3) in the left camera's frame.
+        world_from_model: (S, 4, 4) places models of radius 1.
+    """
+
+    generation: NDArray[np.int64]
+    radius_m: Floats
+    centre_m: Floats
+    world_from_model: Floats
+
+
+def particles_at(
+    camera: StereoCamera, slots: Slots, release: Callable[[int], Release], time_s: float
+) -> Particles:
+    """Place every slot's model at a time, directly and without stepping.
+
+    Args:
+        camera: the camera.
+        slots: the streams.
+        release: returns the release of all slots for a generation.
+        time_s: any time from 0.
+    """
+    age, generation = slots.age(time_s)
+    metre = slots.depth_m / camera.focal_px
+    fallen_m = age * (camera.height_px + 2 * slots.radius_px) * metre
+    from_middle_m = (age - 0.5) * (camera.height_px + 2 * slots.radius_px) * metre
+    centre = np.empty((len(slots), 3))
+    matrix = np.tile(np.eye(4), (len(slots), 1, 1))
+    radius_m = slots.radius_px * metre
+    for number in np.unique(generation):
+        of = np.flatnonzero(generation == number)
+        drawn = release(int(number))
+        centre[of, 0] = (drawn.start_px[of] - camera.cx_left_px) * metre[of] + drawn.drift[of, 0] * from_middle_m[of]
+        centre[of, 1] = (-0.5 - slots.radius_px[of] - camera.cy_px) * metre[of] + fallen_m[of]
+        centre[of, 2] = slots.depth_m[of] + drawn.drift[of, 1] * from_middle_m[of]
+        angle = drawn.spin_rad_s[of] * age[of] * slots.period_s[of]
+        rotation = rotation_about(drawn.axis[of], angle) @ rotation_of(drawn.quaternion[of])
+        matrix[of, :3, :3] = rotation * (drawn.scale[of] * radius_m[of, None])[:, None, :]
+    matrix[:, :3, 3] = centre
+    return Particles(generation, radius_m, centre, matrix)
+
+
+def rotation_of(quaternion: Floats) -> Floats:
+    """Rotation matrices (N, 3, 3) of unit quaternions (N, 4), x y z w."""
+    x, y, z, w = quaternion.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def rotation_about(axis: Floats, angle_rad: Floats) -> Floats:
+    """Rotation matrices (N, 3, 3) about unit axes (N, 3) by angles (N,), right-handed."""
+    half = angle_rad / 2
+    return rotation_of(np.concatenate([axis * np.sin(half)[:, None], np.cos(half)[:, None]], axis=1))

@@ -1,0 +1,196 @@
+"""Pair i of a dataset as a scene, from (config, seed, i) and nothing else."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.camera import StereoCamera
+from semisynth_gl.config.model import Config
+from semisynth_gl.geometry.library import ModelLibrary
+from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.scene.background import FACE, Background, draw_background
+from semisynth_gl.scene.layers import coverage, target_of
+from semisynth_gl.scene.particles import (
+    Release,
+    Slots,
+    draw_counts,
+    draw_release,
+    draw_slots,
+    expected_cover,
+    layer_counts,
+    particles_at,
+)
+from semisynth_gl.scene.rig import draw_camera, near_depth_m
+from semisynth_gl.scene.scene import Scene
+from semisynth_gl.seeds import Purpose, generator
+from semisynth_gl.textures.atlas import Patch
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SampledScene:
+    """A scene and what it was made of.
+
+    Attributes:
+        scene: what the renderer draws; model 0 is the background's face.
+        background: "cuboid" or "plane".
+        sequence: number of the sequence.
+        frame: number of the frame within it.
+        patch: (N,) int64, the patch that each instance wears; the layer of an image sequence changes with the frame.
+    """
+
+    scene: Scene
+    background: str
+    sequence: int
+    frame: int
+    patch: NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sequence:
+    """What all frames of a sequence share."""
+
+    camera: StereoCamera
+    background: Background
+    slots: Slots
+
+
+class SceneSampler:
+    """Samples the scenes of one dataset.
+
+    Args:
+        config: the configuration.
+        seed: 0 or more.
+        library: the models, from the same config and seed.
+        patches: the atlas's patches, likewise.
+    """
+
+    def __init__(self, config: Config, seed: int, library: ModelLibrary, patches: tuple[Patch, ...]) -> None:
+        self._config = config
+        self._seed = seed
+        self._library = library
+        self._first_layer = np.array([patch.first_layer for patch in patches])
+        self._layer_count = np.array([patch.layer_count for patch in patches])
+        self._cumulative = np.cumsum(library.chances)
+
+    @property
+    def models(self) -> tuple[Mesh, ...]:
+        """The models that `Scene.model` counts: the background's face, then the library."""
+        return (FACE, *self._library.models)
+
+    def sample(self, index: int) -> SampledScene:
+        """Sample the scene of pair ``index``, 0 or more."""
+        config = self._config
+        number, frame = divmod(index, config.sequence.length)
+        sequence = self._sequence(number)
+        camera = sequence.camera
+        time_s = frame * config.sequence.frame_s
+
+        def release(generation: int) -> Release:
+            rng = generator(self._seed, Purpose.PARTICLES, number, 1 + generation)
+            return draw_release(camera, config.particles, sequence.slots, rng)
+
+        particles = particles_at(camera, sequence.slots, release, time_s)
+        near_m = near_depth_m(camera, config.disparity)
+        # A model that crosses the near plane is not there; the near plane is in front of both cameras, so neither can
+        # be swallowed.
+        kept = np.flatnonzero(particles.centre_m[:, 2] - particles.radius_m > near_m)
+
+        generations = particles.generation[kept]
+        background = sequence.background
+        faces = len(background.size_m)
+        model = np.concatenate([np.zeros(faces, np.int64), 1 + self._models(number, generations, kept)])
+        patch, offset, texels = self._textures(number, faces, generations, kept)
+        camera_px = camera.focal_px / config.textures.patch_px
+        depth = np.concatenate([background.visible_depth_m, particles.centre_m[kept, 2]])
+        # Lengths of one UV unit: a face's edges, and a model's unit under its mean scale.
+        scale = np.linalg.norm(particles.world_from_model[kept, :3, :3], axis=1).mean(axis=1)
+        unit_m = np.concatenate([background.size_m, np.repeat(scale[:, None], 2, axis=1)])
+        scene = Scene(
+            camera=camera,
+            near_m=near_m,
+            camera_from_world=np.eye(4),
+            model=model,
+            world_from_model=np.concatenate([background.world_from_face, particles.world_from_model[kept]]),
+            layer=self._layers(number, patch, frame),
+            uv_scale=unit_m * (camera_px * texels / depth)[:, None],
+            uv_offset=offset,
+        )
+        return SampledScene(scene, background.kind, number, frame, patch)
+
+    def provenance(self, sampled: SampledScene) -> dict[str, Any]:
+        """What a pair's scene was made of, in JSON's types."""
+        camera = sampled.scene.camera
+        used = np.bincount(sampled.scene.model, minlength=len(self.models))
+        names: dict[str, int] = {}
+        for index in np.flatnonzero(used):
+            names[self.models[index].name] = names.get(self.models[index].name, 0) + int(used[index])
+        return {
+            "sequence": sampled.sequence,
+            "frame": sampled.frame,
+            "background": sampled.background,
+            "near_m": sampled.scene.near_m,
+            "camera": {name: getattr(camera, name) for name in camera.__slots__} | {"doffs_px": camera.doffs_px},
+            "models": dict(sorted(names.items())),
+            "patches": np.unique(sampled.patch).tolist(),
+        }
+
+    def _sequence(self, number: int) -> _Sequence:
+        config = self._config
+        camera = draw_camera(config.camera, generator(self._seed, Purpose.CAMERA, number))
+        background = draw_background(
+            config.background, config.disparity, camera, generator(self._seed, Purpose.BACKGROUND, number)
+        )
+        rng = generator(self._seed, Purpose.PARTICLES, number, 0)
+        if config.particles.layers is not None:
+            layers = layer_counts(config.particles.layers, rng)
+        else:
+            layers = self._solved_layers(camera, background, rng)
+        return _Sequence(camera, background, draw_slots(camera, config.particles, layers, rng))
+
+    def _solved_layers(
+        self, camera: StereoCamera, background: Background, rng: np.random.Generator
+    ) -> list[tuple[float, float, float]]:
+        section = self._config.disparity
+        target = target_of(section)
+        low = np.maximum(target.edges_px[:-1], section.min_px)
+        high = np.minimum(target.edges_px[1:], section.max_px)
+        wanted = coverage(target, background.disparity_px(camera))
+        each = expected_cover(camera, self._config.particles, (low + high) / 2, self._library.fill)
+        counts = draw_counts(np.where(low < high, wanted / each, 0.0), rng)
+        # A layer without room between the limits holds none, but its count was drawn: later draws do not shift.
+        return [(lo, max(lo, hi), int(n)) for lo, hi, n in zip(low, high, counts, strict=True)]
+
+    def _models(self, number: int, generation: NDArray[np.int64], slot: NDArray[np.intp]) -> NDArray[np.int64]:
+        """Library index of the model in each slot."""
+        chance = self._per_slot(Purpose.SHAPE, number, generation, slot, 1)[:, 0]
+        return np.minimum(np.searchsorted(self._cumulative, chance, side="right"), len(self._cumulative) - 1)
+
+    def _textures(
+        self, number: int, faces: int, generation: NDArray[np.int64], slot: NDArray[np.intp]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """Patch (N,), UV offset (N, 2) in patches and texels per pixel (N,) of faces and models."""
+        of_faces = generator(self._seed, Purpose.TEXTURE, number, 0).random((faces, 4))
+        of_models = self._per_slot(Purpose.TEXTURE, number, generation + 1, slot, 4)
+        drawn = np.concatenate([of_faces, of_models])
+        patch = (drawn[:, 0] * len(self._first_layer)).astype(np.int64)
+        texels = self._config.textures.texels_per_pixel
+        return patch, drawn[:, 1:3], texels.low * (texels.high / texels.low) ** drawn[:, 3]
+
+    def _per_slot(
+        self, purpose: Purpose, number: int, generation: NDArray[np.int64], slot: NDArray[np.intp], width: int
+    ) -> NDArray[np.float64]:
+        """Uniform numbers (N, width) that belong to a slot's generation, whatever other slots exist."""
+        result = np.empty((len(slot), width))
+        for value in np.unique(generation):
+            of = generation == value
+            rows = generator(self._seed, purpose, number, int(value)).random((int(slot[of].max()) + 1, width))
+            result[of] = rows[slot[of]]
+        return result
+
+    def _layers(self, number: int, patch: NDArray[np.int64], frame: int) -> NDArray[np.int64]:
+        """Atlas layer of each patch at a frame: image sequences start at a phase of their own and go round."""
+        count = self._layer_count[patch]
+        phase = (patch * 7919 + number) % count
+        return self._first_layer[patch] + (phase + frame) % count

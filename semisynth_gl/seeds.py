@@ -1,0 +1,26 @@
+"""Random generators, one per purpose, so that a draw more for one purpose shifts no draw of another."""
+
+from enum import IntEnum
+
+import numpy as np
+
+
+class Purpose(IntEnum):
+    """What a stream of random numbers is for. The values are part of what a seed means: never renumber them."""
+
+    ATLAS = 0
+    MODELS = 1
+    CAMERA = 2
+    BACKGROUND = 3
+    PARTICLES = 4
+    SHAPE = 5
+    TEXTURE = 6
+
+
+def generator(seed: int, purpose: Purpose, *numbers: int) -> np.random.Generator:
+    """Return the generator of a purpose; ``numbers`` (sequence, generation, ...) must not be negative.
+
+    They go into the spawn key: as entropy, [1, 2] and [1, 2, 0] would give the same stream.
+    """
+    key = np.random.SeedSequence(seed, spawn_key=(int(purpose), *numbers))
+    return np.random.Generator(np.random.PCG64(key))

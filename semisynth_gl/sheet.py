@@ -1,0 +1,67 @@
+"""The contact sheet: pairs with their disparity, and its histogram against the wanted one."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from semisynth_gl.frame import Frame
+from semisynth_gl.scene.layers import Target
+
+# Perceptually uniform, and dark where things are far.
+_COLOUR_MAP = "inferno"
+_INVALID = "#4060c0"
+_WIDTH_IN = 16.0
+
+
+def draw_sheet(frames: Sequence[Frame], target: Target, title: str) -> Figure:
+    """Draw a row per pair (left, right, left disparity with its scale in px) above the histogram of all of them.
+
+    Args:
+        frames: at least one.
+        target: the wanted distribution.
+        title: shown on top.
+    """
+    first = frames[0].camera
+    row_in = (_WIDTH_IN / 3.15) * first.height_px / first.width_px
+    chart_in = 2.8
+    figure = Figure(figsize=(_WIDTH_IN, row_in * len(frames) + chart_in + 0.5), dpi=100, layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title, fontsize=11)
+    grid = figure.add_gridspec(len(frames) + 1, 3, height_ratios=[row_in] * len(frames) + [chart_in])
+    valid = [frame.disparity_left[np.isfinite(frame.disparity_left)] for frame in frames]
+    largest = max((float(values.max()) for values in valid if values.size), default=1.0)
+    for row, frame in enumerate(frames):
+        axes = [figure.add_subplot(grid[row, column]) for column in range(3)]
+        axes[0].imshow(frame.left)
+        axes[1].imshow(frame.right)
+        shown = axes[2].imshow(
+            np.ma.masked_invalid(frame.disparity_left), cmap=_COLOUR_MAP, vmin=0, vmax=largest, interpolation="nearest"
+        )
+        axes[2].set_facecolor(_INVALID)
+        bar = figure.colorbar(shown, ax=axes[2], pad=0.01, fraction=0.04)
+        bar.set_label("px", fontsize=8)
+        bar.ax.tick_params(labelsize=8)
+        for axis, label in zip(axes, ("left", "right", "disparity of the left view"), strict=True):
+            axis.set_xticks([])
+            axis.set_yticks([])
+            if row == 0:
+                axis.set_title(label, fontsize=9)
+    _draw_histogram(figure, grid[len(frames), :], np.concatenate(valid), target)
+    return figure
+
+
+def _draw_histogram(figure: Figure, place: object, disparity_px: np.ndarray, target: Target) -> None:  # type: ignore[type-arg]
+    axis = figure.add_subplot(place)
+    edges = target.edges_px
+    counted = np.histogram(disparity_px, np.concatenate([edges[:-1], [max(edges[-1], 1e9)]]))[0]
+    shares = counted / max(len(disparity_px), 1)
+    axis.stairs(shares, edges, fill=True, color="#d98a3d", label="achieved")
+    axis.stairs(target.shares, edges, color="black", linewidth=1.5, label="wanted by the config")
+    distance = 0.5 * np.abs(shares - target.shares).sum()
+    axis.set_title(f"share of pixels per disparity; total variation {distance:.3f}", fontsize=9)
+    axis.set_xlabel("disparity, px", fontsize=8)
+    axis.tick_params(labelsize=8)
+    axis.margins(x=0)
+    axis.legend(fontsize=8, frameon=False)

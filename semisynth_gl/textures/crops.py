@@ -1,0 +1,138 @@
+"""Squares out of an image: where they lie, how they become patches, how much texture they have."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from semisynth_gl.errors import InputError
+
+_GRID_CELLS = 8
+"""Cells along each side of a patch in which texture is measured."""
+
+
+class CropBox(NamedTuple):
+    """A square of an image, in its pixels.
+
+    Attributes:
+        left_px: column of the first pixel.
+        top_px: row of the first pixel.
+        side_px: width and height.
+    """
+
+    left_px: int
+    top_px: int
+    side_px: int
+
+
+def crop_boxes(height: int, width: int, patch_px: int, scales: Sequence[float]) -> list[CropBox]:
+    """Return squares that together cover an image, once for each scale.
+
+    At scale s the side is round(s * patch_px). Along each axis stand as few squares as cover it, evenly spread from
+    border to border, overlapping as much as that needs. A scale whose square does not fit gives none.
+
+    Args:
+        height: of the image, pixels.
+        width: of the image, pixels.
+        patch_px: side of a patch, pixels.
+        scales: image pixels per patch pixel, each at least 1: crops are reduced, never enlarged.
+
+    Returns:
+        The boxes, by increasing side, then by row, then by column.
+
+    Raises:
+        InputError: where ``patch_px`` or a scale is below 1, or there is no scale.
+    """
+    if patch_px < 1:
+        raise InputError(f"patch_px must be at least 1, got {patch_px}")
+    if len(scales) == 0 or not all(1.0 <= scale < np.inf for scale in scales):
+        raise InputError(
+            f"scales must be numbers of at least 1 (image pixels per patch pixel; crops are never enlarged), "
+            f"got {list(scales)}"
+        )
+    sides = sorted({round(scale * patch_px) for scale in scales})
+    return [
+        CropBox(left, top, side)
+        for side in sides
+        if side <= min(height, width)
+        for top in _positions(height, side)
+        for left in _positions(width, side)
+    ]
+
+
+def _positions(extent: int, side: int) -> list[int]:
+    count = -(-extent // side)
+    if count == 1:
+        return [0]
+    gaps = count - 1
+    # In whole numbers, so that the last square ends exactly at the border and neighbours never leave a gap.
+    return [(i * (extent - side) + gaps // 2) // gaps for i in range(count)]
+
+
+def cut_crop(image: NDArray[np.uint8], box: CropBox, patch_px: int) -> NDArray[np.uint8]:
+    """Cut a square out of an image and bring it to the size of a patch.
+
+    A square of ``patch_px`` is copied bit for bit. A larger one is averaged over areas: for whole factors each patch
+    pixel is the mean of its factor x factor image pixels, rounded; for others it also holds a part of the image pixels
+    that it covers in part.
+
+    Args:
+        image: (H, W, 3) uint8 RGB.
+        box: inside the image, its side at least ``patch_px``.
+        patch_px: side of the result, pixels.
+
+    Returns:
+        (patch_px, patch_px, 3) uint8 RGB, C-contiguous, its own memory.
+
+    Raises:
+        InputError: where the box leaves the image or is smaller than a patch.
+    """
+    left, top, side = box
+    height, width = image.shape[:2]
+    if not (0 <= left <= width - side and 0 <= top <= height - side):
+        raise InputError(f"a crop must lie inside its image of {width} x {height} pixels, got {box}")
+    if side < patch_px:
+        raise InputError(f"a crop must have at least {patch_px} pixels along a side, got {side}: none is enlarged")
+    square = image[top : top + side, left : left + side]
+    if side == patch_px:
+        return square.copy()
+    factor, rest = divmod(side, patch_px)
+    if rest:
+        return np.array(Image.fromarray(square).resize((patch_px, patch_px), Image.Resampling.BOX))
+    # Not Pillow's reduce: for factors other than powers of two it is off by one level in some pixels.
+    rows = square.reshape(patch_px, factor, side, 3).sum(axis=1, dtype=np.uint32)
+    sums = rows.reshape(patch_px, patch_px, factor, 3).sum(axis=2, dtype=np.uint32)
+    means: NDArray[np.uint8] = ((2 * sums + factor**2) // (2 * factor**2)).astype(np.uint8)
+    return means
+
+
+def texture_measure(patch: NDArray[np.uint8]) -> float:
+    """Return how much texture a patch has: the median over a grid of 8 x 8 cells of the contrast in a cell.
+
+    The contrast of a cell is the standard deviation of its luminance (0.299 R + 0.587 G + 0.114 B) in 8-bit levels.
+    The median makes it a statement about half of the patch: one strong edge across a blank wall does not count for
+    much, and slow shading only as far as it changes within a cell. Patches below 16 pixels have fewer cells, of 2
+    pixels or more.
+
+    Args:
+        patch: (P, P, 3) uint8 RGB.
+
+    Returns:
+        The measure in 8-bit levels, from 0 (every pixel equal in half of the cells) to 127.5.
+    """
+    side = patch.shape[0]
+    cells = max(1, min(_GRID_CELLS, side // 2))
+    starts = np.arange(cells) * side // cells
+    sizes = np.diff(np.append(starts, side))
+    counts = np.multiply.outer(sizes, sizes)
+
+    # Whole numbers up to the mean, so that a flat cell has a deviation of exactly zero.
+    red, green, blue = (patch[..., channel].astype(np.int32) for channel in range(3))
+    luminance = 299 * red + 587 * green + 114 * blue
+    sums = np.add.reduceat(np.add.reduceat(luminance, starts, axis=0, dtype=np.int64), starts, axis=1)
+    means = (sums / counts).repeat(sizes, axis=0).repeat(sizes, axis=1)
+    squares = np.square(luminance - means)
+    variances = np.add.reduceat(np.add.reduceat(squares, starts, axis=0), starts, axis=1) / counts
+    return float(np.median(np.sqrt(variances))) / 1000.0

@@ -1,0 +1,227 @@
+"""Image files: finding them, and reading any of them as 8-bit RGB or refusing it with a reason."""
+
+import glob
+import os
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageFile, ImageOps, UnidentifiedImageError
+
+from semisynth_gl.errors import InputError
+
+MAX_PIXELS = 178_956_970
+"""More pixels than this are refused on the header's word alone. It is the size at which Pillow itself refuses; an RGB
+image of this size takes 537 MB."""
+
+_FORMATS_WITHOUT_PIXELS = frozenset({"BUFR", "GRIB", "HDF5", "MPEG", "EPS", "WMF"})
+"""What Pillow opens but does not decode, or decodes only by starting another program (EPS starts Ghostscript)."""
+
+
+class ImageError(InputError):
+    """An image file that cannot be used.
+
+    Attributes:
+        path: the file.
+        reason: a clause such as ``"is truncated or damaged"``.
+    """
+
+    def __init__(self, path: Path, reason: str) -> None:
+        super().__init__(path, reason)  # both arguments, so that the error survives pickling between processes
+        self.path = path
+        self.reason = reason
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.reason}"
+
+
+_EXTENSIONS_OF_MEASUREMENTS = frozenset({".pfm"})
+"""What Pillow decodes but stands for no photograph: beside stereo images, PFM files hold their disparity."""
+
+
+@cache
+def _formats() -> tuple[str, ...]:
+    Image.init()
+    return tuple(name for name in Image.OPEN if name not in _FORMATS_WITHOUT_PIXELS)
+
+
+@cache
+def image_extensions() -> frozenset[str]:
+    """Return the file name extensions that count as images, in lower case and with their dot."""
+    formats = frozenset(_formats())
+    pillow = frozenset(extension for extension, name in Image.registered_extensions().items() if name in formats)
+    return pillow - _EXTENSIONS_OF_MEASUREMENTS
+
+
+def find_images(sources: Sequence[str | Path]) -> list[Path]:
+    """Return the image files that the sources name.
+
+    Args:
+        sources: each a file, a folder (searched recursively, symbolic links followed) or a glob, in which ``**`` stands
+            for any folders and a folder that matches is searched like one that was given. ``~`` is the home folder.
+            A file that is named in full counts whatever it is called; in folders and globs only names with an extension
+            that Pillow can open do (but not .pfm, which beside stereo images holds their disparity).
+
+    Returns:
+        The files, sorted by their names as found; a file that is reached twice, or by a link, appears once.
+
+    Raises:
+        InputError: where a source matches no image.
+    """
+    found: set[Path] = set()
+    for source in sources:
+        matched = _expand(Path(source).expanduser())
+        if not matched:
+            raise InputError(
+                f"no image matches {str(source)!r}: expected an image file, a folder with images "
+                f"(.jpg, .png, .tif, .webp, ...) in it, or a glob such as 'photos/**/*.jpg'"
+            )
+        found.update(matched)
+    once: dict[Path, Path] = {}
+    # Of several ways to one file the shortest gives its name: a link back up makes endless longer ones.
+    for path in sorted(found, key=lambda path: (len(path.parts), path.as_posix())):
+        once.setdefault(path.resolve(), path)
+    return sorted(once.values(), key=Path.as_posix)
+
+
+def _expand(source: Path) -> list[Path]:
+    # What exists is taken by its name first: "[" and "*" may stand in a real file name.
+    if source.is_file():
+        return [source]
+    if source.is_dir():
+        return list(_images_below(source))
+    matches = [Path(match) for match in glob.glob(str(source), recursive=True)]  # noqa: PTH207  # Path.glob takes no absolute pattern
+    below = [path for match in matches if match.is_dir() for path in _images_below(match)]
+    return below + list(_only_images(matches))
+
+
+def _images_below(folder: Path) -> Iterator[Path]:
+    entered: set[str] = set()
+    for root, folders, names in os.walk(folder, followlinks=True):
+        real = os.path.realpath(root)
+        if real in entered:  # a link back up: stop here
+            folders.clear()
+            continue
+        entered.add(real)
+        yield from _only_images(Path(root, name) for name in names)
+
+
+def _only_images(paths: Iterable[Path]) -> Iterator[Path]:
+    return (path for path in paths if path.suffix.lower() in image_extensions() and path.is_file())
+
+
+def stored_size(path: Path) -> tuple[int, int]:
+    """Return (height, width) in pixels as the header has them, before EXIF orientation; nothing is decoded.
+
+    Raises:
+        ImageError: where the header cannot be read, is empty or has more than `MAX_PIXELS`.
+    """
+    with _opened(path) as image:
+        return image.height, image.width
+
+
+def read_image(path: Path) -> NDArray[np.uint8]:
+    """Read an image file as upright 8-bit RGB.
+
+    - 8-bit RGB comes out bit for bit; colour profiles are not applied.
+    - Grey, palette, 1-bit, CMYK, YCbCr and LAB are converted by Pillow; of several frames the first is read.
+    - 16-bit grey is scaled so that 65535 becomes 255, rounded. 32-bit integers are taken for 16-bit ones.
+    - Floating point is taken as 0..1 where no value exceeds 1, else as 0..255 where none exceeds 255, else as 0..65535.
+    - Transparent pixels get the mean colour of the visible ones, half-transparent ones are blended with it. The colour
+      stored under transparency is arbitrary (often what an editor erased) and was never meant to be seen. One flat
+      colour has no texture, so crops that lie in it are left out like any flat crop; and the mean makes a weaker
+      artificial edge around a cut-out than black or white would.
+
+    Args:
+        path: a file of any format that Pillow decodes.
+
+    Returns:
+        (H, W, 3) uint8 RGB, C-contiguous, EXIF orientation applied.
+
+    Raises:
+        ImageError: where the file is missing, unreadable, truncated, empty, wholly transparent, out of range, or has
+            more than `MAX_PIXELS` pixels.
+    """
+    with _opened(path) as image:
+        ImageOps.exif_transpose(image, in_place=True)
+        if image.mode in ("I", "F") or image.mode.startswith("I;16"):
+            grey = _grey_levels(path, np.asarray(image))
+            return np.repeat(grey[..., np.newaxis], 3, axis=2)
+        if image.has_transparency_data:
+            return _blend_transparent(path, image)
+        return np.array(image if image.mode == "RGB" else image.convert("RGB"))
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Image.Image]:
+    """Open an image and check its header; whatever a decoder raises in the block becomes an `ImageError`."""
+    tolerant = ImageFile.LOAD_TRUNCATED_IMAGES
+    # Another part of the process may have set it: with it, a truncated photograph comes out half grey without a word.
+    ImageFile.LOAD_TRUNCATED_IMAGES = False
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # about metadata, and about sizes that are decided here
+            # A file object, not a name: given a name, Pillow maps uncompressed TIFF into memory, and where EXIF turns
+            # one by a quarter it takes the turned width for the stored one (seen in 13.0): slanted pixels.
+            with path.open("rb") as file, Image.open(file, formats=_formats()) as image:
+                _check_size(path, *image.size)
+                yield image
+    except ImageError:
+        raise
+    except Exception as error:  # decoders of hostile files raise anything
+        raise ImageError(path, _reason(error)) from error
+    finally:
+        ImageFile.LOAD_TRUNCATED_IMAGES = tolerant
+
+
+def _check_size(path: Path, width: int, height: int) -> None:
+    if min(width, height) < 1:
+        raise ImageError(path, f"is empty ({width} x {height} pixels)")
+    if width * height > MAX_PIXELS:
+        raise ImageError(path, f"has {width} x {height} pixels, more than the limit of {MAX_PIXELS}")
+
+
+def _reason(error: Exception) -> str:  # noqa: PLR0911  # one line for each kind
+    match error:
+        case FileNotFoundError():
+            return "does not exist"
+        case IsADirectoryError():
+            return "is a folder"
+        case PermissionError():
+            return "must not be read (permission denied)"
+        case UnidentifiedImageError():
+            return "is not an image that Pillow can read"
+        case Image.DecompressionBombError():
+            return f"has more pixels than Pillow's limit of {2 * (Image.MAX_IMAGE_PIXELS or 0)}"
+        case MemoryError():
+            return "does not fit into memory"
+    detail = " ".join(str(error).split()) or type(error).__name__
+    return f"is truncated or damaged ({detail})"
+
+
+def _grey_levels(path: Path, values: NDArray[Any]) -> NDArray[np.uint8]:
+    low, high = values.min(), values.max()
+    if not (low >= 0 and high <= np.iinfo(np.uint16).max):  # also where one is NaN
+        raise ImageError(path, f"has grey values from {low} to {high}, expected 0 to 65535")
+    if np.issubdtype(values.dtype, np.integer):
+        return ((values.astype(np.uint32) + 128) // 257).astype(np.uint8)
+    brightest = next(white for white in (1, 255, 65535) if high <= white)
+    return np.floor(values * (255.0 / brightest) + 0.5).astype(np.uint8)
+
+
+def _blend_transparent(path: Path, image: Image.Image) -> NDArray[np.uint8]:
+    with_alpha = image.convert("RGBA")
+    alpha = with_alpha.getchannel("A")
+    colours = with_alpha.convert("RGB")
+    visible = np.asarray(alpha) > 0
+    if not visible.any():
+        raise ImageError(path, "is wholly transparent")
+    mean = np.asarray(colours)[visible].mean(axis=0)
+    blended = Image.new("RGB", image.size, tuple(int(level + 0.5) for level in mean))
+    blended.paste(colours, mask=alpha)
+    return np.array(blended)

@@ -1,0 +1,176 @@
+"""Patches that need no photograph: noise, stripes, checks, gradients and dots in random colours."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.errors import InputError
+from semisynth_gl.textures.atlas import Atlas, atlas_from_arrays
+from semisynth_gl.textures.crops import texture_measure
+
+_MIN_TEXTURE = 5.0
+"""Least texture of what is made here, 8-bit levels: above the threshold that photographs usually have to pass."""
+
+_Field = NDArray[np.float64]
+_COARSEST_NOISE_PX, _FINEST_NOISE_PX = 64, 2
+
+
+def procedural_images(rng: np.random.Generator, count: int, side_px: int) -> list[NDArray[np.uint8]]:
+    """Make colour images that have texture everywhere and at several sizes.
+
+    Kinds take turns: noise, stripes, checks, gradient, dots. Each is a pattern of random size and direction, coloured
+    by a random palette, under a fine noise of several octaves: a plain stripe or gradient would give a matcher nothing
+    to hold on to between its edges. What has less texture than 5 levels (see `texture_measure`) is drawn again.
+
+    Args:
+        rng: source of every random choice.
+        count: how many.
+        side_px: width and height, pixels; at least 16.
+
+    Returns:
+        ``count`` arrays (side_px, side_px, 3) uint8 RGB.
+
+    Raises:
+        InputError: where ``count`` is below 1 or ``side_px`` below 16.
+    """
+    if count < 1 or side_px < 16:
+        raise InputError(f"procedural images need count >= 1 and side_px >= 16, got {count} and {side_px}")
+    kinds = list(_KINDS.values())
+    return [_textured(rng, kinds[i % len(kinds)], side_px) for i in range(count)]
+
+
+def procedural_atlas(rng: np.random.Generator, count: int, patch_px: int) -> Atlas:
+    """Make an atlas of procedural patches, the counterpart of `build_atlas` where there are no photographs.
+
+    Args:
+        rng: source of every random choice.
+        count: how many patches.
+        patch_px: side of a patch, pixels; at least 16.
+
+    Returns:
+        An atlas of ``count`` patches of one layer each, their sources named like ``procedural/stripes/00006``.
+
+    Raises:
+        InputError: where ``count`` is below 1 or ``patch_px`` below 16.
+    """
+    names = list(_KINDS)
+    sources = [f"procedural/{names[i % len(names)]}/{i:05d}" for i in range(count)]
+    return atlas_from_arrays(procedural_images(rng, count, patch_px), sources)
+
+
+def _textured(
+    rng: np.random.Generator, kind: Callable[[np.random.Generator, int], _Field], side_px: int
+) -> NDArray[np.uint8]:
+    while True:
+        image = _coloured(rng, kind(rng, side_px))
+        if texture_measure(image) >= _MIN_TEXTURE:
+            return image
+
+
+def _coloured(rng: np.random.Generator, field: _Field) -> NDArray[np.uint8]:
+    """Colour a field (P, P) in [0, 1] by a random palette and lay fine noise over it: (P, P, 3) uint8."""
+    stops = int(rng.integers(2, 6))
+    palette = rng.uniform(16, 240, (stops, 3))
+    at = np.linspace(0.0, 1.0, stops)
+    image = np.stack([np.interp(field, at, palette[:, channel]) for channel in range(3)], axis=-1)
+    grain = _value_noise(rng, field.shape[0], coarsest_px=16) - 0.5
+    # Mostly brightness, a little hue, as on stone or cloth.
+    tint = rng.uniform(0.6, 1.0, 3)
+    image += rng.uniform(40, 110) * grain[..., np.newaxis] * tint
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+
+def _value_noise(rng: np.random.Generator, side_px: int, coarsest_px: int = _COARSEST_NOISE_PX) -> _Field:
+    """Add octaves of smoothly interpolated random grids: (P, P) in [0, 1], stretched to that range."""
+    field = np.zeros((side_px, side_px))
+    persistence = rng.uniform(0.55, 0.95)
+    cell_px, amplitude = float(min(coarsest_px, side_px)), 1.0
+    while cell_px >= _FINEST_NOISE_PX:
+        cells = int(np.ceil(side_px / cell_px)) + 1
+        weights = _smooth_weights(side_px, cell_px, cells + 1)
+        field += amplitude * (weights @ rng.random((cells + 1, cells + 1)) @ weights.T)
+        cell_px, amplitude = cell_px / 2, amplitude * persistence
+    stretched: _Field = (field - field.min()) / np.ptp(field)
+    return stretched
+
+
+def _smooth_weights(side_px: int, cell_px: float, nodes: int) -> _Field:
+    """Return (side_px, nodes): how much each grid node counts for each pixel, with an S-shaped transition."""
+    at = np.arange(side_px) / cell_px
+    left = np.floor(at).astype(np.int64)
+    step = at - left
+    right_part = step * step * (3 - 2 * step)
+    weights = np.zeros((side_px, nodes))
+    pixels = np.arange(side_px)
+    weights[pixels, left] = 1 - right_part
+    weights[pixels, left + 1] += right_part
+    return weights
+
+
+def _turned_axes(rng: np.random.Generator, side_px: int) -> tuple[_Field, _Field]:
+    """Return pixel coordinates (P, P) along two axes at right angles in a random direction."""
+    angle_rad = rng.uniform(0, np.pi)
+    y, x = np.mgrid[:side_px, :side_px].astype(np.float64)
+    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+    return x * cos + y * sin, y * cos - x * sin
+
+
+def _noise(rng: np.random.Generator, side_px: int) -> _Field:
+    field = _value_noise(rng, side_px)
+    # Some as clouds, some folded into veins.
+    return np.abs(2 * field - 1) if rng.random() < 0.4 else field
+
+
+def _stripes(rng: np.random.Generator, side_px: int) -> _Field:
+    along, _ = _turned_axes(rng, side_px)
+    period_px = rng.uniform(4, max(8, side_px / 6))
+    warp = rng.uniform(0, 1.5) * _value_noise(rng, side_px)
+    wave = 0.5 + 0.5 * np.sin(2 * np.pi * (along / period_px + warp))
+    return np.round(wave) if rng.random() < 0.5 else wave
+
+
+def _checks(rng: np.random.Generator, side_px: int) -> _Field:
+    along, across = _turned_axes(rng, side_px)
+    cell_px = rng.uniform(4, max(8, side_px / 6))
+    rows, columns = (np.floor(axis / cell_px).astype(np.int64) for axis in (along, across))
+    # Every check has its own level: a plain chess board repeats, and a matcher cannot tell its cells apart.
+    own = rng.random((256, 256))[rows % 256, columns % 256]
+    return 0.5 * ((rows + columns) % 2) + 0.5 * own
+
+
+def _gradient(rng: np.random.Generator, side_px: int) -> _Field:
+    along, across = _turned_axes(rng, side_px)
+    if rng.random() < 0.5:
+        centre = rng.uniform(-0.2, 1.2, 2) * side_px
+        along = np.hypot(along - centre[0], across - centre[1])
+    field = (along - along.min()) / np.ptp(along)
+    bands = int(rng.integers(6, 40))
+    banded = np.floor(field * bands)
+    own = rng.random(bands + 1)
+    mixed: _Field = 0.7 * field + 0.3 * own[banded.astype(np.int64)]
+    return mixed
+
+
+def _dots(rng: np.random.Generator, side_px: int) -> _Field:
+    y, x = np.mgrid[:side_px, :side_px].astype(np.float64)
+    field = np.full((side_px, side_px), rng.random())
+    largest_px = rng.uniform(3, max(4, side_px / 10))
+    count = min(2000, int(1.5 * (side_px / largest_px) ** 2))
+    centres = rng.uniform(0, side_px, (count, 2))
+    radii_px = rng.uniform(0.3, 1.0, count) * largest_px
+    for (cx, cy), radius_px, level in zip(centres, radii_px, rng.random(count), strict=True):
+        rows = slice(max(0, int(cy - radius_px)), int(cy + radius_px) + 2)
+        columns = slice(max(0, int(cx - radius_px)), int(cx + radius_px) + 2)
+        inside = np.hypot(x[rows, columns] - cx, y[rows, columns] - cy) <= radius_px
+        field[rows, columns][inside] = level
+    return field
+
+
+_KINDS: dict[str, Callable[[np.random.Generator, int], _Field]] = {
+    "noise": _noise,
+    "stripes": _stripes,
+    "checks": _checks,
+    "gradient": _gradient,
+    "dots": _dots,
+}

@@ -1,0 +1,285 @@
+"""From image files to an atlas: which crops become patches."""
+
+import os
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import chain, zip_longest
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.errors import InputError, Skipped
+from semisynth_gl.textures.atlas import Atlas, Patch, TextureReport, opaque_layers
+from semisynth_gl.textures.crops import CropBox, crop_boxes, cut_crop, texture_measure
+from semisynth_gl.textures.images import ImageError, read_image
+from semisynth_gl.textures.sequences import find_runs
+
+PATCHES_PER_IMAGE = 4
+"""Once the atlas is full and no image holds more patches than this, no further image is opened. Fewer would make an
+atlas of more different photographs, but decoding is what takes the time: 512 patches from 512 photographs take four
+times as long as from 128."""
+
+_MIN_PATCH_PX = 16
+_REASONS_SHOWN = 5
+
+
+def build_atlas(
+    images: Sequence[Path],
+    *,
+    patch_px: int,
+    scales: Sequence[float],
+    min_texture: float,
+    max_patches: int,
+    sequence: bool,
+    rng: np.random.Generator,
+    max_layers: int = 2048,
+    max_frames: int = 16,
+) -> Atlas:
+    """Crop squares out of images and keep those with texture.
+
+    Images are opened one at a time in random order. Each offers its crops with enough texture in random order, scales
+    taking turns. Whenever there are more than wanted, the image that holds most gives one up; so no image and no scale
+    crowds out the others, and an image that has few is made up for by the rest. Once the atlas is full and no image
+    holds more than `PATCHES_PER_IMAGE`, the remaining images are not opened. In memory are one decoded image, those of
+    its crops that may be kept, and the patches of the atlas.
+
+    With ``sequence``, runs of successive frames (see `find_runs`) take the place of images: a patch holds the same
+    square from each frame of its run, and a crop counts as flat if it is flat in any frame. A run has at most
+    ``max_frames`` frames, and fewer where the patches would not fit into ``max_layers``: ask for fewer patches to get
+    longer runs. A frame that cannot be read is left out of its run. Frames are read twice, to measure and to
+    cut, so that one is in memory at a time.
+
+    Args:
+        images: files, as from `find_images`; their order does not matter.
+        patch_px: side of a patch, pixels; at least 16.
+        scales: image pixels per patch pixel, each at least 1.
+        min_texture: least `texture_measure` of a patch, 8-bit levels.
+        max_patches: patches at most.
+        sequence: whether images of one folder are successive frames.
+        rng: source of every random choice.
+        max_layers: layers at most; 2048 is what every OpenGL 4 driver has.
+        max_frames: frames of one patch at most.
+
+    Returns:
+        The atlas, its patches ordered by image, side, row and column.
+
+    Raises:
+        InputError: where a number is out of range, or no patch is left.
+    """
+    if patch_px < _MIN_PATCH_PX or max_patches < 1 or max_layers < 1 or max_frames < 1 or not min_texture >= 0:
+        raise InputError(
+            f"expected patch_px >= {_MIN_PATCH_PX}, min_texture >= 0 and max_patches, max_layers, max_frames >= 1, got "
+            f"patch_px={patch_px}, min_texture={min_texture}, max_patches={max_patches}, max_layers={max_layers}, "
+            f"max_frames={max_frames}"
+        )
+    crop_boxes(1, 1, patch_px, scales)  # refuses bad scales before any image is opened
+    images = sorted(images, key=Path.as_posix)
+    limit = min(max_patches, max_layers)
+    runs: Sequence[tuple[Path, ...]] = [(path,) for path in images]
+    tally = _Tally()
+    if sequence:
+        found = find_runs(
+            images,
+            patch_px=patch_px,
+            scales=scales,
+            max_patches=limit,
+            max_layers=max_layers,
+            max_frames=max_frames,
+        )
+        runs = found.runs
+        tally.skipped.extend(found.skipped)
+
+    shares = _Shares(limit)
+    order = [int(i) for i in rng.permutation(len(runs))]
+    read: dict[int, tuple[Path, ...]] = {}
+    while order and not shares.settled:
+        index = order.pop(0)
+        survey = _survey(runs[index], patch_px, scales, tally)
+        if survey is None:
+            continue
+        read[index] = survey.frames
+        good = [i for i, texture in enumerate(survey.textures) if texture >= min_texture]
+        tally.crops += len(survey.boxes)
+        tally.crops_flat += len(survey.boxes) - len(good)
+        taking_turns = _taking_turns([survey.boxes[i].side_px for i in good], rng)
+        offered = [good[i] for i in taking_turns][: shares.room]
+        shares.add(index, _cut(survey, offered, patch_px))
+        del survey  # and the decoded image with it, before the next one is read
+
+    kept = shares.kept()
+    used = sum(len(read[index]) for index in kept)
+    report = TextureReport(
+        images_used=used,
+        images_unused=sum(map(len, read.values())) - used,
+        images_too_small=tally.too_small,
+        images_skipped=tuple(sorted(tally.skipped, key=lambda skipped: skipped.path.as_posix())),
+        images_not_opened=sum(len(runs[index]) for index in order),
+        crops_kept=shares.total,
+        crops_flat=tally.crops_flat,
+        crops_surplus=tally.crops - tally.crops_flat - shares.total,
+        patch_px=patch_px,
+        min_texture=min_texture,
+        longest_run=max((len(crop.frames) for crops in kept.values() for crop in crops), default=0),
+    )
+    if not kept:
+        raise InputError(_nothing_left(len(images), report))
+    return _assemble(kept, read, _names(images), report)
+
+
+@dataclass(slots=True)
+class _Tally:
+    """Counts that grow while images are opened."""
+
+    skipped: list[Skipped] = field(default_factory=list)
+    too_small: int = 0
+    crops: int = 0
+    crops_flat: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Survey:
+    """What was found in one run: its readable frames, its squares, and the least texture of each over the frames."""
+
+    frames: tuple[Path, ...]
+    boxes: list[CropBox]
+    textures: list[float]
+    only_image: NDArray[np.uint8] | None  # the decoded frame where there is just one: no need to read it again
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Crop:
+    """A crop that may become a patch; ``frames`` is (F, P, P, 3) uint8 RGB."""
+
+    box: CropBox
+    texture: float
+    frames: NDArray[np.uint8]
+
+
+class _Shares:
+    """Crops by run, never more than a limit; the run with most gives up its last one first.
+
+    What is given up would not come back whatever followed, because the largest share only ever shrinks: so dropping
+    early gives the same as holding everything and dropping at the end.
+    """
+
+    def __init__(self, limit: int) -> None:
+        self._limit = limit
+        self._crops: dict[int, list[_Crop]] = {}
+        self.total = 0
+
+    @property
+    def _largest(self) -> int:
+        return max(map(len, self._crops.values()), default=0)
+
+    @property
+    def settled(self) -> bool:
+        return self.total == self._limit and self._largest <= PATCHES_PER_IMAGE
+
+    @property
+    def room(self) -> int:
+        """How many crops a further run can end up with at most."""
+        return self._limit if self.total < self._limit else self._largest
+
+    def add(self, run: int, crops: list[_Crop]) -> None:
+        self._crops[run] = crops
+        self.total += len(crops)
+        while self.total > self._limit:
+            max(self._crops.values(), key=len).pop()
+            self.total -= 1
+
+    def kept(self) -> dict[int, list[_Crop]]:
+        """Return the runs that hold crops, in their own order, and the crops by side, row and column."""
+        return {
+            run: sorted(crops, key=lambda crop: (crop.box.side_px, crop.box.top_px, crop.box.left_px))
+            for run, crops in sorted(self._crops.items())
+            if crops
+        }
+
+
+def _survey(run: Sequence[Path], patch_px: int, scales: Sequence[float], tally: _Tally) -> _Survey | None:
+    frames: list[Path] = []
+    boxes: list[CropBox] = []
+    textures: list[float] = []
+    shape: tuple[int, ...] | None = None
+    for path in run:
+        try:
+            image = read_image(path)
+        except ImageError as error:
+            tally.skipped.append(Skipped(path, error.reason))
+            continue
+        if shape is None:
+            shape = image.shape
+            boxes = crop_boxes(image.shape[0], image.shape[1], patch_px, scales)
+            textures = [np.inf] * len(boxes)
+        elif image.shape != shape:  # equal as stored, but turned by EXIF
+            reason = f"is {image.shape[1]} x {image.shape[0]} upright, frames before it {shape[1]} x {shape[0]}"
+            tally.skipped.append(Skipped(path, reason))
+            continue
+        frames.append(path)
+        measured = (texture_measure(cut_crop(image, box, patch_px)) for box in boxes)
+        textures = [min(pair) for pair in zip(textures, measured, strict=True)]
+    if frames and not boxes:
+        tally.too_small += len(frames)
+    if not boxes:
+        return None
+    return _Survey(tuple(frames), boxes, textures, image if len(run) == 1 else None)
+
+
+def _cut(survey: _Survey, chosen: Sequence[int], patch_px: int) -> list[_Crop]:
+    if not chosen:
+        return []
+    stacks = np.empty((len(chosen), len(survey.frames), patch_px, patch_px, 3), dtype=np.uint8)
+    for frame, path in enumerate(survey.frames):
+        image = read_image(path) if survey.only_image is None else survey.only_image
+        for stack, i in zip(stacks, chosen, strict=True):
+            stack[frame] = cut_crop(image, survey.boxes[i], patch_px)
+    # Copies, so that a crop that is given up gives up its memory.
+    return [_Crop(survey.boxes[i], survey.textures[i], stack.copy()) for stack, i in zip(stacks, chosen, strict=True)]
+
+
+def _taking_turns(sides: Sequence[int], rng: np.random.Generator) -> list[int]:
+    """Return indexes into ``sides`` in random order, one of each side in turn, beginning with a random side."""
+    array = np.asarray(sides, dtype=np.int64)
+    queues = [rng.permutation(np.flatnonzero(array == side)) for side in rng.permutation(np.unique(array))]
+    return [int(i) for i in chain.from_iterable(zip_longest(*queues)) if i is not None]
+
+
+def _names(images: Sequence[Path]) -> dict[Path, str]:
+    """Return names relative to the folder that all share: the same wherever that folder lies."""
+    absolute = [Path(os.path.abspath(path)) for path in images]  # noqa: PTH100  # links keep the user's names
+    shared = Path(os.path.commonpath([path.parent for path in absolute]))
+    return {path: full.relative_to(shared).as_posix() for path, full in zip(images, absolute, strict=True)}
+
+
+def _assemble(
+    kept: dict[int, list[_Crop]], read: dict[int, tuple[Path, ...]], names: dict[Path, str], report: TextureReport
+) -> Atlas:
+    patches: list[Patch] = []
+    layer = 0
+    for run, crops in kept.items():
+        for crop in crops:
+            patches.append(Patch(names[read[run][0]], *crop.box, layer, len(crop.frames), crop.texture))
+            layer += len(crop.frames)
+    layers = opaque_layers([crop.frames for crops in kept.values() for crop in crops])
+    return Atlas(layers, tuple(patches), report)
+
+
+def _nothing_left(given: int, report: TextureReport) -> str:
+    if given == 0:
+        return "no patch can be cut: no images were given"
+    reasons = Counter(skipped.reason for skipped in report.images_skipped)
+    if report.images_too_small:
+        reasons[f"smaller than a patch of {report.patch_px} pixels along a side (try a smaller patch_px)"] = (
+            report.images_too_small
+        )
+    if report.images_unused:
+        reasons[
+            f"without texture: none of {report.crops_flat} crops reaches {report.min_texture:g} levels "
+            f"(try a smaller min_texture, or other images)"
+        ] = report.images_unused
+    shown = [f"{count} {reason}" for reason, count in reasons.most_common(_REASONS_SHOWN)]
+    rest = len(reasons) - len(shown)
+    more = f"; and {rest} more reasons" if rest else ""
+    return f"no patch can be cut from {given} images: {'; '.join(shown)}{more}"

@@ -1,0 +1,297 @@
+"""Building an atlas: what is kept, what is counted, that it is fair, and that the same seed gives the same."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from semisynth_gl.errors import InputError
+from semisynth_gl.textures import selection
+from semisynth_gl.textures.atlas import Atlas, atlas_from_arrays
+from semisynth_gl.textures.crops import CropBox, cut_crop, texture_measure
+from semisynth_gl.textures.images import find_images, read_image
+from semisynth_gl.textures.selection import PATCHES_PER_IMAGE, build_atlas
+from semisynth_gl.textures.sequences import find_runs, natural_key
+
+SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+FLAT = np.full((64, 64, 3), 90, dtype=np.uint8)
+
+
+def noise(height: int, width: int, seed: int = 0) -> NDArray[np.uint8]:
+    return np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
+
+
+def save(folder: Path, **images: NDArray[np.uint8]) -> list[Path]:
+    folder.mkdir(exist_ok=True)
+    for name, pixels in images.items():
+        Image.fromarray(pixels).save(folder / f"{name}.png")
+    return [folder / f"{name}.png" for name in images]
+
+
+def build(
+    images: list[Path],
+    *,
+    patch_px: int = 32,
+    scales: tuple[float, ...] = (1.0,),
+    min_texture: float = 3.0,
+    max_patches: int = 100,
+    sequence: bool = False,
+    seed: int = 0,
+    max_layers: int = 2048,
+    max_frames: int = 16,
+) -> Atlas:
+    return build_atlas(
+        images,
+        patch_px=patch_px,
+        scales=scales,
+        min_texture=min_texture,
+        max_patches=max_patches,
+        sequence=sequence,
+        rng=np.random.default_rng(seed),
+        max_layers=max_layers,
+        max_frames=max_frames,
+    )
+
+
+def check_consistent(atlas: Atlas, images_given: int) -> None:
+    report = atlas.report
+    side = report.patch_px
+    assert atlas.layers.shape == (sum(patch.layer_count for patch in atlas.patches), side, side, 4)
+    assert atlas.layers.dtype == np.uint8
+    assert atlas.layers.flags.c_contiguous
+    assert (atlas.layers[..., 3] == 255).all()
+    assert report.crops_kept == len(atlas.patches)
+    accounted = report.images_used + report.images_unused + report.images_too_small + report.images_not_opened
+    assert accounted + len(report.images_skipped) == images_given
+    at = 0
+    for patch in atlas.patches:
+        assert patch.first_layer == at
+        at += patch.layer_count
+        textures = [texture_measure(layer) for layer in atlas.layers[patch.first_layer : at, ..., :3]]
+        assert patch.texture == min(textures) >= report.min_texture
+
+
+def test_patches_hold_the_pixels_of_their_squares(tmp_path: Path) -> None:
+    paths = save(tmp_path, a=noise(70, 100), b=noise(64, 64, 1))
+    atlas = build(paths, scales=(1, 1.5, 2))
+    check_consistent(atlas, 2)
+    assert {patch.side_px for patch in atlas.patches} == {32, 48, 64}
+    for patch in atlas.patches:
+        image = read_image(tmp_path / patch.source)
+        box = CropBox(patch.left_px, patch.top_px, patch.side_px)
+        np.testing.assert_array_equal(atlas.layers[patch.first_layer, ..., :3], cut_crop(image, box, 32))
+
+
+def test_report_counts_every_image_and_crop(tmp_path: Path) -> None:
+    half = noise(96, 192)  # 9 crops with texture, 9 without
+    half[:, 96:] = 90
+    paths = save(tmp_path, half=half, flat=FLAT, small=noise(31, 200), good=noise(96, 96, 2))
+    broken = tmp_path / "broken.jpg"
+    broken.write_bytes(b"no image")
+    atlas = build([*paths, broken, tmp_path / "absent.png"], max_patches=12)
+    check_consistent(atlas, 6)
+    report = atlas.report
+    assert (report.images_used, report.images_unused, report.images_too_small) == (2, 1, 1)
+    assert [skipped.path.name for skipped in report.images_skipped] == ["absent.png", "broken.jpg"]
+    assert (report.crops_kept, report.crops_flat, report.crops_surplus) == (12, 13, 6)
+    summary = report.summary()
+    for said in (
+        "12 patches",
+        "13 crops",
+        "6 as more",
+        "2 not readable",
+        "below 3 levels",
+        "broken.jpg: is not an image",
+    ):
+        assert said in summary
+
+
+def test_a_large_image_does_not_crowd_out_the_others(tmp_path: Path) -> None:
+    paths = save(tmp_path, huge=noise(640, 640), a=noise(64, 64, 1), b=noise(64, 64, 2), c=noise(32, 32, 3))
+    atlas = build(paths, max_patches=10)
+    shares = {name: sum(patch.source == name for patch in atlas.patches) for name in ("huge.png", "a.png", "b.png")}
+    assert len(atlas.patches) == 10
+    assert sum(patch.source == "c.png" for patch in atlas.patches) == 1
+    assert set(shares.values()) == {3}
+    # What the small ones cannot fill, the large one does.
+    assert sum(patch.source == "huge.png" for patch in build(paths, max_patches=50).patches) == 50 - 9
+
+
+def test_scales_take_turns(tmp_path: Path) -> None:
+    atlas = build(save(tmp_path, a=noise(256, 256)), scales=(1, 2, 4), max_patches=12)
+    counts = [sum(patch.side_px == side for patch in atlas.patches) for side in (32, 64, 128)]
+    assert counts == [4, 4, 4]
+
+
+def test_the_same_seed_gives_the_same_whatever_the_order(tmp_path: Path) -> None:
+    paths = save(tmp_path, **{f"i{i}": noise(96, 128, i) for i in range(6)})
+    first, again = build(paths, max_patches=20), build(paths[::-1], max_patches=20)
+    assert first.patches == again.patches
+    assert first.report == again.report
+    np.testing.assert_array_equal(first.layers, again.layers)
+    assert build(paths, max_patches=20, seed=1).patches != first.patches
+
+
+def test_sources_do_not_depend_on_where_the_folder_lies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    paths = save(tmp_path / "one", a=noise(32, 32)) + save(tmp_path / "two", a=noise(32, 32, 1))
+    assert [patch.source for patch in build(paths).patches] == ["one/a.png", "two/a.png"]
+    monkeypatch.chdir(tmp_path)
+    assert [patch.source for patch in build([Path("one/a.png")]).patches] == ["a.png"]
+
+
+def test_no_more_images_are_opened_than_needed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    paths = save(tmp_path, **{f"i{i:02d}": noise(96, 96, i) for i in range(30)})
+    opened: list[Path] = []
+
+    def read_and_note(path: Path) -> NDArray[np.uint8]:
+        opened.append(path)
+        return read_image(path)
+
+    monkeypatch.setattr(selection, "read_image", read_and_note)
+    atlas = build(paths, max_patches=20)
+    check_consistent(atlas, 30)
+    assert len(opened) == 20 / PATCHES_PER_IMAGE
+    assert atlas.report.images_not_opened == 25
+    assert "25 not opened" in atlas.report.summary()
+    assert len({patch.source for patch in atlas.patches}) == 5
+
+
+def test_nothing_left_is_an_error_with_reasons(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no images were given"):
+        build([])
+    paths = save(tmp_path, flat=FLAT, small=noise(20, 20))
+    (tmp_path / "text.png").write_text("no image")
+    with pytest.raises(InputError) as caught:
+        build([*paths, tmp_path / "text.png"])
+    for said in ("3 images", "1 without texture", "min_texture", "1 smaller than a patch of 32", "1 is not an image"):
+        assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"patch_px": 8}, {"max_patches": 0}, {"min_texture": -1.0}, {"min_texture": float("nan")}]
+)
+def test_numbers_out_of_range_are_refused(tmp_path: Path, wrong: dict[str, float]) -> None:
+    with pytest.raises(InputError, match="expected patch_px"):
+        build(save(tmp_path, a=noise(32, 32)), **wrong)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="scales"):
+        build(save(tmp_path, a=noise(32, 32)), scales=(0.5,))
+
+
+def test_numbers_in_names_count_as_numbers() -> None:
+    names = ["frame10.png", "frame2.png", "frame1.png", "frame01.png", "2.png", "10b.png", "a.png"]
+    ordered = sorted((Path(name) for name in names), key=natural_key)
+    assert [path.name for path in ordered] == [
+        *("2.png", "10b.png", "a.png", "frame01.png", "frame1.png", "frame2.png", "frame10.png")
+    ]
+
+
+def frames(folder: Path, count: int, height: int = 64, width: int = 64) -> list[Path]:
+    return save(folder, **{f"frame{i}": noise(height, width, i) for i in range(1, count + 1)})
+
+
+def test_layers_of_a_patch_are_the_same_square_of_successive_frames(tmp_path: Path) -> None:
+    paths = frames(tmp_path / "video", 11) + frames(tmp_path / "other", 2, 32, 32)
+    atlas = build(paths, sequence=True)
+    check_consistent(atlas, 13)
+    assert sorted(patch.layer_count for patch in atlas.patches) == [2, 11, 11, 11, 11]
+    for patch in atlas.patches:
+        assert patch.source in {"video/frame1.png", "other/frame1.png"}
+        for i in range(patch.layer_count):
+            image = read_image(tmp_path / patch.source.replace("frame1", f"frame{i + 1}"))
+            square = image[patch.top_px : patch.top_px + 32, patch.left_px : patch.left_px + 32]
+            np.testing.assert_array_equal(atlas.layers[patch.first_layer + i, ..., :3], square)
+    assert "up to 11 frames" in atlas.report.summary()
+
+
+def test_without_sequence_every_patch_has_one_layer(tmp_path: Path) -> None:
+    assert {patch.layer_count for patch in build(frames(tmp_path, 3)).patches} == {1}
+
+
+def test_runs_are_cut_to_fit_into_the_layers(tmp_path: Path) -> None:
+    paths = frames(tmp_path, 10)  # 4 squares
+    for max_layers in (3, 4, 9, 16, 30, 1000):
+        atlas = build(paths, sequence=True, max_layers=max_layers, max_frames=8)
+        check_consistent(atlas, 10)
+        assert len(atlas.layers) <= max_layers
+    assert build(paths, sequence=True, max_frames=8).report.longest_run == 5  # 10 frames as 5 + 5
+    assert build(paths, sequence=True, max_layers=20, max_patches=2).report.longest_run == 10
+
+    def runs(max_frames: int) -> list[list[str]]:
+        found = find_runs(paths, patch_px=32, scales=[1], max_patches=99, max_layers=999, max_frames=max_frames)
+        return [[path.stem[5:] for path in run] for run in found.runs]
+
+    assert runs(4) == [["1", "2", "3"], ["4", "5", "6"], ["7", "8", "9", "10"]]
+
+
+def test_a_run_is_flat_if_one_frame_is(tmp_path: Path) -> None:
+    paths = frames(tmp_path, 3)
+    second = noise(64, 64, 2)
+    second[:32, :32] = 7
+    save(tmp_path, frame2=second)
+    report = build(paths, sequence=True).report
+    assert (report.crops_kept, report.crops_flat, report.longest_run) == (3, 1, 3)
+
+
+def test_unreadable_frames_are_left_out_of_their_run(tmp_path: Path) -> None:
+    paths = frames(tmp_path, 4)
+    whole = paths[1].read_bytes()
+    paths[1].write_bytes(whole[: len(whole) // 2])  # header fine, pixels missing
+    paths[3].write_bytes(b"")
+    atlas = build(paths, sequence=True)
+    check_consistent(atlas, 4)
+    assert [skipped.path.name for skipped in atlas.report.images_skipped] == ["frame2.png", "frame4.png"]
+    assert atlas.report.longest_run == 2
+
+
+def test_frames_that_exif_turns_otherwise_are_left_out(tmp_path: Path) -> None:
+    paths = frames(tmp_path, 2, 64, 96)
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    Image.fromarray(noise(64, 96, 2)).save(paths[1], exif=exif)
+    atlas = build(paths, sequence=True)
+    check_consistent(atlas, 2)
+    assert "64 x 96 upright" in atlas.report.images_skipped[0].reason
+
+
+def test_atlas_from_arrays() -> None:
+    patches = [noise(20, 20, i) for i in range(3)] + [FLAT[:20, :20]]
+    atlas = atlas_from_arrays(patches)
+    check_consistent(atlas, 4)
+    np.testing.assert_array_equal(atlas.layers[..., :3], np.stack(patches))
+    assert [patch.source for patch in atlas.patches] == [f"array/{i:05d}" for i in range(4)]
+    assert atlas.patches[3].texture == 0.0
+    assert atlas_from_arrays([FLAT[:1, :1]], ["one"]).patches[0].source == "one"
+
+
+@pytest.mark.parametrize(
+    "patches",
+    [
+        [],
+        [noise(4, 5)],
+        [noise(4, 4), noise(5, 5)],
+        [noise(4, 4)[..., 0]],
+        [noise(4, 4).astype(np.float32)],
+        [np.zeros((0, 0, 3), dtype=np.uint8)],
+        [np.zeros((), dtype=np.uint8)],
+    ],
+)
+def test_arrays_that_are_no_patches_are_refused(patches: list[NDArray[np.uint8]]) -> None:
+    with pytest.raises(InputError, match="patch"):
+        atlas_from_arrays(patches)
+    with pytest.raises(InputError, match="one source for each"):
+        atlas_from_arrays([noise(4, 4)], [])
+
+
+@pytest.mark.skipif(not (SHARED / "textures").is_dir(), reason="test material ../shared/data is absent")
+def test_real_photographs() -> None:
+    images = find_images([SHARED / "textures"])
+    atlas = build(images, patch_px=128, scales=(1, 2), min_texture=4.0, max_patches=150)
+    check_consistent(atlas, len(images))
+    assert atlas.report.images_used == len(images)
+    assert atlas.report.crops_flat > 50  # walls and skies
+    shares = [
+        sum(patch.source == name for patch in atlas.patches) for name in {patch.source for patch in atlas.patches}
+    ]
+    assert max(shares) <= 8

@@ -1,0 +1,66 @@
+"""Patches without the user's photographs: procedural ones, and the photographs that scikit-image ships."""
+
+from importlib.machinery import ModuleSpec
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from semisynth_gl.errors import InputError
+from semisynth_gl.textures import photographs
+from semisynth_gl.textures.crops import texture_measure
+from semisynth_gl.textures.images import read_image
+from semisynth_gl.textures.photographs import builtin_photographs
+from semisynth_gl.textures.procedural import procedural_atlas, procedural_images
+
+
+@pytest.mark.parametrize("side_px", [16, 33, 64, 256])
+def test_procedural_images_all_have_texture(side_px: int) -> None:
+    for image in procedural_images(np.random.default_rng(0), 20, side_px):
+        assert image.shape == (side_px, side_px, 3)
+        assert image.dtype == np.uint8
+        assert texture_measure(image) > 3.0
+
+
+def test_procedural_images_come_from_the_generator_alone() -> None:
+    first, again, other = (procedural_images(np.random.default_rng(seed), 10, 48) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert not any(np.array_equal(a, b) for a, b in zip(first, other, strict=True))
+    assert len({image.tobytes() for image in first}) == 10
+
+
+def test_procedural_atlas_names_the_kinds() -> None:
+    atlas = procedural_atlas(np.random.default_rng(0), 7, 32)
+    assert atlas.layers.shape == (7, 32, 32, 4)
+    kinds = [patch.source.split("/")[1] for patch in atlas.patches]
+    assert kinds == ["noise", "stripes", "checks", "gradient", "dots", "noise", "stripes"]
+
+
+@pytest.mark.parametrize(("count", "side_px"), [(0, 64), (3, 15)])
+def test_procedural_numbers_out_of_range_are_refused(count: int, side_px: int) -> None:
+    with pytest.raises(InputError, match="count >= 1"):
+        procedural_atlas(np.random.default_rng(0), count, side_px)
+
+
+def test_builtin_photographs_are_there_and_none_is_an_evaluation_image() -> None:
+    pytest.importorskip("skimage", reason="scikit-image is not installed")
+    paths = builtin_photographs()
+    assert len(paths) >= 8
+    assert not any("motorcycle" in path.name for path in paths)
+    for path in paths:
+        assert min(read_image(path).shape[:2]) >= 300
+
+
+def test_absent_scikit_image_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(photographs, "find_spec", lambda _: None)
+    with pytest.raises(InputError, match="--images") as caught:
+        builtin_photographs()
+    assert "pip install 'semisynth-gl[photographs]'" in str(caught.value)
+
+
+def test_missing_files_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    spec = ModuleSpec("skimage", None, is_package=True)
+    spec.submodule_search_locations = [str(tmp_path)]
+    monkeypatch.setattr(photographs, "find_spec", lambda _: spec)
+    with pytest.raises(InputError, match="astronaut"):
+        builtin_photographs()

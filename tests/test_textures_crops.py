@@ -1,0 +1,123 @@
+"""Crops cover the image, are squares, and carry exact pixels; the texture measure is what its docstring says."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from semisynth_gl.errors import InputError
+from semisynth_gl.textures.crops import CropBox, crop_boxes, cut_crop, texture_measure
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    height=st.integers(1, 300),
+    width=st.integers(1, 300),
+    patch_px=st.integers(1, 80),
+    scales=st.lists(st.floats(1, 5), min_size=1, max_size=3),
+)
+def test_crops_of_each_scale_that_fits_cover_the_image(
+    height: int, width: int, patch_px: int, scales: list[float]
+) -> None:
+    boxes = crop_boxes(height, width, patch_px, scales)
+    assert len(set(boxes)) == len(boxes)
+    sides = {round(scale * patch_px) for scale in scales}
+    assert {box.side_px for box in boxes} == {side for side in sides if side <= min(height, width)}
+    for side in {box.side_px for box in boxes}:
+        of_side = [box for box in boxes if box.side_px == side]
+        covered = np.zeros((height, width), dtype=bool)
+        for left, top, _ in of_side:
+            assert left >= 0
+            assert top >= 0
+            assert left + side <= width
+            assert top + side <= height
+            covered[top : top + side, left : left + side] = True
+        assert covered.all()
+        assert len(of_side) == -(-height // side) * -(-width // side)  # no more than it takes
+
+
+def test_crops_are_evenly_spread() -> None:
+    assert [box.left_px for box in crop_boxes(100, 250, 100, [1])] == [0, 75, 150]
+    assert crop_boxes(99, 250, 100, [1]) == []
+    assert crop_boxes(100, 100, 100, [1]) == [CropBox(0, 0, 100)]
+
+
+@pytest.mark.parametrize("scales", [[], [0.5], [1, 0.99], [float("nan")], [float("inf")]])
+def test_scales_below_one_are_refused(scales: list[float]) -> None:
+    with pytest.raises(InputError, match="never enlarged"):
+        crop_boxes(100, 100, 10, scales)
+
+
+def noise(*shape: int) -> np.ndarray:
+    return np.random.default_rng(5).integers(0, 256, shape, dtype=np.uint8)
+
+
+def test_a_crop_of_patch_size_is_copied_bit_for_bit() -> None:
+    image = noise(50, 60, 3)
+    crop = cut_crop(image, CropBox(7, 11, 32), 32)
+    np.testing.assert_array_equal(crop, image[11:43, 7:39])
+    assert crop.flags.c_contiguous
+    assert not np.shares_memory(crop, image)
+
+
+@pytest.mark.parametrize("factor", [2, 3, 4, 7])
+def test_whole_factors_average_exactly(factor: int) -> None:
+    patch_px = 16
+    image = noise(140, 150, 3)
+    side = factor * patch_px
+    square = image[3 : 3 + side, 5 : 5 + side].astype(np.int64)
+    blocks = square.reshape(patch_px, factor, patch_px, factor, 3).sum(axis=(1, 3))
+    expected = (2 * blocks + factor**2) // (2 * factor**2)
+    np.testing.assert_array_equal(cut_crop(image, CropBox(5, 3, side), patch_px), expected)
+
+
+def test_other_factors_average_over_the_covered_area() -> None:
+    # 3 pixels onto 2: box filtering in Pillow takes every pixel whose centre lies in the support.
+    ramp = np.repeat(np.arange(48, dtype=np.uint8)[np.newaxis, :, np.newaxis], 48, axis=0).repeat(3, axis=2) * 4
+    crop = cut_crop(ramp, CropBox(0, 0, 48), 32).astype(np.float64)
+    np.testing.assert_allclose(crop.mean(), ramp.mean(), atol=1.0)
+    np.testing.assert_allclose(np.diff(crop[0, :, 0]), 6, atol=4)
+    flat = np.full((48, 48, 3), 77, dtype=np.uint8)
+    np.testing.assert_array_equal(cut_crop(flat, CropBox(0, 0, 48), 32), flat[:32, :32])
+
+
+@pytest.mark.parametrize("box", [CropBox(-1, 0, 16), CropBox(0, 5, 16), CropBox(0, 0, 8), CropBox(0, 0, 30)])
+def test_boxes_outside_or_too_small_are_refused(box: CropBox) -> None:
+    with pytest.raises(InputError, match="a crop must"):
+        cut_crop(noise(20, 20, 3), box, 16)
+
+
+@pytest.mark.parametrize("side", [1, 2, 7, 16, 33, 64, 256])
+def test_flat_patches_measure_exactly_zero(side: int) -> None:
+    for colour in ((0, 0, 0), (255, 255, 255), (13, 200, 77)):
+        assert texture_measure(np.full((side, side, 3), colour, dtype=np.uint8)) == 0.0
+
+
+@pytest.mark.parametrize("side", [64, 100, 256])
+def test_the_measure_is_the_median_of_cell_deviations(side: int) -> None:
+    patch = noise(side, side, 3)
+    luminance = patch @ np.array([0.299, 0.587, 0.114])
+    borders = [i * side // 8 for i in range(9)]
+    cells = [
+        luminance[top:bottom, left:right].std()
+        for top, bottom in pairwise(borders)
+        for left, right in pairwise(borders)
+    ]
+    assert texture_measure(patch) == pytest.approx(np.median(cells), rel=1e-9)
+
+
+@pytest.mark.parametrize("deviation", [2.0, 5.0, 20.0])
+def test_grey_noise_measures_its_standard_deviation(deviation: float) -> None:
+    grey = np.random.default_rng(1).normal(128, deviation, (256, 256, 1))
+    patch = np.rint(grey).clip(0, 255).astype(np.uint8).repeat(3, axis=2)
+    assert texture_measure(patch) == pytest.approx(deviation, rel=0.05)
+
+
+def test_half_of_the_patch_must_have_texture() -> None:
+    patch = np.full((64, 64, 3), 128, dtype=np.uint8)
+    patch[:, 30:34] = noise(64, 4, 3)  # one strong edge
+    assert texture_measure(patch) == 0.0
+    patch[:40] = noise(40, 64, 3)
+    assert texture_measure(patch) > 30

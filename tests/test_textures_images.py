@@ -1,0 +1,405 @@
+"""Reading images: every mode to its expected values, everything broken refused with a reason."""
+
+import io
+import pickle
+import struct
+import tracemalloc
+import warnings
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from PIL import Image, ImageCms, ImageFile
+
+from semisynth_gl.errors import InputError
+from semisynth_gl.textures import images
+from semisynth_gl.textures.images import MAX_PIXELS, ImageError, find_images, read_image, stored_size
+
+SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+needs_shared = pytest.mark.skipif(not (SHARED / "hostile").is_dir(), reason="test material ../shared/data is absent")
+
+
+def levels(*shape: int) -> NDArray[np.uint8]:
+    return np.random.default_rng(3).integers(0, 256, shape, dtype=np.uint8)
+
+
+def as_rgb(grey: NDArray[Any]) -> NDArray[np.uint8]:
+    return np.repeat(grey[..., np.newaxis], 3, axis=2).astype(np.uint8)
+
+
+def save(image: Image.Image, path: Path, **options: Any) -> Path:  # noqa: ANN401  # what Pillow takes
+    image.save(path, **options)
+    return path
+
+
+def test_rgb_is_read_bit_for_bit_contiguous_and_with_its_own_memory(tmp_path: Path) -> None:
+    pixels = levels(13, 17, 3)
+    for name in ("a.png", "a.bmp", "a.tif", "a.ppm", "a.tga"):
+        read = read_image(save(Image.fromarray(pixels), tmp_path / name))
+        np.testing.assert_array_equal(read, pixels)
+        assert read.dtype == np.uint8
+        assert read.flags.c_contiguous
+        assert read.flags.writeable
+
+
+def test_grey_palette_and_one_bit(tmp_path: Path) -> None:
+    grey = levels(9, 11)
+    np.testing.assert_array_equal(read_image(save(Image.fromarray(grey), tmp_path / "l.png")), as_rgb(grey))
+
+    palette = Image.fromarray(grey % 4, mode=None)
+    palette.putpalette([10, 20, 30, 40, 50, 60, 70, 80, 90, 100, 110, 120])
+    colours = np.array([[10, 20, 30], [40, 50, 60], [70, 80, 90], [100, 110, 120]], dtype=np.uint8)
+    np.testing.assert_array_equal(read_image(save(palette, tmp_path / "p.png")), colours[grey % 4])
+
+    bits = grey > 127
+    np.testing.assert_array_equal(read_image(save(Image.fromarray(bits), tmp_path / "1.png")), as_rgb(bits * 255))
+
+
+def test_opaque_alpha_changes_nothing(tmp_path: Path) -> None:
+    pixels = levels(8, 8, 4)
+    pixels[..., 3] = 255
+    np.testing.assert_array_equal(read_image(save(Image.fromarray(pixels), tmp_path / "a.png")), pixels[..., :3])
+
+
+def test_transparent_pixels_get_the_mean_of_the_visible_ones(tmp_path: Path) -> None:
+    pixels = np.zeros((4, 4, 4), dtype=np.uint8)
+    pixels[:2] = (100, 50, 10, 255)
+    pixels[2] = (200, 150, 110, 255)
+    pixels[3] = (255, 0, 255, 0)  # the garbage that an editor leaves behind
+    mean = np.array([133, 83, 43])
+    read = read_image(save(Image.fromarray(pixels), tmp_path / "rgba.png"))
+    np.testing.assert_array_equal(read[:3], pixels[:3, :, :3])
+    np.testing.assert_array_equal(read[3], np.broadcast_to(mean, (4, 3)))
+
+    pixels[0, 0] = (100, 50, 10, 128)
+    read = read_image(save(Image.fromarray(pixels), tmp_path / "half.png"))
+    np.testing.assert_allclose(read[0, 0], (np.array([100, 50, 10]) * 128 + mean * 127) / 255, atol=0.51)
+
+
+def test_transparency_of_grey_palette_and_colour_key(tmp_path: Path) -> None:
+    grey = np.full((4, 6), 90, dtype=np.uint8)
+    alpha = np.full((4, 6), 255, dtype=np.uint8)
+    grey[0], alpha[0] = 255, 0
+    expected = np.full((4, 6, 3), 90)
+    with_alpha = Image.merge("LA", [Image.fromarray(grey), Image.fromarray(alpha)])
+    np.testing.assert_array_equal(read_image(save(with_alpha, tmp_path / "la.png")), expected)
+    # A key colour in the header instead of a channel.
+    np.testing.assert_array_equal(
+        read_image(save(Image.fromarray(grey), tmp_path / "key.png", transparency=255)), expected
+    )
+    palette = Image.fromarray((grey == 255).astype(np.uint8))
+    palette.putpalette([90, 90, 90, 255, 0, 255])
+    np.testing.assert_array_equal(read_image(save(palette, tmp_path / "p.png", transparency=1)), expected)
+    np.testing.assert_array_equal(read_image(save(palette, tmp_path / "p.gif", transparency=1)), expected)
+
+
+def test_wholly_transparent_is_refused(tmp_path: Path) -> None:
+    path = save(Image.new("RGBA", (20, 20), (255, 0, 255, 0)), tmp_path / "nothing.png")
+    with pytest.raises(ImageError, match="wholly transparent"):
+        read_image(path)
+
+
+@pytest.mark.parametrize("byte_order", ["<", ">"])
+@pytest.mark.parametrize("name", ["a.png", "a.tif"])
+def test_16_bit_grey_spans_8_bits(tmp_path: Path, name: str, byte_order: str) -> None:
+    values = np.array([[0, 128, 129, 257, 32768], [65535, 65406, 65407, 1000, 50000]], dtype=np.uint16)
+    if byte_order == ">" and name == "a.tif":
+        path = tmp_path / name
+        path.write_bytes(big_endian_tiff(values))
+        with Image.open(path) as image:
+            assert image.mode == "I;16B"
+    else:
+        path = save(Image.fromarray(values), tmp_path / name)
+    np.testing.assert_array_equal(read_image(path), as_rgb(np.rint(values / 257)))
+
+
+def big_endian_tiff(values: NDArray[np.uint16]) -> bytes:
+    height, width = values.shape
+    pixels = values.astype(">u2").tobytes()
+    tags = [
+        (256, 3, width),
+        (257, 3, height),
+        (258, 3, 16),
+        (259, 3, 1),
+        (262, 3, 1),
+        (273, 4, 8),
+        (277, 3, 1),
+        (278, 3, height),
+        (279, 4, len(pixels)),
+    ]
+    entries = b"".join(
+        struct.pack(">HHI", tag, kind, 1) + (struct.pack(">HH", value, 0) if kind == 3 else struct.pack(">I", value))
+        for tag, kind, value in tags
+    )
+    directory = struct.pack(">H", len(tags)) + entries + struct.pack(">I", 0)
+    return b"MM" + struct.pack(">HI", 42, 8 + len(pixels)) + pixels + directory
+
+
+def test_32_bit_integers_are_16_bit_levels(tmp_path: Path) -> None:
+    values = np.array([[0, 65535, 25700]], dtype=np.int32)
+    np.testing.assert_array_equal(
+        read_image(save(Image.fromarray(values), tmp_path / "i.tif")), as_rgb(np.array([[0, 255, 100]]))
+    )
+    for beyond in (-1, 65536):
+        values[0, 0] = beyond
+        with pytest.raises(ImageError, match="expected 0 to 65535"):
+            read_image(save(Image.fromarray(values), tmp_path / "beyond.tif"))
+
+
+@pytest.mark.parametrize("white", [1.0, 255.0, 65535.0])
+def test_float_is_scaled_by_the_range_it_uses(tmp_path: Path, white: float) -> None:
+    values = np.array([[0.0, 0.2, 1.0]], dtype=np.float32) * np.float32(white)
+    read = read_image(save(Image.fromarray(values), tmp_path / "f.tif"))
+    np.testing.assert_array_equal(read, as_rgb(np.array([[0, 51, 255]])))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -0.5, 1e6])
+def test_float_out_of_range_is_refused(tmp_path: Path, value: float) -> None:
+    values = np.array([[0.5, value]], dtype=np.float32)
+    with pytest.raises(ImageError, match="expected 0 to 65535"):
+        read_image(save(Image.fromarray(values), tmp_path / "f.tif"))
+
+
+def test_cmyk_from_tiff_and_from_inverted_jpeg(tmp_path: Path) -> None:
+    cmyk = Image.new("CMYK", (32, 32), (0, 255, 255, 0))
+    np.testing.assert_array_equal(read_image(save(cmyk, tmp_path / "a.tif"))[0, 0], (255, 0, 0))
+    np.testing.assert_allclose(read_image(save(cmyk, tmp_path / "a.jpg", quality=95))[16, 16], (255, 0, 0), atol=3)
+
+
+def test_ycbcr_and_lab(tmp_path: Path) -> None:
+    red = Image.new("RGB", (16, 16), (200, 30, 60))
+    np.testing.assert_allclose(read_image(save(red.convert("YCbCr"), tmp_path / "y.tif"))[8, 8], (200, 30, 60), atol=2)
+    srgb, lab = ImageCms.createProfile("sRGB"), ImageCms.createProfile("LAB")
+    transform = ImageCms.buildTransform(srgb, lab, "RGB", "LAB")
+    in_lab = ImageCms.applyTransform(red, transform)
+    assert in_lab is not None
+    assert in_lab.mode == "LAB"
+    np.testing.assert_allclose(read_image(save(in_lab, tmp_path / "lab.tif"))[8, 8], (200, 30, 60), atol=3)
+
+
+UPRIGHT_FROM_STORED = {
+    1: lambda a: a,
+    2: np.fliplr,
+    3: lambda a: np.rot90(a, 2),
+    4: np.flipud,
+    5: lambda a: a.swapaxes(0, 1),
+    6: lambda a: np.rot90(a, -1),
+    7: lambda a: np.rot90(a.swapaxes(0, 1), 2),
+    8: np.rot90,
+}
+
+
+@pytest.mark.parametrize("orientation", UPRIGHT_FROM_STORED)
+@pytest.mark.parametrize("name", ["a.png", "a.tif", "grey8.tif", "grey16.tif"])
+def test_exif_orientation(tmp_path: Path, orientation: int, name: str) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    if name == "grey16.tif":
+        values = levels(5, 7).astype(np.uint16) * 257
+        path = save(Image.fromarray(values), tmp_path / name, exif=exif)
+        stored = as_rgb(values // 257)
+    elif name == "grey8.tif":  # this one and the last are what Pillow would map into memory
+        grey = levels(5, 7)
+        path = save(Image.fromarray(grey), tmp_path / name, exif=exif)
+        stored = as_rgb(grey)
+    else:
+        stored = levels(5, 7, 3)
+        path = save(Image.fromarray(stored), tmp_path / name, exif=exif)
+    read = read_image(path)
+    np.testing.assert_array_equal(read, UPRIGHT_FROM_STORED[orientation](stored))
+    assert read.flags.c_contiguous
+
+
+def png(width: int, height: int) -> bytes:
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(b"\0")) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize("pillow_limit", [None, MAX_PIXELS // 2])
+def test_too_many_pixels_are_refused_before_decoding(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pillow_limit: int | None
+) -> None:
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", pillow_limit)
+    monkeypatch.setattr(ImageFile.ImageFile, "load", lambda _: pytest.fail("was decoded"))
+    side = int(MAX_PIXELS**0.5) + 1
+    path = tmp_path / "large.png"
+    path.write_bytes(png(side, side))
+    with pytest.raises(ImageError, match="more"):
+        read_image(path)
+    with pytest.raises(ImageError, match="more"):
+        stored_size(path)
+
+
+@needs_shared
+def test_the_bomb_is_never_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ImageFile.ImageFile, "load", lambda _: pytest.fail("was decoded"))
+    tracemalloc.start()
+    with pytest.raises(ImageError, match="more pixels"):
+        read_image(SHARED / "hostile" / "png_bomb_65536.png")
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 2e6
+
+
+@pytest.mark.parametrize(("width", "height"), [(0, 5), (5, 0), (0, 0)])
+def test_empty_images_are_refused(tmp_path: Path, width: int, height: int) -> None:
+    path = tmp_path / "empty.png"
+    path.write_bytes(png(width, height))
+    with pytest.raises(ImageError):
+        read_image(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("a.jpg", {}),
+        ("a.jpg", {"progressive": True}),
+        ("a.png", {}),
+        ("a.bmp", {}),
+        ("a.tif", {}),
+        ("a.tif", {"compression": "tiff_deflate"}),
+        ("a.webp", {}),
+        ("a.gif", {}),
+        ("a.ppm", {}),
+    ],
+)
+def test_truncated_files_are_refused_even_where_pillow_was_told_to_tolerate_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, options: dict[str, Any]
+) -> None:
+    monkeypatch.setattr(ImageFile, "LOAD_TRUNCATED_IMAGES", True)
+    path = save(Image.fromarray(levels(64, 64, 3)), tmp_path / name, **options)
+    whole = path.read_bytes()
+    for part in (0.0, 0.02, 0.3, 0.6, 0.9):
+        path.write_bytes(whole[: int(len(whole) * part)])
+        with pytest.raises(ImageError):
+            read_image(path)
+    assert ImageFile.LOAD_TRUNCATED_IMAGES is True
+
+
+def test_what_is_no_image_is_refused_with_a_reason(tmp_path: Path) -> None:
+    text = tmp_path / "text.jpg"
+    text.write_text("no image")
+    for path, reason in ((text, "not an image"), (tmp_path / "absent.png", "does not exist"), (tmp_path, "folder")):
+        with pytest.raises(ImageError, match=reason) as caught:
+            read_image(path)
+        assert caught.value.path == path
+        assert isinstance(caught.value, InputError)
+        assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)  # noqa: S301  # our own bytes
+
+
+def test_postscript_is_refused_without_starting_another_program(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    path.write_text("%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 10 10\n%%EndComments\nshowpage\n")
+    with pytest.raises(ImageError, match="not an image"):
+        read_image(path)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [OSError("x"), SyntaxError("x"), ValueError(), struct.error("x"), zlib.error("x"), MemoryError(), KeyError(1)],
+)
+def test_any_error_of_a_decoder_becomes_an_image_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    path = save(Image.new("RGB", (4, 4)), tmp_path / "a.png")
+
+    def fail(_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(ImageFile.ImageFile, "load", fail)
+    with pytest.raises(ImageError) as caught:
+        read_image(path)
+    assert caught.value.reason
+    assert "\n" not in caught.value.reason
+
+
+def encoded(name: str) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(levels(24, 24, 3)).save(buffer, name)
+    return buffer.getvalue()
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    name=st.sampled_from(["PNG", "JPEG", "TIFF", "GIF", "BMP", "WEBP"]),
+    edits=st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), min_size=1, max_size=6),
+)
+def test_damaged_bytes_give_pixels_or_an_image_error(tmp_path: Path, name: str, edits: list[tuple[float, int]]) -> None:
+    data = bytearray(encoded(name))
+    for at, value in edits:
+        data[int(at * len(data))] = value
+    path = tmp_path / "damaged"
+    path.write_bytes(data)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            read = read_image(path)
+        except ImageError as error:
+            assert error.reason  # noqa: PT017  # either outcome is right
+        else:
+            assert read.dtype == np.uint8
+            assert read.shape[2] == 3
+
+
+@needs_shared
+def test_hostile_files_are_read_rightly_or_refused() -> None:
+    folder = SHARED / "hostile"
+    assert read_image(folder / "exif_orientation_6.jpg").shape == (450, 600, 3)
+    assert read_image(folder / "grey_alpha.png").shape == (300, 400, 3)
+    assert read_image(folder / "grey_16bit.tif").shape == (200, 200, 3)
+    # A photograph of ordinary brightness: read without the inversion of Adobe's CMYK it comes out nearly black.
+    assert 90 < read_image(folder / "cmyk.jpg").mean() < 150
+    with pytest.raises(ImageError, match="truncated"):
+        read_image(folder / "truncated.jpg")
+
+
+@needs_shared
+def test_ordinary_photographs_are_what_pillow_reads() -> None:
+    for path in find_images([SHARED / "textures" / "eth3d", SHARED / "textures" / "middlebury"]):
+        with Image.open(path) as image:
+            np.testing.assert_array_equal(read_image(path), np.asarray(image))
+
+
+def test_find_images_in_files_folders_and_globs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ["b.PNG", "a.jpg", "below/deep/c.tif", "below/d.webp", "notes.txt", "below/disparity.pfm", "x.eps"]
+    for name in names:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes(b"")
+    (tmp_path / "odd [1]").mkdir()
+    (tmp_path / "odd [1]" / "e.png").write_bytes(b"")
+    (tmp_path / "link.jpg").symlink_to(tmp_path / "a.jpg")
+    (tmp_path / "below" / "loop").symlink_to(tmp_path)
+
+    def relative(*sources: str | Path) -> list[str]:
+        return [path.relative_to(tmp_path).as_posix() for path in find_images(sources)]
+
+    every = ["a.jpg", "b.PNG", "below/d.webp", "below/deep/c.tif", "odd [1]/e.png"]
+    assert relative(tmp_path) == every
+    assert relative(tmp_path, tmp_path / "a.jpg", str(tmp_path / "**/*")) == every
+    assert relative(str(tmp_path / "**/*.tif"), str(tmp_path / "*.PNG")) == ["b.PNG", "below/deep/c.tif"]
+    assert relative(tmp_path / "odd [1]") == ["odd [1]/e.png"]
+    assert relative(str(tmp_path / "bel*")) == relative(tmp_path / "below")
+    assert relative(tmp_path / "notes.txt") == ["notes.txt"]  # named in full: the user means it
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert relative("~/a.jpg") == ["a.jpg"]
+
+
+@pytest.mark.parametrize("source", ["absent.png", "absent/**/*.jpg", "empty", "empty/*"])
+def test_a_source_without_images_is_named(tmp_path: Path, source: str) -> None:
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="expected an image file") as caught:
+        find_images([tmp_path / source])
+    assert source in str(caught.value)
+
+
+def test_extensions_are_those_of_photographs() -> None:
+    assert {".jpg", ".jpeg", ".png", ".tif", ".webp", ".bmp"} <= images.image_extensions()
+    assert not {".eps", ".h5", ".mpg", ".pfm", ".pdf", ".txt"} & images.image_extensions()
