@@ -1,10 +1,10 @@
 """From a config to a dataset on disk. The one way data goes:
 
-    config -> scene    `SceneSampler`: what stands where in pair i, from (config, seed, i) alone
-           -> frame    `Renderer`: images, disparities and visibilities as arrays
-           -> sample   `encode_scene`: files in memory
-           -> dataset  `DatasetFolder`: whole scenes on disk, the index last
-"""  # noqa: D205, D400, D415 - the drawing is the summary
+config -> scene    `SceneSampler`: what stands where in pair i, from (config, seed, i) alone
+       -> frame    `Renderer`: images, disparities and visibilities as arrays
+       -> sample   `encode_scene`: files in memory
+       -> dataset  `DatasetFolder`: whole scenes on disk, the index last
+"""  # noqa: D415 - the drawing is the summary
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -63,9 +63,7 @@ class PairRenderer:
         self.atlas: Atlas = prepare_atlas(config.textures, seed)
         self.library: ModelLibrary = build_library(config.models, seed)
         self._sampler = SceneSampler(config, seed, self.library, self.atlas.patches)
-        self._renderer = Renderer(
-            self._sampler.models, self.atlas.layers, wrap=config.textures.wrap, backend=backend
-        )
+        self._renderer = Renderer(self._sampler.models, self.atlas.layers, wrap=config.textures.wrap, backend=backend)
         self._made_by = {
             "program": "semisynth-gl",
             "version": version("semisynth-gl"),

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.gridspec import SubplotSpec
+from numpy.typing import NDArray
 
 from semisynth_gl.frame import Frame
 from semisynth_gl.scene.layers import Target
@@ -52,7 +54,7 @@ def draw_sheet(frames: Sequence[Frame], target: Target, title: str) -> Figure:
     return figure
 
 
-def _draw_histogram(figure: Figure, place: object, disparity_px: np.ndarray, target: Target) -> None:  # type: ignore[type-arg]
+def _draw_histogram(figure: Figure, place: SubplotSpec, disparity_px: NDArray[np.float32], target: Target) -> None:
     axis = figure.add_subplot(place)
     edges = target.edges_px
     counted = np.histogram(disparity_px, np.concatenate([edges[:-1], [max(edges[-1], 1e9)]]))[0]

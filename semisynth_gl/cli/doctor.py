@@ -6,8 +6,9 @@ from importlib.metadata import PackageNotFoundError, version
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
-from semisynth_gl.camera import StereoCamera
+from semisynth_gl.camera import Eye, StereoCamera
 from semisynth_gl.errors import BackendError
 from semisynth_gl.render.context import INSTALL_COMMAND, INSTALL_COMMAND_OSMESA, Backend
 from semisynth_gl.render.devices import context_facts, egl_devices, missing_libraries
@@ -30,7 +31,8 @@ def doctor() -> None:
         click.echo(f"  {device.index}: {device.name}{', software' if device.software else ''}")
     if not egl_devices():
         click.echo("  none")
-    working = [backend for backend in ("egl", "osmesa") if _try(backend)]  # type: ignore[arg-type]  # a list of names
+    backends: tuple[Backend, ...] = ("egl", "osmesa")
+    working = [backend for backend in backends if _try(backend)]
     missing = missing_libraries()
     if missing:
         click.echo("Missing")
@@ -71,7 +73,7 @@ def plane_error_px(backend: Backend) -> float:
     normal = np.array([0.3, -0.2, 1.0])  # the plane normal . p = 2 m
     corner, along_x, along_y = np.array([-9.0, -9.0]), np.array([18.0, 0.0]), np.array([0.0, 18.0])
 
-    def lifted(xy: np.ndarray, height: float) -> list[float]:  # type: ignore[type-arg]  # a pair of numbers
+    def lifted(xy: NDArray[np.float64], height: float) -> list[float]:
         return [*xy, (height - normal[:2] @ xy) / normal[2]]
 
     matrix = np.eye(4)
@@ -81,9 +83,10 @@ def plane_error_px(backend: Backend) -> float:
         frame = renderer.render(make_scene(camera, model=[0], world_from_model=[matrix], layer=[0]))
     y, x = np.mgrid[:240, :320]
     worst = 0.0
-    for eye, disparity in (("left", frame.disparity_left), ("right", frame.disparity_right)):
-        origin = normal[0] * camera.offset_m(eye)  # type: ignore[arg-type]  # a list of names
-        depth = (2.0 - origin) / (camera.rays(eye, x, y) @ normal)  # type: ignore[arg-type]
+    rendered: dict[Eye, NDArray[np.float32]] = {"left": frame.disparity_left, "right": frame.disparity_right}
+    for eye, disparity in rendered.items():
+        origin = normal[0] * camera.offset_m(eye)
+        depth = (2.0 - origin) / (camera.rays(eye, x, y) @ normal)
         worst = max(worst, float(np.abs(disparity - camera.disparity_px(depth)).max()))
     return worst
 

@@ -13,7 +13,9 @@ from semisynth_gl.write.dataset import DatasetFolder
 
 @click.command()
 @scene_options
-@click.option("--out", type=click.Path(path_type=Path), help="Folder to write to.  [default: out/ and the config's name]")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder to write to.  [default: out/ and the config's name]"
+)
 @click.option("--pairs", type=click.IntRange(min=1), default=24, show_default=True, help="How many pairs.")
 @click.option("--overwrite", is_flag=True, help="Replace the dataset that is in the folder.")
 def generate(

@@ -33,7 +33,9 @@ def scene_options(command: Command) -> Command:
             metavar="DIR",
             help="A folder of 3D models to add to those that are built in. May be repeated.",
         ),
-        click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Another seed, another dataset."),
+        click.option(
+            "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Another seed, another dataset."
+        ),
         click.option(
             "--set",
             "settings",

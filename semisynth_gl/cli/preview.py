@@ -15,8 +15,12 @@ from semisynth_gl.scene.layers import target_of
 
 @click.command()
 @scene_options
-@click.option("--out", type=click.Path(path_type=Path), default=Path("preview.png"), show_default=True, help="PNG to write.")
-@click.option("--pairs", type=click.IntRange(min=1, max=64), default=4, show_default=True, help="How many pairs to show.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("preview.png"), show_default=True, help="PNG to write."
+)
+@click.option(
+    "--pairs", type=click.IntRange(min=1, max=64), default=4, show_default=True, help="How many pairs to show."
+)
 def preview(
     config_name: str,
     images: tuple[str, ...],

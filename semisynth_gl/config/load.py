@@ -160,7 +160,7 @@ def _explain(fault: ErrorDetails, document: _Document) -> str:
     node: Any = document.values
     for part in fault["loc"]:
         if isinstance(node, dict) and part in node:
-            node = node[part]
+            node = node[str(part)]
         elif isinstance(node, list) and isinstance(part, int) and part < len(node):
             node = node[part]
         elif fault["type"] != "missing" or not isinstance(part, str):

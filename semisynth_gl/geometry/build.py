@@ -16,18 +16,18 @@ Builder = Callable[[np.random.Generator], Mesh]
 def circle(radius: float, sides: int = 12, turn_rad: float = 0.0) -> NDArray[np.float64]:
     """A regular polygon about the origin, anticlockwise; (sides, 2), model units."""
     angle = turn_rad + np.arange(sides) * (2 * np.pi / sides)
-    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
 
 
 def rectangle(width: float, height: float) -> NDArray[np.float64]:
     """A rectangle about the origin, anticlockwise; (4, 2), model units."""
-    return np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.array([width, height]) / 2
+    return np.array([[-width, -height], [width, -height], [width, height], [-width, height]]) / 2
 
 
 def arc(radius: float, start_rad: float, stop_rad: float, count: int) -> NDArray[np.float64]:
     """Points of a circle about the origin, both ends included; (count, 2), model units."""
     angle = np.linspace(start_rad, stop_rad, count)
-    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
 
 
 def smooth(points: ArrayLike, steps: int = 6) -> NDArray[np.float64]:

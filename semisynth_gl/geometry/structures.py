@@ -94,7 +94,7 @@ def fence(rng: np.random.Generator) -> Mesh:
                     (-half, tall / 2),
                 ]
                 parts.append(
-                    placed(extruded(outline, 0.02), (x, 0.09, tall / 2 + 0.05), rotation=turned((1, 0, 0), np.pi / 2))
+                    placed(extruded(outline, 0.02), (x, 0.083, tall / 2 + 0.05), rotation=turned((1, 0, 0), np.pi / 2))
                 )
             else:
                 parts.append(rod((x, 0.05, 0.05), (x, 0.05, rng.uniform(0.95, 1.05) * height), 0.012))

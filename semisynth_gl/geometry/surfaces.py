@@ -206,7 +206,7 @@ def _cap(ring: NDArray[np.float64], normal: NDArray[np.float64], centre: NDArray
 def _planar_uv(points: NDArray[np.float64], normal: NDArray[np.float64]) -> NDArray[np.float64]:
     """Coordinates of points, (N, 3), in the plane that faces along ``normal``; (N, 2)."""
     u, v = facing_axes(normal[None])
-    return points @ np.concatenate([u, v]).T
+    return np.stack([points @ u[0], points @ v[0]], axis=1)
 
 
 def flat_faces(points: ArrayLike, loops: list[list[int]]) -> Mesh:

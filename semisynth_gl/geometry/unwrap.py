@@ -30,7 +30,8 @@ def facing_axes(normals: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDAr
 def _cube_directions() -> NDArray[np.float64]:
     """(26, 3) unit vectors from a cube's centre to its 6 faces, 12 edges and 8 corners."""
     steps = np.array([step for step in itertools.product((-1, 0, 1), repeat=3) if any(step)], np.float64)
-    return steps / np.linalg.norm(steps, axis=1, keepdims=True)
+    directions: NDArray[np.float64] = steps / np.linalg.norm(steps, axis=1, keepdims=True)
+    return directions
 
 
 DIRECTIONS: Final = _cube_directions()

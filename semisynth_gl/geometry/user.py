@@ -107,7 +107,7 @@ def _load_model(path: Path, name: str, suffix: str | None) -> Mesh:
         except _BrokenModelError:
             raise
         except Exception as error:  # whatever a reader throws at a hostile file, that file is skipped
-            clause = " ".join(str(error).split())[:120] or type(error).__name__
+            clause = " ".join(f"{type(error).__name__}: {error}".split())[:120]
             raise _BrokenModelError(f"cannot be read ({clause})") from error
     if not parts:
         raise _BrokenModelError("has no triangles")

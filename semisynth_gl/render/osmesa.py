@@ -7,6 +7,7 @@ glcontext has no OSMesa backend, so this loads the library with ctypes. moderngl
 import ctypes
 import ctypes.util
 from types import TracebackType
+from typing import Self
 
 from semisynth_gl.errors import BackendError
 
@@ -55,7 +56,13 @@ class OSMesaContext:
         create.argtypes = [ctypes.POINTER(ctypes.c_int), ctypes.c_void_p]
         library.OSMesaGetProcAddress.restype = ctypes.c_void_p
         library.OSMesaGetProcAddress.argtypes = [ctypes.c_char_p]
-        library.OSMesaMakeCurrent.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_int]
+        library.OSMesaMakeCurrent.argtypes = [
+            ctypes.c_void_p,
+            ctypes.c_void_p,
+            ctypes.c_uint,
+            ctypes.c_int,
+            ctypes.c_int,
+        ]
         library.OSMesaMakeCurrent.restype = ctypes.c_ubyte
         library.OSMesaDestroyContext.argtypes = [ctypes.c_void_p]
         attributes = [
@@ -82,7 +89,7 @@ class OSMesaContext:
         """Return the address of an OpenGL function, 0 where there is none."""
         return self._library.OSMesaGetProcAddress(name.encode()) or 0
 
-    def __enter__(self) -> "OSMesaContext":
+    def __enter__(self) -> Self:
         self._make_current()
         return self
 

@@ -58,4 +58,5 @@ def in_view(
     planes /= np.linalg.norm(planes, axis=1, keepdims=True)
     distance = centre_m @ planes.T
     distance[:, 4] -= near_m
-    return (distance > -radius_m[:, None]).all(axis=1)
+    inside: NDArray[np.bool_] = (distance > -radius_m[:, None]).all(axis=1)
+    return inside

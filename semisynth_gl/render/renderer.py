@@ -17,21 +17,14 @@ from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.frame import Frame
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.context import Backend, open_context
-from semisynth_gl.render.projection import clip_from_view, in_view, view_from_world
-from semisynth_gl.render.shader_source import shader_source
+from semisynth_gl.render.model_buffers import ModelBuffers
+from semisynth_gl.render.programs import link_program, set_uniform
+from semisynth_gl.render.projection import clip_from_view
 from semisynth_gl.render.targets import EyeTargets
 from semisynth_gl.scene.scene import Scene
 
 Wrap = Literal["mirror", "repeat"]
 
-# The per-instance attributes of mesh.vert, in their order.
-_INSTANCE = np.dtype([("view_from_model", "<f4", (3, 4)), ("patch_from_uv", "<f4", (4,)), ("layer", "<i4")])
-_INSTANCE_FORMAT = "4f 4f 4f 4f 1i /i"
-_INSTANCE_NAMES = ("view_from_model_x", "view_from_model_y", "view_from_model_z", "patch_from_uv", "layer")
-# OpenGL's DrawElementsIndirectCommand.
-_COMMAND = np.dtype(
-    [("count", "<u4"), ("instances", "<u4"), ("first_index", "<u4"), ("base_vertex", "<i4"), ("base_instance", "<u4")]
-)
 _OTHER: dict[Eye, Eye] = {"left": "right", "right": "left"}
 
 
@@ -69,18 +62,17 @@ class Renderer:
         try:
             self._gl = self._context.gl
             self._atlas = self._upload_atlas(layers, wrap)
-            self._mesh_program = self._program("mesh.vert", "mesh.frag")
-            self._mesh_program["atlas"].value = 0
-            self._mesh_program["mirror"].value = wrap == "mirror"
-            self._truth_program = self._program("truth.vert", "truth.frag")
-            self._truth_program["own_depth"].value = 0
-            self._truth_program["other_depth"].value = 1
+            self._mesh_program = link_program(self._context, "mesh.vert", "mesh.frag")
+            set_uniform(self._mesh_program, "atlas", 0)
+            set_uniform(self._mesh_program, "mirror", wrap == "mirror")
+            self._truth_program = link_program(self._context, "truth.vert", "truth.frag")
+            set_uniform(self._truth_program, "own_depth", 0)
+            set_uniform(self._truth_program, "other_depth", 1)
             self._truth_vao = self._gl.vertex_array(self._truth_program, [])
-            self._upload_models(models)
+            self._models = ModelBuffers(self._gl, self._mesh_program, models)
         except BaseException:
             self._context.release()
             raise
-        self._instance_capacity = 0
         self._targets: dict[Eye, EyeTargets] = {}
         self._size: tuple[int, int] | None = None
 
@@ -142,12 +134,6 @@ class Renderer:
         self._targets = {}
         self._context.release()
 
-    def _program(self, vertex: str, fragment: str) -> moderngl.Program:
-        try:
-            return self._gl.program(vertex_shader=shader_source(vertex), fragment_shader=shader_source(fragment))
-        except moderngl.Error as error:
-            raise BackendError(f"{self._context.renderer} does not compile {vertex} and {fragment}: {error}") from error
-
     def _upload_atlas(self, layers: NDArray[np.uint8], wrap: Wrap) -> moderngl.TextureArray:
         count, side = layers.shape[:2]
         most = int(self._gl.info["GL_MAX_ARRAY_TEXTURE_LAYERS"])
@@ -164,25 +150,10 @@ class Renderer:
         atlas.repeat_x = atlas.repeat_y = wrap == "repeat"
         return atlas
 
-    def _upload_models(self, models: Sequence[Mesh]) -> None:
-        vertices = np.concatenate([np.hstack([mesh.positions, mesh.uv]) for mesh in models])
-        indices = np.concatenate([mesh.triangles.reshape(-1) for mesh in models])
-        self._vertices = self._gl.buffer(np.ascontiguousarray(vertices, np.float32))
-        self._indices = self._gl.buffer(np.ascontiguousarray(indices, np.uint32))
-        counts = np.array([mesh.triangles.size for mesh in models])
-        vertex_counts = np.array([len(mesh.positions) for mesh in models])
-        self._radius = np.array([mesh.radius for mesh in models])
-        self._model_commands = np.zeros(len(models), _COMMAND)
-        self._model_commands["count"] = counts
-        self._model_commands["first_index"] = np.cumsum(counts) - counts
-        self._model_commands["base_vertex"] = np.cumsum(vertex_counts) - vertex_counts
-        self._layer_count = self._atlas.layers
-        self._commands = self._gl.buffer(reserve=len(models) * _COMMAND.itemsize, dynamic=True)
-
     def _check_indices(self, scene: Scene) -> None:
-        ranges = (("model", scene.model, len(self._model_commands)), ("layer", scene.layer, self._layer_count))
+        ranges = (("model", scene.model, len(self._models)), ("layer", scene.layer, self._atlas.layers))
         for name, index, count in ranges:
-            if len(index) and not (0 <= int(index.min()) and int(index.max()) < count):
+            if len(index) and (int(index.min()) < 0 or int(index.max()) >= count):
                 raise InputError(
                     f"scene: {name} must be 0 to {count - 1}, got {int(index.min())} to {int(index.max())}"
                 )
@@ -198,62 +169,16 @@ class Renderer:
             targets.release()
         self._size = (width_px, height_px)
 
-    def _reserve_instances(self, count: int) -> None:
-        if count <= self._instance_capacity:
-            return
-        if self._instance_capacity:
-            self._mesh_vao.release()
-            self._instances.release()
-        self._instance_capacity = max(256, 2 * count)
-        self._instances = self._gl.buffer(reserve=self._instance_capacity * _INSTANCE.itemsize, dynamic=True)
-        self._mesh_vao = self._gl.vertex_array(
-            self._mesh_program,
-            [(self._vertices, "3f 2f", "position", "uv"), (self._instances, _INSTANCE_FORMAT, *_INSTANCE_NAMES)],
-            index_buffer=self._indices,
-            index_element_size=4,
-        )
-
     def _draw_surface(self, scene: Scene, eye: Eye) -> None:
         targets = self._targets[eye]
         targets.surface.use()
         targets.surface.clear(0.0, 0.0, 0.0, 0.0, depth=0.0)
-        commands = self._fill_buffers(scene, eye)
-        if commands == 0:
-            return
         projection = clip_from_view(scene.camera, eye, scene.near_m)
-        self._mesh_program["clip_from_view"].write(projection.T.astype("<f4").tobytes())
+        set_uniform(self._mesh_program, "clip_from_view", tuple(projection.T.ravel().tolist()))
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">"
         self._atlas.use(0)
-        self._mesh_vao.render_indirect(self._commands, moderngl.TRIANGLES, commands)
-
-    def _fill_buffers(self, scene: Scene, eye: Eye) -> int:
-        """Upload the instances that may be seen, grouped by model; return the number of draw commands."""
-        view_from_model = view_from_world(scene.camera, eye, scene.camera_from_world) @ scene.world_from_model
-        linear = view_from_model[:, :3, :3]
-        # The largest row sum of |A^T A| bounds the squared largest singular value from above, and is equal to it where
-        # the instance is scaled along its own axes and then rotated.
-        stretch = np.sqrt(np.abs(linear.transpose(0, 2, 1) @ linear).sum(axis=2).max(axis=1, initial=0.0))
-        radius_m = self._radius[scene.model] * stretch
-        seen = np.flatnonzero(in_view(scene.camera, eye, scene.near_m, view_from_model[:, :3, 3], radius_m))
-        if len(seen) == 0:
-            return 0
-        seen = seen[np.argsort(scene.model[seen], kind="stable")]
-        rows = np.zeros(len(seen), _INSTANCE)
-        rows["view_from_model"] = view_from_model[seen, :3]
-        rows["patch_from_uv"][:, :2] = scene.uv_scale[seen]
-        rows["patch_from_uv"][:, 2:] = scene.uv_offset[seen]
-        rows["layer"] = scene.layer[seen]
-        models, counts = np.unique(scene.model[seen], return_counts=True)
-        commands = self._model_commands[models]
-        commands["instances"] = counts
-        commands["base_instance"] = np.cumsum(counts) - counts
-        self._reserve_instances(len(seen))
-        self._instances.orphan()
-        self._instances.write(rows)
-        self._commands.orphan()
-        self._commands.write(commands)
-        return len(commands)
+        self._models.draw(scene, eye)
 
     def _draw_truth(self, scene: Scene, eye: Eye) -> None:
         targets = self._targets[eye]
@@ -261,7 +186,7 @@ class Renderer:
         self._gl.enable_only(moderngl.NOTHING)
         targets.depth_m.use(0)
         self._targets[_OTHER[eye]].depth_m.use(1)
-        self._truth_program["focal_baseline"].value = scene.camera.focal_baseline
-        self._truth_program["doffs_px"].value = scene.camera.doffs_px
-        self._truth_program["other_from_own"].value = -1.0 if eye == "left" else 1.0
+        set_uniform(self._truth_program, "focal_baseline", scene.camera.focal_baseline)
+        set_uniform(self._truth_program, "doffs_px", scene.camera.doffs_px)
+        set_uniform(self._truth_program, "other_from_own", -1.0 if eye == "left" else 1.0)
         self._truth_vao.render(moderngl.TRIANGLES, 3)

@@ -17,6 +17,7 @@ from semisynth_gl.config.model import DisparitySection
 
 # Above this coverage a layer is closed for all practical purposes (95%).
 _DENSEST = 3.0
+_UNIFORM_BINS = 24
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,11 +34,13 @@ class Target:
 
 
 def target_of(section: DisparitySection) -> Target:
-    """Return the section's histogram, or a uniform one from ``min_px`` to ``max_px`` in 24 bins."""
+    """Return the section's histogram, or a uniform one from ``min_px`` to ``max_px`` in bins of equal width."""
     if section.histogram is None:
-        return Target(np.linspace(section.min_px, section.max_px, 25), np.full(24, 1 / 24))
-    shares = np.array(section.histogram.shares)
-    return Target(np.arange(len(shares) + 1) * section.histogram.bin_px, shares / shares.sum())
+        edges = np.linspace(section.min_px, section.max_px, _UNIFORM_BINS + 1, dtype=np.float64)
+        return Target(edges, np.full(_UNIFORM_BINS, 1 / _UNIFORM_BINS))
+    shares = np.array(section.histogram.shares, np.float64)
+    edges = np.arange(len(shares) + 1, dtype=np.float64) * section.histogram.bin_px
+    return Target(edges, shares / shares.sum())
 
 
 def coverage(target: Target, background_px: NDArray[np.float64]) -> NDArray[np.float64]:

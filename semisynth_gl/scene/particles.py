@@ -79,7 +79,8 @@ def expected_cover(camera: StereoCamera, section: ParticlesSection, disparity_px
     radius = section.size_px.low / 2 * (section.size_px.high / section.size_px.low) ** quantile
     area = fill * _mean_stretch(section) * np.pi * radius**2
     width, height = _release_area_px(camera, disparity_px[:, None], radius[None, :])
-    return (area / (width * height)).mean(axis=1)
+    cover: Floats = (area / (width * height)).mean(axis=1)
+    return cover
 
 
 def _mean_stretch(section: ParticlesSection) -> float:
@@ -134,9 +135,7 @@ def layer_counts(sections: Sequence[LayerSection], rng: np.random.Generator) -> 
     return [(s.disparity_px.low, s.disparity_px.high, round(s.count.draw(rng))) for s in sections]
 
 
-def draw_release(
-    camera: StereoCamera, section: ParticlesSection, slots: Slots, rng: np.random.Generator
-) -> Release:
+def draw_release(camera: StereoCamera, section: ParticlesSection, slots: Slots, rng: np.random.Generator) -> Release:
     """Draw how every slot's model of one generation is released."""
     total = len(slots)
     width, _ = _release_area_px(camera, slots.disparity_px, slots.radius_px)
@@ -170,9 +169,7 @@ class Particles:
     world_from_model: Floats
 
 
-def particles_at(
-    camera: StereoCamera, slots: Slots, release: Callable[[int], Release], time_s: float
-) -> Particles:
+def particles_at(camera: StereoCamera, slots: Slots, release: Callable[[int], Release], time_s: float) -> Particles:
     """Place every slot's model at a time, directly and without stepping.
 
     Args:

@@ -22,9 +22,7 @@ def draw_camera(section: CameraSection, rng: np.random.Generator) -> StereoCamer
     cx_left_px = (section.cx_left_px or Range(centre_x - doffs_px / 2, centre_x - doffs_px / 2)).draw(rng)
     cx_right_px = (section.cx_right_px or Range(cx_left_px + doffs_px, cx_left_px + doffs_px)).draw(rng)
     cy_px = (section.cy_px or Range(centre_y, centre_y)).draw(rng)
-    return StereoCamera(
-        section.width_px, section.height_px, focal_px, baseline_m, cx_left_px, cx_right_px, cy_px
-    )
+    return StereoCamera(section.width_px, section.height_px, focal_px, baseline_m, cx_left_px, cx_right_px, cy_px)
 
 
 def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:

@@ -193,4 +193,5 @@ class SceneSampler:
         """Atlas layer of each patch at a frame: image sequences start at a phase of their own and go round."""
         count = self._layer_count[patch]
         phase = (patch * 7919 + number) % count
-        return self._first_layer[patch] + (phase + frame) % count
+        layer: NDArray[np.int64] = self._first_layer[patch] + (phase + frame) % count
+        return layer

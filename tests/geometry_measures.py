@@ -1,0 +1,95 @@
+"""What tests measure of meshes, independently of how they were built."""
+
+import numpy as np
+
+from semisynth_gl.geometry.mesh import Mesh
+
+
+def stretch(mesh: Mesh) -> np.ndarray:
+    """(T,) factor by which the texture is drawn out or squeezed in its worst direction; 1 where it lies true."""
+    singular = np.linalg.svd(jacobians(mesh), compute_uv=False)
+    return np.maximum(singular[:, 0], 1 / np.maximum(singular[:, 1], 1e-12))
+
+
+def jacobians(mesh: Mesh) -> np.ndarray:
+    """(T, 2, 2) derivatives of uv by position in each triangle's own plane, its normal upwards."""
+    corners, uv = mesh.positions.astype(float)[mesh.triangles], mesh.uv.astype(float)[mesh.triangles]
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    x = first / np.linalg.norm(first, axis=1, keepdims=True)
+    normal = np.cross(first, second)
+    y = np.cross(normal / np.linalg.norm(normal, axis=1, keepdims=True), x)
+    flat = np.stack([[(edge * axis).sum(axis=1) for edge in (first, second)] for axis in (x, y)]).transpose(2, 0, 1)
+    texture = np.stack([uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]], axis=2)
+    return texture @ np.linalg.inv(flat)
+
+
+def areas(mesh: Mesh) -> np.ndarray:
+    """(T,) areas of the triangles."""
+    corners = mesh.positions.astype(float)[mesh.triangles]
+    return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+
+
+def welded(mesh: Mesh) -> np.ndarray:
+    """(T, 3) triangles whose vertices are one where their positions are equal."""
+    grid = np.round(mesh.positions.astype(float) / (1e-5 * np.abs(mesh.positions).max())).astype(np.int64)
+    _, vertex = np.unique(grid, axis=0, return_inverse=True)
+    return vertex.ravel()[mesh.triangles]
+
+
+def _edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Number of each directed edge's undirected one, and its sense."""
+    directed = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    _, number = np.unique(np.sort(directed, axis=1), axis=0, return_inverse=True)
+    return number.ravel(), np.where(directed[:, 0] < directed[:, 1], 1, -1)
+
+
+def edge_balance(mesh: Mesh) -> int:
+    """How many edges are not run through as often in one sense as in the other; 0 for a closed, oriented surface."""
+    number, sense = _edges(welded(mesh))
+    return int((np.bincount(number, sense) != 0).sum())
+
+
+def euler_characteristic(mesh: Mesh) -> int:
+    """Vertices - edges + faces; 2 - 2 * handles for one closed surface."""
+    triangles = welded(mesh)
+    return len(np.unique(triangles)) - len(np.unique(_edges(triangles)[0])) + len(triangles)
+
+
+def volume(mesh: Mesh) -> float:
+    """Volume inside a closed surface, positive where its normals point outwards."""
+    corners = mesh.positions.astype(float)[mesh.triangles]
+    return float((corners[:, 0] * np.cross(corners[:, 1], corners[:, 2])).sum() / 6)
+
+
+def components(mesh: Mesh) -> list[Mesh]:
+    """Connected parts, by position."""
+    triangles = welded(mesh)
+    label = np.arange(triangles.max() + 1)
+    while True:
+        lowest = label[triangles].min(axis=1)
+        spread = label.copy()
+        for corner in range(3):
+            np.minimum.at(spread, triangles[:, corner], lowest)
+        spread = spread[spread]
+        if (spread == label).all():
+            break
+        label = spread
+    of_triangle = label[triangles[:, 0]]
+    return [
+        Mesh(mesh.name, mesh.positions, mesh.uv, mesh.triangles[of_triangle == part]) for part in np.unique(of_triangle)
+    ]
+
+
+def crossings(mesh: Mesh, origin: np.ndarray, direction: np.ndarray) -> int:
+    """How many triangles a ray meets."""
+    corners = mesh.positions.astype(float)[mesh.triangles]
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    across = np.cross(direction, second)
+    determinant = (first * across).sum(axis=1)
+    determinant[determinant == 0] = np.nan
+    away = origin - corners[:, 0]
+    a = (away * across).sum(axis=1) / determinant
+    turned = np.cross(away, first)
+    b = turned @ direction / determinant
+    distance = (second * turned).sum(axis=1) / determinant
+    return int(((a >= 0) & (b >= 0) & (a + b <= 1) & (distance > 0)).sum())
