@@ -1,0 +1,82 @@
+"""Fixtures that several test modules share."""
+
+import os
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from semisynth_gl.errors import BackendError
+from semisynth_gl.geometry.mesh import Mesh, make_mesh
+from semisynth_gl.render.context import Backend, open_context
+from semisynth_gl.render.renderer import Renderer
+
+DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+
+
+@cache
+def backend_fault(backend: Backend) -> str | None:
+    """Why a backend cannot be used here, or None."""
+    try:
+        open_context(backend).release()
+    except BackendError as error:
+        return str(error)
+    return None
+
+
+@pytest.fixture(params=["egl", "osmesa"])
+def backend(request: pytest.FixtureRequest) -> Backend:
+    """Each backend in turn; one that this machine lacks is skipped, unless CI says that it must be there."""
+    fault = backend_fault(request.param)
+    if fault:
+        if request.param in os.environ.get("SEMISYNTH_GL_EXPECT_BACKENDS", "").split():
+            pytest.fail(f"{request.param} was expected here: {fault}")
+        pytest.skip(f"no {request.param} here: {fault.splitlines()[1]}")
+    return request.param
+
+
+@pytest.fixture
+def open_renderer(backend: Backend) -> Iterator[Callable[..., Renderer]]:
+    """Open renderers on the backend under test; they are checked for OpenGL errors and released afterwards."""
+    opened: list[Renderer] = []
+
+    def opener(models: list[Mesh], layers: np.ndarray, **options: object) -> Renderer:
+        opened.append(Renderer(models, layers, backend=backend, **options))
+        return opened[-1]
+
+    yield opener
+    for renderer in opened:
+        renderer.release()
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    if not DATA.is_dir():
+        pytest.skip(f"no test material in {DATA}")
+    return DATA
+
+
+@pytest.fixture(scope="session")
+def square() -> Mesh:
+    """The unit square in x and y, with z = 0 and u, v along x, y."""
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    return make_mesh("square", np.c_[corners, np.zeros(4)], corners, [[0, 1, 2], [0, 2, 3]])
+
+
+def noise_layers(count: int, side: int, seed: int = 0) -> np.ndarray:
+    """Patches of white noise, the hardest to reproduce bit for bit."""
+    layers = np.random.default_rng(seed).integers(0, 256, (count, side, side, 4), dtype=np.uint8)
+    layers[..., 3] = 255
+    return layers
+
+
+def facing(
+    camera: object, left_px: float, top_px: float, width_px: float, height_px: float, depth_m: float
+) -> np.ndarray:
+    """Place the unit square facing the camera so that it covers a rectangle of pixels of the left view."""
+    matrix = np.eye(4)
+    metre = depth_m / camera.focal_px
+    matrix[0, 0], matrix[1, 1] = width_px * metre, height_px * metre
+    matrix[:3, 3] = (left_px - 0.5 - camera.cx_left_px) * metre, (top_px - 0.5 - camera.cy_px) * metre, depth_m
+    return matrix

@@ -1,0 +1,92 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from semisynth_gl.camera import StereoCamera
+from semisynth_gl.errors import InputError
+from semisynth_gl.render.projection import clip_from_view, in_view, view_from_world
+
+positive = st.floats(0.01, 1e4)
+cameras = st.builds(
+    StereoCamera,
+    st.integers(1, 4000),
+    st.integers(1, 4000),
+    positive,
+    st.floats(0, 10),
+    st.floats(-2000, 2000),
+    st.floats(-2000, 2000),
+    st.floats(-2000, 2000),
+)
+
+
+def test_disparity_is_the_difference_of_projections():
+    camera = StereoCamera(1500, 1000, 1700.0, 0.2, 700.0, 790.0, 499.5)
+    point = np.array([0.31, -0.2, 2.7])
+    x_left = camera.focal_px * point[0] / point[2] + camera.cx_left_px
+    x_right = camera.focal_px * (point[0] - camera.baseline_m) / point[2] + camera.cx_right_px
+    assert camera.disparity_px(point[2]) == pytest.approx(x_left - x_right, abs=1e-12)
+    assert camera.doffs_px == 90.0
+
+
+@given(cameras, st.floats(0.01, 1e5))
+def test_depth_and_disparity_are_inverse(camera, depth):
+    if camera.baseline_m > 1e-3:
+        disparity = camera.disparity_px(depth)
+        # f B / Z may be far smaller than doffs, which then costs digits.
+        digits = (abs(disparity) + abs(camera.doffs_px)) / (camera.focal_baseline / depth)
+        assert camera.depth_m(disparity) == pytest.approx(depth, rel=1e-14 * digits + 1e-12)
+
+
+@pytest.mark.parametrize("eye", ["left", "right"])
+def test_projection_puts_pixel_centres_at_half_window_coordinates(eye):
+    camera = StereoCamera(641, 480, 500.0, 0.1, 310.2, 330.9, 250.4)
+    x, y, depth = 17.0, 460.0, 3.3
+    view = camera.rays(eye, np.array(x), np.array(y)) * depth
+    clip = clip_from_view(camera, eye, 0.1) @ [*view, 1]
+    window = (clip[:2] / clip[3] + 1) / 2 * [camera.width_px, camera.height_px]
+    np.testing.assert_allclose(window, [x + 0.5, y + 0.5], atol=1e-10)
+    assert clip[3] == pytest.approx(depth)
+    assert clip[2] / clip[3] == pytest.approx(0.1 / depth)
+
+
+def test_right_eye_stands_at_plus_baseline():
+    camera = StereoCamera.centred(64, 64, 50.0, 0.4)
+    assert (view_from_world(camera, "right", np.eye(4)) @ [0.4, 0, 0, 1]).tolist() == [0, 0, 0, 1]
+
+
+@given(
+    st.tuples(st.floats(-20, 20), st.floats(-20, 20), st.floats(-5, 30)),
+    st.floats(0.001, 5),
+    st.sampled_from(["left", "right"]),
+)
+def test_no_sphere_that_reaches_into_the_view_is_culled(centre, radius, eye):
+    camera = StereoCamera(200, 100, 150.0, 0.1, 90.0, 110.0, 40.0)
+    points = np.random.default_rng(0).normal(size=(2000, 3))
+    points = np.array(centre) + radius * points / np.linalg.norm(points, axis=1, keepdims=True)
+    front = points[points[:, 2] > 0.5]
+    x = camera.focal_px * front[:, 0] / front[:, 2] + camera.cx_px(eye)
+    y = camera.focal_px * front[:, 1] / front[:, 2] + camera.cy_px
+    reaches = ((x > -0.5) & (x < 199.5) & (y > -0.5) & (y < 99.5)).any()
+    seen = in_view(camera, eye, 0.5, np.array([centre]), np.array([radius]))[0]
+    assert seen or not reaches
+
+
+def test_spheres_beside_the_view_are_culled():
+    camera = StereoCamera(200, 100, 150.0, 0.1, 99.5, 99.5, 49.5)
+    centres = np.array([[0, 0, 5], [-9, 0, 5], [9, 0, 5], [0, -9, 5], [0, 9, 5], [0, 0, -5]], float)
+    assert in_view(camera, "left", 0.1, centres, np.ones(6)).tolist() == [True, False, False, False, False, False]
+
+
+@pytest.mark.parametrize(
+    ("values", "word"),
+    [
+        ((0, 10, 1.0, 0.1, 0, 0, 0), "at least 1 x 1"),
+        ((10, 10, 0.0, 0.1, 0, 0, 0), "focal_px"),
+        ((10, 10, np.inf, 0.1, 0, 0, 0), "focal_px"),
+        ((10, 10, 1.0, -0.1, 0, 0, 0), "baseline_m"),
+        ((10, 10, 1.0, 0.1, np.nan, 0, 0), "principal points"),
+    ],
+)
+def test_impossible_cameras_are_refused(values, word):
+    with pytest.raises(InputError, match=word):
+        StereoCamera(*values)

@@ -1,0 +1,165 @@
+"""Backends, limits, and what the renderer refuses."""
+
+import hashlib
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from conftest import backend_fault, facing, noise_layers
+from semisynth_gl.camera import StereoCamera
+from semisynth_gl.errors import BackendError, InputError
+from semisynth_gl.geometry.mesh import make_mesh
+from semisynth_gl.render.context import open_context
+from semisynth_gl.render.devices import context_facts, egl_devices
+from semisynth_gl.render.renderer import Renderer
+from semisynth_gl.render.shader_source import shader_source
+from semisynth_gl.scene.scene import make_scene
+
+
+def frame_bytes(frame):
+    return b"".join(
+        array.tobytes()
+        for array in (
+            *(frame.left, frame.right, frame.disparity_left, frame.disparity_right),
+            *(frame.visibility_left, frame.visibility_right),
+        )
+    )
+
+
+def busy_scene(camera, count=60):
+    rng = np.random.default_rng(5)
+    matrices = np.tile(np.eye(4), (count, 1, 1))
+    matrices[:, :3, :3] = rng.normal(size=(count, 3, 3))
+    matrices[:, :3, 3] = rng.normal(size=(count, 3)) * [2, 1.5, 1] + [0, 0, 6]
+    return make_scene(
+        camera,
+        model=rng.integers(0, 2, count),
+        world_from_model=matrices,
+        layer=rng.integers(0, 3, count),
+        uv_scale=rng.uniform(0.5, 4, (count, 2)),
+        uv_offset=rng.random((count, 2)),
+    )
+
+
+def triangle():
+    return make_mesh("triangle", [[0, 0, 0], [1, 0, 0.2], [0, 1, 0.1]], [[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+
+
+def test_both_software_backends_give_the_same_bytes(square):
+    for name in ("egl", "osmesa"):
+        if backend_fault(name):
+            pytest.skip(f"no {name} here")
+        if "llvmpipe" not in context_facts(name).renderer:
+            pytest.skip(f"{name} is {context_facts(name).renderer} here, not software")
+    camera = StereoCamera.centred(321, 205, 250.0, 0.3)
+    digests = set()
+    for name in ("egl", "osmesa"):
+        with Renderer([square, triangle()], noise_layers(3, 32), backend=name) as renderer:
+            digests.add(hashlib.sha256(frame_bytes(renderer.render(busy_scene(camera)))).hexdigest())
+    assert len(digests) == 1
+
+
+def test_a_scene_gives_the_same_bytes_whatever_was_drawn_before(open_renderer, square):
+    camera = StereoCamera.centred(200, 100, 150.0, 0.2)
+    other = StereoCamera.centred(97, 301, 90.0, 0.2)
+    renderer = open_renderer([square, triangle()], noise_layers(3, 32))
+    first = frame_bytes(renderer.render(busy_scene(camera)))
+    renderer.render(busy_scene(other, 700))
+    assert frame_bytes(renderer.render(busy_scene(camera))) == first
+
+
+def test_instances_without_end_are_drawn(open_renderer, square):
+    camera = StereoCamera.centred(64, 64, 64.0, 0.1)
+    count = 100_000
+    matrices = np.tile(facing(camera, 10, 10, 4, 4, 2.0), (count, 1, 1))
+    matrices[-1] = facing(camera, 30, 30, 4, 4, 1.0)
+    frame = open_renderer([square], noise_layers(1, 16)).render(
+        make_scene(camera, model=np.zeros(count), world_from_model=matrices, layer=np.zeros(count))
+    )
+    np.testing.assert_allclose(frame.disparity_left[30:34, 30:34], 6.4, rtol=1e-6)
+    assert np.isfinite(frame.disparity_left).sum() == 32
+
+
+def test_an_image_beyond_the_drivers_limit_is_refused(open_renderer, square):
+    renderer = open_renderer([square], noise_layers(1, 16))
+    camera = StereoCamera.centred(200_000, 4, 100.0, 0.1)
+    scene = make_scene(camera, model=[0], world_from_model=[np.eye(4)], layer=[0])
+    with pytest.raises(BackendError, match=r"200000 x 4 px was asked for, .* goes up to \d+ px a side"):
+        renderer.render(scene)
+    small = StereoCamera.centred(8, 8, 8.0, 0.1)
+    frame = renderer.render(make_scene(small, model=[0], world_from_model=[facing(small, 0, 0, 8, 8, 1.0)], layer=[0]))
+    assert np.isfinite(frame.disparity_left).all()
+
+
+def test_indices_out_of_range_are_refused(open_renderer, square):
+    camera = StereoCamera.centred(8, 8, 8.0, 0.1)
+    renderer = open_renderer([square], noise_layers(2, 16))
+    for model, layer, word in (([1], [0], "model must be 0 to 0, got 1"), ([0], [-1], "layer must be 0 to 1, got -1")):
+        with pytest.raises(InputError, match=word):
+            renderer.render(make_scene(camera, model=model, world_from_model=[np.eye(4)], layer=layer))
+
+
+def test_atlases_of_a_wrong_shape_are_refused(square):
+    for layers in (np.zeros((1, 4, 4, 3), np.uint8), np.zeros((1, 4, 5, 4), np.uint8), np.zeros((1, 4, 4, 4))):
+        with pytest.raises(InputError, match="layers must be"):
+            Renderer([square], layers)
+    with pytest.raises(InputError, match="atlas is empty"):
+        Renderer([square], np.zeros((0, 4, 4, 4), np.uint8))
+    with pytest.raises(InputError, match="at least one model"):
+        Renderer([], np.zeros((1, 4, 4, 4), np.uint8))
+
+
+def test_a_device_that_does_not_exist_is_refused():
+    if backend_fault("egl"):
+        pytest.skip("no egl here")
+    assert len(egl_devices()) < 99
+    with pytest.raises(BackendError, match="device 99"):
+        open_context("egl", device_index=99)
+
+
+@pytest.mark.parametrize("name", ["egl", "osmesa"])
+def test_too_old_opengl_is_told(name):
+    if backend_fault(name):
+        pytest.skip(f"no {name} here")
+    script = f"from semisynth_gl.render.context import open_context; open_context({name!r})"
+    # Mesa can be made to pretend an older version; only in a new process, since it reads this once.
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        env=os.environ | {"MESA_GL_VERSION_OVERRIDE": "3.3"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert "BackendError: no OpenGL context could be opened" in done.stderr
+    assert "3.3" in done.stderr or "4.5" in done.stderr
+
+
+def test_glcontext_variables_override_nothing(square):
+    """GLCONTEXT_DEVICE_INDEX silently wins over arguments in glcontext's own front end."""
+    if backend_fault("egl"):
+        pytest.skip("no egl here")
+    script = "from semisynth_gl.render.context import open_context; print(open_context('egl').backend)"
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        env=os.environ | {"GLCONTEXT_DEVICE_INDEX": "99", "GLCONTEXT_LINUX_LIBGL": "libNothing.so"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.strip() == "egl"
+
+
+def test_shaders_resolve_their_includes(tmp_path, monkeypatch):
+    assert "float disparity_of(" in shader_source("truth.frag")
+    assert "#include" not in shader_source("truth.frag")
+    monkeypatch.setattr("semisynth_gl.render.shader_source.data_root", lambda _: tmp_path)
+    (tmp_path / "a.glsl").write_text('#include "b.glsl"\n')
+    (tmp_path / "b.glsl").write_text('#include "a.glsl"\n')
+    (tmp_path / "c.glsl").write_text('#include "missing.glsl"\n')
+    with pytest.raises(ValueError, match=r"a\.glsl -> b\.glsl -> a\.glsl"):
+        shader_source("a.glsl")
+    with pytest.raises(FileNotFoundError, match=r"missing\.glsl \(included from c\.glsl\)"):
+        shader_source("c.glsl")
