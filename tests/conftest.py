@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from semisynth_gl.errors import BackendError
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.render.context import Backend, open_context

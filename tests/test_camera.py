@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.errors import InputError
 from semisynth_gl.render.projection import clip_from_view, in_view, view_from_world

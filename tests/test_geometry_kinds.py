@@ -1,3 +1,4 @@
+import itertools
 from functools import cache
 
 import numpy as np
@@ -23,19 +24,8 @@ SEEDS = range(4)
 CONSTANT = {"cube", "sphere"}
 # Those with leaves or blades: sheets without thickness.
 WITH_SHEETS = {"potted_plant", "grass", "flower", "fan"}
-# Tubes that bend: lengths on the inside and outside of a bend are those of its middle. All others keep within 1.11.
-P95_STRETCH_OF_BENT = {
-    "clothes_rack": 1.3,
-    "mug": 1.25,
-    "pipe_run": 1.3,
-    "cactus": 1.3,
-    "chain": 1.3,
-    "cable": 1.25,
-    "flat_coil": 1.25,
-    "spring": 1.15,
-    "torus_knot": 1.15,
-    "hook_rail": 1.3,
-}
+# Tubes that bend: lengths on the inside and outside of a bend are those of its middle.
+BENT = {"pipe_run", "cactus", "chain", "cable", "flat_coil", "spring", "torus_knot", "hook_rail"}
 
 
 @cache
@@ -43,14 +33,14 @@ def built(kind: str, seed: int) -> Mesh:
     return KINDS[kind](np.random.default_rng(seed))
 
 
-def test_there_are_enough_kinds_and_none_twice():
+def test_there_are_enough_kinds_and_none_twice() -> None:
     assert len(SIMPLE_KINDS) == 9
     assert len(COMPLEX_KINDS) >= 18
     assert len(KINDS) == len(SIMPLE_KINDS) + len(COMPLEX_KINDS)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_normalised_and_named(kind):
+def test_normalised_and_named(kind: str) -> None:
     for seed in SEEDS:
         mesh = built(kind, seed)
         assert mesh.name == kind
@@ -60,26 +50,28 @@ def test_normalised_and_named(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_triangle_budget(kind):
+def test_triangle_budget(kind: str) -> None:
     counts = [len(built(kind, seed).triangles) for seed in SEEDS]
     assert max(counts) <= (2500 if kind in SIMPLE_KINDS else 8000)
     assert min(counts) >= (6 if kind in SIMPLE_KINDS else 100)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_no_triangle_without_area(kind):
+def test_no_triangle_without_area(kind: str) -> None:
     for seed in SEEDS:
         assert areas(built(kind, seed)).min() > 1e-8
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_texture_lies_true_and_is_not_mirrored(kind):
-    bound = P95_STRETCH_OF_BENT.get(kind, 1.11)
+def test_texture_lies_true_and_is_not_mirrored(kind: str) -> None:
     for seed in SEEDS:
         mesh = built(kind, seed)
         worst = stretch(mesh)
-        assert np.median(worst) < 1.09
-        assert np.percentile(worst, 95) < bound
+        order = np.argsort(worst)
+        share = np.cumsum(areas(mesh)[order])
+        median, p95 = worst[order][np.searchsorted(share, np.array([0.5, 0.95]) * share[-1])]
+        assert median < (1.15 if kind in BENT else 1.06)
+        assert p95 < (1.3 if kind in BENT else 1.11)
         if kind in SIMPLE_KINDS:
             assert worst.max() < 1.11
         # v runs downwards, so that seen from outside u and v turn against the normal
@@ -87,7 +79,7 @@ def test_texture_lies_true_and_is_not_mirrored(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_closed_parts_face_outwards(kind):
+def test_closed_parts_face_outwards(kind: str) -> None:
     for seed in (0, 1):
         mesh = built(kind, seed)
         parts = components(mesh)
@@ -97,18 +89,18 @@ def test_closed_parts_face_outwards(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_same_seed_same_bytes(kind):
+def test_same_seed_same_bytes(kind: str) -> None:
     first, second = built(kind, 0), KINDS[kind](np.random.default_rng(0))
     for name in ("positions", "uv", "triangles"):
         assert getattr(first, name).tobytes() == getattr(second, name).tobytes()
 
 
 @pytest.mark.parametrize("kind", sorted(set(KINDS) - CONSTANT))
-def test_other_seed_other_model(kind):
+def test_other_seed_other_model(kind: str) -> None:
     assert len({built(kind, seed).positions.tobytes() for seed in SEEDS}) == len(SEEDS)
 
 
-def test_sphere_has_the_volume_of_a_sphere():
+def test_sphere_has_the_volume_of_a_sphere() -> None:
     mesh = built("sphere", 0)
     assert volume(mesh) == pytest.approx(4 / 3 * np.pi, rel=0.01)
     assert np.linalg.norm(mesh.positions, axis=1) == pytest.approx(1, abs=1e-6)
@@ -116,25 +108,25 @@ def test_sphere_has_the_volume_of_a_sphere():
 
 
 @pytest.mark.parametrize("kind", ["torus", "torus_knot"])
-def test_one_handle(kind):
+def test_one_handle(kind: str) -> None:
     for seed in SEEDS:
         assert euler_characteristic(built(kind, seed)) == 0
 
 
-def test_lattice_is_one_piece_with_many_handles():
+def test_lattice_is_one_piece_with_many_handles() -> None:
     for seed in SEEDS:
         mesh = built("lattice_panel", seed)
         assert len(components(mesh)) == 1
         assert euler_characteristic(mesh) <= -2
 
 
-def test_chain_links_are_rings_that_do_not_touch():
+def test_chain_links_are_rings_that_do_not_touch() -> None:
     links = components(built("chain", 0))
     assert len(links) >= 5
     assert all(euler_characteristic(link) == 0 for link in links)
 
 
-def test_one_sees_through_the_handle_of_a_mug():
+def test_one_sees_through_the_handle_of_a_mug() -> None:
     for seed in SEEDS:
         mesh = built("mug", seed)
         handle = max(components(mesh), key=lambda part: part.positions[part.triangles][..., 0].mean())
@@ -142,11 +134,11 @@ def test_one_sees_through_the_handle_of_a_mug():
         along = np.linspace(0, 1.1 * mesh.positions[:, 0].max(), 200)
         blocked = [crossings(mesh, np.array([x, -2.0, middle]), np.array([0.0, 1, 0])) > 0 for x in along]
         # going outwards: the body, the hole, the handle, nothing
-        runs = [blocked[0]] + [now for before, now in zip(blocked, blocked[1:], strict=False) if now != before]
+        runs = [blocked[0]] + [now for before, now in itertools.pairwise(blocked) if now != before]
         assert runs == [True, False, True, False]
 
 
-def test_open_vessels_are_hollow():
+def test_open_vessels_are_hollow() -> None:
     for kind in ("vase", "mug", "goblet", "bowl_stack"):
         mesh = built(kind, 0)
         # from above, off the axis: the inner floor, the foot below it, and for the goblet or bowls more of both

@@ -20,14 +20,14 @@ from semisynth_gl.geometry.surfaces import (
 from semisynth_gl.geometry.vessels import hollow
 
 
-def test_box_has_exact_volume_and_texture():
+def test_box_has_exact_volume_and_texture() -> None:
     mesh = box((1, 2, 3), (10, 0, 0))
     assert volume(mesh) == pytest.approx(6, rel=1e-6)
     assert stretch(mesh).max() == pytest.approx(1, abs=1e-5)
     assert mesh.positions.min(axis=0) == pytest.approx([9.5, -1, -1.5])
 
 
-def test_cylinder_unrolls_to_its_polygon():
+def test_cylinder_unrolls_to_its_polygon() -> None:
     mesh = lathe([(0, 0), (1, 0), (1, 2), (0, 2)], 6)
     assert volume(mesh) == pytest.approx(2 * 6 / 2 * np.sin(np.pi / 3), rel=1e-6)
     assert stretch(mesh).max() < 1 + 1e-5
@@ -38,7 +38,7 @@ def test_cylinder_unrolls_to_its_polygon():
 
 @given(bottom=st.floats(0, 2), top=st.floats(0.05, 2), height=st.floats(0.05, 3), sides=st.integers(3, 40))
 @settings(max_examples=60, deadline=None)
-def test_every_frustum_unrolls_exactly(bottom, top, height, sides):
+def test_every_frustum_unrolls_exactly(bottom: float, top: float, height: float, sides: int) -> None:
     mesh = lathe([(bottom if bottom > 0.05 else 0, 0), (top, height)], sides)
     assert stretch(mesh).max() < 1 + 1e-3
 
@@ -49,7 +49,7 @@ def test_every_frustum_unrolls_exactly(bottom, top, height, sides):
     st.integers(24, 48),
 )
 @settings(max_examples=40, deadline=None)
-def test_lathe_keeps_its_bound_on_any_profile(radii, steps, sides):
+def test_lathe_keeps_its_bound_on_any_profile(radii: list[float], steps: list[float], sides: int) -> None:
     profile = np.column_stack([radii, np.cumsum(steps)[: len(radii)]])
     around = stretch(lathe(profile, sides))
     # a facet that is not quite the cone's own adds a little to the bound around the axis
@@ -62,7 +62,7 @@ def test_lathe_keeps_its_bound_on_any_profile(radii, steps, sides):
 
 @given(st.lists(st.floats(0.2, 1), min_size=3, max_size=6), st.floats(0.01, 0.04))
 @settings(max_examples=40, deadline=None)
-def test_hollow_vessel_has_the_wall_it_was_asked_for(radii, wall):
+def test_hollow_vessel_has_the_wall_it_was_asked_for(radii: list[float], wall: float) -> None:
     outside = smooth(np.column_stack([radii, np.linspace(0, 1.5, len(radii))]), 6)
     outside[:, 0] = np.maximum(outside[:, 0], 0.15)
     profile = hollow(outside, wall)
@@ -76,21 +76,21 @@ def test_hollow_vessel_has_the_wall_it_was_asked_for(radii, wall):
     assert volume(lathe(profile, 24)) > 0
 
 
-def test_straight_tapered_sweep_is_a_frustum():
+def test_straight_tapered_sweep_is_a_frustum() -> None:
     mesh = sweep(circle(1, 64), [(0, 0, 0), (0, 0, 3)], scales=[1, 0.5])
     exact = np.pi * 3 / 3 * (1 + 0.5 + 0.25)
     assert volume(mesh) == pytest.approx(exact, rel=0.002)
     assert euler_characteristic(mesh) == 2
 
 
-def test_closed_sweep_has_one_hole_and_no_seam():
+def test_closed_sweep_has_one_hole_and_no_seam() -> None:
     mesh = sweep(rectangle(0.2, 0.4), np.column_stack([circle(1, 60), np.zeros(60)]), closed=True)
     assert edge_balance(mesh) == 0
     assert euler_characteristic(mesh) == 0
     assert volume(mesh) == pytest.approx(2 * np.pi * 0.08, rel=0.01)
 
 
-def test_closed_frames_spread_their_twist():
+def test_closed_frames_spread_their_twist() -> None:
     t = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     path = np.stack([np.cos(t) * (2 + np.cos(3 * t)), np.sin(t) * (2 + np.cos(3 * t)), np.sin(3 * t)], axis=1)
     mesh = sweep(rectangle(0.1, 0.1), path, closed=True)
@@ -100,13 +100,13 @@ def test_closed_frames_spread_their_twist():
     assert longest.max() < 2 * np.median(longest)
 
 
-def test_sweep_of_a_bend_is_off_by_radius_over_bend():
+def test_sweep_of_a_bend_is_off_by_radius_over_bend() -> None:
     path = np.column_stack([arc(1, 0, np.pi / 2, 40), np.zeros(40)])
     mesh = sweep(circle(0.2, 24), path, capped=False)
     assert 1.15 < stretch(mesh).max() < 1 / (1 - 0.2) + 0.01
 
 
-def test_extruded_ring_has_the_volume_of_the_ring():
+def test_extruded_ring_has_the_volume_of_the_ring() -> None:
     mesh = extruded(circle(1, 48), 0.5, circle(0.6, 48))
     area = 48 / 2 * np.sin(2 * np.pi / 48)
     assert volume(mesh) == pytest.approx(0.5 * area * (1 - 0.36), rel=1e-5)
@@ -114,14 +114,14 @@ def test_extruded_ring_has_the_volume_of_the_ring():
     assert stretch(mesh).max() < 1 + 1e-5
 
 
-def test_extruded_hole_must_match_its_outline():
-    with pytest.raises(InputError, match="48 points.*got 12"):
+def test_extruded_hole_must_match_its_outline() -> None:
+    with pytest.raises(InputError, match=r"48 points.*got 12"):
         extruded(circle(1, 48), 0.5, circle(0.6, 12))
 
 
 @given(st.integers(0, 2**16 - 1))
 @settings(max_examples=40, deadline=None)
-def test_cells_have_the_volume_of_the_solid_ones(bits):
+def test_cells_have_the_volume_of_the_solid_ones(bits: int) -> None:
     solid = np.array([bits >> i & 1 for i in range(16)], bool).reshape(4, 4)
     solid[0, 0] = True
     x, y = np.array([0, 1, 1.5, 3, 4]), np.array([0, 0.5, 2, 2.5, 3])
@@ -131,20 +131,20 @@ def test_cells_have_the_volume_of_the_solid_ones(bits):
     assert stretch(mesh).max() < 1 + 1e-5
 
 
-def test_holes_in_cells_are_handles():
+def test_holes_in_cells_are_handles() -> None:
     solid = np.ones((7, 9), bool)
     solid[1::2, 1::2] = False
     mesh = extruded_cells(solid, np.arange(10.0), np.arange(8.0), 1)
     assert euler_characteristic(mesh) == 2 - 2 * 12
 
 
-def test_flat_faces_build_a_tetrahedron():
+def test_flat_faces_build_a_tetrahedron() -> None:
     mesh = flat_faces([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
     assert volume(mesh) == pytest.approx(1 / 6)
     assert stretch(mesh).max() < 1 + 1e-5
 
 
-def test_rods_end_where_they_were_put():
+def test_rods_end_where_they_were_put() -> None:
     start, stop = np.array([1.0, 2, 3]), np.array([-2.0, 0.5, 4])
     mesh = rod(start, stop, 0.1, 0.05, sides=64)
     along = (stop - start) / np.linalg.norm(stop - start)
@@ -156,45 +156,45 @@ def test_rods_end_where_they_were_put():
     assert volume(mesh) > 0
 
 
-def test_turned_follows_the_right_hand():
+def test_turned_follows_the_right_hand() -> None:
     assert turned((0, 0, 1), np.pi / 2) @ (1, 0, 0) == pytest.approx([0, 1, 0], abs=1e-12)
     assert turned((1, 0, 0), np.pi / 2) @ (0, 1, 0) == pytest.approx([0, 0, 1], abs=1e-12)
     assert turned((0, 2, 0), np.pi / 2) @ (0, 0, 1) == pytest.approx([1, 0, 0], abs=1e-12)
 
 
-def test_placed_scales_uv_along():
+def test_placed_scales_uv_along() -> None:
     mesh = placed(box((1, 1, 1)), (0, 0, 5), rotation=turned((1, 1, 0), 1.0), scale=3)
     assert volume(mesh) == pytest.approx(27, rel=1e-5)
     assert stretch(mesh).max() < 1 + 1e-5
 
 
-def test_smooth_passes_through_its_points():
+def test_smooth_passes_through_its_points() -> None:
     points = np.array([[0.0, 0], [1, 2], [3, 1], [4, 4]])
     assert smooth(points, 5)[::5] == pytest.approx(points)
     assert len(smooth(points[:2], 5)) == 6
 
 
-def test_rounded_corners_keep_their_radius():
+def test_rounded_corners_keep_their_radius() -> None:
     path = rounded([(0, 0, 0), (2, 0, 0), (2, 3, 0)], 0.5, 8)
     assert np.linalg.norm(path[1:-1] - (1.5, 0.5, 0), axis=1) == pytest.approx(np.full(9, 0.5))
     assert path[[0, -1]].tolist() == [[0, 0, 0], [2, 3, 0]]
 
 
-def test_grid_normal_and_texture_are_not_mirrored():
+def test_grid_normal_and_texture_are_not_mirrored() -> None:
     mesh = grid_surface([[(0, 0, 0), (1, 0, 0)], [(0, 1, 0), (1, 1, 0)]])
     corners = mesh.positions[mesh.triangles[0]]
     assert np.cross(corners[1] - corners[0], corners[2] - corners[0])[2] > 0
     assert mesh.uv.tolist() == [[0, 0], [1, 0], [0, -1], [1, -1]]
 
 
-def test_degenerate_triangles_and_loose_vertices_go():
+def test_degenerate_triangles_and_loose_vertices_go() -> None:
     positions = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (9, 9, 9), (2, 0, 0)]
     mesh = without_degenerate(make_mesh("m", positions, np.zeros((5, 2)), [(0, 1, 2), (0, 1, 4), (0, 0, 2)]))
     assert mesh.triangles.tolist() == [[0, 1, 2]]
     assert mesh.positions.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
 
 
-def test_merged_and_normalised_keep_parts_apart():
+def test_merged_and_normalised_keep_parts_apart() -> None:
     pair = normalised(merged("pair", [box((1, 1, 1)), box((1, 1, 1), (3, 0, 0))]))
     assert len(components(pair)) == 2
     assert pair.radius == pytest.approx(1, abs=1e-6)

@@ -11,12 +11,12 @@ from semisynth_gl.geometry.surfaces import box, grid_surface
 from semisynth_gl.geometry.unwrap import DIRECTIONS, STRETCH_BOUND, facing_axes, project_uv
 
 
-def test_there_are_26_directions_of_length_one():
+def test_there_are_26_directions_of_length_one() -> None:
     assert len(np.unique(DIRECTIONS.round(9), axis=0)) == 26
     assert np.linalg.norm(DIRECTIONS, axis=1) == pytest.approx(1)
 
 
-def test_bound_is_the_worst_angle_over_the_sphere():
+def test_bound_is_the_worst_angle_over_the_sphere() -> None:
     # a fine grid over one of the 48 equal triangles that directions cut the sphere into
     a, b = np.meshgrid(np.linspace(0, 1, 801), np.linspace(0, 1, 801))
     points = np.stack([a * b, b, np.ones_like(a)], axis=2).reshape(-1, 3)
@@ -29,7 +29,7 @@ def test_bound_is_the_worst_angle_over_the_sphere():
 
 @given(st.tuples(*[st.floats(-1, 1)] * 9))
 @settings(max_examples=200, deadline=None)
-def test_no_triangle_is_stretched_beyond_the_bound(values):
+def test_no_triangle_is_stretched_beyond_the_bound(values: tuple[float, ...]) -> None:
     corners = np.array(values).reshape(3, 3)
     height = np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[0]))
     if height < 1e-2:
@@ -39,7 +39,7 @@ def test_no_triangle_is_stretched_beyond_the_bound(values):
     assert np.linalg.det(jacobians(mesh))[0] < 0  # v downwards: not mirrored
 
 
-def test_sphere_reaches_the_bound_and_keeps_its_surface():
+def test_sphere_reaches_the_bound_and_keeps_its_surface() -> None:
     sphere = SIMPLE_KINDS["sphere"](np.random.default_rng(0))
     mesh = project_uv("ball", sphere.positions, sphere.triangles)
     assert 1.1 < stretch(mesh).max() <= STRETCH_BOUND + 1e-3
@@ -47,7 +47,7 @@ def test_sphere_reaches_the_bound_and_keeps_its_surface():
     assert (mesh.positions[mesh.triangles] == sphere.positions[sphere.triangles]).all()
 
 
-def test_vertices_are_duplicated_only_where_charts_meet():
+def test_vertices_are_duplicated_only_where_charts_meet() -> None:
     cube = box((1, 1, 1))
     corners, index = np.unique(cube.positions, axis=0, return_inverse=True)
     mesh = project_uv("cube", corners, index.ravel()[cube.triangles])
@@ -55,13 +55,13 @@ def test_vertices_are_duplicated_only_where_charts_meet():
     assert stretch(mesh).max() == pytest.approx(1, abs=1e-5)
 
 
-def test_side_faces_stand_upright():
+def test_side_faces_stand_upright() -> None:
     u, v = facing_axes(np.array([[1.0, 0, 0], [0, 0, 1]]))
     assert u.tolist() == [[0, 1, 0], [1, 0, 0]]
     assert v.tolist() == [[0, 0, -1], [0, -1, 0]]
 
 
-def test_big_meshes_take_well_under_a_second():
+def test_big_meshes_take_well_under_a_second() -> None:
     rows, columns = np.meshgrid(np.linspace(0, 6, 150), np.linspace(0, 6, 150), indexing="ij")
     wavy = grid_surface(np.stack([rows, columns, np.sin(2 * rows) * np.cos(columns)], axis=2))
     assert len(wavy.triangles) > 43_000

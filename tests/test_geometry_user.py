@@ -8,6 +8,7 @@ import trimesh
 from geometry_measures import areas, jacobians, stretch, volume
 
 from semisynth_gl.errors import InputError
+from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.surfaces import box
 from semisynth_gl.geometry.unwrap import STRETCH_BOUND
 from semisynth_gl.geometry.user import load_models
@@ -19,13 +20,13 @@ SQUARE = "v 0 0 0\nv 2 0 0\nv 2 2 0\nv 0 2 0\n"
 
 
 @pytest.fixture
-def folder(tmp_path):
+def folder(tmp_path: Path) -> Path:
     """A folder with one good model, so that broken ones next to it are skipped and not the end."""
     (tmp_path / "good.obj").write_text(SQUARE + "f 1 2 3\nf 1 3 4\n")
     return tmp_path
 
 
-def reason_for(folder, name, content):
+def reason_for(folder: Path, name: str, content: str | bytes) -> str:
     path = folder / name
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     meshes, skipped = load_models([folder])
@@ -35,7 +36,7 @@ def reason_for(folder, name, content):
     return skipped[0].reason
 
 
-def one(path):
+def one(path: Path) -> Mesh:
     (mesh,), skipped = load_models([path])
     assert skipped == []
     return mesh
@@ -72,7 +73,9 @@ PLY = (
         ("x.dae", "<x/>", "not installed"),
     ],
 )
-def test_broken_models_are_skipped_with_a_reason(folder, capfd, name, content, clause):
+def test_broken_models_are_skipped_with_a_reason(
+    folder: Path, capfd: pytest.CaptureFixture[str], name: str, content: str | bytes, clause: str
+) -> None:
     if name == "x.dae" and "dae" in trimesh.available_formats():
         pytest.skip("the reader of .dae files is installed here")
     reason = reason_for(folder, name, content)
@@ -83,13 +86,13 @@ def test_broken_models_are_skipped_with_a_reason(folder, capfd, name, content, c
 
 @pytest.mark.parametrize("kind", ["glb", "ply", "stl"])
 @pytest.mark.parametrize("share", [0.02, 0.3, 0.9])
-def test_truncated_files_are_skipped(folder, capfd, kind, share):
+def test_truncated_files_are_skipped(folder: Path, capfd: pytest.CaptureFixture[str], kind: str, share: float) -> None:
     whole = trimesh.creation.icosphere(subdivisions=2).export(file_type=kind)
     assert reason_for(folder, f"cut.{kind}", whole[: int(len(whole) * share)])
     assert capfd.readouterr() == ("", "")
 
 
-def test_files_of_other_kinds_are_ignored(folder):
+def test_files_of_other_kinds_are_ignored(folder: Path) -> None:
     for name in ("a.png", "a.mtl", "a.bin", "a.txt", "obj", ".hidden"):
         (folder / name).write_text("not a model")
     meshes, skipped = load_models([folder])
@@ -97,20 +100,20 @@ def test_files_of_other_kinds_are_ignored(folder):
     assert skipped == []
 
 
-def test_missing_folder_is_an_input_error(tmp_path):
+def test_missing_folder_is_an_input_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="nowhere does not exist"):
         load_models([tmp_path / "nowhere"])
 
 
-def test_folder_without_a_usable_model_is_an_input_error_with_reasons(tmp_path):
-    with pytest.raises(InputError, match="found none$"):
+def test_folder_without_a_usable_model_is_an_input_error_with_reasons(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"found none$"):
         load_models([tmp_path])
     (tmp_path / "broken.obj").write_text("v 0 0 0\n")
     with pytest.raises(InputError, match=r"found none\n.*broken.obj: has no triangles"):
         load_models([tmp_path])
 
 
-def test_order_and_names_follow_paths(tmp_path):
+def test_order_and_names_follow_paths(tmp_path: Path) -> None:
     for name in ("b.obj", "a/z.obj", "a/b.OBJ", "c.obj"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(SQUARE + "f 1 2 3\n")
@@ -118,7 +121,7 @@ def test_order_and_names_follow_paths(tmp_path):
     assert [mesh.name for mesh in load_models([tmp_path / "c.obj", tmp_path / "a"])[0]] == ["c.obj", "b.OBJ", "z.obj"]
 
 
-def test_uv_map_is_kept_in_model_units_with_v_downwards(folder):
+def test_uv_map_is_kept_in_model_units_with_v_downwards(folder: Path) -> None:
     (folder / "good.obj").write_text(SQUARE + "vt 0 0\nvt .5 0\nvt .5 .5\nvt 0 .5\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n")
     mesh = one(folder)
     assert stretch(mesh).max() == pytest.approx(1, abs=1e-5)
@@ -128,7 +131,7 @@ def test_uv_map_is_kept_in_model_units_with_v_downwards(folder):
     assert uv == pytest.approx(np.array([[0, side], [side, side], [0, 0], [side, 0]]), abs=1e-5)
 
 
-def test_few_triangles_with_a_large_share_of_the_map_do_not_set_the_scale(folder):
+def test_few_triangles_with_a_large_share_of_the_map_do_not_set_the_scale(folder: Path) -> None:
     corners = "v 0 0 0\nv 3 0 0\nv 3 3 0\nv 0 3 0\nv 4 0 0\nv 4 1 0\nv 3 1 0\n"
     body, eye = "vt 0 0\nvt .3 0\nvt .3 .3\nvt 0 .3\n", "vt 0 0\nvt 1 0\nvt 1 1\n"
     (folder / "good.obj").write_text(corners + body + eye + "f 1/1 2/2 3/3\nf 1/1 3/3 4/4\nf 2/5 5/6 6/7\n")
@@ -140,14 +143,14 @@ def test_few_triangles_with_a_large_share_of_the_map_do_not_set_the_scale(folder
     "texture",
     ["vt 0 0\nvt 0 0\nvt 0 0\nvt 0 0\n", "vt 0 0\nvt 1 0\nvt 1 0\nvt 0 0\n", "vt nan 0\nvt inf 0\nvt 1 1\nvt 0 1\n"],
 )
-def test_collapsed_uv_is_replaced(folder, texture):
+def test_collapsed_uv_is_replaced(folder: Path, texture: str) -> None:
     (folder / "good.obj").write_text(SQUARE + texture + "f 1/1 2/2 3/3\nf 1/1 3/3 4/4\n")
     mesh = one(folder)
     assert stretch(mesh).max() < STRETCH_BOUND + 1e-3
     assert len(mesh.triangles) == 2
 
 
-def test_single_triangles_without_uv_are_projected(folder):
+def test_single_triangles_without_uv_are_projected(folder: Path) -> None:
     corners = "v 0 0 0\nv 3 0 0\nv 3 3 0\nv 0 3 0\nv 4 0 0\n"
     texture = "vt 0 0\nvt 9 0\nvt 9 9\nvt 0 9\nvt 5 5\n"
     (folder / "good.obj").write_text(corners + texture + "f 1/1 2/2 3/3\nf 1/1 3/3 4/4\nf 2/5 5/5 3/5\n")
@@ -156,12 +159,12 @@ def test_single_triangles_without_uv_are_projected(folder):
     assert stretch(mesh) == pytest.approx(1, abs=1e-4)
 
 
-def test_colours_that_are_not_finite_do_no_harm(folder):
+def test_colours_that_are_not_finite_do_no_harm(folder: Path) -> None:
     (folder / "good.obj").write_text("v 0 0 0 nan nan nan\nv 1 0 0 inf 0 0\nv 0 1 0 0 0 0\nf 1 2 3\n")
     assert len(one(folder).triangles) == 1
 
 
-def test_degenerate_triangles_and_loose_vertices_are_dropped(folder):
+def test_degenerate_triangles_and_loose_vertices_are_dropped(folder: Path) -> None:
     (folder / "good.obj").write_text(SQUARE + "v 1000 0 0\nv 1 0 0\nf 1 2 3\nf 1 1 2\nf 1 2 6\n")
     mesh = one(folder)
     assert len(mesh.triangles) == 1
@@ -170,7 +173,7 @@ def test_degenerate_triangles_and_loose_vertices_are_dropped(folder):
 
 
 @pytest.mark.parametrize(("offset", "scale"), [(0.0, 1.0), (1e9, 1.0), (0.0, 1e-200), (0.0, 1e200), (-3e5, 1e-2)])
-def test_place_and_size_do_not_matter(folder, offset, scale):
+def test_place_and_size_do_not_matter(folder: Path, offset: float, scale: float) -> None:
     cube = box((1, 2, 3))
     corners = cube.positions.astype(float) * scale + offset
     lines = ["v " + " ".join(f"{value:.17g}" for value in corner) for corner in corners]
@@ -183,7 +186,7 @@ def test_place_and_size_do_not_matter(folder, offset, scale):
     assert areas(mesh).min() > 0.1
 
 
-def gltf(path, nodes, roots):
+def gltf(path: Path, nodes: list[dict[str, object]], roots: list[int]) -> None:
     """One triangle, (0, 0, 0) (1, 0, 0) (0, 1, 0), placed by nodes."""
     data = struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0)
     (path.parent / "triangle.bin").write_bytes(data)
@@ -200,7 +203,7 @@ def gltf(path, nodes, roots):
     path.write_text(json.dumps(document))
 
 
-def test_nested_nodes_place_their_parts(tmp_path):
+def test_nested_nodes_place_their_parts(tmp_path: Path) -> None:
     nodes = [
         {"children": [1], "translation": [4, 0, 0]},
         {"children": [2], "scale": [2, 2, 2]},
@@ -214,7 +217,7 @@ def test_nested_nodes_place_their_parts(tmp_path):
     assert found.tolist() == [[0, 0, 0], [0, 1, 0], [1, 0, 0], [4, 6, 0], [4, 8, 0], [6, 6, 0]]
 
 
-def test_mirrored_nodes_keep_their_outside(tmp_path):
+def test_mirrored_nodes_keep_their_outside(tmp_path: Path) -> None:
     gltf(tmp_path / "mirrored.gltf", [{"mesh": 0, "scale": [-1, 1, 1]}], [0])
     mesh = one(tmp_path)
     corners = mesh.positions[mesh.triangles[0]]
@@ -222,15 +225,15 @@ def test_mirrored_nodes_keep_their_outside(tmp_path):
     assert np.linalg.det(jacobians(mesh))[0] < 0
 
 
-def test_cyclic_nodes_are_no_endless_loop(folder):
+def test_cyclic_nodes_are_no_endless_loop(folder: Path) -> None:
     nodes = [{"children": [1]}, {"children": [0], "mesh": 0}]
     gltf(folder / "cycle.gltf", nodes, [0])
     meshes, skipped = load_models([folder])
     assert len(meshes) + len(skipped) == 2
 
 
-def test_nothing_is_fetched_from_the_network(folder, monkeypatch):
-    def refuse(*_args, **_kwargs):
+def test_nothing_is_fetched_from_the_network(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_args: object, **_kwargs: object) -> None:
         pytest.fail("a model file opened a connection")
 
     monkeypatch.setattr("socket.socket.connect", refuse)
@@ -242,7 +245,7 @@ def test_nothing_is_fetched_from_the_network(folder, monkeypatch):
 
 
 @needs_models
-def test_real_models(capfd):
+def test_real_models(capfd: pytest.CaptureFixture[str]) -> None:
     meshes, skipped = load_models([MODELS])
     assert {broken.path.name: broken.reason for broken in skipped} == {
         "BoxWithInfinites.glb": "has 24 infinite vertices",
@@ -269,7 +272,7 @@ def test_real_models(capfd):
 
 
 @needs_models
-def test_real_models_load_the_same_twice():
+def test_real_models_load_the_same_twice() -> None:
     for name in ("Duck.glb", "chair_model.obj", "nested.glb"):
         first, second = one(MODELS / name), one(MODELS / name)
         assert first.positions.tobytes() == second.positions.tobytes()

@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 from conftest import backend_fault, facing, noise_layers
+
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.geometry.mesh import make_mesh
@@ -137,7 +138,7 @@ def test_too_old_opengl_is_told(name):
     assert "3.3" in done.stderr or "4.5" in done.stderr
 
 
-def test_glcontext_variables_override_nothing(square):
+def test_glcontext_variables_override_nothing():
     """GLCONTEXT_DEVICE_INDEX silently wins over arguments in glcontext's own front end."""
     if backend_fault("egl"):
         pytest.skip("no egl here")

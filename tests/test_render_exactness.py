@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import facing, noise_layers
+
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.geometry.mesh import make_mesh

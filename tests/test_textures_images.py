@@ -32,7 +32,7 @@ def as_rgb(grey: NDArray[Any]) -> NDArray[np.uint8]:
     return np.repeat(grey[..., np.newaxis], 3, axis=2).astype(np.uint8)
 
 
-def save(image: Image.Image, path: Path, **options: Any) -> Path:  # noqa: ANN401  # what Pillow takes
+def save(image: Image.Image, path: Path, **options: Any) -> Path:  # what Pillow takes
     image.save(path, **options)
     return path
 

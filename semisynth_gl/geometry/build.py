@@ -112,7 +112,8 @@ def placed(
     """
     positions = mesh.positions.astype(np.float64) * scale
     if rotation is not None:
-        positions = positions @ rotation.T
+        # not by BLAS, which rounds equal points of a seam differently, and differently on every machine
+        positions = np.einsum("ij,vj->vi", rotation, positions)
     return make_mesh(mesh.name, positions + np.asarray(at), mesh.uv.astype(np.float64) * scale, mesh.triangles)
 
 

@@ -49,8 +49,8 @@ def spring(rng: np.random.Generator) -> Mesh:
 
 def chain(rng: np.random.Generator) -> Mesh:
     """Links that hang in each other along an arc."""
-    links, bar = int(rng.integers(5, 13)), rng.uniform(0.035, 0.05)
-    bow, straight = rng.uniform(0.19, 0.24), rng.uniform(0.15, 0.4)
+    links, bar = int(rng.integers(5, 13)), rng.uniform(0.03, 0.045)
+    bow, straight = rng.uniform(0.2, 0.25), rng.uniform(0.15, 0.4)
     half = np.concatenate(
         [
             arc(bow, -np.pi / 2, np.pi / 2, 11) + (straight / 2, 0),

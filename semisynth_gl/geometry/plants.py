@@ -113,7 +113,7 @@ def cactus(rng: np.random.Generator) -> Mesh:
     for arm in range(int(rng.integers(1, 5))):
         azimuth = arm * GOLDEN_TURN_RAD + rng.uniform(-0.5, 0.5)
         away = np.array([np.cos(azimuth), np.sin(azimuth), 0])
-        level, reach, rise = rng.uniform(0.3, 0.65) * tall, rng.uniform(0.28, 0.4), rng.uniform(0.2, 0.5)
+        level, reach, rise = rng.uniform(0.3, 0.65) * tall, rng.uniform(0.36, 0.5), rng.uniform(0.2, 0.5)
         bend = arc(reach - thick, -np.pi / 2, 0, 7) + (thick, reach)
         path = [level_away for r, z in bend for level_away in (away * r + (0, 0, level + z),)]
         parts.append(_round_ended([(0, 0, level + thick), *path, path[-1] + (0, 0, rise)], 0.55 * thick))

@@ -14,7 +14,7 @@ from semisynth_gl.geometry.surfaces import box, extruded, lathe, sweep
 def stairs(rng: np.random.Generator) -> Mesh:
     """A straight flight: treads on two beams, open between them, perhaps with a railing."""
     steps, rise, run, width = (
-        int(rng.integers(5, 12)),
+        int(rng.integers(7, 13)),
         rng.uniform(0.15, 0.2),
         rng.uniform(0.2, 0.32),
         rng.uniform(0.6, 1.2),

@@ -62,7 +62,8 @@ def project_uv(name: str, positions: ArrayLike, triangles: ArrayLike) -> Mesh:
     index = np.asarray(triangles, np.int64)
     corners = points[index]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    direction = np.argmax(normals @ DIRECTIONS.T, axis=1)
+    # not by BLAS: how it rounds, and so how ties are settled, depends on the machine
+    direction = np.argmax(np.einsum("ti,di->td", normals, DIRECTIONS), axis=1)
     # one number per pair of vertex and direction: equal pairs share a vertex of the result
     pairs = index * len(DIRECTIONS) + direction[:, None]
     unique, renumbered = np.unique(pairs, return_inverse=True)
