@@ -1,5 +1,6 @@
 """Pair i of a dataset as a scene, from (config, seed, i) and nothing else."""
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
@@ -70,6 +71,7 @@ class SceneSampler:
         self._config = config
         self._seed = seed
         self._library = library
+        self._patches = patches
         self._first_layer = np.array([patch.first_layer for patch in patches])
         self._layer_count = np.array([patch.layer_count for patch in patches])
         self._cumulative = np.cumsum(library.chances)
@@ -120,19 +122,21 @@ class SceneSampler:
         return SampledScene(scene, background.kind, number, frame, patch)
 
     def provenance(self, sampled: SampledScene) -> dict[str, Any]:
-        """What a pair's scene was made of, in JSON's types."""
+        """What a pair's scene was made of, in JSON's types.
+
+        ``models`` and ``images`` count the instances of each; ``patches`` are indices into the dataset's patches.
+        """
         camera = sampled.scene.camera
-        used = np.bincount(sampled.scene.model, minlength=len(self.models))
-        names: dict[str, int] = {}
-        for index in np.flatnonzero(used):
-            names[self.models[index].name] = names.get(self.models[index].name, 0) + int(used[index])
+        models = Counter(self.models[index].name for index in sampled.scene.model)
+        images = Counter(self._patches[index].source for index in sampled.patch)
         return {
             "sequence": sampled.sequence,
             "frame": sampled.frame,
             "background": sampled.background,
             "near_m": sampled.scene.near_m,
             "camera": {name: getattr(camera, name) for name in camera.__slots__} | {"doffs_px": camera.doffs_px},
-            "models": dict(sorted(names.items())),
+            "models": dict(sorted(models.items())),
+            "images": dict(sorted(images.items())),
             "patches": np.unique(sampled.patch).tolist(),
         }
 

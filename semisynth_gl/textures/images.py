@@ -197,7 +197,7 @@ def _reason(error: Exception) -> str:  # noqa: PLR0911  # one line for each kind
         case UnidentifiedImageError():
             return "is not an image that Pillow can read"
         case Image.DecompressionBombError():
-            return f"has more pixels than Pillow's limit of {2 * (Image.MAX_IMAGE_PIXELS or 0)}"
+            return f"is too large and was not decoded: {error}".split(" pixels, could")[0]
         case MemoryError():
             return "does not fit into memory"
     detail = " ".join(str(error).split()) or type(error).__name__

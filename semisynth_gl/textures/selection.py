@@ -282,4 +282,5 @@ def _nothing_left(given: int, report: TextureReport) -> str:
     shown = [f"{count} {reason}" for reason, count in reasons.most_common(_REASONS_SHOWN)]
     rest = len(reasons) - len(shown)
     more = f"; and {rest} more reasons" if rest else ""
-    return f"no patch can be cut from {given} images: {'; '.join(shown)}{more}"
+    named = "".join(f"\n  {skipped}" for skipped in report.images_skipped[:_REASONS_SHOWN])
+    return f"no patch can be cut from {given} images: {'; '.join(shown)}{more}{named}"

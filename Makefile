@@ -1,0 +1,108 @@
+# `make` lists what can be made. Every target sets up what it needs: the environment in .venv, OpenGL's libraries.
+
+PYTHON ?= python3
+VENV ?= .venv
+PAIRS ?= 24
+SEED ?= 0
+OUT ?= out
+IMAGES ?=
+MODELS ?=
+BACKEND ?=
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+MAKEFLAGS += --no-builtin-rules
+
+CONFIGS := middlebury kitti eth3d sceneflow
+GEOMETRIES := ablation-geometry-simple ablation-geometry-complex
+
+backend := $(if $(BACKEND),$(BACKEND),auto)
+scene_options = --seed $(SEED) --backend $(backend) $(if $(MODELS),--models "$(MODELS)")
+with_images = $(if $(IMAGES),--images "$(IMAGES)")
+# A sheet shows the first four pairs, and none that the dataset lacks.
+shown = $$(( $(PAIRS) < 4 ? $(PAIRS) : 4 ))
+
+# $(call render,CONFIG,IMAGE OPTIONS): a dataset, and the contact sheet of its first pairs beside it.
+define render
+$(VENV)/bin/semisynth-gl generate --config $(1) --out $(OUT)/$(1) --pairs $(PAIRS) --overwrite $(scene_options) $(2)
+$(VENV)/bin/semisynth-gl preview --config $(1) --out $(OUT)/$(1).png --pairs $(shown) $(scene_options) $(2)
+
+endef
+
+.PHONY: help
+help:  ## list the targets
+	@echo "make TARGET [PAIRS=24] [SEED=0] [IMAGES=photographs] [MODELS=folder] [BACKEND=egl|osmesa] [OUT=out]"
+	@echo "            [PYTHON=python3] [VENV=.venv]"
+	@awk -F ':.*## ' '/^[a-z].*## / { printf "  %-36s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+
+.PHONY: $(CONFIGS)
+middlebury kitti eth3d sceneflow: setup  ## render PAIRS pairs to OUT/<name>, with a contact sheet
+	$(call render,$@,$(with_images))
+
+.PHONY: ablation-geometry
+ablation-geometry: setup  ## the same scenes from simple models only, and from complex ones only
+	$(foreach config,$(GEOMETRIES),$(call render,$(config),$(with_images)))
+
+# Procedural textures and free photographs stay what they are: IMAGES are the target's.
+.PHONY: ablation-textures
+ablation-textures: setup  ## procedural textures, photographs, and with IMAGES= the target's photographs
+	$(call render,ablation-textures-procedural)
+	$(call render,ablation-textures-photos)
+	$(if $(IMAGES),$(call render,ablation-textures-target,$(with_images)),\
+	@echo "Left out: the target's photographs. To add them: make ablation-textures IMAGES=path" >&2)
+
+# Lint's complaints do not keep the tests from running: one run shows all that is wrong.
+.PHONY: test
+test: $(VENV)/.dev  ## lint, then run all tests, on EGL and on OSMesa where they can be had
+	@sh tools/system-packages.sh $(VENV)/bin/python $(opengl)
+	@status=0; \
+	$(MAKE) --no-print-directory lint || status=1; \
+	$(VENV)/bin/python -m pytest || status=1; \
+	exit $$status
+
+.PHONY: lint
+lint: $(VENV)/.dev  ## ruff and mypy
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/mypy
+
+.PHONY: format
+format: $(VENV)/.dev  ## let ruff rewrite the Python files
+	$(VENV)/bin/ruff check --fix .
+	$(VENV)/bin/ruff format .
+
+.PHONY: setup
+setup: $(VENV)/.photographs  ## the environment in VENV, and OpenGL's libraries where they are missing
+	@sh tools/system-packages.sh $(VENV)/bin/python $(opengl)
+
+.PHONY: doctor
+doctor: $(VENV)/.photographs  ## show what OpenGL this machine offers, and test it
+	$(VENV)/bin/semisynth-gl doctor
+
+.PHONY: clean
+clean:  ## remove the environment, caches and built packages; datasets in OUT stay
+	[ ! -f $(VENV)/pyvenv.cfg ] || rm -rf $(VENV)
+	rm -rf build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find semisynth_gl tests benchmarks -type d -name __pycache__ -exec rm -rf {} +
+
+# Make hands these down to what setup and test need, so that a machine without OpenGL's libraries says so before it
+# downloads anything. Lint and doctor run without.
+setup: opengl := $(backend)
+test: opengl := egl osmesa
+
+# The stamps lie in the environment, so that they go when it goes.
+$(VENV)/.made:
+	@sh tools/system-packages.sh $(PYTHON) $(opengl)
+	$(PYTHON) -m venv $(VENV)
+	@touch $@
+
+$(VENV)/.photographs: pyproject.toml $(VENV)/.made
+	@echo "Installing semisynth-gl and what it needs into $(VENV)"
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable ".[photographs]"
+	@touch $@
+
+# dev holds all that photographs does.
+$(VENV)/.dev: pyproject.toml $(VENV)/.made
+	@echo "Installing semisynth-gl, what it needs and what its tests need into $(VENV)"
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable ".[dev]"
+	@touch $(VENV)/.photographs $@

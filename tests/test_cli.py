@@ -1,0 +1,377 @@
+"""The command line as a script sees it: output, files, messages, exit codes."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from conftest import backend_fault
+from PIL import Image
+
+from semisynth_gl.cli import main
+
+SMALL = ("--set", "camera.width_px=160", "--set", "camera.height_px=96", "--set", "models.variants=1")
+
+
+@dataclass
+class Done:
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def run(*arguments, cwd=None, **environment):
+    """Run the program as a script does."""
+    return subprocess.run(
+        [sys.executable, "-m", "semisynth_gl", *map(str, arguments)],
+        cwd=cwd,
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+
+
+@pytest.fixture
+def call(monkeypatch, capsys):
+    """Run the program in this process, which saves it the time to start."""
+
+    def caller(*arguments, cwd):
+        monkeypatch.chdir(cwd)
+        monkeypatch.setattr(sys, "argv", ["semisynth-gl", *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as stopped:
+            main()
+        return Done(stopped.value.code, *capsys.readouterr())
+
+    return caller
+
+
+def refused(done, *words):
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+    for word in words:
+        assert word in done.stderr
+
+
+@pytest.fixture(autouse=True)
+def _some_backend():
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+
+
+@pytest.fixture
+def photographs(tmp_path):
+    folder = tmp_path / "photographs"
+    folder.mkdir()
+    noise = np.random.default_rng(0).integers(0, 256, (300, 400, 3), dtype=np.uint8)
+    Image.fromarray(noise).save(folder / "noise.png")
+    return folder
+
+
+def test_generate_writes_a_dataset_that_opencv_reads(tmp_path, photographs):
+    done = run(
+        "generate",
+        "--config",
+        "middlebury.yaml",
+        "--images",
+        photographs,
+        "--out",
+        "data/lab",
+        "--pairs",
+        2,
+        *SMALL,
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "2 pairs in data/lab/MiddEval3/trainingF\n"
+    assert "2 of 2 pairs" in done.stderr
+    scene = tmp_path / "data/lab/MiddEval3/trainingF/middlebury-000001"
+    assert cv2.imread(str(scene / "im0.png")).shape == (96, 160, 3)
+    assert np.isfinite(cv2.imread(str(scene / "disp0GT.pfm"), cv2.IMREAD_UNCHANGED)).all()
+    assert cv2.imread(str(scene / "mask0nocc.png"), cv2.IMREAD_UNCHANGED).ndim == 2
+    made_by = json.loads((scene / "pair.json").read_text())
+    assert (made_by["pair"], made_by["seed"], made_by["images"].keys()) == (1, 0, {"noise.png"})
+    index = json.loads((tmp_path / "data/lab/dataset.json").read_text())
+    assert index["scenes"] == ["middlebury-000000", "middlebury-000001"]
+    assert index["config_values"]["camera"]["width_px"] == 160
+    assert not (tmp_path / "data/lab/.partial").exists()
+    again = run(
+        "generate", "--config", "middlebury.yaml", "--images", photographs, "--out", "data/lab", *SMALL, cwd=tmp_path
+    )
+    refused(again, "not empty", "--overwrite")
+
+
+def test_preview_draws_a_sheet(call, tmp_path, photographs):
+    done = call(
+        "preview",
+        "--config",
+        "kitti",
+        "--images",
+        photographs,
+        "--out",
+        "sheet.png",
+        "--pairs",
+        2,
+        *SMALL,
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    sheet = np.asarray(Image.open(tmp_path / "sheet.png").convert("RGB"))
+    assert sheet.shape[1] == 1600
+    assert len(np.unique(sheet.reshape(-1, 3), axis=0)) > 1000
+    assert [path.name for path in tmp_path.glob("*.png*")] == ["sheet.png"]
+
+
+def test_doctor_renders_its_test_pair():
+    done = run("doctor")
+    assert done.returncode == 0, done.stdout
+    assert "largest error of the disparity" in done.stdout
+    assert "good" in done.stdout
+    assert "Ready:" in done.stdout
+
+
+def test_doctor_names_the_command_where_nothing_works():
+    # A broken driver name makes Mesa's EGL fail; OSMesa is kept from loading by hiding the backend's library path.
+    done = run("doctor", MESA_GL_VERSION_OVERRIDE="3.1")
+    assert done.returncode == 1
+    assert "No backend works" in done.stdout
+    assert "sudo apt-get install -y libegl1" in done.stdout
+
+
+@pytest.mark.parametrize("command", ["generate", "preview", "doctor"])
+def test_help_is_there(call, command, tmp_path):
+    done = call(command, "--help", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "Usage:" in done.stdout
+
+
+@pytest.mark.parametrize("command", ["generate", "preview"])
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--config", "nope"], ["no such config: nope", "middlebury"]),
+        (
+            ["--config", "middlebury", "--set", "camera.widht_px=3"],
+            ["--set camera.widht_px: unknown key; did you mean width_px?"],
+        ),
+        (["--config", "middlebury", "--images", "nowhere"], ["nowhere"]),
+        (["--config", "middlebury", "--images", "nowhere/*.jpg"], ["nowhere/*.jpg"]),
+        (["--config", "middlebury", "--models", "nowhere"], ["nowhere"]),
+        (["--config", "middlebury", "--seed", "-1"], ["--seed"]),
+        (["--config", "middlebury", "--backend", "vulkan"], ["--backend", "egl"]),
+        ([], ["--config"]),
+    ],
+)
+def test_wrong_input_is_refused_and_nothing_written(call, tmp_path, command, arguments, words):
+    refused(call(command, *arguments, cwd=tmp_path), *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_hostile_images_are_named_and_counted(call, tmp_path, photographs):
+    (photographs / "broken.jpg").write_bytes(b"\xff\xd8\xff\xe0 not really")
+    (photographs / "cut.png").write_bytes((photographs / "noise.png").read_bytes()[:5000])
+    done = call(
+        "generate", "--config", "eth3d", "--images", photographs, "--out", "o", "--pairs", 1, *SMALL, cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    assert "broken.jpg" in done.stderr
+    assert "cut.png" in done.stderr
+    assert "2 not readable" in done.stderr
+    (photographs / "noise.png").unlink()
+    refused(
+        call("generate", "--config", "eth3d", "--images", photographs, "--out", "p", cwd=tmp_path),
+        "broken.jpg",
+        "cut.png",
+    )
+    assert not (tmp_path / "p").exists()
+
+
+def test_a_bomb_is_refused_by_its_header(call, tmp_path, shared_data):
+    bomb = shared_data / "hostile" / "png_bomb_65536.png"
+    refused(call("generate", "--config", "eth3d", "--images", bomb, cwd=tmp_path), "png_bomb_65536.png", "65536")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_broken_models_are_named_and_left_out(call, tmp_path, photographs):
+    models = tmp_path / "models"
+    models.mkdir()
+    (models / "good.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n")
+    (models / "nan.obj").write_text("v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (models / "index.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n")
+    (models / "empty.obj").write_text("# nothing\n")
+    done = call(
+        "generate",
+        "--config",
+        "eth3d",
+        "--images",
+        photographs,
+        "--models",
+        models,
+        "--out",
+        "o",
+        "--pairs",
+        1,
+        *SMALL,
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    for name in ("nan.obj", "index.obj", "empty.obj"):
+        assert f"model left out: {models / name}" in done.stderr
+    assert "good.obj:" not in done.stderr
+    (models / "good.obj").unlink()
+    refused(
+        call("generate", "--config", "eth3d", "--images", photographs, "--models", models, "--out", "p", cwd=tmp_path),
+        "nan.obj",
+    )
+
+
+def test_too_old_opengl_is_told(tmp_path, photographs):
+    done = run(
+        "generate",
+        "--config",
+        "eth3d",
+        "--images",
+        photographs,
+        "--out",
+        "o",
+        *SMALL,
+        cwd=tmp_path,
+        MESA_GL_VERSION_OVERRIDE="3.1",
+    )
+    refused(done, "no OpenGL context could be opened", "semisynth-gl doctor")
+    assert not (tmp_path / "o").exists()
+
+
+def test_a_full_disk_is_told_and_leaves_no_half_pair(tmp_path, photographs):
+    """A limit on the size of files stands in for a full disk: writing fails in the middle of a file."""
+    script = (
+        "import errno, pathlib, semisynth_gl.cli\n"
+        "whole = pathlib.Path.write_bytes\n"
+        "def write_bytes(self, data, written=[0]):\n"
+        "    written[0] += len(data)\n"
+        "    if written[0] > 300_000:\n"
+        "        whole(self, data[: len(data) // 2])\n"
+        "        raise OSError(errno.ENOSPC, 'No space left on device', str(self))\n"
+        "    return whole(self, data)\n"
+        "pathlib.Path.write_bytes = write_bytes\n"
+        "semisynth_gl.cli.main()\n"
+    )
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            script,
+            "generate",
+            "--config",
+            "eth3d",
+            "--images",
+            photographs,
+            "--out",
+            "o",
+            "--pairs",
+            "9",
+            *SMALL,
+        ],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    refused(done, "No space left on device", "Free some space")
+    scenes = list((tmp_path / "o/MiddEval3/trainingF").iterdir())
+    assert 1 <= len(scenes) < 9
+    assert all(len(list(scene.iterdir())) == 7 for scene in scenes)
+    assert not (tmp_path / "o/dataset.json").exists()
+    assert not any((tmp_path / "o/.partial").iterdir())
+
+
+def test_a_read_only_folder_is_told(call, tmp_path, photographs):
+    if os.geteuid() == 0:
+        done = call(
+            "generate", "--config", "eth3d", "--images", photographs, "--out", "/proc/nothing", *SMALL, cwd=tmp_path
+        )
+    else:
+        (tmp_path / "locked").mkdir(mode=0o500)
+        done = call("generate", "--config", "eth3d", "--images", photographs, "--out", "locked/o", *SMALL, cwd=tmp_path)
+    refused(done, "cannot be written to")
+
+
+def test_ctrl_c_stops_without_traceback_or_half_pairs(tmp_path, photographs):
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            "-m",
+            "semisynth_gl",
+            "generate",
+            "--config",
+            "eth3d",
+            "--images",
+            str(photographs),
+            "--out",
+            "o",
+            "--pairs",
+            "100000",
+            *SMALL,
+        ],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    scenes = tmp_path / "o/MiddEval3/trainingF"
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and not (scenes.is_dir() and len(list(scenes.iterdir())) > 2):
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    output, messages = process.communicate(timeout=30)
+    assert process.returncode == 2
+    assert output == ""
+    assert "Traceback" not in messages
+    assert "Stopped" in messages
+    assert all(len(list(scene.iterdir())) == 7 for scene in scenes.iterdir())
+    assert not (tmp_path / "o/dataset.json").exists()
+    done = run(
+        "generate",
+        "--config",
+        "eth3d",
+        "--images",
+        photographs,
+        "--out",
+        "o",
+        "--pairs",
+        1,
+        "--overwrite",
+        *SMALL,
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    assert len(list(scenes.iterdir())) == 1
+
+
+def test_preview_refuses_other_formats_and_missing_folders(call, tmp_path, photographs):
+    refused(
+        call("preview", "--config", "eth3d", "--images", photographs, "--out", "a.jpg", cwd=tmp_path), "ends in .png"
+    )
+    refused(
+        call("preview", "--config", "eth3d", "--images", photographs, "--out", "no/a.png", cwd=tmp_path),
+        "does not exist",
+    )
+
+
+def test_quotes_in_paths_survive(call, tmp_path):
+    folder = Path(tmp_path / "it's, [odd]")
+    folder.mkdir()
+    noise = np.random.default_rng(0).integers(0, 256, (300, 300, 3), dtype=np.uint8)
+    Image.fromarray(noise).save(folder / "n.png")
+    done = call("generate", "--config", "eth3d", "--images", folder, "--out", "o", "--pairs", 1, *SMALL, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,189 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from semisynth_gl.config import Config, Range, load_config, packaged_configs
+from semisynth_gl.errors import InputError
+
+CAMERA = "camera: {width_px: 64, height_px: 48, focal_px: 50, baseline_m: 0.1}\n"
+DISPARITY = "disparity: {min_px: 1, max_px: 20}\n"
+
+
+def written(folder: Path, text: str, name: str = "mine.yaml") -> Path:
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+def complaint(folder: Path, text: str, overrides=()) -> str:
+    with pytest.raises(InputError) as caught:
+        load_config(written(folder, text), overrides)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("name", packaged_configs())
+def test_packaged_configs_load_by_name_and_by_file_name(name):
+    config = load_config(name)
+    assert config.name == name
+    assert load_config(f"{name}.yaml") == config
+
+
+def test_packaged_configs_have_the_benchmarks_numbers():
+    camera = load_config("kitti").camera
+    assert (camera.width_px, camera.height_px, camera.focal_px, camera.baseline_m) == (
+        1242,
+        375,
+        Range(721.54, 721.54),
+        Range(0.5372, 0.5372),
+    )
+    camera = load_config("middlebury").camera
+    assert (camera.width_px, camera.height_px, camera.focal_px, camera.baseline_m, camera.doffs_px) == (
+        1500,
+        1000,
+        Range(1164, 2700),
+        Range(0.16, 0.38),
+        Range(40, 200),
+    )
+    histogram = load_config("middlebury").disparity.histogram
+    assert histogram is not None
+    assert len(histogram.shares) == 29
+    assert histogram.shares[4] == 0.141
+
+
+def test_a_minimal_config_has_defaults(tmp_path):
+    config = load_config(written(tmp_path, "name: mine\n" + CAMERA + DISPARITY))
+    assert config.textures.source == "builtin"
+    assert config.sequence.length == 1
+
+
+def test_ablations_differ_from_middlebury_only_in_their_factor():
+    base = load_config("middlebury").model_dump()
+    for name in packaged_configs():
+        if not name.startswith("ablation-"):
+            continue
+        factor = "models" if "geometry" in name else "textures"
+        other = load_config(name).model_dump()
+        differing = {key for key in base if base[key] != other[key]} - {"name"}
+        assert differing <= {factor}
+
+
+def test_extends_merges_sections_and_finds_files_beside(tmp_path):
+    written(tmp_path, "name: base\n" + CAMERA + DISPARITY + "textures: {patch_px: 64}\n", "base.yaml")
+    child = written(tmp_path, "extends: base.yaml\nname: child\ncamera: {width_px: 65}\ntextures: {scales: [1]}\n")
+    config = load_config(child)
+    assert (config.name, config.camera.width_px, config.camera.height_px) == ("child", 65, 48)
+    assert (config.textures.patch_px, config.textures.scales) == (64, (1.0,))
+
+
+def test_errors_name_file_line_and_key(tmp_path):
+    text = (
+        "name: mine\n"
+        "camera:\n"
+        "  width_px: 64\n"
+        "  height_px: tall\n"
+        "  focal_px: [9, 3]\n"
+        "  baseline_m: -1\n"
+        "  widht_px: 3\n"
+        "disparity: {min_px: 1, max_px: 20}\n"
+        "zzz: 1\n"
+    )
+    lines = complaint(tmp_path, text).splitlines()
+    path = tmp_path / "mine.yaml"
+    assert f"{path}:4: camera.height_px: input should be a valid integer, got 'tall'" in lines
+    assert (
+        f"{path}:5: camera.focal_px: expected [low, high] with low <= high, but 9 > 3: the range is empty, got [9, 3]"
+        in lines
+    )
+    assert f"{path}:6: camera.baseline_m: expected numbers above 0, got -1" in lines
+    assert f"{path}:7: camera.widht_px: unknown key; did you mean width_px?" in lines
+    assert any(line.startswith(f"{path}:9: zzz: unknown key; expected one of: background, camera,") for line in lines)
+
+
+def test_errors_in_an_extended_file_name_that_file(tmp_path):
+    written(tmp_path, "name: base\n" + CAMERA + "disparity:\n  min_px: 30\n  max_px: 20\n", "base.yaml")
+    message = complaint(tmp_path, "extends: base.yaml\n")
+    assert message.startswith(f"{tmp_path / 'base.yaml'}:3: disparity: expected min_px < max_px, got 30 and 20")
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("name: mine\n" + CAMERA, "disparity: missing"),
+        ("name: two words\n" + CAMERA + DISPARITY, "name: string should match pattern"),
+        (
+            "name: m\n" + CAMERA + DISPARITY + "particles:\n  layers:\n  - {disparity_px: 3}\n",
+            "particles.layers.0.count: missing",
+        ),
+        ("name: m\n" + CAMERA + DISPARITY + "background: {cuboid: 0, plane: 0}\n", "weight above 0"),
+        ("name: m\n" + CAMERA + DISPARITY + "models: {simple: 0, complex: 0}\n", "weight above 0"),
+        (
+            "name: m\n" + CAMERA + DISPARITY + "textures: {sequence: 1}\n",
+            "textures.sequence: input should be a valid boolean",
+        ),
+        ("name: m\n" + CAMERA.replace("50", ".nan") + DISPARITY, "expected finite numbers"),
+        (
+            "name: m\n" + CAMERA.replace("focal_px: 50", "focal_mm: 5") + DISPARITY,
+            "focal_mm and sensor_width_mm go together",
+        ),
+        ("- a list\n", "expected sections"),
+        ("", "expected sections"),
+        ("name: m\nname: n\n", "not valid YAML: found duplicate key"),
+        ("camera: [1, 2\n", "not valid YAML"),
+        ("extends: mine.yaml\n", "extend each other in a circle"),
+        ("extends: nowhere\n", "no such config: nowhere"),
+        ("extends: [1]\n", "expected the name of a config"),
+        ("camera: 3\n", "camera: input should be a valid dictionary"),
+    ],
+)
+def test_wrong_configs_are_refused(tmp_path, text, word):
+    message = complaint(tmp_path, text)
+    assert word in message
+    assert "mine.yaml" in message or "missing" in message
+
+
+def test_binary_files_are_refused(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_bytes(b"\xff\xfe\x00\x01")
+    with pytest.raises(InputError, match=r"mine\.yaml: cannot be read as YAML|mine\.yaml.*not valid YAML"):
+        load_config(path)
+
+
+def test_unknown_names_get_the_nearest(tmp_path):
+    with pytest.raises(InputError, match=r"no such config: midlebury\. Did you mean middlebury\?"):
+        load_config("midlebury")
+    with pytest.raises(InputError, match="no such config"):
+        load_config(tmp_path / "none.yaml")
+
+
+def test_overrides_are_yaml_and_name_themselves(tmp_path):
+    path = written(tmp_path, "name: mine\n" + CAMERA + DISPARITY)
+    config = load_config(path, ["camera.focal_px=[40, 1e2]", "textures.sequence=true"])
+    assert (config.camera.focal_px, config.textures.sequence) == (Range(40, 100), True)
+    assert load_config(path, {"camera.focal_px": [40, 100.0], "textures.sequence": True}) == config
+    for setting, word in (
+        ("camera.width=3", r"--set camera\.width: unknown key; did you mean width_px\?"),
+        ("camera.width_px=x", r"--set camera\.width_px: input should be a valid integer, got 'x'"),
+        ("camera.width_px.more=3", "has|no section|dictionary"),
+        ("camera.width_px", "expected dotted.key=value"),
+        ("camera.width_px=[", "not valid YAML"),
+    ):
+        with pytest.raises(InputError, match=word):
+            load_config(path, [setting])
+
+
+@given(st.floats(-1e6, 1e6), st.floats(0, 1e6), st.integers(0, 2**32))
+def test_draws_stay_in_their_range(low, width, seed):
+    value = Range(low, low + width)
+    drawn = [value.draw(np.random.default_rng(seed)), *value.draw_many(np.random.default_rng(seed), 20)]
+    assert all(low <= x <= low + width for x in drawn)
+
+
+def test_digests_follow_values_not_spelling(tmp_path):
+    one = load_config(written(tmp_path, "name: mine\n" + CAMERA + DISPARITY, "a.yaml"))
+    same = load_config(written(tmp_path, DISPARITY + CAMERA + "name: 'mine'\nsequence: {length: 1}\n", "b.yaml"))
+    other = load_config(written(tmp_path, "name: mine\n" + CAMERA + "disparity: {min_px: 1, max_px: 21}\n", "c.yaml"))
+    assert one.digest() == same.digest() != other.digest()
+    assert Config.model_validate(one.model_dump()) == one

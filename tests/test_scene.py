@@ -1,0 +1,295 @@
+"""Scenes: what is promised of cameras, backgrounds, particles and layers."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from semisynth_gl.camera import EYES, StereoCamera
+from semisynth_gl.config import Config, Range, load_config
+from semisynth_gl.config.model import BackgroundSection, DisparitySection, ParticlesSection
+from semisynth_gl.errors import InputError
+from semisynth_gl.geometry.library import build_library
+from semisynth_gl.scene.background import FACE, draw_background
+from semisynth_gl.scene.layers import Target, coverage, target_of
+from semisynth_gl.scene.particles import draw_release, draw_slots, particles_at, rotation_about, rotation_of
+from semisynth_gl.scene.rig import draw_camera, near_depth_m
+from semisynth_gl.scene.sampler import SceneSampler
+from semisynth_gl.scene.scene import make_scene
+from semisynth_gl.seeds import Purpose, generator
+from semisynth_gl.textures.atlas import Patch
+
+CAMERA = StereoCamera(600, 400, 700.0, 0.2, 280.0, 320.0, 190.0)
+DISPARITY = DisparitySection(min_px=5.0, max_px=150.0)
+
+
+def small(*settings: str) -> Config:
+    return load_config("middlebury", ["camera.width_px=150", "camera.height_px=100", "models.variants=1", *settings])
+
+
+def patches(count=5, frames=1):
+    return tuple(Patch(f"{i}.png", 0, 0, 256, i * frames, frames, 9.0) for i in range(count))
+
+
+@pytest.fixture(scope="module")
+def library():
+    return build_library(small().models, 3)
+
+
+def test_cameras_are_drawn_within_their_ranges():
+    section = load_config("middlebury").camera
+    cameras = [draw_camera(section, generator(1, Purpose.CAMERA, i)) for i in range(200)]
+    for name, low, high in (("focal_px", 1164, 2700), ("baseline_m", 0.16, 0.38), ("doffs_px", 40, 200)):
+        values = np.array([getattr(camera, name) for camera in cameras])
+        assert (values >= low).all()
+        assert (values <= high).all()
+        assert values.max() - values.min() > 0.8 * (high - low)
+    middle = np.array([(camera.cx_left_px + camera.cx_right_px) / 2 for camera in cameras])
+    np.testing.assert_allclose(middle, (1500 - 1) / 2)
+
+
+def test_focal_length_in_millimetres():
+    section = small("camera.focal_px=null", "camera.focal_mm=4", "camera.sensor_width_mm=6").camera
+    assert draw_camera(section, generator(0, Purpose.CAMERA)).focal_px == pytest.approx(4 / 6 * 150)
+
+
+def test_doffs_beyond_the_largest_disparity_are_refused():
+    with pytest.raises(InputError, match=r"disparity\.max_px"):
+        near_depth_m(StereoCamera.centred(100, 100, 100.0, 0.1, -151.0), DISPARITY)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.integers(0, 2**31),
+    st.floats(0, 40),
+    st.floats(200, 3000),
+    st.floats(-4, 200),
+)
+def test_no_wall_comes_nearer_than_the_largest_disparity(seed, turn, focal, doffs):
+    camera = StereoCamera.centred(600, 400, focal, 0.2, doffs)
+    section = BackgroundSection(wall_disparity_px=Range(6, 40), wall_turn_deg=turn)
+    background = draw_background(section, DISPARITY, camera, np.random.default_rng(seed))
+    y, x = np.mgrid[-0.5:399.6:40, -0.5:599.6:60]
+    for eye in EYES:
+        origin = background.offset_m - background.normal[:, 0] * camera.offset_m(eye)
+        assert (origin > 0).all()  # the camera is inside
+        along = camera.rays(eye, x, y) @ background.normal.T
+        depth = np.where(along > 0, origin / np.where(along > 0, along, 1), np.inf).min(axis=-1)
+        assert np.isfinite(depth).all()
+        assert camera.disparity_px(depth).max() <= DISPARITY.max_px
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 2**31))
+def test_faces_lie_in_their_planes_and_close_the_cuboid(seed):
+    section = BackgroundSection(wall_disparity_px=Range(6, 40))
+    background = draw_background(section, DISPARITY, CAMERA, np.random.default_rng(seed))
+    corners = np.c_[FACE.positions, np.ones(4)]
+    points = background.world_from_face @ corners.T
+    for face in range(6):
+        np.testing.assert_allclose(background.normal[face] @ points[face, :3], background.offset_m[face], atol=1e-9)
+    # Each corner of the cuboid belongs to exactly three faces.
+    every = np.round(points[:, :3].transpose(0, 2, 1).reshape(-1, 3), 6)
+    _, counts = np.unique(every, axis=0, return_counts=True)
+    assert counts.tolist() == [3] * 8
+
+
+def test_far_planes_cover_both_views_and_are_valid():
+    section = BackgroundSection(cuboid=0.0, plane=1.0, plane_disparity_px=Range(0.2, 0.2))
+    camera = StereoCamera.centred(600, 400, 700.0, 0.2)
+    background = draw_background(section, DISPARITY, camera, np.random.default_rng(0))
+    assert background.kind == "plane"
+    assert camera.disparity_px(background.offset_m)[0] == pytest.approx(0.2)
+    low = background.world_from_face[0, :2, 3]
+    high = low + background.size_m[0]
+    for eye in EYES:
+        corner = camera.rays(eye, np.array([-0.5, 599.5]), np.array([-0.5, 399.5])) * background.offset_m[0]
+        corner[:, 0] += camera.offset_m(eye)
+        assert (corner[0, :2] > low).all()
+        assert (corner[1, :2] < high).all()
+
+
+def test_rotations_are_rotations():
+    rng = np.random.default_rng(0)
+    quaternion = rng.normal(size=(50, 4))
+    quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
+    matrices = rotation_of(quaternion)
+    np.testing.assert_allclose(matrices @ matrices.transpose(0, 2, 1), np.tile(np.eye(3), (50, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(matrices), 1)
+    quarter = rotation_about(np.array([[0.0, 0, 1]]), np.array([np.pi / 2]))[0]
+    np.testing.assert_allclose(quarter @ [1, 0, 0], [0, 1, 0], atol=1e-12)
+
+
+def stream(count=40, **options):
+    section = ParticlesSection(**options)
+    slots = draw_slots(CAMERA, section, [(20.0, 30.0, count), (60.0, 90.0, count)], np.random.default_rng(2))
+    return section, slots, lambda g: draw_release(CAMERA, section, slots, np.random.default_rng([3, g]))
+
+
+def test_particles_fall_at_constant_speed_and_are_released_anew():
+    section, slots, release = stream(fall_m_s=Range(1, 1), drift=Range(0, 0), spin_deg_s=Range(90, 90))
+    del section
+    times = np.linspace(0, 3 * slots.period_s.max(), 400)
+    states = [particles_at(CAMERA, slots, release, t) for t in times]
+    y = np.array([state.centre_m[:, 1] for state in states])
+    generation = np.array([state.generation for state in states])
+    same = np.diff(generation, axis=0) == 0
+    np.testing.assert_allclose(
+        np.diff(y, axis=0)[same], np.broadcast_to(np.diff(times)[:, None], same.shape)[same], rtol=1e-9
+    )
+    assert (np.diff(generation, axis=0) >= 0).all()
+    assert generation.max() >= 3
+    # From just above the view to just below it, whatever the depth.
+    row = CAMERA.focal_px * y / slots.depth_m + CAMERA.cy_px
+    assert (row >= -0.5 - slots.radius_px - 1e-6).all()
+    assert (row <= CAMERA.height_px - 0.5 + slots.radius_px + 1e-6).all()
+
+
+def test_rotation_at_a_time_needs_no_steps():
+    _, slots, release = stream(count=5, spin_deg_s=Range(90, 90), stretch=Range(1, 1), drift=Range(0, 0))
+    first = particles_at(CAMERA, slots, release, 0.0)
+    later = particles_at(CAMERA, slots, release, 1e-3)
+    same = first.generation == later.generation
+    turn = later.world_from_model[same, :3, :3] @ np.linalg.inv(first.world_from_model[same, :3, :3])
+    angle = np.arccos(np.clip((np.trace(turn, axis1=1, axis2=2) - 1) / 2, -1, 1))
+    np.testing.assert_allclose(np.rad2deg(angle), 0.09, rtol=1e-3)
+
+
+def test_layers_hold_their_numbers_at_their_depths():
+    _, slots, release = stream(drift=Range(0, 0))
+    for time_s in (0.0, 1.7, 100.0):
+        disparity = CAMERA.disparity_px(particles_at(CAMERA, slots, release, time_s).centre_m[:, 2])
+        assert ((disparity >= 20) & (disparity <= 30)).sum() == 40
+        assert ((disparity >= 60) & (disparity <= 90)).sum() == 40
+
+
+def test_stretch_never_exceeds_the_bounding_sphere():
+    _, slots, release = stream(stretch=Range(0.2, 1))
+    state = particles_at(CAMERA, slots, release, 0.3)
+    largest = np.linalg.norm(state.world_from_model[:, :3, :3], axis=1).max(axis=1)
+    np.testing.assert_allclose(largest, state.radius_m)
+
+
+def test_the_number_of_particles_has_a_limit():
+    section = ParticlesSection(most=50)
+    slots = draw_slots(CAMERA, section, [(20.0, 30.0, 400), (60.0, 90.0, 100)], np.random.default_rng(2))
+    assert 48 <= len(slots) <= 50
+    assert (slots.disparity_px < 31).sum() == 40
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(2, 30), st.integers(0, 2**31))
+def test_solved_coverage_gives_the_wanted_shares(bins, seed):
+    """Forward model of a Boolean stack of layers over a wall in the farthest bin."""
+    rng = np.random.default_rng(seed)
+    shares = rng.random(bins) + 0.05
+    shares /= shares.sum()
+    target = Target(np.arange(bins + 1) * 10.0, shares)
+    solved = coverage(target, np.full(100, 5.0))
+    passed = np.exp(-solved)
+    still_open = np.concatenate([np.cumprod(passed[::-1])[::-1][1:], [1.0]])
+    hidden = still_open * (1 - passed)
+    hidden[0] = still_open[0]
+    np.testing.assert_allclose(hidden, shares, atol=1e-9)
+
+
+def test_a_background_in_front_of_everything_needs_no_particles():
+    target = Target(np.array([0.0, 10, 20, 30]), np.array([0.3, 0.3, 0.4]))
+    assert coverage(target, np.full(10, 25.0)).tolist() == [0, 0, 0]
+
+
+def test_without_a_histogram_the_target_is_uniform():
+    target = target_of(DISPARITY)
+    assert (target.edges_px[0], target.edges_px[-1]) == (5, 150)
+    assert np.unique(target.shares).size == 1
+
+
+def test_scenes_depend_on_config_seed_and_index_alone(library):
+    sampler = SceneSampler(small(), 3, library, patches())
+    other = SceneSampler(small(), 3, library, patches())
+    for index in (17, 0, 5):
+        other.sample(index)
+    one, two = sampler.sample(17).scene, other.sample(17).scene
+    for name in ("model", "world_from_model", "layer", "uv_scale", "uv_offset"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+    assert one.camera == two.camera
+    different = SceneSampler(small(), 4, library, patches()).sample(17).scene
+    assert different.camera != one.camera
+    assert sampler.sample(18).scene.camera != one.camera
+
+
+def test_frames_of_a_sequence_share_camera_and_background_and_move(library):
+    sampler = SceneSampler(small("sequence.length=4", "sequence.frame_s=0.02"), 3, library, patches())
+    first, second, next_sequence = (sampler.sample(index) for index in (4, 5, 8))
+    assert (first.sequence, first.frame, second.frame, next_sequence.sequence) == (1, 0, 1, 2)
+    assert first.scene.camera == second.scene.camera != next_sequence.scene.camera
+    assert first.background == "cuboid"
+    np.testing.assert_array_equal(first.scene.world_from_model[:6], second.scene.world_from_model[:6])
+    if len(first.scene) == len(second.scene):
+        moved = second.scene.world_from_model[6:, :3, 3] - first.scene.world_from_model[6:, :3, 3]
+        assert np.median(moved[:, 1]) > 0.005  # downwards, at 0.5 to 2 m/s
+
+
+def test_image_sequences_advance_by_a_layer_a_frame(library):
+    sampler = SceneSampler(small("sequence.length=3"), 3, library, patches(2, frames=7))
+    layers = [sampler.sample(index).scene.layer[:6] for index in range(3)]
+    patch = sampler.sample(0).patch[:6]
+    for before, after in pairwise(layers):
+        np.testing.assert_array_equal((after - patch * 7), (before - patch * 7 + 1) % 7)
+
+
+def test_no_model_crosses_the_near_plane(library):
+    sampler = SceneSampler(small("particles.size_px=[100, 400]"), 1, library, patches())
+    radius = np.array([mesh.radius for mesh in sampler.models])
+    count = 0
+    for index in range(30):
+        scene = sampler.sample(index).scene
+        matrices = scene.world_from_model[6:]
+        reach = radius[scene.model[6:]] * np.linalg.norm(matrices[:, :3, :3], axis=1).max(axis=1)
+        assert (matrices[:, 2, 3] - reach > scene.near_m - 1e-9).all()
+        count += len(matrices)
+    assert count > 100
+
+
+def test_texels_come_out_near_one_pixel(library):
+    config = small("textures.texels_per_pixel=1", "background.wall_turn_deg=0")
+    scene = SceneSampler(config, 1, library, patches()).sample(0).scene
+    model = scene.model[6:]
+    assert (model > 0).all()
+    # A model's UV unit is one model unit; facing the camera it covers scale * f / Z pixels and uv_scale * P texels.
+    scale = np.linalg.norm(scene.world_from_model[6:, :3, :3], axis=1).mean(axis=1)
+    pixels = scale * scene.camera.focal_px / scene.world_from_model[6:, 2, 3]
+    np.testing.assert_allclose(scene.uv_scale[6:, 0] * 256 / pixels, 1)
+
+
+def test_families_are_drawn_by_their_weights():
+    config = small("models.simple=3", "models.complex=1", "models.variants=1")
+    library = build_library(config.models, 0)
+    sampler = SceneSampler(config, 0, library, patches())
+    simple = 0
+    total = 0
+    for index in range(40):
+        names = [sampler.models[m].name for m in sampler.sample(index).scene.model[6:]]
+        total += len(names)
+        simple += sum(
+            name in {"cube", "cuboid", "sphere", "cone", "cylinder", "capsule", "torus", "pyramid", "prism"}
+            for name in names
+        )
+    assert simple / total == pytest.approx(0.75, abs=4 * np.sqrt(0.75 * 0.25 / total))
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"near_m": 0.0}, "near_m must be positive"),
+        ({"layer": [0, 1]}, r"layer must have shape \(1,\)"),
+        ({"world_from_model": [np.full((4, 4), np.nan)]}, "not finite"),
+        ({"camera_from_world": np.eye(3)}, "camera_from_world must have shape"),
+    ],
+)
+def test_impossible_scenes_are_refused(change, word):
+    arguments = {"model": [0], "world_from_model": [np.eye(4)], "layer": [0]} | change
+    with pytest.raises(InputError, match=word):
+        make_scene(CAMERA, **arguments)
