@@ -174,6 +174,12 @@ def test_overrides_are_yaml_and_name_themselves(tmp_path):
             load_config(path, [setting])
 
 
+def test_a_later_focal_length_takes_back_the_earlier():
+    config = load_config("middlebury", ["camera.focal_mm=4", "camera.sensor_width_mm=6"])
+    assert (config.camera.focal_px, config.camera.sensor_width_mm) == (None, 6)
+    assert load_config("kitti", ["camera.doffs_px=3"]).camera.cx_right_px is None
+
+
 @given(st.floats(-1e6, 1e6), st.floats(0, 1e6), st.integers(0, 2**32))
 def test_draws_stay_in_their_range(low, width, seed):
     value = Range(low, low + width)

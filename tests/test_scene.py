@@ -51,7 +51,7 @@ def test_cameras_are_drawn_within_their_ranges():
 
 
 def test_focal_length_in_millimetres():
-    section = small("camera.focal_px=null", "camera.focal_mm=4", "camera.sensor_width_mm=6").camera
+    section = small("camera.focal_mm=4", "camera.sensor_width_mm=6").camera
     assert draw_camera(section, generator(0, Purpose.CAMERA)).focal_px == pytest.approx(4 / 6 * 150)
 
 

@@ -19,6 +19,14 @@ from semisynth_gl.resources import data_root
 
 _EXTENDS = "extends"
 
+# Two ways to say the same thing: setting one in a later place takes back the other.
+_REPLACES = {
+    "focal_px": ("focal_mm", "sensor_width_mm"),
+    "focal_mm": ("focal_px",),
+    "doffs_px": ("cx_right_px",),
+    "cx_right_px": ("doffs_px",),
+}
+
 Key = tuple[str | int, ...]
 
 
@@ -46,8 +54,10 @@ def load_config(name_or_path: str | Path, overrides: Mapping[str, Any] | Sequenc
         InputError: with a line per fault: where it is (file, line), the dotted key, what was expected and what came.
     """
     document = _read(_find(str(name_or_path)), ())
+    own = _Document()
     for key, value in _parsed_overrides(overrides):
-        _set(document, key, value)
+        _set(own, key, value)
+    document = _merge(document, own)
     try:
         return Config.model_validate(document.values)
     except ValidationError as error:
@@ -118,13 +128,17 @@ def _plain(node: Any, key: Key, shown: str, places: dict[Key, str]) -> Any:  # n
 
 def _merge(base: _Document, own: _Document) -> _Document:
     def merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
-        result = dict(below)
+        result = {name: value for name, value in below.items() if not _is_replaced(name, above)}
         for name, value in above.items():
             both = isinstance(value, dict) and isinstance(below.get(name), dict)
             result[name] = merged(below[name], value) if both else value
         return result
 
     return _Document(merged(base.values, own.values), base.places | own.places)
+
+
+def _is_replaced(name: str, above: dict[str, Any]) -> bool:
+    return name not in above and any(name in _REPLACES.get(other, ()) for other in above)
 
 
 def _parsed_overrides(overrides: Mapping[str, Any] | Sequence[str]) -> list[tuple[str, Any]]:
