@@ -1,6 +1,7 @@
 """The renderer's answer: one stereo pair as arrays, top-left origin."""
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +12,16 @@ VISIBLE = 255
 OCCLUDED = 128
 OUTSIDE = 0
 
+Output = Literal["visibility", "instances", "depth"]
+OUTPUTS: tuple[Output, ...] = get_args(Output)
+DEFAULT_OUTPUTS: tuple[Output, ...] = ("visibility",)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
     """A rendered stereo pair with its truth.
+
+    What was not asked for is None.
 
     Attributes:
         camera: the camera that took it.
@@ -25,6 +32,10 @@ class Frame:
         visibility_left: (H, W) uint8: `VISIBLE` where the right eye sees the same point, `OCCLUDED` where something
             hides it there, `OUTSIDE` where it leaves the right image or has no valid disparity.
         visibility_right: (H, W) uint8, likewise for the right view.
+        instances_left: (H, W) uint16: k + 1 where instance k of the scene is seen, 0 where nothing is.
+        instances_right: (H, W) uint16, likewise for the right view.
+        depth_left: (H, W) float32 planar depth, m; inf where nothing is seen.
+        depth_right: (H, W) float32, likewise for the right view.
     """
 
     camera: StereoCamera
@@ -32,5 +43,9 @@ class Frame:
     right: NDArray[np.uint8]
     disparity_left: NDArray[np.float32]
     disparity_right: NDArray[np.float32]
-    visibility_left: NDArray[np.uint8]
-    visibility_right: NDArray[np.uint8]
+    visibility_left: NDArray[np.uint8] | None = None
+    visibility_right: NDArray[np.uint8] | None = None
+    instances_left: NDArray[np.uint16] | None = None
+    instances_right: NDArray[np.uint16] | None = None
+    depth_left: NDArray[np.float32] | None = None
+    depth_right: NDArray[np.float32] | None = None

@@ -63,7 +63,14 @@ class PairRenderer:
         self.atlas: Atlas = prepare_atlas(config.textures, seed)
         self.library: ModelLibrary = build_library(config.models, seed)
         self._sampler = SceneSampler(config, seed, self.library, self.atlas.patches)
-        self._renderer = Renderer(self._sampler.models, self.atlas.layers, wrap=config.textures.wrap, backend=backend)
+        self._renderer = Renderer(
+            self._sampler.models,
+            self.atlas.layers,
+            wrap=config.textures.wrap,
+            outputs=config.outputs,
+            antialias=config.antialias,
+            backend=backend,
+        )
         self._made_by = {
             "program": "semisynth-gl",
             "version": version("semisynth-gl"),
@@ -97,7 +104,10 @@ class PairRenderer:
             raise InputError(f"a pair's index must be 0 or more, got {index}")
         sampled = self._sampler.sample(index)
         frame = self._renderer.render(sampled.scene)
-        return Pair(index, frame, {"pair": index} | self._made_by | self._sampler.provenance(sampled))
+        provenance = {"pair": index} | self._made_by | self._sampler.provenance(sampled)
+        if "instances" in self.config.outputs:
+            provenance["instances"] = self._sampler.instance_table(sampled)
+        return Pair(index, frame, provenance)
 
     def card(self) -> dict[str, Any]:
         """What all pairs have in common, in JSON's types."""

@@ -1,16 +1,17 @@
 #version 450 core
-// Colour from the patch atlas and nothing else; planar depth beside it.
-
-uniform sampler2DArray atlas;
-uniform bool mirror;
+// COLOUR: from the patch atlas and nothing else. TRUTH: planar depth. SURFACE: which triangle of which instance.
 
 in vec2 patch_coordinate;
 flat in int patch_layer;
+flat in int scene_instance;
 
-layout(location = 0) out vec4 colour;
-layout(location = 1) out float depth_m;
+#ifdef COLOUR
+uniform sampler2DArray atlas;
+uniform bool mirror;
 
-void main() {
+layout(location = COLOUR) out vec4 colour;
+
+vec4 patch_colour() {
     vec2 side_texels = vec2(textureSize(atlas, 0).xy);
     // The mip level is taken from the unfolded coordinate: folding it by mirroring has no derivative at the fold.
     vec2 dx = dFdx(patch_coordinate) * side_texels;
@@ -26,7 +27,27 @@ void main() {
     if (mirror) {
         folded = 1.0 - abs(mod(folded, 2.0) - 1.0);
     }
-    colour = textureLod(atlas, vec3(folded, float(patch_layer)), lod);
+    return textureLod(atlas, vec3(folded, float(patch_layer)), lod);
+}
+#endif
+
+#ifdef TRUTH
+layout(location = TRUTH) out float depth_m;
+#endif
+
+#ifdef SURFACE
+layout(location = SURFACE) out uvec2 surface;  // instance, triangle
+#endif
+
+void main() {
+#ifdef COLOUR
+    colour = patch_colour();
+#endif
+#ifdef TRUTH
     // 1/w is linear on the screen, so the rasteriser interpolates it without a division.
     depth_m = 1.0 / gl_FragCoord.w;
+#endif
+#ifdef SURFACE
+    surface = uvec2(scene_instance, gl_PrimitiveID);
+#endif
 }

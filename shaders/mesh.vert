@@ -11,14 +11,17 @@ layout(location = 3) in vec4 view_from_model_y;
 layout(location = 4) in vec4 view_from_model_z;
 layout(location = 5) in vec4 patch_from_uv;    // scale.xy, offset.xy
 layout(location = 6) in int layer;
+layout(location = 7) in int instance;          // its index in the scene, whatever the order of drawing
 
 out vec2 patch_coordinate;
 flat out int patch_layer;
+flat out int scene_instance;
 
 void main() {
     vec4 model = vec4(position, 1.0);
     vec3 view = vec3(dot(view_from_model_x, model), dot(view_from_model_y, model), dot(view_from_model_z, model));
     patch_coordinate = uv * patch_from_uv.xy + patch_from_uv.zw;
     patch_layer = layer;
+    scene_instance = instance;
     gl_Position = clip_from_view * vec4(view, 1.0);
 }

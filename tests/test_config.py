@@ -99,7 +99,10 @@ def test_errors_name_file_line_and_key(tmp_path):
     )
     assert f"{path}:6: camera.baseline_m: expected numbers above 0, got -1" in lines
     assert f"{path}:7: camera.widht_px: unknown key; did you mean width_px?" in lines
-    assert any(line.startswith(f"{path}:9: zzz: unknown key; expected one of: background, camera,") for line in lines)
+    assert any(
+        line.startswith(f"{path}:9: zzz: unknown key; expected one of: antialias, background, camera,")
+        for line in lines
+    )
 
 
 def test_errors_in_an_extended_file_name_that_file(tmp_path):

@@ -11,6 +11,7 @@ from conftest import backend_fault, facing, noise_layers
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.errors import BackendError, InputError
+from semisynth_gl.frame import OUTPUTS
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.devices import context_facts, egl_devices
@@ -21,11 +22,7 @@ from semisynth_gl.scene.scene import make_scene
 
 def frame_bytes(frame):
     return b"".join(
-        array.tobytes()
-        for array in (
-            *(frame.left, frame.right, frame.disparity_left, frame.disparity_right),
-            *(frame.visibility_left, frame.visibility_right),
-        )
+        array.tobytes() for array in (getattr(frame, name) for name in frame.__slots__[1:]) if array is not None
     )
 
 
@@ -57,7 +54,7 @@ def test_both_software_backends_give_the_same_bytes(square):
     camera = StereoCamera.centred(321, 205, 250.0, 0.3)
     digests = set()
     for name in ("egl", "osmesa"):
-        with Renderer([square, triangle()], noise_layers(3, 32), backend=name) as renderer:
+        with Renderer([square, triangle()], noise_layers(3, 32), backend=name, outputs=OUTPUTS) as renderer:
             digests.add(hashlib.sha256(frame_bytes(renderer.render(busy_scene(camera)))).hexdigest())
     assert len(digests) == 1
 
@@ -65,7 +62,7 @@ def test_both_software_backends_give_the_same_bytes(square):
 def test_a_scene_gives_the_same_bytes_whatever_was_drawn_before(open_renderer, square):
     camera = StereoCamera.centred(200, 100, 150.0, 0.2)
     other = StereoCamera.centred(97, 301, 90.0, 0.2)
-    renderer = open_renderer([square, triangle()], noise_layers(3, 32))
+    renderer = open_renderer([square, triangle()], noise_layers(3, 32), outputs=OUTPUTS)
     first = frame_bytes(renderer.render(busy_scene(camera)))
     renderer.render(busy_scene(other, 700))
     assert frame_bytes(renderer.render(busy_scene(camera))) == first
@@ -81,6 +78,75 @@ def test_instances_without_end_are_drawn(open_renderer, square):
     )
     np.testing.assert_allclose(frame.disparity_left[30:34, 30:34], 6.4, rtol=1e-6)
     assert np.isfinite(frame.disparity_left).sum() == 32
+
+
+def test_outputs_are_made_only_when_asked_for(open_renderer, square):
+    camera = StereoCamera.centred(40, 30, 40.0, 0.1)
+    matrices = [facing(camera, 0, 0, 40, 30, 2.0), facing(camera, 10, 5, 8, 9, 1.0)]
+    scene = make_scene(camera, model=[0, 0], world_from_model=matrices, layer=[0, 0])
+    bare = open_renderer([square], noise_layers(1, 16), outputs=()).render(scene)
+    full = open_renderer([square], noise_layers(1, 16), outputs=OUTPUTS).render(scene)
+    for eye in ("left", "right"):
+        assert [getattr(bare, f"{name}_{eye}") for name in OUTPUTS] == [None, None, None]
+        np.testing.assert_array_equal(getattr(bare, f"disparity_{eye}"), getattr(full, f"disparity_{eye}"))
+        np.testing.assert_array_equal(getattr(bare, eye), getattr(full, eye))
+    expected = np.ones((30, 40), np.uint16)
+    expected[5:14, 10:18] = 2
+    np.testing.assert_array_equal(full.instances_left, expected)
+    np.testing.assert_allclose(full.depth_left, np.where(expected == 2, 1.0, 2.0), rtol=1e-6)
+
+
+def test_more_instances_than_ids_are_refused(open_renderer, square):
+    camera = StereoCamera.centred(8, 8, 8.0, 0.1)
+    many = make_scene(
+        camera, model=np.zeros(65_536), world_from_model=np.tile(np.eye(4), (65_536, 1, 1)), layer=np.zeros(65_536)
+    )
+    with pytest.raises(InputError, match="16-bit ids"):
+        open_renderer([square], noise_layers(1, 16), outputs=["instances"]).render(many)
+    with pytest.raises(InputError, match="outputs: expected some of"):
+        open_renderer([square], noise_layers(1, 16), outputs=["normals"])
+
+
+@pytest.mark.parametrize("mode", ["msaa4", "ssaa2", "ssaa3"])
+def test_antialiasing_changes_colour_at_edges_only_and_truth_nowhere(open_renderer, square, mode):
+    camera = StereoCamera.centred(200, 150, 200.0, 0.1)
+    flat = np.zeros((2, 16, 16, 4), np.uint8)
+    flat[1] = 200
+    turned = np.eye(4)
+    turned[:2, :2] = [[0.8, -0.3], [0.3, 0.8]]
+    turned[:3, 3] = -0.3, -0.4, 1.5
+    scene = make_scene(
+        camera, model=[0, 0], world_from_model=[facing(camera, -50, -50, 300, 250, 3.0), turned], layer=[0, 1]
+    )
+    plain = open_renderer([square], flat, outputs=OUTPUTS).render(scene)
+    smooth = open_renderer([square], flat, outputs=OUTPUTS, antialias=mode).render(scene)
+    for name in plain.__slots__[3:]:
+        np.testing.assert_array_equal(getattr(plain, name), getattr(smooth, name))
+    for eye in ("left", "right"):
+        before, after = getattr(plain, eye)[..., 0], getattr(smooth, eye)[..., 0]
+        changed = before != after
+        assert changed.any()
+        shades = np.unique(after)
+        assert set(np.unique(before)) == {0, 200}
+        assert ((shades > 0) & (shades < 200)).sum() >= 3
+        # Only within one pixel of the edge.
+        near = np.zeros_like(changed)
+        for dy in (-1, 0, 1):
+            for dx in (-1, 0, 1):
+                near |= np.roll(before, (dy, dx), (0, 1)) != before
+        assert not (changed & ~near).any()
+        # The mean brightness stays: no shift of the edge.
+        assert abs(float(after.mean()) - float(before.mean())) < 0.3
+
+
+def test_samples_that_the_driver_lacks_are_refused(open_renderer, square):
+    camera = StereoCamera.centred(8, 8, 8.0, 0.1)
+    scene = make_scene(camera, model=[0], world_from_model=[np.eye(4)], layer=[0])
+    with pytest.raises(BackendError, match="msaa99 was asked for"):
+        open_renderer([square], noise_layers(1, 16), antialias="msaa99").render(scene)
+    for text in ("msaa", "ssaa1", "ssaa9", "fxaa", "msaa1"):
+        with pytest.raises(InputError, match="antialias: expected none"):
+            open_renderer([square], noise_layers(1, 16), antialias=text)
 
 
 def test_an_image_beyond_the_drivers_limit_is_refused(open_renderer, square):
@@ -156,6 +222,9 @@ def test_glcontext_variables_override_nothing():
 def test_shaders_resolve_their_includes(tmp_path, monkeypatch):
     assert "float disparity_of(" in shader_source("truth.frag")
     assert "#include" not in shader_source("truth.frag")
+    assert shader_source("truth.frag", {"TRACE": 1}).splitlines()[:2] == ["#version 450 core", "#define TRACE 1"]
+    with pytest.raises(ValueError, match="does not know TARCE"):
+        shader_source("truth.frag", {"TARCE": 1})
     monkeypatch.setattr("semisynth_gl.render.shader_source.data_root", lambda _: tmp_path)
     (tmp_path / "a.glsl").write_text('#include "b.glsl"\n')
     (tmp_path / "b.glsl").write_text('#include "a.glsl"\n')

@@ -60,6 +60,13 @@ def test_pfm_has_the_header_that_loaders_expect():
     assert np.frombuffer(encode_pfm(upper)[-8:], "<f4").tolist() == [2.0, 1.0]
 
 
+def test_sixteen_bit_png_is_read_back_by_opencv():
+    ids = np.random.default_rng(0).integers(0, 65536, (9, 31)).astype(np.uint16)
+    decoded = cv2.imdecode(np.frombuffer(encode_png(ids), np.uint8), cv2.IMREAD_UNCHANGED)
+    assert decoded.dtype == np.uint16
+    np.testing.assert_array_equal(decoded, ids)
+
+
 def test_calibration_reads_back_to_the_same_depth():
     written = encode_scene(frame(), {}, ndisp=100)["calib.txt"].decode().splitlines()
     keys = [line.split("=")[0] for line in written]
@@ -82,7 +89,16 @@ def test_a_scene_has_middleburys_files():
     shot = frame()
     files = encode_scene(shot, {"pair": 3}, ndisp=100)
     assert set(files) == {
-        *("im0.png", "im1.png", "disp0GT.pfm", "disp1GT.pfm", "mask0nocc.png", "calib.txt", "pair.json"),
+        *(
+            "im0.png",
+            "im1.png",
+            "disp0GT.pfm",
+            "disp1GT.pfm",
+            "mask0nocc.png",
+            "mask1nocc.png",
+            "calib.txt",
+            "pair.json",
+        ),
     }
     np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(files["im1.png"]))), shot.right)
     mask = Image.open(io.BytesIO(files["mask0nocc.png"]))

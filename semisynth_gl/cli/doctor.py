@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.camera import Eye, StereoCamera
 from semisynth_gl.errors import BackendError
-from semisynth_gl.render.context import INSTALL_COMMAND, INSTALL_COMMAND_OSMESA, Backend
+from semisynth_gl.render.context import INSTALL_COMMAND, INSTALL_COMMAND_OSMESA, Backend, as_root
 from semisynth_gl.render.devices import context_facts, egl_devices, missing_libraries
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.background import FACE
@@ -39,9 +39,9 @@ def doctor() -> None:
         for library, package in missing.items():
             click.echo(f"  {library}, from Debian's {package}")
         if any("osmesa" not in package for package in missing.values()):
-            click.echo(f"  install with: sudo {INSTALL_COMMAND}")
+            click.echo(f"  install with: {as_root(INSTALL_COMMAND)}")
         else:
-            click.echo(f"  optional, install with: sudo {INSTALL_COMMAND_OSMESA}")
+            click.echo(f"  optional, install with: {as_root(INSTALL_COMMAND_OSMESA)}")
     if not working:
         click.echo("No backend works: nothing can be rendered here.")
         sys.exit(1)

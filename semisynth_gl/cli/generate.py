@@ -7,6 +7,7 @@ import click
 from semisynth_gl import pipeline
 from semisynth_gl.cli.options import read_config, scene_options
 from semisynth_gl.cli.progress import Progress
+from semisynth_gl.frame import OUTPUTS
 from semisynth_gl.render.context import Backend
 from semisynth_gl.write.dataset import DatasetFolder
 
@@ -16,6 +17,7 @@ from semisynth_gl.write.dataset import DatasetFolder
 @click.option(
     "--out", type=click.Path(path_type=Path), help="Folder to write to.  [default: out/ and the config's name]"
 )
+@click.option("--outputs", metavar="a,b", help=f"Beside images and disparities: {', '.join(OUTPUTS)}; or none.")
 @click.option("--pairs", type=click.IntRange(min=1), default=24, show_default=True, help="How many pairs.")
 @click.option("--overwrite", is_flag=True, help="Replace the dataset that is in the folder.")
 def generate(
@@ -26,6 +28,7 @@ def generate(
     settings: tuple[str, ...],
     backend: Backend,
     out: Path | None,
+    outputs: str | None,
     pairs: int,
     overwrite: bool,  # noqa: FBT001 - click passes flags so
 ) -> None:
@@ -34,6 +37,8 @@ def generate(
     Files stand as in Middlebury's evaluation set: MiddEval3/trainingF/<pair>/im0.png, im1.png, disp0GT.pfm,
     disp1GT.pfm, mask0nocc.png, calib.txt, and pair.json, which says what made the pair.
     """
+    if outputs is not None:
+        settings = (*settings, f"outputs=[{'' if outputs == 'none' else outputs}]")
     config = read_config(config_name, images, models, settings)
     folder = DatasetFolder(out if out is not None else Path("out") / config.name, overwrite=overwrite)
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from semisynth_gl.config.range import NotNegativeRange, PositiveRange, Range, RangeField
+from semisynth_gl.frame import DEFAULT_OUTPUTS, Output
 
 
 def _as_tuple(value: Any) -> Any:  # noqa: ANN401 - a validator sees whatever the YAML holds
@@ -152,7 +153,7 @@ class ParticlesSection(Section):
     """
 
     layers: Annotated[tuple[LayerSection, ...], BeforeValidator(_as_tuple)] | None = None
-    size_px: PositiveRange = Range(40, 300)
+    size_px: PositiveRange = Range(40.0, 300.0)
     stretch: PositiveRange = Range(0.5, 1.0)
     fall_m_s: PositiveRange = Range(0.5, 2.0)
     drift: NotNegativeRange = Range(0.0, 0.3)
@@ -238,6 +239,8 @@ class Config(Section):
         models: see `ModelsSection`.
         textures: see `TexturesSection`.
         sequence: see `SequenceSection`.
+        outputs: what is written beside images and disparities: ``visibility``, ``instances``, ``depth``.
+        antialias: of colour: ``none``, ``msaa4`` (or what the driver has), ``ssaa2`` to ``ssaa8``.
     """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9-]*$")]
@@ -248,6 +251,8 @@ class Config(Section):
     models: ModelsSection = ModelsSection()
     textures: TexturesSection = TexturesSection()
     sequence: SequenceSection = SequenceSection()
+    outputs: Annotated[tuple[Output, ...], BeforeValidator(_as_tuple)] = DEFAULT_OUTPUTS
+    antialias: Annotated[str, Field(pattern=r"^(none|msaa([2-9]|[1-9][0-9])|ssaa[2-8])$")] = "none"
 
     def digest(self) -> str:
         """SHA-256 of the config's values, 64 hex digits; equal for equal configs however they were written down."""

@@ -22,6 +22,11 @@ INSTALL_COMMAND = "apt-get install -y libegl1 libgl1 libegl-mesa0 libgl1-mesa-dr
 INSTALL_COMMAND_OSMESA = "apt-get install -y libosmesa6 libgl1"
 
 
+def as_root(command: str) -> str:
+    """Write a command as this user must type it."""
+    return command if os.geteuid() == 0 else f"sudo {command}"
+
+
 @dataclass(frozen=True, slots=True)
 class GraphicsContext:
     """An open context, made current and set up for reversed Z in [0, 1].
@@ -67,7 +72,7 @@ def open_context(backend: Backend = "auto", device_index: int = 0) -> GraphicsCo
             reasons.append(f"{name}: {error}")
     command = INSTALL_COMMAND_OSMESA if backend == "osmesa" else INSTALL_COMMAND
     raise BackendError(
-        "no OpenGL context could be opened.\n  " + "\n  ".join(reasons) + f"\nOn Debian or Ubuntu: sudo {command}"
+        "no OpenGL context could be opened.\n  " + "\n  ".join(reasons) + f"\nOn Debian or Ubuntu: {as_root(command)}"
         "\n`semisynth-gl doctor` shows what is there."
     )
 

@@ -4,20 +4,30 @@ from collections.abc import Sequence
 
 import moderngl
 import numpy as np
+from numpy.typing import NDArray
 
 from semisynth_gl.camera import Eye
+from semisynth_gl.geometry.adjacency import neighbours
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.projection import in_view, view_from_world
 from semisynth_gl.scene.scene import Scene
 
-# The per-instance attributes of mesh.vert, in their order.
-_INSTANCE = np.dtype([("view_from_model", "<f4", (3, 4)), ("patch_from_uv", "<f4", (4,)), ("layer", "<i4")])
-_INSTANCE_FORMAT = "4f 4f 4f 4f 1i /i"
-_INSTANCE_NAMES = ("view_from_model_x", "view_from_model_y", "view_from_model_z", "patch_from_uv", "layer")
+# The vertex and per-instance attributes of mesh.vert, in their order.
+_VERTEX_FORMAT = (("position", 3), ("uv", 2))
+_INSTANCE = np.dtype(
+    [("view_from_model", "<f4", (3, 4)), ("patch_from_uv", "<f4", (4,)), ("layer", "<i4"), ("instance", "<i4")]
+)
+_INSTANCE_FORMAT = (
+    *(("view_from_model_x", 4), ("view_from_model_y", 4), ("view_from_model_z", 4)),
+    *(("patch_from_uv", 4), ("layer", 1), ("instance", 1)),
+)
+_INTEGERS = ("layer", "instance")
 # OpenGL's DrawElementsIndirectCommand.
 _COMMAND = np.dtype(
     [("count", "<u4"), ("instances", "<u4"), ("first_index", "<u4"), ("base_vertex", "<i4"), ("base_instance", "<u4")]
 )
+# The struct Instance of common_silhouette.glsl, std430.
+_TRACED = np.dtype([("view_from_model", "<f4", (3, 4)), ("model", "<u4", (4,))])
 _FEWEST_INSTANCES = 256
 
 
@@ -26,17 +36,18 @@ class ModelBuffers:
 
     Args:
         gl: the context.
-        program: the program of mesh.vert.
         models: at least one.
+        traced: whether shaders will follow surfaces (`bind_for_tracing`).
     """
 
-    def __init__(self, gl: moderngl.Context, program: moderngl.Program, models: Sequence[Mesh]) -> None:
+    def __init__(self, gl: moderngl.Context, models: Sequence[Mesh], *, traced: bool) -> None:
         self._gl = gl
-        self._program = program
         self._vertices = gl.buffer(
             np.concatenate([np.hstack([mesh.positions, mesh.uv]) for mesh in models]).astype("<f4", order="C")
         )
         self._indices = gl.buffer(np.concatenate([mesh.triangles.reshape(-1) for mesh in models]).astype("<u4"))
+        self._neighbours = gl.buffer(np.concatenate([neighbours(mesh) for mesh in models])) if traced else None
+        self._traced = gl.buffer(reserve=_FEWEST_INSTANCES * _TRACED.itemsize, dynamic=True) if traced else None
         index_counts = np.array([mesh.triangles.size for mesh in models])
         vertex_counts = np.array([len(mesh.positions) for mesh in models])
         self._radius = np.array([mesh.radius for mesh in models])
@@ -45,14 +56,15 @@ class ModelBuffers:
         self._model_commands["first_index"] = np.cumsum(index_counts) - index_counts
         self._model_commands["base_vertex"] = np.cumsum(vertex_counts) - vertex_counts
         self._commands = gl.buffer(reserve=len(models) * _COMMAND.itemsize, dynamic=True)
+        self._vaos: dict[int, moderngl.VertexArray] = {}
         self._make_room(_FEWEST_INSTANCES)
 
     def __len__(self) -> int:
         return len(self._model_commands)
 
-    def draw(self, scene: Scene, eye: Eye) -> None:
-        """Draw the instances that one eye may see into the framebuffer in use, grouped by model."""
-        view_from_model = view_from_world(scene.camera, eye, scene.camera_from_world) @ scene.world_from_model
+    def fill(self, scene: Scene, eye: Eye) -> int:
+        """Upload the instances that one eye may see, grouped by model; return the number of draw commands."""
+        view_from_model = _view_from_model(scene, eye)
         linear = view_from_model[:, :3, :3]
         # The largest row sum of |A^T A| bounds the squared largest singular value from above, and is equal to it where
         # the instance is scaled along its own axes and then rotated.
@@ -60,33 +72,82 @@ class ModelBuffers:
         radius_m = self._radius[scene.model] * stretch
         seen = np.flatnonzero(in_view(scene.camera, eye, scene.near_m, view_from_model[:, :3, 3], radius_m))
         if len(seen) == 0:
-            return
+            return 0
         seen = seen[np.argsort(scene.model[seen], kind="stable")]
         instances = np.zeros(len(seen), _INSTANCE)
         instances["view_from_model"] = view_from_model[seen, :3]
         instances["patch_from_uv"][:, :2] = scene.uv_scale[seen]
         instances["patch_from_uv"][:, 2:] = scene.uv_offset[seen]
         instances["layer"] = scene.layer[seen]
+        instances["instance"] = seen
         models, counts = np.unique(scene.model[seen], return_counts=True)
         commands = self._model_commands[models]
         commands["instances"] = counts
         commands["base_instance"] = np.cumsum(counts) - counts
         if len(seen) > self._capacity:
-            self._mesh_vao.release()
+            for vao in self._vaos.values():
+                vao.release()
+            self._vaos = {}
             self._instances.release()
             self._make_room(2 * len(seen))
         self._instances.orphan()
         self._instances.write(instances)
         self._commands.orphan()
         self._commands.write(commands)
-        self._mesh_vao.render_indirect(self._commands, moderngl.TRIANGLES, len(commands))
+        return len(commands)
+
+    def draw(self, program: moderngl.Program, commands: int) -> None:
+        """Draw what `fill` uploaded into the framebuffer in use."""
+        if commands:
+            self._vao(program).render_indirect(self._commands, moderngl.TRIANGLES, commands)
+
+    def bind_for_tracing(self, scene: Scene, eye: Eye) -> None:
+        """Bind the buffers of common_silhouette.glsl, with all instances relative to one eye."""
+        if self._neighbours is None or self._traced is None:
+            raise RuntimeError("these models were uploaded without their neighbours")
+        rows = np.zeros(len(scene), _TRACED)
+        rows["view_from_model"] = _view_from_model(scene, eye)[:, :3]
+        rows["model"][:, 0] = self._model_commands["first_index"][scene.model] // 3
+        rows["model"][:, 1] = self._model_commands["base_vertex"][scene.model]
+        if rows.nbytes > self._traced.size:
+            self._traced.orphan(2 * rows.nbytes)
+        else:
+            self._traced.orphan()
+        if len(rows):
+            self._traced.write(rows)
+        for binding, buffer in enumerate((self._vertices, self._indices, self._neighbours, self._traced)):
+            buffer.bind_to_storage_buffer(binding)
 
     def _make_room(self, capacity: int) -> None:
         self._capacity = capacity
         self._instances = self._gl.buffer(reserve=capacity * _INSTANCE.itemsize, dynamic=True)
-        self._mesh_vao = self._gl.vertex_array(
-            self._program,
-            [(self._vertices, "3f 2f", "position", "uv"), (self._instances, _INSTANCE_FORMAT, *_INSTANCE_NAMES)],
-            index_buffer=self._indices,
-            index_element_size=4,
-        )
+
+    def _vao(self, program: moderngl.Program) -> moderngl.VertexArray:
+        if program.glo not in self._vaos:
+            vertex, vertex_names = _format(program, _VERTEX_FORMAT, "")
+            instance, instance_names = _format(program, _INSTANCE_FORMAT, " /i")
+            self._vaos[program.glo] = self._gl.vertex_array(
+                program,
+                [(self._vertices, vertex, *vertex_names), (self._instances, instance, *instance_names)],
+                index_buffer=self._indices,
+                index_element_size=4,
+            )
+        return self._vaos[program.glo]
+
+
+def _format(program: moderngl.Program, attributes: Sequence[tuple[str, int]], suffix: str) -> tuple[str, list[str]]:
+    """Buffer format and names; an attribute that the compiler removed from a program is passed over."""
+    parts, names = [], []
+    for name, count in attributes:
+        if program.get(name, None) is None:
+            parts.append(f"{count}x4")
+            continue
+        parts.append(f"{count}{'i' if name in _INTEGERS else 'f'}")
+        names.append(name)
+    return " ".join(parts) + suffix, names
+
+
+def _view_from_model(scene: Scene, eye: Eye) -> NDArray[np.float64]:
+    """Matrices of all instances relative to one eye, (N, 4, 4) float64."""
+    view: NDArray[np.float64] = view_from_world(scene.camera, eye, scene.camera_from_world) @ scene.world_from_model
+    return view

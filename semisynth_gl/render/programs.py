@@ -1,5 +1,7 @@
 """Linked shader programs and their uniforms, with errors that say what is wrong."""
 
+from collections.abc import Mapping
+
 import moderngl
 
 from semisynth_gl.errors import BackendError
@@ -7,14 +9,14 @@ from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.shader_source import shader_source
 
 
-def link_program(context: GraphicsContext, vertex: str, fragment: str) -> moderngl.Program:
-    """Compile and link two files of shaders/.
+def link_program(context: GraphicsContext, vertex: str, fragment: str, defines: Mapping[str, int]) -> moderngl.Program:
+    """Compile and link two files of shaders/; ``defines`` are for the fragment shader.
 
     Raises:
         BackendError: with the driver's message, where it refuses them.
     """
     try:
-        return context.gl.program(vertex_shader=shader_source(vertex), fragment_shader=shader_source(fragment))
+        return context.gl.program(vertex_shader=shader_source(vertex), fragment_shader=shader_source(fragment, defines))
     except moderngl.Error as error:
         raise BackendError(f"{context.renderer} does not compile {vertex} and {fragment}: {error}") from error
 

@@ -1,20 +1,29 @@
-"""Reading GLSL from shaders/ and resolving its #include lines; needs no OpenGL."""
+"""Reading GLSL from shaders/: resolving its #include lines and adding #define lines; needs no OpenGL."""
 
 import re
+from collections.abc import Mapping
 
 from semisynth_gl.resources import data_root
 
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 
 
-def shader_source(name: str) -> str:
-    """Return the text of ``shaders/<name>`` with each ``#include "file"`` line replaced by that file.
+def shader_source(name: str, defines: Mapping[str, int] | None = None) -> str:
+    """Return the text of ``shaders/<name>``.
+
+    Each ``#include "file"`` line is replaced by that file. Each name of ``defines`` is defined as its number, right
+    after the ``#version`` line; what a shader tests with #ifdef and is not given stays undefined.
 
     Raises:
         FileNotFoundError: where the file, or one that it includes, does not exist.
-        ValueError: where files include each other in a circle.
+        ValueError: where files include each other in a circle, or the text never mentions a name to define.
     """
-    return "\n".join(_lines(name, ()))
+    version, *body = _lines(name, ())
+    text = "\n".join(body)
+    for defined in defines or {}:
+        if not re.search(rf"\b{defined}\b", text):
+            raise ValueError(f"{name} does not know {defined}")
+    return "\n".join([version, *(f"#define {key} {value}" for key, value in (defines or {}).items()), text])
 
 
 def _lines(name: str, parents: tuple[str, ...]) -> list[str]:

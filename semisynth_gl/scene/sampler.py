@@ -140,6 +140,18 @@ class SceneSampler:
             "patches": np.unique(sampled.patch).tolist(),
         }
 
+    def instance_table(self, sampled: SampledScene) -> list[dict[str, Any]]:
+        """What each instance is, in JSON's types; row k describes id k + 1 of the output ``instances``."""
+        scene = sampled.scene
+        return [
+            {
+                "model": self.models[scene.model[k]].name,
+                "patch": int(sampled.patch[k]),
+                "world_from_model": scene.world_from_model[k, :3].tolist(),
+            }
+            for k in range(len(scene))
+        ]
+
     def _sequence(self, number: int) -> _Sequence:
         config = self._config
         camera = draw_camera(config.camera, generator(self._seed, Purpose.CAMERA, number))

@@ -197,7 +197,7 @@ def _reason(error: Exception) -> str:  # noqa: PLR0911  # one line for each kind
         case UnidentifiedImageError():
             return "is not an image that Pillow can read"
         case Image.DecompressionBombError():
-            return f"is too large and was not decoded: {error}".split(" pixels, could")[0]
+            return f"has more pixels than are decoded: {error}".split(", could")[0]
         case MemoryError():
             return "does not fit into memory"
     detail = " ".join(str(error).split()) or type(error).__name__

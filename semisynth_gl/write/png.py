@@ -14,16 +14,17 @@ _GREY, _RGB = 0, 2  # colour types of the PNG specification
 _UP = 2  # filter type: difference to the pixel above
 
 
-def encode_png(image: NDArray[np.uint8]) -> bytes:
-    """Encode (H, W) grey or (H, W, 3) RGB uint8."""
+def encode_png(image: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
+    """Encode (H, W) grey uint8 or uint16, or (H, W, 3) RGB uint8."""
     height, width = image.shape[:2]
-    rows = np.ascontiguousarray(image).reshape(height, -1)
+    # PNG stores the high byte first.
+    rows = np.ascontiguousarray(image, image.dtype.newbyteorder(">")).reshape(height, -1).view(np.uint8)
     filtered = np.empty((height, rows.shape[1] + 1), np.uint8)
     filtered[:, 0] = _UP
     filtered[0, 1:] = rows[0]
     np.subtract(rows[1:], rows[:-1], out=filtered[1:, 1:])
     colour = _GREY if image.ndim == 2 else _RGB
-    header = struct.pack(">IIBBBBB", width, height, 8, colour, 0, 0, 0)
+    header = struct.pack(">IIBBBBB", width, height, 8 * image.itemsize, colour, 0, 0, 0)
     return b"".join(
         [
             b"\x89PNG\r\n\x1a\n",

@@ -1,0 +1,106 @@
+"""Antialiased colour: its own framebuffers, beside the truth's, which stay single sample."""
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.errors import BackendError, InputError
+from semisynth_gl.render.context import GraphicsContext
+from semisynth_gl.render.programs import link_program, set_uniform
+
+
+@dataclass(frozen=True, slots=True)
+class Antialias:
+    """How colour is antialiased.
+
+    Attributes:
+        kind: "none", "msaa" (several coverage samples, one colour a surface) or "ssaa" (a larger image, averaged).
+        factor: samples per pixel of "msaa"; how many times wider and higher "ssaa" draws; 1 for "none".
+    """
+
+    kind: Literal["none", "msaa", "ssaa"]
+    factor: int
+
+
+def parse_antialias(text: str) -> Antialias:
+    """Read "none", "msaa4", "ssaa2" and their like.
+
+    Raises:
+        InputError: where the text is none of these.
+    """
+    if text == "none":
+        return Antialias("none", 1)
+    match = re.fullmatch(r"(msaa|ssaa)([1-9][0-9]?)", text)
+    if not match or match[2] == "1" or (match[1] == "ssaa" and int(match[2]) > 8):
+        raise InputError(f"antialias: expected none, msaa2 and up, or ssaa2 to ssaa8, got {text}")
+    return Antialias("msaa" if match[1] == "msaa" else "ssaa", int(match[2]))
+
+
+class ColourTargets:
+    """Where one image size is drawn with antialiasing, one eye after the other.
+
+    Args:
+        context: the open context.
+        width_px: image width.
+        height_px: image height.
+        antialias: "msaa" or "ssaa".
+
+    Raises:
+        BackendError: where the driver has fewer samples, or no image that large.
+    """
+
+    def __init__(self, context: GraphicsContext, width_px: int, height_px: int, antialias: Antialias) -> None:
+        gl, factor = context.gl, antialias.factor
+        self._gl = gl
+        self._antialias = antialias
+        samples = factor if antialias.kind == "msaa" else 0
+        scale = factor if antialias.kind == "ssaa" else 1
+        if samples > gl.max_samples:
+            raise BackendError(
+                f"antialias msaa{samples} was asked for, but {context.renderer} has up to {gl.max_samples} samples "
+                "a pixel: take fewer, or ssaa2"
+            )
+        size = (width_px * scale, height_px * scale)
+        if max(size) > int(gl.info["GL_MAX_TEXTURE_SIZE"]):
+            raise BackendError(
+                f"antialias ssaa{factor} draws {size[0]} x {size[1]} px, but {context.renderer} goes up to "
+                f"{gl.info['GL_MAX_TEXTURE_SIZE']}: lower the factor or the image size"
+            )
+        self._colour = gl.texture(size, 4) if not samples else gl.renderbuffer(size, 4, samples=samples)
+        self._depth_buffer = gl.depth_renderbuffer(size, samples=samples)
+        context.unbound.make_depth_float32(self._depth_buffer.glo, *size, samples)
+        self.fine = gl.framebuffer([self._colour], self._depth_buffer)
+        self._resolved = gl.texture((width_px, height_px), 4)
+        self._resolve = gl.framebuffer([self._resolved])
+        self._program: moderngl.Program | None = None
+        if antialias.kind == "ssaa":
+            self._program = link_program(context, "truth.vert", "resolve.frag", {})
+            set_uniform(self._program, "fine", 0)
+            set_uniform(self._program, "factor", factor)
+            self._vao = gl.vertex_array(self._program, [])
+
+    def read_colour(self) -> NDArray[np.uint8]:
+        """Resolve what was drawn into `fine` and copy it out as (H, W, 3) uint8 RGB, top row first."""
+        width, height = self._resolve.size
+        if isinstance(self._colour, moderngl.Texture):
+            self._resolve.use()
+            self._gl.enable_only(moderngl.NOTHING)
+            self._colour.use(0)
+            self._vao.render(moderngl.TRIANGLES, 3)
+        else:
+            self._gl.copy_framebuffer(self._resolve, self.fine)
+        pixels = np.empty((height, width, 3), np.uint8)
+        self._resolve.read_into(pixels, components=3, alignment=1)
+        return pixels
+
+    def release(self) -> None:
+        """Free everything."""
+        for resource in (self.fine, self._resolve, self._colour, self._depth_buffer, self._resolved):
+            resource.release()
+        if self._program is not None:
+            self._vao.release()
+            self._program.release()
