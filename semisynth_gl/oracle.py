@@ -111,6 +111,28 @@ def visibility(
     return result
 
 
+def depth_on_planes(
+    scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64], hits: Hits
+) -> NDArray[np.float64]:
+    """Depth at pixel positions of the planes of triangles that were hit elsewhere, (R,) float64.
+
+    It tells on which surface a pixel lies that an edge passes close by. inf where ``hits`` has none.
+    """
+    depth = np.full(len(x_px), np.inf)
+    rays = scene.camera.rays(eye, np.asarray(x_px, np.float64), np.asarray(y_px, np.float64))
+    for number in np.unique(hits.instance[hits.instance >= 0]):
+        of = np.flatnonzero(hits.instance == number)
+        mesh = models[int(scene.model[number])]
+        view_from_model = scene.camera_from_world @ scene.world_from_model[number]
+        corners = mesh.positions.astype(np.float64)[mesh.triangles[hits.triangle[of]]]
+        corners = corners @ view_from_model[:3, :3].T + view_from_model[:3, 3]
+        corners[..., 0] -= scene.camera.offset_m(eye)
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            depth[of] = (normal * corners[:, 0]).sum(axis=1) / (normal * rays[of]).sum(axis=1)
+    return depth
+
+
 def _boxes(camera: StereoCamera, eye: Eye, corners: NDArray[np.float64], near_m: float) -> NDArray[np.float64]:
     """Bounding boxes of triangles on the image, (T, 4) as x0 x1 y0 y1; the whole plane where one crosses z = near."""
     depth = corners[:, :, 2]

@@ -1,6 +1,6 @@
-// Following a surface along an image row, from a pixel that shows it to where it ends.
+// Following a surface across the image, from a pixel that shows it to a point beside that pixel's centre.
 //
-// Depth maps know surfaces at pixel centres only; whether a surface hides a point between two centres is decided here by
+// Depth maps know surfaces at pixel centres only; whether a surface hides a point between the centres is decided here by
 // its triangles: from the one that the pixel shows, across shared edges, until the point is reached or the surface turns
 // away at its silhouette.
 
@@ -37,49 +37,51 @@ float inverse_depth_at(vec3 a, vec3 b, vec3 c, vec2 pixel) {
     return dot(normal, vec3((pixel - other_centre_px) / focal_px, 1.0)) / dot(normal, a);
 }
 
-// 1 / Z of the surface at (target_x, row), or NOT_COVERED where it ends before.
-float surface_at(uvec2 surface, float row, float start_x, float target_x) {
+// 1 / Z of the surface at the target position, or NOT_COVERED where it ends before.
+float surface_at(uvec2 surface, vec2 start, vec2 target) {
     Instance instance = instances[surface.x];
     uint triangle = surface.y;
     uint came_from = NO_NEIGHBOUR;
-    float direction = target_x < start_x ? -1.0 : 1.0;
-    float reached_x = start_x;
+    vec2 way = target - start;
+    float way_squared = dot(way, way);
+    float reached = 0.0;  // along the way, 1 at the target
     for (int step = 0; step < MOST_STEPS; ++step) {
         vec3 corner[3];
-        vec2 pixel[3];
+        vec2 along_beside[3];  // coordinates along the way and across it
         bool in_front = true;
         for (int k = 0; k < 3; ++k) {
             corner[k] = corner_of(instance, triangle, k);
             in_front = in_front && corner[k].z >= near_m;
-            pixel[k] = focal_px * corner[k].xy / corner[k].z + other_centre_px;
+            vec2 from_start = focal_px * corner[k].xy / corner[k].z + other_centre_px - start;
+            along_beside[k] = vec2(dot(from_start, way) / way_squared, from_start.y * way.x - from_start.x * way.y);
         }
         // A triangle that crosses the near plane has no outline on the image. Such are walls: they go on.
-        if (!in_front) {
-            return inverse_depth_at(corner[0], corner[1], corner[2], vec2(target_x, row));
+        if (!in_front || way_squared == 0.0) {
+            return inverse_depth_at(corner[0], corner[1], corner[2], target);
         }
-        // Two of the three edges cross the row; leave by the one that is farther on, and not the way in.
-        float exit_x = -1e30;
+        // Two of the three edges cross the way's line; leave by the one that is farther on, and not the way in.
+        float exit = -1e30;
         uint next = NO_NEIGHBOUR;
         for (int k = 0; k < 3; ++k) {
-            vec2 from = pixel[k], to = pixel[(k + 1) % 3];
+            vec2 from = along_beside[k], to = along_beside[(k + 1) % 3];
             uint across = neighbour[3u * (instance.model.x + triangle) + uint(k)];
-            if ((from.y > row) == (to.y > row) || (across == came_from && across != NO_NEIGHBOUR)) {
+            if ((from.y > 0.0) == (to.y > 0.0) || (across == came_from && across != NO_NEIGHBOUR)) {
                 continue;
             }
-            float x = direction * mix(from.x, to.x, (row - from.y) / (to.y - from.y));
-            if (x > exit_x) {
-                exit_x = x;
+            float crossing = mix(from.x, to.x, from.y / (from.y - to.y));
+            if (crossing > exit) {
+                exit = crossing;
                 next = across;
             }
         }
-        if (exit_x >= direction * target_x) {
-            return inverse_depth_at(corner[0], corner[1], corner[2], vec2(target_x, row));
+        if (exit >= 1.0) {
+            return inverse_depth_at(corner[0], corner[1], corner[2], target);
         }
         // Behind the silhouette the next triangle lies back under this one.
-        if (next == NO_NEIGHBOUR || (step > 0 && exit_x < direction * reached_x)) {
+        if (next == NO_NEIGHBOUR || (step > 0 && exit < reached)) {
             return NOT_COVERED;
         }
-        reached_x = direction * exit_x;
+        reached = exit;
         came_from = triangle;
         triangle = next;
     }

@@ -1,8 +1,9 @@
 #version 450 core
 // One eye's disparity from its planar depth. VISIBILITY: whether the other eye sees the same point. INSTANCES: ids.
 //
-// Visibility takes two draws of this pass. Most pixels are decided by the depth maps alone; the first draw discards the
-// others, and the second, with TRACE, follows surfaces for them. A depth test keeps it from the pixels that are decided.
+// Visibility takes three draws of this pass, each for the pixels that the one before discarded, which a depth test sees
+// to: most are decided by the depth maps alone; TRACE 1 follows the surfaces beside a point, and TRACE 2 those above and
+// below it, which alone may show something thin that passes between two pixels.
 
 uniform sampler2D own_depth;
 
@@ -30,18 +31,23 @@ const uint OCCLUDED = 128u;
 const uint OUTSIDE = 0u;
 const uint UNDECIDED = 1u;
 
+const int ROWS[3] = int[3](0, -1, 1);
+
 #ifdef TRACE
 #include "common_silhouette.glsl"
+
+const int FIRST_TRACED = TRACE == 1 ? 0 : 2;
+const int LAST_TRACED = TRACE == 1 ? 2 : 6;
 
 // How much nearer a surface must be to hide a point: what float32 leaves uncertain.
 const float ROUNDING_PX = 1e-3;
 const float ROUNDING_RELATIVE = 2e-6;
 
-bool hides(uvec2 surface, uvec2 own, float row, float start_x, float x) {
+bool hides(uvec2 surface, uvec2 own, vec2 start, vec2 target) {
     if (surface == own) {
         return false;
     }
-    float inverse_depth = surface_at(surface, row, start_x, x);
+    float inverse_depth = surface_at(surface, start, target);
     float rounding_px = ROUNDING_PX + ROUNDING_RELATIVE * focal_baseline * abs(inverse_depth);
     return inverse_depth > 0.0 && focal_baseline * inverse_depth - doffs_px > disparity_px + rounding_px;
 }
@@ -56,38 +62,49 @@ float slope_at(ivec2 pixel, float disparity, int width) {
 }
 
 uint visibility_of(ivec2 pixel, uvec2 own) {
-    int width = textureSize(own_depth, 0).x;
-    float x = float(pixel.x) + other_from_own * disparity_px;
-    if (isinf(disparity_px) || x < -0.5 || x >= float(width) - 0.5) {
+    ivec2 last = textureSize(own_depth, 0) - 1;
+    vec2 target = vec2(float(pixel.x) + other_from_own * disparity_px, pixel.y);
+    if (isinf(disparity_px) || target.x < -0.5 || target.x >= float(last.x) + 0.5) {
         return OUTSIDE;
     }
-    // What the other view shows on both sides of the point; at the image's border one pixel stands for both.
-    int left = clamp(int(floor(x)), 0, width - 1);
-    int right = min(left + 1, width - 1);
-    float depth[2] = float[2](texelFetch(other_depth, ivec2(left, pixel.y), 0).r, texelFetch(other_depth, ivec2(right, pixel.y), 0).r);
-    uvec2 surface[2] = uvec2[2](texelFetch(other_surface, ivec2(left, pixel.y), 0).rg, texelFetch(other_surface, ivec2(right, pixel.y), 0).rg);
-    float seen[2] = float[2](disparity_of(depth[0]), disparity_of(depth[1]));
+    // The pixels of the other view around the point: beside it, above and below. At the border one stands for several.
+    int left = clamp(int(floor(target.x)), 0, last.x);
+    ivec2 around[6];
+    uvec2 surface[6];
+    bool thin = false;  // something that only the rows above and below show
+    for (int k = 0; k < 6; ++k) {
+        around[k] = clamp(ivec2(left + (k & 1), pixel.y + ROWS[k >> 1]), ivec2(0), last);
+        surface[k] = texelFetch(other_surface, around[k], 0).rg;
+        thin = thin || (k > 1 && surface[k].x != own.x);
+    }
+#if !defined(TRACE) || TRACE == 1
+    vec2 depth = vec2(texelFetch(other_depth, around[0], 0).r, texelFetch(other_depth, around[1], 0).r);
 
-    // Most points lie within their own surface there: the same instance on both sides, with the disparity that the slope
-    // predicts. Moving one pixel here moves 1 + other_from_own * slope pixels there.
-    if (depth[0] > 0.0 && depth[1] > 0.0 && surface[0].x == surface[1].x) {
-        float slope = slope_at(pixel, disparity_px, width);
+    // Most points are decided by what is seen on both sides. Their own surface has there the disparity that its slope
+    // predicts (moving one pixel here moves 1 + other_from_own * slope pixels there), or both are clearly nearer.
+    if (depth.x > 0.0 && depth.y > 0.0) {
+        vec2 seen = vec2(disparity_of(depth.x), disparity_of(depth.y));
+        float slope = slope_at(pixel, disparity_px, last.x + 1);
         float stretch = 1.0 + other_from_own * slope;
         float other_slope = abs(stretch) > 0.05 ? slope / stretch : 0.0;
-        vec2 expected = disparity_px + (vec2(left, right) - x) * other_slope;
-        vec2 difference = vec2(seen[0], seen[1]) - expected;
-        if (surface[0].x == own.x) {
-            if (all(lessThan(abs(difference), vec2(0.05 + 0.5 * abs(other_slope))))) {
-                return VISIBLE;
-            }
-        } else if (all(greaterThan(difference, vec2(2.0)))) {
+        vec2 difference = seen - disparity_px - (vec2(around[0].x, around[1].x) - target.x) * other_slope;
+        if (surface[0].x == own.x && surface[1].x == own.x &&
+            all(lessThan(abs(difference), vec2(0.05 + 0.5 * abs(other_slope))))) {
+            return thin ? UNDECIDED : VISIBLE;
+        }
+        if (all(greaterThan(difference, vec2(0.5 + abs(other_slope))))) {
             return OCCLUDED;
         }
     }
+#endif
 #ifdef TRACE
-    bool hidden = (depth[0] > 0.0 && hides(surface[0], own, float(pixel.y), float(left), x)) ||
-                  (depth[1] > 0.0 && hides(surface[1], own, float(pixel.y), float(right), x));
-    return hidden ? OCCLUDED : VISIBLE;
+    for (int k = FIRST_TRACED; k < LAST_TRACED; ++k) {
+        bool drawn = texelFetch(other_depth, around[k], 0).r > 0.0;
+        if (drawn && hides(surface[k], own, vec2(around[k]), target)) {
+            return OCCLUDED;
+        }
+    }
+    return TRACE == 1 && thin ? UNDECIDED : VISIBLE;
 #else
     return UNDECIDED;
 #endif

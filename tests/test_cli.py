@@ -290,7 +290,7 @@ def test_a_full_disk_is_told_and_leaves_no_half_pair(tmp_path, photographs):
     refused(done, "No space left on device", "Free some space")
     scenes = list((tmp_path / "o/MiddEval3/trainingF").iterdir())
     assert 1 <= len(scenes) < 9
-    assert all(len(list(scene.iterdir())) == 7 for scene in scenes)
+    assert all(len(list(scene.iterdir())) == 8 for scene in scenes)
     assert not (tmp_path / "o/dataset.json").exists()
     assert not any((tmp_path / "o/.partial").iterdir())
 
@@ -338,7 +338,7 @@ def test_ctrl_c_stops_without_traceback_or_half_pairs(tmp_path, photographs):
     assert output == ""
     assert "Traceback" not in messages
     assert "Stopped" in messages
-    assert all(len(list(scene.iterdir())) == 7 for scene in scenes.iterdir())
+    assert all(len(list(scene.iterdir())) == 8 for scene in scenes.iterdir())
     assert not (tmp_path / "o/dataset.json").exists()
     done = run(
         "generate",

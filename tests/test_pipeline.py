@@ -69,7 +69,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(tmp_path, ba
     two = made(tmp_path / "two", config, 3, 5, backend)
     other = made(tmp_path / "other", config, 3, 6, backend)
     assert one == two
-    assert len(one) == 3 * 7 + 2
+    assert len(one) == 3 * 8 + 2
     images = [name for name in one if name.endswith("im0.png")]
     assert len({digest for run in (one, other) for name, digest in run.items() if name in images}) == 6
 

@@ -181,7 +181,7 @@ class Renderer:
         derived = ["DISPARITY", *(name.upper() for name in ("visibility", "instances") if name in self._outputs)]
         self._truth_passes = [self._truth_pass(_numbered(derived))]
         if "visibility" in self._outputs:
-            self._truth_passes.append(self._truth_pass(_numbered(derived) | {"TRACE": 1}))
+            self._truth_passes += [self._truth_pass(_numbered(derived) | {"TRACE": n}) for n in (1, 2)]
 
     def _truth_pass(self, defines: dict[str, int]) -> tuple[moderngl.Program, moderngl.VertexArray]:
         program = link_program(self._context, "truth.vert", "truth.frag", defines)
@@ -256,15 +256,15 @@ class Renderer:
             other.surface.use(_OTHER_SURFACE)
             self._models.bind_for_tracing(scene, _OTHER[eye])
         self._gl.enable_only(moderngl.DEPTH_TEST)
-        # The first draw stands at depth 1 and leaves what it discards at the drawing pass's depth, below 1; the
-        # second one, at depth 1 too, is drawn where that is so.
-        for (program, vao), test in zip(self._truth_passes, ("1", "!="), strict=False):
-            self._gl.depth_func = test
+        # All draws stand at depth 1. What the first discards stays at the drawing pass's depth, which is below 1, and the
+        # others are drawn where that is so.
+        for number, (program, vao) in enumerate(self._truth_passes):
+            self._gl.depth_func = "1" if number == 0 else "!="
             set_uniform(program, "focal_baseline", camera.focal_baseline)
             set_uniform(program, "doffs_px", camera.doffs_px)
             if "visibility" in self._outputs:
                 set_uniform(program, "other_from_own", -1.0 if eye == "left" else 1.0)
-            if len(self._truth_passes) > 1 and test == "!=":
+            if number > 0:
                 set_uniform(program, "focal_px", camera.focal_px)
                 set_uniform(program, "near_m", scene.near_m)
                 set_uniform(program, "other_centre_px", (camera.cx_px(_OTHER[eye]), camera.cy_px))

@@ -1,0 +1,252 @@
+"""Other ways to a pixel's disparity than the renderer's; measured by `semisynth_gl.bench`, and not offered."""
+
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Literal, Self, get_args
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.camera import Eye
+from semisynth_gl.errors import BackendError
+from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.render.context import Backend, open_context
+from semisynth_gl.render.model_buffers import ModelBuffers
+from semisynth_gl.render.programs import link_program, set_uniform
+from semisynth_gl.render.projection import clip_from_view, view_from_world
+from semisynth_gl.render.targets import EyeTargets
+from semisynth_gl.scene.scene import Scene
+
+Way = Literal["depth24", "depth24-tight", "depth32f", "linear", "w", "w-direct", "plane", "plane64"]
+WAYS: tuple[Way, ...] = get_args(Way)
+DEFAULT_WAY: Way = "w"
+
+_DEPTH_BUFFER_WAYS: tuple[Way, ...] = ("depth24", "depth24-tight", "depth32f")
+_DEFINES: dict[Way, dict[str, int]] = {
+    "linear": {"LINEAR": 1},
+    "w-direct": {"W_DIRECT": 1},
+    "plane": {"PLANE": 1},
+    "plane64": {"PLANE64": 1},
+}
+# A near plane as viewers set it, without knowing the scene.
+_CUSTOMARY_NEAR_M = 0.05
+# A 24-bit buffer's step in 1/Z is (1/near - 1/far) / 2^24: the far plane does not matter, so it stands out of the way.
+_FAR_M = 1e5
+_STEPS_24 = 2**24 - 1
+_POSES = 4  # the binding in variant.frag
+
+
+class DisparityVariants:
+    """Draws the disparity of one eye in each of several ways. Use it in a ``with`` block, in the thread that made it.
+
+    Args:
+        models: the meshes that `Scene.model` counts.
+        backend: "auto", "egl" or "osmesa".
+
+    Attributes:
+        ways: those that the driver can do, in the order of `WAYS`.
+        left_out: the others, each with the driver's reason.
+
+    Raises:
+        BackendError: where no context can be opened.
+    """
+
+    def __init__(self, models: Sequence[Mesh], backend: Backend = "auto") -> None:
+        self._context = open_context(backend)
+        self._gl = self._context.gl
+        self._models = ModelBuffers(self._gl, models, traced=True)
+        self._poses = self._gl.buffer(reserve=1)
+        self._targets: EyeTargets | None = None
+        self._depth_only: dict[int, tuple[moderngl.Renderbuffer, moderngl.Framebuffer]] = {}
+        self._programs: dict[Way, moderngl.Program] = {}
+        self.left_out: dict[str, str] = {}
+        depth_only = link_program(self._context, "variant.vert", "variant.frag", {})
+        for way in WAYS:
+            if way in _DEPTH_BUFFER_WAYS:
+                self._programs[way] = depth_only
+            elif way == DEFAULT_WAY:
+                self._programs[way] = link_program(self._context, "mesh.vert", "mesh.frag", {"TRUTH": 0})
+            else:
+                try:
+                    self._programs[way] = link_program(self._context, "variant.vert", "variant.frag", _DEFINES[way])
+                except BackendError as error:
+                    self.left_out[way] = str(error)
+        self.ways = tuple(self._programs)
+        self._truth = link_program(self._context, "truth.vert", "truth.frag", {"DISPARITY": 0})
+        set_uniform(self._truth, "own_depth", 0)
+        self._truth_vao = self._gl.vertex_array(self._truth, [])
+        self._surface = link_program(self._context, "mesh.vert", "mesh.frag", {"TRUTH": 0, "SURFACE": 1})
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.release()
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """Backend, renderer and version of OpenGL, as the driver calls them."""
+        return {
+            "backend": self._context.backend,
+            "renderer": self._context.renderer,
+            "opengl": str(self._gl.info["GL_VERSION"]),
+        }
+
+    def disparity(self, scene: Scene, eye: Eye, way: Way) -> NDArray[np.float32]:
+        """Draw one eye's disparity.
+
+        Args:
+            scene: indices must lie within the models.
+            eye: "left" or "right".
+            way: one of `ways`.
+
+        Returns:
+            (H, W) float32 px; inf where it is not positive or nothing is seen.
+
+        Raises:
+            BackendError: where the driver reports an error.
+        """
+        if way in _DEPTH_BUFFER_WAYS:
+            disparity = self._from_depth_buffer(scene, eye, way)
+        else:
+            disparity = self._from_shader(scene, eye, way)
+        self._check()
+        return disparity
+
+    def surface(self, scene: Scene, eye: Eye) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Draw which instance and which of its model's triangles each pixel shows.
+
+        Returns:
+            Two (H, W) int64 arrays; -1 where nothing is seen.
+        """
+        camera = scene.camera
+        targets = EyeTargets(self._context, camera.width_px, camera.height_px, ("instances",), colour=False)
+        self._draw(scene, eye, self._surface, targets.drawing)
+        if targets.surface is None:
+            raise RuntimeError("ids were asked for")
+        shape = camera.height_px, camera.width_px
+        ids = np.frombuffer(targets.surface.read(alignment=1), np.uint32).reshape(*shape, 2).astype(np.int64)
+        ids[~np.isfinite(targets.read_depth())] = -1
+        self._check()
+        # moderngl binds the framebuffer in use again after making a new one, so it must not be one that is gone.
+        self._sized(scene).drawing.use()
+        targets.release()
+        return ids[..., 0], ids[..., 1]
+
+    def release(self) -> None:
+        """Free the context and all that it holds."""
+        self._context.release()
+
+    def _from_shader(self, scene: Scene, eye: Eye, way: Way) -> NDArray[np.float32]:
+        targets, program, camera = self._sized(scene), self._programs[way], scene.camera
+        if way in ("linear", "w"):
+            self._draw(scene, eye, program, targets.drawing)
+            targets.truth.use()
+            targets.depth_m.use(0)
+            self._gl.enable_only(moderngl.NOTHING)
+            set_uniform(self._truth, "focal_baseline", camera.focal_baseline)
+            set_uniform(self._truth, "doffs_px", camera.doffs_px)
+            self._truth_vao.render(moderngl.TRIANGLES, 3)
+            return targets.read_disparity()
+        centre = camera.cx_px(eye), camera.cy_px
+        if way == "plane64":
+            self._bind_poses(scene, eye)
+            set_uniform(program, "focal_baseline_64", camera.focal_baseline)
+            set_uniform(program, "doffs_px_64", camera.doffs_px)
+            set_uniform(program, "focal_px_64", camera.focal_px)
+            set_uniform(program, "centre_px_64", centre)
+        else:
+            set_uniform(program, "focal_baseline", camera.focal_baseline)
+            set_uniform(program, "doffs_px", camera.doffs_px)
+        if way == "plane":
+            set_uniform(program, "focal_px", camera.focal_px)
+            set_uniform(program, "other_centre_px", centre)
+        if way in ("plane", "plane64"):
+            self._models.bind_for_tracing(scene, eye)
+        self._draw(scene, eye, program, targets.truth, nothing=np.inf)
+        return targets.read_disparity()
+
+    def _from_depth_buffer(self, scene: Scene, eye: Eye, way: Way) -> NDArray[np.float32]:
+        camera, bits = scene.camera, 32 if way == "depth32f" else 24
+        target = self._depth_target(scene, bits)
+        if bits == 32:
+            self._draw(scene, eye, self._programs[way], target)
+            inverse_depth = self._read_depth(target).astype(np.float64) / scene.near_m
+            seen = inverse_depth > 0
+        else:
+            near = scene.near_m if way == "depth24-tight" else min(scene.near_m, _CUSTOMARY_NEAR_M)
+            projection = clip_from_view(camera, eye, near)
+            projection[2] = 0, 0, _FAR_M / (_FAR_M - near), -_FAR_M * near / (_FAR_M - near)
+            self._draw(scene, eye, self._programs[way], target, projection=projection)
+            # float32 holds each of the 2^24 values once, so the buffer's integers come back from it.
+            steps = np.rint(self._read_depth(target).astype(np.float64) * _STEPS_24)
+            inverse_depth = 1 / near - steps / _STEPS_24 * (1 / near - 1 / _FAR_M)
+            seen = steps < _STEPS_24
+        disparity = camera.focal_baseline * inverse_depth - camera.doffs_px
+        return np.where(seen & (disparity > 0), disparity, np.inf).astype(np.float32)
+
+    def _draw(
+        self,
+        scene: Scene,
+        eye: Eye,
+        program: moderngl.Program,
+        target: moderngl.Framebuffer,
+        *,
+        projection: NDArray[np.float64] | None = None,
+        nothing: float = 0.0,
+    ) -> None:
+        """Draw one eye; with a projection of one's own, depth grows with distance."""
+        commands = self._models.fill(scene, eye)
+        reversed_depth = projection is None
+        if projection is None:
+            projection = clip_from_view(scene.camera, eye, scene.near_m)
+        target.use()
+        self._gl.enable_only(moderngl.DEPTH_TEST)
+        self._gl.depth_func = ">" if reversed_depth else "<"
+        target.clear(nothing, 0.0, 0.0, 0.0, depth=0.0 if reversed_depth else 1.0)
+        set_uniform(program, "clip_from_view", tuple(projection.T.ravel().tolist()))
+        self._models.draw(program, commands)
+
+    def _bind_poses(self, scene: Scene, eye: Eye) -> None:
+        view_from_model = view_from_world(scene.camera, eye, scene.camera_from_world) @ scene.world_from_model
+        rows = np.ascontiguousarray(view_from_model[:, :3])
+        self._poses.orphan(max(rows.nbytes, 1))
+        if rows.nbytes:
+            self._poses.write(rows)
+        self._poses.bind_to_storage_buffer(_POSES)
+
+    def _sized(self, scene: Scene) -> EyeTargets:
+        size = scene.camera.width_px, scene.camera.height_px
+        if self._targets is None or self._targets.drawing.size != size:
+            outgrown, self._targets = self._targets, EyeTargets(self._context, *size, (), colour=False)
+            self._targets.drawing.use()
+            if outgrown is not None:
+                outgrown.release()
+        return self._targets
+
+    def _depth_target(self, scene: Scene, bits: int) -> moderngl.Framebuffer:
+        size = scene.camera.width_px, scene.camera.height_px
+        if bits not in self._depth_only or self._depth_only[bits][0].size != size:
+            outgrown = self._depth_only.pop(bits, None)
+            buffer = self._gl.depth_renderbuffer(size)  # 24 bits
+            if bits == 32:
+                self._context.unbound.make_depth_float32(buffer.glo, *size)
+            self._depth_only[bits] = buffer, self._gl.framebuffer([], buffer)
+            self._depth_only[bits][1].use()
+            for resource in reversed(outgrown or ()):
+                resource.release()
+        return self._depth_only[bits][1]
+
+    @staticmethod
+    def _read_depth(target: moderngl.Framebuffer) -> NDArray[np.float32]:
+        """Copy the depth buffer itself out, (H, W) float32, top row first."""
+        width, height = target.size
+        return np.frombuffer(target.read(attachment=-1, components=1, dtype="f4"), np.float32).reshape(height, width)
+
+    def _check(self) -> None:
+        error = self._gl.error
+        if error != "GL_NO_ERROR":
+            raise BackendError(f"{self._context.renderer} reported {error} while drawing")

@@ -1,0 +1,71 @@
+#version 450 core
+// Other ways to a pixel's disparity than mesh.frag's and truth.frag's; measured in `semisynth-gl bench accuracy`, and not
+// offered. LINEAR writes planar depth, for truth.frag; W_DIRECT, PLANE and PLANE64 write disparity; without any of them
+// only the depth buffer is filled.
+
+in float view_depth_m;
+flat in int scene_instance;
+
+#ifdef LINEAR
+layout(location = 0) out float depth_m;
+
+void main() {
+    depth_m = view_depth_m;
+}
+#elif defined(W_DIRECT) || defined(PLANE) || defined(PLANE64)
+#include "common_disparity.glsl"
+
+layout(location = 0) out float disparity_px;
+
+#if defined(PLANE) || defined(PLANE64)
+#include "common_silhouette.glsl"
+#endif
+
+#ifdef W_DIRECT
+void main() {
+    disparity_px = focal_baseline * gl_FragCoord.w - doffs_px;
+    disparity_px = disparity_px > 0.0 ? disparity_px : INVALID;
+}
+#endif
+
+#ifdef PLANE
+void main() {
+    Instance own = instances[scene_instance];
+    uint triangle = uint(gl_PrimitiveID);
+    float inverse_depth = inverse_depth_at(corner_of(own, triangle, 0), corner_of(own, triangle, 1),
+                                           corner_of(own, triangle, 2), gl_FragCoord.xy - 0.5);
+    disparity_px = focal_baseline * inverse_depth - doffs_px;
+    disparity_px = disparity_px > 0.0 ? disparity_px : INVALID;
+}
+#endif
+
+#ifdef PLANE64
+layout(std430, binding = 4) readonly buffer Poses { dvec4 view_from_model_row[]; };  // three of each instance
+
+uniform double focal_px_64;
+uniform double focal_baseline_64;
+uniform double doffs_px_64;
+uniform dvec2 centre_px_64;
+
+dvec3 corner_64(uint triangle, int k) {
+    uvec4 model = instances[scene_instance].model;
+    uint at = 5u * (index[3u * (model.x + triangle) + uint(k)] + model.y);
+    dvec4 position = dvec4(vertex[at], vertex[at + 1u], vertex[at + 2u], 1.0);
+    int row = 3 * scene_instance;
+    return dvec3(dot(view_from_model_row[row], position), dot(view_from_model_row[row + 1], position),
+                 dot(view_from_model_row[row + 2], position));
+}
+
+void main() {
+    uint triangle = uint(gl_PrimitiveID);
+    dvec3 a = corner_64(triangle, 0), b = corner_64(triangle, 1), c = corner_64(triangle, 2);
+    dvec3 normal = cross(b - a, c - a);
+    dvec3 ray = dvec3((dvec2(gl_FragCoord.xy) - 0.5 - centre_px_64) / focal_px_64, 1.0);
+    double exact_px = focal_baseline_64 * dot(normal, ray) / dot(normal, a) - doffs_px_64;
+    disparity_px = exact_px > 0.0 ? float(exact_px) : INVALID;
+}
+#endif
+#else
+void main() {
+}
+#endif

@@ -1,0 +1,21 @@
+#version 450 core
+// mesh.vert without its texture, with planar depth as a varying. Only `semisynth-gl bench accuracy` draws with it.
+
+uniform mat4 clip_from_view;
+
+layout(location = 0) in vec3 position;         // model units
+layout(location = 2) in vec4 view_from_model_x;
+layout(location = 3) in vec4 view_from_model_y;
+layout(location = 4) in vec4 view_from_model_z;
+layout(location = 7) in int instance;
+
+out float view_depth_m;
+flat out int scene_instance;
+
+void main() {
+    vec4 model = vec4(position, 1.0);
+    vec3 view = vec3(dot(view_from_model_x, model), dot(view_from_model_y, model), dot(view_from_model_z, model));
+    view_depth_m = view.z;
+    scene_instance = instance;
+    gl_Position = clip_from_view * vec4(view, 1.0);
+}
