@@ -14,13 +14,16 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from semisynth_gl.checks import faults
 from semisynth_gl.config import Config
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import Frame
 from semisynth_gl.geometry.library import ModelLibrary, build_library
+from semisynth_gl.imperfections import with_imperfections
 from semisynth_gl.render.context import Backend
 from semisynth_gl.render.renderer import Renderer
-from semisynth_gl.scene.sampler import SceneSampler
+from semisynth_gl.scene.sampler import SampledScene, SceneSampler
+from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Atlas
 from semisynth_gl.textures.prepare import prepare_atlas
 from semisynth_gl.write.dataset import DatasetFolder
@@ -40,6 +43,15 @@ class Pair:
     index: int
     frame: Frame
     provenance: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class _Settled:
+    """The attempt that a sequence is drawn from, and what was wrong with those before it."""
+
+    sequence: int
+    attempt: int
+    redrawn: list[str]
 
 
 class PairRenderer:
@@ -71,6 +83,7 @@ class PairRenderer:
             antialias=config.antialias,
             backend=backend,
         )
+        self._settled: _Settled | None = None
         self._made_by = {
             "program": "semisynth-gl",
             "version": version("semisynth-gl"),
@@ -97,17 +110,45 @@ class PairRenderer:
     def render(self, index: int) -> Pair:
         """Render pair ``index``, 0 or more.
 
+        A pair whose sequence fails its checks is drawn again from the next sub-seed.
+
         Raises:
-            InputError: where the index is negative, or the config's ranges leave no scene for it.
+            InputError: where the index is negative, the config's ranges leave no scene for it, or no attempt passes.
         """
         if index < 0:
             raise InputError(f"a pair's index must be 0 or more, got {index}")
-        sampled = self._sampler.sample(index)
-        frame = self._renderer.render(sampled.scene)
+        number, frame_number = divmod(index, self.config.sequence.length)
+        settled = self._settled
+        if settled is None or settled.sequence != number or frame_number == 0:
+            settled, frame, sampled = self._settle(number)
+        if frame_number > 0:
+            sampled = self._sampler.sample(index, settled.attempt)
+            frame = self._renderer.render(sampled.scene)
         provenance = {"pair": index} | self._made_by | self._sampler.provenance(sampled)
+        if settled.redrawn:
+            provenance["redrawn"] = settled.redrawn
         if "instances" in self.config.outputs:
             provenance["instances"] = self._sampler.instance_table(sampled)
+        if not self.config.imperfections.none():
+            rng = generator(self.seed, Purpose.IMPERFECTIONS, index)
+            frame, provenance["imperfections"] = with_imperfections(frame, self.config.imperfections, rng)
         return Pair(index, frame, provenance)
+
+    def _settle(self, number: int) -> tuple[_Settled, Frame, SampledScene]:
+        """Find a sequence's first attempt whose first frame passes the checks; return that frame too."""
+        redrawn: list[str] = []
+        for attempt in range(self.config.checks.attempts):
+            sampled = self._sampler.sample(number * self.config.sequence.length, attempt)
+            frame = self._renderer.render(sampled.scene)
+            found = faults(frame, self.config)
+            if not found:
+                self._settled = _Settled(number, attempt, redrawn)
+                return self._settled, frame, sampled
+            redrawn.append("; ".join(found))
+        raise InputError(
+            f"sequence {number} fails its checks in all {len(redrawn)} attempts, the last one because it is "
+            f"{redrawn[-1]}. Change images or scene, or lower the key of the section checks"
+        )
 
     def card(self) -> dict[str, Any]:
         """What all pairs have in common, in JSON's types."""
@@ -164,15 +205,18 @@ def generate(
         started(renderer)
         folder.open()
         try:
-            names = []
+            names, redraws = [], 0
             for index in range(pairs):
                 pair = renderer.render(index)
+                redraws += len(pair.provenance.get("redrawn", []))
                 names.append(scene_name(config.name, index))
                 files = encode_scene(pair.frame, pair.provenance, ndisp=ceil(config.disparity.max_px))
                 folder.add_folder(SCENES / names[-1], files)
                 written(pair)
             folder.add_file(SCENE_LIST, encode_scene_list(names))
-            folder.finish(renderer.card() | {"layout": "middlebury", "pairs": pairs, "scenes": names})
+            folder.finish(
+                renderer.card() | {"layout": "middlebury", "pairs": pairs, "redraws": redraws, "scenes": names}
+            )
         except BaseException:
             folder.abandon()
             raise

@@ -15,6 +15,7 @@ class Purpose(IntEnum):
     PARTICLES = 4
     SHAPE = 5
     TEXTURE = 6
+    IMPERFECTIONS = 7
 
 
 def generator(seed: int, purpose: Purpose, *numbers: int) -> np.random.Generator:

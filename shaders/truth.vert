@@ -1,7 +1,7 @@
 #version 450 core
-// One triangle that covers the image, at depth 1.
+// One triangle that covers the image, at depth 0, infinitely far away.
 
 void main() {
     vec2 corner = vec2((gl_VertexID << 1) & 2, gl_VertexID & 2);
-    gl_Position = vec4(corner * 2.0 - 1.0, 1.0, 1.0);
+    gl_Position = vec4(corner * 2.0 - 1.0, 0.0, 1.0);
 }

@@ -20,10 +20,14 @@ ROOMS_WITHOUT_OPENGL = (
     "errors",
     "frame",
     "geometry",
+    "imperfections",
+    "oracle",
+    "read",
     "resources",
     "scene",
     "seeds",
     "textures",
+    "verify",
     "write",
 )
 
@@ -37,6 +41,8 @@ ROOMS_WITHOUT_CLOCK = (
     "camera",
     "config",
     "frame",
+    "checks",
+    "imperfections",
     "pipeline",
     "seeds",
 )

@@ -9,6 +9,7 @@ import click
 from semisynth_gl.cli.doctor import doctor
 from semisynth_gl.cli.generate import generate
 from semisynth_gl.cli.preview import preview
+from semisynth_gl.cli.verify import verify
 from semisynth_gl.errors import SemisynthError
 
 # 2 also stands for a run that was stopped or found no room: nothing half-written is left, and it may be started again.
@@ -24,7 +25,7 @@ def semisynth_gl() -> None:
     """Make stereo training pairs with exact disparity from ordinary photographs."""
 
 
-for command in (generate, preview, doctor):
+for command in (generate, preview, doctor, verify):
     semisynth_gl.add_command(command)
 
 

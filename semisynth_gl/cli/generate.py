@@ -11,6 +11,8 @@ from semisynth_gl.frame import OUTPUTS
 from semisynth_gl.render.context import Backend
 from semisynth_gl.write.dataset import DatasetFolder
 
+_REASONS_SHOWN = 5
+
 
 @click.command()
 @scene_options
@@ -48,8 +50,16 @@ def generate(
             click.echo(f"model left out: {skipped}", err=True)
         click.echo(f"{len(renderer.library.models)} models; rendering with {renderer.renderer_name}", err=True)
 
+    redrawn: list[str] = []
+
+    def written(pair: pipeline.Pair) -> None:
+        redrawn.extend(f"pair {pair.index}: {reason}" for reason in pair.provenance.get("redrawn", []))
+        progress.advance()
+
     with Progress(pairs) as progress:
-        scenes = pipeline.generate(
-            config, folder, pairs, seed, backend, started=started, written=lambda _: progress.advance()
-        )
+        scenes = pipeline.generate(config, folder, pairs, seed, backend, started=started, written=written)
+    for reason in redrawn[:_REASONS_SHOWN]:
+        click.echo(f"drawn again, {reason}", err=True)
+    if redrawn:
+        click.echo(f"{len(redrawn)} times a pair failed its checks and was drawn again (see pair.json)", err=True)
     click.echo(f"{pairs} pairs in {scenes}")

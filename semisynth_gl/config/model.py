@@ -215,6 +215,52 @@ class TexturesSection(Section):
     sequence: bool = False
 
 
+class ImperfectionsSection(Section):
+    """What a real rig does to its images. Each is drawn per pair and eye, and recorded; by default there are none.
+
+    Attributes:
+        exposure_stops: the image is multiplied by 2 to this power.
+        gamma: exponent of the tone curve.
+        noise: standard deviation of the sensor's noise, 8-bit levels.
+        blur_px: standard deviation of the lens blur.
+    """
+
+    exposure_stops: RangeField = Range(0.0, 0.0)
+    gamma: PositiveRange = Range(1.0, 1.0)
+    noise: NotNegativeRange = Range(0.0, 0.0)
+    blur_px: NotNegativeRange = Range(0.0, 0.0)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_vertical_disparity(cls, values: Any) -> Any:  # noqa: ANN401 - whatever the YAML holds
+        for key in ("vertical_offset_px", "roll_deg"):
+            if isinstance(values, dict) and key in values:
+                raise ValueError(
+                    f"{key} would need the vertical disparity as truth, which is not made: leave it out, and rectify"
+                )
+        return values
+
+    def none(self) -> bool:
+        """Whether images stay as they are rendered."""
+        return self == ImperfectionsSection()
+
+
+class ChecksSection(Section):
+    """What a pair must fulfil; one that does not is drawn again from the next sub-seed.
+
+    Attributes:
+        min_brightness: mean of the darker image, 8-bit levels.
+        min_texture: texture measure of the flatter image, 8-bit levels.
+        min_valid: share of pixels with a valid disparity, in each view.
+        attempts: how often to draw before giving up.
+    """
+
+    min_brightness: Annotated[float, Field(ge=0, le=255)] = 8.0
+    min_texture: Annotated[float, Field(ge=0)] = 1.0
+    min_valid: Annotated[float, Field(ge=0, le=1)] = 0.5
+    attempts: Count = 10
+
+
 class SequenceSection(Section):
     """Pairs i n to (i + 1) n - 1 are the frames of one moving scene.
 
@@ -239,6 +285,8 @@ class Config(Section):
         models: see `ModelsSection`.
         textures: see `TexturesSection`.
         sequence: see `SequenceSection`.
+        imperfections: see `ImperfectionsSection`.
+        checks: see `ChecksSection`.
         outputs: what is written beside images and disparities: ``visibility``, ``instances``, ``depth``.
         antialias: of colour: ``none``, ``msaa4`` (or what the driver has), ``ssaa2`` to ``ssaa8``.
     """
@@ -251,6 +299,8 @@ class Config(Section):
     models: ModelsSection = ModelsSection()
     textures: TexturesSection = TexturesSection()
     sequence: SequenceSection = SequenceSection()
+    imperfections: ImperfectionsSection = ImperfectionsSection()
+    checks: ChecksSection = ChecksSection()
     outputs: Annotated[tuple[Output, ...], BeforeValidator(_as_tuple)] = DEFAULT_OUTPUTS
     antialias: Annotated[str, Field(pattern=r"^(none|msaa([2-9]|[1-9][0-9])|ssaa[2-8])$")] = "none"
 

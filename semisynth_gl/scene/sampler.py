@@ -28,6 +28,9 @@ from semisynth_gl.scene.scene import Scene
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 
+# Stands before the attempt in the keys of generators; no generation reaches it.
+_REDRAWN = 2**31
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledScene:
@@ -57,6 +60,19 @@ class _Sequence:
     slots: Slots
 
 
+@dataclass(frozen=True, slots=True)
+class _Draw:
+    """Where the randomness of a sequence comes from."""
+
+    seed: int
+    sequence: int
+    attempt: int
+
+    def generator(self, purpose: Purpose, *numbers: int) -> np.random.Generator:
+        redrawn = (_REDRAWN, self.attempt) if self.attempt else ()
+        return generator(self.seed, purpose, self.sequence, *numbers, *redrawn)
+
+
 class SceneSampler:
     """Samples the scenes of one dataset.
 
@@ -81,16 +97,17 @@ class SceneSampler:
         """The models that `Scene.model` counts: the background's face, then the library."""
         return (FACE, *self._library.models)
 
-    def sample(self, index: int) -> SampledScene:
-        """Sample the scene of pair ``index``, 0 or more."""
+    def sample(self, index: int, attempt: int = 0) -> SampledScene:
+        """Sample the scene of pair ``index``, 0 or more; each ``attempt`` draws its whole sequence anew."""
         config = self._config
         number, frame = divmod(index, config.sequence.length)
-        sequence = self._sequence(number)
+        draw = _Draw(self._seed, number, attempt)
+        sequence = self._sequence(draw)
         camera = sequence.camera
         time_s = frame * config.sequence.frame_s
 
         def release(generation: int) -> Release:
-            rng = generator(self._seed, Purpose.PARTICLES, number, 1 + generation)
+            rng = draw.generator(Purpose.PARTICLES, 1 + generation)
             return draw_release(camera, config.particles, sequence.slots, rng)
 
         particles = particles_at(camera, sequence.slots, release, time_s)
@@ -102,8 +119,8 @@ class SceneSampler:
         generations = particles.generation[kept]
         background = sequence.background
         faces = len(background.size_m)
-        model = np.concatenate([np.zeros(faces, np.int64), 1 + self._models(number, generations, kept)])
-        patch, offset, texels = self._textures(number, faces, generations, kept)
+        model = np.concatenate([np.zeros(faces, np.int64), 1 + self._models(draw, generations, kept)])
+        patch, offset, texels = self._textures(draw, faces, generations, kept)
         camera_px = camera.focal_px / config.textures.patch_px
         depth = np.concatenate([background.visible_depth_m, particles.centre_m[kept, 2]])
         # Lengths of one UV unit: a face's edges, and a model's unit under its mean scale.
@@ -152,13 +169,11 @@ class SceneSampler:
             for k in range(len(scene))
         ]
 
-    def _sequence(self, number: int) -> _Sequence:
+    def _sequence(self, draw: _Draw) -> _Sequence:
         config = self._config
-        camera = draw_camera(config.camera, generator(self._seed, Purpose.CAMERA, number))
-        background = draw_background(
-            config.background, config.disparity, camera, generator(self._seed, Purpose.BACKGROUND, number)
-        )
-        rng = generator(self._seed, Purpose.PARTICLES, number, 0)
+        camera = draw_camera(config.camera, draw.generator(Purpose.CAMERA))
+        background = draw_background(config.background, config.disparity, camera, draw.generator(Purpose.BACKGROUND))
+        rng = draw.generator(Purpose.PARTICLES, 0)
         if config.particles.layers is not None:
             layers = layer_counts(config.particles.layers, rng)
         else:
@@ -178,32 +193,21 @@ class SceneSampler:
         # A layer without room between the limits holds none, but its count was drawn: later draws do not shift.
         return [(lo, max(lo, hi), int(n)) for lo, hi, n in zip(low, high, counts, strict=True)]
 
-    def _models(self, number: int, generation: NDArray[np.int64], slot: NDArray[np.intp]) -> NDArray[np.int64]:
+    def _models(self, draw: _Draw, generation: NDArray[np.int64], slot: NDArray[np.intp]) -> NDArray[np.int64]:
         """Library index of the model in each slot."""
-        chance = self._per_slot(Purpose.SHAPE, number, generation, slot, 1)[:, 0]
+        chance = _per_slot(draw, Purpose.SHAPE, generation, slot, 1)[:, 0]
         return np.minimum(np.searchsorted(self._cumulative, chance, side="right"), len(self._cumulative) - 1)
 
     def _textures(
-        self, number: int, faces: int, generation: NDArray[np.int64], slot: NDArray[np.intp]
+        self, draw: _Draw, faces: int, generation: NDArray[np.int64], slot: NDArray[np.intp]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
         """Patch (N,), UV offset (N, 2) in patches and texels per pixel (N,) of faces and models."""
-        of_faces = generator(self._seed, Purpose.TEXTURE, number, 0).random((faces, 4))
-        of_models = self._per_slot(Purpose.TEXTURE, number, generation + 1, slot, 4)
+        of_faces = draw.generator(Purpose.TEXTURE, 0).random((faces, 4))
+        of_models = _per_slot(draw, Purpose.TEXTURE, generation + 1, slot, 4)
         drawn = np.concatenate([of_faces, of_models])
         patch = (drawn[:, 0] * len(self._first_layer)).astype(np.int64)
         texels = self._config.textures.texels_per_pixel
         return patch, drawn[:, 1:3], texels.low * (texels.high / texels.low) ** drawn[:, 3]
-
-    def _per_slot(
-        self, purpose: Purpose, number: int, generation: NDArray[np.int64], slot: NDArray[np.intp], width: int
-    ) -> NDArray[np.float64]:
-        """Uniform numbers (N, width) that belong to a slot's generation, whatever other slots exist."""
-        result = np.empty((len(slot), width))
-        for value in np.unique(generation):
-            of = generation == value
-            rows = generator(self._seed, purpose, number, int(value)).random((int(slot[of].max()) + 1, width))
-            result[of] = rows[slot[of]]
-        return result
 
     def _layers(self, number: int, patch: NDArray[np.int64], frame: int) -> NDArray[np.int64]:
         """Atlas layer of each patch at a frame: image sequences start at a phase of their own and go round."""
@@ -211,3 +215,15 @@ class SceneSampler:
         phase = (patch * 7919 + number) % count
         layer: NDArray[np.int64] = self._first_layer[patch] + (phase + frame) % count
         return layer
+
+
+def _per_slot(
+    draw: _Draw, purpose: Purpose, generation: NDArray[np.int64], slot: NDArray[np.intp], width: int
+) -> NDArray[np.float64]:
+    """Uniform numbers (N, width) that belong to a slot's generation, whatever other slots exist."""
+    result = np.empty((len(slot), width))
+    for value in np.unique(generation):
+        of = generation == value
+        rows = draw.generator(purpose, int(value)).random((int(slot[of].max()) + 1, width))
+        result[of] = rows[slot[of]]
+    return result

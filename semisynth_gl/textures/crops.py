@@ -117,22 +117,26 @@ def texture_measure(patch: NDArray[np.uint8]) -> float:
     pixels or more.
 
     Args:
-        patch: (P, P, 3) uint8 RGB.
+        patch: (H, W, 3) uint8 RGB; the atlas's are square, but whole images can be judged too.
 
     Returns:
         The measure in 8-bit levels, from 0 (every pixel equal in half of the cells) to 127.5.
     """
-    side = patch.shape[0]
-    cells = max(1, min(_GRID_CELLS, side // 2))
-    starts = np.arange(cells) * side // cells
-    sizes = np.diff(np.append(starts, side))
-    counts = np.multiply.outer(sizes, sizes)
+    (rows, heights), (columns, widths) = (_cells(extent) for extent in patch.shape[:2])
+    counts = np.multiply.outer(heights, widths)
 
     # Whole numbers up to the mean, so that a flat cell has a deviation of exactly zero.
     red, green, blue = (patch[..., channel].astype(np.int32) for channel in range(3))
     luminance = 299 * red + 587 * green + 114 * blue
-    sums = np.add.reduceat(np.add.reduceat(luminance, starts, axis=0, dtype=np.int64), starts, axis=1)
-    means = (sums / counts).repeat(sizes, axis=0).repeat(sizes, axis=1)
+    sums = np.add.reduceat(np.add.reduceat(luminance, rows, axis=0, dtype=np.int64), columns, axis=1)
+    means = (sums / counts).repeat(heights, axis=0).repeat(widths, axis=1)
     squares = np.square(luminance - means)
-    variances = np.add.reduceat(np.add.reduceat(squares, starts, axis=0), starts, axis=1) / counts
+    variances = np.add.reduceat(np.add.reduceat(squares, rows, axis=0), columns, axis=1) / counts
     return float(np.median(np.sqrt(variances))) / 1000.0
+
+
+def _cells(extent: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First pixel and size of each cell along a side."""
+    cells = max(1, min(_GRID_CELLS, extent // 2))
+    starts = np.arange(cells, dtype=np.int64) * extent // cells
+    return starts, np.diff(np.append(starts, extent))

@@ -1,0 +1,86 @@
+"""``semisynth-gl verify``."""
+
+import json
+import sys
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from semisynth_gl.cli.progress import Progress
+from semisynth_gl.errors import InputError
+from semisynth_gl.read.middlebury import Index, read_index
+from semisynth_gl.verify.dataset import verify_dataset
+from semisynth_gl.verify.finding import Verdict
+
+
+@click.command()
+@click.argument("directory", metavar="DIR", type=click.Path(path_type=Path))
+@click.option("--oracle", is_flag=True, help="Also make each scene again and compare with float64 rays.")
+@click.option(
+    "--pixels", type=click.IntRange(min=1), default=500, show_default=True, help="Rays per pair, with --oracle."
+)
+@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write findings and measures here.")
+def verify(
+    directory: Path,
+    oracle: bool,  # noqa: FBT001 - click passes flags so
+    pixels: int,
+    json_path: Path | None,
+) -> None:
+    """Read a dataset back as a stranger would, and tell what is wrong with it.
+
+    One line per finding: scene, check, what was expected and what came. Exit code 1 where there is any.
+    """
+    index = read_index(directory)
+    if json_path is not None and not json_path.absolute().parent.is_dir():
+        raise InputError(f"--json {json_path}: the folder {json_path.absolute().parent} does not exist")
+    start = time.monotonic()
+    verdicts = []
+    with Progress(len(index.scenes)) as progress:
+        for number, verdict in enumerate(verify_dataset(index, pixels if oracle else 0)):
+            verdicts.append(verdict)
+            for finding in verdict.findings:
+                click.echo(str(finding))
+            if number > 0:  # the first is about the dataset as a whole
+                progress.advance()
+    seconds = time.monotonic() - start
+    if json_path is not None:
+        json_path.write_text(json.dumps(_report(index, verdicts), indent=1) + "\n", encoding="utf-8")
+    found = sum(len(verdict.findings) for verdict in verdicts)
+    where = sum(1 for verdict in verdicts if verdict.findings)
+    if found:
+        click.echo(f"{found} findings in {where} of {len(index.scenes)} scenes", err=True)
+        sys.exit(1)
+    click.echo(_summary(index, verdicts, seconds))
+
+
+def _report(index: Index, verdicts: list[Verdict]) -> dict[str, object]:
+    return {
+        "scenes": len(index.scenes),
+        "findings": [asdict(finding) for verdict in verdicts for finding in verdict.findings],
+        "measures": {verdict.scene: verdict.measures for verdict in verdicts if verdict.measures},
+    }
+
+
+def _summary(index: Index, verdicts: list[Verdict], seconds: float) -> str:
+    """One line with the worst of each measure."""
+
+    def worst(name: str) -> float | None:
+        values = [abs(verdict.measures[name]) for verdict in verdicts if name in verdict.measures]
+        return max(values) if values else None
+
+    parts = []
+    for name, text in (
+        ("left_right_median_px", "left against right {:.5f} px"),
+        ("best_shift_px", "images fit within {:.4f} px"),
+        ("mask0nocc_disagree_share", "masks disagree in {:.3%}"),
+        ("invalid_share", "{:.3%} of the pixels without disparity"),
+        ("oracle_largest_px", "rays within {:.1e} px"),
+    ):
+        value = worst(name)
+        if value is not None:
+            parts.append(text.format(value))
+    count = len(index.scenes)
+    rate = f"{seconds / max(count, 1):.2f} s a pair"
+    return f"{count} pairs, nothing found; at worst: {', '.join(parts)} ({rate})"

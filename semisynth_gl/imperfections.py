@@ -1,0 +1,64 @@
+"""Imperfections of a real rig, put on the images after rendering; the truth stays what it is.
+
+They follow light's way: the lens blurs, the exposure scales, the sensor adds noise, the tone curve bends.
+"""
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageFilter
+
+from semisynth_gl.camera import EYES
+from semisynth_gl.config.model import ImperfectionsSection
+from semisynth_gl.frame import Frame
+
+
+@dataclass(frozen=True, slots=True)
+class Imperfections:
+    """What was drawn for one eye of one pair.
+
+    Attributes:
+        blur_px: standard deviation of the lens blur.
+        exposure_stops: the image is multiplied by 2 to this power.
+        noise: standard deviation of the sensor's noise, 8-bit levels.
+        gamma: exponent of the tone curve on [0, 1].
+    """
+
+    blur_px: float
+    exposure_stops: float
+    noise: float
+    gamma: float
+
+
+def draw_imperfections(section: ImperfectionsSection, rng: np.random.Generator) -> Imperfections:
+    """Draw one eye's imperfections."""
+    return Imperfections(
+        section.blur_px.draw(rng), section.exposure_stops.draw(rng), section.noise.draw(rng), section.gamma.draw(rng)
+    )
+
+
+def apply_imperfections(image: NDArray[np.uint8], drawn: Imperfections, rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Put imperfections on an image, (H, W, 3) uint8; none at all returns it bit for bit."""
+    if drawn == Imperfections(0.0, 0.0, 0.0, 1.0):
+        return image
+    if drawn.blur_px > 0:
+        image = np.asarray(Image.fromarray(image).filter(ImageFilter.GaussianBlur(drawn.blur_px)))
+    values = image.astype(np.float32) * np.float32(2.0**drawn.exposure_stops)
+    if drawn.noise > 0:
+        values += rng.standard_normal(values.shape, np.float32) * np.float32(drawn.noise)
+    values = np.clip(values, 0, 255)
+    if drawn.gamma != 1:
+        values = 255 * (values / 255) ** np.float32(drawn.gamma)
+    rounded: NDArray[np.uint8] = np.rint(values).astype(np.uint8)
+    return rounded
+
+
+def with_imperfections(
+    frame: Frame, section: ImperfectionsSection, rng: np.random.Generator
+) -> tuple[Frame, dict[str, Any]]:
+    """Put imperfections on both images of a frame, each eye with its own; return them in JSON's types beside it."""
+    drawn = {eye: draw_imperfections(section, rng) for eye in EYES}
+    left, right = (apply_imperfections(getattr(frame, eye), drawn[eye], rng) for eye in EYES)
+    return replace(frame, left=left, right=right), {eye: asdict(values) for eye, values in drawn.items()}

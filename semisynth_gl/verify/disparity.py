@@ -1,0 +1,153 @@
+"""What one view's disparity must satisfy by itself, and with calibration and depth."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.camera import StereoCamera
+from semisynth_gl.read.middlebury import SceneFiles
+from semisynth_gl.verify.finding import Verdict
+
+VIEWS = ("left", "right")
+
+# calib.txt writes vmin and vmax with six digits: at most 5e-6 of the value is lost.
+_SIX_DIGITS = 1e-5
+# d = f B / Z - doffs in float32: f B and doffs are rounded once each, GPUs may divide with 2.5 units in the last place,
+# and depth and difference are rounded once each. 8 units of 2**-23 leave a margin of two.
+_FLOAT32 = 8 * 2.0**-23
+# A surface that leaves the valid range does so through 0; this much lies between its last valid pixel and the next.
+_LAST_VALID_PX = 2.0
+
+
+def check_disparity(scene: SceneFiles, most: float | None, verdict: Verdict) -> None:
+    """Check both disparities: no NaN, positive, inf only where the rig makes it so.
+
+    Args:
+        scene: the files.
+        most: the largest that the config allows, px, or None.
+        verdict: takes findings and measures.
+    """
+    invalid = 0
+    for side, disparity in zip(VIEWS, (scene.disparity_left, scene.disparity_right), strict=True):
+        infinite = np.isposinf(disparity)
+        valid = np.isfinite(disparity)
+        invalid += int(infinite.sum())
+        broken = ~(valid | infinite)
+        if broken.any():
+            verdict.add("disparity", f"{side}: {_count(broken)} NaN or -inf, the first at {_first(broken)}")
+        not_positive = valid & (disparity <= 0)
+        if not_positive.any():
+            least = float(disparity[not_positive].min())
+            verdict.add(
+                "disparity",
+                f"{side}: {_count(not_positive)} not positive, the first at {_first(not_positive)}, least {least:g} px",
+            )
+        if most is not None and valid.any():
+            largest = float(disparity[valid].max())
+            if largest > most * (1 + _SIX_DIGITS):
+                verdict.add("disparity", f"{side}: largest {largest:g} px, the config allows {most:g} px")
+        if infinite.any():
+            _check_invalid(side, disparity, infinite, scene.calibration.camera, verdict)
+    verdict.measures["invalid_share"] = invalid / (2 * scene.disparity_left.size)
+
+
+def _check_invalid(
+    side: str, disparity: NDArray[np.float32], infinite: NDArray[np.bool_], camera: StereoCamera, verdict: Verdict
+) -> None:
+    """Check that inf stands only where a surface may have left the valid range.
+
+    The background closes the view, so each pixel has a depth, and d = f B / Z - doffs is above 0 unless doffs is
+    positive and the surface far enough. A surface that goes so far passes through 0 first.
+    """
+    share = f"{infinite.mean():.4%} of the pixels, the first at {_first(infinite)}"
+    if camera.doffs_px <= 0:
+        verdict.add("disparity", f"{side}: inf in {share}, though a doffs of {camera.doffs_px:g} px rules it out")
+        return
+    beside = np.zeros_like(infinite)
+    beside[1:] |= infinite[:-1]
+    beside[:-1] |= infinite[1:]
+    beside[:, 1:] |= infinite[:, :-1]
+    beside[:, :-1] |= infinite[:, 1:]
+    around = disparity[beside & np.isfinite(disparity)]
+    if around.size and float(around.min()) > _LAST_VALID_PX:
+        verdict.add("disparity", f"{side}: inf in {share}, beside disparities of at least {float(around.min()):g} px")
+
+
+def check_calibration(scene: SceneFiles, verdict: Verdict) -> None:
+    """Check calib.txt against itself, pair.json and the left disparity."""
+    calibration, camera = scene.calibration, scene.calibration.camera
+    # Each number is written with all its digits; their difference is rounded once.
+    if not _close(calibration.doffs_px, camera.doffs_px, 1e-9):
+        verdict.add("calib", f"doffs {calibration.doffs_px!r} is not cx1 - cx0 = {camera.doffs_px!r}")
+    recorded = scene.pair.get("camera")
+    if not isinstance(recorded, dict):
+        verdict.add("calib", "pair.json has no camera to compare with")
+    else:
+        for name in camera.__slots__:
+            ours = getattr(camera, name)
+            theirs = recorded.get(name)
+            # Through millimetres and back the baseline may lose its last digit.
+            if not (isinstance(theirs, int | float) and _close(ours, theirs, 1e-12)):
+                verdict.add("calib", f"{name} is {ours!r}, in pair.json {theirs!r}")
+    valid = scene.disparity_left[np.isfinite(scene.disparity_left)]
+    if not valid.size:
+        return
+    for name, said, is_ in (
+        ("vmin", calibration.vmin_px, float(valid.min())),
+        ("vmax", calibration.vmax_px, float(valid.max())),
+    ):
+        if not _close(said, is_, _SIX_DIGITS):
+            verdict.add("calib", f"{name} is {said:g}, the left disparity's is {is_:g} px")
+    if calibration.ndisp < float(valid.max()) * (1 - _SIX_DIGITS):
+        verdict.add("calib", f"ndisp {calibration.ndisp} is below the largest disparity, {float(valid.max()):g} px")
+
+
+def check_depth(scene: SceneFiles, verdict: Verdict) -> None:
+    """Check Z = f B / (d + doffs) where there are depth files, to float32's rounding."""
+    camera = scene.calibration.camera
+    for name, disparity in (("depth0.pfm", scene.disparity_left), ("depth1.pfm", scene.disparity_right)):
+        depth = scene.optional.get(name)
+        if depth is None:
+            continue
+        seen = np.isfinite(depth) & (depth > 0)
+        valid = np.isfinite(disparity)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            expected = camera.focal_baseline / depth.astype(np.float64) - camera.doffs_px
+            bound = _FLOAT32 * (np.abs(expected) + 2 * abs(camera.doffs_px))
+            wrong = np.where(valid, ~(np.abs(disparity - expected) <= bound), seen & (expected > bound))
+        if wrong.any():
+            y, x = np.argwhere(wrong)[0]
+            verdict.add(
+                "depth",
+                f"{name}: {_count(wrong)} off; at ({x}, {y}) {depth[y, x]:g} m is {expected[y, x]:g} px, "
+                f"the disparity there is {disparity[y, x]:g} px",
+            )
+
+
+def check_instances(scene: SceneFiles, verdict: Verdict) -> None:
+    """Check that instance ids count rows of pair.json's ``instances``, and that 0 stands where nothing is seen."""
+    rows = scene.pair.get("instances")
+    for name, disparity in (("inst0.png", scene.disparity_left), ("inst1.png", scene.disparity_right)):
+        ids = scene.optional.get(name)
+        if ids is None:
+            continue
+        if not isinstance(rows, list):
+            verdict.add("instances", f"{name} is there, but pair.json has no list of instances")
+        elif int(ids.max()) > len(rows):
+            verdict.add("instances", f"{name}: id {int(ids.max())}, but pair.json lists {len(rows)} instances")
+        nothing = (ids == 0) & np.isfinite(disparity)
+        if nothing.any():
+            verdict.add("instances", f"{name}: {_count(nothing)} without an instance have a disparity")
+
+
+def _count(where: NDArray[np.bool_]) -> str:
+    number = int(where.sum())
+    return f"{number} pixel{'' if number == 1 else 's'}"
+
+
+def _first(where: NDArray[np.bool_]) -> str:
+    y, x = np.argwhere(where)[0]
+    return f"({x}, {y})"
+
+
+def _close(one: float, other: float, relative: float) -> bool:
+    return bool(abs(one - other) <= relative * max(1.0, abs(one), abs(other)))

@@ -1,0 +1,110 @@
+"""The strongest check: make a pair's scene again, and cast float64 rays at some of its pixels."""
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from semisynth_gl import oracle
+from semisynth_gl.camera import EYES, Eye
+from semisynth_gl.config import Config
+from semisynth_gl.errors import InputError
+from semisynth_gl.geometry.library import build_library
+from semisynth_gl.read.middlebury import Index, SceneFiles
+from semisynth_gl.scene.sampler import SceneSampler
+from semisynth_gl.scene.scene import Scene
+from semisynth_gl.textures.atlas import Patch
+from semisynth_gl.verify.finding import Verdict
+
+# What the renderer promises for disparity at a pixel's centre.
+_ERROR_PX = 1e-3
+# Rasterisers move vertices to a grid of 1/256 px at best, of 1/16 px at worst: beside an edge they may see the
+# surface on its other side.
+_EDGE_PX = 1 / 32
+
+
+class Recaster:
+    """Makes the scenes of a dataset again. Photographs are not needed: patches colour a scene and do not shape it.
+
+    Args:
+        index: the dataset.
+
+    Raises:
+        InputError: where its config, seed or patches are not this version's, or its models are not there.
+    """
+
+    def __init__(self, index: Index) -> None:
+        values = index.values
+        try:
+            config = Config.model_validate(index.config)
+            patches = tuple(Patch(**patch) for patch in values["patches"])
+            self._seed = int(values["seed"])
+        except (ValidationError, KeyError, TypeError, ValueError) as error:
+            raise InputError(
+                f"{index.path}: the scenes cannot be made again by this version from dataset.json: {error}"
+            ) from None
+        if not patches or self._seed < 0:
+            raise InputError(
+                f"{index.path}: the scenes cannot be made again from dataset.json: expected patches and a seed of 0 or "
+                f"more, got {len(patches)} and {self._seed}"
+            )
+        self._sampler = SceneSampler(config, self._seed, build_library(config.models, self._seed), patches)
+
+    def check(self, scene: SceneFiles, pair: int, pixels: int, verdict: Verdict) -> None:
+        """Compare both disparities with rays through randomly chosen pixels.
+
+        Args:
+            scene: the files.
+            pair: the pair's number.
+            pixels: how many, half of them in each view.
+            verdict: takes findings and measures.
+        """
+        # A sequence whose first frame failed the config's checks was drawn again, once for each entry.
+        redrawn = scene.pair.get("redrawn")
+        made = self._sampler.sample(pair, len(redrawn) if isinstance(redrawn, list) else 0).scene
+        recorded = scene.pair.get("camera")
+        names = made.camera.__slots__
+        if not isinstance(recorded, dict) or any(recorded.get(name) != getattr(made.camera, name) for name in names):
+            verdict.add("oracle", "config and seed of dataset.json give another camera than pair.json has")
+            return
+        rng = np.random.default_rng((self._seed, pair))
+        errors = []
+        for eye, disparity in zip(EYES, (scene.disparity_left, scene.disparity_right), strict=True):
+            height, width = disparity.shape
+            x = rng.integers(0, width, -(-pixels // 2)).astype(np.float64)
+            y = rng.integers(0, height, -(-pixels // 2)).astype(np.float64)
+            came = disparity[y.astype(np.int64), x.astype(np.int64)].astype(np.float64)
+            expected = self._cast(made, eye, x, y)
+            error = _difference(came, expected)
+            off = np.flatnonzero(~(error <= _ERROR_PX))
+            errors.append(error[error <= _ERROR_PX])
+            if off.size:
+                off = off[~self._is_edge(made, eye, x[off], y[off], came[off])]
+            if off.size:
+                first = off[0]
+                verdict.add(
+                    "oracle",
+                    f"{eye}: {off.size} of {len(x)} pixels are off by more than {_ERROR_PX} px; at ({x[first]:.0f}, "
+                    f"{y[first]:.0f}) the ray finds {expected[first]:.6g} px, the file has {came[first]:.6g} px",
+                )
+        verdict.measures["oracle_largest_px"] = float(np.concatenate(errors).max(initial=0.0))
+
+    def _cast(self, scene: Scene, eye: Eye, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+        return oracle.disparity_px(scene.camera, oracle.cast(scene, self._sampler.models, eye, x, y))
+
+    def _is_edge(
+        self, scene: Scene, eye: Eye, x: NDArray[np.float64], y: NDArray[np.float64], came: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
+        """Whether rays within `_EDGE_PX` of each pixel's centre find disparities about what the file has there."""
+        steps = np.array([-_EDGE_PX, -_EDGE_PX / 8, 0.0, _EDGE_PX / 8, _EDGE_PX])
+        dx, dy = np.meshgrid(steps, steps)
+        # All rays in one call: its cost is the number of instances more than the number of rays.
+        near = self._cast(scene, eye, np.add.outer(x, dx.ravel()).ravel(), np.add.outer(y, dy.ravel()).ravel())
+        near = near.reshape(len(x), -1)
+        return np.asarray((near.min(axis=1) - _ERROR_PX <= came) & (came <= near.max(axis=1) + _ERROR_PX))
+
+
+def _difference(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Absolute difference; 0 where both are inf, inf where one is."""
+    with np.errstate(invalid="ignore"):
+        difference: NDArray[np.float64] = np.where(one == other, 0.0, np.abs(one - other))
+    return difference

@@ -1,0 +1,137 @@
+"""Imperfections of the rig, and checks that make a pair be drawn again."""
+
+import numpy as np
+import pytest
+from test_pipeline import tiny
+
+from semisynth_gl import pipeline
+from semisynth_gl.checks import faults
+from semisynth_gl.config import Config, load_config
+from semisynth_gl.errors import InputError
+from semisynth_gl.imperfections import Imperfections, apply_imperfections
+from semisynth_gl.pipeline import PairRenderer, render_pair
+
+NONE = Imperfections(blur_px=0.0, exposure_stops=0.0, noise=0.0, gamma=1.0)
+
+
+def image(seed=0):
+    return np.random.default_rng(seed).integers(0, 256, (60, 80, 3), dtype=np.uint8)
+
+
+def with_values(**values):
+    return Imperfections(**{name: values.get(name, getattr(NONE, name)) for name in NONE.__slots__})
+
+
+def applied(picture, **values):
+    return apply_imperfections(picture, with_values(**values), np.random.default_rng(1))
+
+
+def test_none_returns_the_image_bit_for_bit():
+    np.testing.assert_array_equal(applied(image()), image())
+
+
+def test_exposure_and_gamma_follow_their_formulas():
+    levels = np.tile(np.arange(256, dtype=np.uint8)[:, None, None], (1, 2, 3))
+    np.testing.assert_array_equal(applied(levels, exposure_stops=1.0)[:, 0, 0], np.minimum(2 * np.arange(256), 255))
+    expected = np.rint(255 * (np.arange(256) / 255) ** 1.3)
+    assert np.abs(applied(levels, gamma=1.3)[:, 0, 0] - expected).max() <= 1
+
+
+def test_noise_has_its_standard_deviation_and_no_bias():
+    grey = np.full((200, 200, 3), 128, np.uint8)
+    difference = applied(grey, noise=6.0).astype(float) - 128
+    assert abs(difference.mean()) < 0.1
+    assert difference.std() == pytest.approx(6, rel=0.02)
+
+
+def test_blur_spreads_a_point_evenly():
+    point = np.zeros((41, 41, 3), np.uint8)
+    point[20, 20] = 255
+    blurred = applied(point, blur_px=1.5)[..., 0].astype(float)
+    x = np.arange(41) - 20
+    assert abs((blurred * x).sum()) / blurred.sum() < 0.05
+    assert blurred.sum() == pytest.approx(255, rel=0.15)
+    assert np.sqrt((blurred * x**2).sum() / blurred.sum()) == pytest.approx(1.5, rel=0.2)
+
+
+def test_imperfections_touch_images_alone_and_are_recorded():
+    plain_config = tiny()
+    config = tiny(imperfections={"noise": [2, 6], "exposure_stops": [-0.5, 0.5]})
+    plain = render_pair(plain_config, 3)
+    with PairRenderer(config, 0) as pairs:
+        first, again, other = pairs.render(3), pairs.render(3), pairs.render(4)
+    np.testing.assert_array_equal(first.frame.disparity_left, plain.disparity_left)
+    assert not np.array_equal(first.frame.left, plain.left)
+    np.testing.assert_array_equal(first.frame.left, again.frame.left)
+    drawn = first.provenance["imperfections"]
+    assert 2 <= drawn["left"]["noise"] <= 6
+    assert drawn["left"] != drawn["right"]
+    assert drawn != other.provenance["imperfections"]
+
+
+@pytest.mark.parametrize("key", ["vertical_offset_px", "roll_deg"])
+def test_vertical_disparity_without_its_truth_is_refused(key):
+    with pytest.raises(InputError, match=f"{key} would need the vertical disparity"):
+        load_config("middlebury", [f"imperfections.{key}=1"])
+
+
+def test_pairs_that_fail_are_drawn_again_from_sub_seeds(monkeypatch):
+    config = tiny()
+    with PairRenderer(config, 0) as pairs:
+        before = [pairs.render(index) for index in range(4)]
+    assert all("redrawn" not in pair.provenance for pair in before)
+    marked = before[2].frame.left
+
+    def fussy(frame, _config):
+        return ["too something: 3 of 4"] if np.array_equal(frame.left, marked) else []
+
+    monkeypatch.setattr(pipeline, "faults", fussy)
+    with PairRenderer(config, 0) as pairs:
+        after = [pairs.render(index) for index in range(4)]
+        alone = pairs.render(2)
+    for index in (0, 1, 3):
+        np.testing.assert_array_equal(before[index].frame.left, after[index].frame.left)
+    assert not np.array_equal(after[2].frame.left, marked)
+    np.testing.assert_array_equal(after[2].frame.left, alone.frame.left)
+    assert after[2].provenance["redrawn"] == ["too something: 3 of 4"]
+
+
+def test_frames_of_a_redrawn_sequence_belong_together(monkeypatch):
+    config = tiny(sequence={"length": 3})
+    seen = []
+
+    def fussy(frame, _config):
+        seen.append(frame)
+        return ["no"] if len(seen) == 1 else []
+
+    monkeypatch.setattr(pipeline, "faults", fussy)
+    with PairRenderer(config, 0) as pairs:
+        cameras = [pairs.render(index).frame.camera for index in range(3)]
+    assert cameras[0] == cameras[1] == cameras[2]
+    assert cameras[0] != seen[0].camera
+
+
+def test_giving_up_says_why():
+    config = tiny(checks={"min_brightness": 250.0, "attempts": 3})
+    with PairRenderer(config, 0) as pairs, pytest.raises(InputError, match=r"all 3 attempts.* too dark: mean"):
+        pairs.render(0)
+
+
+def test_faults_are_found():
+    config = tiny()
+    good = render_pair(config, 0)
+    assert faults(good, config) == []
+
+    def with_arrays(**arrays):
+        fields = {name: getattr(good, name) for name in good.__slots__} | arrays
+        return faults(type(good)(**fields), config)
+
+    assert "too dark" in with_arrays(left=good.left // 64)[0]
+    assert "too little texture" in with_arrays(right=np.full_like(good.right, 128))[0]
+    holes = good.disparity_left.copy()
+    holes[:, : holes.shape[1] * 2 // 3] = np.inf
+    assert "too few pixels with truth: 0.3" in with_arrays(disparity_left=holes)[0]
+    cut = good.disparity_right.copy()
+    cut[3, 4] = config.disparity.max_px
+    assert "cut by the near plane" in with_arrays(disparity_right=cut)[0]
+    assert isinstance(config, Config)
