@@ -17,9 +17,10 @@ out vec2 patch_coordinate;
 flat out int patch_layer;
 flat out int scene_instance;
 
+#include "common_placement.glsl"
+
 void main() {
-    vec4 model = vec4(position, 1.0);
-    vec3 view = vec3(dot(view_from_model_x, model), dot(view_from_model_y, model), dot(view_from_model_z, model));
+    vec3 view = vec3(placed(view_from_model_x, position), placed(view_from_model_y, position), placed(view_from_model_z, position));
     patch_coordinate = uv * patch_from_uv.xy + patch_from_uv.zw;
     patch_layer = layer;
     scene_instance = instance;

@@ -12,9 +12,10 @@ layout(location = 7) in int instance;
 out float view_depth_m;
 flat out int scene_instance;
 
+#include "common_placement.glsl"
+
 void main() {
-    vec4 model = vec4(position, 1.0);
-    vec3 view = vec3(dot(view_from_model_x, model), dot(view_from_model_y, model), dot(view_from_model_z, model));
+    vec3 view = vec3(placed(view_from_model_x, position), placed(view_from_model_y, position), placed(view_from_model_z, position));
     view_depth_m = view.z;
     scene_instance = instance;
     gl_Position = clip_from_view * vec4(view, 1.0);

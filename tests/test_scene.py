@@ -86,10 +86,11 @@ def test_no_wall_comes_nearer_than_the_largest_disparity(seed, turn, focal, doff
 def test_faces_lie_in_their_planes_and_close_the_cuboid(seed):
     section = BackgroundSection(wall_disparity_px=Range(6, 40))
     background = draw_background(section, DISPARITY, CAMERA, np.random.default_rng(seed))
-    corners = np.c_[FACE.positions, np.ones(4)]
-    points = background.world_from_face @ corners.T
+    points = background.world_from_face @ np.c_[FACE.positions, np.ones(len(FACE.positions))].T
     for face in range(6):
         np.testing.assert_allclose(background.normal[face] @ points[face, :3], background.offset_m[face], atol=1e-9)
+    corners = np.array([[0, 0, 0, 1], [1, 0, 0, 1], [1, 1, 0, 1], [0, 1, 0, 1]])
+    points = background.world_from_face @ corners.T
     # Each corner of the cuboid belongs to exactly three faces.
     every = np.round(points[:, :3].transpose(0, 2, 1).reshape(-1, 3), 6)
     _, counts = np.unique(every, axis=0, return_counts=True)

@@ -6,6 +6,7 @@ from typing import NoReturn
 
 import click
 
+from semisynth_gl.cli.bench import bench
 from semisynth_gl.cli.doctor import doctor
 from semisynth_gl.cli.generate import generate
 from semisynth_gl.cli.preview import preview
@@ -25,7 +26,7 @@ def semisynth_gl() -> None:
     """Make stereo training pairs with exact disparity from ordinary photographs."""
 
 
-for command in (generate, preview, doctor, verify):
+for command in (generate, preview, doctor, verify, bench):
     semisynth_gl.add_command(command)
 
 

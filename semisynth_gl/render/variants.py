@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.camera import Eye
 from semisynth_gl.errors import BackendError
+from semisynth_gl.frame import Output
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.context import Backend, open_context
 from semisynth_gl.render.model_buffers import ModelBuffers
@@ -33,6 +34,7 @@ _DEFINES: dict[Way, dict[str, int]] = {
 _CUSTOMARY_NEAR_M = 0.05
 # A 24-bit buffer's step in 1/Z is (1/near - 1/far) / 2^24: the far plane does not matter, so it stands out of the way.
 _FAR_M = 1e5
+_WITH_SURFACE: tuple[Output, ...] = ("instances",)
 _STEPS_24 = 2**24 - 1
 _POSES = 4  # the binding in variant.frag
 
@@ -123,7 +125,7 @@ class DisparityVariants:
             Two (H, W) int64 arrays; -1 where nothing is seen.
         """
         camera = scene.camera
-        targets = EyeTargets(self._context, camera.width_px, camera.height_px, ("instances",), colour=False)
+        targets = EyeTargets(self._context, camera.width_px, camera.height_px, _WITH_SURFACE, colour=False)
         self._draw(scene, eye, self._surface, targets.drawing)
         if targets.surface is None:
             raise RuntimeError("ids were asked for")

@@ -13,10 +13,23 @@ from semisynth_gl.config.range import Range
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.scene.rig import near_depth_m
 
-# The model that every face is an instance of: the unit square of the x-y plane, u along x and v along y.
-FACE: Mesh = make_mesh(
-    "face", [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]]
-)
+_FACE_CELLS = 8
+
+
+def _face() -> Mesh:
+    v, u = np.meshgrid(*[np.linspace(0, 1, _FACE_CELLS + 1)] * 2, indexing="ij")
+    corners = np.stack([u.ravel(), v.ravel()], axis=1)
+    row = _FACE_CELLS + 1
+    first = (np.arange(_FACE_CELLS)[:, None] * row + np.arange(_FACE_CELLS)).ravel()
+    triangles = np.concatenate(
+        [np.stack([first, first + 1, first + row + 1], 1), np.stack([first, first + row + 1, first + row], 1)]
+    )
+    return make_mesh("face", np.c_[corners, np.zeros(len(corners))], corners, triangles)
+
+
+# The model that every face is an instance of: the unit square of the x-y plane, u along x and v along y. It is a grid
+# because float32 rounds a vertex by its distance: what is near should not hang between vertices far away.
+FACE = _face()
 
 # Walls keep this much more than the smallest allowed depth, so that rounding never puts a pixel beyond max_px.
 _MARGIN = 1.01

@@ -1,0 +1,182 @@
+"""Error and cost, side by side, of the ways to get the disparity, to store it and to antialias.
+
+config -> scenes -> {ways, stores, images} -> report, a dictionary of JSON's types -> table, plot
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from semisynth_gl.bench.images import DEFAULT_MODE, REFERENCE, ModeRow, measure_modes
+from semisynth_gl.bench.machine import machine_facts
+from semisynth_gl.bench.scenes import check_pixels, sample_scenes
+from semisynth_gl.bench.stores import DEFAULT_STORE, StoreRow, measure_stores
+from semisynth_gl.bench.ways import WayRow, measure_ways
+from semisynth_gl.camera import EYES
+from semisynth_gl.config import Config
+from semisynth_gl.render.context import Backend
+from semisynth_gl.render.variants import DEFAULT_WAY, DisparityVariants
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """How much is measured.
+
+    Attributes:
+        pairs: how many pairs of the config.
+        rays: pixels compared with the oracle, of each eye of each pair.
+        repeats: how often each alternative takes its turn.
+    """
+
+    pairs: int = 3
+    rays: int = 20_000
+    repeats: int = 7
+
+
+def measure(
+    config: Config, seed: int, backend: Backend, effort: Effort, said: Callable[[str], None] = lambda _: None
+) -> dict[str, Any]:
+    """Measure everything.
+
+    Args:
+        config: where the scenes are from.
+        seed: of scenes and of the choice of pixels.
+        backend: "auto", "egl" or "osmesa".
+        effort: how much.
+        said: takes a line at the start of each stage.
+
+    Returns:
+        What was measured on, and under "get", "store" and "antialias" the default and a row per alternative.
+
+    Raises:
+        SemisynthError: where the config or OpenGL cannot be used.
+    """
+    said(f"making {effort.pairs} scenes of {config.name}")
+    bench = sample_scenes(config, seed, effort.pairs)
+    with DisparityVariants(bench.models, backend) as variants:
+        said(f"casting {effort.rays} rays for each eye of each pair")
+        checked, outlines = check_pixels(bench, variants, effort.rays, np.random.default_rng(seed))
+        said("ways to get the disparity")
+        ways = measure_ways(bench, variants, checked, effort.repeats)
+        maps = [variants.disparity(scene, eye, DEFAULT_WAY) for scene in bench.scenes for eye in EYES]
+        driver, ways_left_out = variants.facts, variants.left_out
+    said("ways to store it")
+    kept = measure_stores(maps, effort.repeats)
+    said("ways to antialias")
+    # Each turn opens a renderer anew: fewer of them do.
+    modes, modes_left_out = measure_modes(bench, outlines, backend, max(1, effort.repeats // 2))
+    disparity = np.concatenate([one[np.isfinite(one)] for one in maps])
+    return {
+        "config": config.name,
+        "config_sha256": config.digest(),
+        "seed": seed,
+        **asdict(effort),
+        "sizes_px": sorted({(scene.camera.width_px, scene.camera.height_px) for scene in bench.scenes}),
+        "disparity_px": {
+            "median": float(np.median(disparity)) if disparity.size else None,
+            "largest": float(disparity.max()) if disparity.size else None,
+        },
+        "pixels_compared": sum(len(part.disparity_px) for part in checked),
+        "pixels_left_out": sum(part.dropped for part in checked),
+        "machine": machine_facts() | driver,
+        "get": {"default": DEFAULT_WAY, "left_out": ways_left_out, "rows": _plain(ways)},
+        "store": {"default": DEFAULT_STORE, "left_out": {}, "rows": _plain(kept)},
+        "antialias": {
+            "default": DEFAULT_MODE,
+            "reference": REFERENCE,
+            "left_out": modes_left_out,
+            "rows": _plain(modes),
+        },
+    }
+
+
+def table(report: Mapping[str, Any]) -> str:
+    """Lay a report out as three tables in Markdown; a star marks the front, bold the default."""
+    get, store, antialias = report["get"], report["store"], report["antialias"]
+    parts = [
+        _markdown(
+            ("to get it", "ms a pair", "x", "median, px", "p99.9, px", "worst, px", "what it is"),
+            [
+                (_name(row, get), *_cost(row), *_errors(row["error"]), row["text"])
+                for row in get["rows"]
+            ],
+        ),
+        _markdown(
+            ("to store it", "ms a pair", "x", "ms to read", "kB a pair", "median, px", "p99.9, px", "worst, px",
+             "what it is"),
+            [
+                (_name(row, store), *_cost(row), f"{1e3 * row['read_seconds_per_pair']:.1f}",
+                 f"{row['bytes_per_pair'] / 1e3:.0f}", *_errors(row["error"]), row["text"])
+                for row in store["rows"]
+            ],
+        ),
+        _markdown(
+            ("to antialias", "ms a pair", "x", "PSNR, dB", "at outlines", "inside", "shift, px", "at outlines",
+             "what it is"),
+            [
+                (_name(row, antialias), *_cost(row),
+                 *(_number(row[key], ".1f") for key in ("psnr_db", "psnr_outline_db", "psnr_inside_db")),
+                 _number(row["shift_px"], ".4f"), _number(row["outline_shift_px"], ".4f"), row["text"])
+                for row in antialias["rows"]
+            ],
+        ),
+    ]  # fmt: skip
+    left_out = [
+        f"{name} left out: {reason}"
+        for part in (get, store, antialias)
+        for name, reason in part["left_out"].items()
+    ]  # fmt: skip
+    return "\n\n".join([*parts, *left_out])
+
+
+def _plain(rows: Sequence[WayRow] | Sequence[StoreRow] | Sequence[ModeRow]) -> list[dict[str, Any]]:
+    return [_without_infinity(asdict(row)) for row in rows]
+
+
+def _without_infinity(value: Any) -> Any:  # noqa: ANN401 - any of JSON's types
+    """None for what JSON has no number for."""
+    if isinstance(value, dict):
+        return {key: _without_infinity(item) for key, item in value.items()}
+    return None if isinstance(value, float) and not isfinite(value) else value
+
+
+def _name(row: Mapping[str, Any], part: Mapping[str, Any]) -> str:
+    name = f"**{row['name']}**" if row["name"] == part["default"] else row["name"]
+    return f"{name} *" if row["on_front"] else name
+
+
+def _cost(row: Mapping[str, Any]) -> tuple[str, str]:
+    return f"{1e3 * row['seconds_per_pair']:.1f}", f"{row['time_ratio']:.2f}"
+
+
+def _errors(error: Mapping[str, Any]) -> tuple[str, str, str]:
+    median, p999, worst = (_number(error[key], ".1e") for key in ("median_px", "p999_px", "worst_px"))
+    return median, p999, f"{worst}, {error['missing']} lost" if error["missing"] else worst
+
+
+def _number(value: float | None, style: str) -> str:
+    if value is None:
+        return "-"
+    return "0" if value == 0 else format(value, style)
+
+
+def _markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table whose columns line up in plain text too; the first and last to the left, numbers to the right."""
+    widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
+
+    def line(cells: Sequence[str]) -> str:
+        last = len(cells) - 1
+        padded = [
+            cell.ljust(width) if column in (0, last) else cell.rjust(width)
+            for column, (cell, width) in enumerate(zip(cells, widths, strict=True))
+        ]
+        return f"| {' | '.join(padded)} |"
+
+    rule = [
+        "-" * width if column in (0, len(head) - 1) else "-" * (width - 1) + ":"
+        for column, width in enumerate(widths)
+    ]  # fmt: skip
+    return "\n".join([line(head), line(rule), *(line(row) for row in rows)])
