@@ -256,8 +256,8 @@ class Renderer:
             other.surface.use(_OTHER_SURFACE)
             self._models.bind_for_tracing(scene, _OTHER[eye])
         self._gl.enable_only(moderngl.DEPTH_TEST)
-        # All draws stand at depth 0, where nothing drawn can be. What the first discards keeps the drawing pass's depth, and
-        # the others are drawn where that is so.
+        # All draws stand at depth 0, where nothing drawn can be. What the first discards keeps the drawing's depth,
+        # and the others are drawn where that is so.
         for number, (program, vao) in enumerate(self._truth_passes):
             self._gl.depth_func = "1" if number == 0 else "!="
             set_uniform(program, "focal_baseline", camera.focal_baseline)
