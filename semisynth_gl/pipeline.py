@@ -79,6 +79,7 @@ class PairRenderer:
             self._sampler.models,
             self.atlas.layers,
             wrap=config.textures.wrap,
+            anisotropy=config.textures.anisotropy,
             outputs=config.outputs,
             antialias=config.antialias,
             backend=backend,

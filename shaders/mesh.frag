@@ -1,5 +1,5 @@
 #version 450 core
-// COLOUR: from the patch atlas and nothing else. TRUTH: planar depth. SURFACE: which triangle of which instance.
+// COLOUR: from the patch atlas and nothing else, with up to ANISOTROPY samples. TRUTH: planar depth. SURFACE: which triangle of which instance.
 
 in vec2 patch_coordinate;
 flat in int patch_layer;
@@ -11,23 +11,35 @@ uniform bool mirror;
 
 layout(location = COLOUR) out vec4 colour;
 
-vec4 patch_colour() {
-    vec2 side_texels = vec2(textureSize(atlas, 0).xy);
-    // The mip level is taken from the unfolded coordinate: folding it by mirroring has no derivative at the fold.
-    vec2 dx = dFdx(patch_coordinate) * side_texels;
-    vec2 dy = dFdy(patch_coordinate) * side_texels;
-    float lod = 0.5 * log2(max(max(dot(dx, dx), dot(dy, dy)), 1e-12));
-    // One texel a pixel must come out bit for bit, so rounding errors of the derivatives may not mix in the next level.
-    lod = lod < 0.001 ? 0.0 : lod;
-
+vec4 sampled(vec2 coordinate, vec2 side_texels, float lod) {
     // Drivers floor the position between texels to a multiple of 1/256; rounding it first keeps a position that is
     // 1e-5 below a texel's centre from taking 1/256 of its neighbour.
-    vec2 texel = round((patch_coordinate * side_texels - 0.5) * 256.0) / 256.0 + 0.5;
+    vec2 texel = round((coordinate * side_texels - 0.5) * 256.0) / 256.0 + 0.5;
     vec2 folded = texel / side_texels;
     if (mirror) {
         folded = 1.0 - abs(mod(folded, 2.0) - 1.0);
     }
     return textureLod(atlas, vec3(folded, float(patch_layer)), lod);
+}
+
+vec4 patch_colour() {
+    vec2 side_texels = vec2(textureSize(atlas, 0).xy);
+    // Derivatives are taken of the unfolded coordinate: folding it by mirroring has none at the fold.
+    vec2 dx = dFdx(patch_coordinate), dy = dFdy(patch_coordinate);
+    float x_texels = length(dx * side_texels), y_texels = length(dy * side_texels);
+    float longer = max(max(x_texels, y_texels), 1e-6);
+    // A pixel that covers many texels in one direction and few in the other is sampled several times along the longer
+    // one. Here and not by the driver's own anisotropic filter, whose results differ, with stray dots on llvmpipe.
+    float taps = clamp(ceil(longer / max(min(x_texels, y_texels), 1.0) - 0.001), 1.0, float(ANISOTROPY));
+    float lod = log2(longer / taps);
+    // One texel a pixel must come out bit for bit, so rounding errors of the derivatives may not mix in the next level.
+    lod = lod < 0.001 ? 0.0 : lod;
+    vec2 along = x_texels > y_texels ? dx : dy;
+    vec4 sum = vec4(0.0);
+    for (float tap = 0.5; tap < taps; tap += 1.0) {
+        sum += sampled(patch_coordinate + along * (tap / taps - 0.5), side_texels, lod);
+    }
+    return sum / taps;
 }
 #endif
 

@@ -174,6 +174,8 @@ def test_atlases_of_a_wrong_shape_are_refused(square):
             Renderer([square], layers)
     with pytest.raises(InputError, match="atlas is empty"):
         Renderer([square], np.zeros((0, 4, 4, 4), np.uint8))
+    with pytest.raises(InputError, match="anisotropy must be"):
+        Renderer([square], np.zeros((1, 4, 4, 4), np.uint8), anisotropy=17)
     with pytest.raises(InputError, match="at least one model"):
         Renderer([], np.zeros((1, 4, 4, 4), np.uint8))
 

@@ -196,6 +196,7 @@ class TexturesSection(Section):
         min_texture: crops below this measure are left out (see `semisynth_gl.textures.crops.texture_measure`).
         max_patches: how many are kept.
         texels_per_pixel: mapping scale; 1 shows a patch at its own resolution, above 1 smaller, below 1 blown up.
+        anisotropy: most samples of a patch for a pixel that sees it at a grazing angle; 1 blurs there.
         wrap: what lies beyond a patch's border, its mirror image or the patch again.
         sequence: treat the images of a folder as successive frames, which an instance shows one after the other.
     """
@@ -211,6 +212,7 @@ class TexturesSection(Section):
     min_texture: Annotated[float, Field(ge=0)] = 4.0
     max_patches: Annotated[int, Field(ge=1, le=2048)] = 512
     texels_per_pixel: PositiveRange = Range(0.8, 1.5)
+    anisotropy: Annotated[int, Field(ge=1, le=16)] = 1
     wrap: Literal["mirror", "repeat"] = "mirror"
     sequence: bool = False
 

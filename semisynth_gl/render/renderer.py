@@ -40,6 +40,7 @@ class Renderer:
         models: the meshes that `Scene.model` counts.
         layers: (L, P, P, 4) uint8 RGBA, the patch atlas that `Scene.layer` counts; row 0 is the top.
         wrap: what lies beyond a patch's border, its mirror image or itself again.
+        anisotropy: most samples of a patch for a pixel that sees it at a grazing angle; 1 blurs there.
         outputs: what to make beside images and disparities, of "visibility", "instances" and "depth".
         antialias: "none", "msaa4" (or what the driver has) or "ssaa2" to "ssaa8"; for colour only.
         backend: "auto", "egl" or "osmesa".
@@ -56,6 +57,7 @@ class Renderer:
         layers: NDArray[np.uint8],
         *,
         wrap: Wrap = "mirror",
+        anisotropy: int = 1,
         outputs: Collection[Output] = DEFAULT_OUTPUTS,
         antialias: str = "none",
         backend: Backend = "auto",
@@ -70,6 +72,8 @@ class Renderer:
         unknown = set(outputs) - set(OUTPUTS)
         if unknown:
             raise InputError(f"outputs: expected some of {', '.join(OUTPUTS)}, got {', '.join(sorted(unknown))}")
+        if anisotropy not in range(1, 17):
+            raise InputError(f"anisotropy must be a whole number from 1 to 16, got {anisotropy}")
         self._outputs = frozenset(outputs)
         self._antialias = parse_antialias(antialias)
         self._context = open_context(backend, device_index)
@@ -77,7 +81,7 @@ class Renderer:
             self._gl = self._context.gl
             self._atlas = self._upload_atlas(layers, wrap)
             self._models = ModelBuffers(self._gl, models, traced="visibility" in self._outputs)
-            self._link_programs(wrap)
+            self._link_programs(wrap, anisotropy)
         except BaseException:
             self._context.release()
             raise
@@ -166,15 +170,16 @@ class Renderer:
         atlas.repeat_x = atlas.repeat_y = wrap == "repeat"
         return atlas
 
-    def _link_programs(self, wrap: Wrap) -> None:
+    def _link_programs(self, wrap: Wrap, anisotropy: int) -> None:
         """Link the programs; the numbers are the attachments that `EyeTargets` has."""
         drawn = ["TRUTH", *(["SURFACE"] if needs_surface(self._outputs) else [])]
         if self._antialias.kind == "none":
             drawn.insert(0, "COLOUR")
-        self._draw_program = link_program(self._context, "mesh.vert", "mesh.frag", _numbered(drawn))
+        sampling = {"ANISOTROPY": anisotropy}
+        self._draw_program = link_program(self._context, "mesh.vert", "mesh.frag", _numbered(drawn) | sampling)
         self._colour_program = self._draw_program
         if self._antialias.kind != "none":
-            self._colour_program = link_program(self._context, "mesh.vert", "mesh.frag", {"COLOUR": 0})
+            self._colour_program = link_program(self._context, "mesh.vert", "mesh.frag", {"COLOUR": 0} | sampling)
         set_uniform(self._colour_program, "atlas", 0)
         set_uniform(self._colour_program, "mirror", wrap == "mirror")
 
