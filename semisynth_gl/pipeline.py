@@ -18,7 +18,7 @@ from semisynth_gl.checks import faults
 from semisynth_gl.config import Config
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import Frame
-from semisynth_gl.geometry.library import ModelLibrary, build_library
+from semisynth_gl.geometry.model_library import ModelLibrary, build_library
 from semisynth_gl.imperfections import with_imperfections
 from semisynth_gl.render.context import Backend
 from semisynth_gl.render.renderer import Renderer
@@ -73,8 +73,8 @@ class PairRenderer:
         self.config = config
         self.seed = seed
         self.atlas: Atlas = prepare_atlas(config.textures, seed)
-        self.library: ModelLibrary = build_library(config.models, seed)
-        self._sampler = SceneSampler(config, seed, self.library, self.atlas.patches)
+        self.model_library: ModelLibrary = build_library(config.models, seed)
+        self._sampler = SceneSampler(config, seed, self.model_library, self.atlas.patches)
         self._renderer = Renderer(
             self._sampler.models,
             self.atlas.layers,
@@ -156,8 +156,8 @@ class PairRenderer:
         return self._made_by | {
             "config_values": self.config.model_dump(mode="json"),
             "patches": [asdict(patch) for patch in self.atlas.patches],
-            "models": sorted({mesh.name for mesh in self.library.models}),
-            "left_out": [str(skipped) for skipped in (*self.atlas.report.images_skipped, *self.library.skipped)],
+            "models": sorted({mesh.name for mesh in self.model_library.models}),
+            "left_out": [str(skipped) for skipped in (*self.atlas.report.images_skipped, *self.model_library.skipped)],
         }
 
 

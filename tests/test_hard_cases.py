@@ -17,7 +17,7 @@ from semisynth_gl.config import load_config
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import OCCLUDED, OUTPUTS, OUTSIDE, VISIBLE
 from semisynth_gl.geometry.complex import COMPLEX_KINDS
-from semisynth_gl.geometry.library import build_library
+from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.simple import SIMPLE_KINDS
 from semisynth_gl.render.renderer import Renderer

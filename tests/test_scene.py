@@ -11,7 +11,7 @@ from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import Config, Range, load_config
 from semisynth_gl.config.model import BackgroundSection, DisparitySection, ParticlesSection
 from semisynth_gl.errors import InputError
-from semisynth_gl.geometry.library import build_library
+from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene.background import FACE, draw_background
 from semisynth_gl.scene.layers import Target, coverage, target_of
 from semisynth_gl.scene.particles import draw_release, draw_slots, particles_at, rotation_about, rotation_of

@@ -46,9 +46,9 @@ def generate(
 
     def started(renderer: pipeline.PairRenderer) -> None:
         click.echo(renderer.atlas.report.summary(), err=True)
-        for skipped in renderer.library.skipped:
+        for skipped in renderer.model_library.skipped:
             click.echo(f"model left out: {skipped}", err=True)
-        click.echo(f"{len(renderer.library.models)} models; rendering with {renderer.renderer_name}", err=True)
+        click.echo(f"{len(renderer.model_library.models)} models; rendering with {renderer.renderer_name}", err=True)
 
     redrawn: list[str] = []
 

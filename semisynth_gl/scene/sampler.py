@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config.model import Config
-from semisynth_gl.geometry.library import ModelLibrary
+from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.scene.background import FACE, Background, draw_background
 from semisynth_gl.scene.layers import coverage, target_of
@@ -86,7 +86,7 @@ class SceneSampler:
     def __init__(self, config: Config, seed: int, library: ModelLibrary, patches: tuple[Patch, ...]) -> None:
         self._config = config
         self._seed = seed
-        self._library = library
+        self._model_library = library
         self._patches = patches
         self._first_layer = np.array([patch.first_layer for patch in patches])
         self._layer_count = np.array([patch.layer_count for patch in patches])
@@ -95,7 +95,7 @@ class SceneSampler:
     @property
     def models(self) -> tuple[Mesh, ...]:
         """The models that `Scene.model` counts: the background's face, then the library."""
-        return (FACE, *self._library.models)
+        return (FACE, *self._model_library.models)
 
     def sample(self, index: int, attempt: int = 0) -> SampledScene:
         """Sample the scene of pair ``index``, 0 or more; each ``attempt`` draws its whole sequence anew."""
@@ -188,7 +188,7 @@ class SceneSampler:
         low = np.maximum(target.edges_px[:-1], section.min_px)
         high = np.minimum(target.edges_px[1:], section.max_px)
         wanted = coverage(target, background.disparity_px(camera))
-        each = expected_cover(camera, self._config.particles, (low + high) / 2, self._library.fill)
+        each = expected_cover(camera, self._config.particles, (low + high) / 2, self._model_library.fill)
         counts = draw_counts(np.where(low < high, wanted / each, 0.0), rng)
         # A layer without room between the limits holds none, but its count was drawn: later draws do not shift.
         return [(lo, max(lo, hi), int(n)) for lo, hi, n in zip(low, high, counts, strict=True)]

@@ -8,7 +8,7 @@ from semisynth_gl import oracle
 from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.config import Config
 from semisynth_gl.errors import InputError
-from semisynth_gl.geometry.library import build_library
+from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.read.middlebury import Index, SceneFiles
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import Scene
