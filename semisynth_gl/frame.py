@@ -16,6 +16,9 @@ Output = Literal["visibility", "instances", "depth"]
 OUTPUTS: tuple[Output, ...] = get_args(Output)
 DEFAULT_OUTPUTS: tuple[Output, ...] = ("visibility",)
 
+# The ways to antialias colour. Drivers have powers of two as numbers of samples.
+ANTIALIAS_PATTERN = r"^(none|msaa(2|4|8|16|32)|ssaa[2-8])$"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:

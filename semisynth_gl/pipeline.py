@@ -209,7 +209,8 @@ def generate(
             names, redraws = [], 0
             for index in range(pairs):
                 pair = renderer.render(index)
-                redraws += len(pair.provenance.get("redrawn", []))
+                # All frames of a sequence tell of the same redraws.
+                redraws += len(pair.provenance.get("redrawn", [])) if pair.provenance["frame"] == 0 else 0
                 names.append(scene_name(config.name, index))
                 files = encode_scene(pair.frame, pair.provenance, ndisp=ceil(config.disparity.max_px))
                 folder.add_folder(SCENES / names[-1], files)

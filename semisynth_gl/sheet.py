@@ -57,7 +57,7 @@ def draw_sheet(frames: Sequence[Frame], target: Target, title: str) -> Figure:
 def _draw_histogram(figure: Figure, place: SubplotSpec, disparity_px: NDArray[np.float32], target: Target) -> None:
     axis = figure.add_subplot(place)
     edges = target.edges_px
-    counted = np.histogram(disparity_px, np.concatenate([edges[:-1], [max(edges[-1], 1e9)]]))[0]
+    counted = np.histogram(disparity_px, np.concatenate([[-np.inf], edges[1:-1], [np.inf]]))[0]
     shares = counted / max(len(disparity_px), 1)
     axis.stairs(shares, edges, fill=True, color="#d98a3d", label="achieved")
     axis.stairs(target.shares, edges, color="black", linewidth=1.5, label="wanted by the config")

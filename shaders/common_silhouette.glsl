@@ -21,7 +21,7 @@ uniform float near_m;
 uniform vec2 other_centre_px;    // principal point of the other eye
 
 const uint NO_NEIGHBOUR = 0xFFFFFFFFu;
-const int MOST_STEPS = 32;
+const int MOST_STEPS = 512;  // triangles across a pixel; a finer mesh may be given up too early
 const float NOT_COVERED = -1.0;
 
 vec3 corner_of(Instance instance, uint triangle, int k) {

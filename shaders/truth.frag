@@ -75,7 +75,8 @@ uint visibility_of(ivec2 pixel, uvec2 own) {
     for (int k = 0; k < 6; ++k) {
         around[k] = clamp(ivec2(left + (k & 1), pixel.y + ROWS[k >> 1]), ivec2(0), last);
         surface[k] = texelFetch(other_surface, around[k], 0).rg;
-        thin = thin || (k > 1 && surface[k].x != own.x);
+        // A surface has no meaning where nothing is drawn.
+        thin = thin || (k > 1 && surface[k].x != own.x && texelFetch(other_depth, around[k], 0).r > 0.0);
     }
 #if !defined(TRACE) || TRACE == 1
     vec2 depth = vec2(texelFetch(other_depth, around[0], 0).r, texelFetch(other_depth, around[1], 0).r);

@@ -121,7 +121,7 @@ def test_errors_in_an_extended_file_name_that_file(tmp_path):
             "particles.layers.0.count: missing",
         ),
         ("name: m\n" + CAMERA + DISPARITY + "background: {cuboid: 0, plane: 0}\n", "weight above 0"),
-        ("name: m\n" + CAMERA + DISPARITY + "models: {simple: 0, complex: 0}\n", "weight above 0"),
+        ("name: m\n" + CAMERA + DISPARITY + "models: {simple: 0, complex: 0, user: 0}\n", "weight above 0"),
         (
             "name: m\n" + CAMERA + DISPARITY + "textures: {sequence: 1}\n",
             "textures.sequence: input should be a valid boolean",
@@ -159,6 +159,12 @@ def test_unknown_names_get_the_nearest(tmp_path):
         load_config("midlebury")
     with pytest.raises(InputError, match="no such config"):
         load_config(tmp_path / "none.yaml")
+
+
+def test_a_folder_of_a_configs_name_does_not_hide_it(tmp_path, monkeypatch):
+    (tmp_path / "middlebury").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert load_config("middlebury").name == "middlebury"
 
 
 def test_overrides_are_yaml_and_name_themselves(tmp_path):

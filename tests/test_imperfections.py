@@ -63,6 +63,8 @@ def test_imperfections_touch_images_alone_and_are_recorded():
     np.testing.assert_array_equal(first.frame.disparity_left, plain.disparity_left)
     assert not np.array_equal(first.frame.left, plain.left)
     np.testing.assert_array_equal(first.frame.left, again.frame.left)
+    with PairRenderer(config, 1) as pairs:
+        assert pairs.render(3).provenance["imperfections"] != first.provenance["imperfections"]
     drawn = first.provenance["imperfections"]
     assert 2 <= drawn["left"]["noise"] <= 6
     assert drawn["left"] != drawn["right"]

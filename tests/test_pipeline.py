@@ -1,7 +1,6 @@
 """From a config to files: determinism, real material, flat memory."""
 
 import hashlib
-import resource
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ from semisynth_gl.config import Config, load_config, packaged_configs
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.pipeline import PairRenderer, generate, render_pair
+from semisynth_gl.scene.layers import target_of
 from semisynth_gl.textures.photographs import builtin_photographs
 from semisynth_gl.write.dataset import DatasetFolder
 
@@ -133,17 +133,45 @@ def test_real_photographs_and_models_go_through(tmp_path, shared_data, backend):
     assert any("harbour" in name or "Djembe" in name or ".png" in name for name in used["images"])
 
 
+def resident_kib():
+    """Memory in use now; the peak that getrusage tells may be another test's."""
+    status = Path("/proc/self/status").read_text()
+    return int(next(line for line in status.splitlines() if line.startswith("VmRSS")).split()[1])
+
+
 def test_memory_stays_flat_over_200_pairs(backend):
     config = tiny(models={"complex": 0.0}, particles={"most": 40})
     with PairRenderer(config, 0, backend) as pairs:
         for index in range(40):
             pairs.render(index)
-        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        before = resident_kib()
         for index in range(40, 240):
             pairs.render(index)
-        after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    # The peak, in KiB: leaking one pair's images and truth each time would add 200 * 0.4 MB.
+        after = resident_kib()
+    # Leaking one pair's images and truth each time would add 200 * 0.4 MB.
     assert after - before < 8_000
+
+
+def test_user_models_alone(tmp_path, backend):
+    config = tiny(models={"simple": 0.0, "complex": 0.0})
+    with pytest.raises(InputError, match="no models to draw"):
+        PairRenderer(config, 0, backend)
+    (tmp_path / "tetra.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n")
+    config = tiny(models={"simple": 0.0, "complex": 0.0, "folders": [str(tmp_path)]})
+    with PairRenderer(config, 0, backend) as pairs:
+        assert set(pairs.render(0).provenance["models"]) <= {"face", "tetra.obj"}
+
+
+@pytest.mark.parametrize("name", ["middlebury", "kitti", "eth3d", "sceneflow"])
+def test_histograms_follow_the_configs(name):
+    config = tiny(name)
+    target = target_of(config.disparity)
+    edges = np.concatenate([[-np.inf], target.edges_px[1:-1], [np.inf]])
+    counts = np.zeros(len(target.shares))
+    with PairRenderer(config, 0) as pairs:
+        for index in range(30):
+            counts += np.histogram(pairs.render(index).frame.disparity_left, edges)[0]
+    assert 0.5 * np.abs(counts / counts.sum() - target.shares).sum() < 0.1
 
 
 def test_a_negative_index_or_seed_is_refused():

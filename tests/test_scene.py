@@ -56,8 +56,53 @@ def test_focal_length_in_millimetres():
 
 
 def test_doffs_beyond_the_largest_disparity_are_refused():
-    with pytest.raises(InputError, match=r"disparity\.max_px"):
-        near_depth_m(StereoCamera.centred(100, 100, 100.0, 0.1, -151.0), DISPARITY)
+    with pytest.raises(InputError, match=r"disparity\.min_px: 5 px lies beyond infinity"):
+        near_depth_m(StereoCamera.centred(100, 100, 100.0, 0.1, -6.0), DISPARITY)
+
+
+@pytest.mark.parametrize("kind", ["cuboid", "plane"])
+def test_disparities_that_no_depth_has_are_refused(library, kind):
+    config = small(
+        "camera.doffs_px=-40", f"background={{cuboid: {int(kind == 'cuboid')}, plane: {int(kind == 'plane')}}}"
+    )
+    with pytest.raises(InputError, match="lies beyond infinity"):
+        SceneSampler(config, 0, library, patches()).sample(0)
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [
+        "background.wall_disparity_px=[10, 900]",
+        "background={cuboid: 0, plane: 1, plane_disparity_px: 400}",
+        "particles.layers=[{disparity_px: [10, 600], count: 3}]",
+    ],
+)
+def test_what_would_stand_nearer_than_allowed_is_refused(setting):
+    with pytest.raises(InputError, match=r"but disparity\.max_px, the limit, is 290"):
+        small(setting)
+
+
+def test_every_attempt_draws_everything_anew(library):
+    sampler = SceneSampler(small(), 3, library, patches(400))
+    first, again, second = sampler.sample(7, 1), sampler.sample(7, 1), sampler.sample(7, 2)
+    np.testing.assert_array_equal(first.scene.world_from_model, again.scene.world_from_model)
+    for one, two in ((sampler.sample(7), first), (first, second)):
+        assert one.scene.camera != two.scene.camera
+        assert not np.allclose(one.scene.world_from_model[:6], two.scene.world_from_model[:6])
+        assert one.patch[:6].tolist() != two.patch[:6].tolist()
+        common = min(len(one.scene), len(two.scene))
+        assert not np.allclose(one.scene.world_from_model[6:common], two.scene.world_from_model[6:common])
+        assert one.scene.model[6:common].tolist() != two.scene.model[6:common].tolist()
+
+
+def test_walls_show_their_patches_near_one_texel_per_pixel(library):
+    sampler = SceneSampler(small("textures.texels_per_pixel=1", "background.wall_turn_deg=0"), 1, library, patches())
+    for index in range(5):
+        scene = sampler.sample(index).scene
+        # The back wall faces the camera: its edges' lengths in pixels are its repeats times the patch's side.
+        wall = scene.world_from_model[4]
+        pixels = np.linalg.norm(wall[:3, :2], axis=0) * scene.camera.focal_px / wall[2, 3]
+        np.testing.assert_allclose(scene.uv_scale[4] * 256, pixels, rtol=0.02)
 
 
 @settings(max_examples=150, deadline=None)

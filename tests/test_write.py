@@ -140,13 +140,27 @@ def test_somebody_elses_middeval3_is_never_overwritten(tmp_path):
         DatasetFolder(tmp_path, overwrite=True)
 
 
+def test_a_file_called_dataset_json_proves_nothing(tmp_path):
+    scene = tmp_path / "MiddEval3" / "trainingF" / "Adirondack"
+    scene.mkdir(parents=True)
+    (scene / "im0.png").write_text("real data")
+    for text in ('{"my": 1}', "not json", "[]"):
+        (tmp_path / "dataset.json").write_text(text)
+        with pytest.raises(InputError, match="Choose another folder"):
+            DatasetFolder(tmp_path, overwrite=True)
+    (tmp_path / "dataset.json").write_text('{"program": "semisynth-gl"}')
+    with pytest.raises(InputError, match="trainingF/Adirondack"):
+        DatasetFolder(tmp_path, overwrite=True)
+    assert (scene / "im0.png").read_text() == "real data"
+
+
 def test_overwrite_replaces_an_own_dataset_only(tmp_path):
     out = tmp_path / "out"
     for content in (b"old", b"new"):
         folder = DatasetFolder(out, overwrite=True)
         folder.open()
-        folder.add_folder(PurePosixPath("MiddEval3/trainingF") / content.decode(), {"x": content})
-        folder.finish({})
+        folder.add_folder(PurePosixPath("MiddEval3/trainingF") / content.decode(), {"pair.json": content})
+        folder.finish({"program": "semisynth-gl"})
     assert [p.name for p in (out / "MiddEval3" / "trainingF").iterdir()] == ["new"]
     (out / "notes.txt").write_text("mine")
     with pytest.raises(InputError, match=r"notes\.txt"):
@@ -160,15 +174,15 @@ def test_a_failure_leaves_no_half_scene(tmp_path):
     out = tmp_path / "out"
     folder = DatasetFolder(out, overwrite=False)
     folder.open()
-    folder.add_folder(PurePosixPath("MiddEval3/trainingF/whole"), {"x": b"1"})
+    folder.add_folder(PurePosixPath("MiddEval3/trainingF/whole"), {"pair.json": b"1"})
     with pytest.raises(TypeError):
         folder.add_folder(PurePosixPath("MiddEval3/trainingF/half"), {"x": b"1", "y": None})
     folder.abandon()
-    assert [p.name for p in out.rglob("*") if p.is_file()] == ["x"]
+    assert [p.name for p in (out / "MiddEval3").rglob("*") if p.is_file()] == ["pair.json"]
     assert not (out / "dataset.json").exists()
     # What a stopped run left behind counts as ours.
     DatasetFolder(out, overwrite=True).open()
-    assert not any(p.is_file() for p in out.rglob("*"))
+    assert not (out / "MiddEval3").exists()
 
 
 def test_an_abandoned_empty_run_leaves_nothing(tmp_path):

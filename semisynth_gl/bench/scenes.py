@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from semisynth_gl import oracle
 from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.config import Config
-from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.render.variants import DEFAULT_WAY, DisparityVariants
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import Scene

@@ -53,7 +53,8 @@ def generate(
     redrawn: list[str] = []
 
     def written(pair: pipeline.Pair) -> None:
-        redrawn.extend(f"pair {pair.index}: {reason}" for reason in pair.provenance.get("redrawn", []))
+        if pair.provenance["frame"] == 0:
+            redrawn.extend(f"pair {pair.index}: {reason}" for reason in pair.provenance.get("redrawn", []))
         progress.advance()
 
     with Progress(pairs) as progress:

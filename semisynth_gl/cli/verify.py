@@ -50,7 +50,7 @@ def verify(
     found = sum(len(verdict.findings) for verdict in verdicts)
     where = sum(1 for verdict in verdicts if verdict.findings)
     if found:
-        click.echo(f"{found} findings in {where} of {len(index.scenes)} scenes", err=True)
+        click.echo(f"{found} findings in {where} places (the dataset and its {len(index.scenes)} scenes)", err=True)
         sys.exit(1)
     click.echo(_summary(index, verdicts, seconds))
 

@@ -69,7 +69,7 @@ def _find(name: str) -> Path | Traversable:
     path = Path(name).expanduser()
     if path.is_file():
         return path
-    if path.parent == Path() and not path.is_dir():
+    if path.parent == Path():
         packaged = data_root("configs") / f"{path.name.removesuffix('.yaml')}.yaml"
         if packaged.is_file():
             return packaged

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from semisynth_gl.config.range import NotNegativeRange, PositiveRange, Range, RangeField
-from semisynth_gl.frame import DEFAULT_OUTPUTS, Output
+from semisynth_gl.frame import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, Output
 
 
 def _as_tuple(value: Any) -> Any:  # noqa: ANN401 - a validator sees whatever the YAML holds
@@ -180,8 +180,8 @@ class ModelsSection(Section):
 
     @model_validator(mode="after")
     def _some_family(self) -> Self:
-        if self.simple + self.complex + (self.user if self.folders else 0) == 0:
-            raise ValueError("expected a weight above 0 for simple or complex, or for user with folders")
+        if self.simple + self.complex + self.user == 0:
+            raise ValueError("expected a weight above 0 for simple, complex or user")
         return self
 
 
@@ -204,12 +204,14 @@ class TexturesSection(Section):
     source: Literal["images", "builtin", "procedural"] = "builtin"
     images: Annotated[tuple[str, ...], BeforeValidator(_as_tuple)] = ()
     patch_px: Annotated[int, Field(ge=16, le=8192)] = 256
-    scales: Annotated[tuple[Annotated[float, Field(ge=1)], ...], BeforeValidator(_as_tuple), Field(min_length=1)] = (
+    scales: Annotated[
+        tuple[Annotated[float, Field(ge=1, allow_inf_nan=False)], ...], BeforeValidator(_as_tuple), Field(min_length=1)
+    ] = (
         1.0,
         2.0,
         4.0,
     )
-    min_texture: Annotated[float, Field(ge=0)] = 4.0
+    min_texture: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 4.0
     max_patches: Annotated[int, Field(ge=1, le=2048)] = 512
     texels_per_pixel: PositiveRange = Range(0.8, 1.5)
     anisotropy: Annotated[int, Field(ge=1, le=16)] = 1
@@ -248,7 +250,9 @@ class ImperfectionsSection(Section):
 
 
 class ChecksSection(Section):
-    """What a pair must fulfil; one that does not is drawn again from the next sub-seed.
+    """What a pair must fulfil as it is rendered; one that does not is drawn again from the next sub-seed.
+
+    Of a sequence, the first frame is judged, and all its frames are drawn again together.
 
     Attributes:
         min_brightness: mean of the darker image, 8-bit levels.
@@ -258,7 +262,7 @@ class ChecksSection(Section):
     """
 
     min_brightness: Annotated[float, Field(ge=0, le=255)] = 8.0
-    min_texture: Annotated[float, Field(ge=0)] = 1.0
+    min_texture: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 1.0
     min_valid: Annotated[float, Field(ge=0, le=1)] = 0.5
     attempts: Count = 10
 
@@ -304,7 +308,22 @@ class Config(Section):
     imperfections: ImperfectionsSection = ImperfectionsSection()
     checks: ChecksSection = ChecksSection()
     outputs: Annotated[tuple[Output, ...], BeforeValidator(_as_tuple)] = DEFAULT_OUTPUTS
-    antialias: Annotated[str, Field(pattern=r"^(none|msaa([2-9]|[1-9][0-9])|ssaa[2-8])$")] = "none"
+    antialias: Annotated[str, Field(pattern=ANTIALIAS_PATTERN)] = "none"
+
+    @model_validator(mode="after")
+    def _nothing_nearer_than_allowed(self) -> Self:
+        nearest = {
+            "background.wall_disparity_px": self.background.wall_disparity_px if self.background.cuboid else None,
+            "background.plane_disparity_px": self.background.plane_disparity_px if self.background.plane else None,
+        }
+        nearest |= {f"particles.layers.{k}": layer.disparity_px for k, layer in enumerate(self.particles.layers or ())}
+        for key, values in nearest.items():
+            if values is not None and values.high > self.disparity.max_px:
+                raise ValueError(
+                    f"{key} goes up to {values.high:g} px, but disparity.max_px, the limit, is "
+                    f"{self.disparity.max_px:g}"
+                )
+        return self
 
     def digest(self) -> str:
         """SHA-256 of the config's values, 64 hex digits; equal for equal configs however they were written down."""

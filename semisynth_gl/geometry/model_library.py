@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.config.model import ModelsSection
-from semisynth_gl.errors import Skipped
+from semisynth_gl.errors import InputError, Skipped
 from semisynth_gl.geometry.complex import COMPLEX_KINDS
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.simple import SIMPLE_KINDS
@@ -56,6 +56,11 @@ def build_library(section: ModelsSection, seed: int) -> ModelLibrary:
             for variant in range(section.variants)
         ]
         families.append((weight, meshes))
+    if not any(weight > 0 and meshes for weight, meshes in families):
+        raise InputError(
+            "there are no models to draw: models.simple and models.complex are 0, and of the user's there is none; "
+            "give --models DIR, or raise a weight of the section models"
+        )
     models = [mesh for _, meshes in families for mesh in meshes]
     chances = np.concatenate([np.full(len(meshes), weight / max(len(meshes), 1)) for weight, meshes in families])
     chances /= chances.sum()

@@ -16,7 +16,7 @@ _END = b"\x00\x00\x00\x00IEND\xaeB\x60\x82"
 _GREY, _RGB = 0, 2  # colour types of the PNG specification
 _COLOURS = {_GREY: "grey", _RGB: "RGB", 3: "palette", 4: "grey with alpha", 6: "RGB with alpha"}
 # Far above any camera, and far below what fills the memory when a header lies.
-_MOST_PIXELS = 1 << 28
+_MOST_PIXELS = 178_956_970  # as Pillow
 
 
 def read_rgb(path: Path) -> NDArray[np.uint8]:

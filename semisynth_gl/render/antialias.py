@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.errors import BackendError, InputError
+from semisynth_gl.frame import ANTIALIAS_PATTERN
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.programs import link_program, set_uniform
 
@@ -32,12 +33,11 @@ def parse_antialias(text: str) -> Antialias:
     Raises:
         InputError: where the text is none of these.
     """
+    if not re.fullmatch(ANTIALIAS_PATTERN, text):
+        raise InputError(f"antialias: expected none, msaa2, msaa4, ... or ssaa2 to ssaa8, got {text}")
     if text == "none":
         return Antialias("none", 1)
-    match = re.fullmatch(r"(msaa|ssaa)([1-9][0-9]?)", text)
-    if not match or match[2] == "1" or (match[1] == "ssaa" and int(match[2]) > 8):
-        raise InputError(f"antialias: expected none, msaa2 and up, or ssaa2 to ssaa8, got {text}")
-    return Antialias("msaa" if match[1] == "msaa" else "ssaa", int(match[2]))
+    return Antialias("msaa" if text.startswith("msaa") else "ssaa", int(text[4:]))
 
 
 class ColourTargets:

@@ -105,4 +105,5 @@ def _set_up(raw: Any, backend: Backend) -> GraphicsContext:  # noqa: ANN401 - ei
         gl.release()
         raise
     unbound.use_zero_to_one_depth()
+    unbound.disable_dither()
     return GraphicsContext(gl, unbound, backend, renderer)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import Eye
+from semisynth_gl.errors import BackendError
 from semisynth_gl.geometry.adjacency import neighbours
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.projection import in_view, view_from_world
@@ -115,7 +116,14 @@ class ModelBuffers:
             self._traced.orphan()
         if len(rows):
             self._traced.write(rows)
-        for binding, buffer in enumerate((self._vertices, self._indices, self._neighbours, self._traced)):
+        buffers = (self._vertices, self._indices, self._neighbours, self._traced)
+        largest, limit = max(buffer.size for buffer in buffers), int(self._gl.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
+        if largest > limit:
+            raise BackendError(
+                f"following surfaces for the output visibility takes a buffer of {largest} bytes, but the driver goes "
+                f"up to {limit}: use fewer or smaller models, or leave that output out"
+            )
+        for binding, buffer in enumerate(buffers):
             buffer.bind_to_storage_buffer(binding)
 
     def _make_room(self, capacity: int) -> None:

@@ -94,9 +94,12 @@ class OSMesaContext:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None = None,
+        error: BaseException | None = None,
+        trace: TracebackType | None = None,
     ) -> None:
-        """Leave the context current: one program, one context a thread."""
+        """Leave the context current: whoever draws with another makes that one current. moderngl gives no arguments."""
 
     def release(self) -> None:
         """Destroy the context; a second call does nothing."""

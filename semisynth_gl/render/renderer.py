@@ -74,6 +74,7 @@ class Renderer:
             raise InputError(f"outputs: expected some of {', '.join(OUTPUTS)}, got {', '.join(sorted(unknown))}")
         if anisotropy not in range(1, 17):
             raise InputError(f"anisotropy must be a whole number from 1 to 16, got {anisotropy}")
+        self._released = False
         self._outputs = frozenset(outputs)
         self._antialias = parse_antialias(antialias)
         self._context = open_context(backend, device_index)
@@ -121,6 +122,11 @@ class Renderer:
             BackendError: where the image is larger than the driver allows, or drawing failed.
         """
         self._check(scene)
+        # Another renderer of this thread may have made its context current.
+        with self._gl:
+            return self._render(scene)
+
+    def _render(self, scene: Scene) -> Frame:
         self._resize(scene.camera.width_px, scene.camera.height_px)
         colour = {eye: self._draw(scene, eye) for eye in EYES}
         for eye in EYES:
@@ -147,10 +153,14 @@ class Renderer:
 
     def release(self) -> None:
         """Free the context and all that it holds; a second call does nothing."""
-        for targets in self._targets.values():
-            targets.release()
-        if self._colour_targets is not None:
-            self._colour_targets.release()
+        if self._released:
+            return
+        self._released = True
+        with self._gl:
+            for targets in self._targets.values():
+                targets.release()
+            if self._colour_targets is not None:
+                self._colour_targets.release()
         self._targets, self._colour_targets = {}, None
         self._context.release()
 
@@ -216,11 +226,12 @@ class Renderer:
             return
         antialiased = self._antialias.kind != "none"
         outgrown, outgrown_colour = list(self._targets.values()), self._colour_targets
+        # All or nothing: a size that the driver refuses leaves the renderer as it was.
+        colour_targets = ColourTargets(self._context, width_px, height_px, self._antialias) if antialiased else None
         self._targets = {
             eye: EyeTargets(self._context, width_px, height_px, self._outputs, colour=not antialiased) for eye in EYES
         }
-        if antialiased:
-            self._colour_targets = ColourTargets(self._context, width_px, height_px, self._antialias)
+        self._colour_targets = colour_targets
         # moderngl binds the framebuffer in use again after making a new one, so the old ones go last.
         self._targets["left"].drawing.use()
         for targets in outgrown:

@@ -8,6 +8,7 @@ from semisynth_gl.errors import BackendError
 
 _GL_LOWER_LEFT = 0x8CA1
 _GL_ZERO_TO_ONE = 0x935F
+_GL_DITHER = 0x0BD0
 _GL_RENDERBUFFER = 0x8D41
 _GL_DEPTH_COMPONENT32F = 0x8CAC
 _GL_RENDERBUFFER_DEPTH_SIZE = 0x8D54
@@ -33,6 +34,7 @@ class UnboundCalls:
             return ctypes.CFUNCTYPE(None, *types)(address)
 
         self._clip_control = function("glClipControl", _UINT, _UINT)
+        self._disable = function("glDisable", _UINT)
         self._bind = function("glBindRenderbuffer", _UINT, _UINT)
         self._storage = function("glRenderbufferStorageMultisample", _UINT, _INT, _UINT, _INT, _INT)
         self._parameter = function("glGetRenderbufferParameteriv", _UINT, _UINT, _INTS)
@@ -43,6 +45,10 @@ class UnboundCalls:
         With [-1, 1] the hardware adds 0.5 on the way to the depth buffer, which throws away what reversed Z gains.
         """
         self._clip_control(_GL_LOWER_LEFT, _GL_ZERO_TO_ONE)
+
+    def disable_dither(self) -> None:
+        """Keep colours as they are; OpenGL allows drivers to dither by default."""
+        self._disable(_GL_DITHER)
 
     def make_depth_float32(self, renderbuffer: int, width_px: int, height_px: int, samples: int = 0) -> None:
         """Give a renderbuffer 32-bit float depth storage; moderngl's own is 24-bit integer.

@@ -11,7 +11,7 @@ from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config.model import BackgroundSection, DisparitySection
 from semisynth_gl.config.range import Range
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
-from semisynth_gl.scene.rig import near_depth_m
+from semisynth_gl.scene.rig import check_reachable, near_depth_m
 
 _FACE_CELLS = 8
 
@@ -76,7 +76,9 @@ def draw_background(
 
 
 def _plane(section: BackgroundSection, camera: StereoCamera, rng: np.random.Generator) -> Background:
-    depth = float(camera.depth_m(section.plane_disparity_px.draw(rng)))
+    disparity_px = section.plane_disparity_px.draw(rng)
+    check_reachable(camera, disparity_px, "background.plane_disparity_px")
+    depth = float(camera.depth_m(disparity_px))
     corners = _corner_points(camera, depth)
     low, high = corners.min(axis=0), corners.max(axis=0)
     margin = 0.01 * (high - low)
@@ -101,7 +103,9 @@ def _cuboid(
     # Columns are the room's axes in the camera frame.
     axes = np.asarray(pyrr.matrix33.create_from_eulers(rng.uniform(-turn, turn, 3)), np.float64).T
     wall_px = section.wall_disparity_px or Range(disparity.min_px, disparity.min_px)
-    wall_depth = float(camera.depth_m(wall_px.draw(rng)))
+    drawn_px = wall_px.draw(rng)
+    check_reachable(camera, drawn_px, "background.wall_disparity_px")
+    wall_depth = float(camera.depth_m(drawn_px))
     near = near_depth_m(camera, disparity)
     farthest = float(camera.depth_m(disparity.min_px))
     fraction = _SIDE_WALL.draw_many(rng, 4)

@@ -31,9 +31,18 @@ def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
     Raises:
         InputError: where doffs leaves no positive depth for that disparity.
     """
-    if section.max_px + camera.doffs_px <= 0:
-        raise InputError(
-            f"disparity.max_px + doffs must be positive, got {section.max_px:g} and {camera.doffs_px:g}: "
-            "raise disparity.max_px or camera.doffs_px"
-        )
+    check_reachable(camera, section.min_px, "disparity.min_px")
     return float(camera.depth_m(section.max_px))
+
+
+def check_reachable(camera: StereoCamera, disparity_px: float, key: str) -> None:
+    """Check that a disparity has a depth in front of the camera.
+
+    Raises:
+        InputError: where d + doffs is not positive: such rays never meet.
+    """
+    if disparity_px + camera.doffs_px <= 0:
+        raise InputError(
+            f"{key}: {disparity_px:g} px lies beyond infinity for a camera whose principal points differ by doffs = "
+            f"{camera.doffs_px:g} px: raise {key} above {-camera.doffs_px:g}, or change camera.doffs_px or cx"
+        )

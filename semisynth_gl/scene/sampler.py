@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config.model import Config
-from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.scene.background import FACE, Background, draw_background
 from semisynth_gl.scene.layers import coverage, target_of
 from semisynth_gl.scene.particles import (
@@ -23,7 +23,7 @@ from semisynth_gl.scene.particles import (
     layer_counts,
     particles_at,
 )
-from semisynth_gl.scene.rig import draw_camera, near_depth_m
+from semisynth_gl.scene.rig import check_reachable, draw_camera, near_depth_m
 from semisynth_gl.scene.scene import Scene
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
@@ -176,6 +176,7 @@ class SceneSampler:
         rng = draw.generator(Purpose.PARTICLES, 0)
         if config.particles.layers is not None:
             layers = layer_counts(config.particles.layers, rng)
+            check_reachable(camera, min((low for low, _, _ in layers), default=1.0), "particles.layers.disparity_px")
         else:
             layers = self._solved_layers(camera, background, rng)
         return _Sequence(camera, background, draw_slots(camera, config.particles, layers, rng))

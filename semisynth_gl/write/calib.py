@@ -15,12 +15,12 @@ def encode_calib(frame: Frame, ndisp: int) -> bytes:
     camera = frame.camera
     valid = frame.disparity_left[np.isfinite(frame.disparity_left)]
     vmin, vmax = (float(valid.min()), float(valid.max())) if valid.size else (0.0, 0.0)
-    f, cy = camera.focal_px, camera.cy_px
+    f, cy = float(camera.focal_px), float(camera.cy_px)
     lines = [
-        f"cam0=[{f!r} 0 {camera.cx_left_px!r}; 0 {f!r} {cy!r}; 0 0 1]",
-        f"cam1=[{f!r} 0 {camera.cx_right_px!r}; 0 {f!r} {cy!r}; 0 0 1]",
-        f"doffs={camera.doffs_px!r}",
-        f"baseline={camera.baseline_m * 1000!r}",
+        f"cam0=[{f!r} 0 {float(camera.cx_left_px)!r}; 0 {f!r} {cy!r}; 0 0 1]",
+        f"cam1=[{f!r} 0 {float(camera.cx_right_px)!r}; 0 {f!r} {cy!r}; 0 0 1]",
+        f"doffs={float(camera.doffs_px)!r}",
+        f"baseline={float(camera.baseline_m) * 1000!r}",
         f"width={camera.width_px}",
         f"height={camera.height_px}",
         f"ndisp={ndisp}",

@@ -11,7 +11,9 @@ from semisynth_gl.errors import InputError
 
 INDEX = "dataset.json"
 _PARTIAL = ".partial"
-_CONTENT = ("MiddEval3",)
+# Says that an unfinished folder is this program's.
+_MARK = "semisynth-gl"
+_SCENE_MARK = "pair.json"
 
 
 class DatasetFolder:
@@ -41,8 +43,7 @@ class DatasetFolder:
                 f"{path}: the folder is not empty (it holds {_few(held)}). "
                 "Choose another with --out, or give --overwrite to replace a dataset that this program wrote"
             )
-        marked = _PARTIAL in held or INDEX in held
-        foreign = [name for name in held if not marked or name not in (_PARTIAL, INDEX, *_CONTENT)]
+        foreign = _foreign(path, held)
         if foreign:
             raise InputError(
                 f"{path}: --overwrite replaces only what this program wrote, but the folder holds {_few(foreign)}. "
@@ -57,13 +58,14 @@ class DatasetFolder:
         """
         try:
             self._partial.mkdir(parents=True, exist_ok=True)
+            (self._partial / _MARK).touch()
             # The index goes first: from here on the folder does not claim to be finished.
             (self.path / INDEX).unlink(missing_ok=True)
             for name in _held(self.path):
                 if name != _PARTIAL:
                     shutil.rmtree(self.path / name)
         except OSError as error:
-            raise InputError(f"{self.path}: the folder cannot be written to: {error.strerror}") from None
+            raise InputError(f"{self.path}: the folder cannot be written to: {error.strerror or error}") from None
 
     def add_folder(self, name: PurePosixPath, files: Mapping[str, bytes]) -> None:
         """Write files into a new folder ``name`` below the dataset's, which appears when all of them are whole.
@@ -99,7 +101,7 @@ class DatasetFolder:
     def finish(self, index: Mapping[str, Any]) -> None:
         """Write the index, which says that the dataset is complete."""
         self.add_file(PurePosixPath(INDEX), (json.dumps(index, indent=1) + "\n").encode())
-        self._partial.rmdir()
+        shutil.rmtree(self._partial)
 
     def abandon(self) -> None:
         """Drop what is half-written. Whole scenes stay, and so does the mark that they are this program's."""
@@ -107,8 +109,29 @@ class DatasetFolder:
             shutil.rmtree(self._partial, ignore_errors=True)
             if any(self.path.iterdir()):
                 self._partial.mkdir()
+                (self._partial / _MARK).touch()
             elif self._created:
                 self.path.rmdir()
+
+
+def _foreign(path: Path, held: list[str]) -> list[str]:
+    """Names of what lies in a folder and was not written by this program; all of it where nothing proves otherwise."""
+    if not ((path / _PARTIAL / _MARK).is_file() or _is_index(path / INDEX)):
+        return held
+    foreign = [name for name in held if name not in (_PARTIAL, INDEX, "MiddEval3") or (path / name).is_symlink()]
+    root = path / "MiddEval3"
+    foreign += [f"MiddEval3/{name}" for name in _held(root) if name not in ("trainingF", "official_train.txt")]
+    scenes = root / "trainingF"
+    foreign += [f"MiddEval3/trainingF/{name}" for name in _held(scenes) if not (scenes / name / _SCENE_MARK).is_file()]
+    return foreign
+
+
+def _is_index(path: Path) -> bool:
+    try:
+        index = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(index, dict) and index.get("program") == _MARK
 
 
 def _held(path: Path) -> list[str]:
