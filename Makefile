@@ -17,6 +17,9 @@ CONFIGS := middlebury kitti eth3d sceneflow
 GEOMETRIES := ablation-geometry-simple ablation-geometry-complex
 
 backend := $(if $(BACKEND),$(BACKEND),auto)
+ifeq ($(filter $(backend),auto egl osmesa),)
+$(error BACKEND must be auto, egl or osmesa, not $(BACKEND))
+endif
 scene_options = --seed $(SEED) --backend $(backend) $(if $(MODELS),--models "$(MODELS)")
 with_images = $(if $(IMAGES),--images "$(IMAGES)")
 # A sheet shows the first four pairs, and none that the dataset lacks.

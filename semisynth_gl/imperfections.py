@@ -1,6 +1,7 @@
 """Imperfections of a real rig, put on the images after rendering; the truth stays what it is.
 
-They follow light's way: the lens blurs, the exposure scales, the sensor adds noise, the tone curve bends.
+In this order: the lens blurs, the exposure scales, the sensor adds noise, the tone curve bends. All act on the 8-bit
+values as they are, since photographs come without the curve that made them.
 """
 
 from dataclasses import asdict, dataclass, replace

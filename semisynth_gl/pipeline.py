@@ -204,11 +204,13 @@ def generate(
     """
     with PairRenderer(config, seed, backend) as renderer:
         started(renderer)
+        # A pair first, then the folder: what the driver or the checks refuse costs nobody an earlier dataset.
+        first = renderer.render(0)
         folder.open()
         try:
             names, redraws = [], 0
             for index in range(pairs):
-                pair = renderer.render(index)
+                pair = renderer.render(index) if index > 0 else first
                 # All frames of a sequence tell of the same redraws.
                 redraws += len(pair.provenance.get("redrawn", [])) if pair.provenance["frame"] == 0 else 0
                 names.append(scene_name(config.name, index))

@@ -292,7 +292,34 @@ def test_a_full_disk_is_told_and_leaves_no_half_pair(tmp_path, photographs):
     assert 1 <= len(scenes) < 9
     assert all(len(list(scene.iterdir())) == 8 for scene in scenes)
     assert not (tmp_path / "o/dataset.json").exists()
-    assert not any((tmp_path / "o/.partial").iterdir())
+    assert [path.name for path in (tmp_path / "o/.partial").iterdir()] == ["semisynth-gl"]
+
+
+def test_what_is_refused_while_drawing_costs_no_earlier_dataset(call, tmp_path, photographs):
+    base = ("generate", "--config", "eth3d", "--images", photographs, "--out", "o", "--pairs", 1, *SMALL)
+    assert call(*base, cwd=tmp_path).returncode == 0
+    before = {path: path.read_bytes() for path in (tmp_path / "o").rglob("*") if path.is_file()}
+    for setting in ("checks.min_brightness=255", "camera.width_px=200000", "antialias=msaa32"):
+        refused(call(*base, "--overwrite", "--set", setting, cwd=tmp_path), "Error:")
+        assert {path: path.read_bytes() for path in (tmp_path / "o").rglob("*") if path.is_file()} == before
+
+
+def test_ctrl_c_while_loading_stops_at_once():
+    """Some packages swallow an interrupt while they are imported."""
+    script = (
+        "import os, signal, sys\n"
+        "class Interrupt:\n"
+        "    def find_spec(self, name, *rest):\n"
+        "        if name == 'trimesh':\n"
+        "            os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Interrupt())\n"
+        "from semisynth_gl.__main__ import main\n"
+        "sys.argv = ['semisynth-gl', 'doctor']\n"
+        "main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == -signal.SIGINT
+    assert done.stdout == done.stderr == ""
 
 
 def test_a_read_only_folder_is_told(call, tmp_path, photographs):

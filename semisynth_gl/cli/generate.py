@@ -34,10 +34,11 @@ def generate(
     pairs: int,
     overwrite: bool,  # noqa: FBT001 - click passes flags so
 ) -> None:
-    """Write a dataset: left, right, both disparities, mask and calibration of each pair.
+    """Write a dataset: left, right, both disparities, masks and calibration of each pair.
 
     Files stand as in Middlebury's evaluation set: MiddEval3/trainingF/<pair>/im0.png, im1.png, disp0GT.pfm,
-    disp1GT.pfm, mask0nocc.png, calib.txt, and pair.json, which says what made the pair.
+    disp1GT.pfm, mask0nocc.png, mask1nocc.png, calib.txt, and pair.json, which says what made the pair. The outputs
+    instances and depth add inst0.png, inst1.png, depth0.pfm and depth1.pfm.
     """
     if outputs is not None:
         settings = (*settings, f"outputs=[{'' if outputs == 'none' else outputs}]")
@@ -49,6 +50,7 @@ def generate(
         for skipped in renderer.model_library.skipped:
             click.echo(f"model left out: {skipped}", err=True)
         click.echo(f"{len(renderer.model_library.models)} models; rendering with {renderer.renderer_name}", err=True)
+        progress.begin()
 
     redrawn: list[str] = []
 

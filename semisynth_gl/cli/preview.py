@@ -41,6 +41,7 @@ def preview(
     if not out.absolute().parent.is_dir():
         raise InputError(f"--out {out}: the folder {out.absolute().parent} does not exist")
     with PairRenderer(config, seed, backend) as renderer, Progress(pairs) as progress:
+        progress.begin()
         frames = []
         for index in range(pairs):
             frames.append(renderer.render(index).frame)

@@ -12,7 +12,7 @@ _SECONDS_BETWEEN_LINES = 10.0
 
 
 class Progress:
-    """Counts pairs. Use it in a ``with`` block.
+    """Counts pairs. Use it in a ``with`` block, and `begin` when the first one is about to be made.
 
     Args:
         total: how many there will be.
@@ -21,8 +21,8 @@ class Progress:
     def __init__(self, total: int) -> None:
         self._total = total
         self._done = 0
-        self._start = self._said = time.monotonic()
-        self._bar = tqdm(total=total, unit="pair", file=sys.stderr) if sys.stderr.isatty() else None
+        self._start = self._said = 0.0
+        self._bar: tqdm | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -32,6 +32,12 @@ class Progress:
     ) -> None:
         if self._bar is not None:
             self._bar.close()
+
+    def begin(self) -> None:
+        """Start the clock and show the bar; what is read and opened before is no part of the rate."""
+        self._start = self._said = time.monotonic()
+        if sys.stderr.isatty():
+            self._bar = tqdm(total=self._total, unit="pair", file=sys.stderr)
 
     def advance(self) -> None:
         """Count one pair."""

@@ -38,6 +38,7 @@ def verify(
     start = time.monotonic()
     verdicts = []
     with Progress(len(index.scenes)) as progress:
+        progress.begin()
         for number, verdict in enumerate(verify_dataset(index, pixels if oracle else 0)):
             verdicts.append(verdict)
             for finding in verdict.findings:
@@ -48,9 +49,10 @@ def verify(
     if json_path is not None:
         json_path.write_text(json.dumps(_report(index, verdicts), indent=1) + "\n", encoding="utf-8")
     found = sum(len(verdict.findings) for verdict in verdicts)
-    where = sum(1 for verdict in verdicts if verdict.findings)
+    where = sum(1 for verdict in verdicts[1:] if verdict.findings)
+    aside = " and in the dataset as a whole" if verdicts and verdicts[0].findings else ""
     if found:
-        click.echo(f"{found} findings in {where} places (the dataset and its {len(index.scenes)} scenes)", err=True)
+        click.echo(f"{found} findings in {where} of {len(index.scenes)} scenes{aside}", err=True)
         sys.exit(1)
     click.echo(_summary(index, verdicts, seconds))
 

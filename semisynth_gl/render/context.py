@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 import moderngl
 from glcontext import egl
 
-from semisynth_gl.errors import BackendError
+from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.render.osmesa import OSMesaContext
 from semisynth_gl.render.unbound import UnboundCalls
 
@@ -58,6 +58,8 @@ def open_context(backend: Backend = "auto", device_index: int = 0) -> GraphicsCo
     Raises:
         BackendError: where no such context can be had, with each reason and what to install.
     """
+    if backend not in BACKENDS:
+        raise InputError(f"backend: expected one of {', '.join(BACKENDS)}, got {backend}")
     openers: dict[Backend, Callable[[], Any]] = {
         "egl": lambda: _open_egl(device_index),
         "osmesa": lambda: OSMesaContext(4, 5),

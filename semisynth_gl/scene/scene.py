@@ -74,12 +74,15 @@ def make_scene(
     """
     index = np.asarray(model, np.int64).reshape(-1)
     n = len(index)
+    matrices = np.asarray(world_from_model, np.float64)
+    if matrices.size != n * 16:
+        raise InputError(f"scene: world_from_model must have shape ({n}, 4, 4) for {n} instances, got {matrices.shape}")
     return Scene(
         camera=camera,
         near_m=float(near_m),
         camera_from_world=np.eye(4) if camera_from_world is None else np.asarray(camera_from_world, np.float64),
         model=index,
-        world_from_model=np.asarray(world_from_model, np.float64).reshape(-1, 4, 4),
+        world_from_model=matrices.reshape(-1, 4, 4),
         layer=np.asarray(layer, np.int64).reshape(-1),
         uv_scale=np.broadcast_to(np.asarray(uv_scale, np.float64), (n, 2)),
         uv_offset=np.broadcast_to(np.asarray(uv_offset, np.float64), (n, 2)),

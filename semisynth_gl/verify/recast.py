@@ -39,8 +39,10 @@ class Recaster:
             patches = tuple(Patch(**patch) for patch in values["patches"])
             self._seed = int(values["seed"])
         except (ValidationError, KeyError, TypeError, ValueError) as error:
+            reason = str(error).splitlines()[0] if values else "it is missing or empty"
             raise InputError(
-                f"{index.path}: the scenes cannot be made again by this version from dataset.json: {error}"
+                f"{index.path}: for --oracle the scenes cannot be made again from dataset.json: {reason}. "
+                "Verify without --oracle to see what is wrong with the dataset"
             ) from None
         if not patches or self._seed < 0:
             raise InputError(

@@ -1,7 +1,8 @@
 """The folder layout of Middlebury's evaluation set (MiddEval3).
 
-``MiddEval3/trainingF/<scene>/`` with im0.png, im1.png, disp0GT.pfm, disp1GT.pfm, mask0nocc.png and calib.txt, and
-``MiddEval3/official_train.txt`` with the scenes' names. Loaders take the names from trainingF.
+``MiddEval3/trainingF/<scene>/`` with im0.png, im1.png, disp0GT.pfm, disp1GT.pfm, mask0nocc.png, mask1nocc.png,
+calib.txt, pair.json and the outputs asked for, and ``MiddEval3/official_train.txt`` with the scenes' names. Loaders
+take the names from trainingF.
 """
 
 import json
