@@ -5,16 +5,14 @@ python benchmarks/seconds_per_pair.py --config middlebury --pairs 24 --json benc
 
 import argparse
 import json
-import os
-import platform
 import tempfile
 import time
-from importlib.metadata import version
 from math import ceil
 from pathlib import Path
 
 import numpy as np
 
+from semisynth_gl.bench.machine import machine_facts
 from semisynth_gl.config import load_config
 from semisynth_gl.pipeline import PairRenderer
 from semisynth_gl.write.dataset import DatasetFolder
@@ -57,23 +55,12 @@ def main() -> None:
         "stage_means_s": {stage: round(float(np.mean(seconds)), 4) for stage, seconds in stages.items()},
         "start_s": round(opened, 2),
         "renderer": driver,
-        "processor": _processor(),
-        "cores": os.cpu_count(),
-        "python": platform.python_version(),
-        "semisynth_gl": version("semisynth-gl"),
+        "machine": machine_facts(),
     }
     text = json.dumps(result, indent=1)
     print(text)
     if options.json:
         options.json.write_text(text + "\n")
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor()
 
 
 if __name__ == "__main__":

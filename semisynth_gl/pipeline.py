@@ -166,6 +166,16 @@ def render_pair(config: Config, index: int, seed: int = 0, backend: Backend = "a
 
     This opens and closes everything; for many pairs keep a `PairRenderer`.
 
+    Args:
+        config: the configuration.
+        index: the pair's number, 0 or more.
+        seed: 0 or more.
+        backend: "auto", "egl" or "osmesa".
+
+    Raises:
+        InputError: where images, models or ranges cannot be used, or no attempt passes the checks.
+        BackendError: where OpenGL cannot be used.
+
     Returns:
         ``left`` and ``right`` (H, W, 3) uint8, ``disparity_left`` and ``disparity_right`` (H, W) float32 px, and the
         visibilities; see `Frame`.

@@ -125,6 +125,27 @@ def test_models_that_only_reach_into_the_view_are_drawn(open_renderer, square):
         assert (seen == hits.instance + 1).mean() > 0.998
 
 
+@pytest.mark.parametrize("side", [(-1, 0), (1, 0), (0, -1), (0, 1)])
+def test_a_tip_that_reaches_into_the_view_is_drawn(open_renderer, side):
+    """The model's origin lies outside by 0.95 of its radius, so only culling by the whole radius keeps its tip."""
+    camera = StereoCamera.centred(200, 160, 100.0, 0.0)
+    tip = make_mesh("tip", [[0, -0.9, 0], [0, 0.9, 0], [1, 0, 0]], np.zeros((3, 2)), [[0, 1, 2]])
+    assert tip.radius == 1
+    half = np.array([200, 160]) @ np.abs(side) / 2
+    outward = np.array([*np.multiply(side, 100.0), -half])
+    outward /= np.linalg.norm(outward)  # normal of the frustum's plane
+    along = np.array([abs(side[1]), abs(side[0]), 0.0])
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.column_stack([-outward, along, np.cross(-outward, along)]) * 2
+    matrix[:3, 3] = np.array([*np.multiply(side, half / 100), 1.0]) * 4 + outward * 0.95 * 2
+    scene = make_scene(camera, model=[0], world_from_model=[matrix], layer=[0])
+    frame = open_renderer([tip], noise_layers(1, 16), outputs=["instances"]).render(scene)
+    y, x = (values.ravel().astype(float) for values in np.mgrid[:160, :200])
+    shown = (oracle.cast(scene, [tip], "left", x, y).instance == 0).sum()
+    assert shown >= 2
+    assert abs(int((frame.instances_left == 1).sum()) - shown) <= 1
+
+
 def test_instances_without_end_are_drawn(open_renderer, square):
     camera = StereoCamera.centred(64, 64, 64.0, 0.1)
     count = 100_000

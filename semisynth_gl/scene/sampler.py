@@ -121,7 +121,8 @@ class SceneSampler:
         faces = len(background.size_m)
         model = np.concatenate([np.zeros(faces, np.int64), 1 + self._models(draw, generations, kept)])
         patch, offset, texels = self._textures(draw, faces, generations, kept)
-        camera_px = camera.focal_px / config.textures.patch_px
+        # A patch at its own resolution covers this part of a ray's slope X / Z, inverted.
+        patches_per_slope = camera.focal_px / config.textures.patch_px
         depth = np.concatenate([background.visible_depth_m, particles.centre_m[kept, 2]])
         # Lengths of one UV unit: a face's edges, and a model's unit under its mean scale.
         scale = np.linalg.norm(particles.world_from_model[kept, :3, :3], axis=1).mean(axis=1)
@@ -133,7 +134,7 @@ class SceneSampler:
             model=model,
             world_from_model=np.concatenate([background.world_from_face, particles.world_from_model[kept]]),
             layer=self._layers(number, patch, frame),
-            uv_scale=unit_m * (camera_px * texels / depth)[:, None],
+            uv_scale=unit_m * (patches_per_slope * texels / depth)[:, None],
             uv_offset=offset,
         )
         return SampledScene(scene, background.kind, number, frame, patch)
