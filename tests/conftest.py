@@ -16,6 +16,14 @@ from semisynth_gl.render.renderer import Renderer
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _cache_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Tests share a cache, with the programs that they start too, and leave the user's alone."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SEMISYNTH_GL_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
 @cache
 def backend_fault(backend: Backend) -> str | None:
     """Why a backend cannot be used here, or None."""

@@ -138,6 +138,7 @@ def test_doctor_renders_its_test_pair():
     assert "largest error of the disparity" in done.stdout
     assert "good" in done.stdout
     assert "Ready:" in done.stdout
+    assert f"Cache: {os.environ['SEMISYNTH_GL_CACHE']}, " in done.stdout
 
 
 def test_doctor_names_the_command_where_nothing_works():
@@ -310,7 +311,7 @@ def test_ctrl_c_while_loading_stops_at_once():
         "import os, signal, sys\n"
         "class Interrupt:\n"
         "    def find_spec(self, name, *rest):\n"
-        "        if name == 'trimesh':\n"
+        "        if name == 'numpy':\n"
         "            os.kill(os.getpid(), signal.SIGINT)\n"
         "sys.meta_path.insert(0, Interrupt())\n"
         "from semisynth_gl.__main__ import main\n"

@@ -15,14 +15,18 @@ OPENGL = ("moderngl", "glcontext", "OpenGL")
 
 # What a machine without OpenGL must be able to load: everything but what draws and what leads to it.
 ROOMS_WITHOUT_OPENGL = (
+    "cache",
     "camera",
     "config",
     "errors",
+    "file_marks",
     "frame",
     "geometry",
     "imperfections",
+    "interrupts",
     "oracle",
     "read",
+    "remember",
     "resources",
     "scene",
     "seeds",
@@ -120,6 +124,15 @@ def chance_or_clock(tree: ast.AST) -> list[str]:
 def test_the_package_and_its_sampler_load_without_opengl() -> None:
     loaded = python_without_opengl("import semisynth_gl, semisynth_gl.scene.sampler")
     assert loaded.returncode == 0, loaded.stderr
+
+
+def test_a_command_loads_no_package_that_it_does_not_use() -> None:
+    # trimesh brings scipy along; each takes about as long to load as all else together.
+    large = {"trimesh", "scipy", "matplotlib", "numpy"}
+    for module, loaded in (("", "[]"), (".generate", "['numpy']"), (".doctor", "['numpy']"), (".verify", "['numpy']")):
+        show = f"import sys, semisynth_gl.cli{module}; print(sorted({large} & {{*sys.modules}}))"
+        done = subprocess.run([sys.executable, "-c", show], capture_output=True, text=True, check=True)
+        assert done.stdout.strip() == loaded, module
 
 
 def test_every_room_that_does_not_draw_loads_without_opengl() -> None:

@@ -1,33 +1,49 @@
 """The command line: options in, messages and exit codes out."""
 
 import errno
+import signal
 import sys
+from importlib import import_module
 from typing import NoReturn
 
 import click
 
-from semisynth_gl.cli.bench import bench
-from semisynth_gl.cli.doctor import doctor
-from semisynth_gl.cli.generate import generate
-from semisynth_gl.cli.preview import preview
-from semisynth_gl.cli.verify import verify
 from semisynth_gl.errors import SemisynthError
 
 # 2 also stands for a run that was stopped or found no room: nothing half-written is left, and it may be started again.
 _REFUSED = 2
 
 
+_COMMANDS = ("generate", "preview", "doctor", "verify", "bench")
+
+
+class _LazyGroup(click.Group):
+    """Loads the command that is run, and no other."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature
+        return sorted(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002 - click's signature
+        if cmd_name not in _COMMANDS:
+            return None
+        # Some packages swallow every exception while they are imported, and Ctrl-C with it. So it stops the process
+        # itself until all is loaded.
+        handler = signal.signal(signal.SIGINT, signal.SIG_DFL)
+        try:
+            command: click.Command = getattr(import_module(f"semisynth_gl.cli.{cmd_name}"), cmd_name)
+        finally:
+            signal.signal(signal.SIGINT, handler)
+        return command
+
+
 @click.group(
+    cls=_LazyGroup,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Exit codes: 0 done; 1 something was found on the way; 2 the input was wrong, or the run could not go on.",
 )
 @click.version_option(package_name="semisynth-gl")
 def semisynth_gl() -> None:
     """Make stereo training pairs with exact disparity from ordinary photographs."""
-
-
-for command in (generate, preview, doctor, verify, bench):
-    semisynth_gl.add_command(command)
 
 
 def main() -> NoReturn:

@@ -8,14 +8,11 @@ from semisynth_gl.geometry.mesh import Mesh
 NO_NEIGHBOUR = 0xFFFFFFFF
 
 
-def neighbours(mesh: Mesh) -> NDArray[np.uint32]:
-    """Find the triangle across each edge.
-
-    Vertices are the same where their positions are equal to the bit, so UV seams do not cut a surface.
+def welded(mesh: Mesh) -> NDArray[np.int64]:
+    """Number vertices so that those of equal positions, to the bit, have one number: UV seams do not cut a surface.
 
     Returns:
-        (T, 3) uint32; entry k is the triangle across the edge from corner k to corner k + 1, or `NO_NEIGHBOUR` at a
-        border and where more than two triangles meet.
+        (V,) int64, from 0 without gaps.
     """
     # Adding 0 turns -0.0 into 0.0, whose bits differ.
     bits = np.ascontiguousarray(mesh.positions + np.float32(0)).view(np.uint32).astype(np.uint64)
@@ -24,12 +21,24 @@ def neighbours(mesh: Mesh) -> NDArray[np.uint32]:
     sorted_key, sorted_z = key[order], bits[order, 2]
     begins = np.ones(len(order), bool)
     begins[1:] = (sorted_key[1:] != sorted_key[:-1]) | (sorted_z[1:] != sorted_z[:-1])
-    welded = np.empty(len(order), np.int64)
-    welded[order] = np.cumsum(begins) - 1
+    numbers = np.empty(len(order), np.int64)
+    numbers[order] = np.cumsum(begins) - 1
+    return numbers
 
-    corners = welded[mesh.triangles.astype(np.int64)]
+
+def neighbours(mesh: Mesh) -> NDArray[np.uint32]:
+    """Find the triangle across each edge.
+
+    Vertices are the same where `welded` says so.
+
+    Returns:
+        (T, 3) uint32; entry k is the triangle across the edge from corner k to corner k + 1, or `NO_NEIGHBOUR` at a
+        border and where more than two triangles meet.
+    """
+    vertex = welded(mesh)
+    corners = vertex[mesh.triangles.astype(np.int64)]
     start, stop = corners.reshape(-1), np.roll(corners, -1, axis=1).reshape(-1)
-    edge = np.minimum(start, stop) * (int(welded.max()) + 1) + np.maximum(start, stop)
+    edge = np.minimum(start, stop) * (int(vertex.max()) + 1) + np.maximum(start, stop)
     by_edge = np.argsort(edge, kind="stable")
     first = np.flatnonzero(np.r_[True, np.diff(edge[by_edge]) != 0])
     count = np.diff(np.r_[first, len(by_edge)])

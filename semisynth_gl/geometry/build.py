@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.geometry.surfaces import lathe, sweep
+from semisynth_gl.geometry.vectors import cross
 
 Builder = Callable[[np.random.Generator], Mesh]
 """Makes one model of its kind, normalised; all that varies comes from the generator."""
@@ -125,6 +126,6 @@ def around(count: int, start_rad: float = 0.0) -> Iterable[NDArray[np.float64]]:
 def onto(axis: NDArray[np.float64]) -> NDArray[np.float64]:
     """A rotation that takes z onto a unit vector; (3, 3) for column vectors."""
     sideways = np.eye(3)[np.argmin(np.abs(axis))]
-    x = np.cross(sideways, axis)
+    x = cross(sideways, axis)
     x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(axis, x), axis], axis=1)
+    return np.stack([x, cross(axis, x), axis], axis=1)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from semisynth_gl.geometry.build import arc, around, circle, placed, rod, smooth, turned, wire
 from semisynth_gl.geometry.mesh import Mesh, merged, normalised
 from semisynth_gl.geometry.surfaces import box, extruded, grid_surface, lathe, sweep
+from semisynth_gl.geometry.vectors import cross
 
 
 def gear(rng: np.random.Generator) -> Mesh:
@@ -179,7 +180,7 @@ def cable(rng: np.random.Generator) -> Mesh:
     heading = path[-1] - path[-2]
     heading /= np.linalg.norm(heading)
     tip = path[-1] + 0.2 * heading
-    sideways = np.cross(heading, np.eye(3)[np.argmin(np.abs(heading))])
+    sideways = cross(heading, np.eye(3)[np.argmin(np.abs(heading))])
     sideways *= 0.04 / np.linalg.norm(sideways)
     pins = [
         rod(tip + side * sideways - 0.02 * heading, tip + side * sideways + 0.12 * heading, 0.012) for side in (-1, 1)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.errors import InputError
+from semisynth_gl.geometry.vectors import cross, lengths
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,13 +22,16 @@ class Mesh:
         name: what the provenance of a sample calls it.
         positions: (V, 3) float32, model units.
         uv: (V, 2) float32; u to the right and v downwards in the patch, as in its pixel rows.
-        triangles: (T, 3) uint32 indices into ``positions``; both sides are drawn.
+        triangles: (T, 3) uint32 indices into ``positions``.
+        solid: whether the surface encloses a body and its triangles turn anticlockwise seen from outside, so that no
+            back of a triangle is ever seen from there (see `is_solid`). Else both sides are drawn.
     """
 
     name: str
     positions: NDArray[np.float32]
     uv: NDArray[np.float32]
     triangles: NDArray[np.uint32]
+    solid: bool = False
 
     def __post_init__(self) -> None:
         for label, array, width in (("positions", self.positions, 3), ("uv", self.uv, 2)):
@@ -115,8 +119,12 @@ def without_degenerate(mesh: Mesh) -> Mesh:
         InputError: where no triangle is left.
     """
     corners = mesh.positions.astype(np.float64)[mesh.triangles]
-    double_areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    kept = mesh.triangles[double_areas > 1e-6 * mesh.radius * longest]
-    used, renumbered = np.unique(kept, return_inverse=True)
-    return make_mesh(mesh.name, mesh.positions[used], mesh.uv[used], renumbered)
+    double_areas = lengths(cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    longest = lengths(corners - corners[:, [2, 0, 1]]).max(axis=1)
+    sound = double_areas > 1e-6 * mesh.radius * longest
+    kept = mesh.triangles[sound]
+    used = np.zeros(len(mesh.positions), bool)
+    used[kept] = True
+    if sound.all() and used.all():
+        return mesh
+    return make_mesh(mesh.name, mesh.positions[used], mesh.uv[used], (np.cumsum(used) - 1)[kept])

@@ -1,18 +1,24 @@
-"""The models that a dataset draws from, built or read once from (config, seed)."""
+"""The models that a dataset draws from, built or read once from (config, seed) and then found in the cache."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.cache import Entry
 from semisynth_gl.config.model import ModelsSection
 from semisynth_gl.errors import InputError, Skipped
 from semisynth_gl.geometry.complex import COMPLEX_KINDS
+from semisynth_gl.geometry.library_entry import packed_meshes, packed_skipped, unpacked_meshes, unpacked_skipped
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.simple import SIMPLE_KINDS
-from semisynth_gl.geometry.user import load_models
+from semisynth_gl.geometry.solid import marked_solid
+from semisynth_gl.geometry.vectors import cross, lengths
+from semisynth_gl.interrupts import interrupts_wait
+from semisynth_gl.remember import all_versions, own_sources, remembered, versions
 from semisynth_gl.seeds import Purpose, generator
 
 _VIEWS = 6
@@ -38,20 +44,69 @@ class ModelLibrary:
 
 
 def build_library(section: ModelsSection, seed: int) -> ModelLibrary:
-    """Build the models that a config asks for.
+    """Build the models that a config asks for, or find those that were built of the same before.
 
     Raises:
         InputError: where a folder is missing or holds no usable model.
     """
-    user, skipped = (
-        load_models([Path(folder).expanduser() for folder in section.folders]) if section.folders else ([], [])
+    folders = [Path(folder).expanduser() for folder in section.folders]
+    if not all(folder.is_dir() for folder in folders):  # a single file may draw on any other one beside it
+        return _built(section, seed)
+    files = [sorted(path for path in folder.rglob("*") if path.is_file()) for folder in folders]
+
+    def decided_by() -> dict[str, Any]:
+        return {
+            "section": section.model_dump(mode="json"),
+            "seed": seed,
+            "files": [[str(path.absolute()) for path in group] for group in files],
+            "versions": versions("numpy", "pyrr"),
+            "readers": all_versions() if folders else [],
+            "program": own_sources("geometry", "seeds.py"),
+        }
+
+    flat = [path for group in files for path in group]
+    return remembered(
+        "models",
+        decided_by,
+        files=flat,
+        # Which files a model draws on, only its reader knows: all count.
+        make=lambda: (_built(section, seed), flat),
+        pack=_packed,
+        unpack=_unpacked,
     )
+
+
+def _packed(library: ModelLibrary) -> Entry | None:
+    """The entry of the cache; None where a model was left out for a reason that may not hold the next time."""
+    if any("MemoryError" in each.reason for each in library.skipped):
+        return None
+    meshes = packed_meshes(library.models)
+    values = {"fill": library.fill, "skipped": packed_skipped(library.skipped)}
+    return Entry(meshes.values | values, meshes.arrays | {"chances": library.chances})
+
+
+def _unpacked(entry: Entry) -> ModelLibrary:
+    skipped = unpacked_skipped(entry.values["skipped"])
+    return ModelLibrary(unpacked_meshes(entry), entry.arrays["chances"], entry.values["fill"], skipped)
+
+
+def _read(folders: Sequence[str]) -> tuple[Sequence[Mesh], Sequence[Skipped]]:
+    if not folders:
+        return (), ()
+    with interrupts_wait():
+        # Imported here: trimesh takes longer to load than all else together.
+        from semisynth_gl.geometry.user import load_models  # noqa: PLC0415
+    return load_models([Path(folder).expanduser() for folder in folders])
+
+
+def _built(section: ModelsSection, seed: int) -> ModelLibrary:
+    user, skipped = _read(section.folders)
     families: list[tuple[float, Sequence[Mesh]]] = [(section.user, user)]
     for family, (weight, kinds) in enumerate(((section.simple, SIMPLE_KINDS), (section.complex, COMPLEX_KINDS))):
         if weight == 0:
             continue
         meshes = [
-            build(generator(seed, Purpose.MODELS, family, kind, variant))
+            marked_solid(build(generator(seed, Purpose.MODELS, family, kind, variant)))
             for kind, build in enumerate(kinds.values())
             for variant in range(section.variants)
         ]
@@ -77,7 +132,7 @@ def projected_area(mesh: Mesh, rng: np.random.Generator) -> float:
     """
     corners = mesh.positions.astype(np.float64)[mesh.triangles]
     edges = corners[:, 1:] - corners[:, :1]
-    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    area = lengths(cross(edges[:, 0], edges[:, 1]))
     triangle = rng.choice(len(area), _POINTS, p=area / area.sum())
     u, v = rng.random((2, _POINTS))
     u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
@@ -87,5 +142,5 @@ def projected_area(mesh: Mesh, rng: np.random.Generator) -> float:
     for _ in range(_VIEWS):
         axes = np.linalg.qr(rng.normal(size=(3, 2)))[0]
         cells = ((points @ axes / radius + 1) / 2 * _CELLS).astype(np.int64).clip(0, _CELLS - 1)
-        total += len(np.unique(cells[:, 0] * _CELLS + cells[:, 1])) * (2 * radius / _CELLS) ** 2
+        total += np.count_nonzero(np.bincount(cells[:, 0] * _CELLS + cells[:, 1])) * (2 * radius / _CELLS) ** 2
     return total / _VIEWS

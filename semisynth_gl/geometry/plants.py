@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from semisynth_gl.geometry.build import arc, circle, onto, placed, rod, smooth, turned, wire
 from semisynth_gl.geometry.mesh import Mesh, merged, normalised
 from semisynth_gl.geometry.surfaces import grid_surface, lathe, sweep
+from semisynth_gl.geometry.vectors import cross
 from semisynth_gl.geometry.vessels import hollow
 
 GOLDEN_TURN_RAD = np.pi * (3 - np.sqrt(5))
@@ -86,7 +87,7 @@ def tree(rng: np.random.Generator) -> Mesh:
                 )
             )
             for fork in range(2 if rng.random() < 0.7 or level > 2 else 3):
-                sideways = np.cross(axis, rng.normal(size=3))
+                sideways = cross(axis, rng.normal(size=3))
                 sideways /= np.linalg.norm(sideways)
                 heading = turned(axis, np.pi * fork) @ (np.cos(spread) * axis + np.sin(spread) * sideways) + (
                     0,

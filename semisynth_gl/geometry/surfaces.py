@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh, make_mesh, merged, without_degenerate
 from semisynth_gl.geometry.unwrap import facing_axes
+from semisynth_gl.geometry.vectors import cross, lengths
 
 BAND_STRETCH = 1.1
 """How far a length around a lathed surface may be from its length in UV."""
@@ -28,8 +29,8 @@ def grid_surface(points: ArrayLike, uv: ArrayLike | None = None) -> Mesh:
     grid = np.asarray(points, np.float64)
     rows, columns = grid.shape[:2]
     if uv is None:
-        along_row = np.linalg.norm(np.diff(grid, axis=1), axis=2).mean(axis=0)
-        along_column = np.linalg.norm(np.diff(grid, axis=0), axis=2).mean(axis=1)
+        along_row = lengths(np.diff(grid, axis=1)).mean(axis=0)
+        along_column = lengths(np.diff(grid, axis=0)).mean(axis=1)
         uv = np.stack(np.meshgrid(_cumulative(along_row), -_cumulative(along_column)), axis=2)
     first = np.arange(rows * columns).reshape(rows, columns)[:-1, :-1].ravel()
     corner = first[:, None] + np.array([0, 1, columns + 1, columns])
@@ -55,7 +56,7 @@ def lathe(profile: ArrayLike, segments: int = 32, *, closed: bool = False) -> Me
     if closed:
         points = np.concatenate([points, points[:1]])
     radius, height = points.T
-    arc = _cumulative(np.linalg.norm(np.diff(points, axis=0), axis=1))
+    arc = _cumulative(lengths(np.diff(points, axis=0)))
     angle = np.linspace(-np.pi, np.pi, segments + 1)
     around = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     around[-1] = around[0]  # bit for bit, so that the seam closes
@@ -141,8 +142,8 @@ def sweep(
     rings = points[:, None] + factor[:, None, None] * (
         loop[None, :, :1] * across[:, None] + loop[None, :, 1:] * beside[:, None]
     )
-    around = _cumulative(np.linalg.norm(np.diff(loop, axis=0), axis=1))
-    along = _cumulative(np.linalg.norm(np.diff(points, axis=0), axis=1))
+    around = _cumulative(lengths(np.diff(loop, axis=0)))
+    along = _cumulative(lengths(np.diff(points, axis=0)))
     u = (around - around[-1] / 2) * factor[:, None]
     parts = [grid_surface(rings, np.stack(np.broadcast_arrays(u, -along[:, None]), axis=2))]
     if capped and not closed:
@@ -161,9 +162,9 @@ def _frames(
         tangent = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
     else:
         step = np.diff(points, axis=0)
-        step /= np.linalg.norm(step, axis=1, keepdims=True)
+        step /= lengths(step)[:, None]
         tangent = np.concatenate([step[:1], step[:-1] + step[1:], step[-1:]])
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    tangent /= lengths(tangent)[:, None]
     count = len(points)
     across = np.zeros_like(points)
     axis = np.eye(3)[np.argmin(np.abs(tangent[0]))]
@@ -184,7 +185,7 @@ def _frames(
         moved = reflected
         if stop:
             across[stop] = moved
-    beside = np.cross(tangent, across)
+    beside = cross(tangent, across)
     if closed:
         left_over = np.arctan2(moved @ beside[0], moved @ across[0])
         twist = -left_over * np.arange(count)[:, None] / count
@@ -217,14 +218,15 @@ def flat_faces(points: ArrayLike, loops: list[list[int]]) -> Mesh:
         loops: for each face its corners, anticlockwise seen from outside.
     """
     corners = np.asarray(points, np.float64)
-    faces = []
+    uv, triangles, first = [], [], 0
     for loop in loops:
         face = corners[loop]
-        normal = np.cross(face[1] - face[0], face[2] - face[1])
+        normal = cross(face[1] - face[0], face[2] - face[1])
         normal /= np.linalg.norm(normal)
-        fan = [[0, i, i + 1] for i in range(1, len(loop) - 1)]
-        faces.append(make_mesh("face", face, _planar_uv(face, normal), fan))
-    return merged("polyhedron", faces)
+        uv.append(_planar_uv(face, normal))
+        triangles += [[first, first + i, first + i + 1] for i in range(1, len(loop) - 1)]
+        first += len(loop)
+    return make_mesh("polyhedron", corners[np.concatenate(loops)], np.concatenate(uv), triangles)
 
 
 def box(size: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:

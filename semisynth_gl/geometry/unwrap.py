@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
+from semisynth_gl.geometry.vectors import cross, lengths
 
 
 def facing_axes(normals: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -22,15 +23,15 @@ def facing_axes(normals: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDAr
     """
     upright = np.abs(normals[:, 2:]) < 1 - 1e-9
     up = np.where(upright, [0.0, 0.0, 1.0], [0.0, 1.0, 0.0])
-    u = np.cross(up, normals)
-    u /= np.linalg.norm(u, axis=1, keepdims=True)
-    return u, -np.cross(normals, u)
+    u = cross(up, normals)
+    u /= lengths(u)[:, None]
+    return u, -cross(normals, u)
 
 
 def _cube_directions() -> NDArray[np.float64]:
     """(26, 3) unit vectors from a cube's centre to its 6 faces, 12 edges and 8 corners."""
     steps = np.array([step for step in itertools.product((-1, 0, 1), repeat=3) if any(step)], np.float64)
-    directions: NDArray[np.float64] = steps / np.linalg.norm(steps, axis=1, keepdims=True)
+    directions: NDArray[np.float64] = steps / lengths(steps)[:, None]
     return directions
 
 
@@ -61,7 +62,7 @@ def project_uv(name: str, positions: ArrayLike, triangles: ArrayLike) -> Mesh:
     points = np.asarray(positions, np.float64)
     index = np.asarray(triangles, np.int64)
     corners = points[index]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     # not by BLAS: how it rounds, and so how ties are settled, depends on the machine
     direction = np.argmax(np.einsum("ti,di->td", normals, DIRECTIONS), axis=1)
     # one number per pair of vertex and direction: equal pairs share a vertex of the result

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from semisynth_gl.geometry.build import arc, around, placed, rod, smooth, turned, wire
 from semisynth_gl.geometry.mesh import Mesh, merged, normalised
 from semisynth_gl.geometry.surfaces import lathe
+from semisynth_gl.geometry.vectors import lengths
 
 
 def hollow(outside: NDArray[np.float64], wall: float) -> NDArray[np.float64]:
@@ -22,7 +23,7 @@ def hollow(outside: NDArray[np.float64], wall: float) -> NDArray[np.float64]:
         (Q, 2) from the middle of the foot over the lip to the middle of the inner floor.
     """
     along = np.gradient(outside, axis=0)
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    along /= lengths(along)[:, None]
     inside = outside + wall * np.stack([-along[:, 1], along[:, 0]], axis=1)
     floor = outside[0, 1] + wall
     edge = np.interp(floor, inside[:, 1], inside[:, 0])  # where the inner wall meets the floor

@@ -3,8 +3,8 @@
 import glob
 import os
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,9 @@ from semisynth_gl.errors import InputError
 MAX_PIXELS = 178_956_970
 """More pixels than this are refused on the header's word alone. It is the size at which Pillow itself refuses; an RGB
 image of this size takes 537 MB."""
+
+OUT_OF_MEMORY = "does not fit into memory"
+"""The one reason for leaving an image out that may be another the next time."""
 
 _FORMATS_WITHOUT_PIXELS = frozenset({"BUFR", "GRIB", "HDF5", "MPEG", "EPS", "WMF"})
 """What Pillow opens but does not decode, or decodes only by starting another program (EPS starts Ghostscript)."""
@@ -73,46 +76,66 @@ def find_images(sources: Sequence[str | Path]) -> list[Path]:
     Raises:
         InputError: where a source matches no image.
     """
-    found: set[Path] = set()
+    found: dict[str, str] = {}
     for source in sources:
-        matched = _expand(Path(source).expanduser())
+        matched = dict(_expand(str(Path(source).expanduser())))
         if not matched:
             raise InputError(
                 f"no image matches {str(source)!r}: expected an image file, a folder with images "
                 f"(.jpg, .png, .tif, .webp, ...) in it, or a glob such as 'photos/**/*.jpg'"
             )
-        found.update(matched)
-    once: dict[Path, Path] = {}
+        found |= matched
+    once: dict[str, str] = {}
     # Of several ways to one file the shortest gives its name: a link back up makes endless longer ones.
-    for path in sorted(found, key=lambda path: (len(path.parts), path.as_posix())):
-        once.setdefault(path.resolve(), path)
-    return sorted(once.values(), key=Path.as_posix)
+    for path, real in sorted(found.items(), key=lambda each: (each[0].count("/"), each[0])):
+        once.setdefault(real, path)
+    return [Path(path) for path in sorted(once.values())]
 
 
-def _expand(source: Path) -> list[Path]:
+# Names are strings here and a file's real folder is looked up once: a folder may hold thousands.
+_Found = Iterator[tuple[str, str]]
+"""Files as they were found, and where each really lies."""
+
+
+def _expand(source: str) -> _Found:
     # What exists is taken by its name first: "[" and "*" may stand in a real file name.
-    if source.is_file():
-        return [source]
-    if source.is_dir():
-        return list(_images_below(source))
-    matches = [Path(match) for match in glob.glob(str(source), recursive=True)]  # noqa: PTH207  # Path.glob takes no absolute pattern
-    below = [path for match in matches if match.is_dir() for path in _images_below(match)]
-    return below + list(_only_images(matches))
+    if os.path.isfile(source):  # noqa: PTH113
+        yield source, os.path.realpath(source)
+    elif os.path.isdir(source):  # noqa: PTH112
+        yield from _images_below(source)
+    else:
+        for match in glob.glob(source, recursive=True):  # noqa: PTH207  # Path.glob takes no absolute pattern
+            path = str(Path(match))
+            if os.path.isdir(path):  # noqa: PTH112
+                yield from _images_below(path)
+            elif _is_named_as_image(path) and os.path.isfile(path):  # noqa: PTH113
+                yield path, os.path.realpath(path)
 
 
-def _images_below(folder: Path) -> Iterator[Path]:
+def _images_below(top: str) -> _Found:
     entered: set[str] = set()
-    for root, folders, names in os.walk(folder, followlinks=True):
-        real = os.path.realpath(root)
-        if real in entered:  # a link back up: stop here
-            folders.clear()
+    folders = [top]
+    for folder in folders:  # which grows, so that those nearer to the top come first
+        real = os.path.realpath(folder)
+        if real in entered:  # another way to it, or a link back up
             continue
         entered.add(real)
-        yield from _only_images(Path(root, name) for name in names)
+        below = []
+        with suppress(OSError):  # a folder that must not be read is passed over, as is a link that leads nowhere
+            below = sorted(os.scandir(folder), key=lambda entry: entry.name)
+        for entry in below:
+            path = entry.name if folder == "." else entry.path
+            with suppress(OSError):
+                if entry.is_dir():
+                    folders.append(path)
+                elif _is_named_as_image(path) and entry.is_file():
+                    yield path, os.path.realpath(path) if entry.is_symlink() else f"{real}/{entry.name}"
 
 
-def _only_images(paths: Iterable[Path]) -> Iterator[Path]:
-    return (path for path in paths if path.suffix.lower() in image_extensions() and path.is_file())
+def _is_named_as_image(path: str) -> bool:
+    name = path[path.rfind("/") + 1 :]
+    dot = name.rfind(".")
+    return dot > 0 and name[dot:].lower() in image_extensions()
 
 
 def stored_size(path: Path) -> tuple[int, int]:
@@ -199,7 +222,7 @@ def _reason(error: Exception) -> str:  # noqa: PLR0911  # one line for each kind
         case Image.DecompressionBombError():
             return f"has more pixels than are decoded: {error}".split(", could")[0]
         case MemoryError():
-            return "does not fit into memory"
+            return OUT_OF_MEMORY
     detail = " ".join(str(error).split()) or type(error).__name__
     return f"is truncated or damaged ({detail})"
 

@@ -36,6 +36,7 @@ def build_atlas(
     rng: np.random.Generator,
     max_layers: int = 2048,
     max_frames: int = 16,
+    opened: list[Path] | None = None,
 ) -> Atlas:
     """Crop squares out of images and keep those with texture.
 
@@ -61,6 +62,7 @@ def build_atlas(
         rng: source of every random choice.
         max_layers: layers at most; 2048 is what every OpenGL 4 driver has.
         max_frames: frames of one patch at most.
+        opened: filled with the images that were opened: no other one has a part in the result.
 
     Returns:
         The atlas, its patches ordered by image, side, row and column.
@@ -108,6 +110,10 @@ def build_atlas(
         shares.add(index, _cut(survey, offered, patch_px))
         del survey  # and the decoded image with it, before the next one is read
 
+    if opened is not None:
+        # Of successive frames all headers are read.
+        unopened = frozenset() if sequence else frozenset(path for index in order for path in runs[index])
+        opened.extend(path for path in images if path not in unopened)
     kept = shares.kept()
     used = sum(len(read[index]) for index in kept)
     report = TextureReport(
@@ -125,7 +131,7 @@ def build_atlas(
     )
     if not kept:
         raise InputError(_nothing_left(len(images), report))
-    return _assemble(kept, read, _names(images), report)
+    return _assemble(kept, read, names_of(images), report)
 
 
 @dataclass(slots=True)
@@ -246,11 +252,12 @@ def _taking_turns(sides: Sequence[int], rng: np.random.Generator) -> list[int]:
     return [int(i) for i in chain.from_iterable(zip_longest(*queues)) if i is not None]
 
 
-def _names(images: Sequence[Path]) -> dict[Path, str]:
+def names_of(images: Sequence[Path]) -> dict[Path, str]:
     """Return names relative to the folder that all share: the same wherever that folder lies."""
-    absolute = [Path(os.path.abspath(path)) for path in images]  # noqa: PTH100  # links keep the user's names
-    shared = Path(os.path.commonpath([path.parent for path in absolute]))
-    return {path: full.relative_to(shared).as_posix() for path, full in zip(images, absolute, strict=True)}
+    absolute = [os.path.abspath(path) for path in images]  # noqa: PTH100  # links keep the user's names
+    folders = {os.path.dirname(path) for path in absolute}  # noqa: PTH120  # of strings: there may be thousands
+    start = len(os.path.join(os.path.commonpath(folders), ""))  # noqa: PTH118
+    return {path: full[start:] for path, full in zip(images, absolute, strict=True)}
 
 
 def _assemble(
