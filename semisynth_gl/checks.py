@@ -21,6 +21,8 @@ def faults(frame: Frame, config: Config) -> list[str]:
     if texture < section.min_texture:
         found.append(f"too little texture: {texture:.2f} levels, at least {section.min_texture:g} wanted")
     for disparity in (frame.disparity_left, frame.disparity_right):
+        if disparity is None:
+            continue
         valid = disparity[np.isfinite(disparity)]
         if len(valid) < section.min_valid * disparity.size:
             share = len(valid) / disparity.size

@@ -16,6 +16,9 @@ Output = Literal["visibility", "instances", "depth"]
 OUTPUTS: tuple[Output, ...] = get_args(Output)
 DEFAULT_OUTPUTS: tuple[Output, ...] = ("visibility",)
 
+TruthOf = Literal["both", "left"]
+TRUTHS: tuple[TruthOf, ...] = get_args(TruthOf)
+
 # The ways to antialias colour. Drivers have powers of two as numbers of samples.
 ANTIALIAS_PATTERN = r"^(none|msaa(2|4|8|16|32)|ssaa[2-8])$"
 
@@ -31,7 +34,8 @@ class Frame:
         left: (H, W, 3) uint8 RGB.
         right: (H, W, 3) uint8 RGB.
         disparity_left: (H, W) float32, px, positive; inf where nothing is seen or the rig makes it zero or negative.
-        disparity_right: (H, W) float32, likewise, in the right view's pixels.
+        disparity_right: (H, W) float32, likewise, in the right view's pixels; None, as the other truth of the right
+            view, where the left one's was asked for alone.
         visibility_left: (H, W) uint8: `VISIBLE` where the right eye sees the same point, `OCCLUDED` where something
             hides it there, `OUTSIDE` where it leaves the right image or has no valid disparity.
         visibility_right: (H, W) uint8, likewise for the right view.
@@ -45,7 +49,7 @@ class Frame:
     left: NDArray[np.uint8]
     right: NDArray[np.uint8]
     disparity_left: NDArray[np.float32]
-    disparity_right: NDArray[np.float32]
+    disparity_right: NDArray[np.float32] | None = None
     visibility_left: NDArray[np.uint8] | None = None
     visibility_right: NDArray[np.uint8] | None = None
     instances_left: NDArray[np.uint16] | None = None

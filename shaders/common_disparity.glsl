@@ -1,11 +1,12 @@
-// Disparity d = f B / Z - doffs of a depth attachment's value; 0 there means that nothing was drawn.
+// Disparity d = f B / Z - doffs, px; where it is not positive there is none.
 
 uniform float focal_baseline;  // px m
 uniform float doffs_px;
 
 const float INVALID = uintBitsToFloat(0x7F800000u);  // +inf
 
-float disparity_of(float depth_m) {
-    float disparity_px = focal_baseline / depth_m - doffs_px;
-    return depth_m > 0.0 && disparity_px > 0.0 ? disparity_px : INVALID;
+// One rounding instead of two: f B / Z may be far larger than the disparity that doffs leaves of it.
+float disparity_at(float inverse_depth) {
+    float disparity_px = fma(focal_baseline, inverse_depth, -doffs_px);
+    return disparity_px > 0.0 ? disparity_px : INVALID;
 }

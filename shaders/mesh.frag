@@ -1,5 +1,6 @@
 #version 450 core
-// COLOUR: from the patch atlas and nothing else, with up to ANISOTROPY samples. TRUTH: planar depth. SURFACE: which triangle of which instance.
+// COLOUR: from the patch atlas and nothing else, with up to ANISOTROPY samples. The rest is truth: DISPARITY, DEPTH
+// (planar), INSTANCES (ids from 1) and SURFACE (which triangle of which instance).
 
 in vec2 patch_coordinate;
 flat in int patch_layer;
@@ -7,24 +8,18 @@ flat in int scene_instance;
 
 #ifdef COLOUR
 uniform sampler2DArray atlas;
-uniform bool mirror;
 
 layout(location = COLOUR) out vec4 colour;
 
-vec4 sampled(vec2 coordinate, vec2 side_texels, float lod) {
-    // Drivers floor the position between texels to a multiple of 1/256; rounding it first keeps a position that is
-    // 1e-5 below a texel's centre from taking 1/256 of its neighbour.
-    vec2 texel = round((coordinate * side_texels - 0.5) * 256.0) / 256.0 + 0.5;
-    vec2 folded = texel / side_texels;
-    if (mirror) {
-        folded = 1.0 - abs(mod(folded, 2.0) - 1.0);
-    }
-    return textureLod(atlas, vec3(folded, float(patch_layer)), lod);
-}
-
 vec4 patch_colour() {
     vec2 side_texels = vec2(textureSize(atlas, 0).xy);
-    // Derivatives are taken of the unfolded coordinate: folding it by mirroring has none at the fold.
+    // Drivers floor the position between texels to a multiple of 1/256; rounding it first keeps a position that is
+    // 1e-5 below a texel's centre from taking 1/256 of its neighbour.
+    vec2 position = (patch_coordinate * side_texels - 0.5) * 256.0;
+    vec2 to_step = (round(position) - position) / (256.0 * side_texels);
+#if ANISOTROPY == 1
+    return texture(atlas, vec3(patch_coordinate + to_step, float(patch_layer)));
+#else
     vec2 dx = dFdx(patch_coordinate), dy = dFdy(patch_coordinate);
     float x_texels = length(dx * side_texels), y_texels = length(dy * side_texels);
     float longer = max(max(x_texels, y_texels), 1e-6);
@@ -37,14 +32,26 @@ vec4 patch_colour() {
     vec2 along = x_texels > y_texels ? dx : dy;
     vec4 sum = vec4(0.0);
     for (float tap = 0.5; tap < taps; tap += 1.0) {
-        sum += sampled(patch_coordinate + along * (tap / taps - 0.5), side_texels, lod);
+        vec2 offset = taps > 1.0 ? along * (tap / taps - 0.5) : to_step;
+        sum += textureLod(atlas, vec3(patch_coordinate + offset, float(patch_layer)), lod);
     }
     return sum / taps;
+#endif
 }
 #endif
 
-#ifdef TRUTH
-layout(location = TRUTH) out float depth_m;
+#ifdef DISPARITY
+#include "common_disparity.glsl"
+
+layout(location = DISPARITY) out float disparity_px;
+#endif
+
+#ifdef DEPTH
+layout(location = DEPTH) out float depth_m;
+#endif
+
+#ifdef INSTANCES
+layout(location = INSTANCES) out uint instance_id;
 #endif
 
 #ifdef SURFACE
@@ -55,9 +62,15 @@ void main() {
 #ifdef COLOUR
     colour = patch_colour();
 #endif
-#ifdef TRUTH
     // 1/w is linear on the screen, so the rasteriser interpolates it without a division.
+#ifdef DISPARITY
+    disparity_px = disparity_at(gl_FragCoord.w);
+#endif
+#ifdef DEPTH
     depth_m = 1.0 / gl_FragCoord.w;
+#endif
+#ifdef INSTANCES
+    instance_id = uint(scene_instance) + 1u;
 #endif
 #ifdef SURFACE
     surface = uvec2(scene_instance, gl_PrimitiveID);

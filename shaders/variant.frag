@@ -1,32 +1,27 @@
 #version 450 core
-// Other ways to a pixel's disparity than mesh.frag's and truth.frag's; measured in `semisynth-gl bench accuracy`, and not
-// offered. LINEAR writes planar depth, for truth.frag; W_DIRECT, PLANE and PLANE64 write disparity; without any of them
-// only the depth buffer is filled.
+// Other ways to a pixel's disparity than mesh.frag's; measured in `semisynth-gl bench accuracy`, and not offered. LINEAR
+// and W write planar depth, for variant_depth.frag; PLANE and PLANE64 write disparity; without any of them only the depth
+// buffer is filled.
 
 in float view_depth_m;
 flat in int scene_instance;
 
-#ifdef LINEAR
+#if defined(LINEAR) || defined(W)
 layout(location = 0) out float depth_m;
 
 void main() {
+#ifdef LINEAR
     depth_m = view_depth_m;
+#else
+    depth_m = 1.0 / gl_FragCoord.w;
+#endif
 }
-#elif defined(W_DIRECT) || defined(PLANE) || defined(PLANE64)
+#elif defined(PLANE) || defined(PLANE64)
 #include "common_disparity.glsl"
 
 layout(location = 0) out float disparity_px;
 
-#if defined(PLANE) || defined(PLANE64)
 #include "common_silhouette.glsl"
-#endif
-
-#ifdef W_DIRECT
-void main() {
-    disparity_px = focal_baseline * gl_FragCoord.w - doffs_px;
-    disparity_px = disparity_px > 0.0 ? disparity_px : INVALID;
-}
-#endif
 
 #ifdef PLANE
 void main() {
@@ -34,8 +29,7 @@ void main() {
     uint triangle = uint(gl_PrimitiveID);
     float inverse_depth = inverse_depth_at(corner_of(own, triangle, 0), corner_of(own, triangle, 1),
                                            corner_of(own, triangle, 2), gl_FragCoord.xy - 0.5);
-    disparity_px = focal_baseline * inverse_depth - doffs_px;
-    disparity_px = disparity_px > 0.0 ? disparity_px : INVALID;
+    disparity_px = disparity_at(inverse_depth);
 }
 #endif
 

@@ -17,8 +17,8 @@ WAY_TEXTS: Mapping[Way, str] = {
     "depth24-tight": "24-bit depth buffer, near plane at the largest disparity, made linear in float64",
     "depth32f": "32-bit float depth buffer, reversed, made linear in float64",
     "linear": "interpolated linear depth",
-    "w": "1/gl_FragCoord.w",
-    "w-direct": "gl_FragCoord.w times f B, without the way through depth",
+    "w": "1/gl_FragCoord.w, by way of depth",
+    "w-direct": "gl_FragCoord.w times f B",
     "plane": "plane equation of the triangle, float32",
     "plane64": "plane equation of the triangle, double precision",
 }

@@ -8,6 +8,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.cache import cache_summary
 from semisynth_gl.camera import Eye, StereoCamera
 from semisynth_gl.errors import BackendError
 from semisynth_gl.render.context import INSTALL_COMMAND, INSTALL_COMMAND_OSMESA, Backend, as_root
@@ -26,6 +27,7 @@ def doctor() -> None:
     click.echo(f"Python {platform.python_version()} on {platform.platform()}")
     for package in _PACKAGES:
         click.echo(f"  {package} {_version(package)}")
+    click.echo(f"Cache: {cache_summary()}")
     click.echo("EGL devices (in EGL's order, which is not CUDA's)")
     for device in egl_devices():
         click.echo(f"  {device.index}: {device.name}{', software' if device.software else ''}")
@@ -83,8 +85,10 @@ def plane_error_px(backend: Backend) -> float:
         frame = renderer.render(make_scene(camera, model=[0], world_from_model=[matrix], layer=[0]))
     y, x = np.mgrid[:240, :320]
     worst = 0.0
-    rendered: dict[Eye, NDArray[np.float32]] = {"left": frame.disparity_left, "right": frame.disparity_right}
+    rendered: dict[Eye, NDArray[np.float32] | None] = {"left": frame.disparity_left, "right": frame.disparity_right}
     for eye, disparity in rendered.items():
+        if disparity is None:
+            raise RuntimeError("truth of both views was asked for")
         origin = normal[0] * camera.offset_m(eye)
         depth = (2.0 - origin) / (camera.rays(eye, x, y) @ normal)
         worst = max(worst, float(np.abs(disparity - camera.disparity_px(depth)).max()))

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from semisynth_gl.config.range import NotNegativeRange, PositiveRange, Range, RangeField
-from semisynth_gl.frame import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, Output
+from semisynth_gl.frame import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, Output, TruthOf
 
 
 def _as_tuple(value: Any) -> Any:  # noqa: ANN401 - a validator sees whatever the YAML holds
@@ -294,6 +294,7 @@ class Config(Section):
         imperfections: see `ImperfectionsSection`.
         checks: see `ChecksSection`.
         outputs: what is written beside images and disparities: ``visibility``, ``instances``, ``depth``.
+        truth: of which views disparity and outputs are written: ``both``, or ``left`` alone, which is faster.
         antialias: of colour: ``none``, ``msaa4`` (or what the driver has), ``ssaa2`` to ``ssaa8``.
     """
 
@@ -308,6 +309,7 @@ class Config(Section):
     imperfections: ImperfectionsSection = ImperfectionsSection()
     checks: ChecksSection = ChecksSection()
     outputs: Annotated[tuple[Output, ...], BeforeValidator(_as_tuple)] = DEFAULT_OUTPUTS
+    truth: TruthOf = "both"
     antialias: Annotated[str, Field(pattern=ANTIALIAS_PATTERN)] = "none"
 
     @model_validator(mode="after")

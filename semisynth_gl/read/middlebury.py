@@ -39,7 +39,6 @@ REQUIRED: dict[str, Callable[[Path], Any]] = {
     "im0.png": read_rgb,
     "im1.png": read_rgb,
     "disp0GT.pfm": read_pfm,
-    "disp1GT.pfm": read_pfm,
     "calib.txt": read_calib,
     "pair.json": read_json,
 }
@@ -51,6 +50,12 @@ OPTIONAL: dict[str, dict[str, Callable[[Path], Any]]] = {
     "depth": {"depth0.pfm": read_pfm, "depth1.pfm": read_pfm},
 }
 """Files that a scene has where the config's ``outputs`` name them."""
+
+RIGHT: dict[str, Callable[[Path], Any]] = {
+    "disp1GT.pfm": read_pfm,
+    **{name: reader for files in OPTIONAL.values() for name, reader in files.items() if "1" in name},
+}
+"""Files that a scene lacks where the config's ``truth`` is of the left view alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +85,11 @@ class Index:
         """What the config names in ``outputs``; None for datasets older than that key."""
         outputs = self.config.get("outputs")
         return tuple(str(output) for output in outputs) if isinstance(outputs, list) else None
+
+    @property
+    def left_alone(self) -> bool:
+        """Whether the config asks for the left view's truth alone."""
+        return self.config.get("truth") == "left"
 
     @property
     def imperfect(self) -> bool:
@@ -138,7 +148,7 @@ class SceneFiles:
         left: (H, W, 3) uint8.
         right: (H, W, 3) uint8.
         disparity_left: (H, W) float32, px; inf where invalid.
-        disparity_right: (H, W) float32, px, in the right view's pixels.
+        disparity_right: (H, W) float32, px, in the right view's pixels, or None.
         optional: arrays of the optional files that are there, by file name.
     """
 
@@ -147,7 +157,7 @@ class SceneFiles:
     left: NDArray[np.uint8]
     right: NDArray[np.uint8]
     disparity_left: NDArray[np.float32]
-    disparity_right: NDArray[np.float32]
+    disparity_right: NDArray[np.float32] | None
     optional: dict[str, NDArray[Any]] = field(default_factory=dict)
 
 
@@ -157,9 +167,8 @@ def read_scene_files(folder: Path) -> tuple[SceneFiles | None, list[ReadError]]:
     Returns:
         The scene, or None where a file that every scene has cannot be read; and a fault for each such file.
     """
-    readers = REQUIRED | {
-        name: reader for files in OPTIONAL.values() for name, reader in files.items() if (folder / name).exists()
-    }
+    optional = RIGHT | {name: reader for files in OPTIONAL.values() for name, reader in files.items()}
+    readers = REQUIRED | {name: reader for name, reader in optional.items() if (folder / name).exists()}
     values: dict[str, Any] = {}
     faults: list[ReadError] = []
     for name, reader in readers.items():
@@ -175,7 +184,7 @@ def read_scene_files(folder: Path) -> tuple[SceneFiles | None, list[ReadError]]:
         left=values["im0.png"],
         right=values["im1.png"],
         disparity_left=values["disp0GT.pfm"],
-        disparity_right=values["disp1GT.pfm"],
+        disparity_right=values.pop("disp1GT.pfm", None),
         optional={name: value for name, value in values.items() if name not in REQUIRED},
     )
     return scene, faults

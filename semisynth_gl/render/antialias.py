@@ -78,7 +78,7 @@ class ColourTargets:
         self._resolve = gl.framebuffer([self._resolved])
         self._program: moderngl.Program | None = None
         if antialias.kind == "ssaa":
-            self._program = link_program(context, "truth.vert", "resolve.frag", {})
+            self._program = link_program(context, "whole_image.vert", "resolve.frag", {})
             set_uniform(self._program, "fine", 0)
             set_uniform(self._program, "factor", factor)
             self._vao = gl.vertex_array(self._program, [])

@@ -1,16 +1,16 @@
-"""All models in one vertex buffer, and the draw of a scene's instances of them in one call."""
+"""All models in one vertex buffer, and the draw of a scene's instances of them in two calls."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.camera import Eye
 from semisynth_gl.errors import BackendError
 from semisynth_gl.geometry.adjacency import neighbours
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.render.projection import in_view, view_from_world
+from semisynth_gl.render.projection import in_view, view_from_models
 from semisynth_gl.scene.scene import Scene
 
 # The vertex and per-instance attributes of mesh.vert, in their order.
@@ -30,6 +30,14 @@ _COMMAND = np.dtype(
 # The struct Instance of common_silhouette.glsl, std430.
 _TRACED = np.dtype([("view_from_model", "<f4", (3, 4)), ("model", "<u4", (4,))])
 _FEWEST_INSTANCES = 256
+
+
+@dataclass(frozen=True, slots=True)
+class Filled:
+    """How many instances await drawing: first those of which only fronts can be seen, then the others."""
+
+    fronts: int
+    both_sides: int
 
 
 class ModelBuffers:
@@ -56,58 +64,74 @@ class ModelBuffers:
         self._model_commands["count"] = index_counts
         self._model_commands["first_index"] = np.cumsum(index_counts) - index_counts
         self._model_commands["base_vertex"] = np.cumsum(vertex_counts) - vertex_counts
-        self._commands = gl.buffer(reserve=len(models) * _COMMAND.itemsize, dynamic=True)
+        self._solid = np.array([mesh.solid for mesh in models])
         self._vaos: dict[int, moderngl.VertexArray] = {}
         self._make_room(_FEWEST_INSTANCES)
 
     def __len__(self) -> int:
         return len(self._model_commands)
 
-    def fill(self, scene: Scene, eye: Eye) -> int:
-        """Upload the instances that one eye may see, grouped by model; return the number of draw commands."""
-        view_from_model = _view_from_model(scene, eye)
+    def fill(self, scene: Scene, eye: Eye) -> Filled:
+        """Upload the instances that one eye may see, near ones first: what they hide is then not shaded."""
+        view_from_model = view_from_models(scene, eye)
         linear = view_from_model[:, :3, :3]
         # The largest row sum of |A^T A| bounds the squared largest singular value from above, and is equal to it where
         # the instance is scaled along its own axes and then rotated.
         stretch = np.sqrt(np.abs(linear.transpose(0, 2, 1) @ linear).sum(axis=2).max(axis=1, initial=0.0))
         radius_m = self._radius[scene.model] * stretch
-        seen = np.flatnonzero(in_view(scene.camera, eye, scene.near_m, view_from_model[:, :3, 3], radius_m))
+        centre_m = view_from_model[:, :3, 3]
+        seen = np.flatnonzero(in_view(scene.camera, eye, scene.near_m, centre_m, radius_m))
+        # A mirrored instance turns its backs outwards, and one that the near plane cuts open shows them.
+        fronts_only = (
+            self._solid[scene.model[seen]]
+            & (centre_m[seen, 2] - radius_m[seen] > scene.near_m)
+            & (np.linalg.det(linear[seen]) > 0)
+        )
+        seen = seen[np.lexsort((centre_m[seen, 2] + radius_m[seen], ~fronts_only))]
+        fronts = int(fronts_only.sum())
         if len(seen) == 0:
-            return 0
-        seen = seen[np.argsort(scene.model[seen], kind="stable")]
+            return Filled(0, 0)
         instances = np.zeros(len(seen), _INSTANCE)
         instances["view_from_model"] = view_from_model[seen, :3]
         instances["patch_from_uv"][:, :2] = scene.uv_scale[seen]
         instances["patch_from_uv"][:, 2:] = scene.uv_offset[seen]
         instances["layer"] = scene.layer[seen]
         instances["instance"] = seen
-        models, counts = np.unique(scene.model[seen], return_counts=True)
-        commands = self._model_commands[models]
-        commands["instances"] = counts
-        commands["base_instance"] = np.cumsum(counts) - counts
+        commands = self._model_commands[scene.model[seen]]
+        commands["instances"] = 1
+        commands["base_instance"] = np.arange(len(seen))
         if len(seen) > self._capacity:
             for vao in self._vaos.values():
                 vao.release()
             self._vaos = {}
             self._instances.release()
+            self._commands.release()
             self._make_room(2 * len(seen))
         self._instances.orphan()
         self._instances.write(instances)
         self._commands.orphan()
         self._commands.write(commands)
-        return len(commands)
+        return Filled(fronts, len(seen) - fronts)
 
-    def draw(self, program: moderngl.Program, commands: int) -> None:
+    def draw(self, program: moderngl.Program, filled: Filled) -> None:
         """Draw what `fill` uploaded into the framebuffer in use."""
-        if commands:
-            self._vao(program).render_indirect(self._commands, moderngl.TRIANGLES, commands)
+        if filled.fronts:
+            self._gl.enable(moderngl.CULL_FACE)
+            # Image rows run downwards in the window, which mirrors the sense of rotation.
+            self._gl.front_face = "cw"
+            self._vao(program).render_indirect(self._commands, moderngl.TRIANGLES, filled.fronts)
+            self._gl.disable(moderngl.CULL_FACE)
+        if filled.both_sides:
+            self._vao(program).render_indirect(
+                self._commands, moderngl.TRIANGLES, filled.both_sides, first=filled.fronts
+            )
 
     def bind_for_tracing(self, scene: Scene, eye: Eye) -> None:
         """Bind the buffers of common_silhouette.glsl, with all instances relative to one eye."""
         if self._neighbours is None or self._traced is None:
             raise RuntimeError("these models were uploaded without their neighbours")
         rows = np.zeros(len(scene), _TRACED)
-        rows["view_from_model"] = _view_from_model(scene, eye)[:, :3]
+        rows["view_from_model"] = view_from_models(scene, eye)[:, :3]
         rows["model"][:, 0] = self._model_commands["first_index"][scene.model] // 3
         rows["model"][:, 1] = self._model_commands["base_vertex"][scene.model]
         if rows.nbytes > self._traced.size:
@@ -129,6 +153,7 @@ class ModelBuffers:
     def _make_room(self, capacity: int) -> None:
         self._capacity = capacity
         self._instances = self._gl.buffer(reserve=capacity * _INSTANCE.itemsize, dynamic=True)
+        self._commands = self._gl.buffer(reserve=capacity * _COMMAND.itemsize, dynamic=True)
 
     def _vao(self, program: moderngl.Program) -> moderngl.VertexArray:
         if program.glo not in self._vaos:
@@ -153,9 +178,3 @@ def _format(program: moderngl.Program, attributes: Sequence[tuple[str, int]], su
         parts.append(f"{count}{'i' if name in _INTEGERS else 'f'}")
         names.append(name)
     return " ".join(parts) + suffix, names
-
-
-def _view_from_model(scene: Scene, eye: Eye) -> NDArray[np.float64]:
-    """Matrices of all instances relative to one eye, (N, 4, 4) float64."""
-    view: NDArray[np.float64] = view_from_world(scene.camera, eye, scene.camera_from_world) @ scene.world_from_model
-    return view

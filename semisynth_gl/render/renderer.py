@@ -1,13 +1,13 @@
 """The renderer: models and patches go to the GPU once, then any number of scenes are drawn from them.
 
-A pair takes three steps: the drawing pass of each eye (colour, planar depth and surface, one multi-draw call; colour in
-a pass of its own where it is antialiased), the truth pass of each eye (disparity, visibility and instances from both
-eyes' depths and surfaces), and the copy of the results into arrays.
+A pair takes three steps: the drawing pass of each eye (colour, disparity and what else was asked for; colour in a pass
+of its own where it is antialiased), the visibility pass of each eye (from both eyes' disparities and surfaces), and the
+copy of the results into arrays.
 """
 
 from collections.abc import Collection, Sequence
 from types import TracebackType
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import moderngl
 import numpy as np
@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.errors import BackendError, InputError
-from semisynth_gl.frame import DEFAULT_OUTPUTS, OUTPUTS, Frame, Output
+from semisynth_gl.frame import DEFAULT_OUTPUTS, OUTPUTS, TRUTHS, Frame, Output, TruthOf
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.antialias import ColourTargets, parse_antialias
 from semisynth_gl.render.context import Backend, open_context
-from semisynth_gl.render.model_buffers import ModelBuffers
+from semisynth_gl.render.model_buffers import Filled, ModelBuffers
 from semisynth_gl.render.programs import link_program, set_uniform
 from semisynth_gl.render.projection import clip_from_view
-from semisynth_gl.render.targets import EyeTargets, needs_surface
+from semisynth_gl.render.targets import Attachment, EyeTargets
 from semisynth_gl.scene.scene import Scene
 
 Wrap = Literal["mirror", "repeat"]
@@ -30,7 +30,7 @@ Wrap = Literal["mirror", "repeat"]
 _OTHER: dict[Eye, Eye] = {"left": "right", "right": "left"}
 _MOST_INSTANCE_IDS = 65535
 # Texture units.
-_OWN_DEPTH, _OWN_SURFACE, _OTHER_DEPTH, _OTHER_SURFACE = range(4)
+_OWN_DISPARITY, _OTHER_DISPARITY, _OWN_SURFACE, _OTHER_SURFACE = range(4)
 
 
 class Renderer:
@@ -42,6 +42,7 @@ class Renderer:
         wrap: what lies beyond a patch's border, its mirror image or itself again.
         anisotropy: most samples of a patch for a pixel that sees it at a grazing angle; 1 blurs there.
         outputs: what to make beside images and disparities, of "visibility", "instances" and "depth".
+        truth: of which views disparity and outputs are made, "both" or "left".
         antialias: "none", "msaa4" (or what the driver has) or "ssaa2" to "ssaa8"; for colour only.
         backend: "auto", "egl" or "osmesa".
         device_index: EGL's number of the device.
@@ -59,6 +60,7 @@ class Renderer:
         wrap: Wrap = "mirror",
         anisotropy: int = 1,
         outputs: Collection[Output] = DEFAULT_OUTPUTS,
+        truth: TruthOf = "both",
         antialias: str = "none",
         backend: Backend = "auto",
         device_index: int = 0,
@@ -72,17 +74,21 @@ class Renderer:
         unknown = set(outputs) - set(OUTPUTS)
         if unknown:
             raise InputError(f"outputs: expected some of {', '.join(OUTPUTS)}, got {', '.join(sorted(unknown))}")
+        if truth not in TRUTHS:
+            raise InputError(f"truth: expected one of {', '.join(TRUTHS)}, got {truth}")
         if anisotropy not in range(1, 17):
             raise InputError(f"anisotropy must be a whole number from 1 to 16, got {anisotropy}")
         self._released = False
         self._outputs = frozenset(outputs)
+        self._truth_eyes: tuple[Eye, ...] = EYES if truth == "both" else ("left",)
         self._antialias = parse_antialias(antialias)
+        self._attachments: dict[Eye, tuple[Attachment, ...]] = {eye: self._drawn(eye) for eye in EYES}
         self._context = open_context(backend, device_index)
         try:
             self._gl = self._context.gl
             self._atlas = self._upload_atlas(layers, wrap)
             self._models = ModelBuffers(self._gl, models, traced="visibility" in self._outputs)
-            self._link_programs(wrap, anisotropy)
+            self._link_programs(anisotropy)
         except BaseException:
             self._context.release()
             raise
@@ -129,27 +135,26 @@ class Renderer:
     def _render(self, scene: Scene) -> Frame:
         self._resize(scene.camera.width_px, scene.camera.height_px)
         colour = {eye: self._draw(scene, eye) for eye in EYES}
+        if "visibility" in self._outputs:
+            for eye in self._truth_eyes:
+                self._derive_visibility(scene, eye)
+        arrays: dict[str, NDArray[Any]] = {}
         for eye in EYES:
-            self._derive_truth(scene, eye)
-        left, right = self._targets["left"], self._targets["right"]
-        with_depth = "depth" in self._outputs
-        frame = Frame(
-            camera=scene.camera,
-            left=left.read_colour() if colour["left"] is None else colour["left"],
-            right=right.read_colour() if colour["right"] is None else colour["right"],
-            disparity_left=left.read_disparity(),
-            disparity_right=right.read_disparity(),
-            visibility_left=left.read_visibility(),
-            visibility_right=right.read_visibility(),
-            instances_left=left.read_instances(),
-            instances_right=right.read_instances(),
-            depth_left=left.read_depth() if with_depth else None,
-            depth_right=right.read_depth() if with_depth else None,
-        )
+            targets, antialiased = self._targets[eye], colour[eye]
+            arrays[eye] = targets.read_colour() if antialiased is None else antialiased
+            if eye not in self._truth_eyes:
+                continue
+            arrays[f"disparity_{eye}"] = targets.read_disparity()
+            if "visibility" in self._outputs:
+                arrays[f"visibility_{eye}"] = targets.read_visibility()
+            if "instances" in self._outputs:
+                arrays[f"instances_{eye}"] = targets.read_instances()
+            if "depth" in self._outputs:
+                arrays[f"depth_{eye}"] = targets.read_depth()
         error = self._gl.error
         if error != "GL_NO_ERROR":
             raise BackendError(f"{self.renderer_name} reported {error} while drawing a pair")
-        return frame
+        return Frame(scene.camera, **arrays)
 
     def release(self) -> None:
         """Free the context and all that it holds; a second call does nothing."""
@@ -176,35 +181,56 @@ class Renderer:
         atlas = self._gl.texture_array((side, side, count), 4, np.ascontiguousarray(layers))
         atlas.build_mipmaps()
         atlas.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
-        # The shader mirrors by folding the coordinate; what it folds must then end at the border.
-        atlas.repeat_x = atlas.repeat_y = wrap == "repeat"
+        if wrap == "mirror":
+            self._context.unbound.mirror_beyond_border(atlas.glo)
         return atlas
 
-    def _link_programs(self, wrap: Wrap, anisotropy: int) -> None:
-        """Link the programs; the numbers are the attachments that `EyeTargets` has."""
-        drawn = ["TRUTH", *(["SURFACE"] if needs_surface(self._outputs) else [])]
+    def _drawn(self, eye: Eye) -> tuple[Attachment, ...]:
+        """What the drawing pass of an eye writes."""
+        names: list[Attachment] = []
         if self._antialias.kind == "none":
-            drawn.insert(0, "COLOUR")
-        sampling = {"ANISOTROPY": anisotropy}
-        self._draw_program = link_program(self._context, "mesh.vert", "mesh.frag", _numbered(drawn) | sampling)
-        self._colour_program = self._draw_program
+            names.append("colour")
+        own, visibility = eye in self._truth_eyes, "visibility" in self._outputs
+        if own or visibility:
+            names.append("disparity")
+        if own and "depth" in self._outputs:
+            names.append("depth")
+        if own and "instances" in self._outputs:
+            names.append("instances")
+        if visibility:
+            names.append("surface")
+        return tuple(names)
+
+    def _link_programs(self, anisotropy: int) -> None:
+        self._draw_programs: dict[Eye, moderngl.Program] = {}
+        for eye, names in self._attachments.items():
+            # Both eyes' are the same where they write the same.
+            same = next((other for other in self._draw_programs if self._attachments[other] == names), None)
+            self._draw_programs[eye] = (
+                self._draw_programs[same]
+                if same
+                else link_program(
+                    self._context,
+                    "mesh.vert",
+                    "mesh.frag",
+                    {name.upper(): number for number, name in enumerate(names)} | {"ANISOTROPY": anisotropy},
+                )
+            )
+        self._colour_program: moderngl.Program | None = None
         if self._antialias.kind != "none":
-            self._colour_program = link_program(self._context, "mesh.vert", "mesh.frag", {"COLOUR": 0} | sampling)
-        set_uniform(self._colour_program, "atlas", 0)
-        set_uniform(self._colour_program, "mirror", wrap == "mirror")
-
-        derived = ["DISPARITY", *(name.upper() for name in ("visibility", "instances") if name in self._outputs)]
-        self._truth_passes = [self._truth_pass(_numbered(derived))]
+            self._colour_program = link_program(
+                self._context, "mesh.vert", "mesh.frag", {"COLOUR": 0, "ANISOTROPY": anisotropy}
+            )
+        self._visibility_passes = []
         if "visibility" in self._outputs:
-            self._truth_passes += [self._truth_pass(_numbered(derived) | {"TRACE": n}) for n in (1, 2)]
+            self._visibility_passes = [self._visibility_pass(defines) for defines in ({}, {"TRACE": 1}, {"TRACE": 2})]
 
-    def _truth_pass(self, defines: dict[str, int]) -> tuple[moderngl.Program, moderngl.VertexArray]:
-        program = link_program(self._context, "truth.vert", "truth.frag", defines)
-        set_uniform(program, "own_depth", _OWN_DEPTH)
-        if needs_surface(self._outputs):
+    def _visibility_pass(self, defines: dict[str, int]) -> tuple[moderngl.Program, moderngl.VertexArray]:
+        program = link_program(self._context, "whole_image.vert", "visibility.frag", defines)
+        set_uniform(program, "own_disparity", _OWN_DISPARITY)
+        set_uniform(program, "other_disparity", _OTHER_DISPARITY)
+        if defines:
             set_uniform(program, "own_surface", _OWN_SURFACE)
-        if "visibility" in self._outputs:
-            set_uniform(program, "other_depth", _OTHER_DEPTH)
             set_uniform(program, "other_surface", _OTHER_SURFACE)
         return program, self._gl.vertex_array(program, [])
 
@@ -229,7 +255,14 @@ class Renderer:
         # All or nothing: a size that the driver refuses leaves the renderer as it was.
         colour_targets = ColourTargets(self._context, width_px, height_px, self._antialias) if antialiased else None
         self._targets = {
-            eye: EyeTargets(self._context, width_px, height_px, self._outputs, colour=not antialiased) for eye in EYES
+            eye: EyeTargets(
+                self._context,
+                width_px,
+                height_px,
+                names,
+                visibility="visibility" in self._outputs and eye in self._truth_eyes,
+            )
+            for eye, names in self._attachments.items()
         }
         self._colour_targets = colour_targets
         # moderngl binds the framebuffer in use again after making a new one, so the old ones go last.
@@ -241,51 +274,50 @@ class Renderer:
         self._size = (width_px, height_px)
 
     def _draw(self, scene: Scene, eye: Eye) -> NDArray[np.uint8] | None:
-        """Draw one eye's depth, surface and colour; return the colour where it is antialiased."""
-        commands = self._models.fill(scene, eye)
+        """Draw one eye; return the colour where it is antialiased."""
+        filled = self._models.fill(scene, eye)
         projection = tuple(clip_from_view(scene.camera, eye, scene.near_m).T.ravel().tolist())
         self._atlas.use(0)
-        self._draw_into(self._targets[eye].drawing, self._draw_program, projection, commands)
-        if self._colour_targets is None:
+        program = self._draw_programs[eye]
+        if self._attachments[eye]:
+            self._targets[eye].clear()
+            if "disparity" in self._attachments[eye]:
+                set_uniform(program, "focal_baseline", scene.camera.focal_baseline)
+                set_uniform(program, "doffs_px", scene.camera.doffs_px)
+            self._draw_models(program, projection, filled)
+        if self._colour_targets is None or self._colour_program is None:
             return None
-        self._draw_into(self._colour_targets.fine, self._colour_program, projection, commands)
+        self._colour_targets.fine.use()
+        self._colour_targets.fine.clear(0.0, 0.0, 0.0, 0.0, depth=0.0)
+        self._draw_models(self._colour_program, projection, filled)
         return self._colour_targets.read_colour()
 
-    def _draw_into(
-        self, target: moderngl.Framebuffer, program: moderngl.Program, projection: tuple[float, ...], commands: int
-    ) -> None:
-        target.use()
+    def _draw_models(self, program: moderngl.Program, projection: tuple[float, ...], filled: Filled) -> None:
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">"
-        target.clear(0.0, 0.0, 0.0, 0.0, depth=0.0)
         set_uniform(program, "clip_from_view", projection)
-        self._models.draw(program, commands)
+        self._models.draw(program, filled)
 
-    def _derive_truth(self, scene: Scene, eye: Eye) -> None:
+    def _derive_visibility(self, scene: Scene, eye: Eye) -> None:
         own, other, camera = self._targets[eye], self._targets[_OTHER[eye]], scene.camera
-        own.truth.use()
-        own.depth_m.use(_OWN_DEPTH)
-        if own.surface is not None:
-            own.surface.use(_OWN_SURFACE)
-        if "visibility" in self._outputs and other.surface is not None:
-            other.depth_m.use(_OTHER_DEPTH)
-            other.surface.use(_OTHER_SURFACE)
-            self._models.bind_for_tracing(scene, _OTHER[eye])
+        if own.visibility is None:
+            raise RuntimeError("these targets were made without visibility")
+        own.visibility.use()
+        own.use("disparity", _OWN_DISPARITY)
+        own.use("surface", _OWN_SURFACE)
+        other.use("disparity", _OTHER_DISPARITY)
+        other.use("surface", _OTHER_SURFACE)
+        self._models.bind_for_tracing(scene, _OTHER[eye])
         self._gl.enable_only(moderngl.DEPTH_TEST)
         # All draws stand at depth 0, where nothing drawn can be. What the first discards keeps the drawing's depth,
         # and the others are drawn where that is so.
-        for number, (program, vao) in enumerate(self._truth_passes):
+        for number, (program, vao) in enumerate(self._visibility_passes):
             self._gl.depth_func = "1" if number == 0 else "!="
-            set_uniform(program, "focal_baseline", camera.focal_baseline)
-            set_uniform(program, "doffs_px", camera.doffs_px)
-            if "visibility" in self._outputs:
-                set_uniform(program, "other_from_own", -1.0 if eye == "left" else 1.0)
+            set_uniform(program, "other_from_own", -1.0 if eye == "left" else 1.0)
             if number > 0:
+                set_uniform(program, "focal_baseline", camera.focal_baseline)
+                set_uniform(program, "doffs_px", camera.doffs_px)
                 set_uniform(program, "focal_px", camera.focal_px)
                 set_uniform(program, "near_m", scene.near_m)
                 set_uniform(program, "other_centre_px", (camera.cx_px(_OTHER[eye]), camera.cy_px))
             vao.render(moderngl.TRIANGLES, 3)
-
-
-def _numbered(names: Sequence[str]) -> dict[str, int]:
-    return {name: number for number, name in enumerate(names)}

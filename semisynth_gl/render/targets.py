@@ -1,42 +1,55 @@
 """The framebuffers of one eye and one image size, made once and reused for every pair."""
 
-from collections.abc import Collection
-from typing import TypeVar
+from collections.abc import Sequence
+from typing import Any, Literal
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.errors import BackendError
-from semisynth_gl.frame import Output
 from semisynth_gl.render.context import GraphicsContext
 
-_Scalar = TypeVar("_Scalar", bound=np.generic)
+Attachment = Literal["colour", "disparity", "depth", "instances", "surface"]
+
+# Components and moderngl's type of each attachment, and what it holds where nothing is drawn. Nothing is read of a
+# surface there.
+_FORMATS: dict[Attachment, tuple[int, str]] = {
+    "colour": (4, "f1"),
+    "disparity": (1, "f4"),
+    "depth": (1, "f4"),
+    "instances": (1, "u2"),
+    "surface": (2, "u4"),
+}
+_NOTHING: dict[Attachment, float] = {"colour": 0.0, "disparity": np.inf, "depth": np.inf, "instances": 0, "surface": 0}
 
 
 class EyeTargets:
     """What one eye draws into.
 
     Attributes:
-        drawing: framebuffer of the drawing pass, with a 32-bit float depth buffer: colour (unless it is antialiased
-            elsewhere), planar depth, and the surface where an output needs it.
-        truth: framebuffer of the truth pass: disparity, and visibility and instances where they are asked for.
-        depth_m: R32F, planar depth in metres; 0 where nothing is drawn.
-        surface: RG32UI, instance and triangle; without meaning where nothing is drawn.
+        drawing: framebuffer of the drawing pass, with a 32-bit float depth buffer.
+        visibility: framebuffer of the visibility pass, or None.
 
     Args:
         context: the open context.
         width_px: image width.
         height_px: image height.
-        outputs: what is asked for beside images and disparity.
-        colour: whether the drawing pass has colour.
+        attachments: of the drawing pass, in the order of the shader's outputs.
+        visibility: whether there is a visibility pass.
 
     Raises:
         BackendError: where the driver has no textures or framebuffers of that size.
     """
 
     def __init__(
-        self, context: GraphicsContext, width_px: int, height_px: int, outputs: Collection[Output], *, colour: bool
+        self,
+        context: GraphicsContext,
+        width_px: int,
+        height_px: int,
+        attachments: Sequence[Attachment],
+        *,
+        visibility: bool,
     ) -> None:
         gl, size = context.gl, (width_px, height_px)
         limit = min(int(gl.info["GL_MAX_TEXTURE_SIZE"]), *(int(side) for side in gl.info["GL_MAX_VIEWPORT_DIMS"]))
@@ -45,76 +58,76 @@ class EyeTargets:
                 f"an image of {width_px} x {height_px} px was asked for, but {context.renderer} goes up to "
                 f"{limit} px a side: lower camera.width_px or camera.height_px"
             )
+        self._unbound = context.unbound
+        self._attachments = tuple(attachments)
         try:
-            self.depth_m = gl.texture(size, 1, dtype="f4")
-            self.surface = gl.texture(size, 2, dtype="u4") if needs_surface(outputs) else None
-            self._colour = gl.texture(size, 4) if colour else None
-            self._disparity = gl.texture(size, 1, dtype="f4")
-            self._visibility = gl.texture(size, 1, dtype="u1") if "visibility" in outputs else None
-            self._instances = gl.texture(size, 1, dtype="u2") if "instances" in outputs else None
+            self._textures = {
+                name: gl.texture(size, _FORMATS[name][0], dtype=_FORMATS[name][1]) for name in attachments
+            }
+            self._visibility = gl.texture(size, 1, dtype="u1") if visibility else None
             self._depth_buffer = gl.depth_renderbuffer(size)
             context.unbound.make_depth_float32(self._depth_buffer.glo, width_px, height_px)
-            self._drawn = _present(self._colour, self.depth_m, self.surface)
-            self._derived = _present(self._disparity, self._visibility, self._instances)
-            self.drawing = gl.framebuffer(self._drawn, self._depth_buffer)
-            # The truth pass marks decided pixels in the depth buffer that the drawing pass has done with.
-            self.truth = gl.framebuffer(self._derived, self._depth_buffer)
+            self.drawing = gl.framebuffer(list(self._textures.values()), self._depth_buffer)
+            # The visibility pass marks decided pixels in the depth buffer that the drawing pass has done with.
+            self.visibility = gl.framebuffer([self._visibility], self._depth_buffer) if self._visibility else None
         except moderngl.Error as error:
             raise BackendError(f"{context.renderer} cannot draw {width_px} x {height_px} px: {error}") from error
-        for texture in (*self._drawn, *self._derived):
+        for texture in self._textures.values():
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            texture.repeat_x = texture.repeat_y = False
+
+    def clear(self) -> None:
+        """Bind the drawing pass's framebuffer and clear it to what stands where nothing is drawn."""
+        self.drawing.use()
+        for number, name in enumerate(self._attachments):
+            if _FORMATS[name][1].startswith("u"):
+                self._unbound.clear_unsigned(number, int(_NOTHING[name]))
+            else:
+                self._unbound.clear_float(number, _NOTHING[name])
+        self._unbound.clear_depth(0.0)
+
+    def use(self, name: Attachment, unit: int) -> None:
+        """Bind an attachment's texture to a texture unit."""
+        self._textures[name].use(unit)
 
     def read_colour(self) -> NDArray[np.uint8]:
         """Copy the colour out as (H, W, 3) uint8 RGB, top row first."""
-        width, height = self.drawing.size
-        pixels = np.empty((height, width, 3), np.uint8)
-        # An alignment of 1 keeps rows tightly packed: 3 * 941 bytes is no multiple of 4.
-        self.drawing.read_into(pixels, components=3, attachment=0, alignment=1)
-        return pixels
+        return self._read(self.drawing, self._attachments.index("colour"), np.uint8, "f1", components=3)
 
     def read_disparity(self) -> NDArray[np.float32]:
-        """Copy the disparity out as (H, W) float32 px, top row first."""
-        return self._read(self.truth, self._derived.index(self._disparity), np.float32, "f4")
-
-    def read_visibility(self) -> NDArray[np.uint8] | None:
-        """Copy the visibility out as (H, W) uint8, or None where it was not asked for."""
-        if self._visibility is None:
-            return None
-        return self._read(self.truth, self._derived.index(self._visibility), np.uint8, "u1")
-
-    def read_instances(self) -> NDArray[np.uint16] | None:
-        """Copy the instance ids out as (H, W) uint16, or None where they were not asked for."""
-        if self._instances is None:
-            return None
-        return self._read(self.truth, self._derived.index(self._instances), np.uint16, "u2")
+        """Copy the disparity out as (H, W) float32 px, top row first; inf where nothing is drawn."""
+        return self._read(self.drawing, self._attachments.index("disparity"), np.float32, "f4")
 
     def read_depth(self) -> NDArray[np.float32]:
-        """Copy the planar depth out as (H, W) float32 m, inf where nothing is drawn."""
-        depth_m = self._read(self.drawing, self._drawn.index(self.depth_m), np.float32, "f4")
-        depth_m[depth_m == 0] = np.inf
-        return depth_m
+        """Copy the planar depth out as (H, W) float32 m; inf where nothing is drawn."""
+        return self._read(self.drawing, self._attachments.index("depth"), np.float32, "f4")
 
+    def read_instances(self) -> NDArray[np.uint16]:
+        """Copy the instance ids out as (H, W) uint16; 0 where nothing is drawn."""
+        return self._read(self.drawing, self._attachments.index("instances"), np.uint16, "u2")
+
+    def read_surface(self) -> NDArray[np.uint32]:
+        """Copy instance and triangle out as (H, W, 2) uint32; without meaning where nothing is drawn."""
+        return self._read(self.drawing, self._attachments.index("surface"), np.uint32, "u4", components=2)
+
+    def read_visibility(self) -> NDArray[np.uint8]:
+        """Copy the visibility out as (H, W) uint8."""
+        if self.visibility is None:
+            raise RuntimeError("these targets were made without visibility")
+        return self._read(self.visibility, 0, np.uint8, "u1")
+
+    @staticmethod
     def _read(
-        self, framebuffer: moderngl.Framebuffer, attachment: int, dtype: type[_Scalar], name: str
-    ) -> NDArray[_Scalar]:
+        framebuffer: moderngl.Framebuffer, attachment: int, dtype: type[Any], name: str, components: int = 1
+    ) -> NDArray[Any]:
         width, height = framebuffer.size
-        pixels = np.empty((height, width), dtype)
-        framebuffer.read_into(pixels, components=1, attachment=attachment, dtype=name, alignment=1)
+        pixels = np.empty((height, width, components) if components > 1 else (height, width), dtype)
+        # An alignment of 1 keeps rows tightly packed: 3 * 941 bytes is no multiple of 4.
+        framebuffer.read_into(pixels, components=components, attachment=attachment, dtype=name, alignment=1)
         return pixels
 
     def release(self) -> None:
         """Free everything; framebuffers first, since they hold on to their attachments."""
-        for framebuffer in (self.drawing, self.truth):
-            framebuffer.release()
-        for texture in (*self._drawn, *self._derived):
-            texture.release()
-        self._depth_buffer.release()
-
-
-def needs_surface(outputs: Collection[Output]) -> bool:
-    """Whether an output is made from the triangle and instance that each pixel shows."""
-    return "visibility" in outputs or "instances" in outputs
-
-
-def _present(*textures: moderngl.Texture | None) -> list[moderngl.Texture]:
-    return [texture for texture in textures if texture is not None]
+        for resource in (self.drawing, self.visibility, *self._textures.values(), self._visibility, self._depth_buffer):
+            if resource is not None:
+                resource.release()

@@ -12,8 +12,12 @@ _GL_DITHER = 0x0BD0
 _GL_RENDERBUFFER = 0x8D41
 _GL_DEPTH_COMPONENT32F = 0x8CAC
 _GL_RENDERBUFFER_DEPTH_SIZE = 0x8D54
+_GL_COLOR, _GL_DEPTH = 0x1800, 0x1801
+_GL_TEXTURE_WRAP_S, _GL_TEXTURE_WRAP_T = 0x2802, 0x2803
+_GL_MIRRORED_REPEAT = 0x8370
 
 _UINT, _INT, _INTS = ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_int)
+_FLOATS, _UINTS = ctypes.POINTER(ctypes.c_float), ctypes.POINTER(ctypes.c_uint)
 
 
 class UnboundCalls:
@@ -38,6 +42,9 @@ class UnboundCalls:
         self._bind = function("glBindRenderbuffer", _UINT, _UINT)
         self._storage = function("glRenderbufferStorageMultisample", _UINT, _INT, _UINT, _INT, _INT)
         self._parameter = function("glGetRenderbufferParameteriv", _UINT, _UINT, _INTS)
+        self._clear_float = function("glClearBufferfv", _UINT, _INT, _FLOATS)
+        self._clear_unsigned = function("glClearBufferuiv", _UINT, _INT, _UINTS)
+        self._texture_parameter = function("glTextureParameteri", _UINT, _UINT, _INT)
 
     def use_zero_to_one_depth(self) -> None:
         """Map clip z to [0, 1] instead of [-1, 1].
@@ -49,6 +56,23 @@ class UnboundCalls:
     def disable_dither(self) -> None:
         """Keep colours as they are; OpenGL allows drivers to dither by default."""
         self._disable(_GL_DITHER)
+
+    def clear_float(self, attachment: int, value: float) -> None:
+        """Clear a float or fixed-point attachment of the framebuffer in use."""
+        self._clear_float(_GL_COLOR, attachment, (ctypes.c_float * 4)(*[value] * 4))
+
+    def clear_unsigned(self, attachment: int, value: int) -> None:
+        """Clear an unsigned integer attachment of the framebuffer in use; a clear by floats is undefined for it."""
+        self._clear_unsigned(_GL_COLOR, attachment, (ctypes.c_uint * 4)(*[value] * 4))
+
+    def clear_depth(self, value: float) -> None:
+        """Clear the depth buffer of the framebuffer in use."""
+        self._clear_float(_GL_DEPTH, 0, ctypes.byref(ctypes.c_float(value)))
+
+    def mirror_beyond_border(self, texture: int) -> None:
+        """Let a texture go on as its mirror image."""
+        for wrap in (_GL_TEXTURE_WRAP_S, _GL_TEXTURE_WRAP_T):
+            self._texture_parameter(texture, wrap, _GL_MIRRORED_REPEAT)
 
     def make_depth_float32(self, renderbuffer: int, width_px: int, height_px: int, samples: int = 0) -> None:
         """Give a renderbuffer 32-bit float depth storage; moderngl's own is 24-bit integer.

@@ -10,23 +10,22 @@ from numpy.typing import NDArray
 
 from semisynth_gl.camera import Eye
 from semisynth_gl.errors import BackendError
-from semisynth_gl.frame import Output
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.context import Backend, open_context
 from semisynth_gl.render.model_buffers import ModelBuffers
 from semisynth_gl.render.programs import link_program, set_uniform
-from semisynth_gl.render.projection import clip_from_view, view_from_world
+from semisynth_gl.render.projection import clip_from_view, view_from_models
 from semisynth_gl.render.targets import EyeTargets
 from semisynth_gl.scene.scene import Scene
 
 Way = Literal["depth24", "depth24-tight", "depth32f", "linear", "w", "w-direct", "plane", "plane64"]
 WAYS: tuple[Way, ...] = get_args(Way)
-DEFAULT_WAY: Way = "w"
+DEFAULT_WAY: Way = "w-direct"
 
 _DEPTH_BUFFER_WAYS: tuple[Way, ...] = ("depth24", "depth24-tight", "depth32f")
 _DEFINES: dict[Way, dict[str, int]] = {
     "linear": {"LINEAR": 1},
-    "w-direct": {"W_DIRECT": 1},
+    "w": {"W": 1},
     "plane": {"PLANE": 1},
     "plane64": {"PLANE64": 1},
 }
@@ -34,7 +33,6 @@ _DEFINES: dict[Way, dict[str, int]] = {
 _CUSTOMARY_NEAR_M = 0.05
 # A 24-bit buffer's step in 1/Z is (1/near - 1/far) / 2^24: the far plane does not matter, so it stands out of the way.
 _FAR_M = 1e5
-_WITH_SURFACE: tuple[Output, ...] = ("instances",)
 _STEPS_24 = 2**24 - 1
 _POSES = 4  # the binding in variant.frag
 
@@ -60,6 +58,7 @@ class DisparityVariants:
         self._models = ModelBuffers(self._gl, models, traced=True)
         self._poses = self._gl.buffer(reserve=1)
         self._targets: EyeTargets | None = None
+        self._depth_m: EyeTargets | None = None
         self._depth_only: dict[int, tuple[moderngl.Renderbuffer, moderngl.Framebuffer]] = {}
         self._programs: dict[Way, moderngl.Program] = {}
         self.left_out: dict[str, str] = {}
@@ -68,17 +67,17 @@ class DisparityVariants:
             if way in _DEPTH_BUFFER_WAYS:
                 self._programs[way] = depth_only
             elif way == DEFAULT_WAY:
-                self._programs[way] = link_program(self._context, "mesh.vert", "mesh.frag", {"TRUTH": 0})
+                self._programs[way] = link_program(self._context, "mesh.vert", "mesh.frag", {"DISPARITY": 0})
             else:
                 try:
                     self._programs[way] = link_program(self._context, "variant.vert", "variant.frag", _DEFINES[way])
                 except BackendError as error:
                     self.left_out[way] = str(error)
         self.ways = tuple(self._programs)
-        self._truth = link_program(self._context, "truth.vert", "truth.frag", {"DISPARITY": 0})
-        set_uniform(self._truth, "own_depth", 0)
-        self._truth_vao = self._gl.vertex_array(self._truth, [])
-        self._surface = link_program(self._context, "mesh.vert", "mesh.frag", {"TRUTH": 0, "SURFACE": 1})
+        self._from_depth = link_program(self._context, "whole_image.vert", "variant_depth.frag", {})
+        set_uniform(self._from_depth, "depth_m", 0)
+        self._from_depth_vao = self._gl.vertex_array(self._from_depth, [])
+        self._surface = link_program(self._context, "mesh.vert", "mesh.frag", {"INSTANCES": 0, "SURFACE": 1})
 
     def __enter__(self) -> Self:
         return self
@@ -125,13 +124,13 @@ class DisparityVariants:
             Two (H, W) int64 arrays; -1 where nothing is seen.
         """
         camera = scene.camera
-        targets = EyeTargets(self._context, camera.width_px, camera.height_px, _WITH_SURFACE, colour=False)
-        self._draw(scene, eye, self._surface, targets.drawing)
-        if targets.surface is None:
-            raise RuntimeError("ids were asked for")
-        shape = camera.height_px, camera.width_px
-        ids = np.frombuffer(targets.surface.read(alignment=1), np.uint32).reshape(*shape, 2).astype(np.int64)
-        ids[~np.isfinite(targets.read_depth())] = -1
+        targets = EyeTargets(
+            self._context, camera.width_px, camera.height_px, ("instances", "surface"), visibility=False
+        )
+        targets.clear()
+        self._draw(scene, eye, self._surface)
+        ids = targets.read_surface().astype(np.int64)
+        ids[targets.read_instances() == 0] = -1
         self._check()
         # moderngl binds the framebuffer in use again after making a new one, so it must not be one that is gone.
         self._sized(scene).drawing.use()
@@ -144,14 +143,16 @@ class DisparityVariants:
 
     def _from_shader(self, scene: Scene, eye: Eye, way: Way) -> NDArray[np.float32]:
         targets, program, camera = self._sized(scene), self._programs[way], scene.camera
-        if way in ("linear", "w"):
-            self._draw(scene, eye, program, targets.drawing)
-            targets.truth.use()
-            targets.depth_m.use(0)
+        if way in ("linear", "w") and self._depth_m is not None:
+            self._depth_m.drawing.use()
+            self._depth_m.drawing.clear(0.0, 0.0, 0.0, 0.0, depth=0.0)
+            self._draw(scene, eye, program)
+            targets.drawing.use()
+            self._depth_m.use("depth", 0)
             self._gl.enable_only(moderngl.NOTHING)
-            set_uniform(self._truth, "focal_baseline", camera.focal_baseline)
-            set_uniform(self._truth, "doffs_px", camera.doffs_px)
-            self._truth_vao.render(moderngl.TRIANGLES, 3)
+            set_uniform(self._from_depth, "focal_baseline", camera.focal_baseline)
+            set_uniform(self._from_depth, "doffs_px", camera.doffs_px)
+            self._from_depth_vao.render(moderngl.TRIANGLES, 3)
             return targets.read_disparity()
         centre = camera.cx_px(eye), camera.cy_px
         if way == "plane64":
@@ -168,21 +169,26 @@ class DisparityVariants:
             set_uniform(program, "other_centre_px", centre)
         if way in ("plane", "plane64"):
             self._models.bind_for_tracing(scene, eye)
-        self._draw(scene, eye, program, targets.truth, nothing=np.inf)
+        targets.clear()
+        self._draw(scene, eye, program)
         return targets.read_disparity()
 
     def _from_depth_buffer(self, scene: Scene, eye: Eye, way: Way) -> NDArray[np.float32]:
         camera, bits = scene.camera, 32 if way == "depth32f" else 24
         target = self._depth_target(scene, bits)
         if bits == 32:
-            self._draw(scene, eye, self._programs[way], target)
+            target.use()
+            target.clear(depth=0.0)
+            self._draw(scene, eye, self._programs[way])
             inverse_depth = self._read_depth(target).astype(np.float64) / scene.near_m
             seen = inverse_depth > 0
         else:
             near = scene.near_m if way == "depth24-tight" else min(scene.near_m, _CUSTOMARY_NEAR_M)
             projection = clip_from_view(camera, eye, near)
             projection[2] = 0, 0, _FAR_M / (_FAR_M - near), -_FAR_M * near / (_FAR_M - near)
-            self._draw(scene, eye, self._programs[way], target, projection=projection)
+            target.use()
+            target.clear(depth=1.0)
+            self._draw(scene, eye, self._programs[way], projection=projection)
             # float32 holds each of the 2^24 values once, so the buffer's integers come back from it.
             steps = np.rint(self._read_depth(target).astype(np.float64) * _STEPS_24)
             inverse_depth = 1 / near - steps / _STEPS_24 * (1 / near - 1 / _FAR_M)
@@ -191,29 +197,19 @@ class DisparityVariants:
         return np.where(seen & (disparity > 0), disparity, np.inf).astype(np.float32)
 
     def _draw(
-        self,
-        scene: Scene,
-        eye: Eye,
-        program: moderngl.Program,
-        target: moderngl.Framebuffer,
-        *,
-        projection: NDArray[np.float64] | None = None,
-        nothing: float = 0.0,
+        self, scene: Scene, eye: Eye, program: moderngl.Program, *, projection: NDArray[np.float64] | None = None
     ) -> None:
-        """Draw one eye; with a projection of one's own, depth grows with distance."""
-        commands = self._models.fill(scene, eye)
-        reversed_depth = projection is None
+        """Draw one eye into the framebuffer in use; with a projection of one's own, depth grows with distance."""
+        filled = self._models.fill(scene, eye)
+        self._gl.enable_only(moderngl.DEPTH_TEST)
+        self._gl.depth_func = ">" if projection is None else "<"
         if projection is None:
             projection = clip_from_view(scene.camera, eye, scene.near_m)
-        target.use()
-        self._gl.enable_only(moderngl.DEPTH_TEST)
-        self._gl.depth_func = ">" if reversed_depth else "<"
-        target.clear(nothing, 0.0, 0.0, 0.0, depth=0.0 if reversed_depth else 1.0)
         set_uniform(program, "clip_from_view", tuple(projection.T.ravel().tolist()))
-        self._models.draw(program, commands)
+        self._models.draw(program, filled)
 
     def _bind_poses(self, scene: Scene, eye: Eye) -> None:
-        view_from_model = view_from_world(scene.camera, eye, scene.camera_from_world) @ scene.world_from_model
+        view_from_model = view_from_models(scene, eye)
         rows = np.ascontiguousarray(view_from_model[:, :3])
         self._poses.orphan(max(rows.nbytes, 1))
         if rows.nbytes:
@@ -223,10 +219,12 @@ class DisparityVariants:
     def _sized(self, scene: Scene) -> EyeTargets:
         size = scene.camera.width_px, scene.camera.height_px
         if self._targets is None or self._targets.drawing.size != size:
-            outgrown, self._targets = self._targets, EyeTargets(self._context, *size, (), colour=False)
+            outgrown = [targets for targets in (self._targets, self._depth_m) if targets is not None]
+            self._targets = EyeTargets(self._context, *size, ("disparity",), visibility=False)
+            self._depth_m = EyeTargets(self._context, *size, ("depth",), visibility=False)
             self._targets.drawing.use()
-            if outgrown is not None:
-                outgrown.release()
+            for targets in outgrown:
+                targets.release()
         return self._targets
 
     def _depth_target(self, scene: Scene, bits: int) -> moderngl.Framebuffer:

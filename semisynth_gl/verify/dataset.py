@@ -51,6 +51,9 @@ def _check_scene(scene: SceneFiles, index: Index, verdict: Verdict) -> None:
     check_disparity(scene, index.number("disparity", "max_px"), verdict)
     check_depth(scene, verdict)
     check_instances(scene, verdict)
+    if scene.disparity_right is None:
+        # What follows compares the views with each other.
+        return
     left = match_views(scene.disparity_left, scene.disparity_right, -1)
     mask = scene.optional.get("mask0nocc.png")
     if mask is not None:

@@ -26,8 +26,11 @@ def check_disparity(scene: SceneFiles, most: float | None, verdict: Verdict) -> 
         most: the largest that the config allows, px, or None.
         verdict: takes findings and measures.
     """
-    invalid = 0
+    invalid = pixels = 0
     for side, disparity in zip(VIEWS, (scene.disparity_left, scene.disparity_right), strict=True):
+        if disparity is None:
+            continue
+        pixels += disparity.size
         infinite = np.isposinf(disparity)
         valid = np.isfinite(disparity)
         invalid += int(infinite.sum())
@@ -47,7 +50,7 @@ def check_disparity(scene: SceneFiles, most: float | None, verdict: Verdict) -> 
                 verdict.add("disparity", f"{side}: largest {largest:g} px, the config allows {most:g} px")
         if infinite.any():
             _check_invalid(side, disparity, infinite, scene.calibration.camera, verdict)
-    verdict.measures["invalid_share"] = invalid / (2 * scene.disparity_left.size)
+    verdict.measures["invalid_share"] = invalid / pixels
 
 
 def _check_invalid(
@@ -106,7 +109,7 @@ def check_depth(scene: SceneFiles, verdict: Verdict) -> None:
     camera = scene.calibration.camera
     for name, disparity in (("depth0.pfm", scene.disparity_left), ("depth1.pfm", scene.disparity_right)):
         depth = scene.optional.get(name)
-        if depth is None:
+        if depth is None or disparity is None:
             continue
         seen = np.isfinite(depth) & (depth > 0)
         valid = np.isfinite(disparity)
@@ -128,7 +131,7 @@ def check_instances(scene: SceneFiles, verdict: Verdict) -> None:
     rows = scene.pair.get("instances")
     for name, disparity in (("inst0.png", scene.disparity_left), ("inst1.png", scene.disparity_right)):
         ids = scene.optional.get(name)
-        if ids is None:
+        if ids is None or disparity is None:
             continue
         if not isinstance(rows, list):
             verdict.add("instances", f"{name} is there, but pair.json has no list of instances")

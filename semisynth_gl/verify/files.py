@@ -5,7 +5,7 @@ import json
 from typing import Any
 
 from semisynth_gl.read.error import ReadError, read_bytes
-from semisynth_gl.read.middlebury import OPTIONAL, REQUIRED, SCENE_LIST, SCENES, Index, SceneFiles
+from semisynth_gl.read.middlebury import OPTIONAL, REQUIRED, RIGHT, SCENE_LIST, SCENES, Index, SceneFiles
 from semisynth_gl.verify.finding import Verdict
 
 
@@ -48,6 +48,8 @@ def check_scene_folder(index: Index, verdict: Verdict) -> bool:
         return False
     held = {entry.name for entry in folder.iterdir()}
     needed, allowed = _expected(index.outputs)
+    if index.left_alone:
+        needed -= RIGHT.keys()
     for name in sorted(needed - held - REQUIRED.keys()):
         verdict.add("files", f"{name} is missing")
     for name in sorted(held - needed - allowed):
@@ -67,8 +69,9 @@ def check_sizes(scene: SceneFiles, index: Index, verdict: Verdict) -> bool:
         "im0.png": scene.left,
         "im1.png": scene.right,
         "disp0GT.pfm": scene.disparity_left,
-        "disp1GT.pfm": scene.disparity_right,
     } | scene.optional
+    if scene.disparity_right is not None:
+        arrays["disp1GT.pfm"] = scene.disparity_right
     fits = True
     for name, array in arrays.items():
         if array.shape[:2] != size:
@@ -98,5 +101,7 @@ def _expected(outputs: tuple[str, ...] | None) -> tuple[set[str], set[str]]:
     """Names that a scene must hold, and names that it may hold besides."""
     if outputs is None:
         # Before the key existed there was one mask, and nothing said which further files to expect.
-        return REQUIRED.keys() | {"mask0nocc.png"}, {name for files in OPTIONAL.values() for name in files}
-    return REQUIRED.keys() | {name for output in outputs for name in OPTIONAL.get(output, ())}, set()
+        return REQUIRED.keys() | {"disp1GT.pfm", "mask0nocc.png"}, {
+            name for files in OPTIONAL.values() for name in files
+        }
+    return REQUIRED.keys() | {"disp1GT.pfm"} | {name for output in outputs for name in OPTIONAL.get(output, ())}, set()

@@ -71,6 +71,8 @@ class Recaster:
         rng = np.random.default_rng((self._seed, pair))
         errors = []
         for eye, disparity in zip(EYES, (scene.disparity_left, scene.disparity_right), strict=True):
+            if disparity is None:
+                continue
             height, width = disparity.shape
             x = rng.integers(0, width, -(-pixels // 2)).astype(np.float64)
             y = rng.integers(0, height, -(-pixels // 2)).astype(np.float64)

@@ -35,6 +35,7 @@ def encode_scene(frame: Frame, provenance: Mapping[str, Any], ndisp: int) -> dic
     What the frame lacks is not written.
     """
     optional: dict[str, bytes | None] = {
+        "disp1GT.pfm": _if_present(encode_pfm, frame.disparity_right),
         "mask0nocc.png": _if_present(encode_png, frame.visibility_left),
         "mask1nocc.png": _if_present(encode_png, frame.visibility_right),
         "inst0.png": _if_present(encode_png, frame.instances_left),
@@ -46,7 +47,6 @@ def encode_scene(frame: Frame, provenance: Mapping[str, Any], ndisp: int) -> dic
         "im0.png": encode_png(frame.left),
         "im1.png": encode_png(frame.right),
         "disp0GT.pfm": encode_pfm(frame.disparity_left),
-        "disp1GT.pfm": encode_pfm(frame.disparity_right),
         **{name: data for name, data in optional.items() if data is not None},
         "calib.txt": encode_calib(frame, ndisp),
         "pair.json": (json.dumps(provenance, indent=1) + "\n").encode(),

@@ -14,4 +14,4 @@ def encode_pfm(image: NDArray[np.float32]) -> bytes:
     """
     height, width = image.shape
     header = f"Pf\n{width} {height}\n-1.0\n".encode()
-    return header + np.ascontiguousarray(image[::-1], "<f4").tobytes()
+    return b"".join([header, np.ascontiguousarray(image[::-1], "<f4").data])
