@@ -60,7 +60,7 @@ test: $(VENV)/.dev  ## lint, then run all tests, on EGL and on OSMesa where they
 	@sh tools/system-packages.sh $(VENV)/bin/python $(opengl)
 	@status=0; \
 	$(MAKE) --no-print-directory lint || status=1; \
-	$(VENV)/bin/python -m pytest || status=1; \
+	$(VENV)/bin/python -m pytest --numprocesses auto --dist worksteal || status=1; \
 	exit $$status
 
 .PHONY: lint

@@ -19,6 +19,10 @@ class BackendError(SemisynthError):
     """OpenGL is missing, too old, or refuses what a scene needs."""
 
 
+class WorkerError(SemisynthError):
+    """A worker process ended before its work did."""
+
+
 @dataclass(frozen=True, slots=True)
 class Skipped:
     """A file that was left out, and why.

@@ -6,7 +6,8 @@ config -> scene    `SceneSampler`: what stands where in pair i, from (config, se
        -> dataset  `DatasetFolder`: whole scenes on disk, the index last
 """  # noqa: D415 - the drawing is the summary
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from math import ceil
@@ -16,6 +17,7 @@ from typing import Any, Self
 
 from semisynth_gl.checks import faults
 from semisynth_gl.config import Config
+from semisynth_gl.engine import LocalWorkers
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import Frame
 from semisynth_gl.geometry.model_library import ModelLibrary, build_library
@@ -81,6 +83,7 @@ class PairRenderer:
             wrap=config.textures.wrap,
             anisotropy=config.textures.anisotropy,
             outputs=config.outputs,
+            truth=config.truth,
             antialias=config.antialias,
             backend=backend,
         )
@@ -101,6 +104,10 @@ class PairRenderer:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self.release()
+
+    def release(self) -> None:
+        """Free the renderer; a second call does nothing."""
         self._renderer.release()
 
     @property
@@ -184,6 +191,60 @@ def render_pair(config: Config, index: int, seed: int = 0, backend: Backend = "a
         return pairs.render(index).frame
 
 
+@dataclass(frozen=True, slots=True)
+class Written:
+    """A pair that is on disk.
+
+    Attributes:
+        index: its number.
+        redrawn: what was wrong with the attempts before it; of a sequence, told of its first frame alone.
+    """
+
+    index: int
+    redrawn: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SequenceJob:
+    """Renders sequences and writes them; what the engine hands to its workers.
+
+    Attributes:
+        config: the configuration.
+        seed: 0 or more.
+        backend: "auto", "egl" or "osmesa".
+        pairs: how many the dataset has: the last sequence may be cut short.
+        folder: where to; open already when the first task comes.
+    """
+
+    config: Config
+    seed: int
+    backend: Backend
+    pairs: int
+    folder: DatasetFolder
+
+    @contextmanager
+    def open(self) -> Iterator[Callable[[int], list[Written]]]:
+        """Open a renderer."""
+        with PairRenderer(self.config, self.seed, self.backend) as renderer:
+            yield lambda number: self.write_sequence(renderer, number)
+
+    def write_sequence(self, renderer: PairRenderer, number: int) -> list[Written]:
+        """Render and write all pairs of a sequence."""
+        length = self.config.sequence.length
+        return [
+            self.write(renderer.render(index))
+            for index in range(number * length, min((number + 1) * length, self.pairs))
+        ]
+
+    def write(self, pair: Pair) -> Written:
+        """Encode and write a pair."""
+        files = encode_scene(pair.frame, pair.provenance, ndisp=ceil(self.config.disparity.max_px))
+        self.folder.add_folder(SCENES / scene_name(self.config.name, pair.index), files)
+        # All frames of a sequence tell of the same redraws.
+        redrawn = pair.provenance.get("redrawn", []) if pair.provenance["frame"] == 0 else []
+        return Written(pair.index, tuple(redrawn))
+
+
 def generate(
     config: Config,
     folder: DatasetFolder,
@@ -191,10 +252,13 @@ def generate(
     seed: int,
     backend: Backend = "auto",
     *,
+    workers: int = 1,
     started: Callable[[PairRenderer], None] = lambda _: None,
-    written: Callable[[Pair], None] = lambda _: None,
+    written: Callable[[Written], None] = lambda _: None,
 ) -> Path:
     """Write a dataset in Middlebury's layout.
+
+    The files are the same whatever the number of workers.
 
     Args:
         config: the configuration.
@@ -202,6 +266,7 @@ def generate(
         pairs: how many.
         seed: 0 or more.
         backend: "auto", "egl" or "osmesa".
+        workers: processes that render; 1 renders in this one.
         started: called once everything is read and opened.
         written: called after each pair.
 
@@ -209,29 +274,45 @@ def generate(
         The folder of the scenes.
 
     Raises:
-        SemisynthError: where the input cannot be used.
+        SemisynthError: where the input cannot be used, or a worker dies.
         OSError: where the disk is full or refuses. Whole scenes stay, nothing half-written does.
     """
-    with PairRenderer(config, seed, backend) as renderer:
+    job = SequenceJob(config, seed, backend, pairs, folder)
+    sequences = ceil(pairs / config.sequence.length)
+    redraws = 0
+
+    def note(made: Iterable[Written]) -> None:
+        nonlocal redraws
+        for one in made:
+            redraws += len(one.redrawn)
+            written(one)
+
+    with ExitStack() as stack:
+        renderer = stack.enter_context(PairRenderer(config, seed, backend))
+        card = renderer.card()
+        # Workers open while the first sequence is drawn here; what they need is in the cache by now.
+        helpers = stack.enter_context(LocalWorkers(job, workers)) if workers > 1 and sequences > 1 else None
         started(renderer)
         # A pair first, then the folder: what the driver or the checks refuse costs nobody an earlier dataset.
         first = renderer.render(0)
         folder.open()
         try:
-            names, redraws = [], 0
-            for index in range(pairs):
-                pair = renderer.render(index) if index > 0 else first
-                # All frames of a sequence tell of the same redraws.
-                redraws += len(pair.provenance.get("redrawn", [])) if pair.provenance["frame"] == 0 else 0
-                names.append(scene_name(config.name, index))
-                files = encode_scene(pair.frame, pair.provenance, ndisp=ceil(config.disparity.max_px))
-                folder.add_folder(SCENES / names[-1], files)
-                written(pair)
+            note([job.write(first)])
+            note(job.write(renderer.render(index)) for index in range(1, min(config.sequence.length, pairs)))
+            rest = range(1, sequences)
+            if helpers is None:
+                for number in rest:
+                    note(job.write_sequence(renderer, number))
+            else:
+                renderer.release()
+                for made in helpers.run(rest):
+                    note(made)
+            names = [scene_name(config.name, index) for index in range(pairs)]
             folder.add_file(SCENE_LIST, encode_scene_list(names))
-            folder.finish(
-                renderer.card() | {"layout": "middlebury", "pairs": pairs, "redraws": redraws, "scenes": names}
-            )
+            folder.finish(card | {"layout": "middlebury", "pairs": pairs, "redraws": redraws, "scenes": names})
         except BaseException:
+            # Workers may still be writing: nothing is tidied up before they have ended.
+            stack.close()
             folder.abandon()
             raise
     return folder.path / SCENES

@@ -14,6 +14,7 @@ from semisynth_gl.pipeline import PairRenderer, generate, render_pair
 from semisynth_gl.scene.layers import target_of
 from semisynth_gl.textures.photographs import builtin_photographs
 from semisynth_gl.write.dataset import DatasetFolder
+from semisynth_gl.write.middlebury import SCENES, scene_name
 
 SCALE = 1 / 8
 
@@ -61,6 +62,42 @@ def digests(folder: Path) -> dict[str, str]:
 def made(folder: Path, config, pairs, seed, backend) -> dict[str, str]:
     generate(config, DatasetFolder(folder, overwrite=False), pairs, seed, backend)
     return digests(folder)
+
+
+def test_workers_change_no_byte(tmp_path, backend):
+    config = tiny(sequence={"length": 2})
+    alone = made(tmp_path / "alone", config, 7, 5, backend)
+    seen = []
+    generate(
+        config, DatasetFolder(tmp_path / "together", overwrite=False), 7, 5, backend, workers=2, written=seen.append
+    )
+    assert digests(tmp_path / "together") == alone
+    assert [one.index for one in seen] == list(range(7))
+
+
+def test_a_worker_that_fails_leaves_whole_scenes_only(tmp_path):
+    config, out = tiny(), tmp_path / "out"
+
+    def block_the_third(written):
+        if written.index == 0:
+            (out / ".partial" / scene_name(config.name, 2)).touch()
+
+    with pytest.raises(FileExistsError):
+        generate(config, DatasetFolder(out, overwrite=False), 6, 5, workers=2, written=block_the_third)
+    assert not (out / "dataset.json").exists()
+    scenes = list((out / SCENES).iterdir())
+    assert scene_name(config.name, 2) not in {scene.name for scene in scenes}
+    assert all(len(list(scene.iterdir())) == 8 for scene in scenes)
+
+
+def test_the_left_views_truth_alone_is_the_same(backend):
+    both = render_pair(tiny(), 0, 5, backend)
+    config = tiny().model_copy(update={"truth": "left"})
+    left = render_pair(config, 0, 5, backend)
+    for name in ("left", "right", "disparity_left", "visibility_left"):
+        np.testing.assert_array_equal(getattr(left, name), getattr(both, name))
+    assert left.disparity_right is None
+    assert left.visibility_right is None
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(tmp_path, backend):

@@ -7,11 +7,14 @@ import click
 from semisynth_gl import pipeline
 from semisynth_gl.cli.options import read_config, scene_options
 from semisynth_gl.cli.progress import Progress
-from semisynth_gl.frame import OUTPUTS
+from semisynth_gl.engine import cores
+from semisynth_gl.frame import OUTPUTS, TRUTHS, TruthOf
 from semisynth_gl.render.context import Backend
 from semisynth_gl.write.dataset import DatasetFolder
 
 _REASONS_SHOWN = 5
+# A worker takes about as long to start as to make a few pairs.
+_PAIRS_PER_WORKER = 8
 
 
 @click.command()
@@ -20,7 +23,17 @@ _REASONS_SHOWN = 5
     "--out", type=click.Path(path_type=Path), help="Folder to write to.  [default: out/ and the config's name]"
 )
 @click.option("--outputs", metavar="a,b", help=f"Beside images and disparities: {', '.join(OUTPUTS)}; or none.")
+@click.option(
+    "--truth", type=click.Choice(TRUTHS), help="Views to write disparity and outputs of.  [default: the config's]"
+)
 @click.option("--pairs", type=click.IntRange(min=1), default=24, show_default=True, help="How many pairs.")
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Processes that render; the files are the same whatever their number.  [default: a core each, at most one for "
+    f"{_PAIRS_PER_WORKER} pairs]",
+)
 @click.option("--overwrite", is_flag=True, help="Replace the dataset that is in the folder.")
 def generate(
     config_name: str,
@@ -31,7 +44,9 @@ def generate(
     backend: Backend,
     out: Path | None,
     outputs: str | None,
+    truth: TruthOf | None,
     pairs: int,
+    workers: int | None,
     overwrite: bool,  # noqa: FBT001 - click passes flags so
 ) -> None:
     """Write a dataset: left, right, both disparities, masks and calibration of each pair.
@@ -42,6 +57,8 @@ def generate(
     """
     if outputs is not None:
         settings = (*settings, f"outputs=[{'' if outputs == 'none' else outputs}]")
+    if truth is not None:
+        settings = (*settings, f"truth={truth}")
     config = read_config(config_name, images, models, settings)
     folder = DatasetFolder(out if out is not None else Path("out") / config.name, overwrite=overwrite)
 
@@ -52,15 +69,18 @@ def generate(
         click.echo(f"{len(renderer.model_library.models)} models; rendering with {renderer.renderer_name}", err=True)
         progress.begin()
 
+    if workers is None:
+        workers = max(1, min(cores(), pairs // _PAIRS_PER_WORKER))
     redrawn: list[str] = []
 
-    def written(pair: pipeline.Pair) -> None:
-        if pair.provenance["frame"] == 0:
-            redrawn.extend(f"pair {pair.index}: {reason}" for reason in pair.provenance.get("redrawn", []))
+    def written(pair: pipeline.Written) -> None:
+        redrawn.extend(f"pair {pair.index}: {reason}" for reason in pair.redrawn)
         progress.advance()
 
     with Progress(pairs) as progress:
-        scenes = pipeline.generate(config, folder, pairs, seed, backend, started=started, written=written)
+        scenes = pipeline.generate(
+            config, folder, pairs, seed, backend, workers=workers, started=started, written=written
+        )
     for reason in redrawn[:_REASONS_SHOWN]:
         click.echo(f"drawn again, {reason}", err=True)
     if redrawn:
