@@ -1,0 +1,71 @@
+"""This project's renderer: one `Renderer` for all frames, its arrays written by its own encoders.
+
+Variants: none, msaa4 and ssaa2 antialias the images that way; all is none with the right disparity and both
+visibilities as well, which is what a dataset's pair holds.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from loop import Options, run, write_arrays
+from PIL import Image
+from scene import NEAR_M, PeerScene
+
+from semisynth_gl.camera import StereoCamera
+from semisynth_gl.geometry.mesh import Mesh, make_mesh
+from semisynth_gl.render.renderer import Renderer
+from semisynth_gl.scene.scene import Scene, make_scene
+from semisynth_gl.write.pfm import encode_pfm
+from semisynth_gl.write.png import encode_png
+
+
+def own_models(scene: PeerScene) -> list[Mesh]:
+    """Convert the models, the walls last."""
+    return [
+        make_mesh(str(number), model.positions, model.uv, model.triangles)
+        for number, model in enumerate([*scene.models, *scene.walls])
+    ]
+
+
+def own_scene(scene: PeerScene, frame: int) -> Scene:
+    """Convert one frame."""
+    return make_scene(
+        StereoCamera.centred(scene.width_px, scene.height_px, scene.focal_px, scene.baseline_m),
+        model=np.concatenate([scene.model[frame], len(scene.models) + np.arange(len(scene.walls))]),
+        world_from_model=np.concatenate([scene.camera_from_model[frame], np.tile(np.eye(4), (len(scene.walls), 1, 1))]),
+        layer=np.concatenate([scene.patch[frame], scene.wall_patch[frame]]),
+        # The scene's v runs upwards, the renderer's downwards.
+        uv_scale=(1.0, -1.0),
+        uv_offset=(0.0, 1.0),
+        near_m=NEAR_M,
+    )
+
+
+class SemisynthGl:
+    """The renderer behind the loop's interface."""
+
+    def __init__(self, scene: PeerScene, options: Options) -> None:
+        self._scene = scene
+        self._all = options.variant == "all"
+        patches = np.stack([np.asarray(Image.open(path).convert("RGBA")) for path in scene.patches])
+        self._renderer = Renderer(
+            own_models(scene),
+            patches,
+            wrap="repeat",
+            outputs=("visibility",) if self._all else (),
+            antialias="none" if self._all else options.variant,
+        )
+        self.version = f"{self._renderer.backend}, {self._renderer.renderer_name}"
+
+    def write_pair(self, frame: int, folder: Path) -> None:
+        """See `loop.Peer`."""
+        pair = self._renderer.render(own_scene(self._scene, frame))
+        write_arrays(folder, pair.left, pair.right, pair.disparity_left, our_encoders=True)
+        if self._all:
+            (folder / "disp_right.pfm").write_bytes(encode_pfm(pair.disparity_right))
+            (folder / "visibility_left.png").write_bytes(encode_png(pair.visibility_left))
+            (folder / "visibility_right.png").write_bytes(encode_png(pair.visibility_right))
+
+
+if __name__ == "__main__":
+    run(SemisynthGl)

@@ -1,0 +1,146 @@
+"""The benchmark of renderers side by side, as far as it can be run in seconds: its scene, loop, accuracy and table."""
+
+import struct
+import sys
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import backend_fault
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks" / "peers"))
+
+from accuracy import cast_truth, errors_px
+from exr import read_exr
+from run import CANDIDATES, OURS, Candidate, Measured, PeerError, Way, measure, run_together, table
+from scene import PeerScene, library_meshes, make_scene
+
+
+def small_scene(folder: Path, frames: int) -> PeerScene:
+    return make_scene(folder, library_meshes(), frames, size_px=(150, 100), instances=12, patches=4, patch_px=32)
+
+
+def test_a_scene_depends_on_its_arguments_alone_and_longer_ones_start_alike(tmp_path):
+    short, again, longer = (small_scene(tmp_path / name, n) for name, n in (("a", 2), ("b", 2), ("c", 3)))
+    assert (tmp_path / "a" / "scene.npz").read_bytes() == (tmp_path / "b" / "scene.npz").read_bytes()
+    for name in ("model", "patch", "camera_from_model", "wall_patch"):
+        np.testing.assert_array_equal(getattr(short, name), getattr(longer, name)[:2])
+    assert [path.read_bytes() for path in short.patches] == [path.read_bytes() for path in longer.patches]
+    assert len(again.patches) == 4
+    assert len(again.models) == 6
+
+
+@pytest.mark.skipif(all(backend_fault(backend) for backend in ("egl", "osmesa")), reason="no OpenGL here")
+def test_our_peer_writes_exact_pairs_in_two_processes_as_in_one(tmp_path):
+    scene = small_scene(tmp_path / "scene", 2)
+    truth = cast_truth(scene, (0, 1), rays=300)
+    candidate = Candidate(OURS, "all", "ours")
+    found = {}
+    for processes in (1, 2):
+        seconds, details = run_together(candidate, Way(processes, "1"), scene.folder, [0, 1], tmp_path)
+        assert seconds > 0
+        assert [len(detail["frame_s"]) for detail in details] == [2 // processes] * processes
+        out = tmp_path / "out" / candidate.name
+        error = errors_px(out, truth)
+        assert error["pixels"] > 200
+        assert error["worst"] < 1e-3
+        found[processes] = {path.relative_to(out).as_posix(): path.read_bytes() for path in out.glob("*/*")}
+    assert found[1] == found[2]
+    assert sorted(found[1])[:6] == [
+        f"000000/{name}"
+        for name in (
+            "disp.pfm",
+            "disp_right.pfm",
+            "left.png",
+            "right.png",
+            "visibility_left.png",
+            "visibility_right.png",
+        )
+    ]
+
+
+def test_a_peer_that_breaks_is_told_of_and_ends_nothing(tmp_path, monkeypatch, capsys):
+    def broken(*_):
+        raise PeerError("ended without saying READY")
+
+    monkeypatch.setattr("run.run_together", broken)
+    measured = measure(CANDIDATES[:2], small_scene(tmp_path / "scene", 2), tmp_path, rounds=2)
+    assert [found.fault for found in measured.values()] == ["ended without saying READY"] * 2
+    assert capsys.readouterr().err.count("ended without saying READY") == 2
+
+
+def test_the_table_takes_each_peers_best_way_and_compares_medians():
+    one, two, alone = Way(1), Way(2), Way(2, "1")
+    error = {"median": 1e-6, "p99_9": 2e-5, "worst": 3e-4}
+
+    def measured(**ways):
+        return Measured({{"one": one, "two": two, "alone": alone}[way]: runs for way, runs in ways.items()}, {}, error)
+
+    ours, slow, fast, broken = CANDIDATES[0], *(Candidate("p", name, name) for name in ("slow", "fast", "broken"))
+    given = Candidate("p", "fast", "fast", our_encoders=True)
+    text = table(
+        {
+            ours: measured(one=[0.3, 0.5, 0.4], two=[0.3], alone=[0.2, 0.9, 0.1]),
+            slow: measured(one=[3.0], two=[2.0]),
+            fast: measured(one=[0.9], two=[1.0]),
+            given: measured(one=[0.8], two=[0.5]),
+            broken: Measured(fault="died"),
+        },
+        cores=2,
+    )
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines() if line.startswith("|")]
+    assert rows[2] == ["semisynth-gl", "us", "0.400", "0.200", "1.00", "1.0e-06", "2.0e-05", "3.0e-04"]
+    assert [row[1:5] for row in rows[3:6]] == [
+        ["itself", "3.000", "2.000", "10.00"],
+        ["itself", "0.900", "1.000", "4.50"],
+        ["us", "0.800", "0.500", "2.50"],
+    ]
+    assert rows[6][2] == "could not be run"
+    assert "as a user would run it: fast, 4.50 times our time." in text
+    assert "given our encoders: fast, 2.50 times our time." in text
+
+
+def exr_bytes(image: np.ndarray, compression: int, rows_of_a_block: int) -> bytes:
+    """Encode a channel named V as OpenEXR's specification has it, ZIP with zlib."""
+    height, width = image.shape
+    window = struct.pack("<4i", 0, 0, width - 1, height - 1)
+    channels = b"V\0" + struct.pack("<i4B2i", 2, 0, 0, 0, 0, 1, 1) + b"\0"
+    attributes = {
+        (b"channels", b"chlist"): channels,
+        (b"compression", b"compression"): bytes([compression]),
+        (b"dataWindow", b"box2i"): window,
+        (b"lineOrder", b"lineOrder"): b"\0",
+    }
+    header = struct.pack("<2i", 20000630, 2)
+    for (name, kind), value in attributes.items():
+        header += name + b"\0" + kind + b"\0" + struct.pack("<i", len(value)) + value
+    header += b"\0"
+    blocks = []
+    for first in range(0, height, rows_of_a_block):
+        plain = image[first : first + rows_of_a_block].astype("<f4").tobytes()
+        halves = np.frombuffer(plain[0::2] + plain[1::2], np.uint8)
+        steps = np.concatenate([halves[:1], np.diff(halves) + np.uint8(128)])
+        packed = zlib.compress(steps.tobytes()) if compression else plain
+        packed = packed if len(packed) < len(plain) else plain
+        blocks.append(struct.pack("<2i", first, len(packed)) + packed)
+    start = len(header) + 8 * len(blocks)
+    offsets = start + np.cumsum([0, *map(len, blocks[:-1])])
+    return header + offsets.astype("<u8").tobytes() + b"".join(blocks)
+
+
+@pytest.mark.parametrize(("compression", "rows_of_a_block"), [(0, 1), (3, 16)])
+def test_exr_is_read_stored_and_zipped(tmp_path, compression, rows_of_a_block):
+    # 37 rows end in a block that is not full; noise does not compress and is stored, the ramp is zipped.
+    image = np.random.default_rng(0).integers(0, 2**31, (37, 50)).astype(np.uint32).view(np.float32)
+    image[:20] = np.linspace(0, 200, 50, dtype=np.float32)
+    path = tmp_path / "image.exr"
+    path.write_bytes(exr_bytes(image, compression, rows_of_a_block))
+    np.testing.assert_array_equal(read_exr(path), image)
+
+
+def test_exr_of_another_compression_is_refused(tmp_path):
+    path = tmp_path / "image.exr"
+    path.write_bytes(exr_bytes(np.zeros((2, 2), np.float32), 4, 32))
+    with pytest.raises(ValueError, match="compression 4 is neither none nor ZIP"):
+        read_exr(path)
