@@ -29,7 +29,10 @@ from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Atlas
 from semisynth_gl.textures.prepare import prepare_atlas
 from semisynth_gl.write.dataset import DatasetFolder
-from semisynth_gl.write.middlebury import SCENE_LIST, SCENES, encode_scene, encode_scene_list, scene_name
+from semisynth_gl.write.middlebury import SCENE_LIST, SCENES, encode_scene, encode_scene_list, scene_name, share_beyond
+
+PAIR_STAGES = ("sample", "draw", "visibility", "readback", "check", "encode", "write")
+"""What a pair goes through, in order; the last two in `SequenceJob.write`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,10 +118,23 @@ class PairRenderer:
         """What the driver calls itself (GL_RENDERER)."""
         return self._renderer.renderer_name
 
-    def render(self, index: int) -> Pair:
+    @property
+    def facts(self) -> dict[str, str]:
+        """Backend, renderer and version of OpenGL, as the driver calls them."""
+        return self._renderer.facts
+
+    def count_objects(self) -> dict[str, int]:
+        """Count what the driver holds, by kind; for the search for leaks."""
+        return self._renderer.count_objects()
+
+    def render(self, index: int, done: Callable[[str], None] | None = None) -> Pair:
         """Render pair ``index``, 0 or more.
 
         A pair whose sequence fails its checks is drawn again from the next sub-seed.
+
+        Args:
+            index: the pair's number.
+            done: for measurements: called after each stage, of `PAIR_STAGES`; see `Renderer.render`.
 
         Raises:
             InputError: where the index is negative, the config's ranges leave no scene for it, or no attempt passes.
@@ -128,10 +144,11 @@ class PairRenderer:
         number, frame_number = divmod(index, self.config.sequence.length)
         settled = self._settled
         if settled is None or settled.sequence != number or frame_number == 0:
-            settled, frame, sampled = self._settle(number)
+            settled, frame, sampled = self._settle(number, done)
         if frame_number > 0:
             sampled = self._sampler.sample(index, settled.attempt)
-            frame = self._renderer.render(sampled.scene)
+            _tell(done, "sample")
+            frame = self._renderer.render(sampled.scene, done)
         provenance = {"pair": index} | self._made_by | self._sampler.provenance(sampled)
         if settled.redrawn:
             provenance["redrawn"] = settled.redrawn
@@ -140,15 +157,18 @@ class PairRenderer:
         if not self.config.imperfections.none():
             rng = generator(self.seed, Purpose.IMPERFECTIONS, index)
             frame, provenance["imperfections"] = with_imperfections(frame, self.config.imperfections, rng)
+        _tell(done, "check")
         return Pair(index, frame, provenance)
 
-    def _settle(self, number: int) -> tuple[_Settled, Frame, SampledScene]:
+    def _settle(self, number: int, done: Callable[[str], None] | None) -> tuple[_Settled, Frame, SampledScene]:
         """Find a sequence's first attempt whose first frame passes the checks; return that frame too."""
         redrawn: list[str] = []
         for attempt in range(self.config.checks.attempts):
             sampled = self._sampler.sample(number * self.config.sequence.length, attempt)
-            frame = self._renderer.render(sampled.scene)
+            _tell(done, "sample")
+            frame = self._renderer.render(sampled.scene, done)
             found = faults(frame, self.config)
+            _tell(done, "check")
             if not found:
                 self._settled = _Settled(number, attempt, redrawn)
                 return self._settled, frame, sampled
@@ -198,10 +218,12 @@ class Written:
     Attributes:
         index: its number.
         redrawn: what was wrong with the attempts before it; of a sequence, told of its first frame alone.
+        share_beyond: share of the pixels whose disparity the encoding cannot say, of the view that has more.
     """
 
     index: int
     redrawn: tuple[str, ...]
+    share_beyond: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,13 +258,21 @@ class SequenceJob:
             for index in range(number * length, min((number + 1) * length, self.pairs))
         ]
 
-    def write(self, pair: Pair) -> Written:
-        """Encode and write a pair."""
-        files = encode_scene(pair.frame, pair.provenance, ndisp=ceil(self.config.disparity.max_px))
+    def write(self, pair: Pair, done: Callable[[str], None] | None = None) -> Written:
+        """Encode and write a pair; ``done`` is called after both."""
+        encodings = self.config.files.encodings
+        files = encode_scene(pair.frame, pair.provenance, ndisp=ceil(self.config.disparity.max_px), encodings=encodings)
+        _tell(done, "encode")
         self.folder.add_folder(SCENES / scene_name(self.config.name, pair.index), files)
+        _tell(done, "write")
         # All frames of a sequence tell of the same redraws.
         redrawn = pair.provenance.get("redrawn", []) if pair.provenance["frame"] == 0 else []
-        return Written(pair.index, tuple(redrawn))
+        return Written(pair.index, tuple(redrawn), share_beyond(pair.frame, encodings))
+
+
+def _tell(done: Callable[[str], None] | None, stage: str) -> None:
+    if done is not None:
+        done(stage)
 
 
 def generate(
@@ -277,6 +307,7 @@ def generate(
         SemisynthError: where the input cannot be used, or a worker dies.
         OSError: where the disk is full or refuses. Whole scenes stay, nothing half-written does.
     """
+    config.files.encodings.check()
     job = SequenceJob(config, seed, backend, pairs, folder)
     sequences = ceil(pairs / config.sequence.length)
     redraws = 0

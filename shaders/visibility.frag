@@ -65,7 +65,8 @@ void main() {
     upper = mix(upper, vec4(0.0), greaterThan(upper, vec4(LARGEST)));
     // What stands out above or below in both columns has its edge between the rows; in one of them, it may be thin and
     // pass between the columns.
-    bool thin = any(notEqual(stands_out(upper.w, lower.w, lower.x), stands_out(upper.z, lower.z, lower.y)));
+    bvec2 left_side = stands_out(upper.w, lower.w, lower.x), right_side = stands_out(upper.z, lower.z, lower.y);
+    bool thin = any(notEqual(left_side, right_side));
 
     // Disparity is linear along the row of a plane, so the point's own surface has, between the pixels beside it, the
     // point's disparity.
@@ -84,25 +85,32 @@ void main() {
     visibility = VISIBLE;
 #if TRACE == 1
     // What is farther by more than a surface rises within a pixel hides nothing.
-    const int ROWS[1] = int[1](0);
-    vec2 disparities[1] = vec2[1](lower.wz);
     float farthest = goes_on ? LARGEST : disparity_px - STEEPEST;
-#else
-    const int ROWS[2] = int[2](-1, 1);
-    vec2 disparities[2] = vec2[2](upper.wz, lower.xy);
-    float farthest = disparity_px + 0.5;
-#endif
-    for (int k = 0; k < 2 * ROWS.length(); ++k) {
-        float beside = disparities[k >> 1][k & 1];
+    for (int k = 0; k < 2; ++k) {
+        float beside = k == 0 ? lower.w : lower.z;
         if (beside == 0.0 || beside < farthest) {
             continue;
         }
-        ivec2 around = clamp(ivec2(int(left) + (k & 1), pixel.y + ROWS[k >> 1]), ivec2(0), last);
+        ivec2 around = clamp(ivec2(int(left) + k, pixel.y), ivec2(0), last);
         if (hides(texelFetch(other_surface, around, 0).rg, own, vec2(around), target, disparity_px)) {
             visibility = OCCLUDED;
             break;
         }
     }
+#else
+    for (int k = 0; k < 2; ++k) {
+        // What stands out in one of the two columns of the row above, or below.
+        if (left_side[k] == right_side[k]) {
+            continue;
+        }
+        ivec2 to = ivec2(left_side[k] ? 0 : 1, k == 0 ? -1 : 1);
+        ivec2 around = clamp(ivec2(int(left), pixel.y) + to, ivec2(0), last);
+        if (hides(texelFetch(other_surface, around, 0).rg, own, vec2(around), target, disparity_px)) {
+            visibility = OCCLUDED;
+            break;
+        }
+    }
+#endif
     if (TRACE == 1 && thin && visibility == VISIBLE) {
         discard;
     }

@@ -7,15 +7,17 @@ import numpy as np
 import pytest
 from conftest import backend_fault
 
+from semisynth_gl import encodings
 from semisynth_gl.bench.accuracy import Effort, measure, table
 from semisynth_gl.bench.images import MODES, REFERENCE, psnr_db, shift_px, truth_shift_px
 from semisynth_gl.bench.scenes import edges, grown, sample_scenes
-from semisynth_gl.bench.stores import stores
+from semisynth_gl.bench.stores import image_stores, stores
 from semisynth_gl.bench.timing import alternated, compared, front
 from semisynth_gl.bench.ways import error_stats
 from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.cli import main
 from semisynth_gl.config import load_config
+from semisynth_gl.encodings import IMAGE_ENCODINGS
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.render.variants import DEFAULT_WAY, WAYS, DisparityVariants
 from semisynth_gl.scene.background import FACE
@@ -32,7 +34,7 @@ SMALL = (
     "textures.max_patches=8",
     "models.variants=1",
 )
-LOSSLESS = {"pfm", "deflate", "delta", "blosc2"}
+LOSSLESS = {"pfm", "tiff", "deflate", "delta", "blosc2"}
 LARGEST_ERROR_PX = {"png16": 1 / 512, "grid": 1 / 2048, "grid-delta": 1 / 2048}
 
 
@@ -50,9 +52,13 @@ def rows(report, part):
 def test_the_report_is_whole_and_json(report):
     assert set(rows(report, "get")) | set(report["get"]["left_out"]) == set(WAYS)
     assert set(rows(report, "store")) >= LOSSLESS - {"blosc2"} | set(LARGEST_ERROR_PX) | {"half"}
+    assert set(rows(report, "images_store")) | set(report["images_store"]["left_out"]) == {
+        *IMAGE_ENCODINGS, "png-pillow",
+    }  # fmt: skip
+    assert all(row["lossless"] for row in rows(report, "images_store").values())
     assert set(rows(report, "antialias")) | set(report["antialias"]["left_out"]) == {*MODES, REFERENCE}
     assert json.loads(json.dumps(report, allow_nan=False))["pixels_compared"] > 1000
-    for part in ("get", "store", "antialias"):
+    for part in ("get", "store", "images_store", "antialias"):
         assert report[part]["default"] in rows(report, part)
         assert any(row["on_front"] for row in rows(report, part).values())
         assert all(row["seconds_per_pair"] > 0 for row in rows(report, part).values())
@@ -145,6 +151,17 @@ def test_what_a_store_cannot_hold_counts_as_missing():
     back = store.decode(store.encode(disparity), disparity.shape)
     assert np.isfinite(back).tolist() == [[True, True, False, False, False]]
     assert error_stats(back, disparity.astype(np.float64)).missing == 2
+
+
+def test_images_without_imagecodecs_are_left_out_with_the_reason(monkeypatch):
+    def refuse(name):
+        raise ImportError(name)
+
+    monkeypatch.setattr(encodings, "import_module", refuse)
+    found, left_out = image_stores()
+    assert [store.name for store in found] == ["png", "png-pillow"]
+    assert set(left_out) == {"qoi", "jxl"}
+    assert all("imagecodecs" in reason for reason in left_out.values())
 
 
 def test_the_front_keeps_what_no_other_point_beats():

@@ -13,6 +13,7 @@ from scene import NEAR_M, PeerScene
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
+from semisynth_gl.geometry.solid import marked_solid
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.scene import Scene, make_scene
 from semisynth_gl.write.pfm import encode_pfm
@@ -22,7 +23,7 @@ from semisynth_gl.write.png import encode_png
 def own_models(scene: PeerScene) -> list[Mesh]:
     """Convert the models, the walls last."""
     return [
-        make_mesh(str(number), model.positions, model.uv, model.triangles)
+        marked_solid(make_mesh(str(number), model.positions, model.uv, model.triangles))
         for number, model in enumerate([*scene.models, *scene.walls])
     ]
 
@@ -53,6 +54,7 @@ class SemisynthGl:
             patches,
             wrap="repeat",
             outputs=("visibility",) if self._all else (),
+            truth="both" if self._all else "left",
             antialias="none" if self._all else options.variant,
         )
         self.version = f"{self._renderer.backend}, {self._renderer.renderer_name}"

@@ -10,10 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from semisynth_gl.bench.images import DEFAULT_MODE, REFERENCE, ModeRow, measure_modes
+from semisynth_gl.bench.images import DEFAULT_MODE, REFERENCE, ModeRow, default_images, measure_modes
 from semisynth_gl.bench.machine import machine_facts
+from semisynth_gl.bench.markdown import markdown
 from semisynth_gl.bench.scenes import check_pixels, sample_scenes
-from semisynth_gl.bench.stores import DEFAULT_STORE, StoreRow, measure_stores
+from semisynth_gl.bench.stores import (
+    DEFAULT_IMAGE_STORE,
+    DEFAULT_STORE,
+    ImageStoreRow,
+    StoreRow,
+    measure_image_stores,
+    measure_stores,
+)
 from semisynth_gl.bench.ways import WayRow, measure_ways
 from semisynth_gl.camera import EYES
 from semisynth_gl.config import Config
@@ -49,7 +57,8 @@ def measure(
         said: takes a line at the start of each stage.
 
     Returns:
-        What was measured on, and under "get", "store" and "antialias" the default and a row per alternative.
+        What was measured on, and under "get", "store", "images_store" and "antialias" the default and a row per
+        alternative.
 
     Raises:
         SemisynthError: where the config or OpenGL cannot be used.
@@ -65,6 +74,8 @@ def measure(
         driver, ways_left_out = variants.facts, variants.left_out
     said("ways to store it")
     kept = measure_stores(maps, effort.repeats)
+    said("ways to store images")
+    images, images_left_out = measure_image_stores(default_images(bench, backend), effort.repeats)
     said("ways to antialias")
     # Each turn opens a renderer anew: fewer of them do.
     modes, modes_left_out = measure_modes(bench, outlines, backend, max(1, effort.repeats // 2))
@@ -84,6 +95,7 @@ def measure(
         "machine": machine_facts() | driver,
         "get": {"default": DEFAULT_WAY, "left_out": ways_left_out, "rows": _plain(ways)},
         "store": {"default": DEFAULT_STORE, "left_out": {}, "rows": _plain(kept)},
+        "images_store": {"default": DEFAULT_IMAGE_STORE, "left_out": images_left_out, "rows": _plain(images)},
         "antialias": {
             "default": DEFAULT_MODE,
             "reference": REFERENCE,
@@ -94,17 +106,17 @@ def measure(
 
 
 def table(report: Mapping[str, Any]) -> str:
-    """Lay a report out as three tables in Markdown; a star marks the front, bold the default."""
-    get, store, antialias = report["get"], report["store"], report["antialias"]
+    """Lay a report out as four tables in Markdown; a star marks the front, bold the default."""
+    get, store, images, antialias = (report[part] for part in ("get", "store", "images_store", "antialias"))
     parts = [
-        _markdown(
+        markdown(
             ("to get it", "ms a pair", "x", "median, px", "p99.9, px", "worst, px", "what it is"),
             [
                 (_name(row, get), *_cost(row), *_errors(row["error"]), row["text"])
                 for row in get["rows"]
             ],
         ),
-        _markdown(
+        markdown(
             ("to store it", "ms a pair", "x", "ms to read", "kB a pair", "median, px", "p99.9, px", "worst, px",
              "what it is"),
             [
@@ -113,7 +125,15 @@ def table(report: Mapping[str, Any]) -> str:
                 for row in store["rows"]
             ],
         ),
-        _markdown(
+        markdown(
+            ("to store images", "ms a pair", "x", "ms to read", "kB a pair", "lossless", "what it is"),
+            [
+                (_name(row, images), *_cost(row), f"{1e3 * row['read_seconds_per_pair']:.1f}",
+                 f"{row['bytes_per_pair'] / 1e3:.0f}", "yes" if row["lossless"] else "no", row["text"])
+                for row in images["rows"]
+            ],
+        ),
+        markdown(
             ("to antialias", "ms a pair", "x", "PSNR, dB", "at outlines", "inside", "shift, px", "at outlines",
              "what it is"),
             [
@@ -126,13 +146,15 @@ def table(report: Mapping[str, Any]) -> str:
     ]  # fmt: skip
     left_out = [
         f"{name} left out: {reason}"
-        for part in (get, store, antialias)
+        for part in (get, store, images, antialias)
         for name, reason in part["left_out"].items()
     ]  # fmt: skip
     return "\n\n".join([*parts, *left_out])
 
 
-def _plain(rows: Sequence[WayRow] | Sequence[StoreRow] | Sequence[ModeRow]) -> list[dict[str, Any]]:
+def _plain(
+    rows: Sequence[WayRow] | Sequence[StoreRow] | Sequence[ImageStoreRow] | Sequence[ModeRow],
+) -> list[dict[str, Any]]:
     return [_without_infinity(asdict(row)) for row in rows]
 
 
@@ -161,22 +183,3 @@ def _number(value: float | None, style: str) -> str:
     if value is None:
         return "-"
     return "0" if value == 0 else format(value, style)
-
-
-def _markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table whose columns line up in plain text too; the first and last to the left, numbers to the right."""
-    widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
-
-    def line(cells: Sequence[str]) -> str:
-        last = len(cells) - 1
-        padded = [
-            cell.ljust(width) if column in (0, last) else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(cells, widths, strict=True))
-        ]
-        return f"| {' | '.join(padded)} |"
-
-    rule = [
-        "-" * width if column in (0, len(head) - 1) else "-" * (width - 1) + ":"
-        for column, width in enumerate(widths)
-    ]  # fmt: skip
-    return "\n".join([line(head), line(rule), *(line(row) for row in rows)])

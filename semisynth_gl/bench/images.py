@@ -218,6 +218,11 @@ def _eyes(frames: Sequence[Frame]) -> list[NDArray[np.uint8]]:
     return [image for frame in frames for image in (frame.left, frame.right)]
 
 
+def default_images(bench: BenchScenes, backend: Backend) -> list[NDArray[np.uint8]]:
+    """Draw both images of each pair as the program does unless told otherwise, one after the other."""
+    return _eyes(_draw(bench, DEFAULT_MODE, backend))
+
+
 def _compare(
     images: Sequence[NDArray[np.uint8]], references: Sequence[NDArray[np.uint8]], outlines: Sequence[NDArray[np.bool_]]
 ) -> tuple[tuple[float, float | None, float | None], float | None]:

@@ -3,13 +3,19 @@
 import io
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from semisynth_gl.cli.options import Command
 from semisynth_gl.config import load_config
 from semisynth_gl.errors import InputError
 from semisynth_gl.render.context import BACKENDS, Backend
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @click.group()
@@ -17,13 +23,35 @@ def bench() -> None:
     """Measure, on this machine, what the choices cost and gain."""
 
 
+def _shared_options(config: str) -> Callable[[Command], Command]:
+    """Add --config, --set, --seed, --backend, --json and --plot."""
+    options = [
+        click.option(
+            "--config", "config_name", default=config, show_default=True, help="Whose scenes: a name or a YAML file."
+        ),
+        click.option(
+            "--set", "settings", multiple=True, metavar="dotted.key=value", help="Override a key of the config."
+        ),
+        click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Other scenes."),
+        click.option(
+            "--backend", type=click.Choice(BACKENDS), default="auto", show_default=True, help="As for generate."
+        ),
+        click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write everything here."),
+        click.option(
+            "--plot", "plot_path", type=click.Path(path_type=Path), help="Also draw it: a name that ends in .png."
+        ),
+    ]
+
+    def add(command: Command) -> Command:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return add
+
+
 @bench.command()
-@click.option(
-    "--config", "config_name", default="eth3d", show_default=True, help="Whose scenes: a name or a YAML file."
-)
-@click.option("--set", "settings", multiple=True, metavar="dotted.key=value", help="Override a key of the config.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Other scenes and pixels.")
-@click.option("--backend", type=click.Choice(BACKENDS), default="auto", show_default=True, help="As for generate.")
+@_shared_options("eth3d")
 @click.option("--pairs", type=click.IntRange(min=1), default=3, show_default=True, help="How many pairs.")
 @click.option(
     "--rays", type=click.IntRange(min=1), default=20_000, show_default=True, help="Rays cast for each eye of a pair."
@@ -31,36 +59,135 @@ def bench() -> None:
 @click.option(
     "--repeats", type=click.IntRange(min=1), default=7, show_default=True, help="Times each alternative is timed."
 )
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write everything here.")
-@click.option("--plot", "plot_path", type=click.Path(path_type=Path), help="Also draw it: a name that ends in .png.")
 def accuracy(
     config_name: str,
     settings: tuple[str, ...],
     seed: int,
     backend: Backend,
+    json_path: Path | None,
+    plot_path: Path | None,
     pairs: int,
     rays: int,
     repeats: int,
-    json_path: Path | None,
-    plot_path: Path | None,
 ) -> None:
     """Compare ways to get the disparity, to store it and to antialias: error against a float64 oracle, time, bytes.
 
-    Three tables. The default of each is bold; a star marks what no other way beats.
+    Four tables. The default of each is bold; a star marks what no other way beats.
     """
     # Imported here: matplotlib takes longer to load than other commands to run.
     from semisynth_gl.bench.accuracy import Effort, measure, table  # noqa: PLC0415
     from semisynth_gl.bench.plot import draw_plot  # noqa: PLC0415
 
+    _check_places(json_path, plot_path)
+    config = load_config(config_name, settings)
+    report = measure(config, seed, backend, Effort(pairs, rays, repeats), _say)
+    _save(report, json_path, plot_path, draw_plot)
+    machine, (width, height) = report["machine"], report["sizes_px"][0]
+    click.echo(
+        f"{config.name}, {width} x {height} px, {pairs} pairs, {report['pixels_compared']} pixels against the oracle; "
+        f"{machine['renderer']}, {machine['processor']}, {machine['cores']} cores\n"
+    )
+    click.echo(table(report))
+
+
+def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int, ...]:
+    """Read "1,2,4"."""
+    if text is None:
+        return ()
+    try:
+        numbers = tuple(int(word) for word in text.split(","))
+    except ValueError:
+        numbers = (0,)
+    if min(numbers) < 1:
+        raise click.BadParameter(f"expected whole numbers above 0 with commas between them, got {text}")
+    return numbers
+
+
+@bench.command()
+@_shared_options("middlebury")
+@click.option(
+    "--pairs",
+    type=click.IntRange(min=1),
+    default=8,
+    show_default=True,
+    help="Pairs that each number of workers makes in a round; at least four each.",
+)
+@click.option(
+    "--repeats",
+    type=click.IntRange(min=1),
+    default=3,
+    show_default=True,
+    help="Times each alternative is timed; workers and starts half as often.",
+)
+@click.option(
+    "--workers",
+    callback=_numbers,
+    metavar="N,N",
+    help="Numbers of workers.  [default: powers of two up to the cores]",
+)
+@click.option(
+    "--memory-pairs",
+    type=click.IntRange(min=1),
+    default=40,
+    show_default=True,
+    help="Pairs that memory is followed over.",
+)
+@click.option("--no-stress", is_flag=True, help="Leave out the pair of 10,000 instances and 5 million triangles.")
+def speed(
+    config_name: str,
+    settings: tuple[str, ...],
+    seed: int,
+    backend: Backend,
+    json_path: Path | None,
+    plot_path: Path | None,
+    pairs: int,
+    repeats: int,
+    workers: tuple[int, ...],
+    memory_pairs: int,
+    no_stress: bool,  # noqa: FBT001 - click passes flags so
+) -> None:
+    """Measure pairs per second, what limits them, and what they depend on.
+
+    Each stage of a pair alone; workers, from start to end; instances, triangles, pixels, antialiasing and outputs;
+    memory; the time to the first pair. Let the machine do nothing else meanwhile.
+    """
+    # Imported here: matplotlib takes longer to load than other commands to run.
+    from semisynth_gl.bench.speed import Effort, measure, table  # noqa: PLC0415
+    from semisynth_gl.bench.speed_plot import draw_plot  # noqa: PLC0415
+
+    _check_places(json_path, plot_path)
+    config = load_config(config_name, settings)
+    effort = Effort(pairs, repeats, workers, memory_pairs, stress=not no_stress)
+    report = measure(config, seed, backend, effort, _say)
+    _save(report, json_path, plot_path, draw_plot)
+    machine, (width, height) = report["machine"], report["size_px"]
+    click.echo(
+        f"{config.name}, {width} x {height} px; {machine['renderer']}, {machine['opengl']}; {machine['processor']}, "
+        f"{machine['usable_cores']} cores; Python {machine['python']}; {machine['date']}\n"
+    )
+    click.echo(table(report))
+
+
+def _say(part: str) -> None:
+    click.echo(f"{part} ...", err=True)
+
+
+def _check_places(json_path: Path | None, plot_path: Path | None) -> None:
+    """Refuse what cannot be written before anything is measured."""
     for option, path in (("--json", json_path), ("--plot", plot_path)):
         if path is not None and not path.absolute().parent.is_dir():
             raise InputError(f"{option} {path}: the folder {path.absolute().parent} does not exist")
     if plot_path is not None and plot_path.suffix.lower() != ".png":
         raise InputError(f"--plot {plot_path}: expected a name that ends in .png")
-    config = load_config(config_name, settings)
-    report = measure(
-        config, seed, backend, Effort(pairs, rays, repeats), lambda stage: click.echo(f"{stage} ...", err=True)
-    )
+
+
+def _save(
+    report: dict[str, Any],
+    json_path: Path | None,
+    plot_path: Path | None,
+    draw_plot: Callable[[dict[str, Any]], "Figure"],
+) -> None:
+    """Write the report where it was asked for."""
     report["command"] = " ".join(["semisynth-gl", *sys.argv[1:]])
     if json_path is not None:
         json_path.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
@@ -68,9 +195,3 @@ def accuracy(
         png = io.BytesIO()
         draw_plot(report).savefig(png, format="png")
         plot_path.write_bytes(png.getvalue())
-    machine, (width, height) = report["machine"], report["sizes_px"][0]
-    click.echo(
-        f"{config.name}, {width} x {height} px, {pairs} pairs, {report['pixels_compared']} pixels against the oracle; "
-        f"{machine['renderer']}, {machine['processor']}, {machine['cores']} cores\n"
-    )
-    click.echo(table(report))

@@ -13,6 +13,8 @@ from semisynth_gl.render.context import Backend
 from semisynth_gl.write.dataset import DatasetFolder
 
 _REASONS_SHOWN = 5
+# Above this share of a pair's pixels, what the encoding of disparity cannot say is worth a word.
+_MUCH_BEYOND = 0.01
 # A worker takes about as long to start as to make a few pairs.
 _PAIRS_PER_WORKER = 8
 
@@ -53,7 +55,8 @@ def generate(
 
     Files stand as in Middlebury's evaluation set: MiddEval3/trainingF/<pair>/im0.png, im1.png, disp0GT.pfm,
     disp1GT.pfm, mask0nocc.png, mask1nocc.png, calib.txt, and pair.json, which says what made the pair. The outputs
-    instances and depth add inst0.png, inst1.png, depth0.pfm and depth1.pfm.
+    instances and depth add inst0.png, inst1.png, depth0.pfm and depth1.pfm. The config's section files chooses other
+    encodings.
     """
     if outputs is not None:
         settings = (*settings, f"outputs=[{'' if outputs == 'none' else outputs}]")
@@ -72,8 +75,10 @@ def generate(
     if workers is None:
         workers = max(1, min(cores(), pairs // _PAIRS_PER_WORKER))
     redrawn: list[str] = []
+    beyond: list[float] = []
 
     def written(pair: pipeline.Written) -> None:
+        beyond.append(pair.share_beyond)
         redrawn.extend(f"pair {pair.index}: {reason}" for reason in pair.redrawn)
         progress.advance()
 
@@ -85,4 +90,17 @@ def generate(
         click.echo(f"drawn again, {reason}", err=True)
     if redrawn:
         click.echo(f"{len(redrawn)} times a pair failed its checks and was drawn again (see pair.json)", err=True)
+    _warn_of_lost(beyond, config.files.disparity)
     click.echo(f"{pairs} pairs in {scenes}")
+
+
+def _warn_of_lost(shares: list[float], encoding: str) -> None:
+    """Say of how many pairs the encoding loses much; ``shares`` has those of its pixels."""
+    much = [share for share in shares if share > _MUCH_BEYOND]
+    if much:
+        click.echo(
+            f"in {len(much)} pairs more than {_MUCH_BEYOND:.0%} of the pixels have a disparity that {encoding} cannot "
+            f"hold, at worst {max(much):.1%}: they are invalid (disparity_beyond in pair.json counts them); "
+            "files.disparity=pfm or tiff holds them",
+            err=True,
+        )

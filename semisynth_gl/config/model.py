@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from semisynth_gl.config.range import NotNegativeRange, PositiveRange, Range, RangeField
+from semisynth_gl.encodings import DisparityEncoding, Encodings, ImageEncoding
 from semisynth_gl.frame import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, Output, TruthOf
 
 
@@ -279,6 +280,24 @@ class SequenceSection(Section):
     frame_s: Positive = 0.04
 
 
+class FilesSection(Section):
+    """How files are encoded. Masks and ids are PNG and depth is PFM in any case.
+
+    Attributes:
+        image: ``png``, ``qoi`` or ``jxl``, all lossless; the latter two need the extra ``codecs``.
+        disparity: ``pfm``; ``tiff``, smaller, lossless too; or ``png16``, KITTI's, which counts 1/256 px and ends at
+            256 px.
+    """
+
+    image: ImageEncoding = "png"
+    disparity: DisparityEncoding = "pfm"
+
+    @property
+    def encodings(self) -> Encodings:
+        """Both, as the rooms that write and read take them."""
+        return Encodings(self.image, self.disparity)
+
+
 class Config(Section):
     """Everything that, with a seed and an index, determines a pair.
 
@@ -293,6 +312,7 @@ class Config(Section):
         sequence: see `SequenceSection`.
         imperfections: see `ImperfectionsSection`.
         checks: see `ChecksSection`.
+        files: see `FilesSection`.
         outputs: what is written beside images and disparities: ``visibility``, ``instances``, ``depth``.
         truth: of which views disparity and outputs are written: ``both``, or ``left`` alone, which is faster.
         antialias: of colour: ``none``, ``msaa4`` (or what the driver has), ``ssaa2`` to ``ssaa8``.
@@ -308,6 +328,7 @@ class Config(Section):
     sequence: SequenceSection = SequenceSection()
     imperfections: ImperfectionsSection = ImperfectionsSection()
     checks: ChecksSection = ChecksSection()
+    files: FilesSection = FilesSection()
     outputs: Annotated[tuple[Output, ...], BeforeValidator(_as_tuple)] = DEFAULT_OUTPUTS
     truth: TruthOf = "both"
     antialias: Annotated[str, Field(pattern=ANTIALIAS_PATTERN)] = "none"

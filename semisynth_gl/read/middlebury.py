@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.encodings import DISPARITY_ENCODINGS, IMAGE_ENCODINGS, Encodings
 from semisynth_gl.errors import InputError
 from semisynth_gl.read.calib import Calibration, read_calib
+from semisynth_gl.read.encodings import DISPARITY_DECODERS, IMAGE_DECODERS, read_with
 from semisynth_gl.read.error import ReadError, read_bytes
 from semisynth_gl.read.pfm import read_pfm
-from semisynth_gl.read.png import read_grey, read_grey16, read_rgb
+from semisynth_gl.read.png import read_grey, read_grey16
 
 INDEX = "dataset.json"
 SCENES = "MiddEval3/trainingF"
@@ -35,27 +37,34 @@ def read_json(path: Path) -> dict[str, Any]:
     return values
 
 
-REQUIRED: dict[str, Callable[[Path], Any]] = {
-    "im0.png": read_rgb,
-    "im1.png": read_rgb,
-    "disp0GT.pfm": read_pfm,
-    "calib.txt": read_calib,
-    "pair.json": read_json,
-}
-"""Files that every scene has, and what reads them."""
+Readers = dict[str, Callable[[Path], Any]]
 
-OPTIONAL: dict[str, dict[str, Callable[[Path], Any]]] = {
+DEFAULT = Encodings()
+
+OPTIONAL: dict[str, Readers] = {
     "visibility": {"mask0nocc.png": read_grey, "mask1nocc.png": read_grey},
     "instances": {"inst0.png": read_grey16, "inst1.png": read_grey16},
     "depth": {"depth0.pfm": read_pfm, "depth1.pfm": read_pfm},
 }
 """Files that a scene has where the config's ``outputs`` name them."""
 
-RIGHT: dict[str, Callable[[Path], Any]] = {
-    "disp1GT.pfm": read_pfm,
-    **{name: reader for files in OPTIONAL.values() for name, reader in files.items() if "1" in name},
-}
-"""Files that a scene lacks where the config's ``truth`` is of the left view alone."""
+
+def required(encodings: Encodings) -> Readers:
+    """Name the files that every scene has, and what reads them."""
+    return {
+        **dict.fromkeys(encodings.image_names, read_with(IMAGE_DECODERS[encodings.image])),
+        encodings.disparity_names[0]: read_with(DISPARITY_DECODERS[encodings.disparity].decode),
+        "calib.txt": read_calib,
+        "pair.json": read_json,
+    }
+
+
+def of_right_view(encodings: Encodings) -> Readers:
+    """Name the files that a scene lacks where the config's ``truth`` is of the left view alone."""
+    return {
+        encodings.disparity_names[1]: read_with(DISPARITY_DECODERS[encodings.disparity].decode),
+        **{name: reader for files in OPTIONAL.values() for name, reader in files.items() if "1" in name},
+    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,12 +76,14 @@ class Index:
         values: the whole of dataset.json; empty where it could not be read.
         scenes: names of the scenes, from dataset.json, else from the folders that are there.
         fault: why dataset.json could not be read, or None.
+        encodings: of images and disparities, as the config has them.
     """
 
     path: Path
     values: dict[str, Any]
     scenes: tuple[str, ...]
     fault: str | None = None
+    encodings: Encodings = DEFAULT
 
     @property
     def config(self) -> dict[str, Any]:
@@ -119,7 +130,7 @@ def read_index(path: Path) -> Index:
     A folder with scenes and without a readable dataset.json is opened all the same, with a `fault`.
 
     Raises:
-        InputError: where there is no dataset at the path, or one in another layout.
+        InputError: where there is no dataset at the path, or one in another layout or encoding.
     """
     if not path.is_dir():
         raise InputError(f"{path}: {'expected a folder, got a file' if path.exists() else 'there is no such folder'}")
@@ -132,10 +143,25 @@ def read_index(path: Path) -> Index:
         return Index(path, {}, tuple(held), f"{INDEX} {error.reason}")
     if values.get("layout") != "middlebury":
         raise InputError(f"{path}: expected the layout middlebury, got {values.get('layout')!r} in {INDEX}")
+    encodings = _encodings(path, values.get("config_values"))
     scenes = values.get("scenes")
     if not (isinstance(scenes, list) and all(isinstance(scene, str) and "/" not in scene for scene in scenes)):
-        return Index(path, values, tuple(held), f"{INDEX} has no list of scenes")
-    return Index(path, values, tuple(scenes))
+        return Index(path, values, tuple(held), f"{INDEX} has no list of scenes", encodings)
+    return Index(path, values, tuple(scenes), encodings=encodings)
+
+
+def _encodings(path: Path, config: object) -> Encodings:
+    """Take the encodings from the config's values; the default for datasets older than that section."""
+    files = config.get("files") if isinstance(config, dict) else None
+    if not isinstance(files, dict):
+        return DEFAULT
+    image, disparity = files.get("image", DEFAULT.image), files.get("disparity", DEFAULT.disparity)
+    if image not in IMAGE_ENCODINGS or disparity not in DISPARITY_ENCODINGS:
+        raise InputError(
+            f"{path}: expected images in {', '.join(IMAGE_ENCODINGS)} and disparities in "
+            f"{', '.join(DISPARITY_ENCODINGS)}, {INDEX} names {image} and {disparity}"
+        )
+    return Encodings(image, disparity)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,6 +176,7 @@ class SceneFiles:
         disparity_left: (H, W) float32, px; inf where invalid.
         disparity_right: (H, W) float32, px, in the right view's pixels, or None.
         optional: arrays of the optional files that are there, by file name.
+        encodings: of images and disparities.
     """
 
     calibration: Calibration
@@ -159,16 +186,38 @@ class SceneFiles:
     disparity_left: NDArray[np.float32]
     disparity_right: NDArray[np.float32] | None
     optional: dict[str, NDArray[Any]] = field(default_factory=dict)
+    encodings: Encodings = DEFAULT
+
+    def rounding_px(self, disparity: NDArray[np.floating[Any]] | float) -> NDArray[np.float64]:
+        """Return the most that the encoding puts disparities off by: 0 for those that are lossless."""
+        error = DISPARITY_DECODERS[self.encodings.disparity].error_px
+        # What would round to 0, which says that there is none, is raised to the smallest step.
+        return np.where(np.asarray(disparity) <= 2 * error, 2 * error, error)
+
+    @property
+    def disparity_largest_px(self) -> float:
+        """The largest disparity that the encoding can say."""
+        return DISPARITY_DECODERS[self.encodings.disparity].largest_px
 
 
-def read_scene_files(folder: Path) -> tuple[SceneFiles | None, list[ReadError]]:
+def read_scene_files(folder: Path, encodings: Encodings = DEFAULT) -> tuple[SceneFiles | None, list[ReadError]]:
     """Read what can be read of a scene.
+
+    Args:
+        folder: the scene's.
+        encodings: `Index.encodings`.
 
     Returns:
         The scene, or None where a file that every scene has cannot be read; and a fault for each such file.
+
+    Raises:
+        InputError: where an encoding needs what is not installed.
     """
-    optional = RIGHT | {name: reader for files in OPTIONAL.values() for name, reader in files.items()}
-    readers = REQUIRED | {name: reader for name, reader in optional.items() if (folder / name).exists()}
+    needed = required(encodings)
+    optional = of_right_view(encodings) | {
+        name: reader for files in OPTIONAL.values() for name, reader in files.items()
+    }
+    readers = needed | {name: reader for name, reader in optional.items() if (folder / name).exists()}
     values: dict[str, Any] = {}
     faults: list[ReadError] = []
     for name, reader in readers.items():
@@ -176,27 +225,30 @@ def read_scene_files(folder: Path) -> tuple[SceneFiles | None, list[ReadError]]:
             values[name] = reader(folder / name)
         except ReadError as error:
             faults.append(error)
-    if not REQUIRED.keys() <= values.keys():
+    if not needed.keys() <= values.keys():
         return None, faults
+    (left, right), (disparity_left, disparity_right) = encodings.image_names, encodings.disparity_names
     scene = SceneFiles(
         calibration=values["calib.txt"],
         pair=values["pair.json"],
-        left=values["im0.png"],
-        right=values["im1.png"],
-        disparity_left=values["disp0GT.pfm"],
-        disparity_right=values.pop("disp1GT.pfm", None),
-        optional={name: value for name, value in values.items() if name not in REQUIRED},
+        left=values[left],
+        right=values[right],
+        disparity_left=values[disparity_left],
+        disparity_right=values.pop(disparity_right, None),
+        optional={name: value for name, value in values.items() if name not in needed},
+        encodings=encodings,
     )
     return scene, faults
 
 
-def read_scene(folder: Path) -> SceneFiles:
-    """Read one scene.
+def read_scene(folder: Path, encodings: Encodings = DEFAULT) -> SceneFiles:
+    """Read one scene; see `read_scene_files`.
 
     Raises:
         ReadError: where a file is missing or cannot be read.
+        InputError: where an encoding needs what is not installed.
     """
-    scene, faults = read_scene_files(folder)
+    scene, faults = read_scene_files(folder, encodings)
     if faults or scene is None:
         raise faults[0]
     return scene

@@ -25,22 +25,31 @@ def read_rgb(path: Path) -> NDArray[np.uint8]:
     Raises:
         ReadError: where it is missing, cut off, or another kind of image.
     """
-    return _read(path, 8, _RGB)
+    return decode_rgb(read_bytes(path), path)
 
 
 def read_grey(path: Path) -> NDArray[np.uint8]:
     """Read an 8-bit PNG of one channel as (H, W) uint8; raises like `read_rgb`."""
-    return _read(path, 8, _GREY)
+    return _decode(read_bytes(path), path, 8, _GREY)
 
 
 def read_grey16(path: Path) -> NDArray[np.uint16]:
     """Read a 16-bit PNG of one channel as (H, W) uint16; raises like `read_rgb`."""
+    return decode_grey16(read_bytes(path), path)
+
+
+def decode_rgb(data: bytes, path: Path) -> NDArray[np.uint8]:
+    """Decode what `read_rgb` reads; the path is for messages."""
+    return _decode(data, path, 8, _RGB)
+
+
+def decode_grey16(data: bytes, path: Path) -> NDArray[np.uint16]:
+    """Decode what `read_grey16` reads; the path is for messages."""
     # Pillow opens 16-bit grey as 16 or 32-bit integers, depending on its version.
-    return np.asarray(_read(path, 16, _GREY)).astype(np.uint16)
+    return np.asarray(_decode(data, path, 16, _GREY)).astype(np.uint16)
 
 
-def _read(path: Path, bits: int, colour: int) -> NDArray[np.uint8]:
-    data = read_bytes(path)
+def _decode(data: bytes, path: Path, bits: int, colour: int) -> NDArray[np.uint8]:
     # The header is read here because Pillow opens 16-bit RGB as 8-bit RGB.
     if data[:8] != _SIGNATURE or len(data) < 33 or data[12:16] != b"IHDR":
         raise ReadError(path, f"expected a PNG, got {data[:8]!r}")

@@ -43,6 +43,11 @@ class GraphicsContext:
     backend: Backend
     renderer: str
 
+    @property
+    def facts(self) -> dict[str, str]:
+        """Backend, renderer and version of OpenGL, as the driver calls them."""
+        return {"backend": self.backend, "renderer": self.renderer, "opengl": str(self.gl.info["GL_VERSION"])}
+
     def release(self) -> None:
         """Free the context and all that lives in it."""
         self.gl.release()

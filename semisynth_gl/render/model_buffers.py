@@ -5,12 +5,13 @@ from dataclasses import dataclass
 
 import moderngl
 import numpy as np
+from numpy.typing import NDArray
 
 from semisynth_gl.camera import Eye
 from semisynth_gl.errors import BackendError
 from semisynth_gl.geometry.adjacency import neighbours
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.render.projection import in_view, view_from_models
+from semisynth_gl.render.projection import in_view
 from semisynth_gl.scene.scene import Scene
 
 # The vertex and per-instance attributes of mesh.vert, in their order.
@@ -30,6 +31,29 @@ _COMMAND = np.dtype(
 # The struct Instance of common_silhouette.glsl, std430.
 _TRACED = np.dtype([("view_from_model", "<f4", (3, 4)), ("model", "<u4", (4,))])
 _FEWEST_INSTANCES = 256
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placed:
+    """A scene's instances as both eyes see them.
+
+    Attributes:
+        scene: the scene.
+        view_from_model: (N, 4, 4) float64, relative to the left eye; the right one's differ in their place alone.
+        radius_m: (N,) float64, bounds how far an instance reaches from its centre.
+        solid: (N,) bool, whether only fronts can be seen from outside.
+    """
+
+    scene: Scene
+    view_from_model: NDArray[np.float64]
+    radius_m: NDArray[np.float64]
+    solid: NDArray[np.bool_]
+
+    def rows(self, eye: Eye) -> NDArray[np.float64]:
+        """The first three rows of view_from_model relative to one eye, (N, 3, 4) float64."""
+        rows = self.view_from_model[:, :3].copy()
+        rows[:, 0, 3] -= self.scene.camera.offset_m(eye)
+        return rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,28 +95,31 @@ class ModelBuffers:
     def __len__(self) -> int:
         return len(self._model_commands)
 
-    def fill(self, scene: Scene, eye: Eye) -> Filled:
-        """Upload the instances that one eye may see, near ones first: what they hide is then not shaded."""
-        view_from_model = view_from_models(scene, eye)
+    def place(self, scene: Scene) -> Placed:
+        """Compose the poses of a scene's instances, for both eyes."""
+        view_from_model = scene.camera_from_world @ scene.world_from_model
         linear = view_from_model[:, :3, :3]
         # The largest row sum of |A^T A| bounds the squared largest singular value from above, and is equal to it where
         # the instance is scaled along its own axes and then rotated.
         stretch = np.sqrt(np.abs(linear.transpose(0, 2, 1) @ linear).sum(axis=2).max(axis=1, initial=0.0))
-        radius_m = self._radius[scene.model] * stretch
-        centre_m = view_from_model[:, :3, 3]
+        # A mirrored instance turns its backs outwards.
+        solid = self._solid[scene.model]
+        solid[solid] = np.linalg.det(linear[solid]) > 0
+        return Placed(scene, view_from_model, self._radius[scene.model] * stretch, solid)
+
+    def fill(self, placed: Placed, eye: Eye) -> Filled:
+        """Upload the instances that one eye may see, near ones first: what they hide is then not shaded."""
+        scene, view_from_model, radius_m = placed.scene, placed.rows(eye), placed.radius_m
+        centre_m = view_from_model[:, :, 3]
         seen = np.flatnonzero(in_view(scene.camera, eye, scene.near_m, centre_m, radius_m))
-        # A mirrored instance turns its backs outwards, and one that the near plane cuts open shows them.
-        fronts_only = (
-            self._solid[scene.model[seen]]
-            & (centre_m[seen, 2] - radius_m[seen] > scene.near_m)
-            & (np.linalg.det(linear[seen]) > 0)
-        )
+        # What the near plane cuts open shows its backs.
+        fronts_only = placed.solid[seen] & (centre_m[seen, 2] - radius_m[seen] > scene.near_m)
         seen = seen[np.lexsort((centre_m[seen, 2] + radius_m[seen], ~fronts_only))]
         fronts = int(fronts_only.sum())
         if len(seen) == 0:
             return Filled(0, 0)
         instances = np.zeros(len(seen), _INSTANCE)
-        instances["view_from_model"] = view_from_model[seen, :3]
+        instances["view_from_model"] = view_from_model[seen]
         instances["patch_from_uv"][:, :2] = scene.uv_scale[seen]
         instances["patch_from_uv"][:, 2:] = scene.uv_offset[seen]
         instances["layer"] = scene.layer[seen]
@@ -126,12 +153,13 @@ class ModelBuffers:
                 self._commands, moderngl.TRIANGLES, filled.both_sides, first=filled.fronts
             )
 
-    def bind_for_tracing(self, scene: Scene, eye: Eye) -> None:
+    def bind_for_tracing(self, placed: Placed, eye: Eye) -> None:
         """Bind the buffers of common_silhouette.glsl, with all instances relative to one eye."""
         if self._neighbours is None or self._traced is None:
             raise RuntimeError("these models were uploaded without their neighbours")
+        scene = placed.scene
         rows = np.zeros(len(scene), _TRACED)
-        rows["view_from_model"] = view_from_models(scene, eye)[:, :3]
+        rows["view_from_model"] = placed.rows(eye)
         rows["model"][:, 0] = self._model_commands["first_index"][scene.model] // 3
         rows["model"][:, 1] = self._model_commands["base_vertex"][scene.model]
         if rows.nbytes > self._traced.size:

@@ -4,7 +4,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import Eye, StereoCamera
-from semisynth_gl.scene.scene import Scene
 
 
 def clip_from_view(camera: StereoCamera, eye: Eye, near_m: float) -> NDArray[np.float64]:
@@ -23,19 +22,6 @@ def clip_from_view(camera: StereoCamera, eye: Eye, near_m: float) -> NDArray[np.
     matrix[2, 3] = near_m
     matrix[3, 2] = 1
     return matrix
-
-
-def view_from_world(camera: StereoCamera, eye: Eye, camera_from_world: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Pose of one eye, (4, 4) float64: the left camera's, shifted by the baseline for the right one."""
-    view = camera_from_world.copy()
-    view[0] -= camera.offset_m(eye) * camera_from_world[3]
-    return view
-
-
-def view_from_models(scene: Scene, eye: Eye) -> NDArray[np.float64]:
-    """Matrices of all instances relative to one eye, (N, 4, 4) float64."""
-    view: NDArray[np.float64] = view_from_world(scene.camera, eye, scene.camera_from_world) @ scene.world_from_model
-    return view
 
 
 def in_view(

@@ -5,7 +5,7 @@ of its own where it is antialiased), the visibility pass of each eye (from both 
 copy of the results into arrays.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from types import TracebackType
 from typing import Any, Literal, Self
 
@@ -19,13 +19,14 @@ from semisynth_gl.frame import DEFAULT_OUTPUTS, OUTPUTS, TRUTHS, Frame, Output, 
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.antialias import ColourTargets, parse_antialias
 from semisynth_gl.render.context import Backend, open_context
-from semisynth_gl.render.model_buffers import Filled, ModelBuffers
+from semisynth_gl.render.model_buffers import Filled, ModelBuffers, Placed
 from semisynth_gl.render.programs import link_program, set_uniform
 from semisynth_gl.render.projection import clip_from_view
 from semisynth_gl.render.targets import Attachment, EyeTargets
 from semisynth_gl.scene.scene import Scene
 
 Wrap = Literal["mirror", "repeat"]
+RenderStage = Literal["draw", "visibility", "readback"]
 
 _OTHER: dict[Eye, Eye] = {"left": "right", "right": "left"}
 _MOST_INSTANCE_IDS = 65535
@@ -114,11 +115,23 @@ class Renderer:
         """What the driver calls itself (GL_RENDERER)."""
         return self._context.renderer
 
-    def render(self, scene: Scene) -> Frame:
+    @property
+    def facts(self) -> dict[str, str]:
+        """Backend, renderer and version of OpenGL, as the driver calls them."""
+        return self._context.facts
+
+    def count_objects(self) -> dict[str, int]:
+        """Count what the driver holds for this renderer, by kind; for the search for leaks."""
+        with self._gl:
+            return self._context.unbound.count_objects()
+
+    def render(self, scene: Scene, done: Callable[[RenderStage], None] | None = None) -> Frame:
         """Draw one pair.
 
         Args:
             scene: indices must lie within the renderer's models and layers.
+            done: for measurements: called after each stage, which the driver is made to finish then. Stages overlap
+                without it. What is antialiased is read back while it is drawn.
 
         Returns:
             Both images, both disparities and the outputs that were asked for, in new arrays.
@@ -130,14 +143,31 @@ class Renderer:
         self._check(scene)
         # Another renderer of this thread may have made its context current.
         with self._gl:
-            return self._render(scene)
+            return self._render(scene, done)
 
-    def _render(self, scene: Scene) -> Frame:
+    def _render(self, scene: Scene, done: Callable[[RenderStage], None] | None) -> Frame:
+        def finish(stage: RenderStage) -> None:
+            if done is not None:
+                self._gl.finish()
+                done(stage)
+
         self._resize(scene.camera.width_px, scene.camera.height_px)
-        colour = {eye: self._draw(scene, eye) for eye in EYES}
+        placed = self._models.place(scene)
+        colour = {eye: self._draw(placed, eye) for eye in EYES}
+        finish("draw")
         if "visibility" in self._outputs:
             for eye in self._truth_eyes:
-                self._derive_visibility(scene, eye)
+                self._derive_visibility(placed, eye)
+        finish("visibility")
+        arrays = self._read(colour)
+        error = self._gl.error
+        if error != "GL_NO_ERROR":
+            raise BackendError(f"{self.renderer_name} reported {error} while drawing a pair")
+        finish("readback")
+        return Frame(scene.camera, **arrays)
+
+    def _read(self, colour: dict[Eye, NDArray[np.uint8] | None]) -> dict[str, NDArray[Any]]:
+        """Copy out what `Frame` holds; ``colour`` has the images that were antialiased."""
         arrays: dict[str, NDArray[Any]] = {}
         for eye in EYES:
             targets, antialiased = self._targets[eye], colour[eye]
@@ -151,10 +181,7 @@ class Renderer:
                 arrays[f"instances_{eye}"] = targets.read_instances()
             if "depth" in self._outputs:
                 arrays[f"depth_{eye}"] = targets.read_depth()
-        error = self._gl.error
-        if error != "GL_NO_ERROR":
-            raise BackendError(f"{self.renderer_name} reported {error} while drawing a pair")
-        return Frame(scene.camera, **arrays)
+        return arrays
 
     def release(self) -> None:
         """Free the context and all that it holds; a second call does nothing."""
@@ -273,9 +300,9 @@ class Renderer:
             outgrown_colour.release()
         self._size = (width_px, height_px)
 
-    def _draw(self, scene: Scene, eye: Eye) -> NDArray[np.uint8] | None:
+    def _draw(self, placed: Placed, eye: Eye) -> NDArray[np.uint8] | None:
         """Draw one eye; return the colour where it is antialiased."""
-        filled = self._models.fill(scene, eye)
+        scene, filled = placed.scene, self._models.fill(placed, eye)
         projection = tuple(clip_from_view(scene.camera, eye, scene.near_m).T.ravel().tolist())
         self._atlas.use(0)
         program = self._draw_programs[eye]
@@ -298,7 +325,8 @@ class Renderer:
         set_uniform(program, "clip_from_view", projection)
         self._models.draw(program, filled)
 
-    def _derive_visibility(self, scene: Scene, eye: Eye) -> None:
+    def _derive_visibility(self, placed: Placed, eye: Eye) -> None:
+        scene = placed.scene
         own, other, camera = self._targets[eye], self._targets[_OTHER[eye]], scene.camera
         if own.visibility is None:
             raise RuntimeError("these targets were made without visibility")
@@ -307,7 +335,7 @@ class Renderer:
         own.use("surface", _OWN_SURFACE)
         other.use("disparity", _OTHER_DISPARITY)
         other.use("surface", _OTHER_SURFACE)
-        self._models.bind_for_tracing(scene, _OTHER[eye])
+        self._models.bind_for_tracing(placed, _OTHER[eye])
         self._gl.enable_only(moderngl.DEPTH_TEST)
         # All draws stand at depth 0, where nothing drawn can be. What the first discards keeps the drawing's depth,
         # and the others are drawn where that is so.

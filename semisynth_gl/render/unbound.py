@@ -16,6 +16,10 @@ _GL_COLOR, _GL_DEPTH = 0x1800, 0x1801
 _GL_TEXTURE_WRAP_S, _GL_TEXTURE_WRAP_T = 0x2802, 0x2803
 _GL_MIRRORED_REPEAT = 0x8370
 
+# Kinds of objects, and the names among which they are looked for: drivers hand out small ones.
+_KINDS = ("Texture", "Buffer", "Framebuffer", "Renderbuffer", "Program", "VertexArray")
+_NAMES = 2048
+
 _UINT, _INT, _INTS = ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_int)
 _FLOATS, _UINTS = ctypes.POINTER(ctypes.c_float), ctypes.POINTER(ctypes.c_uint)
 
@@ -31,11 +35,11 @@ class UnboundCalls:
     """
 
     def __init__(self, load: Callable[[str], int]) -> None:
-        def function(name: str, *types: Any) -> Callable[..., None]:  # noqa: ANN401 - ctypes has no common type
+        def function(name: str, *types: Any, result: Any = None) -> Callable[..., Any]:  # noqa: ANN401 - ctypes has no common type
             address = load(name)
             if not address:
                 raise BackendError(f"the driver lacks {name}, which OpenGL 4.5 requires: update the driver or Mesa")
-            return ctypes.CFUNCTYPE(None, *types)(address)
+            return ctypes.CFUNCTYPE(result, *types)(address)
 
         self._clip_control = function("glClipControl", _UINT, _UINT)
         self._disable = function("glDisable", _UINT)
@@ -45,6 +49,7 @@ class UnboundCalls:
         self._clear_float = function("glClearBufferfv", _UINT, _INT, _FLOATS)
         self._clear_unsigned = function("glClearBufferuiv", _UINT, _INT, _UINTS)
         self._texture_parameter = function("glTextureParameteri", _UINT, _UINT, _INT)
+        self._is_kind = {kind: function(f"glIs{kind}", _UINT, result=ctypes.c_ubyte) for kind in _KINDS}
 
     def use_zero_to_one_depth(self) -> None:
         """Map clip z to [0, 1] instead of [-1, 1].
@@ -68,6 +73,10 @@ class UnboundCalls:
     def clear_depth(self, value: float) -> None:
         """Clear the depth buffer of the framebuffer in use."""
         self._clear_float(_GL_DEPTH, 0, ctypes.byref(ctypes.c_float(value)))
+
+    def count_objects(self) -> dict[str, int]:
+        """Count the context's objects by kind, those whose names OpenGL gave away below 2048."""
+        return {kind: sum(map(is_kind, range(1, _NAMES))) for kind, is_kind in self._is_kind.items()}
 
     def mirror_beyond_border(self, texture: int) -> None:
         """Let a texture go on as its mirror image."""

@@ -14,7 +14,7 @@ from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.context import Backend, open_context
 from semisynth_gl.render.model_buffers import ModelBuffers
 from semisynth_gl.render.programs import link_program, set_uniform
-from semisynth_gl.render.projection import clip_from_view, view_from_models
+from semisynth_gl.render.projection import clip_from_view
 from semisynth_gl.render.targets import EyeTargets
 from semisynth_gl.scene.scene import Scene
 
@@ -90,11 +90,7 @@ class DisparityVariants:
     @property
     def facts(self) -> dict[str, str]:
         """Backend, renderer and version of OpenGL, as the driver calls them."""
-        return {
-            "backend": self._context.backend,
-            "renderer": self._context.renderer,
-            "opengl": str(self._gl.info["GL_VERSION"]),
-        }
+        return self._context.facts
 
     def disparity(self, scene: Scene, eye: Eye, way: Way) -> NDArray[np.float32]:
         """Draw one eye's disparity.
@@ -168,7 +164,7 @@ class DisparityVariants:
             set_uniform(program, "focal_px", camera.focal_px)
             set_uniform(program, "other_centre_px", centre)
         if way in ("plane", "plane64"):
-            self._models.bind_for_tracing(scene, eye)
+            self._models.bind_for_tracing(self._models.place(scene), eye)
         targets.clear()
         self._draw(scene, eye, program)
         return targets.read_disparity()
@@ -200,7 +196,7 @@ class DisparityVariants:
         self, scene: Scene, eye: Eye, program: moderngl.Program, *, projection: NDArray[np.float64] | None = None
     ) -> None:
         """Draw one eye into the framebuffer in use; with a projection of one's own, depth grows with distance."""
-        filled = self._models.fill(scene, eye)
+        filled = self._models.fill(self._models.place(scene), eye)
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">" if projection is None else "<"
         if projection is None:
@@ -209,8 +205,7 @@ class DisparityVariants:
         self._models.draw(program, filled)
 
     def _bind_poses(self, scene: Scene, eye: Eye) -> None:
-        view_from_model = view_from_models(scene, eye)
-        rows = np.ascontiguousarray(view_from_model[:, :3])
+        rows = self._models.place(scene).rows(eye)
         self._poses.orphan(max(rows.nbytes, 1))
         if rows.nbytes:
             self._poses.write(rows)

@@ -31,7 +31,7 @@ def verify_dataset(index: Index, oracle_pixels: int = 0) -> Iterator[Verdict]:
     for name in index.scenes:
         verdict = Verdict(name)
         if check_scene_folder(index, verdict):
-            scene, faults = read_scene_files(index.scene_path(name))
+            scene, faults = read_scene_files(index.scene_path(name), index.encodings)
             for fault in faults:
                 verdict.add("files", f"{fault.path.name} {fault.reason}")
             if scene is not None:

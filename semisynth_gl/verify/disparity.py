@@ -1,5 +1,7 @@
 """What one view's disparity must satisfy by itself, and with calibration and depth."""
 
+from math import isfinite
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,21 +48,32 @@ def check_disparity(scene: SceneFiles, most: float | None, verdict: Verdict) -> 
             )
         if most is not None and valid.any():
             largest = float(disparity[valid].max())
-            if largest > most * (1 + _SIX_DIGITS):
+            if largest > most * (1 + _SIX_DIGITS) + float(scene.rounding_px(largest)):
                 verdict.add("disparity", f"{side}: largest {largest:g} px, the config allows {most:g} px")
         if infinite.any():
-            _check_invalid(side, disparity, infinite, scene.calibration.camera, verdict)
+            _check_invalid(side, disparity, infinite, _beyond(scene, side), scene.calibration.camera, verdict)
     verdict.measures["invalid_share"] = invalid / pixels
 
 
 def _check_invalid(
-    side: str, disparity: NDArray[np.float32], infinite: NDArray[np.bool_], camera: StereoCamera, verdict: Verdict
+    side: str,
+    disparity: NDArray[np.float32],
+    infinite: NDArray[np.bool_],
+    beyond: int,
+    camera: StereoCamera,
+    verdict: Verdict,
 ) -> None:
     """Check that inf stands only where a surface may have left the valid range.
 
     The background closes the view, so each pixel has a depth, and d = f B / Z - doffs is above 0 unless doffs is
-    positive and the surface far enough. A surface that goes so far passes through 0 first.
+    positive and the surface far enough. A surface that goes so far passes through 0 first. Where the encoding could not
+    say disparities, ``beyond`` of them, only their number can be judged.
     """
+    if beyond:
+        count = int(infinite.sum())
+        if count < beyond or (camera.doffs_px <= 0 and count != beyond):
+            verdict.add("disparity", f"{side}: {_count(infinite)} inf, pair.json counts {beyond} beyond the encoding")
+        return
     share = f"{infinite.mean():.4%} of the pixels, the first at {_first(infinite)}"
     if camera.doffs_px <= 0:
         verdict.add("disparity", f"{side}: inf in {share}, though a doffs of {camera.doffs_px:g} px rules it out")
@@ -73,6 +86,13 @@ def _check_invalid(
     around = disparity[beside & np.isfinite(disparity)]
     if around.size and float(around.min()) > _LAST_VALID_PX:
         verdict.add("disparity", f"{side}: inf in {share}, beside disparities of at least {float(around.min()):g} px")
+
+
+def _beyond(scene: SceneFiles, side: str) -> int:
+    """How many disparities of a view the encoding could not say, by pair.json."""
+    counts = scene.pair.get("disparity_beyond")
+    count = counts.get(side) if isinstance(counts, dict) and isfinite(scene.disparity_largest_px) else 0
+    return count if isinstance(count, int) else 0
 
 
 def check_calibration(scene: SceneFiles, verdict: Verdict) -> None:
@@ -98,14 +118,16 @@ def check_calibration(scene: SceneFiles, verdict: Verdict) -> None:
         ("vmin", calibration.vmin_px, float(valid.min())),
         ("vmax", calibration.vmax_px, float(valid.max())),
     ):
-        if not _close(said, is_, _SIX_DIGITS):
+        # The encoding rounds what the file has, and six digits what calib.txt has.
+        if abs(said - is_) > float(scene.rounding_px(is_)) + _SIX_DIGITS * max(1.0, abs(said), abs(is_)):
             verdict.add("calib", f"{name} is {said:g}, the left disparity's is {is_:g} px")
-    if calibration.ndisp < float(valid.max()) * (1 - _SIX_DIGITS):
-        verdict.add("calib", f"ndisp {calibration.ndisp} is below the largest disparity, {float(valid.max()):g} px")
+    largest = float(valid.max())
+    if calibration.ndisp < largest * (1 - _SIX_DIGITS) - float(scene.rounding_px(largest)):
+        verdict.add("calib", f"ndisp {calibration.ndisp} is below the largest disparity, {largest:g} px")
 
 
 def check_depth(scene: SceneFiles, verdict: Verdict) -> None:
-    """Check Z = f B / (d + doffs) where there are depth files, to float32's rounding."""
+    """Check Z = f B / (d + doffs) where there are depth files, to float32's rounding and the encoding's."""
     camera = scene.calibration.camera
     for name, disparity in (("depth0.pfm", scene.disparity_left), ("depth1.pfm", scene.disparity_right)):
         depth = scene.optional.get(name)
@@ -115,8 +137,9 @@ def check_depth(scene: SceneFiles, verdict: Verdict) -> None:
         valid = np.isfinite(disparity)
         with np.errstate(divide="ignore", invalid="ignore"):
             expected = camera.focal_baseline / depth.astype(np.float64) - camera.doffs_px
-            bound = _FLOAT32 * (np.abs(expected) + 2 * abs(camera.doffs_px))
-            wrong = np.where(valid, ~(np.abs(disparity - expected) <= bound), seen & (expected > bound))
+            bound = _FLOAT32 * (np.abs(expected) + 2 * abs(camera.doffs_px)) + scene.rounding_px(disparity)
+            sayable = expected < scene.disparity_largest_px - bound
+            wrong = np.where(valid, ~(np.abs(disparity - expected) <= bound), seen & (expected > bound) & sayable)
         if wrong.any():
             y, x = np.argwhere(wrong)[0]
             verdict.add(

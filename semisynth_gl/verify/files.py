@@ -5,7 +5,7 @@ import json
 from typing import Any
 
 from semisynth_gl.read.error import ReadError, read_bytes
-from semisynth_gl.read.middlebury import OPTIONAL, REQUIRED, RIGHT, SCENE_LIST, SCENES, Index, SceneFiles
+from semisynth_gl.read.middlebury import OPTIONAL, SCENE_LIST, SCENES, Index, SceneFiles, of_right_view, required
 from semisynth_gl.verify.finding import Verdict
 
 
@@ -47,10 +47,11 @@ def check_scene_folder(index: Index, verdict: Verdict) -> bool:
         verdict.add("files", "the folder of the scene is missing")
         return False
     held = {entry.name for entry in folder.iterdir()}
-    needed, allowed = _expected(index.outputs)
+    always = required(index.encodings).keys()
+    needed, allowed = _expected(index)
     if index.left_alone:
-        needed -= RIGHT.keys()
-    for name in sorted(needed - held - REQUIRED.keys()):
+        needed -= of_right_view(index.encodings).keys()
+    for name in sorted(needed - held - always):
         verdict.add("files", f"{name} is missing")
     for name in sorted(held - needed - allowed):
         why = ": the evaluation kit judges every disp0*.pfm" if name.startswith("disp0") else ""
@@ -65,13 +66,14 @@ def check_sizes(scene: SceneFiles, index: Index, verdict: Verdict) -> bool:
     wanted = (index.number("camera", "height_px"), index.number("camera", "width_px"))
     if index.values and wanted != size:
         verdict.add("size", f"calib.txt says {size[1]} x {size[0]}, the config {wanted[1]} x {wanted[0]}")
+    (left, right), (disparity_left, disparity_right) = scene.encodings.image_names, scene.encodings.disparity_names
     arrays: dict[str, Any] = {
-        "im0.png": scene.left,
-        "im1.png": scene.right,
-        "disp0GT.pfm": scene.disparity_left,
+        left: scene.left,
+        right: scene.right,
+        disparity_left: scene.disparity_left,
     } | scene.optional
     if scene.disparity_right is not None:
-        arrays["disp1GT.pfm"] = scene.disparity_right
+        arrays[disparity_right] = scene.disparity_right
     fits = True
     for name, array in arrays.items():
         if array.shape[:2] != size:
@@ -97,11 +99,10 @@ def digest_of(config: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(config, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
-def _expected(outputs: tuple[str, ...] | None) -> tuple[set[str], set[str]]:
+def _expected(index: Index) -> tuple[set[str], set[str]]:
     """Names that a scene must hold, and names that it may hold besides."""
-    if outputs is None:
+    both = required(index.encodings).keys() | {index.encodings.disparity_names[1]}
+    if index.outputs is None:
         # Before the key existed there was one mask, and nothing said which further files to expect.
-        return REQUIRED.keys() | {"disp1GT.pfm", "mask0nocc.png"}, {
-            name for files in OPTIONAL.values() for name in files
-        }
-    return REQUIRED.keys() | {"disp1GT.pfm"} | {name for output in outputs for name in OPTIONAL.get(output, ())}, set()
+        return both | {"mask0nocc.png"}, {name for files in OPTIONAL.values() for name in files}
+    return both | {name for output in index.outputs for name in OPTIONAL.get(output, ())}, set()

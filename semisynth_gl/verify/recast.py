@@ -77,18 +77,20 @@ class Recaster:
             x = rng.integers(0, width, -(-pixels // 2)).astype(np.float64)
             y = rng.integers(0, height, -(-pixels // 2)).astype(np.float64)
             came = disparity[y.astype(np.int64), x.astype(np.int64)].astype(np.float64)
-            expected = self._cast(made, eye, x, y)
+            bound = _ERROR_PX + scene.rounding_px(came)
+            expected = _as_said(self._cast(made, eye, x, y), came, scene.disparity_largest_px)
             error = _difference(came, expected)
-            off = np.flatnonzero(~(error <= _ERROR_PX))
-            errors.append(error[error <= _ERROR_PX])
+            off = np.flatnonzero(~(error <= bound))
+            errors.append(error[error <= bound])
             if off.size:
-                off = off[~self._is_edge(made, eye, x[off], y[off], came[off])]
+                off = off[~self._is_edge(made, eye, x[off], y[off], came[off], scene)]
             if off.size:
                 first = off[0]
                 verdict.add(
                     "oracle",
-                    f"{eye}: {off.size} of {len(x)} pixels are off by more than {_ERROR_PX} px; at ({x[first]:.0f}, "
-                    f"{y[first]:.0f}) the ray finds {expected[first]:.6g} px, the file has {came[first]:.6g} px",
+                    f"{eye}: {off.size} of {len(x)} pixels are off by more than {bound[first]:.3g} px; at "
+                    f"({x[first]:.0f}, {y[first]:.0f}) the ray finds {expected[first]:.6g} px, "
+                    f"the file has {came[first]:.6g} px",
                 )
         verdict.measures["oracle_largest_px"] = float(np.concatenate(errors).max(initial=0.0))
 
@@ -96,15 +98,27 @@ class Recaster:
         return oracle.disparity_px(scene.camera, oracle.cast(scene, self._sampler.models, eye, x, y))
 
     def _is_edge(
-        self, scene: Scene, eye: Eye, x: NDArray[np.float64], y: NDArray[np.float64], came: NDArray[np.float64]
+        self,
+        scene: Scene,
+        eye: Eye,
+        x: NDArray[np.float64],
+        y: NDArray[np.float64],
+        came: NDArray[np.float64],
+        files: SceneFiles,
     ) -> NDArray[np.bool_]:
         """Whether rays within `_EDGE_PX` of each pixel's centre find disparities about what the file has there."""
         steps = np.array([-_EDGE_PX, -_EDGE_PX / 8, 0.0, _EDGE_PX / 8, _EDGE_PX])
         dx, dy = np.meshgrid(steps, steps)
         # All rays in one call: its cost is the number of instances more than the number of rays.
         near = self._cast(scene, eye, np.add.outer(x, dx.ravel()).ravel(), np.add.outer(y, dy.ravel()).ravel())
-        near = near.reshape(len(x), -1)
-        return np.asarray((near.min(axis=1) - _ERROR_PX <= came) & (came <= near.max(axis=1) + _ERROR_PX))
+        near = _as_said(near.reshape(len(x), -1), came[:, None], files.disparity_largest_px)
+        bound = _ERROR_PX + files.rounding_px(came)
+        return np.asarray((near.min(axis=1) - bound <= came) & (came <= near.max(axis=1) + bound))
+
+
+def _as_said(expected: NDArray[np.float64], came: NDArray[np.float64], largest_px: float) -> NDArray[np.float64]:
+    """Make inf what a file's encoding cannot say, where the file has inf."""
+    return np.where((expected > largest_px) & np.isinf(came), np.inf, expected)
 
 
 def _difference(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,0 +1,163 @@
+"""A process's life: the time from its start to its first pair on disk, and what it holds after many."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.config import Config
+from semisynth_gl.engine import LocalWorkers
+from semisynth_gl.errors import SemisynthError
+from semisynth_gl.pipeline import PairRenderer, SequenceJob
+from semisynth_gl.render.context import Backend
+from semisynth_gl.write.dataset import DatasetFolder
+from semisynth_gl.write.middlebury import SCENES, scene_name
+
+_POLL_S = 0.002
+# Where drivers keep what they have compiled: Mesa, its older versions, NVIDIA.
+_DRIVER_CACHES = ("MESA_SHADER_CACHE_DIR", "MESA_GLSL_CACHE_DIR", "__GL_SHADER_DISK_CACHE_PATH")
+# Of the pairs, the first ones during which buffers grow to what they need.
+_SETTLING = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class StartRow:
+    """Seconds from the start of ``semisynth-gl generate --pairs 1`` on.
+
+    Attributes:
+        name: "empty caches" or "warm caches", the program's and the driver's.
+        first_pair_seconds: until the pair is on disk; median over the repeats.
+        end_seconds: until the process has ended; likewise.
+    """
+
+    name: str
+    first_pair_seconds: float
+    end_seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class MemoryRow:
+    """What one process holds while it makes pairs.
+
+    Attributes:
+        pairs: how many.
+        rss_bytes: resident memory at the end; with a software renderer, images and textures too.
+        peak_bytes: the most after any pair.
+        slope_bytes_per_pair: of a line through the resident memory after each pair, without the first quarter.
+        slope_error_bytes_per_pair: standard error of the slope.
+        objects: kinds of OpenGL objects and how many there are at the end.
+        objects_constant: whether there were as many after the first pair.
+    """
+
+    pairs: int
+    rss_bytes: int
+    peak_bytes: int
+    slope_bytes_per_pair: float
+    slope_error_bytes_per_pair: float
+    objects: dict[str, int]
+    objects_constant: bool
+
+
+@dataclass(frozen=True, slots=True)
+class _Held:
+    """After one pair."""
+
+    rss_bytes: int
+    objects: dict[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class _PairsThenLook:
+    """Makes a pair, removes it from the disk and looks at what the process holds."""
+
+    job: SequenceJob
+
+    @contextmanager
+    def open(self) -> Iterator[Callable[[int], _Held]]:
+        self.job.folder.open()
+        with PairRenderer(self.job.config, self.job.seed, self.job.backend) as renderer:
+            yield partial(self._look, renderer)
+
+    def _look(self, renderer: PairRenderer, index: int) -> _Held:
+        self.job.write(renderer.render(index))
+        shutil.rmtree(self.job.folder.path / SCENES / scene_name(self.job.config.name, index))
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+        return _Held(pages * os.sysconf("SC_PAGE_SIZE"), renderer.count_objects())
+
+
+def measure_memory(config: Config, seed: int, backend: Backend, pairs: int) -> MemoryRow:
+    """Make pairs in a process of its own and follow what it holds."""
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = DatasetFolder(Path(scratch) / "out", overwrite=False)
+        with LocalWorkers(_PairsThenLook(SequenceJob(config, seed, backend, pairs, folder)), 1) as engine:
+            held = list(engine.run(range(pairs)))
+    rss = np.array([one.rss_bytes for one in held], np.float64)
+    slope, error = line_slope(rss[int(_SETTLING * pairs) :])
+    return MemoryRow(
+        pairs, int(rss[-1]), int(rss.max()), slope, error, held[-1].objects, held[-1].objects == held[0].objects
+    )
+
+
+def line_slope(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Fit a line through (N,) values at 0, 1, ... ; return its slope and the slope's standard error."""
+    count = len(values)
+    if count < 3:
+        return 0.0, 0.0
+    steps = np.arange(count) - (count - 1) / 2
+    spread = float((steps**2).sum())
+    slope = float((steps * values).sum() / spread)
+    rest = values - values.mean() - slope * steps
+    return slope, float(np.sqrt((rest**2).sum() / (count - 2) / spread))
+
+
+def measure_start(config: Config, seed: int, backend: Backend, repeats: int) -> list[StartRow]:
+    """Start the program with empty caches and with those that this left, in turns."""
+    names = ("empty caches", "warm caches")
+    times: dict[str, list[tuple[float, float]]] = {name: [] for name in names}
+    for _ in range(repeats):
+        with tempfile.TemporaryDirectory() as scratch:
+            for name in names:
+                times[name].append(_start(config, seed, backend, Path(scratch)))
+    return [StartRow(name, *(float(value) for value in np.median(times[name], axis=0))) for name in names]
+
+
+def _start(config: Config, seed: int, backend: Backend, scratch: Path) -> tuple[float, float]:
+    """Run the program with its caches below a folder."""
+    # JSON is YAML; what is None is what was not given.
+    (scratch / "config.yaml").write_text(
+        json.dumps(config.model_dump(mode="json", exclude_none=True)), encoding="utf-8"
+    )
+    out = scratch / "out"
+    command = [
+        *(sys.executable, "-m", "semisynth_gl", "generate", "--config", str(scratch / "config.yaml")),
+        *("--pairs", "1", "--out", str(out), "--seed", str(seed), "--backend", backend, "--overwrite"),
+    ]
+    shutil.rmtree(out, ignore_errors=True)
+    caches = {"SEMISYNTH_GL_CACHE": str(scratch / "cache")}
+    for name in _DRIVER_CACHES:
+        (scratch / "driver").mkdir(exist_ok=True)
+        caches[name] = str(scratch / "driver")
+    pair = out / SCENES / scene_name(config.name, 0)
+    first_pair = None
+    start = time.perf_counter()
+    with subprocess.Popen(command, env=os.environ | caches, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as run:  # noqa: S603 - this program
+        while run.poll() is None:
+            if first_pair is None and pair.is_dir():
+                first_pair = time.perf_counter() - start
+            time.sleep(_POLL_S)
+        end = time.perf_counter() - start
+        _, said = run.communicate()
+    if run.returncode != 0:
+        raise SemisynthError(f"the program could not be started:\n{said.decode(errors='replace')}")
+    return first_pair if first_pair is not None else end, end

@@ -1,0 +1,190 @@
+"""Pairs per second and what they depend on: stages, workers, scenes, memory, start.
+
+config -> {workers and stages, scaling, stress, memory, start} -> report, a dictionary of JSON's types -> table, plot
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from semisynth_gl.bench.lifetime import measure_memory, measure_start
+from semisynth_gl.bench.machine import machine_facts
+from semisynth_gl.bench.markdown import markdown
+from semisynth_gl.bench.scaling import measure_scaling, measure_stress
+from semisynth_gl.bench.scenes import sample_scenes
+from semisynth_gl.bench.stages import limit_of
+from semisynth_gl.bench.workers import measure_workers
+from semisynth_gl.config import Config
+from semisynth_gl.engine import cores
+from semisynth_gl.render.context import Backend
+
+# Pairs whose scenes the ways to antialias and the outputs are measured on.
+_SCENES = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """How much is measured.
+
+    Attributes:
+        pairs: that each number of workers makes in a round, and whose stages are timed.
+        repeats: how often each alternative takes its turn; workers and starts half as often.
+        workers: numbers of workers.
+        memory_pairs: that memory is followed over.
+        stress: whether the pair of many instances and triangles is drawn.
+    """
+
+    pairs: int = 8
+    repeats: int = 3
+    workers: tuple[int, ...] = ()
+    memory_pairs: int = 40
+    stress: bool = True
+
+
+def usual_workers() -> tuple[int, ...]:
+    """Powers of two up to the number of cores, and that number."""
+    most = cores()
+    return tuple(sorted({2**power for power in range(most.bit_length()) if 2**power <= most} | {most}))
+
+
+def measure(
+    config: Config, seed: int, backend: Backend, effort: Effort, said: Callable[[str], None] = lambda _: None
+) -> dict[str, Any]:
+    """Measure everything.
+
+    Args:
+        config: where the pairs are from.
+        seed: of the pairs, and of where the balls of the made-up scenes are.
+        backend: "auto", "egl" or "osmesa".
+        effort: how much.
+        said: takes a line at the start of each part.
+
+    Returns:
+        What was measured on, and under "stages", "limit", "workers", "scaling", "stress", "memory" and "start" what
+        was found.
+
+    Raises:
+        SemisynthError: where the config or OpenGL cannot be used.
+    """
+    rounds = (effort.repeats + 1) // 2
+    counts = effort.workers or usual_workers()
+    said(f"scenes of {config.name}")
+    bench = sample_scenes(config, seed, _SCENES)
+    said(f"stages, and {', '.join(map(str, counts))} workers, in {rounds} rounds")
+    ends = measure_workers(config, seed, backend, counts, effort.pairs, rounds)
+    said("instances, triangles, pixels, antialiasing, outputs")
+    scaling = measure_scaling(bench, seed, backend, effort.repeats)
+    said("many instances and triangles")
+    stress = asdict(measure_stress(bench, seed, backend)) if effort.stress else None
+    said(f"memory over {effort.memory_pairs} pairs")
+    memory = measure_memory(config, seed, backend, effort.memory_pairs)
+    said("start")
+    start = measure_start(config, seed, backend, rounds)
+    camera = bench.scenes[0].camera
+    most = max(ends.workers, key=lambda row: row.workers)
+    return {
+        "config": config.name,
+        "config_sha256": config.digest(),
+        "seed": seed,
+        "size_px": [camera.width_px, camera.height_px],
+        "pairs": effort.pairs,
+        "repeats": effort.repeats,
+        "rounds": rounds,
+        "machine": machine_facts() | {"usable_cores": cores()} | ends.facts,
+        "stages": {"pair_seconds": ends.pair_seconds, "rows": [asdict(row) for row in ends.stages]},
+        "limit": {"workers": most.workers} | limit_of(ends.stages, cores(), most.pairs_per_second, ends.shares),
+        "workers": {"rows": [asdict(row) for row in ends.workers]},
+        "scaling": {
+            name: part | {"rows": [asdict(row) for row in part["rows"]]} for name, part in scaling.items()
+        },
+        "stress": stress,
+        "memory": asdict(memory),
+        "start": {"rows": [asdict(row) for row in start]},
+    }  # fmt: skip
+
+
+def table(report: Mapping[str, Any]) -> str:
+    """Lay a report out in Markdown: tables, and sentences for what has a row alone."""
+    parts = [
+        markdown(
+            ("stage", "ms a pair", "ms of CPU", "share", "MB a pair", "pairs/s alone", "what it is"),
+            [
+                (row["name"], f"{1e3 * row['seconds']:.1f}", f"{1e3 * row['cpu_seconds']:.1f}",
+                 f"{100 * row['share']:.0f} %", _megabytes(row["bytes_per_pair"]), f"{row['allows_per_second']:.3g}",
+                 row["text"])
+                for row in report["stages"]["rows"]
+            ],
+        ),
+        limit_text(report),
+        markdown(
+            ("workers", "threads each", "pairs", "pairs/s", "x"),
+            [
+                (row["name"], str(row["threads"]), str(row["pairs"]), f"{row['pairs_per_second']:.2f}",
+                 f"{row['ratio']:.2f}")
+                for row in report["workers"]["rows"]
+            ],
+            text_last=False,
+        ),
+        markdown(
+            ("what grows", "value", "instances", "triangles", "pixels", "ms a pair", "x"),
+            [
+                (f"{name}: {part['text']}" if number == 0 else "", row["name"], f"{row['instances']:.0f}",
+                 f"{row['triangles']:.0f}", str(row["pixels"]), f"{1e3 * row['seconds_per_pair']:.0f}",
+                 f"{row['ratio']:.2f}")
+                for name, part in report["scaling"].items()
+                for number, row in enumerate(part["rows"])
+            ],
+            text_last=False,
+        ),
+        *(
+            f"{name} left out: {reason}"
+            for part in report["scaling"].values()
+            for name, reason in part["left_out"].items()
+        ),
+        *([stress_text(report["stress"])] if report["stress"] else []),
+        memory_text(report["memory"]),
+        markdown(
+            ("start with", "s to the first pair on disk", "s to the end"),
+            [
+                (row["name"], f"{row['first_pair_seconds']:.2f}", f"{row['end_seconds']:.2f}")
+                for row in report["start"]["rows"]
+            ],
+            text_last=False,
+        ),
+    ]  # fmt: skip
+    return "\n\n".join(parts)
+
+
+def limit_text(report: Mapping[str, Any]) -> str:
+    """Say what limits and how near the run came."""
+    limit = report["limit"]
+    several = f"{limit['workers']} workers make" if limit["workers"] > 1 else "1 worker makes"
+    return (
+        f"The narrowest stage is {limit['narrowest_stage']}: alone, {limit['cores']} cores would do it for "
+        f"{limit['narrowest_allows_per_second']:.3g} pairs/s. The limit is set by the {limit['by']}: "
+        f"{limit['allows_per_second']:.3g} pairs/s. {several} {limit['reached_per_second']:.3g} pairs/s from start to "
+        f"end, {100 * limit['share']:.0f} % of the limit (median of {len(limit['shares'])} rounds)."
+    )
+
+
+def stress_text(row: Mapping[str, Any]) -> str:
+    """Say how long the pair of many instances and triangles took."""
+    return (
+        f"One pair with {row['instances']:.0f} instances and {row['triangles']:.0f} triangles in view: "
+        f"{row['seconds_per_pair']:.1f} s."
+    )
+
+
+def memory_text(memory: Mapping[str, Any]) -> str:
+    """Say what a process holds."""
+    constant = "as many as after the first" if memory["objects_constant"] else "another number than after the first"
+    return (
+        f"Memory over {memory['pairs']} pairs: {memory['rss_bytes'] / 1e6:.0f} MB resident at the end, at most "
+        f"{memory['peak_bytes'] / 1e6:.0f} MB, changing by {memory['slope_bytes_per_pair'] / 1e3:.1f} +- "
+        f"{memory['slope_error_bytes_per_pair'] / 1e3:.1f} kB a pair; "
+        f"{sum(memory['objects'].values())} OpenGL objects, {constant}."
+    )
+
+
+def _megabytes(count: float | None) -> str:
+    return "-" if count is None else f"{count / 1e6:.1f}"

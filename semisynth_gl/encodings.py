@@ -1,0 +1,75 @@
+"""Which encodings a dataset may have: their names, and what comes at the end of a file's name.
+
+What encodes stands in `semisynth_gl.write.encodings`, what decodes in `semisynth_gl.read.encodings`; both have an entry
+for each name here.
+"""
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any, Literal, get_args
+
+from semisynth_gl.errors import InputError
+
+ImageEncoding = Literal["png", "qoi", "jxl"]
+DisparityEncoding = Literal["pfm", "png16", "tiff"]
+IMAGE_ENCODINGS: tuple[ImageEncoding, ...] = get_args(ImageEncoding)
+DISPARITY_ENCODINGS: tuple[DisparityEncoding, ...] = get_args(DisparityEncoding)
+
+_SUFFIXES = {"png16": ".png"}
+# imagecodecs is an extra: its wheel holds every codec there is, 26 MB.
+_CODECS = "imagecodecs"
+_NEED_CODECS = frozenset({"qoi", "jxl"})
+
+
+@dataclass(frozen=True, slots=True)
+class Encodings:
+    """How a dataset's files are encoded; masks and ids are PNG, depth is PFM whatever this says.
+
+    Attributes:
+        image: of both images; all are lossless.
+        disparity: of both disparities; ``png16`` alone rounds.
+    """
+
+    image: ImageEncoding = "png"
+    disparity: DisparityEncoding = "pfm"
+
+    @property
+    def image_names(self) -> tuple[str, str]:
+        """File names of the left and the right image."""
+        return f"im0{_suffix(self.image)}", f"im1{_suffix(self.image)}"
+
+    @property
+    def disparity_names(self) -> tuple[str, str]:
+        """File names of the left and the right disparity."""
+        return f"disp0GT{_suffix(self.disparity)}", f"disp1GT{_suffix(self.disparity)}"
+
+    def check(self) -> None:
+        """Check that what they need is installed.
+
+        Raises:
+            InputError: where it is not.
+        """
+        if self.image in _NEED_CODECS:
+            codecs(self.image)
+
+
+def codecs(encoding: str) -> Any:  # noqa: ANN401 - a module
+    """Import imagecodecs.
+
+    Args:
+        encoding: what it is needed for, for the message.
+
+    Raises:
+        InputError: where it is not installed.
+    """
+    try:
+        return import_module(_CODECS)
+    except ImportError as error:
+        raise InputError(
+            f"the encoding {encoding} needs the package imagecodecs, which cannot be imported ({error}): "
+            "pip install 'semisynth-gl[codecs]', or choose another with files.image"
+        ) from None
+
+
+def _suffix(encoding: str) -> str:
+    return _SUFFIXES.get(encoding, f".{encoding}")

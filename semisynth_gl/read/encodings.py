@@ -1,0 +1,111 @@
+"""What decodes an image or a disparity, by the names of `semisynth_gl.encodings`."""
+
+import io
+import struct
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from semisynth_gl.encodings import DisparityEncoding, ImageEncoding, codecs
+from semisynth_gl.read.error import ReadError, read_bytes
+from semisynth_gl.read.pfm import decode_pfm
+from semisynth_gl.read.png import decode_grey16, decode_rgb
+
+_QOI_END = bytes(7) + b"\x01"
+_STRIP_OFFSETS, _STRIP_SIZES = 273, 279  # tags of the TIFF specification
+_KITTI_STEPS = 256
+_Array = TypeVar("_Array")
+
+
+@dataclass(frozen=True, slots=True)
+class DisparityDecoder:
+    """What decodes a disparity, and what its format loses.
+
+    Attributes:
+        decode: a file's bytes, and its path for messages, to (H, W) float32 px, inf where there is no truth.
+        error_px: the most that a disparity is off by.
+        largest_px: the largest that can be said.
+    """
+
+    decode: Callable[[bytes, Path], NDArray[np.float32]]
+    error_px: float = 0.0
+    largest_px: float = inf
+
+
+def read_with(decode: Callable[[bytes, Path], _Array]) -> Callable[[Path], _Array]:
+    """Return what reads a file and decodes it."""
+    return lambda path: decode(read_bytes(path), path)
+
+
+def decode_qoi(data: bytes, path: Path) -> NDArray[np.uint8]:
+    """Decode a QOI of RGB as (H, W, 3) uint8.
+
+    Raises:
+        ReadError: where it is cut off, or another kind of image.
+        InputError: where imagecodecs is not installed.
+    """
+    # Decoders make up what is missing at the end.
+    if data[:4] == b"qoif" and not data.endswith(_QOI_END):
+        raise ReadError(path, "does not end as a QOI does: cut off, or something follows")
+    return _rgb(codecs("qoi").qoi_decode, data, path)
+
+
+def decode_jxl(data: bytes, path: Path) -> NDArray[np.uint8]:
+    """Decode a JPEG XL of RGB as (H, W, 3) uint8; raises like `decode_qoi`."""
+    return _rgb(codecs("jxl").jpegxl_decode, data, path)
+
+
+def decode_png16(data: bytes, path: Path) -> NDArray[np.float32]:
+    """Decode KITTI's 16-bit PNG as (H, W) float32 px, inf where it has 0.
+
+    Raises:
+        ReadError: where it is cut off, or another kind of image.
+    """
+    steps = decode_grey16(data, path)
+    return np.where(steps > 0, steps / np.float32(_KITTI_STEPS), np.float32(np.inf))
+
+
+def decode_tiff(data: bytes, path: Path) -> NDArray[np.float32]:
+    """Decode a TIFF of one float32 channel as (H, W) float32; raises like `decode_png16`."""
+    try:
+        with Image.open(io.BytesIO(data), formats=["TIFF"]) as image:
+            if image.mode != "F":
+                raise ReadError(path, f"expected one channel of float32, got mode {image.mode}")
+            # libtiff is content with a strip whose check sum is missing.
+            parts = zip(image.tag_v2[_STRIP_OFFSETS], image.tag_v2[_STRIP_SIZES], strict=True)  # type: ignore[attr-defined]
+            if any(begin + size > len(data) for begin, size in parts):
+                raise ReadError(path, "ends before its last strip does")
+            return np.asarray(image, np.float32)
+    except (OSError, SyntaxError, ValueError, KeyError, TypeError, struct.error, zlib.error) as error:
+        raise ReadError(path, f"cannot be decoded: {error}") from None
+
+
+def _rgb(decode: Callable[[bytes], Any], data: bytes, path: Path) -> NDArray[np.uint8]:
+    try:
+        image = np.asarray(decode(data))
+    except (RuntimeError, ValueError, LookupError) as error:
+        raise ReadError(path, f"cannot be decoded: {error}") from None
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        raise ReadError(path, f"expected 8-bit RGB, got {image.dtype} of shape {image.shape}")
+    return image
+
+
+IMAGE_DECODERS: Mapping[ImageEncoding, Callable[[bytes, Path], NDArray[np.uint8]]] = {
+    "png": decode_rgb,
+    "qoi": decode_qoi,
+    "jxl": decode_jxl,
+}
+"""Each gives (H, W, 3) uint8 RGB."""
+
+DISPARITY_DECODERS: Mapping[DisparityEncoding, DisparityDecoder] = {
+    "pfm": DisparityDecoder(decode_pfm),
+    "png16": DisparityDecoder(decode_png16, error_px=1 / 512, largest_px=65535 / 256),
+    "tiff": DisparityDecoder(decode_tiff),
+}

@@ -1,0 +1,236 @@
+"""`bench speed` tells what it measured; how fast anything is, no test asks."""
+
+import json
+import os
+import sys
+
+import numpy as np
+import pytest
+from conftest import backend_fault
+
+from semisynth_gl.bench import scaling
+from semisynth_gl.bench.lifetime import line_slope
+from semisynth_gl.bench.scaling import ball, measure_stress
+from semisynth_gl.bench.scenes import sample_scenes
+from semisynth_gl.bench.speed import Effort, limit_text, measure, table, usual_workers
+from semisynth_gl.bench.speed_plot import draw_plot
+from semisynth_gl.bench.stages import Costs, limit_of, stage_rows
+from semisynth_gl.bench.workers import is_software, worker_threads
+from semisynth_gl.cli import main
+from semisynth_gl.config import load_config
+from semisynth_gl.geometry.solid import is_solid
+from semisynth_gl.pipeline import PAIR_STAGES, SequenceJob, generate
+from semisynth_gl.write.dataset import DatasetFolder
+
+SMALL = (
+    "camera.width_px=96",
+    "camera.height_px=64",
+    "camera.cx_left_px=48.3",
+    "camera.cx_right_px=48.3",
+    "camera.cy_px=31.1",
+    "particles.size_px=[8, 40]",
+    "textures.source=procedural",
+    "textures.max_patches=8",
+    "models.variants=1",
+    "models.complex=0",
+)
+PAIRS = 2
+USUAL = "both, both masks"
+
+
+@pytest.fixture(scope="module")
+def config():
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    return load_config("eth3d", SMALL)
+
+
+@pytest.fixture(scope="module")
+def report(config):
+    effort = Effort(pairs=PAIRS, repeats=1, workers=(2,), memory_pairs=4, stress=False)
+    with pytest.MonkeyPatch.context() as patch:
+        # Each way opens a renderer of its own, which takes longer than all that it draws here.
+        patch.setattr(scaling, "ANTIALIAS_MODES", ("none",))
+        patch.setattr(scaling, "OUTPUT_WAYS", {name: scaling.OUTPUT_WAYS[name] for name in ("left disparity", USUAL)})
+        return measure(config, 3, "auto", effort)
+
+
+def names(part):
+    return [row["name"] for row in part["rows"]]
+
+
+def test_the_report_is_whole_and_json(report):
+    assert json.loads(json.dumps(report, allow_nan=False)) == report
+    assert names(report["stages"]) == [*PAIR_STAGES, "processor"]
+    assert [(row["workers"], row["name"]) for row in report["workers"]["rows"]] == [(1, "1, one thread"), (2, "2")]
+    assert report["workers"]["rows"][0]["threads"] == 0
+    assert report["workers"]["rows"][0]["ratio"] == 1
+    assert [row["pairs"] for row in report["workers"]["rows"]] == [4, 8]
+    assert set(report["scaling"]) == {"instances", "outside", "triangles", "resolution", "antialias", "outputs"}
+    for part in report["scaling"].values():
+        assert part["baseline"] in names(part)
+        assert all(row["seconds_per_pair"] > 0 for row in part["rows"])
+    assert names(report["start"]) == ["empty caches", "warm caches"]
+    assert {"renderer", "opengl", "backend", "processor", "versions", "usable_cores"} <= set(report["machine"])
+
+
+def test_what_is_said_to_grow_grows_alone(report):
+    def column(part, key):
+        return [row[key] for row in report["scaling"][part]["rows"]]
+
+    assert column("instances", "instances") == [11, 101, 1001]
+    assert len(set(column("outside", "triangles"))) == 1
+    assert column("outside", "instances") == [1001, 2001, 11001]
+    assert len(set(column("triangles", "instances"))) == 1
+    assert column("triangles", "triangles") == sorted(column("triangles", "triangles"))
+    assert column("resolution", "pixels") == [48 * 32, 96 * 64, 192 * 128]
+
+
+def test_bytes_are_those_of_the_files(report, config, tmp_path):
+    pairs = 1 + PAIRS
+    scenes = generate(config, DatasetFolder(tmp_path / "out", overwrite=False), pairs, 3)
+    sizes = [sum(path.stat().st_size for path in scene.iterdir()) for scene in sorted(scenes.iterdir())]
+    rows = {row["name"]: row for row in report["stages"]["rows"]}
+    # The first pair is drawn before the others are timed.
+    assert rows["write"]["bytes_per_pair"] == rows["encode"]["bytes_per_pair"] == np.mean(sizes[1:])
+    # Two images of three bytes, two disparities of four, two masks of one.
+    assert rows["readback"]["bytes_per_pair"] == 96 * 64 * 2 * (3 + 4 + 1)
+    assert rows["draw"]["bytes_per_pair"] is None
+
+
+def test_nothing_piles_up(report):
+    memory = report["memory"]
+    assert memory["pairs"] == 4
+    assert memory["objects_constant"]
+    assert memory["objects"]["Texture"] > 1
+    assert memory["peak_bytes"] >= memory["rss_bytes"] > 1e7
+
+
+def test_the_table_has_every_row(report):
+    text = table(report)
+    parts = (report["stages"], report["workers"], report["start"], *report["scaling"].values())
+    for name in (name for part in parts for name in names(part)):
+        assert f" {name} " in text
+    assert "% of the limit" in text
+    assert "Memory over 4 pairs" in text
+    assert draw_plot(report).axes
+
+
+def costs(**seconds):
+    return {stage: Costs(2 * seconds.get(stage, 0.0), seconds.get(stage, 0.0), None) for stage in PAIR_STAGES}
+
+
+def test_the_limit_of_made_up_stages():
+    pairs = [costs(draw=0.1, encode=0.05), costs(draw=0.3, encode=0.05, write=0.1)]
+    rows = {row.name: row for row in stage_rows(pairs, 4, software=True)}
+    assert rows["draw"].allows_per_second == pytest.approx(4 / 0.2)
+    assert rows["draw"].share == pytest.approx(0.2 / 0.3)
+    assert rows["processor"].allows_per_second == pytest.approx(4 / 0.3)
+    limit = limit_of(list(rows.values()), 4, 12.0, [0.8, 0.9, 1.0])
+    assert (limit["narrowest_stage"], limit["by"], limit["share"]) == ("draw", "processor", 0.9)
+    assert limit["narrowest_allows_per_second"] == pytest.approx(20)
+    assert limit["allows_per_second"] == pytest.approx(4 / 0.3)
+    text = limit_text({"limit": {"workers": 4} | limit})
+    assert "narrowest stage is draw" in text
+    assert "90 % of the limit" in text
+
+
+def test_on_a_gpu_drawing_is_not_shared_out_to_cores():
+    rows = {row.name: row for row in stage_rows([costs(draw=0.1, encode=0.05)], 8, software=False)}
+    assert rows["draw"].allows_per_second == pytest.approx(1 / 0.2)
+    assert rows["encode"].allows_per_second == pytest.approx(8 / 0.05)
+    limit = limit_of(list(rows.values()), 8, 4.0, [0.8])
+    assert (limit["narrowest_stage"], limit["by"]) == ("draw", "draw")
+
+
+def test_software_renderers_are_known():
+    assert is_software("llvmpipe (LLVM 15.0.6, 256 bits)")
+    assert not is_software("NVIDIA H100 80GB HBM3/PCIe/SSE2")
+
+
+def test_threads_are_given_back(monkeypatch):
+    monkeypatch.setenv("LP_NUM_THREADS", "3")
+    with worker_threads("0"):
+        assert os.environ["LP_NUM_THREADS"] == "0"
+    assert os.environ["LP_NUM_THREADS"] == "3"
+    monkeypatch.delenv("LP_NUM_THREADS")
+    with worker_threads("0"), worker_threads(None):
+        assert os.environ["LP_NUM_THREADS"] == "0"
+    assert "LP_NUM_THREADS" not in os.environ
+
+
+def test_usual_workers_end_with_all_cores(monkeypatch):
+    for cores, expected in ((1, (1,)), (2, (1, 2)), (6, (1, 2, 4, 6)), (8, (1, 2, 4, 8))):
+        monkeypatch.setattr("semisynth_gl.bench.speed.cores", lambda cores=cores: cores)
+        assert usual_workers() == expected
+
+
+def test_the_slope_of_known_values():
+    slope, error = line_slope(np.array([5.0, 7, 9, 11]))
+    assert (slope, error) == (pytest.approx(2), pytest.approx(0))
+    noise = np.random.default_rng(0).normal(size=500)
+    slope, error = line_slope(noise)
+    assert abs(slope) < 3 * error
+    assert line_slope(np.array([1.0])) == (0, 0)
+
+
+@pytest.mark.parametrize("rings", [3, 4, 16])
+def test_balls_are_closed_and_round(rings):
+    mesh = ball(rings)
+    assert len(mesh.triangles) == 4 * rings * (rings - 1)
+    assert is_solid(mesh)
+    np.testing.assert_allclose(np.linalg.norm(mesh.positions, axis=1), 1, atol=1e-6)
+
+
+def test_the_stress_pair_has_what_was_asked_for(config):
+    row = measure_stress(sample_scenes(config, 0, 1), 0, "auto", 50, 3000)
+    assert row.instances == 51
+    assert row.triangles >= 3000
+
+
+def test_stages_are_told_in_their_order(config, tmp_path):
+    from semisynth_gl.pipeline import PairRenderer
+
+    told = []
+    folder = DatasetFolder(tmp_path / "out", overwrite=False)
+    folder.open()
+    with PairRenderer(config, 0) as renderer:
+        pair = renderer.render(0, told.append)
+        SequenceJob(config, 0, "auto", 1, folder).write(pair, told.append)
+        plain = renderer.render(0)
+    assert tuple(dict.fromkeys(told)) == PAIR_STAGES
+    np.testing.assert_array_equal(pair.frame.left, plain.frame.left)
+    np.testing.assert_array_equal(pair.frame.visibility_right, plain.frame.visibility_right)
+
+
+def run(monkeypatch, *arguments):
+    monkeypatch.setattr(sys, "argv", ["semisynth-gl", "bench", "speed", *arguments])
+    with pytest.raises(SystemExit) as exit_:
+        main()
+    return exit_.value.code
+
+
+def test_the_command_prints_and_writes(monkeypatch, capsys, tmp_path, report):
+    monkeypatch.setattr("semisynth_gl.bench.speed.measure", lambda *_: dict(report))
+    files = ("--json", str(tmp_path / "a.json"), "--plot", str(tmp_path / "a.png"))
+    assert run(monkeypatch, *files) == 0
+    assert "| processor " in capsys.readouterr().out
+    assert json.loads((tmp_path / "a.json").read_text())["command"].startswith("semisynth-gl bench speed --json")
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("--plot", "a.jpg"), "ends in .png"),
+        (("--json", "nowhere/a.json"), "does not exist"),
+        (("--workers", "1,x"), "whole numbers above 0"),
+        (("--workers", "0"), "whole numbers above 0"),
+        (("--config", "nobody"), "nobody"),
+    ],
+)
+def test_wrong_arguments_are_refused_before_anything_is_measured(monkeypatch, capsys, arguments, expected):
+    assert run(monkeypatch, *arguments) == 2
+    captured = capsys.readouterr()
+    assert expected in captured.err
+    assert captured.out == ""
