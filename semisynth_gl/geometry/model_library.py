@@ -12,8 +12,8 @@ from semisynth_gl.cache import Entry
 from semisynth_gl.config.model import ModelsSection
 from semisynth_gl.errors import InputError, Skipped
 from semisynth_gl.geometry.complex import COMPLEX_KINDS
-from semisynth_gl.geometry.library_entry import packed_meshes, packed_skipped, unpacked_meshes, unpacked_skipped
 from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.models_entry import packed_meshes, packed_skipped, unpacked_meshes, unpacked_skipped
 from semisynth_gl.geometry.simple import SIMPLE_KINDS
 from semisynth_gl.geometry.solid import marked_solid
 from semisynth_gl.geometry.vectors import cross, lengths
