@@ -310,7 +310,7 @@ def _parse() -> argparse.Namespace:
     )
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--meshes", type=Path, help="an .npz of meshes; see scene.py")
-    parser.add_argument("--work", type=Path, default=HERE / "work", help="folder of environments, scene and output")
+    parser.add_argument("--work", type=Path, default=HERE / "made", help="folder of environments, scene and output")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     options.work = options.work.resolve()

@@ -28,17 +28,17 @@ def draw_plot(report: Mapping[str, Any]) -> Figure:
         fontsize=10,
     )
     _draw(get, report["get"], lambda row: (row["time_ratio"], row["error"]["p999_px"]))
-    _label(get, "to get the disparity", "time of the disparities / the default's", "error at p99.9, px")
+    label_axis(get, "to get the disparity", "time of the disparities / the default's", "error at p99.9, px")
     get.set_yscale("log")
 
     _draw(store, report["store"], lambda row: (row["bytes_per_pair"] / 1e6, row["error"]["worst_px"]), timed=True)
-    _label(store, "to store it (ms to write)", "MB per pair", "worst error, px")
+    label_axis(store, "to store it (ms to write)", "MB per pair", "worst error, px")
     # Lossless ways have no place on a logarithm: the scale is linear below what any of the others reaches.
     store.set_yscale("symlog", linthresh=1e-4)
     store.set_ylim(bottom=-3e-5)
 
     _draw(antialias, report["antialias"], lambda row: (row["time_ratio"], row["psnr_db"]), upwards=True)
-    _label(
+    label_axis(
         antialias,
         "to antialias",
         "time of a pair / the default's",
@@ -84,7 +84,8 @@ def _part_labels(axis: Axes) -> None:
         placed.append(label.get_window_extent())
 
 
-def _label(axis: Axes, title: str, x: str, y: str) -> None:
+def label_axis(axis: Axes, title: str, x: str, y: str) -> None:
+    """Give a panel its title, the names of its axes, and a grid."""
     axis.set_title(title, fontsize=10)
     axis.set_xlabel(x, fontsize=9)
     axis.set_ylabel(y, fontsize=9)

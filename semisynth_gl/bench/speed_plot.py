@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from semisynth_gl.bench.plot import label_axis
 from semisynth_gl.bench.stages import PROCESSOR
 
 _MAIN, _OTHER, _QUIET = "#1f5fa8", "#b5521b", "#8a8f98"
@@ -25,7 +26,7 @@ def draw_plot(report: Mapping[str, Any]) -> Figure:
     )
     own = [row for row in report["stages"]["rows"] if row["name"] != PROCESSOR]
     _bars(stages, [row["name"] for row in own], [1e3 * row["seconds"] for row in own])
-    _label(stages, "stages alone, one thread", "ms a pair", "")
+    label_axis(stages, "stages alone, one thread", "ms a pair", "")
 
     _draw_workers(workers, report)
     scaling = report["scaling"]
@@ -39,7 +40,7 @@ def draw_plot(report: Mapping[str, Any]) -> Figure:
     scenes.set_xscale("log")
     scenes.set_ylim(bottom=0)
     scenes.legend(fontsize=8)
-    _label(scenes, "balls that cover 0.8 images", "triangles of the scene", "ms a pair")
+    label_axis(scenes, "balls that cover 0.8 images", "triangles of the scene", "ms a pair")
 
     rows = scaling["resolution"]["rows"]
     pixels.plot(
@@ -47,11 +48,11 @@ def draw_plot(report: Mapping[str, Any]) -> Figure:
     )
     pixels.set_xlim(left=0)
     pixels.set_ylim(bottom=0)
-    _label(pixels, scaling["resolution"]["text"], "megapixels", "ms a pair")
+    label_axis(pixels, scaling["resolution"]["text"], "megapixels", "ms a pair")
     for axis, name in ((antialias, "antialias"), (outputs, "outputs")):
         rows = scaling[name]["rows"]
         _bars(axis, [row["name"] for row in rows], [1e3 * row["seconds_per_pair"] for row in rows])
-        _label(axis, f"{name}, {scaling[name]['text']}", "ms a pair", "")
+        label_axis(axis, f"{name}, {scaling[name]['text']}", "ms a pair", "")
     return figure
 
 
@@ -67,7 +68,7 @@ def _draw_workers(axis: Axes, report: Mapping[str, Any]) -> None:
     axis.set_ylim(0, 1.15 * max(limit, *(row["pairs_per_second"] for row in rows)))
     axis.set_xticks(counts)
     axis.legend(fontsize=8, loc="lower right")
-    _label(axis, "from start to end, files written", "workers", "pairs/s")
+    label_axis(axis, "from start to end, files written", "workers", "pairs/s")
 
 
 def _bars(axis: Axes, names: Sequence[str], values: Sequence[float]) -> None:
@@ -75,11 +76,3 @@ def _bars(axis: Axes, names: Sequence[str], values: Sequence[float]) -> None:
     axis.bar_label(bars, fmt="%.0f", padding=3, fontsize=8)
     axis.invert_yaxis()
     axis.margins(x=0.12)
-
-
-def _label(axis: Axes, title: str, x: str, y: str) -> None:
-    axis.set_title(title, fontsize=10)
-    axis.set_xlabel(x, fontsize=9)
-    axis.set_ylabel(y, fontsize=9)
-    axis.tick_params(labelsize=8)
-    axis.grid(alpha=0.25)
