@@ -1,7 +1,8 @@
 """Which encodings a dataset may have: their names, and what comes at the end of a file's name.
 
 What encodes stands in `semisynth_gl.write.encodings`, what decodes in `semisynth_gl.read.encodings`; both have an entry
-for each name here.
+for each name here. A config chooses among `ImageEncoding` and `DisparityEncoding`; the others belong to layouts that
+leave no choice.
 """
 
 from dataclasses import dataclass
@@ -12,10 +13,12 @@ from semisynth_gl.errors import InputError
 
 ImageEncoding = Literal["png", "qoi", "jxl"]
 DisparityEncoding = Literal["pfm", "png16", "tiff"]
+LayoutImageEncoding = Literal["jpg"]
+LayoutDisparityEncoding = Literal["png16-32"]
 IMAGE_ENCODINGS: tuple[ImageEncoding, ...] = get_args(ImageEncoding)
 DISPARITY_ENCODINGS: tuple[DisparityEncoding, ...] = get_args(DisparityEncoding)
 
-_SUFFIXES = {"png16": ".png"}
+_SUFFIXES = {"png16": ".png", "png16-32": ".png"}
 # imagecodecs is an extra: its wheel holds every codec there is, 26 MB.
 _CODECS = "imagecodecs"
 _NEED_CODECS = frozenset({"qoi", "jxl"})
@@ -26,22 +29,32 @@ class Encodings:
     """How a dataset's files are encoded; masks and ids are PNG, depth is PFM whatever this says.
 
     Attributes:
-        image: of both images; all are lossless.
-        disparity: of both disparities; ``png16`` alone rounds.
+        image: of both images; ``jpg`` alone loses something.
+        disparity: of both disparities; ``png16`` counts 1/256 px, ``png16-32`` 1/32 px, and the others do not round.
     """
 
-    image: ImageEncoding = "png"
-    disparity: DisparityEncoding = "pfm"
+    image: ImageEncoding | LayoutImageEncoding = "png"
+    disparity: DisparityEncoding | LayoutDisparityEncoding = "pfm"
+
+    @property
+    def image_suffix(self) -> str:
+        """What names of images end in, with the dot."""
+        return _SUFFIXES.get(self.image, f".{self.image}")
+
+    @property
+    def disparity_suffix(self) -> str:
+        """What names of disparities end in, with the dot."""
+        return _SUFFIXES.get(self.disparity, f".{self.disparity}")
 
     @property
     def image_names(self) -> tuple[str, str]:
         """File names of the left and the right image."""
-        return f"im0{_suffix(self.image)}", f"im1{_suffix(self.image)}"
+        return f"im0{self.image_suffix}", f"im1{self.image_suffix}"
 
     @property
     def disparity_names(self) -> tuple[str, str]:
         """File names of the left and the right disparity."""
-        return f"disp0GT{_suffix(self.disparity)}", f"disp1GT{_suffix(self.disparity)}"
+        return f"disp0GT{self.disparity_suffix}", f"disp1GT{self.disparity_suffix}"
 
     def check(self) -> None:
         """Check that what they need is installed.
@@ -69,7 +82,3 @@ def codecs(encoding: str) -> Any:  # noqa: ANN401 - a module
             f"the encoding {encoding} needs the package imagecodecs, which cannot be imported ({error}): "
             "pip install 'semisynth-gl[codecs]', or choose another with files.image"
         ) from None
-
-
-def _suffix(encoding: str) -> str:
-    return _SUFFIXES.get(encoding, f".{encoding}")

@@ -19,6 +19,10 @@ class BackendError(SemisynthError):
     """OpenGL is missing, too old, or refuses what a scene needs."""
 
 
+class ContextLostError(BackendError):
+    """The OpenGL context is gone: the driver reset the device. All that was on it is lost; a new context may work."""
+
+
 class WorkerError(SemisynthError):
     """A worker process ended before its work did."""
 

@@ -16,6 +16,7 @@ class Purpose(IntEnum):
     SHAPE = 5
     TEXTURE = 6
     IMPERFECTIONS = 7
+    SPLIT = 8
 
 
 def generator(seed: int, purpose: Purpose, *numbers: int) -> np.random.Generator:

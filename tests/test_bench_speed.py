@@ -3,6 +3,7 @@
 import json
 import os
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -12,15 +13,18 @@ from semisynth_gl.bench import scaling
 from semisynth_gl.bench.lifetime import line_slope
 from semisynth_gl.bench.scaling import ball, measure_stress
 from semisynth_gl.bench.scenes import sample_scenes
+from semisynth_gl.bench.shards import shard_job
 from semisynth_gl.bench.speed import Effort, limit_text, measure, table, usual_workers
 from semisynth_gl.bench.speed_plot import draw_plot
 from semisynth_gl.bench.stages import Costs, limit_of, stage_rows
 from semisynth_gl.bench.workers import is_software, worker_threads
 from semisynth_gl.cli import main
 from semisynth_gl.config import load_config
+from semisynth_gl.generation import generate
 from semisynth_gl.geometry.solid import is_solid
-from semisynth_gl.pipeline import PAIR_STAGES, SequenceJob, generate
-from semisynth_gl.write.dataset import DatasetFolder
+from semisynth_gl.layouts.middlebury import SCENES
+from semisynth_gl.pipeline import PAIR_STAGES
+from semisynth_gl.write.shard import ShardWriter
 
 SMALL = (
     "camera.width_px=96",
@@ -88,8 +92,9 @@ def test_what_is_said_to_grow_grows_alone(report):
 
 def test_bytes_are_those_of_the_files(report, config, tmp_path):
     pairs = 1 + PAIRS
-    scenes = generate(config, DatasetFolder(tmp_path / "out", overwrite=False), pairs, 3)
-    sizes = [sum(path.stat().st_size for path in scene.iterdir()) for scene in sorted(scenes.iterdir())]
+    generate(config, tmp_path, pairs, 3)
+    scenes = sorted((tmp_path / SCENES).iterdir())
+    sizes = [sum(path.stat().st_size for path in scene.iterdir()) for scene in scenes]
     rows = {row["name"]: row for row in report["stages"]["rows"]}
     # The first pair is drawn before the others are timed.
     assert rows["write"]["bytes_per_pair"] == rows["encode"]["bytes_per_pair"] == np.mean(sizes[1:])
@@ -192,11 +197,10 @@ def test_stages_are_told_in_their_order(config, tmp_path):
     from semisynth_gl.pipeline import PairRenderer
 
     told = []
-    folder = DatasetFolder(tmp_path / "out", overwrite=False)
-    folder.open()
-    with PairRenderer(config, 0) as renderer:
+    job = shard_job(config, 0, "auto", 1, 1, tmp_path)
+    with PairRenderer(config, 0) as renderer, ShardWriter(job.place, job.plan.shards[0], packed=False, folder="") as to:
         pair = renderer.render(0, told.append)
-        SequenceJob(config, 0, "auto", 1, folder).write(pair, told.append)
+        job.write(pair, to, time.perf_counter(), told.append)
         plain = renderer.render(0)
     assert tuple(dict.fromkeys(told)) == PAIR_STAGES
     np.testing.assert_array_equal(pair.frame.left, plain.frame.left)

@@ -15,11 +15,12 @@ from semisynth_gl.camera import StereoCamera
 from semisynth_gl.errors import InputError, SemisynthError
 from semisynth_gl.frame import Frame
 from semisynth_gl.read.calib import read_calib
+from semisynth_gl.read.dataset import read_index
 from semisynth_gl.read.error import ReadError
-from semisynth_gl.read.middlebury import read_index, read_json, read_scene, read_scene_files
+from semisynth_gl.read.json import read_json
 from semisynth_gl.read.pfm import decode_pfm, read_pfm
 from semisynth_gl.read.png import read_grey, read_grey16, read_rgb
-from semisynth_gl.write.middlebury import encode_scene
+from semisynth_gl.write.calib import encode_calib
 from semisynth_gl.write.pfm import encode_pfm
 from semisynth_gl.write.png import encode_png
 
@@ -38,35 +39,8 @@ def scene(tmp_path):
         *disparity,
         *rng.choice(np.array([0, 128, 255], np.uint8), (2, 21, 37)),
     )
-    for name, data in encode_scene(frame, {"pair": 3}, ndisp=100).items():
-        (tmp_path / name).write_bytes(data)
+    (tmp_path / "calib.txt").write_bytes(encode_calib(frame, 100))
     return tmp_path, frame
-
-
-def test_a_scene_comes_back_as_it_was_written(scene):
-    folder, frame = scene
-    read = read_scene(folder)
-    np.testing.assert_array_equal(read.left, frame.left)
-    np.testing.assert_array_equal(read.right, frame.right)
-    np.testing.assert_array_equal(read.disparity_left, frame.disparity_left)
-    np.testing.assert_array_equal(read.disparity_right, frame.disparity_right)
-    np.testing.assert_array_equal(read.optional["mask0nocc.png"], frame.visibility_left)
-    assert read.pair == {"pair": 3}
-    assert read.calibration.ndisp == 100
-    assert read.calibration.doffs_px == CAMERA.doffs_px
-    for name in CAMERA.__slots__:
-        assert getattr(read.calibration.camera, name) == pytest.approx(getattr(CAMERA, name), rel=1e-15)
-
-
-def test_faults_of_a_scene_are_all_collected(scene):
-    folder, _ = scene
-    (folder / "im0.png").unlink()
-    (folder / "pair.json").write_text("[]")
-    read, faults = read_scene_files(folder)
-    assert read is None
-    assert [fault.path.name for fault in faults] == ["im0.png", "pair.json"]
-    with pytest.raises(ReadError, match=r"im0\.png: is missing"):
-        read_scene(folder)
 
 
 @settings(deadline=None)
@@ -180,8 +154,8 @@ def test_what_is_no_dataset_is_refused(tmp_path):
     ):
         with pytest.raises(InputError, match=words):
             read_index(path)
-    (tmp_path / "dataset.json").write_text(json.dumps({"layout": "kitti"}))
-    with pytest.raises(InputError, match="'kitti'"):
+    (tmp_path / "index.json").write_text(json.dumps({"program": "semisynth-gl", "layout": "nuscenes"}))
+    with pytest.raises(InputError, match="'nuscenes'"):
         read_index(tmp_path)
 
 

@@ -13,12 +13,12 @@ from test_pipeline import tiny
 
 from semisynth_gl.cli import main
 from semisynth_gl.errors import InputError
-from semisynth_gl.pipeline import generate
-from semisynth_gl.read.middlebury import SCENES, read_index
+from semisynth_gl.generation import generate
+from semisynth_gl.layouts.middlebury import SCENES
+from semisynth_gl.read.dataset import read_index
 from semisynth_gl.read.pfm import read_pfm
 from semisynth_gl.verify.consistency import match_views
 from semisynth_gl.verify.dataset import verify_dataset
-from semisynth_gl.write.dataset import DatasetFolder
 from semisynth_gl.write.pfm import encode_pfm
 from semisynth_gl.write.png import encode_png
 
@@ -37,29 +37,34 @@ def datasets(tmp_path_factory):
         pytest.skip("no OpenGL here")
     root = tmp_path_factory.mktemp("datasets")
     for name in BENCHMARKS:
-        generate(config_of(name), DatasetFolder(root / name, overwrite=False), 3, 0)
-    generate(config_of("middlebury", ALL_OUTPUTS), DatasetFolder(root / "all", overwrite=False), 2, 0)
+        generate(config_of(name), root / name, 3, 0)
+    generate(config_of("middlebury", ALL_OUTPUTS), root / "all", 2, 0)
     return root
 
 
 @pytest.fixture
 def dataset(datasets, tmp_path):
     """Middlebury's, to plant a fault in."""
-    return shutil.copytree(datasets / "middlebury", tmp_path / "dataset")
+    return shutil.copytree(datasets / "middlebury", tmp_path / "dataset", symlinks=True)
 
 
 @pytest.fixture
 def dataset_of_all(datasets, tmp_path):
     """With every output."""
-    return shutil.copytree(datasets / "all", tmp_path / "dataset")
+    return shutil.copytree(datasets / "all", tmp_path / "dataset", symlinks=True)
 
 
 def scene_of(dataset, number=1):
     return dataset / SCENES / f"middlebury-{number:06d}"
 
 
-def findings(dataset, rays=0):
+def all_findings(dataset, rays=0):
     return [finding for verdict in verify_dataset(read_index(dataset), rays) for finding in verdict.findings]
+
+
+def findings(dataset, rays=0):
+    """What is found beside the digest, which gives every change of a file away."""
+    return [finding for finding in all_findings(dataset, rays) if finding.check != "sha256"]
 
 
 def checks(dataset, rays=0):
@@ -97,6 +102,7 @@ IMAGES, DISPARITIES, MASKS = ("im0.png", "im1.png"), ("disp0GT.pfm", "disp1GT.pf
 def test_a_clean_dataset_has_no_finding(datasets, name):
     verdicts = list(verify_dataset(read_index(datasets / name), 200))
     assert [str(finding) for verdict in verdicts for finding in verdict.findings] == []
+    assert len(verdicts) == 1 + (2 if name == "all" else 3)
     for verdict in verdicts[1:]:
         assert verdict.measures["oracle_largest_px"] < 1e-3
         assert verdict.measures["residual_explained_share"] > 0.95
@@ -113,9 +119,9 @@ def test_a_flipped_image_is_found(dataset, name, axis):
 
 
 def test_of_imperfect_images_the_correlation_is_judged(dataset):
-    index = json.loads((dataset / "dataset.json").read_text())
+    index = json.loads((dataset / "index.json").read_text())
     index["config_values"]["imperfections"] = {"noise": [2.0, 4.0], "gamma": 1.0, "exposure_stops": [-1.0, 0.0]}
-    (dataset / "dataset.json").write_text(json.dumps(index))
+    (dataset / "index.json").write_text(json.dumps(index))
     for number in range(3):
         change_image(scene_of(dataset, number) / "im1.png", lambda image: (image // 2).astype(np.uint8))
     assert "images" not in checks(dataset)
@@ -187,13 +193,14 @@ def test_a_truncated_file_is_found(dataset, name, left):
     path.write_bytes(data[: {0: 0, 1: len(data) // 2, -1: whole - 1}[left]])
     found = findings(dataset)
     assert [(finding.scene, finding.check) for finding in found] == [("middlebury-000001", "files")]
-    assert found[0].message.startswith(name)
+    assert found[0].message.startswith(f"{SCENES}/middlebury-000001/{name} ")
 
 
 @pytest.mark.parametrize("name", [*IMAGES, *DISPARITIES, *MASKS, "calib.txt", "pair.json"])
 def test_a_missing_file_is_found(dataset, name):
     (scene_of(dataset) / name).unlink()
-    assert [str(finding) for finding in findings(dataset)] == [f"middlebury-000001: files: {name} is missing"]
+    wanted = f"middlebury-000001: files: {SCENES}/middlebury-000001/{name} is missing"
+    assert [str(finding) for finding in findings(dataset)] == [wanted]
 
 
 @pytest.mark.parametrize("value", [np.nan, -np.inf, np.inf, 0.0, -3.0, 1e6])
@@ -230,8 +237,8 @@ def test_files_that_mislead_are_found(dataset):
     shutil.copytree(scene, dataset / SCENES / "middlebury-000009")
     messages = [str(finding) for finding in findings(dataset)]
     assert messages == [
-        f"dataset: files: {SCENES}/middlebury-000009 is not in dataset.json, but loaders will read it as a scene",
-        "middlebury-000001: files: disp0other.pfm does not belong here: the evaluation kit judges every disp0*.pfm",
+        f"dataset: files: {SCENES}/middlebury-{name} does not belong here: nothing in the index tells of it"
+        for name in ("000001/disp0other.pfm", *(f"000009/{file.name}" for file in sorted(scene.iterdir())))
     ]
 
 
@@ -246,33 +253,35 @@ def test_images_of_another_kind_or_size_are_found(dataset):
     ]
 
 
-def test_a_dataset_json_of_another_config_is_found(dataset, datasets):
-    index = json.loads((dataset / "dataset.json").read_text())
-    other = json.loads((datasets / "kitti" / "dataset.json").read_text())
-    other["scenes"] = index["scenes"]
-    (dataset / "dataset.json").write_text(json.dumps(other))
+def test_an_index_of_another_config_is_found(dataset, datasets):
+    index = json.loads((dataset / "index.json").read_text())
+    other = json.loads((datasets / "kitti" / "index.json").read_text())
+    other |= {key: index[key] for key in ("layout", "pairs", "shard_pairs", "shards")} | {"config": "middlebury"}
+    (dataset / "index.json").write_text(json.dumps(other))
     assert {"origin", "size"} <= checks(dataset)
     index["config_values"]["disparity"]["max_px"] = 20.0
-    (dataset / "dataset.json").write_text(json.dumps(index))
+    (dataset / "index.json").write_text(json.dumps(index))
     assert {"index", "disparity"} <= checks(dataset)
 
 
 def test_another_seed_is_found_by_the_oracle(dataset):
-    path = dataset / "dataset.json"
+    path = dataset / "index.json"
     path.write_text(path.read_text().replace('"seed": 0', '"seed": 1'))
     assert {"origin", "oracle"} <= checks(dataset, 50)
 
 
-@pytest.mark.parametrize(("key", "value"), [("seed", -1), ("patches", []), ("config_values", {"name": "x"})])
+@pytest.mark.parametrize(
+    ("key", "value"), [("seed", -1), ("splits", {"train": {"patches": []}}), ("config_values", {"name": "x"})]
+)
 def test_the_oracle_refuses_what_it_cannot_make_again(dataset, key, value):
-    index = json.loads((dataset / "dataset.json").read_text()) | {key: value}
-    (dataset / "dataset.json").write_text(json.dumps(index))
+    index = json.loads((dataset / "index.json").read_text()) | {key: value}
+    (dataset / "index.json").write_text(json.dumps(index))
     with pytest.raises(InputError, match="cannot be made again"):
         findings(dataset, 50)
 
 
 def test_an_unfinished_dataset_is_found(dataset):
-    (dataset / "dataset.json").unlink()
+    (dataset / "index.json").unlink()
     found = findings(dataset)
     assert [finding.check for finding in found] == ["index"]
     assert "not finished" in found[0].message
@@ -284,7 +293,10 @@ def test_lists_are_compared(dataset):
     assert any("lacks middlebury-000001" in finding.message for finding in findings(dataset))
     listed.unlink()
     shutil.rmtree(scene_of(dataset, 2))
-    assert [finding.check for finding in findings(dataset)] == ["files", "files"]
+    assert [(finding.scene, finding.check) for finding in findings(dataset)] == [
+        ("dataset", "files"),
+        *[("middlebury-000002", "files")] * 8,
+    ]
 
 
 def test_calibration_is_compared(dataset):
@@ -310,17 +322,32 @@ def test_depth_and_instances_are_compared(dataset_of_all):
         ("1", "instances"),
     ]
     (scene / "inst0.png").unlink()
-    assert any("inst0.png is missing" in finding.message for finding in findings(dataset_of_all))
+    assert any(finding.message.endswith("inst0.png is missing") for finding in findings(dataset_of_all))
 
 
-def test_a_dataset_with_one_mask_and_no_outputs_is_read(dataset):
-    """As datasets were before the key existed."""
-    index = json.loads((dataset / "dataset.json").read_text())
-    del index["config_values"]["outputs"]
-    (dataset / "dataset.json").write_text(json.dumps(index))
-    for number in range(3):
-        (scene_of(dataset, number) / "mask1nocc.png").unlink()
-    assert [finding.check for finding in findings(dataset)] == ["index"]  # the digest is of the values with the key
+def test_a_changed_byte_is_found_by_its_digest(dataset):
+    path = scene_of(dataset) / "pair.json"
+    path.write_text(path.read_text().replace("{", "{ ", 1))
+    found = all_findings(dataset)
+    assert [(finding.scene, finding.check) for finding in found] == [("middlebury-000001", "sha256")]
+    assert "pair.json has" in found[0].message
+
+
+def test_records_are_compared_with_the_index(dataset):
+    records = sorted((dataset / "shards").glob("semisynth-*.json"))
+    assert len(records) == 3
+    record = json.loads(records[0].read_text())
+    records[0].write_text(json.dumps(record | {"bytes": 1}))
+    records[1].unlink()
+    record = json.loads(records[2].read_text())
+    record["samples"][0]["files"].pop(f"{SCENES}/middlebury-000002/calib.txt")
+    records[2].write_text(json.dumps(record))
+    asked = "but its layout and outputs ask for it"
+    assert [(finding.scene[-1], finding.check, finding.message.split(":")[0]) for finding in all_findings(dataset)] == [
+        ("0", "shard", records[0].stem),
+        ("1", "shard", f"shards/{records[1].name} is missing"),
+        ("2", "files", f"{SCENES}/middlebury-000002/calib.txt is not in the shard's record, {asked}"),
+    ]
 
 
 def test_a_plane_matches_itself_exactly():
@@ -353,11 +380,13 @@ def test_the_command_tells_what_it_found(call, dataset, tmp_path):
     (scene_of(dataset) / "im0.png").unlink()
     code, out, err = call(dataset, "--json", tmp_path / "report.json")
     assert code == 1
-    assert out == "middlebury-000001: files: im0.png is missing\n"
-    assert "1 findings in 1 of 3 scenes" in err
+    assert out == f"middlebury-000001: files: {SCENES}/middlebury-000001/im0.png is missing\n"
+    assert "1 findings in 1 of 3 pairs" in err
     report = json.loads((tmp_path / "report.json").read_text())
-    assert report["findings"] == [{"scene": "middlebury-000001", "check": "files", "message": "im0.png is missing"}]
-    assert report["measures"]["middlebury-000000"]["mask0nocc_disagree_share"] < 0.01
+    assert report["findings"] == [
+        {"scene": "middlebury-000001", "check": "files", "message": out.split(": ")[2].strip()}
+    ]
+    assert report["measures"]["middlebury-000000"]["visibility_left_disagree_share"] < 0.01
 
 
 def test_the_command_refuses_what_is_no_dataset(call, tmp_path, dataset):

@@ -2,7 +2,6 @@
 
 import io
 import json
-from pathlib import PurePosixPath
 
 import cv2
 import numpy as np
@@ -13,10 +12,9 @@ from hypothesis.extra import numpy as hnp
 from PIL import Image
 
 from semisynth_gl.camera import StereoCamera
-from semisynth_gl.errors import InputError
+from semisynth_gl.encodings import Encodings
 from semisynth_gl.frame import Frame
-from semisynth_gl.write.dataset import DatasetFolder
-from semisynth_gl.write.middlebury import encode_scene, encode_scene_list, scene_name
+from semisynth_gl.layouts import Key, find_layout
 from semisynth_gl.write.pfm import encode_pfm
 from semisynth_gl.write.png import encode_png
 
@@ -33,6 +31,14 @@ def frame(width=37, height=21, seed=0):
         *disparity,
         *rng.choice(np.array([0, 128, 255], np.uint8), (2, height, width)),
     )
+
+
+def encoded(shot):
+    """Files of a pair in Middlebury's layout, by name."""
+    key = Key("middlebury", "train", 0)
+    files = find_layout("middlebury").encode(key, shot, {"pair": 3}, 100, Encodings())
+    assert {path.rpartition("/")[0] for path in files} == {"MiddEval3/trainingF/middlebury-000000"}
+    return {path.rpartition("/")[2]: data for path, data in files.items()}
 
 
 @settings(deadline=None)
@@ -68,7 +74,7 @@ def test_sixteen_bit_png_is_read_back_by_opencv():
 
 
 def test_calibration_reads_back_to_the_same_depth():
-    written = encode_scene(frame(), {}, ndisp=100)["calib.txt"].decode().splitlines()
+    written = encoded(frame())["calib.txt"].decode().splitlines()
     keys = [line.split("=")[0] for line in written]
     expected = "cam0 cam1 doffs baseline width height ndisp isint vmin vmax dyavg dymax"
     assert " ".join(keys) == expected
@@ -87,7 +93,7 @@ def test_calibration_reads_back_to_the_same_depth():
 
 def test_a_scene_has_middleburys_files():
     shot = frame()
-    files = encode_scene(shot, {"pair": 3}, ndisp=100)
+    files = encoded(shot)
     assert set(files) == {
         *(
             "im0.png",
@@ -108,98 +114,8 @@ def test_a_scene_has_middleburys_files():
 
 
 def test_names_sort_as_numbers():
-    names = [scene_name("kitti", index) for index in (2, 10, 999_999)]
+    keys = [Key("kitti", "train", index) for index in (2, 10, 999_999)]
+    names = [key.scene for key in keys]
     assert names == sorted(names) == ["kitti-000002", "kitti-000010", "kitti-999999"]
-    assert encode_scene_list(names) == b"kitti-000002\nkitti-000010\nkitti-999999\n"
-
-
-def test_nothing_changes_on_disk_before_open(tmp_path):
-    out = tmp_path / "new" / "deep"
-    folder = DatasetFolder(out, overwrite=False)
-    assert not out.parent.exists()
-    folder.open()
-    folder.add_folder(PurePosixPath("MiddEval3/trainingF/a"), {"x": b"1", "y": b"2"})
-    folder.finish({"pairs": 1})
-    assert sorted(p.relative_to(out).as_posix() for p in out.rglob("*") if p.is_file()) == [
-        *("MiddEval3/trainingF/a/x", "MiddEval3/trainingF/a/y", "dataset.json"),
-    ]
-
-
-def test_a_full_folder_is_refused_and_untouched(tmp_path):
-    (tmp_path / "precious.txt").write_text("mine")
-    for overwrite in (False, True):
-        with pytest.raises(InputError, match=r"precious\.txt"):
-            DatasetFolder(tmp_path, overwrite=overwrite)
-    assert (tmp_path / "precious.txt").read_text() == "mine"
-
-
-def test_somebody_elses_middeval3_is_never_overwritten(tmp_path):
-    (tmp_path / "MiddEval3" / "trainingF").mkdir(parents=True)
-    (tmp_path / "MiddEval3" / "trainingF" / "real.png").write_text("real data")
-    with pytest.raises(InputError, match="MiddEval3"):
-        DatasetFolder(tmp_path, overwrite=True)
-
-
-def test_a_file_called_dataset_json_proves_nothing(tmp_path):
-    scene = tmp_path / "MiddEval3" / "trainingF" / "Adirondack"
-    scene.mkdir(parents=True)
-    (scene / "im0.png").write_text("real data")
-    for text in ('{"my": 1}', "not json", "[]"):
-        (tmp_path / "dataset.json").write_text(text)
-        with pytest.raises(InputError, match="Choose another folder"):
-            DatasetFolder(tmp_path, overwrite=True)
-    (tmp_path / "dataset.json").write_text('{"program": "semisynth-gl"}')
-    with pytest.raises(InputError, match="trainingF/Adirondack"):
-        DatasetFolder(tmp_path, overwrite=True)
-    assert (scene / "im0.png").read_text() == "real data"
-
-
-def test_overwrite_replaces_an_own_dataset_only(tmp_path):
-    out = tmp_path / "out"
-    for content in (b"old", b"new"):
-        folder = DatasetFolder(out, overwrite=True)
-        folder.open()
-        folder.add_folder(PurePosixPath("MiddEval3/trainingF") / content.decode(), {"pair.json": content})
-        folder.finish({"program": "semisynth-gl"})
-    assert [p.name for p in (out / "MiddEval3" / "trainingF").iterdir()] == ["new"]
-    (out / "notes.txt").write_text("mine")
-    with pytest.raises(InputError, match=r"notes\.txt"):
-        DatasetFolder(out, overwrite=True)
-    (out / "notes.txt").unlink()
-    with pytest.raises(InputError, match="not empty"):
-        DatasetFolder(out, overwrite=False)
-
-
-def test_a_failure_leaves_no_half_scene(tmp_path):
-    out = tmp_path / "out"
-    folder = DatasetFolder(out, overwrite=False)
-    folder.open()
-    folder.add_folder(PurePosixPath("MiddEval3/trainingF/whole"), {"pair.json": b"1"})
-    with pytest.raises(TypeError):
-        folder.add_folder(PurePosixPath("MiddEval3/trainingF/half"), {"x": b"1", "y": None})
-    folder.abandon()
-    assert [p.name for p in (out / "MiddEval3").rglob("*") if p.is_file()] == ["pair.json"]
-    assert not (out / "dataset.json").exists()
-    # What a stopped run left behind counts as ours.
-    DatasetFolder(out, overwrite=True).open()
-    assert not (out / "MiddEval3").exists()
-
-
-def test_an_abandoned_empty_run_leaves_nothing(tmp_path):
-    folder = DatasetFolder(tmp_path / "out", overwrite=False)
-    folder.open()
-    folder.abandon()
-    assert not (tmp_path / "out").exists()
-    (tmp_path / "mine").mkdir()
-    folder = DatasetFolder(tmp_path / "mine", overwrite=False)
-    folder.open()
-    folder.abandon()
-    assert (tmp_path / "mine").is_dir()
-
-
-def test_a_file_in_the_way_is_refused(tmp_path):
-    (tmp_path / "out").write_text("a file")
-    with pytest.raises(InputError, match="it is a file"):
-        DatasetFolder(tmp_path / "out", overwrite=True)
-    with pytest.raises(InputError, match="cannot be written"):
-        DatasetFolder(tmp_path / "out" / "below", overwrite=False).open()
+    lists = find_layout("middlebury").lists(keys, Encodings())
+    assert lists == {"MiddEval3/official_train.txt": b"kitti-000002\nkitti-000010\nkitti-999999\n"}

@@ -7,22 +7,22 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.bench.shards import LAYOUT, SPLIT, do_all, shard_job
 from semisynth_gl.config import Config
-from semisynth_gl.engine import LocalWorkers
+from semisynth_gl.engines.task import Task, Watch
 from semisynth_gl.errors import SemisynthError
-from semisynth_gl.pipeline import PairRenderer, SequenceJob
+from semisynth_gl.generation import ShardJob
+from semisynth_gl.pipeline import PairRenderer
+from semisynth_gl.plan import Shard
 from semisynth_gl.render.context import Backend
-from semisynth_gl.write.dataset import DatasetFolder
-from semisynth_gl.write.middlebury import SCENES, scene_name
 
 _POLL_S = 0.002
 # Where drivers keep what they have compiled: Mesa, its older versions, NVIDIA.
@@ -81,17 +81,19 @@ class _Held:
 class _PairsThenLook:
     """Makes a pair, removes it from the disk and looks at what the process holds."""
 
-    job: SequenceJob
+    job: ShardJob
 
     @contextmanager
-    def open(self) -> Iterator[Callable[[int], _Held]]:
-        self.job.folder.open()
-        with PairRenderer(self.job.config, self.job.seed, self.job.backend) as renderer:
-            yield partial(self._look, renderer)
+    def open(self, worker: int) -> Iterator[Task[_Held]]:
+        del worker
+        plan = self.job.plan
+        shards = plan.shards
+        with PairRenderer(plan.config, plan.seed, self.job.backend, plan.split(SPLIT)) as renderer:
+            yield lambda number, watch: self._look(renderer, shards[number], watch)
 
-    def _look(self, renderer: PairRenderer, index: int) -> _Held:
-        self.job.write(renderer.render(index))
-        shutil.rmtree(self.job.folder.path / SCENES / scene_name(self.job.config.name, index))
+    def _look(self, renderer: PairRenderer, shard: Shard, watch: Watch) -> _Held:
+        self.job.make(lambda *_: renderer, shard, watch)
+        shutil.rmtree(self.job.place.path(""))
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
         return _Held(pages * os.sysconf("SC_PAGE_SIZE"), renderer.count_objects())
 
@@ -99,9 +101,8 @@ class _PairsThenLook:
 def measure_memory(config: Config, seed: int, backend: Backend, pairs: int) -> MemoryRow:
     """Make pairs in a process of its own and follow what it holds."""
     with tempfile.TemporaryDirectory() as scratch:
-        folder = DatasetFolder(Path(scratch) / "out", overwrite=False)
-        with LocalWorkers(_PairsThenLook(SequenceJob(config, seed, backend, pairs, folder)), 1) as engine:
-            held = list(engine.run(range(pairs)))
+        job = shard_job(config, seed, backend, pairs, 1, Path(scratch) / "out")
+        held = do_all(_PairsThenLook(job), range(pairs), 1)
     rss = np.array([one.rss_bytes for one in held], np.float64)
     slope, error = line_slope(rss[int(_SETTLING * pairs) :])
     return MemoryRow(
@@ -141,19 +142,21 @@ def _start(config: Config, seed: int, backend: Backend, scratch: Path) -> tuple[
     out = scratch / "out"
     command = [
         *(sys.executable, "-m", "semisynth_gl", "generate", "--config", str(scratch / "config.yaml")),
-        *("--pairs", "1", "--out", str(out), "--seed", str(seed), "--backend", backend, "--overwrite"),
+        *("--pairs", "1", "--out", str(out), "--seed", str(seed), "--backend", backend, "--layout", LAYOUT),
     ]
     shutil.rmtree(out, ignore_errors=True)
     caches = {"SEMISYNTH_GL_CACHE": str(scratch / "cache")}
     for name in _DRIVER_CACHES:
         (scratch / "driver").mkdir(exist_ok=True)
         caches[name] = str(scratch / "driver")
-    pair = out / SCENES / scene_name(config.name, 0)
+    plan = shard_job(config, seed, backend, 1, 1, out).plan
+    # The last of a pair's files to appear.
+    last_file = out / plan.layout.files(plan.key(SPLIT, 0), plan.layout.chosen_encodings(config))["provenance"]
     first_pair = None
     start = time.perf_counter()
     with subprocess.Popen(command, env=os.environ | caches, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as run:  # noqa: S603 - this program
         while run.poll() is None:
-            if first_pair is None and pair.is_dir():
+            if first_pair is None and last_file.is_file():
                 first_pair = time.perf_counter() - start
             time.sleep(_POLL_S)
         end = time.perf_counter() - start

@@ -15,7 +15,7 @@ from semisynth_gl.bench.scenes import sample_scenes
 from semisynth_gl.bench.stages import limit_of
 from semisynth_gl.bench.workers import measure_workers
 from semisynth_gl.config import Config
-from semisynth_gl.engine import cores
+from semisynth_gl.engines.task import cores
 from semisynth_gl.render.context import Backend
 
 # Pairs whose scenes the ways to antialias and the outputs are measured on.

@@ -11,24 +11,25 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from math import ceil
+from multiprocessing import get_context
+from multiprocessing.synchronize import Barrier
 from pathlib import Path
 
 import numpy as np
 
+from semisynth_gl.bench.shards import SPLIT, do_all, shard_job
 from semisynth_gl.bench.stages import Costs, StageRow, stage_rows
 from semisynth_gl.config import Config
-from semisynth_gl.engine import LocalWorkers, Task, cores
-from semisynth_gl.pipeline import PAIR_STAGES, PairRenderer, SequenceJob, Written
+from semisynth_gl.engines.task import Task, Watch, cores
+from semisynth_gl.generation import ShardJob
+from semisynth_gl.pipeline import PAIR_STAGES, PairRenderer
+from semisynth_gl.places import Folder
+from semisynth_gl.plan import Shard
 from semisynth_gl.render.context import Backend
-from semisynth_gl.write.dataset import DatasetFolder
-from semisynth_gl.write.middlebury import SCENES, scene_name
+from semisynth_gl.write.shard import ShardWriter
 
 _THREADS = "LP_NUM_THREADS"
-# Tasks below 0 only say which process does them, and wait a moment for the others to get theirs.
-_WHO = -1
-_MOMENT_S = 0.05
 # Of a number of workers, as many pairs each at least.
 _PAIRS_EACH = 4
 _SINGLE = "1, one thread"
@@ -76,35 +77,47 @@ class Ends:
 
 @dataclass(frozen=True, slots=True)
 class _Done:
-    """A task of `_WholePairs`."""
+    """A task of `_WholePairs`; its clock is the machine's, not the process's."""
 
-    process: int
+    worker: int
     pairs: int
+    start_s: float
     end_s: float
 
 
 @dataclass(frozen=True, slots=True)
 class _WholePairs:
-    """A `SequenceJob` whose tasks tell who did them and when; each worker writes to a folder of its own."""
+    """Makes shards and tells who did it and when, once all workers are open; each writes to a folder of its own."""
 
-    job: SequenceJob
+    job: ShardJob
+    opened: Barrier
 
     @contextmanager
-    def open(self) -> Iterator[Callable[[int], _Done]]:
-        folder = DatasetFolder(self.job.folder.path / str(os.getpid()), overwrite=False)
-        folder.open()
-        with replace(self.job, folder=folder).open() as task:
+    def open(self, worker: int) -> Iterator[Task[_Done]]:
+        job = replace(self.job, place=Folder(self.job.place.path(str(worker))))
+        plan = job.plan
+        shards = plan.shards
+        with PairRenderer(plan.config, plan.seed, job.backend, plan.split(SPLIT)) as renderer:
             # Buffers are made and shaders compiled with the first pair.
-            task(0)
-            yield partial(_whole_pairs, task)
+            job.make(lambda *_: renderer, shards[0], _Unwatched())
+            self.opened.wait()
+            start = time.perf_counter()
+
+            def make(number: int, watch: Watch) -> _Done:
+                shard = shards[number]
+                job.make(lambda *_: renderer, shard, watch)
+                return _Done(worker, shard.end - shard.first, start, time.perf_counter())
+
+            yield make
 
 
-def _whole_pairs(task: Task[list[Written]], number: int) -> _Done:
-    if number == _WHO:
-        time.sleep(_MOMENT_S)
-        return _Done(os.getpid(), 0, 0.0)
-    written = task(number)
-    return _Done(os.getpid(), len(written), time.perf_counter())
+class _Unwatched:
+    """What a worker's first pair is given, before there is a task."""
+
+    stopping = False
+
+    def tell(self, message: object) -> None:
+        """Drop a message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,22 +134,24 @@ class StagedPairs:
     """Makes single pairs and times their stages; the driver finishes each before the next begins.
 
     Attributes:
-        job: the pairs.
+        job: the pairs, each a shard.
     """
 
-    job: SequenceJob
+    job: ShardJob
 
     @contextmanager
-    def open(self) -> Iterator[Callable[[int], _Staged]]:
+    def open(self, worker: int) -> Iterator[Task[_Staged]]:
         """Open a renderer."""
-        self.job.folder.open()
-        with PairRenderer(self.job.config, self.job.seed, self.job.backend) as renderer:
-            self._write(renderer, 0, None)
-            yield partial(self._staged, renderer)
+        del worker
+        plan = self.job.plan
+        shards = plan.shards
+        with PairRenderer(plan.config, plan.seed, self.job.backend, plan.split(SPLIT)) as renderer:
+            self._write(renderer, shards[0])
+            yield lambda number, _: self._staged(renderer, shards[number])
 
-    def _staged(self, renderer: PairRenderer, index: int) -> _Staged:
+    def _staged(self, renderer: PairRenderer, shard: Shard) -> _Staged:
         start = time.perf_counter()
-        self._write(renderer, index, None)
+        self._write(renderer, shard)
         whole = time.perf_counter() - start
         seconds, processor = dict.fromkeys(PAIR_STAGES, 0.0), dict.fromkeys(PAIR_STAGES, 0.0)
         made: dict[str, int] = {}
@@ -148,20 +163,28 @@ class StagedPairs:
             processor[stage] += now[1] - last[1]
             last[:] = now
 
-        made["readback"], made["write"] = self._write(renderer, index, done)
+        made["readback"], made["write"] = self._write(renderer, shard, done)
         made["encode"] = made["write"]
         costs = {stage: Costs(seconds[stage], processor[stage], made.get(stage)) for stage in PAIR_STAGES}
         return _Staged(costs, whole, renderer.facts)
 
-    def _write(self, renderer: PairRenderer, index: int, done: Callable[[str], None] | None) -> tuple[int, int]:
-        """Make a pair; return the bytes of its arrays and of its files, which are removed."""
-        pair = renderer.render(index, done)
-        self.job.write(pair, done)
-        folder = self.job.folder.path / SCENES / scene_name(self.job.config.name, index)
-        written = sum(path.stat().st_size for path in folder.iterdir())
-        shutil.rmtree(folder)
+    def _write(
+        self, renderer: PairRenderer, shard: Shard, done: Callable[[str], None] | None = None
+    ) -> tuple[int, int]:
+        """Make a pair as `ShardJob.make` does; return the bytes of its arrays and of its files, which are removed."""
+        plan, place = self.job.plan, self.job.place
+        tell = done or (lambda _: None)
+        start = time.perf_counter()
+        pair = renderer.render(shard.first, done)
+        with ShardWriter(place, shard, packed=plan.layout.packed, folder=plan.folder(SPLIT)) as writer:
+            tell("write")
+            self.job.write(pair, writer, start, tell)
+            record = writer.finish({"split": SPLIT, "first": shard.first, "end": shard.end})
+        # Beginning and end of a shard are part of writing, and take the less the more pairs it has.
+        tell("write")
+        shutil.rmtree(place.path(""))
         arrays = (getattr(pair.frame, name) for name in pair.frame.__slots__)
-        return sum(array.nbytes for array in arrays if isinstance(array, np.ndarray)), written
+        return sum(array.nbytes for array in arrays if isinstance(array, np.ndarray)), record["bytes"]
 
 
 def measure_workers(
@@ -245,13 +268,10 @@ def _threads_of(count: int, threads: str | None) -> int:
 
 
 def _stages(config: Config, seed: int, backend: Backend, pairs: int) -> list[_Staged]:
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = DatasetFolder(Path(scratch) / "out", overwrite=False)
-        with worker_threads("0"):
-            engine = LocalWorkers(StagedPairs(SequenceJob(config, seed, backend, pairs, folder)), 1)
-        with engine:
-            # Pairs after the first, which has been drawn on opening: the same as the workers'.
-            return list(engine.run(range(1, 1 + pairs)))
+    with tempfile.TemporaryDirectory() as scratch, worker_threads("0"):
+        job = shard_job(config, seed, backend, 1 + pairs, 1, Path(scratch) / "out")
+        # Pairs after the first, which has been drawn on opening: the same as the workers'.
+        return do_all(StagedPairs(job), range(1, 1 + pairs), 1)
 
 
 def _rate(config: Config, seed: int, backend: Backend, count: int, threads: str | None, pairs: int) -> float:
@@ -261,21 +281,15 @@ def _rate(config: Config, seed: int, backend: Backend, count: int, threads: str 
     the mean of the times until each worker's last pair.
     """
     length = config.sequence.length
-    sequences = ceil(pairs / length)
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = DatasetFolder(Path(scratch), overwrite=False)
-        job = SequenceJob(config, seed, backend, (1 + sequences) * length, folder)
-        with worker_threads(threads):
-            engine = LocalWorkers(_WholePairs(job), count)
-        with engine:
-            ready: set[int] = set()
-            while len(ready) < count:
-                ready |= {done.process for done in engine.run([_WHO] * count)}
-            start = time.perf_counter()
-            last: dict[int, float] = {}
-            made = 0
-            for done in engine.run(range(1, 1 + sequences)):
-                made += done.pairs
-                # The clock is the machine's, not the process's.
-                last[done.process] = max(last.get(done.process, 0.0), done.end_s - start)
-    return made / float(np.mean(list(last.values())))
+    # One for each worker at least: an engine starts no more workers than there are tasks.
+    sequences = max(count, ceil(pairs / length))
+    with tempfile.TemporaryDirectory() as scratch, worker_threads(threads):
+        job = shard_job(config, seed, backend, (1 + sequences) * length, length, Path(scratch))
+        # Workers are spawned, and a barrier goes to processes of its own kind alone.
+        opened = get_context("spawn").Barrier(count)
+        done = do_all(_WholePairs(job, opened), range(1, 1 + sequences), count)
+    start = min(each.start_s for each in done)
+    last: dict[int, float] = {}
+    for each in done:
+        last[each.worker] = max(last.get(each.worker, 0.0), each.end_s - start)
+    return sum(each.pairs for each in done) / float(np.mean(list(last.values())))

@@ -30,7 +30,8 @@ def doctor() -> None:
     click.echo(f"Cache: {cache_summary()}")
     click.echo("EGL devices (in EGL's order, which is not CUDA's)")
     for device in egl_devices():
-        click.echo(f"  {device.index}: {device.name}{', software' if device.software else ''}")
+        cuda = "" if device.cuda is None else f", GPU {device.cuda} of CUDA's"
+        click.echo(f"  {device.index}: {device.name}{', software' if device.software else ''}{cuda}")
     if not egl_devices():
         click.echo("  none")
     backends: tuple[Backend, ...] = ("egl", "osmesa")

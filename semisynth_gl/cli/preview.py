@@ -40,8 +40,8 @@ def preview(
         raise InputError(f"--out {out}: expected a name that ends in .png")
     if not out.absolute().parent.is_dir():
         raise InputError(f"--out {out}: the folder {out.absolute().parent} does not exist")
-    with PairRenderer(config, seed, backend) as renderer, Progress(pairs) as progress:
-        progress.begin()
+    with PairRenderer(config, seed, backend) as renderer, Progress() as progress:
+        progress.begin(pairs)
         frames = []
         for index in range(pairs):
             frames.append(renderer.render(index).frame)

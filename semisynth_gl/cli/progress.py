@@ -12,14 +12,10 @@ _SECONDS_BETWEEN_LINES = 10.0
 
 
 class Progress:
-    """Counts pairs. Use it in a ``with`` block, and `begin` when the first one is about to be made.
+    """Counts pairs. Use it in a ``with`` block, and `begin` when the first one is about to be made."""
 
-    Args:
-        total: how many there will be.
-    """
-
-    def __init__(self, total: int) -> None:
-        self._total = total
+    def __init__(self) -> None:
+        self._total = 0
         self._done = 0
         self._start = self._said = 0.0
         self._bar: tqdm | None = None
@@ -33,11 +29,23 @@ class Progress:
         if self._bar is not None:
             self._bar.close()
 
-    def begin(self) -> None:
-        """Start the clock and show the bar; what is read and opened before is no part of the rate."""
+    def begin(self, total: int) -> None:
+        """Start the clock and show the bar; what is read and opened before is no part of the rate.
+
+        Args:
+            total: how many pairs there will be.
+        """
+        self._total = total
         self._start = self._said = time.monotonic()
         if sys.stderr.isatty():
             self._bar = tqdm(total=self._total, unit="pair", file=sys.stderr)
+
+    def drop(self) -> None:
+        """Count one pair less: it was there already."""
+        self._total -= 1
+        if self._bar is not None:
+            self._bar.total = self._total
+            self._bar.refresh()
 
     def advance(self) -> None:
         """Count one pair."""

@@ -10,20 +10,20 @@ import click
 
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.errors import InputError
-from semisynth_gl.read.middlebury import Index, read_index
+from semisynth_gl.read.dataset import Index, read_index
 from semisynth_gl.verify.dataset import verify_dataset
 from semisynth_gl.verify.finding import Verdict
 
 
 @click.command()
-@click.argument("directory", metavar="DIR", type=click.Path(path_type=Path))
+@click.argument("directory", metavar="DIR_OR_ADDRESS")
 @click.option("--oracle", is_flag=True, help="Also make each scene again and compare with float64 rays.")
 @click.option(
     "--pixels", type=click.IntRange(min=1), default=500, show_default=True, help="Rays per pair, with --oracle."
 )
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write findings and measures here.")
 def verify(
-    directory: Path,
+    directory: str,
     oracle: bool,  # noqa: FBT001 - click passes flags so
     pixels: int,
     json_path: Path | None,
@@ -35,10 +35,11 @@ def verify(
     index = read_index(directory)
     if json_path is not None and not json_path.absolute().parent.is_dir():
         raise InputError(f"--json {json_path}: the folder {json_path.absolute().parent} does not exist")
+    pairs = sum(index.pairs.values())
     start = time.monotonic()
     verdicts = []
-    with Progress(len(index.scenes)) as progress:
-        progress.begin()
+    with Progress() as progress:
+        progress.begin(pairs)
         for number, verdict in enumerate(verify_dataset(index, pixels if oracle else 0)):
             verdicts.append(verdict)
             for finding in verdict.findings:
@@ -52,14 +53,14 @@ def verify(
     where = sum(1 for verdict in verdicts[1:] if verdict.findings)
     aside = " and in the dataset as a whole" if verdicts and verdicts[0].findings else ""
     if found:
-        click.echo(f"{found} findings in {where} of {len(index.scenes)} scenes{aside}", err=True)
+        click.echo(f"{found} findings in {where} of {pairs} pairs{aside}", err=True)
         sys.exit(1)
     click.echo(_summary(index, verdicts, seconds))
 
 
 def _report(index: Index, verdicts: list[Verdict]) -> dict[str, object]:
     return {
-        "scenes": len(index.scenes),
+        "pairs": sum(index.pairs.values()),
         "findings": [asdict(finding) for verdict in verdicts for finding in verdict.findings],
         "measures": {verdict.scene: verdict.measures for verdict in verdicts if verdict.measures},
     }
@@ -76,13 +77,13 @@ def _summary(index: Index, verdicts: list[Verdict], seconds: float) -> str:
     for name, text in (
         ("left_right_median_px", "left against right {:.5f} px"),
         ("best_shift_px", "images fit within {:.4f} px"),
-        ("mask0nocc_disagree_share", "masks disagree in {:.3%}"),
+        ("visibility_left_disagree_share", "masks disagree in {:.3%}"),
         ("invalid_share", "{:.3%} of the pixels without disparity"),
         ("oracle_largest_px", "rays within {:.1e} px"),
     ):
         value = worst(name)
         if value is not None:
             parts.append(text.format(value))
-    count = len(index.scenes)
+    count = sum(index.pairs.values())
     rate = f"{seconds / max(count, 1):.2f} s a pair"
     return f"{count} pairs, nothing found; at worst: {', '.join(parts)} ({rate})"

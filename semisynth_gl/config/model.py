@@ -298,6 +298,40 @@ class FilesSection(Section):
         return Encodings(self.image, self.disparity)
 
 
+class SplitsSection(Section):
+    """What is held out where a dataset has validation or test pairs beside those to train on.
+
+    Attributes:
+        validation: share of the photographs that only validation pairs show, at least one.
+        test: share of the photographs that only test pairs show, at least one.
+        models: hold out the same shares of each family of models too.
+    """
+
+    validation: Annotated[float, Field(gt=0, lt=1)] = 0.1
+    test: Annotated[float, Field(gt=0, lt=1)] = 0.1
+    models: bool = False
+
+    @model_validator(mode="after")
+    def _some_left(self) -> Self:
+        if self.validation + self.test >= 1:
+            raise ValueError(f"validation and test take {self.validation + self.test:g} of all: nothing is left")
+        return self
+
+
+class LicencesSection(Section):
+    """What index, card and Croissant file say of rights; only you know what your photographs and models allow.
+
+    Attributes:
+        dataset: of the whole, as the hubs name licences.
+        images: of the user's photographs.
+        models: of the user's models.
+    """
+
+    dataset: str = "unknown"
+    images: str = "unknown"
+    models: str = "unknown"
+
+
 class Config(Section):
     """Everything that, with a seed and an index, determines a pair.
 
@@ -313,6 +347,8 @@ class Config(Section):
         imperfections: see `ImperfectionsSection`.
         checks: see `ChecksSection`.
         files: see `FilesSection`.
+        splits: see `SplitsSection`.
+        licences: see `LicencesSection`.
         outputs: what is written beside images and disparities: ``visibility``, ``instances``, ``depth``.
         truth: of which views disparity and outputs are written: ``both``, or ``left`` alone, which is faster.
         antialias: of colour: ``none``, ``msaa4`` (or what the driver has), ``ssaa2`` to ``ssaa8``.
@@ -329,6 +365,8 @@ class Config(Section):
     imperfections: ImperfectionsSection = ImperfectionsSection()
     checks: ChecksSection = ChecksSection()
     files: FilesSection = FilesSection()
+    splits: SplitsSection = SplitsSection()
+    licences: LicencesSection = LicencesSection()
     outputs: Annotated[tuple[Output, ...], BeforeValidator(_as_tuple)] = DEFAULT_OUTPUTS
     truth: TruthOf = "both"
     antialias: Annotated[str, Field(pattern=ANTIALIAS_PATTERN)] = "none"

@@ -20,10 +20,13 @@ from semisynth_gl.geometry.vectors import cross, lengths
 from semisynth_gl.interrupts import interrupts_wait
 from semisynth_gl.remember import all_versions, own_sources, remembered, versions
 from semisynth_gl.seeds import Purpose, generator
+from semisynth_gl.splits import WHOLE, Split
 
 _VIEWS = 6
 _POINTS = 2000
 _CELLS = 24
+# What `Split.share` is told to share out, beside the numbers of the two families.
+_USER = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,21 +46,27 @@ class ModelLibrary:
     skipped: tuple[Skipped, ...]
 
 
-def build_library(section: ModelsSection, seed: int) -> ModelLibrary:
+def build_library(section: ModelsSection, seed: int, split: Split = WHOLE) -> ModelLibrary:
     """Build the models that a config asks for, or find those that were built of the same before.
 
+    Args:
+        section: which families, and where the user's models are.
+        seed: the dataset's.
+        split: whose models.
+
     Raises:
-        InputError: where a folder is missing or holds no usable model.
+        InputError: where a folder is missing, holds no usable model, or there are too few to hold some out.
     """
     folders = [Path(folder).expanduser() for folder in section.folders]
     if not all(folder.is_dir() for folder in folders):  # a single file may draw on any other one beside it
-        return _built(section, seed)
+        return _built(section, seed, split)
     files = [sorted(path for path in folder.rglob("*") if path.is_file()) for folder in folders]
 
     def decided_by() -> dict[str, Any]:
         return {
             "section": section.model_dump(mode="json"),
             "seed": seed,
+            "split": [split.name, sorted(split.held_out.items()) if split.models else []],
             "files": [[str(path.absolute()) for path in group] for group in files],
             "versions": versions("numpy", "pyrr"),
             "readers": all_versions() if folders else [],
@@ -70,7 +79,7 @@ def build_library(section: ModelsSection, seed: int) -> ModelLibrary:
         decided_by,
         files=flat,
         # Which files a model draws on, only its reader knows: all count.
-        make=lambda: (_built(section, seed), flat),
+        make=lambda: (_built(section, seed, split), flat),
         pack=_packed,
         unpack=_unpacked,
     )
@@ -99,15 +108,22 @@ def _read(folders: Sequence[str]) -> tuple[Sequence[Mesh], Sequence[Skipped]]:
     return load_models([Path(folder).expanduser() for folder in folders])
 
 
-def _built(section: ModelsSection, seed: int) -> ModelLibrary:
+def _built(section: ModelsSection, seed: int, split: Split) -> ModelLibrary:
     user, skipped = _read(section.folders)
+    kinds_of = [list(enumerate(kinds.values())) for kinds in (SIMPLE_KINDS, COMPLEX_KINDS)]
+    if split.models and split.held_out:
+        user = split.share(user, seed, "models of the user's", _USER) if user else user
+        kinds_of = [
+            split.share(kinds, seed, "kinds of built-in models", family) for family, kinds in enumerate(kinds_of)
+        ]
+    seed = split.seed(seed)
     families: list[tuple[float, Sequence[Mesh]]] = [(section.user, user)]
-    for family, (weight, kinds) in enumerate(((section.simple, SIMPLE_KINDS), (section.complex, COMPLEX_KINDS))):
+    for family, weight in enumerate((section.simple, section.complex)):
         if weight == 0:
             continue
         meshes = [
             marked_solid(build(generator(seed, Purpose.MODELS, family, kind, variant)))
-            for kind, build in enumerate(kinds.values())
+            for kind, build in kinds_of[family]
             for variant in range(section.variants)
         ]
         families.append((weight, meshes))

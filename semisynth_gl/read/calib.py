@@ -30,16 +30,20 @@ class Calibration:
     vmax_px: float
 
 
-def decode_calib(text: str, path: Path) -> Calibration:
+def decode_calib(data: bytes, path: Path) -> Calibration:
     """Decode calib.txt.
 
     Args:
-        text: the file's text.
+        data: the file's bytes.
         path: the file's name, for messages.
 
     Raises:
-        ReadError: where lines are missing, in another order, or not what their names say.
+        ReadError: where it is not text, lines are missing, in another order, or not what their names say.
     """
+    try:
+        text = data.decode("ascii")
+    except UnicodeDecodeError:
+        raise ReadError(path, "is not text") from None
     lines = [line.partition("=") for line in text.splitlines()]
     keys = tuple(key for key, _, _ in lines)
     if keys != _KEYS:
@@ -67,10 +71,7 @@ def decode_calib(text: str, path: Path) -> Calibration:
 
 def read_calib(path: Path) -> Calibration:
     """Read calib.txt; see `decode_calib`."""
-    try:
-        return decode_calib(read_bytes(path).decode("ascii"), path)
-    except UnicodeDecodeError:
-        raise ReadError(path, "is not text") from None
+    return decode_calib(read_bytes(path), path)
 
 
 def _matrix(text: str) -> list[float]:

@@ -5,6 +5,7 @@ import struct
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from math import inf
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,12 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from semisynth_gl.encodings import DisparityEncoding, ImageEncoding, codecs
+from semisynth_gl.encodings import (
+    DisparityEncoding,
+    ImageEncoding,
+    LayoutDisparityEncoding,
+    LayoutImageEncoding,
+    codecs,
+)
 from semisynth_gl.read.error import ReadError, read_bytes
 from semisynth_gl.read.pfm import decode_pfm
 from semisynth_gl.read.png import decode_grey16, decode_rgb
 
 _QOI_END = bytes(7) + b"\x01"
+_JPG_BEGIN, _JPG_END = b"\xff\xd8", b"\xff\xd9"
 _STRIP_OFFSETS, _STRIP_SIZES = 273, 279  # tags of the TIFF specification
 _KITTI_STEPS = 256
 _Array = TypeVar("_Array")
@@ -62,14 +70,30 @@ def decode_jxl(data: bytes, path: Path) -> NDArray[np.uint8]:
     return _rgb(codecs("jxl").jpegxl_decode, data, path)
 
 
-def decode_png16(data: bytes, path: Path) -> NDArray[np.float32]:
-    """Decode KITTI's 16-bit PNG as (H, W) float32 px, inf where it has 0.
+def decode_jpg(data: bytes, path: Path) -> NDArray[np.uint8]:
+    """Decode a JPEG of RGB as (H, W, 3) uint8.
 
     Raises:
         ReadError: where it is cut off, or another kind of image.
     """
-    steps = decode_grey16(data, path)
-    return np.where(steps > 0, steps / np.float32(_KITTI_STEPS), np.float32(np.inf))
+    if data[:2] == _JPG_BEGIN and not data.endswith(_JPG_END):
+        raise ReadError(path, "does not end as a JPEG does: cut off, or something follows")
+    return _rgb(lambda held: Image.open(io.BytesIO(held), formats=["JPEG"]), data, path)
+
+
+def decode_png16(data: bytes, path: Path, steps: int = _KITTI_STEPS) -> NDArray[np.float32]:
+    """Decode disparity as 16-bit PNG: (H, W) float32 px, inf where it has 0.
+
+    Args:
+        data: the file's bytes.
+        path: the file's name, for messages.
+        steps: how many make a pixel; 256 in KITTI.
+
+    Raises:
+        ReadError: where it is cut off, or another kind of image.
+    """
+    counted = decode_grey16(data, path)
+    return np.where(counted > 0, counted / np.float32(steps), np.float32(np.inf))
 
 
 def decode_tiff(data: bytes, path: Path) -> NDArray[np.float32]:
@@ -90,7 +114,7 @@ def decode_tiff(data: bytes, path: Path) -> NDArray[np.float32]:
 def _rgb(decode: Callable[[bytes], Any], data: bytes, path: Path) -> NDArray[np.uint8]:
     try:
         image = np.asarray(decode(data))
-    except (RuntimeError, ValueError, LookupError) as error:
+    except (RuntimeError, ValueError, LookupError, OSError, SyntaxError) as error:
         raise ReadError(path, f"cannot be decoded: {error}") from None
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
         raise ReadError(path, f"expected 8-bit RGB, got {image.dtype} of shape {image.shape}")
@@ -102,10 +126,25 @@ IMAGE_DECODERS: Mapping[ImageEncoding, Callable[[bytes, Path], NDArray[np.uint8]
     "qoi": decode_qoi,
     "jxl": decode_jxl,
 }
-"""Each gives (H, W, 3) uint8 RGB."""
+"""Those that a config may choose. Each gives (H, W, 3) uint8 RGB."""
 
 DISPARITY_DECODERS: Mapping[DisparityEncoding, DisparityDecoder] = {
     "pfm": DisparityDecoder(decode_pfm),
     "png16": DisparityDecoder(decode_png16, error_px=1 / 512, largest_px=65535 / 256),
     "tiff": DisparityDecoder(decode_tiff),
 }
+"""Those that a config may choose."""
+
+_CRESTEREOS = DisparityDecoder(partial(decode_png16, steps=32), error_px=1 / 64, largest_px=65535 / 32)
+
+
+def image_decoder(
+    encoding: ImageEncoding | LayoutImageEncoding,
+) -> Callable[[bytes, Path], NDArray[np.uint8]]:
+    """Return what decodes images, whether a config or a layout has chosen it."""
+    return decode_jpg if encoding == "jpg" else IMAGE_DECODERS[encoding]
+
+
+def disparity_decoder(encoding: DisparityEncoding | LayoutDisparityEncoding) -> DisparityDecoder:
+    """Return what decodes disparities, whether a config or a layout has chosen it."""
+    return _CRESTEREOS if encoding == "png16-32" else DISPARITY_DECODERS[encoding]

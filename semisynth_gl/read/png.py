@@ -30,7 +30,7 @@ def read_rgb(path: Path) -> NDArray[np.uint8]:
 
 def read_grey(path: Path) -> NDArray[np.uint8]:
     """Read an 8-bit PNG of one channel as (H, W) uint8; raises like `read_rgb`."""
-    return _decode(read_bytes(path), path, 8, _GREY)
+    return decode_grey(read_bytes(path), path)
 
 
 def read_grey16(path: Path) -> NDArray[np.uint16]:
@@ -41,6 +41,11 @@ def read_grey16(path: Path) -> NDArray[np.uint16]:
 def decode_rgb(data: bytes, path: Path) -> NDArray[np.uint8]:
     """Decode what `read_rgb` reads; the path is for messages."""
     return _decode(data, path, 8, _RGB)
+
+
+def decode_grey(data: bytes, path: Path) -> NDArray[np.uint8]:
+    """Decode what `read_grey` reads; the path is for messages."""
+    return _decode(data, path, 8, _GREY)
 
 
 def decode_grey16(data: bytes, path: Path) -> NDArray[np.uint16]:

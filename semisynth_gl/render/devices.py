@@ -1,14 +1,26 @@
 """What OpenGL this machine offers: EGL devices, libraries, limits of a context."""
 
 import ctypes
-from dataclasses import dataclass
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from functools import cache
+from typing import Any
 
+from semisynth_gl.errors import InputError
 from semisynth_gl.render.context import Backend, open_context
 
 _EGL_EXTENSIONS = 0x3055
 _EGL_DRM_DEVICE_FILE_EXT = 0x3233
+_EGL_CUDA_DEVICE_NV = 0x323A
+_EGL_DEVICE_UUID_EXT = 0x335C
 _EGL_RENDERER_EXT = 0x335F
 _MOST_DEVICES = 64
+_UUID_BYTES = 16
+_VISIBLE = "CUDA_VISIBLE_DEVICES"
 
 # Sonames rather than libGL.so: only development packages install the latter.
 LIBRARIES = {
@@ -27,11 +39,15 @@ class Device:
         index: its number, as ``device_index`` counts.
         name: the driver's name for it, or the device file, as far as EGL tells.
         software: whether it is Mesa's software device.
+        cuda: CUDA's number of it among all GPUs of the machine; None where EGL does not tell.
+        uuid: such as CUDA_VISIBLE_DEVICES takes, "GPU-" and hexadecimal digits; None where EGL does not tell.
     """
 
     index: int
     name: str
     software: bool
+    cuda: int | None = None
+    uuid: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,39 +73,148 @@ def missing_libraries() -> dict[str, str]:
 
 
 def egl_devices() -> list[Device]:
-    """List EGL's devices, in EGL's order (which is not CUDA's); empty where EGL is missing or cannot tell."""
+    """List EGL's devices, in EGL's order (which is not CUDA's); empty where EGL is missing or cannot tell.
+
+    CUDA_VISIBLE_DEVICES hides no device from EGL, but CUDA's numbers, as EGL tells them, are counted within it, and
+    those of hidden GPUs mean nothing. So where it is set, another process asks without it.
+    """
+    devices = query_devices()
+    if _VISIBLE not in os.environ or all(device.cuda is None for device in devices):
+        return devices
+    return list(devices_without_mask())
+
+
+def egl_index_of_gpu(gpu: int, devices: Sequence[Device], visible: str | None) -> int:
+    """Find the EGL device of a GPU that is numbered as CUDA numbers it here.
+
+    Args:
+        gpu: CUDA's number of it, counted within CUDA_VISIBLE_DEVICES where that is set.
+        devices: as `egl_devices` lists them.
+        visible: value of CUDA_VISIBLE_DEVICES, None where it is not set: numbers, or UUIDs or their beginnings.
+
+    Returns:
+        EGL's number of the device.
+
+    Raises:
+        InputError: where there is no such GPU, or it cannot be told which one it is.
+    """
+    of_cuda = {device.cuda: device for device in devices if device.cuda is not None}
+    if not of_cuda:
+        raise InputError(
+            f"--gpus {gpu}: none of EGL's devices says which GPU of CUDA's it is. `semisynth-gl doctor` lists them; "
+            "NVIDIA's driver tells where its libEGL is installed"
+        )
+    if visible is None:
+        if gpu not in of_cuda:
+            raise InputError(f"--gpus {gpu}: CUDA sees {_gpus(sorted(of_cuda))}")
+        return of_cuda[gpu].index
+    entries = _visible_entries(visible)
+    if not 0 <= gpu < len(entries):
+        raise InputError(f"--gpus {gpu}: with {_VISIBLE}={visible} CUDA sees {_gpus(range(len(entries)))}")
+    entry = entries[gpu]
+    if entry.isdigit():
+        if int(entry) not in of_cuda:
+            raise InputError(f"--gpus {gpu}: {_VISIBLE}={visible} names {entry}, but there is {_gpus(sorted(of_cuda))}")
+        return of_cuda[int(entry)].index
+    matching = [device for device in of_cuda.values() if (device.uuid or "").lower().startswith(entry.lower())]
+    if len(matching) != 1:
+        known = ", ".join(f"{device.cuda} is {device.uuid or 'unknown'}" for device in of_cuda.values())
+        raise InputError(
+            f"--gpus {gpu}: {_VISIBLE}={visible} names {entry}, which cannot be told among EGL's devices ({known}). "
+            f"Give numbers in {_VISIBLE}"
+        )
+    return matching[0].index
+
+
+def _visible_entries(visible: str) -> list[str]:
+    """Return the entries that count: CUDA ignores the first one that is wrong, such as -1, and all behind it."""
+    entries: list[str] = []
+    for entry in (each.strip() for each in visible.split(",")):
+        if not (entry.isdigit() or entry.startswith(("GPU-", "MIG-"))):
+            break
+        entries.append(entry)
+    return entries
+
+
+def _gpus(numbers: Sequence[int]) -> str:
+    return f"GPU{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}" if numbers else "no GPU"
+
+
+@cache
+def devices_without_mask() -> tuple[Device, ...]:
+    """Ask another process, in which CUDA_VISIBLE_DEVICES is not set, for EGL's devices."""
+    program = f"from {__name__} import print_devices; print_devices()"
+    environment = {name: value for name, value in os.environ.items() if name != _VISIBLE}
+    asked = subprocess.run(  # noqa: S603 - this interpreter and this module
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+    )
+    return tuple(Device(**device) for device in json.loads(asked.stdout))
+
+
+def print_devices() -> None:
+    """Print EGL's devices as JSON, for the process that asked for it."""
+    sys.stdout.write(json.dumps([asdict(device) for device in query_devices()]))
+
+
+def query_devices() -> list[Device]:
+    """List EGL's devices, with CUDA's numbers as they are in this process."""
     try:
         egl = ctypes.CDLL("libEGL.so.1")
     except OSError:
         return []
     egl.eglGetProcAddress.restype = ctypes.c_void_p
     egl.eglGetProcAddress.argtypes = [ctypes.c_char_p]
-    query_devices = egl.eglGetProcAddress(b"eglQueryDevicesEXT")
-    query_string = egl.eglGetProcAddress(b"eglQueryDeviceStringEXT")
-    if not query_devices or not query_string:
+
+    def function(name: bytes, result: Any, *types: Any) -> Callable[..., Any] | None:  # noqa: ANN401 - ctypes has no common type
+        address = egl.eglGetProcAddress(name)
+        return ctypes.CFUNCTYPE(result, *types)(address) if address else None
+
+    handle, attribute, flag, number = ctypes.c_void_p, ctypes.c_int, ctypes.c_uint, ctypes.POINTER(ctypes.c_int)
+    list_devices = function(b"eglQueryDevicesEXT", flag, ctypes.c_int, ctypes.POINTER(handle), number)
+    ask = function(b"eglQueryDeviceStringEXT", ctypes.c_char_p, handle, attribute)
+    # EGLAttrib is an integer as wide as a pointer.
+    ask_number = function(b"eglQueryDeviceAttribEXT", flag, handle, attribute, ctypes.POINTER(ctypes.c_ssize_t))
+    ask_bytes = function(b"eglQueryDeviceBinaryEXT", flag, handle, attribute, ctypes.c_int, ctypes.c_char_p, number)
+    handles, count = (handle * _MOST_DEVICES)(), ctypes.c_int(0)
+    if not list_devices or not ask or not list_devices(_MOST_DEVICES, handles, ctypes.byref(count)):
         return []
-    handles = (ctypes.c_void_p * _MOST_DEVICES)()
-    count = ctypes.c_int(0)
-    list_devices = ctypes.CFUNCTYPE(
-        ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_void_p), ctypes.POINTER(ctypes.c_int)
-    )(query_devices)
-    if not list_devices(_MOST_DEVICES, handles, ctypes.byref(count)):
-        return []
-    ask = ctypes.CFUNCTYPE(ctypes.c_char_p, ctypes.c_void_p, ctypes.c_int)(query_string)
 
     def describe(index: int) -> Device:
-        handle = handles[index]
-        extensions = (ask(handle, _EGL_EXTENSIONS) or b"").decode()
+        device = handles[index]
+        extensions = (ask(device, _EGL_EXTENSIONS) or b"").decode().split()
         software = "EGL_MESA_device_software" in extensions
         name = b""
         # Asking for a string whose extension is absent is an error in EGL.
         if "EGL_EXT_device_query_name" in extensions:
-            name = ask(handle, _EGL_RENDERER_EXT) or b""
+            name = ask(device, _EGL_RENDERER_EXT) or b""
         if not name and "EGL_EXT_device_drm" in extensions:
-            name = ask(handle, _EGL_DRM_DEVICE_FILE_EXT) or b""
-        return Device(index, name.decode() or ("Mesa" if software else "unnamed"), software)
+            name = ask(device, _EGL_DRM_DEVICE_FILE_EXT) or b""
+        cuda, uuid = ctypes.c_ssize_t(-1), ctypes.create_string_buffer(_UUID_BYTES)
+        has_cuda = (
+            "EGL_NV_device_cuda" in extensions
+            and ask_number is not None
+            and ask_number(device, _EGL_CUDA_DEVICE_NV, ctypes.byref(cuda))
+        )
+        has_uuid = (
+            "EGL_EXT_device_persistent_id" in extensions
+            and ask_bytes is not None
+            and ask_bytes(device, _EGL_DEVICE_UUID_EXT, _UUID_BYTES, uuid, ctypes.byref(ctypes.c_int(0)))
+        )
+        return Device(
+            index,
+            name.decode() or ("Mesa" if software else "unnamed"),
+            software,
+            cuda.value if has_cuda and cuda.value >= 0 else None,
+            uuid_text(uuid.raw) if has_uuid else None,
+        )
 
     return [describe(index) for index in range(count.value)]
+
+
+def uuid_text(uuid: bytes) -> str:
+    """Write a UUID as CUDA does."""
+    digits = uuid.hex()
+    return f"GPU-{digits[:8]}-{digits[8:12]}-{digits[12:16]}-{digits[16:20]}-{digits[20:]}"
 
 
 def context_facts(backend: Backend, device_index: int = 0) -> ContextFacts:

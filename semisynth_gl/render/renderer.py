@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import EYES, Eye
-from semisynth_gl.errors import BackendError, InputError
+from semisynth_gl.errors import BackendError, ContextLostError, InputError
 from semisynth_gl.frame import DEFAULT_OUTPUTS, OUTPUTS, TRUTHS, Frame, Output, TruthOf
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.antialias import ColourTargets, parse_antialias
@@ -30,6 +30,7 @@ RenderStage = Literal["draw", "visibility", "readback"]
 
 _OTHER: dict[Eye, Eye] = {"left": "right", "right": "left"}
 _MOST_INSTANCE_IDS = 65535
+_UNKNOWN_ERROR = "GL_UNKNOWN_ERROR"
 # Texture units.
 _OWN_DISPARITY, _OTHER_DISPARITY, _OWN_SURFACE, _OTHER_SURFACE = range(4)
 
@@ -139,11 +140,26 @@ class Renderer:
         Raises:
             InputError: where an index is out of range, or there are more instances than ids.
             BackendError: where the image is larger than the driver allows, or drawing failed.
+            ContextLostError: where the driver took the context away; another renderer may still be opened.
         """
         self._check(scene)
         # Another renderer of this thread may have made its context current.
         with self._gl:
-            return self._render(scene, done)
+            try:
+                frame = self._render(scene, done)
+            except moderngl.Error as error:
+                raise self._fault(str(error)) from None
+            reported = self._gl.error
+            if reported != "GL_NO_ERROR" or self._context.unbound.is_lost():
+                raise self._fault(reported)
+            return frame
+
+    def _fault(self, error: str) -> BackendError:
+        """What is wrong when drawing failed."""
+        # moderngl knows the errors of a context that lives; any other one is that it does not.
+        if self._context.unbound.is_lost() or _UNKNOWN_ERROR in (self._gl.error, error):
+            return ContextLostError(f"{self.renderer_name} lost its context while it drew a pair: was the GPU reset?")
+        return BackendError(f"{self.renderer_name} reported {error} while drawing a pair")
 
     def _render(self, scene: Scene, done: Callable[[RenderStage], None] | None) -> Frame:
         def finish(stage: RenderStage) -> None:
@@ -160,9 +176,6 @@ class Renderer:
                 self._derive_visibility(placed, eye)
         finish("visibility")
         arrays = self._read(colour)
-        error = self._gl.error
-        if error != "GL_NO_ERROR":
-            raise BackendError(f"{self.renderer_name} reported {error} while drawing a pair")
         finish("readback")
         return Frame(scene.camera, **arrays)
 

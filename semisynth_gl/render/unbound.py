@@ -49,6 +49,7 @@ class UnboundCalls:
         self._clear_float = function("glClearBufferfv", _UINT, _INT, _FLOATS)
         self._clear_unsigned = function("glClearBufferuiv", _UINT, _INT, _UINTS)
         self._texture_parameter = function("glTextureParameteri", _UINT, _UINT, _INT)
+        self._reset_status = function("glGetGraphicsResetStatus", result=_UINT)
         self._is_kind = {kind: function(f"glIs{kind}", _UINT, result=ctypes.c_ubyte) for kind in _KINDS}
 
     def use_zero_to_one_depth(self) -> None:
@@ -73,6 +74,10 @@ class UnboundCalls:
     def clear_depth(self, value: float) -> None:
         """Clear the depth buffer of the framebuffer in use."""
         self._clear_float(_GL_DEPTH, 0, ctypes.byref(ctypes.c_float(value)))
+
+    def is_lost(self) -> bool:
+        """Whether the driver says that the context was lost: the GPU was reset, or taken away."""
+        return bool(self._reset_status())
 
     def count_objects(self) -> dict[str, int]:
         """Count the context's objects by kind, those whose names OpenGL gave away below 2048."""

@@ -9,6 +9,17 @@ from semisynth_gl.errors import InputError
 from semisynth_gl.resources import data_root
 
 
+def _listed() -> list[dict[str, str]]:
+    listed = YAML(typ="safe", pure=True).load(data_root("assets").joinpath("photographs.yaml").read_text("utf-8"))
+    photographs: list[dict[str, str]] = listed["photographs"]
+    return photographs
+
+
+def builtin_licences() -> dict[str, str]:
+    """Return what is known of the rights in each of `builtin_photographs`, by file name."""
+    return {photograph["file"]: photograph["licence"] for photograph in _listed()}
+
+
 def builtin_photographs() -> list[Path]:
     """Return the photographs of the installed scikit-image package that ``assets/photographs.yaml`` lists.
 
@@ -27,8 +38,7 @@ def builtin_photographs() -> list[Path]:
             "pass --images with your own, or install it: pip install 'semisynth-gl[photographs]'"
         )
     folder = Path(spec.submodule_search_locations[0]) / "data"
-    listed = YAML(typ="safe", pure=True).load(data_root("assets").joinpath("photographs.yaml").read_text("utf-8"))
-    paths = [folder / photograph["file"] for photograph in listed["photographs"]]
+    paths = [folder / photograph["file"] for photograph in _listed()]
     missing = [path.name for path in paths if not path.is_file()]
     if missing:
         raise InputError(

@@ -7,6 +7,7 @@ from semisynth_gl.config.model import TexturesSection
 from semisynth_gl.errors import InputError
 from semisynth_gl.remember import own_sources, remembered, versions
 from semisynth_gl.seeds import Purpose, generator
+from semisynth_gl.splits import WHOLE, Split
 from semisynth_gl.textures.atlas import Atlas
 from semisynth_gl.textures.atlas_entry import packed_atlas, unpacked_atlas
 from semisynth_gl.textures.images import find_images
@@ -14,14 +15,23 @@ from semisynth_gl.textures.photographs import builtin_photographs
 from semisynth_gl.textures.procedural import procedural_atlas
 from semisynth_gl.textures.selection import build_atlas, names_of
 
+# What `Split.share` is told to share out.
+_PHOTOGRAPHS = 0
 
-def prepare_atlas(section: TexturesSection, seed: int) -> Atlas:
+
+def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> Atlas:
     """Build the patch atlas that a config asks for, or find the one that was built of the same before.
 
+    Args:
+        section: what to cut from what.
+        seed: the dataset's.
+        split: whose photographs; of image sequences whole folders are held out, since their frames show the same.
+
     Raises:
-        InputError: where no image is found or none is usable.
+        InputError: where no image is found, none is usable, or there are too few to hold some out.
     """
-    images = _images(section)
+    images = images_of(section, seed, split)
+    seed = split.seed(seed)
 
     def make() -> tuple[Atlas, list[Path]]:
         rng = generator(seed, Purpose.ATLAS)
@@ -60,8 +70,22 @@ def prepare_atlas(section: TexturesSection, seed: int) -> Atlas:
     )
 
 
-def _images(section: TexturesSection) -> list[Path]:
-    """The files that patches may come from, sorted by their names."""
+def images_of(section: TexturesSection, seed: int, split: Split = WHOLE) -> list[Path]:
+    """Return the files that a split's patches may come from, sorted; none for patches that are procedural.
+
+    Raises:
+        InputError: where there are none, or too few to hold some out.
+    """
+    images = _found(section)
+    if not split.held_out or not images:
+        return images
+    if not section.sequence:
+        return split.share(images, seed, "photographs", _PHOTOGRAPHS)
+    folders = split.share(sorted({path.parent for path in images}), seed, "folders of frames", _PHOTOGRAPHS)
+    return [path for path in images if path.parent in folders]
+
+
+def _found(section: TexturesSection) -> list[Path]:
     if section.source == "procedural":
         return []
     if section.source == "builtin":

@@ -174,7 +174,7 @@ def check_mask(name: str, mask: NDArray[np.uint8], match: Match, verdict: Verdic
         verdict.add("mask", f"{name}: {int(invalid.sum())} pixels without disparity are not 0")
     wrong = certain & (mask != expected)
     share = float(wrong.sum() / max(certain.sum(), 1))
-    verdict.measures[f"{name.removesuffix('.png')}_disagree_share"] = share
+    verdict.measures[f"{name}_disagree_share"] = share
     shares = {"all": (share, _MASK_SHARE)}
     for label, value in (("outside", OUTSIDE), ("occluded", OCCLUDED), ("visible", VISIBLE)):
         of = certain & (expected == value)

@@ -1,14 +1,17 @@
-"""All checks of a dataset, scene after scene."""
+"""All checks of a dataset, shard after shard and pair after pair."""
 
 from collections.abc import Iterator
 
-from semisynth_gl.read.middlebury import Index, SceneFiles, read_scene_files
+from semisynth_gl.read.dataset import Index
+from semisynth_gl.read.stored import StoredFrame
+from semisynth_gl.splits import SplitName
 from semisynth_gl.verify.consistency import check_left_right, check_mask, match_views, one_surface, visible_pixels
 from semisynth_gl.verify.disparity import check_calibration, check_depth, check_disparity, check_instances
-from semisynth_gl.verify.files import check_index, check_pair, check_scene_folder, check_sizes
+from semisynth_gl.verify.files import check_index, check_pair, check_sizes, read_pair
 from semisynth_gl.verify.finding import DATASET, Verdict
 from semisynth_gl.verify.photometry import check_images
 from semisynth_gl.verify.recast import Recaster
+from semisynth_gl.verify.shards import StoredShard, open_shards
 
 
 def verify_dataset(index: Index, oracle_pixels: int = 0) -> Iterator[Verdict]:
@@ -16,52 +19,60 @@ def verify_dataset(index: Index, oracle_pixels: int = 0) -> Iterator[Verdict]:
 
     Args:
         index: the dataset, as `read_index` opened it.
-        oracle_pixels: also make each scene again and cast rays at this many of its pixels.
+        oracle_pixels: also make each pair's scene again and cast rays at this many of its pixels.
 
     Yields:
-        The verdict on the dataset as a whole, then one for each scene, in the index's order.
+        The verdict on the dataset as a whole, then one for each pair, in the order of the shards. What is wrong with a
+        shard as a whole is told of its first pair.
 
     Raises:
         InputError: where the oracle is asked for and the scenes cannot be made again.
     """
-    recaster = Recaster(index) if oracle_pixels else None
+    recasters: dict[SplitName, Recaster] = {}
+    if oracle_pixels:
+        recasters = {split: Recaster(index, split) for split in index.pairs}
     verdict = Verdict(DATASET)
     check_index(index, verdict)
     yield verdict
-    for name in index.scenes:
-        verdict = Verdict(name)
-        if check_scene_folder(index, verdict):
-            scene, faults = read_scene_files(index.scene_path(name), index.encodings)
-            for fault in faults:
-                verdict.add("files", f"{fault.path.name} {fault.reason}")
-            if scene is not None:
-                _check_scene(scene, index, verdict)
-                pair = name.rpartition("-")[2]
-                if recaster is not None and pair.isdecimal():
-                    recaster.check(scene, int(pair), oracle_pixels, verdict)
-        yield verdict
+    for shard in open_shards(index):
+        with shard:
+            for number in shard.numbers:
+                verdict = Verdict(_name(index, shard, number))
+                if number == shard.numbers.start:
+                    shard.check(verdict)
+                frame = read_pair(index, shard, number, verdict)
+                if frame is not None:
+                    _check_frame(frame, index, verdict)
+                    if oracle_pixels:
+                        recasters[shard.split].check(frame, oracle_pixels, verdict)
+                yield verdict
 
 
-def _check_scene(scene: SceneFiles, index: Index, verdict: Verdict) -> None:
-    check_pair(scene, index, verdict)
-    check_calibration(scene, verdict)
-    if not check_sizes(scene, index, verdict):
+def _name(index: Index, shard: StoredShard, number: int) -> str:
+    name = index.key(shard.split, number).scene
+    return name if len(index.pairs) == 1 else f"{shard.split} {name}"
+
+
+def _check_frame(frame: StoredFrame, index: Index, verdict: Verdict) -> None:
+    check_pair(frame, index, verdict)
+    check_calibration(frame, verdict)
+    if not check_sizes(frame, index, verdict):
         # The checks that follow compare pixel with pixel.
         return
-    check_disparity(scene, index.number("disparity", "max_px"), verdict)
-    check_depth(scene, verdict)
-    check_instances(scene, verdict)
-    if scene.disparity_right is None:
+    check_disparity(frame, index.number("disparity", "max_px"), verdict)
+    check_depth(frame, verdict)
+    check_instances(frame, verdict)
+    if frame.disparity_right is None:
         # What follows compares the views with each other.
         return
-    left = match_views(scene.disparity_left, scene.disparity_right, -1)
-    mask = scene.optional.get("mask0nocc.png")
-    if mask is not None:
-        check_mask("mask0nocc.png", mask, left, verdict)
-    mask_right = scene.optional.get("mask1nocc.png")
-    if mask_right is not None:
-        right = match_views(scene.disparity_right, scene.disparity_left, +1)
-        check_mask("mask1nocc.png", mask_right, right, verdict)
-    visible = visible_pixels(left, mask)
+    left = match_views(frame.disparity_left, frame.disparity_right, -1)
+    if frame.visibility_left is not None:
+        check_mask("visibility_left", frame.visibility_left, left, verdict)
+    if frame.visibility_right is not None:
+        right = match_views(frame.disparity_right, frame.disparity_left, +1)
+        check_mask("visibility_right", frame.visibility_right, right, verdict)
+    visible = visible_pixels(left, frame.visibility_left)
     check_left_right(left, visible, verdict)
-    check_images(scene.left, scene.right, left, one_surface(left, visible), verdict, imperfect=index.imperfect)
+    # Images that are not exact differ between the views as those of a real rig do.
+    imperfect = index.imperfect or not frame.exact_images
+    check_images(frame.left, frame.right, left, one_surface(left, visible), verdict, imperfect=imperfect)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import StereoCamera
-from semisynth_gl.read.middlebury import SceneFiles
+from semisynth_gl.read.stored import StoredFrame
 from semisynth_gl.verify.finding import Verdict
 
 VIEWS = ("left", "right")
@@ -20,16 +20,16 @@ _FLOAT32 = 8 * 2.0**-23
 _LAST_VALID_PX = 2.0
 
 
-def check_disparity(scene: SceneFiles, most: float | None, verdict: Verdict) -> None:
+def check_disparity(frame: StoredFrame, most: float | None, verdict: Verdict) -> None:
     """Check both disparities: no NaN, positive, inf only where the rig makes it so.
 
     Args:
-        scene: the files.
+        frame: the pair as it was read.
         most: the largest that the config allows, px, or None.
         verdict: takes findings and measures.
     """
     invalid = pixels = 0
-    for side, disparity in zip(VIEWS, (scene.disparity_left, scene.disparity_right), strict=True):
+    for side, disparity in zip(VIEWS, (frame.disparity_left, frame.disparity_right), strict=True):
         if disparity is None:
             continue
         pixels += disparity.size
@@ -48,10 +48,10 @@ def check_disparity(scene: SceneFiles, most: float | None, verdict: Verdict) -> 
             )
         if most is not None and valid.any():
             largest = float(disparity[valid].max())
-            if largest > most * (1 + _SIX_DIGITS) + float(scene.rounding_px(largest)):
+            if largest > most * (1 + _SIX_DIGITS) + float(frame.rounding_px(largest)):
                 verdict.add("disparity", f"{side}: largest {largest:g} px, the config allows {most:g} px")
         if infinite.any():
-            _check_invalid(side, disparity, infinite, _beyond(scene, side), scene.calibration.camera, verdict)
+            _check_invalid(side, disparity, infinite, _beyond(frame, side), frame.camera, verdict)
     verdict.measures["invalid_share"] = invalid / pixels
 
 
@@ -72,7 +72,9 @@ def _check_invalid(
     if beyond:
         count = int(infinite.sum())
         if count < beyond or (camera.doffs_px <= 0 and count != beyond):
-            verdict.add("disparity", f"{side}: {_count(infinite)} inf, pair.json counts {beyond} beyond the encoding")
+            verdict.add(
+                "disparity", f"{side}: {_count(infinite)} inf, the provenance counts {beyond} beyond the encoding"
+            )
         return
     share = f"{infinite.mean():.4%} of the pixels, the first at {_first(infinite)}"
     if camera.doffs_px <= 0:
@@ -88,30 +90,23 @@ def _check_invalid(
         verdict.add("disparity", f"{side}: inf in {share}, beside disparities of at least {float(around.min()):g} px")
 
 
-def _beyond(scene: SceneFiles, side: str) -> int:
-    """How many disparities of a view the encoding could not say, by pair.json."""
-    counts = scene.pair.get("disparity_beyond")
-    count = counts.get(side) if isinstance(counts, dict) and isfinite(scene.disparity_largest_px) else 0
+def _beyond(frame: StoredFrame, side: str) -> int:
+    """How many disparities of a view the encoding could not say, by the provenance."""
+    counts = frame.provenance.get("disparity_beyond")
+    count = counts.get(side) if isinstance(counts, dict) and isfinite(frame.disparity_largest_px) else 0
     return count if isinstance(count, int) else 0
 
 
-def check_calibration(scene: SceneFiles, verdict: Verdict) -> None:
-    """Check calib.txt against itself, pair.json and the left disparity."""
-    calibration, camera = scene.calibration, scene.calibration.camera
+def check_calibration(frame: StoredFrame, verdict: Verdict) -> None:
+    """Check the camera against the pair's origin, and calib.txt, where there is one, against itself and the truth."""
+    calibration, camera = frame.calibration, frame.camera
+    _check_camera(frame, verdict)
+    if calibration is None:
+        return
     # Each number is written with all its digits; their difference is rounded once.
     if not _close(calibration.doffs_px, camera.doffs_px, 1e-9):
         verdict.add("calib", f"doffs {calibration.doffs_px!r} is not cx1 - cx0 = {camera.doffs_px!r}")
-    recorded = scene.pair.get("camera")
-    if not isinstance(recorded, dict):
-        verdict.add("calib", "pair.json has no camera to compare with")
-    else:
-        for name in camera.__slots__:
-            ours = getattr(camera, name)
-            theirs = recorded.get(name)
-            # Through millimetres and back the baseline may lose its last digit.
-            if not (isinstance(theirs, int | float) and _close(ours, theirs, 1e-12)):
-                verdict.add("calib", f"{name} is {ours!r}, in pair.json {theirs!r}")
-    valid = scene.disparity_left[np.isfinite(scene.disparity_left)]
+    valid = frame.disparity_left[np.isfinite(frame.disparity_left)]
     if not valid.size:
         return
     for name, said, is_ in (
@@ -119,26 +114,39 @@ def check_calibration(scene: SceneFiles, verdict: Verdict) -> None:
         ("vmax", calibration.vmax_px, float(valid.max())),
     ):
         # The encoding rounds what the file has, and six digits what calib.txt has.
-        if abs(said - is_) > float(scene.rounding_px(is_)) + _SIX_DIGITS * max(1.0, abs(said), abs(is_)):
+        if abs(said - is_) > float(frame.rounding_px(is_)) + _SIX_DIGITS * max(1.0, abs(said), abs(is_)):
             verdict.add("calib", f"{name} is {said:g}, the left disparity's is {is_:g} px")
     largest = float(valid.max())
-    if calibration.ndisp < largest * (1 - _SIX_DIGITS) - float(scene.rounding_px(largest)):
+    if calibration.ndisp < largest * (1 - _SIX_DIGITS) - float(frame.rounding_px(largest)):
         verdict.add("calib", f"ndisp {calibration.ndisp} is below the largest disparity, {largest:g} px")
 
 
-def check_depth(scene: SceneFiles, verdict: Verdict) -> None:
+def _check_camera(frame: StoredFrame, verdict: Verdict) -> None:
+    recorded = frame.provenance.get("camera")
+    if not isinstance(recorded, dict):
+        verdict.add("calib", "the pair's provenance has no camera to compare with")
+        return
+    for name in frame.camera.__slots__:
+        ours = getattr(frame.camera, name)
+        theirs = recorded.get(name)
+        # Through millimetres and back the baseline may lose its last digit.
+        if not (isinstance(theirs, int | float) and _close(ours, theirs, 1e-12)):
+            verdict.add("calib", f"{name} is {ours!r}, in the pair's provenance {theirs!r}")
+
+
+def check_depth(frame: StoredFrame, verdict: Verdict) -> None:
     """Check Z = f B / (d + doffs) where there are depth files, to float32's rounding and the encoding's."""
-    camera = scene.calibration.camera
-    for name, disparity in (("depth0.pfm", scene.disparity_left), ("depth1.pfm", scene.disparity_right)):
-        depth = scene.optional.get(name)
+    camera = frame.camera
+    for name in VIEWS:
+        disparity, depth = getattr(frame, f"disparity_{name}"), getattr(frame, f"depth_{name}")
         if depth is None or disparity is None:
             continue
         seen = np.isfinite(depth) & (depth > 0)
         valid = np.isfinite(disparity)
         with np.errstate(divide="ignore", invalid="ignore"):
             expected = camera.focal_baseline / depth.astype(np.float64) - camera.doffs_px
-            bound = _FLOAT32 * (np.abs(expected) + 2 * abs(camera.doffs_px)) + scene.rounding_px(disparity)
-            sayable = expected < scene.disparity_largest_px - bound
+            bound = _FLOAT32 * (np.abs(expected) + 2 * abs(camera.doffs_px)) + frame.rounding_px(disparity)
+            sayable = expected < frame.disparity_largest_px - bound
             wrong = np.where(valid, ~(np.abs(disparity - expected) <= bound), seen & (expected > bound) & sayable)
         if wrong.any():
             y, x = np.argwhere(wrong)[0]
@@ -149,17 +157,17 @@ def check_depth(scene: SceneFiles, verdict: Verdict) -> None:
             )
 
 
-def check_instances(scene: SceneFiles, verdict: Verdict) -> None:
+def check_instances(frame: StoredFrame, verdict: Verdict) -> None:
     """Check that instance ids count rows of pair.json's ``instances``, and that 0 stands where nothing is seen."""
-    rows = scene.pair.get("instances")
-    for name, disparity in (("inst0.png", scene.disparity_left), ("inst1.png", scene.disparity_right)):
-        ids = scene.optional.get(name)
+    rows = frame.provenance.get("instances")
+    for name in VIEWS:
+        disparity, ids = getattr(frame, f"disparity_{name}"), getattr(frame, f"instances_{name}")
         if ids is None or disparity is None:
             continue
         if not isinstance(rows, list):
-            verdict.add("instances", f"{name} is there, but pair.json has no list of instances")
+            verdict.add("instances", f"{name}: there are ids, but the pair's provenance has no list of instances")
         elif int(ids.max()) > len(rows):
-            verdict.add("instances", f"{name}: id {int(ids.max())}, but pair.json lists {len(rows)} instances")
+            verdict.add("instances", f"{name}: id {int(ids.max())}, but the provenance lists {len(rows)} instances")
         nothing = (ids == 0) & np.isfinite(disparity)
         if nothing.any():
             verdict.add("instances", f"{name}: {_count(nothing)} without an instance have a disparity")

@@ -2,107 +2,153 @@
 
 import hashlib
 import json
+from pathlib import Path
 from typing import Any
 
-from semisynth_gl.read.error import ReadError, read_bytes
-from semisynth_gl.read.middlebury import OPTIONAL, SCENE_LIST, SCENES, Index, SceneFiles, of_right_view, required
+from semisynth_gl.layouts.layout import ARRAYS
+from semisynth_gl.places import PARTIAL
+from semisynth_gl.read.dataset import INDEX, PLAN, RECORDS, Index
+from semisynth_gl.read.error import ReadError
+from semisynth_gl.read.stored import StoredFrame
 from semisynth_gl.verify.finding import Verdict
+from semisynth_gl.verify.shards import StoredShard
+
+_ABOUT = frozenset({INDEX, PLAN, "README.md", "croissant.json"})
+_SHOWN = 20
+# Without these a pair cannot be judged.
+_NEEDED = frozenset({"left", "right", "disparity_left", "provenance"})
 
 
 def check_index(index: Index, verdict: Verdict) -> None:
-    """Check dataset.json, official_train.txt and the folders of the scenes against each other."""
+    """Check the index against itself, and what lies in the dataset's folder against it."""
     if index.fault is not None:
-        verdict.add("index", f"{index.fault}: the dataset is not finished")
-    elif not index.scenes:
-        verdict.add("index", "dataset.json lists no scene")
+        verdict.add("index", f"{index.fault}: the dataset is not finished; run its generate command again")
+    if not index.pairs:
+        verdict.add("index", f"{INDEX} tells of no pair")
     config, digest = index.config, index.values.get("config_sha256")
-    if index.values and digest_of(config) != digest:
+    if digest_of(config) != digest:
         verdict.add("index", f"config_values have the digest {digest_of(config)[:12]}, config_sha256 is {digest!s:.12}")
-    if index.values and index.values.get("pairs") != len(index.scenes):
-        verdict.add(
-            "index", f"dataset.json lists {len(index.scenes)} scenes, and says {index.values.get('pairs')} pairs"
-        )
-    if len(set(index.scenes)) < len(index.scenes):
-        verdict.add("index", "dataset.json lists a scene twice")
-    folder = index.path / SCENES
-    held = {entry.name for entry in folder.iterdir()} if folder.is_dir() else set()
-    # Loaders take every entry of trainingF for a scene.
-    for name in sorted(held - set(index.scenes)):
-        verdict.add("files", f"{SCENES}/{name} is not in dataset.json, but loaders will read it as a scene")
-    try:
-        listed = read_bytes(index.path / SCENE_LIST).decode("utf-8", "replace").splitlines()
-    except ReadError as error:
-        verdict.add("files", f"{SCENE_LIST} {error.reason}")
-        return
-    if listed != list(index.scenes):
-        lacking = sorted(set(index.scenes) - set(listed))
-        example = f"; it lacks {lacking[0]}" if lacking else ""
-        verdict.add("files", f"{SCENE_LIST} has {len(listed)} names, not the {len(index.scenes)} of the index{example}")
-
-
-def check_scene_folder(index: Index, verdict: Verdict) -> bool:
-    """Check that a scene's folder holds exactly the files that it should; return whether it is there at all."""
-    folder = index.scene_path(verdict.scene)
-    if not folder.is_dir():
-        verdict.add("files", "the folder of the scene is missing")
-        return False
-    held = {entry.name for entry in folder.iterdir()}
-    always = required(index.encodings).keys()
-    needed, allowed = _expected(index)
-    if index.left_alone:
-        needed -= of_right_view(index.encodings).keys()
-    for name in sorted(needed - held - always):
+    held = set(index.place.names())
+    lists = _lists(index)
+    expected = _ABOUT | lists.keys() | _paths(index)
+    # Loaders take what they find for a pair.
+    foreign = sorted(
+        name for name in held - expected if not name.startswith(f"{PARTIAL}/") and not _is_link(index, name)
+    )
+    for name in foreign[:_SHOWN]:
+        verdict.add("files", f"{name} does not belong here: nothing in the index tells of it")
+    if len(foreign) > _SHOWN:
+        verdict.add("files", f"{len(foreign) - _SHOWN} more files do not belong here")
+    if index.fault is not None:
+        return  # what follows is written last
+    for name in sorted(_ABOUT - held):
         verdict.add("files", f"{name} is missing")
-    for name in sorted(held - needed - allowed):
-        why = ": the evaluation kit judges every disp0*.pfm" if name.startswith("disp0") else ""
-        verdict.add("files", f"{name} does not belong here{why}")
-    return True
+    for name, wanted in lists.items():
+        _check_list(index, name, wanted, verdict)
 
 
-def check_sizes(scene: SceneFiles, index: Index, verdict: Verdict) -> bool:
-    """Compare the sizes of all arrays with calib.txt's and the config's; return whether all arrays are of one size."""
-    camera = scene.calibration.camera
+def _check_list(index: Index, name: str, wanted: bytes, verdict: Verdict) -> None:
+    try:
+        came = index.place.read(name)
+    except FileNotFoundError:
+        verdict.add("files", f"{name} is missing")
+        return
+    if came != wanted:
+        lines, expected = came.decode("utf-8", "replace").splitlines(), wanted.decode().splitlines()
+        lacking = sorted(set(expected) - set(lines))
+        example = f"; it lacks {lacking[0]}" if lacking else ""
+        verdict.add("files", f"{name} has {len(lines)} lines, not the {len(expected)} of its layout{example}")
+
+
+def _lists(index: Index) -> dict[str, bytes]:
+    return {
+        f"{index.folder(split)}{path}": data
+        for split, pairs in index.pairs.items()
+        for path, data in index.layout.lists(
+            [index.key(split, number) for number in range(pairs)], index.encodings
+        ).items()
+    }
+
+
+def _paths(index: Index) -> set[str]:
+    """All files of all shards."""
+    paths = {f"{RECORDS}/{name}.json" for name in index.shard_names()}
+    if index.layout.packed:
+        return paths | {f"{RECORDS}/{name}.tar" for name in index.shard_names()}
+    return paths.union(
+        *(index.files(split, number).values() for split, pairs in index.pairs.items() for number in range(pairs))
+    )
+
+
+def _is_link(index: Index, name: str) -> bool:
+    return (
+        index.place.local is not None
+        and (index.place.local / name).is_symlink()
+        and name
+        in {
+            f"{index.folder(split)}{path}"
+            for split, pairs in index.pairs.items()
+            for path in index.layout.links([index.key(split, number) for number in range(pairs)])
+        }
+    )
+
+
+def read_pair(index: Index, shard: StoredShard, number: int, verdict: Verdict) -> StoredFrame | None:
+    """Read a pair's files and check that its set of them is complete; None where it cannot be judged further."""
+    if index.layout.packed and not shard.recorded:
+        return None  # said of the shard
+    wanted = index.files(shard.split, number)
+    listed = shard.listed(number)
+    if listed is not None:
+        for name in sorted(set(wanted.values()) - listed):
+            verdict.add("files", f"{name} is not in the shard's record, but its layout and outputs ask for it")
+        for name in sorted(listed - set(wanted.values())):
+            verdict.add("files", f"{name} does not belong to the pair, but the shard's record lists it")
+    values: dict[str, Any] = {}
+    for role, name in wanted.items():
+        try:
+            data = shard.read(number, name)
+            shard.check_digest(number, name, data, verdict)
+            values[role] = index.layout.decode_file(role, data, Path(name), index.encodings)
+        except ReadError as error:
+            verdict.add("files", f"{error.path} {error.reason}")
+    if not values.keys() >= _NEEDED:
+        return None
+    try:
+        return index.layout.assemble(index.key(shard.split, number), values, index.encodings)
+    except ReadError as error:
+        verdict.add("files", f"{error.path} {error.reason}")
+        return None
+
+
+def check_sizes(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
+    """Compare the sizes of all arrays with the camera's and the config's; return whether all arrays are of one size."""
+    camera = frame.camera
     size = (camera.height_px, camera.width_px)
     wanted = (index.number("camera", "height_px"), index.number("camera", "width_px"))
-    if index.values and wanted != size:
-        verdict.add("size", f"calib.txt says {size[1]} x {size[0]}, the config {wanted[1]} x {wanted[0]}")
-    (left, right), (disparity_left, disparity_right) = scene.encodings.image_names, scene.encodings.disparity_names
-    arrays: dict[str, Any] = {
-        left: scene.left,
-        right: scene.right,
-        disparity_left: scene.disparity_left,
-    } | scene.optional
-    if scene.disparity_right is not None:
-        arrays[disparity_right] = scene.disparity_right
+    if wanted != size:
+        verdict.add("size", f"its camera has {size[1]} x {size[0]}, the config {wanted[1]} x {wanted[0]}")
     fits = True
-    for name, array in arrays.items():
-        if array.shape[:2] != size:
+    for name in ARRAYS:
+        array = getattr(frame, name)
+        if array is not None and array.shape[:2] != size:
             fits = False
-            verdict.add("size", f"{name} is {array.shape[1]} x {array.shape[0]}, calib.txt says {size[1]} x {size[0]}")
+            verdict.add("size", f"{name} is {array.shape[1]} x {array.shape[0]}, its camera has {size[1]} x {size[0]}")
     return fits
 
 
-def check_pair(scene: SceneFiles, index: Index, verdict: Verdict) -> None:
-    """Compare what pair.json says of its origin with dataset.json and with the scene's place in it."""
+def check_pair(frame: StoredFrame, index: Index, verdict: Verdict) -> None:
+    """Compare what the pair says of its origin with the index and with its place in it."""
     for key in ("program", "version", "config", "config_sha256", "seed"):
-        if index.values and scene.pair.get(key) != index.values.get(key):
+        if frame.provenance.get(key) != index.values.get(key):
+            verdict.add("origin", f"it has {key} {frame.provenance.get(key)!r}, the index {index.values.get(key)!r}")
+    for key, value in (("pair", frame.index), ("split", frame.split)):
+        if frame.provenance.get(key) != value:
             verdict.add(
-                "origin", f"pair.json has {key} {scene.pair.get(key)!r}, dataset.json {index.values.get(key)!r}"
+                "origin", f"it says that its {key} is {frame.provenance.get(key)!r}, its place that it is {value!r}"
             )
-    number = verdict.scene.rpartition("-")[2]
-    if not (number.isdecimal() and scene.pair.get("pair") == int(number)):
-        verdict.add("origin", f"pair.json says that it is pair {scene.pair.get('pair')}")
 
 
-def digest_of(config: dict[str, Any]) -> str:
+def digest_of(config: Any) -> str:  # noqa: ANN401 - whatever the JSON holds
     """SHA-256 of config values in the form that ``config_sha256`` is taken of, 64 hex digits."""
     return hashlib.sha256(json.dumps(config, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
-
-
-def _expected(index: Index) -> tuple[set[str], set[str]]:
-    """Names that a scene must hold, and names that it may hold besides."""
-    both = required(index.encodings).keys() | {index.encodings.disparity_names[1]}
-    if index.outputs is None:
-        # Before the key existed there was one mask, and nothing said which further files to expect.
-        return both | {"mask0nocc.png"}, {name for files in OPTIONAL.values() for name in files}
-    return both | {name for output in index.outputs for name in OPTIONAL.get(output, ())}, set()

@@ -9,9 +9,11 @@ from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.config import Config
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.model_library import build_library
-from semisynth_gl.read.middlebury import Index, SceneFiles
+from semisynth_gl.read.dataset import Index
+from semisynth_gl.read.stored import StoredFrame
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import Scene
+from semisynth_gl.splits import SplitName, split_of
 from semisynth_gl.textures.atlas import Patch
 from semisynth_gl.verify.finding import Verdict
 
@@ -27,63 +29,67 @@ class Recaster:
 
     Args:
         index: the dataset.
+        split: whose scenes.
 
     Raises:
         InputError: where its config, seed or patches are not this version's, or its models are not there.
     """
 
-    def __init__(self, index: Index) -> None:
+    def __init__(self, index: Index, split: SplitName) -> None:
         values = index.values
         try:
             config = Config.model_validate(index.config)
-            patches = tuple(Patch(**patch) for patch in values["patches"])
+            patches = tuple(
+                Patch(**{name: patch[name] for name in Patch.__slots__}) for patch in values["splits"][split]["patches"]
+            )
             self._seed = int(values["seed"])
+            part = split_of(config.splits, tuple(index.pairs), split)
         except (ValidationError, KeyError, TypeError, ValueError) as error:
-            reason = str(error).splitlines()[0] if values else "it is missing or empty"
+            reason = str(error).splitlines()[0] if index.fault is None else index.fault
             raise InputError(
-                f"{index.path}: for --oracle the scenes cannot be made again from dataset.json: {reason}. "
+                f"{index.place.address}: for --oracle the scenes cannot be made again from the index: {reason}. "
                 "Verify without --oracle to see what is wrong with the dataset"
             ) from None
         if not patches or self._seed < 0:
             raise InputError(
-                f"{index.path}: the scenes cannot be made again from dataset.json: expected patches and a seed of 0 or "
-                f"more, got {len(patches)} and {self._seed}"
+                f"{index.place.address}: the scenes cannot be made again from the index: expected patches and a "
+                f"seed of 0 or more, got {len(patches)} and {self._seed}"
             )
-        self._sampler = SceneSampler(config, self._seed, build_library(config.models, self._seed), patches)
+        library = build_library(config.models, self._seed, part)
+        self._sampler = SceneSampler(config, part.seed(self._seed), library, patches)
 
-    def check(self, scene: SceneFiles, pair: int, pixels: int, verdict: Verdict) -> None:
+    def check(self, frame: StoredFrame, pixels: int, verdict: Verdict) -> None:
         """Compare both disparities with rays through randomly chosen pixels.
 
         Args:
-            scene: the files.
-            pair: the pair's number.
+            frame: the pair as it was read.
             pixels: how many, half of them in each view.
             verdict: takes findings and measures.
         """
         # A sequence whose first frame failed the config's checks was drawn again, once for each entry.
-        redrawn = scene.pair.get("redrawn")
-        made = self._sampler.sample(pair, len(redrawn) if isinstance(redrawn, list) else 0).scene
-        recorded = scene.pair.get("camera")
+        redrawn = frame.provenance.get("redrawn")
+        made = self._sampler.sample(frame.index, len(redrawn) if isinstance(redrawn, list) else 0).scene
+        recorded = frame.provenance.get("camera")
         names = made.camera.__slots__
         if not isinstance(recorded, dict) or any(recorded.get(name) != getattr(made.camera, name) for name in names):
-            verdict.add("oracle", "config and seed of dataset.json give another camera than pair.json has")
+            verdict.add("oracle", "config and seed of the index give another camera than the pair's provenance has")
             return
-        rng = np.random.default_rng((self._seed, pair))
+        rng = np.random.default_rng((self._seed, frame.index))
         errors = []
-        for eye, disparity in zip(EYES, (scene.disparity_left, scene.disparity_right), strict=True):
+        for eye, disparity in zip(EYES, (frame.disparity_left, frame.disparity_right), strict=True):
             if disparity is None:
                 continue
             height, width = disparity.shape
             x = rng.integers(0, width, -(-pixels // 2)).astype(np.float64)
             y = rng.integers(0, height, -(-pixels // 2)).astype(np.float64)
             came = disparity[y.astype(np.int64), x.astype(np.int64)].astype(np.float64)
-            bound = _ERROR_PX + scene.rounding_px(came)
-            expected = _as_said(self._cast(made, eye, x, y), came, scene.disparity_largest_px)
+            bound = _ERROR_PX + frame.rounding_px(came)
+            expected = _as_said(self._cast(made, eye, x, y), came, frame.disparity_largest_px)
             error = _difference(came, expected)
             off = np.flatnonzero(~(error <= bound))
             errors.append(error[error <= bound])
             if off.size:
-                off = off[~self._is_edge(made, eye, x[off], y[off], came[off], scene)]
+                off = off[~self._is_edge(made, eye, x[off], y[off], came[off], frame)]
             if off.size:
                 first = off[0]
                 verdict.add(
@@ -104,15 +110,15 @@ class Recaster:
         x: NDArray[np.float64],
         y: NDArray[np.float64],
         came: NDArray[np.float64],
-        files: SceneFiles,
+        frame: StoredFrame,
     ) -> NDArray[np.bool_]:
         """Whether rays within `_EDGE_PX` of each pixel's centre find disparities about what the file has there."""
         steps = np.array([-_EDGE_PX, -_EDGE_PX / 8, 0.0, _EDGE_PX / 8, _EDGE_PX])
         dx, dy = np.meshgrid(steps, steps)
         # All rays in one call: its cost is the number of instances more than the number of rays.
         near = self._cast(scene, eye, np.add.outer(x, dx.ravel()).ravel(), np.add.outer(y, dy.ravel()).ravel())
-        near = _as_said(near.reshape(len(x), -1), came[:, None], files.disparity_largest_px)
-        bound = _ERROR_PX + files.rounding_px(came)
+        near = _as_said(near.reshape(len(x), -1), came[:, None], frame.disparity_largest_px)
+        bound = _ERROR_PX + frame.rounding_px(came)
         return np.asarray((near.min(axis=1) - bound <= came) & (came <= near.max(axis=1) + bound))
 
 

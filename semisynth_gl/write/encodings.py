@@ -1,16 +1,25 @@
 """What encodes an image or a disparity, by the names of `semisynth_gl.encodings`."""
 
+import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
-from semisynth_gl.encodings import DisparityEncoding, ImageEncoding, codecs
+from semisynth_gl.encodings import (
+    DisparityEncoding,
+    ImageEncoding,
+    LayoutDisparityEncoding,
+    LayoutImageEncoding,
+    codecs,
+)
 from semisynth_gl.write.pfm import encode_pfm
 from semisynth_gl.write.png import encode_png
-from semisynth_gl.write.png16 import BEYOND_PX, encode_png16
+from semisynth_gl.write.png16 import beyond_px, encode_png16
 from semisynth_gl.write.tiff import encode_tiff
 
 # The fastest: the next one takes ten times as long for a tenth of the bytes.
@@ -44,15 +53,35 @@ def encode_jxl(image: NDArray[np.uint8]) -> bytes:
     return data
 
 
+def encode_jpg(image: NDArray[np.uint8]) -> bytes:
+    """Encode (H, W, 3) RGB as JPEG that loses as little as JPEG can: quality 100, colour at full size."""
+    data = io.BytesIO()
+    Image.fromarray(image).save(data, "JPEG", quality=100, subsampling="4:4:4")
+    return data.getvalue()
+
+
 IMAGE_ENCODERS: Mapping[ImageEncoding, Callable[[NDArray[np.uint8]], bytes]] = {
     "png": encode_png,
     "qoi": encode_qoi,
     "jxl": encode_jxl,
 }
-"""Each takes (H, W, 3) uint8 RGB."""
+"""Those that a config may choose. Each takes (H, W, 3) uint8 RGB."""
 
 DISPARITY_ENCODERS: Mapping[DisparityEncoding, DisparityEncoder] = {
     "pfm": DisparityEncoder(encode_pfm),
-    "png16": DisparityEncoder(encode_png16, BEYOND_PX),
+    "png16": DisparityEncoder(encode_png16, beyond_px()),
     "tiff": DisparityEncoder(encode_tiff),
 }
+"""Those that a config may choose."""
+
+_CRESTEREOS = DisparityEncoder(partial(encode_png16, steps=32), beyond_px(32))
+
+
+def image_encoder(encoding: ImageEncoding | LayoutImageEncoding) -> Callable[[NDArray[np.uint8]], bytes]:
+    """Return what encodes images, whether a config or a layout has chosen it."""
+    return encode_jpg if encoding == "jpg" else IMAGE_ENCODERS[encoding]
+
+
+def disparity_encoder(encoding: DisparityEncoding | LayoutDisparityEncoding) -> DisparityEncoder:
+    """Return what encodes disparities, whether a config or a layout has chosen it."""
+    return _CRESTEREOS if encoding == "png16-32" else DISPARITY_ENCODERS[encoding]

@@ -1,0 +1,52 @@
+"""Datasets that are made to be measured, in worker processes as `generate` makes them."""
+
+from collections.abc import Iterable
+from contextlib import closing
+from pathlib import Path
+from typing import NoReturn
+
+from semisynth_gl.config import Config
+from semisynth_gl.engines.local import LocalEngine
+from semisynth_gl.engines.task import Job, Result, Stop
+from semisynth_gl.errors import WorkerError
+from semisynth_gl.generation import ShardJob
+from semisynth_gl.places import Folder
+from semisynth_gl.plan import make_plan
+from semisynth_gl.render.context import Backend
+from semisynth_gl.splits import SplitName
+
+LAYOUT = "middlebury"
+SPLIT: SplitName = "train"
+# As `generate` has it.
+_TIMEOUT_S = 600.0
+
+
+def shard_job(config: Config, seed: int, backend: Backend, pairs: int, shard_pairs: int, folder: Path) -> ShardJob:
+    """Return what makes the shards of a dataset in a folder.
+
+    It is not for `ShardJob.open`, since it does not know the digests of patches and models: all that takes part in a
+    measurement is on one machine.
+    """
+    plan = make_plan(config, seed, LAYOUT, {SPLIT: pairs}, shard_pairs)
+    return ShardJob(plan, Folder(folder), backend, {})
+
+
+def do_all(job: Job[Result], tasks: Iterable[int], workers: int) -> list[Result]:
+    """Do tasks in worker processes; return their results in the order of the tasks' numbers.
+
+    Raises:
+        WorkerError: where a worker is lost, since what was measured then holds no longer.
+        Exception: what a task or the opening of the job raises.
+    """
+    engine = LocalEngine(workers, _TIMEOUT_S)
+    with closing(engine.run(job, tasks, told=_ignore, noted=_refuse, stop=Stop())) as results:
+        done = dict(results)
+    return [done[number] for number in sorted(done)]
+
+
+def _ignore(_: object) -> None:
+    """Take a message of a pair that is on disk."""
+
+
+def _refuse(note: str) -> NoReturn:
+    raise WorkerError(f"nothing can be measured: {note}")

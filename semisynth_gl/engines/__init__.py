@@ -1,0 +1,1 @@
+"""Engines: they run one function over numbered tasks, here, in worker processes or on a cluster, whatever it does."""

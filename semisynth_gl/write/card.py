@@ -1,0 +1,340 @@
+"""The dataset card: README.md, which people read and hubs too, which take what stands in front of the text."""
+
+import io
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from math import isfinite
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.scalarstring import DoubleQuotedScalarString
+
+from semisynth_gl.config import Range
+from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.plan import Plan
+from semisynth_gl.read.encodings import disparity_decoder
+from semisynth_gl.splits import SplitName
+from semisynth_gl.write.dataset import plan_of
+
+# From Hugging Face's documentation of its hub, for data and for code; for any other licence it has "other" and a name.
+_LICENCES = frozenset(
+    """
+    apache-2.0 mit openrail bigscience-openrail-m creativeml-openrail-m bigscience-bloom-rail-1.0 bigcode-openrail-m
+    afl-3.0 artistic-2.0 bsl-1.0 bsd bsd-2-clause bsd-3-clause bsd-3-clause-clear c-uda cc cc0-1.0 cc-by-2.0 cc-by-2.5
+    cc-by-3.0 cc-by-4.0 cc-by-sa-3.0 cc-by-sa-4.0 cc-by-nc-2.0 cc-by-nc-3.0 cc-by-nc-4.0 cc-by-nd-4.0 cc-by-nc-nd-3.0
+    cc-by-nc-nd-4.0 cc-by-nc-sa-2.0 cc-by-nc-sa-3.0 cc-by-nc-sa-4.0 cdla-sharing-1.0 cdla-permissive-1.0
+    cdla-permissive-2.0 wtfpl ecl-2.0 epl-1.0 epl-2.0 etalab-2.0 eupl-1.1 agpl-3.0 gfdl gpl gpl-2.0 gpl-3.0 lgpl
+    lgpl-2.1 lgpl-3.0 isc lppl-1.3c ms-pl mpl-2.0 odc-by odbl openrail++ osl-3.0 postgresql ofl-1.1 ncsa unlicense zlib
+    pddl lgpl-lr unknown other
+    """.split()  # noqa: SIM905 - so many words read better without quotes
+)
+_OTHER = "other"
+_SIZE_NAMES = ("1K", "10K", "100K", "1M", "10M", "100M", "1B", "10B", "100B", "1T")
+_FIRST_SIZE = 1000
+_UNITS = ("kB", "MB", "GB", "TB")
+_UNIT = 1000
+
+_MEANINGS: Mapping[str, str] = {
+    "left": "left image, 8-bit RGB",
+    "right": "right image, 8-bit RGB",
+    "right_under": "right image a stop darker",
+    "right_over": "right image a stop brighter",
+    "disparity_left": "disparity of the left view's pixels",
+    "disparity_right": "disparity of the right view's pixels",
+    "not_occluded_left": "the same, where the right view sees the point too",
+    "not_occluded_right": "the same, where the left view sees the point too",
+    "visibility_left": (
+        f"8-bit: {VISIBLE} where the right view sees the point too, {OCCLUDED} where something hides it there, "
+        f"{OUTSIDE} where it is outside the right image or has no disparity"
+    ),
+    "visibility_right": f"likewise for the right view: {VISIBLE}, {OCCLUDED}, {OUTSIDE}",
+    "objects": "8-bit: 0 in the background, 1 to 255 elsewhere; of the left view",
+    "instances_left": "16-bit: number of the instance seen, 0 where there is none",
+    "instances_right": "likewise for the right view",
+    "depth_left": "planar depth in metres, float32; inf where nothing is seen",
+    "depth_right": "likewise for the right view",
+    "calibration": "the cameras, as Middlebury's calib.txt has them",
+    "calib_cam_to_cam": "the cameras, as KITTI's calib_cam_to_cam.txt has them",
+    "provenance": "what made the pair: seeds, camera, and every instance in the scene",
+}
+_HOLDS: Mapping[str, str] = {
+    "pfm": "PFM, float32",
+    "tiff": "TIFF, float32, lossless",
+    "png16": "16-bit PNG that counts 1/256 px",
+    "png16-32": "16-bit PNG that counts 1/32 px",
+}
+_CAVEATS: Mapping[str, str] = {
+    "kitti": (
+        "In KITTI 2015, `disp_occ_1` and `disp_noc_1` are the next frame's disparity. Here they are the right view's, "
+        "which is what torchvision and OpenStereo take them for."
+    ),
+    "middlebury-2014": (
+        "`im1E` and `im1L` are the right image a stop darker and a stop brighter, computed from the same rendering."
+    ),
+    "crestereo": "Images are JPEG, as in CREStereo's dataset: they have lost a little.",
+    "webdataset": (
+        "The packages `datasets` and `webdataset` give PFM as bytes, and the latter's decoders `rgb8` and `pil` "
+        "destroy 16-bit PNG: decode these with `semisynth_gl.read`."
+    ),
+}
+
+
+def encode_card(index: Mapping[str, Any]) -> bytes:
+    """Encode a dataset's README.md, which follows from its index alone.
+
+    Args:
+        index: as `semisynth_gl.index.describe_dataset` returns it.
+
+    Returns:
+        YAML between two lines of dashes, and Markdown.
+    """
+    plan = plan_of(index)
+    sections = (
+        _introduction(plan),
+        _splits(plan, index),
+        _reading(plan, index),
+        _files(plan),
+        _disparity(plan),
+        _origin(plan, index),
+        _rights(plan, index),
+        _caveats(plan),
+    )
+    body = "\n\n".join(section for section in sections if section)
+    return f"---\n{_front(plan, index)}---\n\n{body}\n".encode()
+
+
+def _front(plan: Plan, index: Mapping[str, Any]) -> str:
+    values: dict[str, Any] = {
+        **_licence(plan.config.licences.dataset),
+        "task_categories": ["depth-estimation"],
+        "size_categories": [_size_category(sum(plan.pairs.values()))],
+        "tags": ["stereo", "disparity", "synthetic", *(["webdataset"] if plan.layout.packed else [])],
+        "pretty_name": _quoted(f"{plan.config.name} (semi-synthetic stereo)"),
+    }
+    if plan.layout.packed:
+        files = [{"split": split, "path": _quoted(_glob(index, split))} for split in plan.splits]
+        values["configs"] = [{"config_name": "default", "data_files": files}]
+    yaml = YAML()
+    yaml.width = 2**16
+    text = io.StringIO()
+    yaml.dump(values, text)
+    return text.getvalue()
+
+
+def _licence(name: str) -> dict[str, str]:
+    if name.lower() in _LICENCES:
+        return {"license": name.lower()}
+    slug = re.sub(r"[^a-z0-9.]+", "-", name.lower()).strip("-.")
+    return {"license": _OTHER} | ({"license_name": _quoted(slug)} if slug else {})
+
+
+def _quoted(text: str) -> str:
+    # YAML 1.1, which hubs read, takes more words for numbers, dates and truth values than YAML 1.2 does.
+    quoted: str = DoubleQuotedScalarString(text)
+    return quoted
+
+
+def _size_category(pairs: int) -> str:
+    limit, lower = _FIRST_SIZE, ""
+    for name in _SIZE_NAMES:
+        if pairs < limit:
+            return f"{lower}n<{name}"
+        limit, lower = limit * 10, f"{name}<"
+    return f"n>{_SIZE_NAMES[-1]}"
+
+
+def _introduction(plan: Plan) -> str:
+    config = plan.config
+    camera, disparity = config.camera, config.disparity
+    patches = "procedural patterns" if _is_procedural(plan) else "patches of photographs"
+    return (
+        f"# {config.name}\n\n"
+        f"{_count(sum(plan.pairs.values()), 'rectified stereo pair')} with exact disparity, rendered with OpenGL. "
+        f"Models textured with {patches} fall through a room or in front of a far plane, so truth is computed and not "
+        "measured.\n\n"
+        f"- Images: {camera.width_px} x {camera.height_px} pixels\n"
+        f"- Disparity: {disparity.min_px:g} to {disparity.max_px:g} px; none exceeds the upper end, a far plane may be "
+        "below the lower one\n"
+        f"- Baseline: {_range(camera.baseline_m)} m"
+    )
+
+
+def _is_procedural(plan: Plan) -> bool:
+    return plan.config.textures.source == "procedural"
+
+
+def _source(plan: Plan) -> str:
+    """Name what patches come from."""
+    return "pattern" if _is_procedural(plan) else "photograph"
+
+
+def _splits(plan: Plan, index: Mapping[str, Any]) -> str:
+    rows = []
+    for split in plan.splits:
+        shards = [shard for shard in index["shards"] if shard["split"] == split]
+        described = index["splits"][split]
+        rows.append(
+            (
+                split,
+                plan.pairs[split],
+                len(shards),
+                _bytes(sum(shard["bytes"] for shard in shards)),
+                len(described["photographs"]),
+                len(described["patches"]),
+            )
+        )
+    source = f"{_source(plan)}s"
+    apart = "\n\nPhotographs of one split show up in no other." if len(rows) > 1 and not _is_procedural(plan) else ""
+    return "## Splits\n\n" + _table(("split", "pairs", "shards", "size", source, "patches"), rows) + apart
+
+
+def _reading(plan: Plan, index: Mapping[str, Any]) -> str:
+    lines = [
+        "## Reading it",
+        "",
+        "```python",
+        "from semisynth_gl.read.dataset import open_dataset",
+        "",
+        'pair = open_dataset("path/to/this/folder")[0]',
+        "pair.left, pair.right, pair.disparity_left",
+        "```",
+    ]
+    if plan.layout.packed:
+        lines += ["", "With the webdataset package:", "", "```python", "import webdataset", ""]
+        lines += [
+            f'{split} = webdataset.WebDataset("{_braces(index, split)}", shardshuffle=False)' for split in plan.splits
+        ]
+        files = ", ".join(f'"{split}": "{_glob(index, split)}"' for split in plan.splits)
+        lines += ["```", "", "With the datasets package, in this folder:", "", "```python"]
+        lines += ["from datasets import load_dataset", ""]
+        lines += [f'load_dataset("webdataset", data_files={{{files}}}, streaming=True)', "```"]
+    else:
+        # Without its docstrings, as python -OO leaves it, the program does not know who reads a layout.
+        name, _, loaders = (type(plan.layout).__doc__ or "").partition("\n")[0].partition(": ")
+        lines += ["", f"Files stand as in {name}, for loaders of that: {loaders}"] if loaders else []
+    return "\n".join(lines)
+
+
+def _files(plan: Plan) -> str:
+    layout, config = plan.layout, plan.config
+    split = plan.splits[0]
+    files = layout.files(plan.key(split, 0), layout.chosen_encodings(config))
+    folder = "" if layout.packed else plan.folder(split)
+    rows = [
+        (role, f"`{folder}{path}`", _MEANINGS.get(role, role.replace("_", " ")))
+        for role, path in layout.roles(files, config.outputs, config.truth).items()
+    ]
+    where = f"in the tar of its shard, if it is of {split}" if layout.packed else f"if it is of {split}"
+    return f"## What a pair holds\n\nPair 0, {where}:\n\n" + _table(("role", "file", "what it is"), rows)
+
+
+def _disparity(plan: Plan) -> str:
+    encodings = plan.layout.chosen_encodings(plan.config)
+    decoder = disparity_decoder(encodings.disparity)
+    invalid = "0" if encodings.disparity.startswith("png16") else "inf"
+    sentences = [
+        "A disparity d is x_left - x_right, in pixels, and positive in both views.",
+        "What the left view has at column x is at column x - d of the right one.",
+        "What the right view has at column x is at column x + d of the left one.",
+        f"It is stored as {_HOLDS[encodings.disparity]}; {invalid} says that there is none.",
+    ]
+    if decoder.error_px:
+        sentences.append(f"Rounding puts it off by at most {decoder.error_px:g} px.")
+    if isfinite(decoder.largest_px):
+        sentences.append(f"Above {decoder.largest_px:g} px it cannot be stored: such pixels have none.")
+    return "## Disparity\n\n" + " ".join(sentences)
+
+
+def _origin(plan: Plan, index: Mapping[str, Any]) -> str:
+    rows = [
+        ("program", f"{index['program']} {index['version']}"),
+        ("config", plan.config.name),
+        ("SHA-256 of the config", f"`{index['config_sha256']}`"),
+        ("seed", plan.seed),
+        ("layout", plan.layout_name),
+        ("renderer", _escaped(", ".join(index["renderers"]))),
+        ("redrawn", _count(index["redraws"], "attempt")),
+    ]
+    return (
+        "## What made it\n\n"
+        + _table(("", ""), rows)
+        + "\n\n`index.json` has the whole config and the digests of all photographs, patches, models and shards."
+    )
+
+
+def _rights(plan: Plan, index: Mapping[str, Any]) -> str:
+    splits = index["splits"].values()
+    photographs = {(each["name"], each["licence"]) for split in splits for each in split["photographs"]}
+    models = {(each["name"], each["licence"]) for split in splits for each in split["models"]}
+    rows = [
+        *_licence_rows(_source(plan), (licence for _, licence in photographs)),
+        *_licence_rows("kind of model", (licence for _, licence in models)),
+    ]
+    return (
+        f"## Rights\n\nThe dataset as a whole: {_escaped(plan.config.licences.dataset)}. It was made of:\n\n"
+        + _table(("what", "licence"), rows)
+    )
+
+
+def _licence_rows(what: str, licences: Iterable[str]) -> list[tuple[str, str]]:
+    counted = sorted(Counter(licences).items())
+    return [(_count(count, what), _escaped(licence)) for licence, count in counted]
+
+
+def _caveats(plan: Plan) -> str:
+    layout = plan.layout
+    caveats = [_CAVEATS[plan.layout_name]] if plan.layout_name in _CAVEATS else []
+    if layout.folders() or any(layout.links([plan.key(split, 0)]) for split in plan.splits):
+        caveats.append(
+            "Some loaders look for links or empty folders that belong to this dataset; hubs, stores and many archives "
+            "drop them."
+        )
+    for split in plan.splits:
+        label = f"{split}: " if len(plan.splits) > 1 else ""
+        caveats += [f"{label}{_escaped(each)}" for each in layout.advice(plan.pairs[split], plan.config, split)]
+    return "## What to know\n\n" + "\n".join(f"- {each}" for each in caveats) if caveats else ""
+
+
+def _tars(index: Mapping[str, Any], split: SplitName) -> list[str]:
+    return [shard["tar"] for shard in index["shards"] if shard["split"] == split]
+
+
+def _glob(index: Mapping[str, Any], split: SplitName) -> str:
+    """Return a glob for the tars of a split; with all that comes before it, since a config may be named as a split."""
+    return f"{_tars(index, split)[0].rpartition('-')[0]}-*.tar"
+
+
+def _braces(index: Mapping[str, Any], split: SplitName) -> str:
+    """Write the tars of a split as the webdataset package takes many."""
+    tars = _tars(index, split)
+    begin, _, first = tars[0].removesuffix(".tar").rpartition("-")
+    last = tars[-1].removesuffix(".tar").rpartition("-")[2]
+    return tars[0] if len(tars) == 1 else f"{begin}-{{{first}..{last}}}.tar"
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(str(cell) for cell in line)} |" for line in lines)
+
+
+def _escaped(text: str) -> str:
+    """Write anyone's words on one line such that Markdown takes them for words."""
+    return re.sub(r"([\\`*_\[\]<>|#~$])", r"\\\1", " ".join(text.split()))
+
+
+def _count(number: int, what: str) -> str:
+    one, _, rest = what.partition(" of ")
+    many = one if number == 1 else f"{one}s"
+    return f"{number} {many}" + (f" of {rest}" if rest else "")
+
+
+def _range(values: Range) -> str:
+    return f"{values.low:g}" if values.low == values.high else f"{values.low:g} to {values.high:g}"
+
+
+def _bytes(count: int) -> str:
+    if count < _UNIT:
+        return f"{count} B"
+    power = min((len(str(count)) - 1) // 3, len(_UNITS))
+    return f"{count / _UNIT**power:.1f} {_UNITS[power - 1]}"

@@ -1,0 +1,260 @@
+"""Croissant 1.1: what a dataset is and where its files are, as JSON-LD for hubs and search engines.
+
+Files of one role and split make a file set, and a record set with one record a pair: the pair's key, the split, and the
+file's content. Records of one key belong together.
+"""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from itertools import takewhile
+from pathlib import PurePosixPath
+from typing import Any
+
+from semisynth_gl.plan import Plan
+from semisynth_gl.splits import SplitName
+from semisynth_gl.write.dataset import plan_of
+
+_VERSION = "http://mlcommons.org/croissant/1.1"
+# Croissant's own: readers compare it key by key.
+_CONTEXT: Mapping[str, Any] = {
+    "@language": "en",
+    "@vocab": "https://schema.org/",
+    "arrayShape": "cr:arrayShape",
+    "citeAs": "cr:citeAs",
+    "column": "cr:column",
+    "conformsTo": "dct:conformsTo",
+    "containedIn": "cr:containedIn",
+    "cr": "http://mlcommons.org/croissant/",
+    "rai": "http://mlcommons.org/croissant/RAI/",
+    "data": {"@id": "cr:data", "@type": "@json"},
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "dct": "http://purl.org/dc/terms/",
+    "description": {"@container": "@language"},
+    "equivalentProperty": "cr:equivalentProperty",
+    "examples": {"@id": "cr:examples", "@type": "@json"},
+    "extract": "cr:extract",
+    "field": "cr:field",
+    "fileProperty": "cr:fileProperty",
+    "fileObject": "cr:fileObject",
+    "fileSet": "cr:fileSet",
+    "format": "cr:format",
+    "includes": "cr:includes",
+    "isArray": "cr:isArray",
+    "isLiveDataset": "cr:isLiveDataset",
+    "jsonPath": "cr:jsonPath",
+    "key": "cr:key",
+    "md5": "cr:md5",
+    "name": {"@container": "@language"},
+    "parentField": "cr:parentField",
+    "path": "cr:path",
+    "recordSet": "cr:recordSet",
+    "references": "cr:references",
+    "regex": "cr:regex",
+    "repeated": "cr:repeated",
+    "replace": "cr:replace",
+    "samplingRate": "cr:samplingRate",
+    "sc": "https://schema.org/",
+    "separator": "cr:separator",
+    "source": "cr:source",
+    "subField": "cr:subField",
+    "transform": "cr:transform",
+}
+_SPLITS: Mapping[SplitName, str] = {
+    "train": "cr:TrainingSplit",
+    "validation": "cr:ValidationSplit",
+    "test": "cr:TestSplit",
+}
+_IMAGE_FORMATS: Mapping[str, str] = {
+    ".png": "image/png",
+    ".jpg": "image/jpeg",
+    ".jxl": "image/jxl",
+    ".tiff": "image/tiff",
+    # What has no media type is named by its specification, as Croissant asks.
+    ".qoi": "https://qoiformat.org/qoi-specification.pdf",
+    ".pfm": "https://netpbm.sourceforge.net/doc/pfm.html",
+}
+_OTHER_FORMATS: Mapping[str, str] = {".json": "application/json", ".txt": "text/plain"}
+_ANY_FORMAT = "application/octet-stream"
+_UNKNOWN = "unknown"
+_DIGITS = "0123456789"
+# Indices whose names differ wherever those of any two pairs can.
+_SAMPLES = (0, 1, 123_456)
+
+
+def encode_croissant(index: Mapping[str, Any]) -> bytes:
+    """Encode a dataset's croissant.json, which follows from its index alone.
+
+    Left out is what nobody told: when it was published, by whom, where it is, and how to cite it.
+
+    Args:
+        index: as `semisynth_gl.index.describe_dataset` returns it.
+
+    Returns:
+        JSON-LD, readable, with a line break at the end.
+    """
+    plan = plan_of(index)
+    tars = _tars(index)
+    patterns = {split: _patterns(plan, split) for split in plan.splits}
+    width, height = plan.config.camera.width_px, plan.config.camera.height_px
+    licence = plan.config.licences.dataset
+    described: dict[str, Any] = {
+        "@context": _CONTEXT,
+        "@type": "sc:Dataset",
+        "name": plan.config.name,
+        "description": (
+            f"{sum(plan.pairs.values())} rectified stereo pairs of {width} x {height} pixels with exact disparity, "
+            "rendered: models textured with patches of photographs fall through a scene. Disparity is x_left - x_right "
+            "in pixels, positive. Record sets hold one file of each pair; records of one key belong together."
+        ),
+        "conformsTo": _VERSION,
+        "version": index["version"],
+        "keywords": ["stereo", "disparity", "synthetic"],
+    }
+    if licence != _UNKNOWN:
+        described["license"] = licence
+    described["distribution"] = [_file_object(shard) for shard in index["shards"] if "tar" in shard] + [
+        _file_set(split, role, pattern, tars.get(split, ()))
+        for split, roles in patterns.items()
+        for role, pattern in roles.items()
+    ]
+    several = len(plan.splits) > 1
+    described["recordSet"] = ([_splits(plan.splits)] if several else []) + [
+        _record_set(split, role, pattern, several=several)
+        for split, roles in patterns.items()
+        for role, pattern in roles.items()
+    ]
+    return (json.dumps(described, indent=1) + "\n").encode()
+
+
+def _patterns(plan: Plan, split: SplitName) -> dict[str, str]:
+    """Return a glob for each role's files, below the dataset's folder or inside a tar; the stars tell the pair."""
+    layout = plan.layout
+    encodings = layout.chosen_encodings(plan.config)
+    files = [layout.files(plan.key(split, index), encodings) for index in _SAMPLES]
+    folder = "" if layout.packed else plan.folder(split)
+    return {
+        role: folder + _pattern([each[role] for each in files])
+        for role in layout.roles(files[0], plan.config.outputs, plan.config.truth)
+    }
+
+
+def _pattern(paths: Sequence[str]) -> str:
+    return "/".join(_joined(parts) for parts in zip(*(path.split("/") for path in paths), strict=True))
+
+
+def _joined(parts: Sequence[str]) -> str:
+    """Put a star where names differ; numbers are not cut in two."""
+    if len(set(parts)) == 1:
+        return parts[0]
+    begin = _common(parts).rstrip(_DIGITS)
+    end = _common([part[::-1] for part in parts])[::-1].lstrip(_DIGITS)
+    return f"{begin}*{end}"
+
+
+def _common(texts: Sequence[str]) -> str:
+    """Return what all begin with."""
+    return "".join(each[0] for each in takewhile(lambda each: len(set(each)) == 1, zip(*texts, strict=False)))
+
+
+def _tars(index: Mapping[str, Any]) -> dict[str, list[str]]:
+    tars: dict[str, list[str]] = {}
+    for shard in index["shards"]:
+        if "tar" in shard:
+            tars.setdefault(shard["split"], []).append(shard["tar"])
+    return tars
+
+
+def _file_object(shard: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        "@type": "cr:FileObject",
+        "@id": shard["tar"],
+        "name": PurePosixPath(shard["tar"]).name,
+        "contentUrl": shard["tar"],
+        "contentSize": f"{shard['bytes']} B",
+        "encodingFormat": "application/x-tar",
+        "sha256": shard["sha256"],
+    }
+
+
+def _file_set(split: SplitName, role: str, pattern: str, tars: Sequence[str]) -> dict[str, Any]:
+    contained = {"containedIn": [{"@id": tar} for tar in tars]} if tars else {}
+    return {
+        "@type": "cr:FileSet",
+        "@id": _file_set_id(split, role),
+        "name": _file_set_id(split, role),
+        **contained,
+        "encodingFormat": _format(pattern),
+        "includes": pattern,
+    }
+
+
+def _record_set(split: SplitName, role: str, pattern: str, *, several: bool) -> dict[str, Any]:
+    name = f"{split}-{role}"
+    source = {"fileSet": {"@id": _file_set_id(split, role)}}
+    regexes = _key_regexes(pattern)
+    # A pair's key in all roles is what stands for the stars, each a field. It does not reference the other record sets'
+    # keys though it could: mlcroissant then joins what it has not read yet, and fails.
+    keys = [
+        {
+            "@type": "cr:Field",
+            "@id": f"{name}/key" if len(regexes) == 1 else f"{name}/key_{number}",
+            "dataType": "sc:Text",
+            "source": source | {"extract": {"fileProperty": "fullpath"}, "transform": {"regex": regex}},
+        }
+        for number, regex in enumerate(regexes, 1)
+    ]
+    of_split: dict[str, Any] = {"@type": "cr:Field", "@id": f"{name}/split", "dataType": "sc:Text", "value": split}
+    if several:
+        of_split["references"] = {"field": {"@id": "splits/name"}}
+    content = {
+        "@type": "cr:Field",
+        "@id": f"{name}/content",
+        "dataType": "sc:ImageObject" if PurePosixPath(pattern).suffix in _IMAGE_FORMATS else "sc:Text",
+        "source": source | {"extract": {"fileProperty": "content"}},
+    }
+    return {
+        "@type": "cr:RecordSet",
+        "@id": name,
+        "name": name,
+        "key": [{"@id": key["@id"]} for key in keys],
+        "field": [*keys, of_split, content],
+    }
+
+
+def _key_regexes(pattern: str) -> list[str]:
+    """Return for each star of a glob a regex that captures what stands for it; readers may put folders in front."""
+    parts = [re.escape(part) for part in pattern.split("*")]
+    return [
+        "^(?:.*/)?"
+        + "".join(
+            part + ("" if at == len(parts) - 1 else "([^/]+)" if at == star else "[^/]+")
+            for at, part in enumerate(parts)
+        )
+        + "$"
+        for star in range(len(parts) - 1)
+    ]
+
+
+def _splits(splits: Sequence[SplitName]) -> dict[str, Any]:
+    return {
+        "@type": "cr:RecordSet",
+        "@id": "splits",
+        "name": "splits",
+        "dataType": "cr:Split",
+        "key": {"@id": "splits/name"},
+        "field": [
+            {"@type": "cr:Field", "@id": "splits/name", "dataType": "sc:Text"},
+            {"@type": "cr:Field", "@id": "splits/url", "dataType": ["sc:URL", "cr:Split"]},
+        ],
+        "data": [{"splits/name": split, "splits/url": _SPLITS[split]} for split in splits],
+    }
+
+
+def _file_set_id(split: SplitName, role: str) -> str:
+    return f"{split}-{role}-files"
+
+
+def _format(pattern: str) -> str:
+    suffix = PurePosixPath(pattern).suffix
+    return {**_IMAGE_FORMATS, **_OTHER_FORMATS}.get(suffix, _ANY_FORMAT)

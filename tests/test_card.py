@@ -1,0 +1,297 @@
+"""The dataset card and the Croissant file: what hubs and mlcroissant make of them."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from ruamel.yaml import YAML
+
+from semisynth_gl.camera import StereoCamera
+from semisynth_gl.config import Config
+from semisynth_gl.frame import Frame
+from semisynth_gl.geometry.mesh import make_mesh
+from semisynth_gl.geometry.model_library import ModelLibrary
+from semisynth_gl.index import describe_dataset
+from semisynth_gl.layouts import find_layout, layout_names
+from semisynth_gl.pipeline import Sources
+from semisynth_gl.plan import Plan, make_plan
+from semisynth_gl.textures.atlas import atlas_from_arrays
+from semisynth_gl.write.card import encode_card
+from semisynth_gl.write.croissant import encode_croissant
+from semisynth_gl.write.tar import tar_end, tar_member
+
+FOLDERS = [name for name in layout_names() if not find_layout(name).packed]
+ODD = 'my: "own" #1'
+CAMERA = StereoCamera(8, 6, 10.0, 0.1, 3.5, 3.5, 2.5)
+
+
+def plan_for(layout: str, pairs: Mapping[str, int], licence: str = "unknown", **values: Any) -> Plan:
+    config = Config.model_validate(
+        {
+            "name": "tiny-train-x",
+            "camera": {"width_px": 8, "height_px": 6, "focal_px": 10, "baseline_m": [0.1, 0.2]},
+            "disparity": {"min_px": 1, "max_px": 5},
+            "licences": {"dataset": licence, "images": "CC|0 <b>", "models": "unknown"},
+            "outputs": ["visibility", "instances", "depth"],
+            **values,
+        }
+    )
+    return make_plan(config, 3, layout, pairs, 2)
+
+
+def sources_of(plan: Plan) -> dict[str, Sources]:
+    mesh = make_mesh("solid", np.eye(3, dtype=np.float32), np.zeros((3, 2), np.float32), np.array([[0, 1, 2]]))
+    atlas = atlas_from_arrays([np.zeros((4, 4, 3), np.uint8)] * 2, ["a.png", "b.png"])
+    return {split: Sources(atlas, ModelLibrary((mesh,), np.ones(1), 0.5, ())) for split in plan.splits}
+
+
+def frame(index: int) -> Frame:
+    grey, ids = np.full((6, 8), 255, np.uint8), np.full((6, 8), index, np.uint16)
+    truth = np.full((6, 8), index + 0.5, np.float32)
+    image = np.full((6, 8, 3), index, np.uint8)
+    return Frame(CAMERA, image, image + 100, truth, truth + 1, grey, grey, ids, ids, truth, truth)
+
+
+def write(plan: Plan, folder: Path | None = None) -> dict[str, Any]:
+    """Return a dataset's index, and write its shards if there is a folder to write to."""
+    provenance = {
+        "pair": 0, "config": plan.config.name, "config_sha256": "", "version": "1", "renderer": "none",
+        "backend": "egl", "seed": 3, "sequence": 0, "frame": 0, "near_m": 0.1,
+        "instances": [{"model": "background"}] * 9,
+    }  # fmt: skip
+    records = []
+    for shard in plan.shards:
+        content = b""
+        for pair in range(shard.first, shard.end):
+            files = plan.layout.encode(
+                plan.key(shard.split, pair), frame(pair), provenance | {"pair": pair}, 5,
+                plan.layout.chosen_encodings(plan.config),
+            )  # fmt: skip
+            for name, data in files.items():
+                if plan.layout.packed:
+                    content += tar_member(name, data)[0]
+                elif folder:
+                    path = folder / plan.folder(shard.split) / name
+                    path.parent.mkdir(parents=True, exist_ok=True)
+                    path.write_bytes(data)
+        content += tar_end(len(content))
+        tar = f"shards/{shard.name}.tar"
+        record = {
+            "shard": shard.name, "split": shard.split, "first": shard.first, "end": shard.end, "redraws": 1,
+            "renderers": ["llvmpipe (LLVM 15.0.7, 256 bits)"], "bytes": len(content),
+            "sha256": hashlib.sha256(content).hexdigest(), **({"tar": tar} if plan.layout.packed else {}),
+        }  # fmt: skip
+        records.append(record)
+        if folder and plan.layout.packed:
+            (folder / "shards").mkdir(exist_ok=True)
+            (folder / tar).write_bytes(content)
+    index = json.loads(json.dumps(describe_dataset(plan, sources_of(plan), records)))
+    if folder:
+        (folder / "croissant.json").write_bytes(encode_croissant(index))
+        (folder / "README.md").write_bytes(encode_card(index))
+    return index
+
+
+@pytest.fixture
+def mlcroissant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    module = pytest.importorskip("mlcroissant")
+    from etils import epath
+
+    # It is read from the environment once, at the first import, which another test may have made.
+    monkeypatch.setattr(
+        "mlcroissant._src.operation_graph.operations.extract.EXTRACT_PATH", epath.Path(tmp_path / "extracted")
+    )
+    return module
+
+
+def open_croissant(mlcroissant: Any, path: Path) -> Any:
+    dataset = mlcroissant.Dataset(jsonld=path)
+    assert not dataset.metadata.ctx.issues.errors
+    # What nobody told must not be made up.
+    assert all("citeAs" in each or "datePublished" in each or "license" in each
+               for each in dataset.metadata.ctx.issues.warnings)  # fmt: skip
+    return dataset
+
+
+def front_of(card: bytes) -> tuple[Any, str]:
+    begin, front, body = card.decode().split("---\n", 2)
+    assert not begin
+    return YAML(typ="safe", pure=True).load(front), body
+
+
+def test_mlcroissant_reads_the_files_of_tars(tmp_path: Path, mlcroissant: Any) -> None:
+    write(plan_for("webdataset", {"train": 5, "validation": 1, "test": 2}), tmp_path)
+    dataset = open_croissant(mlcroissant, tmp_path / "croissant.json")
+    assert dataset.metadata.ctx.conforms_to.value == "http://mlcommons.org/croissant/1.1"
+
+    def records(role: str) -> list[tuple[bytes, bytes, Any]]:
+        found = [
+            tuple(record[f"{role}/{field}"] for field in ("key", "split", "content"))
+            for record in dataset.records(role)
+        ]
+        return sorted(found, key=lambda record: record[0])
+
+    for split, pairs in (("train", 5), ("validation", 1), ("test", 2)):
+        left, disparity, instances, provenance = (
+            records(f"{split}-{role}") for role in ("left", "disparity_left", "instances_left", "provenance")
+        )
+        keys = [f"{index:08d}".encode() for index in range(pairs)]
+        for role in (left, disparity, instances, provenance):
+            assert [key for key, _, _ in role] == keys
+            assert {name for _, name, _ in role} == {split.encode()}
+        for index in range(pairs):
+            expected = frame(index)
+            assert np.array_equal(np.asarray(left[index][2]), expected.left)
+            assert np.array_equal(np.asarray(disparity[index][2]), expected.disparity_left)
+            assert np.array_equal(np.asarray(instances[index][2]), expected.instances_left)
+            assert json.loads(provenance[index][2])["pair"] == index
+    urls = {record["splits/name"]: record["splits/url"] for record in dataset.records("splits")}
+    assert urls == {"train": "cr:TrainingSplit", "validation": "cr:ValidationSplit", "test": "cr:TestSplit"}
+
+
+def test_one_split_is_not_listed_as_such(tmp_path: Path, mlcroissant: Any) -> None:
+    write(plan_for("webdataset", {"train": 1}), tmp_path)
+    dataset = open_croissant(mlcroissant, tmp_path / "croissant.json")
+    assert "splits" not in {each.id for each in dataset.metadata.record_sets}
+    assert len(list(dataset.records("train-right"))) == 1
+
+
+@pytest.mark.parametrize("layout", FOLDERS)
+def test_mlcroissant_reads_the_images_of_folders(layout: str, tmp_path: Path, mlcroissant: Any) -> None:
+    # Of files that lie in folders it decodes images to RGB and knows no PFM, so that truth cannot be read by it.
+    plan = plan_for(layout, {"train": 3, "test": 2})
+    write(plan, tmp_path)
+    dataset = open_croissant(mlcroissant, tmp_path / "croissant.json")
+    for split, pairs in plan.pairs.items():
+        sides = []
+        for role in ("left", "right"):
+            name = f"{split}-{role}"
+            found = list(dataset.records(name))
+            keys = [field for field in found[0] if field.startswith(f"{name}/key")]
+            sides.append({tuple(record[key] for key in keys): record[f"{name}/content"] for record in found})
+        assert len(sides[0]) == pairs
+        assert sides[0].keys() == sides[1].keys()
+        levels = sorted(int(np.median(np.asarray(image))) for image in sides[0].values())
+        assert levels == list(range(pairs))
+
+
+@pytest.mark.parametrize("layout", layout_names())
+def test_a_pattern_matches_the_files_of_its_role_and_no_others(layout: str) -> None:
+    plan = plan_for(layout, {"train": 3, "validation": 1, "test": 2})
+    described = json.loads(encode_croissant(write(plan)))
+    patterns = {each["@id"]: each["includes"] for each in described["distribution"] if each["@type"] == "cr:FileSet"}
+    roles = {each.removesuffix("-files") for each in patterns}
+    files = {
+        f"{split}-{role}": ("" if plan.layout.packed else plan.folder(split)) + path
+        for index in (0, 7, 10, 999, 3001, 123_457, 999_999)
+        for split in plan.splits
+        for role, path in plan.layout.files(
+            plan.key(split, index), plan.layout.chosen_encodings(plan.config)
+        ).items()
+    }  # fmt: skip
+    assert roles == set(files)
+    for name, path in files.items():
+        own_tars = plan.layout.packed
+        matching = {each for each in roles if fnmatch(path, patterns[f"{each}-files"])}
+        assert matching == ({f"{split}-{name.partition('-')[2]}" for split in plan.splits} if own_tars else {name})
+
+
+def test_truth_of_the_left_view_alone_has_no_files_of_the_right_one() -> None:
+    plan = plan_for("middlebury", {"train": 1}, truth="left", outputs=["visibility"])
+    index = write(plan)
+    roles = {each["@id"] for each in json.loads(encode_croissant(index))["distribution"]}
+    assert "train-visibility_left-files" in roles
+    assert not {"train-disparity_right-files", "train-depth_left-files"} & roles
+    assert "disp1GT" not in encode_card(index).decode()
+
+
+@pytest.mark.parametrize(
+    ("licence", "hub", "name"),
+    [
+        ("unknown", "unknown", None),
+        ("MIT", "mit", None),
+        ("cc-by-4.0", "cc-by-4.0", None),
+        (ODD, "other", "my-own-1"),
+        ("no", "other", "no"),
+        ("---\nlicense: mit", "other", "license-mit"),
+        ("§", "other", None),
+    ],
+)
+def test_licences_arrive_whatever_they_say(
+    licence: str, hub: str, name: str | None, tmp_path: Path, mlcroissant: Any
+) -> None:
+    index = write(plan_for("webdataset", {"train": 1}, licence), tmp_path)
+    front, _ = front_of(encode_card(index))
+    assert (front["license"], front.get("license_name")) == (hub, name)
+    told = open_croissant(mlcroissant, tmp_path / "croissant.json").metadata.license
+    assert told == (None if licence == "unknown" else [licence])
+
+
+@pytest.mark.parametrize(
+    ("pairs", "category"),
+    [(1, "n<1K"), (999, "n<1K"), (1000, "1K<n<10K"), (10_000, "10K<n<100K"), (10**6, "1M<n<10M"), (10**12, "n>1T")],
+)
+def test_sizes_are_the_hubs(pairs: int, category: str) -> None:
+    index = write(plan_for("webdataset", {"train": 1}))
+    assert front_of(encode_card(index | {"pairs": {"train": pairs}}))[0]["size_categories"] == [category]
+
+
+def test_the_front_matter_is_what_a_hub_wants() -> None:
+    plan = plan_for("webdataset", {"train": 5, "validation": 1})
+    card = encode_card(write(plan))
+    front, body = front_of(card)
+    assert front["task_categories"] == ["depth-estimation"]
+    assert front["tags"] == ["stereo", "disparity", "synthetic", "webdataset"]
+    (config,) = front["configs"]
+    for files in config["data_files"]:
+        # The config's name has a split's in it.
+        own = {f"shards/{shard.name}.tar" for shard in plan.shards if shard.split == files["split"]}
+        assert {f"shards/{shard.name}.tar" for shard in plan.shards
+                if fnmatch(f"shards/{shard.name}.tar", files["path"])} == own  # fmt: skip
+    assert "shards/semisynth-tiny-train-x-train-{000000..000002}.tar" in body
+    assert '"shards/semisynth-tiny-train-x-validation-000000.tar"' in body
+    hub = pytest.importorskip("huggingface_hub")
+    data = hub.DatasetCard(card.decode()).data
+    assert (data.license, data.size_categories) == ("unknown", ["n<1K"])
+    assert data.pretty_name == front["pretty_name"]
+    assert data.to_dict()["configs"] == front["configs"]
+
+
+def test_folders_have_no_configs() -> None:
+    front, _ = front_of(encode_card(write(plan_for("kitti", {"train": 1}))))
+    assert "configs" not in front
+    assert "webdataset" not in front["tags"]
+
+
+def test_the_card_says_what_a_reader_needs() -> None:
+    plan = plan_for("kitti", {"train": 3, "validation": 1}, textures={"source": "builtin"})
+    index = write(plan)
+    _, body = front_of(encode_card(index))
+    for text in (
+        "4 rectified stereo pairs", "8 x 6 pixels", "1 to 5 px", "0.1 to 0.2 m",
+        "| train | 3 | 2 |", "open_dataset(", "train/training/disp_occ_0/000000_10.png",
+        "x_left - x_right", "16-bit PNG that counts 1/256 px; 0 says", "255.996",
+        index["version"], index["config_sha256"], "| seed | 3 |", "llvmpipe",
+        "| 2 photographs | CC\\|0 \\<b\\> |", "next frame's disparity", "KITTI 2015 has 200 pairs",
+        "validation pairs get such a folder",
+    ):  # fmt: skip
+        assert text in body, text
+
+
+@pytest.mark.parametrize(("encoding", "text"), [("pfm", "PFM, float32; inf says"), ("tiff", "lossless; inf says")])
+def test_the_card_knows_the_encoding(encoding: str, text: str) -> None:
+    _, body = front_of(encode_card(write(plan_for("webdataset", {"train": 1}, files={"disparity": encoding}))))
+    assert text in body
+    assert "Rounding" not in body
+
+
+@pytest.mark.parametrize("layout", layout_names())
+def test_equal_indices_give_equal_bytes(layout: str) -> None:
+    one, other = (write(plan_for(layout, {"train": 2, "test": 1}, ODD)) for _ in range(2))
+    assert encode_card(one) == encode_card(other)
+    assert encode_croissant(one) == encode_croissant(other)

@@ -1,0 +1,321 @@
+"""Engines in this process and in worker processes: results, messages, stops, and what becomes of lost workers."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from semisynth_gl.engines.local import LocalEngine
+from semisynth_gl.engines.serial import SerialEngine
+from semisynth_gl.engines.task import Stop
+from semisynth_gl.errors import ContextLostError, InputError, WorkerError
+
+ENGINES = {"serial": SerialEngine(), "local": LocalEngine(2, 60)}
+TASKS = range(12)
+FAULTY = 7
+PATIENCE_S = 20
+
+
+class StubbornError(Exception):
+    """Pickles, and fails to come back."""
+
+    def __init__(self, first, second):
+        super().__init__(f"{first} and {second}")
+
+
+@dataclass(frozen=True)
+class Squares:
+    """Squares numbers, and has a fault at one of them: as often as it says, counted by files in a folder."""
+
+    folder: Path
+    fault: str = ""
+    times: int = 1
+    pause_s: float = 0
+
+    @contextmanager
+    def open(self, worker):
+        if self.fault == "open":
+            raise InputError("expected a folder, got nothing")
+        if self.fault == "lost at opening" and self._strikes():
+            raise ContextLostError("the context is gone")
+        (self.folder / f"opened-{os.getpid()}").open("a").write("x")
+        yield lambda number, watch: self._square(worker, number, watch)
+        (self.folder / f"closed-{os.getpid()}").touch()
+
+    def _square(self, worker, number, watch):
+        watch.tell((worker, number, "begun"))
+        if number == FAULTY and self.fault and self._strikes():
+            self._fail(watch)
+        until = time.monotonic() + self.pause_s
+        while time.monotonic() < until and not watch.stopping:
+            time.sleep(0.01)
+        watch.tell((worker, number, "done"))
+        return number * number, os.getpid(), os.environ.get("LP_NUM_THREADS")
+
+    def _strikes(self):
+        count = len(list(self.folder.glob("struck-*")))
+        if count < self.times:
+            (self.folder / f"struck-{count}").touch()
+        return count < self.times
+
+    def _fail(self, watch):
+        match self.fault:
+            case "kill":
+                os.kill(os.getpid(), signal.SIGKILL)
+            case "exit":
+                os._exit(3)
+            case "hang":
+                time.sleep(1000)
+            case "slow":
+                for _ in range(18):
+                    time.sleep(0.25)
+                    watch.tell("still here")
+            case "lost":
+                raise ContextLostError("the context is gone")
+            case "wrong":
+                raise InputError("seven is not allowed")
+            case "stubborn":
+                raise StubbornError("one", "two")
+            case "signals":
+                os.kill(os.getpid(), signal.SIGINT)
+                os.kill(os.getpid(), signal.SIGTERM)
+
+
+@dataclass
+class Run:
+    """Everything that an engine gives."""
+
+    results: dict
+    messages: list
+    notes: list
+
+    @property
+    def processes(self):
+        return {process for _, process, _ in self.results.values()}
+
+
+def run(engine, job, tasks=TASKS):
+    messages, notes, results = [], [], []
+    with closing(engine.run(job, tasks, told=messages.append, noted=notes.append, stop=Stop())) as done:
+        results.extend(done)
+    assert len(results) == len(dict(results))
+    return Run(dict(results), messages, notes)
+
+
+def alive(process):
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def wait_for(condition):
+    until = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < until
+        time.sleep(0.02)
+
+
+def opened(folder):
+    """Processes that opened the job, each with how often."""
+    return Counter({int(path.name.split("-")[1]): len(path.read_text()) for path in folder.glob("opened-*")})
+
+
+@pytest.mark.parametrize("name", ENGINES)
+def test_all_tasks_are_done_once_by_workers_that_open_once(name, tmp_path, monkeypatch):
+    monkeypatch.delenv("LP_NUM_THREADS", raising=False)
+    monkeypatch.setattr("semisynth_gl.engines.local.cores", lambda: 2)
+    made = run(ENGINES[name], Squares(tmp_path))
+    assert {number: square for number, (square, *_) in made.results.items()} == {n: n * n for n in TASKS}
+    assert set(opened(tmp_path).values()) == {1}
+    assert {int(path.name.split("-")[1]) for path in tmp_path.glob("closed-*")} == set(opened(tmp_path))
+    assert made.notes == []
+    if name == "local":
+        assert os.getpid() not in made.processes
+        assert len(opened(tmp_path)) == 2
+        # Two workers on two cores: each draws with one thread.
+        assert {threads for *_, threads in made.results.values()} == {"0"}
+        assert not any(map(alive, opened(tmp_path)))
+
+
+@pytest.mark.parametrize("name", ENGINES)
+def test_messages_arrive_in_order(name, tmp_path):
+    made = run(ENGINES[name], Squares(tmp_path))
+    assert sorted(number for _, number, _ in made.messages) == sorted([*TASKS, *TASKS])
+    for worker in {worker for worker, *_ in made.messages}:
+        told = [message[1:] for message in made.messages if message[0] == worker]
+        assert told[::2] == [(number, "begun") for number, _ in told[::2]]
+        assert told[1::2] == [(number, "done") for number, _ in told[::2]]
+
+
+def test_there_are_no_more_workers_than_tasks_and_tasks_are_taken_late(tmp_path):
+    assert set(run(LocalEngine(8, 60), Squares(tmp_path), [5]).results) == {5}
+    assert len(opened(tmp_path)) == 1
+    assert run(LocalEngine(8, 60), Squares(tmp_path), []).results == {}
+    assert len(opened(tmp_path)) == 1
+    taken = []
+    numbers = (taken.append(number) or number for number in range(1000))
+    with closing(
+        LocalEngine(1, 60).run(Squares(tmp_path), numbers, told=lambda _: None, noted=taken.append, stop=Stop())
+    ) as done:
+        next(done)
+    assert len(taken) <= 2
+
+
+@pytest.mark.parametrize("name", ENGINES)
+def test_a_stop_lets_running_tasks_return_and_begins_no_other(name, tmp_path):
+    stop, messages, began = Stop(), [], time.monotonic()
+
+    def told(message):
+        messages.append(message)
+        stop.ask()
+
+    with closing(
+        ENGINES[name].run(Squares(tmp_path, pause_s=1000), range(100), told=told, noted=messages.append, stop=stop)
+    ) as done:
+        results = dict(done)
+    assert time.monotonic() - began < PATIENCE_S
+    assert 1 <= len(results) <= 2
+    assert set(results) == {message[1] for message in messages}
+
+
+@pytest.mark.parametrize("name", ENGINES)
+def test_nothing_is_begun_where_a_stop_came_before(name, tmp_path):
+    stop = Stop()
+    stop.ask()
+    assert list(ENGINES[name].run(Squares(tmp_path), TASKS, told=print, noted=print, stop=stop)) == []
+    assert not opened(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("fault", "how"),
+    [("kill", "killed by SIGKILL"), ("exit", "it ended with exit code 3"), ("lost", "the context is gone")],
+)
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_worker_that_is_lost_is_replaced_and_its_task_done_again(fault, how, times, tmp_path):
+    made = run(LocalEngine(2, 60), Squares(tmp_path, fault, times))
+    assert {number: square for number, (square, *_) in made.results.items()} == {n: n * n for n in TASKS}
+    assert len(made.notes) == times
+    for note in made.notes:
+        assert re.fullmatch(rf"worker [01] is replaced \({how}\): task 7 is done again", note)
+    # Nobody but the unlucky task begins twice, and numbers stay those of the first workers.
+    begun = Counter(number for _, number, state in made.messages if state == "begun")
+    assert begun == Counter(TASKS) + Counter({FAULTY: times})
+    assert {worker for worker, *_ in made.messages} == {0, 1}
+
+
+def test_a_context_lost_at_opening_is_opened_by_another_worker(tmp_path):
+    made = run(LocalEngine(1, 60), Squares(tmp_path, "lost at opening", 2), range(3))
+    assert set(made.results) == {0, 1, 2}
+    assert made.notes == ["worker 0 is replaced (the context is gone): task 0 is done again"] * 2
+
+
+@pytest.mark.parametrize("fault", ["lost", "lost at opening"])
+def test_the_serial_engine_opens_again_after_a_lost_context(fault, tmp_path):
+    made = run(SerialEngine(), Squares(tmp_path, fault, 2))
+    assert set(made.results) == set(TASKS)
+    assert made.notes == [f"the context is gone: task {FAULTY if fault == 'lost' else 0} is done again"] * 2
+    (tmp_path / "struck-0").unlink()
+    with pytest.raises(ContextLostError):
+        run(SerialEngine(), Squares(tmp_path, fault, 1000))
+
+
+def test_a_task_that_ends_every_worker_is_given_up(tmp_path):
+    with pytest.raises(WorkerError, match=r"task 7 has ended 3 workers.*SIGKILL.*on disk stays.*fewer workers"):
+        run(LocalEngine(2, 60), Squares(tmp_path, "kill", 1000))
+    assert len(list(tmp_path.glob("struck-*"))) == 3
+    assert not any(map(alive, opened(tmp_path)))
+
+
+def test_a_worker_that_hangs_is_replaced_and_one_that_tells_is_not(tmp_path):
+    made = run(LocalEngine(2, 4), Squares(tmp_path, "hang"))
+    assert set(made.results) == set(TASKS)
+    assert len(made.notes) == 1
+    assert "(nothing came from it for 4 s): task 7 is done again" in made.notes[0]
+    (tmp_path / "struck-0").unlink()
+    made = run(LocalEngine(2, 4), Squares(tmp_path, "slow"))
+    assert set(made.results) == set(TASKS)
+    assert made.notes == []
+
+
+@pytest.mark.parametrize("name", ENGINES)
+@pytest.mark.parametrize(("fault", "message"), [("open", "got nothing"), ("wrong", "seven is not allowed")])
+def test_errors_keep_their_type(name, fault, message, tmp_path):
+    with pytest.raises(InputError, match=message):
+        run(ENGINES[name], Squares(tmp_path, fault, 1000))
+    assert not any(alive(process) for process in opened(tmp_path) if process != os.getpid())
+
+
+def test_an_error_that_does_not_pickle_arrives_as_text(tmp_path):
+    with pytest.raises(WorkerError, match=r"worker [01] met StubbornError: one and two"):
+        run(LocalEngine(2, 60), Squares(tmp_path, "stubborn"))
+
+
+def test_other_tasks_in_hand_are_finished_before_an_error_is_raised(tmp_path):
+    results = []
+    with (
+        pytest.raises(InputError),
+        closing(
+            LocalEngine(2, 60).run(
+                Squares(tmp_path, "wrong", pause_s=1000), [1, FAULTY, 2], told=print, noted=print, stop=Stop()
+            )
+        ) as done,
+    ):
+        results.extend(done)
+    assert [number for number, _ in results] in ([], [1])
+    assert not any(map(alive, opened(tmp_path)))
+
+
+def test_signals_to_a_worker_are_left_to_the_first_process(tmp_path):
+    made = run(LocalEngine(2, 60), Squares(tmp_path, "signals"))
+    assert set(made.results) == set(TASKS)
+    assert made.notes == []
+
+
+def test_closing_the_iterator_ends_all_workers(tmp_path):
+    done = LocalEngine(2, 60).run(Squares(tmp_path), range(1000), told=print, noted=print, stop=Stop())
+    next(done)
+    wait_for(lambda: len(opened(tmp_path)) == 2)
+    done.close()
+    assert not any(map(alive, opened(tmp_path)))
+
+
+PROGRAM = """
+import sys
+from pathlib import Path
+from test_engines import LocalEngine, Squares, Stop
+if __name__ == "__main__":
+    engine = LocalEngine(2, 60)
+    done = engine.run(Squares(Path(sys.argv[1]), pause_s=1000), range(9), told=print, noted=print, stop=Stop())
+    next(done)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_workers_end_with_the_first_process(number, tmp_path):
+    script = tmp_path / "program.py"
+    script.write_text(PROGRAM)
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parent)}
+    # A session of its own: the interrupt goes to all of it, as from a terminal.
+    with subprocess.Popen(
+        [sys.executable, script, tmp_path], env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        stdout=subprocess.DEVNULL,
+    ) as program:  # fmt: skip
+        wait_for(lambda: len(opened(tmp_path)) == 2)
+        if number == signal.SIGINT:
+            os.killpg(program.pid, number)
+        else:
+            program.kill()
+        program.wait(PATIENCE_S)
+        wait_for(lambda: not any(map(alive, opened(tmp_path))))
+        errors = program.stderr.read()
+    # Workers say nothing of it.
+    assert errors.count("Traceback") == (number == signal.SIGINT)

@@ -1,0 +1,700 @@
+"""Every layout, there and back, and read as the loaders of the field and other people's packages read it."""
+
+# ruff: noqa: PTH207, PTH208 - loaders are written down with the calls that they make
+
+import io
+import json
+import os
+import tarfile
+from dataclasses import fields
+from glob import glob
+from pathlib import Path, PurePosixPath
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+from pydantic import ValidationError
+
+from semisynth_gl.camera import StereoCamera
+from semisynth_gl.config import load_config
+from semisynth_gl.config.model import FilesSection
+from semisynth_gl.encodings import Encodings
+from semisynth_gl.errors import InputError
+from semisynth_gl.frame import OCCLUDED, OUTPUTS, OUTSIDE, VISIBLE, Frame
+from semisynth_gl.imperfections import Imperfections, apply_imperfections
+from semisynth_gl.layouts import Key, find_layout, layout_names
+from semisynth_gl.layouts.kitti import decode_calibration, encode_calibration, objects_of, visibility_of
+from semisynth_gl.layouts.layout import ARRAYS, BEYOND, share_beyond
+from semisynth_gl.layouts.middlebury_2014 import expose
+from semisynth_gl.read.error import ReadError
+from semisynth_gl.read.pfm import read_pfm
+from semisynth_gl.read.png import read_grey16, read_rgb
+from semisynth_gl.splits import SPLITS
+
+CAMERA = StereoCamera.centred(48, 32, 60.0, 0.25, 1.5)
+PAIRS = 7
+INF = np.float32(np.inf)
+OTHER_ENCODINGS = [("middlebury", "png", "png16"), ("webdataset", "png", "tiff"), ("webdataset", "qoi", "png16")]
+
+
+def view(rng, index, side):
+    """An image, disparity, mask, ids and depth of one eye, marked with the pair's number at (4, 4)."""
+    height, width = CAMERA.height_px, CAMERA.width_px
+    image = rng.integers(0, 256, (height, width, 3), np.uint8)
+    image[:8, :8] = index * 8, 0 if side == "left" else 255, 128
+    # Never where rounding decides whether a point leaves the image.
+    disparity = (rng.integers(1, 30, (height, width)) + rng.uniform(0.2, 0.3, (height, width))).astype(np.float32)
+    disparity[rng.random((height, width)) < 0.1] = np.inf
+    disparity[4, 4] = index + (1.25 if side == "left" else 101.25)
+    column = np.arange(width) + (-disparity if side == "left" else disparity)
+    inside = np.isfinite(disparity) & (column >= -0.5) & (column < width - 0.5)
+    mask = np.where(inside, rng.choice([VISIBLE, OCCLUDED], (height, width)), OUTSIDE).astype(np.uint8)
+    depth = np.where(np.isfinite(disparity), CAMERA.depth_m(disparity), np.inf).astype(np.float32)
+    return image, disparity, mask, rng.integers(0, 9, (height, width), np.uint16), depth
+
+
+def make_frame(index, outputs=OUTPUTS, truth="both"):
+    rng = np.random.default_rng(index)
+    held = {}
+    for side in ("left", "right"):
+        names = (f"{name}_{side}" for name in ("disparity", "visibility", "instances", "depth"))
+        held[side], *truths = view(rng, index, side)
+        held |= dict(zip(names, truths, strict=True))
+    if truth == "left":
+        held = {name: array for name, array in held.items() if name == "right" or not name.endswith("_right")}
+    wanted = {"left", "right", "disparity", *outputs}
+    return Frame(CAMERA, **{name: array for name, array in held.items() if name.split("_")[0] in wanted})
+
+
+def make_provenance(index):
+    """As the pipeline makes them: some keys are there only for some pairs, and 1 stands beside 0.5."""
+    provenance = {
+        "pair": index,
+        "program": "semisynth-gl",
+        "version": "0.1.0",
+        "config": "lab",
+        "config_sha256": "0" * 64,
+        "seed": 2**62 + 1,
+        "renderer": "llvmpipe",
+        "backend": "egl",
+        "sequence": index,
+        "frame": 0,
+        "background": "cuboid",
+        "near_m": 0.5 if index % 2 else 1,
+        "camera": {each.name: getattr(CAMERA, each.name) for each in fields(CAMERA)} | {"doffs_px": CAMERA.doffs_px},
+        "models": {"face": 6, f"model-{index}": 2},
+        "instances": [{"model": "face" if row < 6 else "cube", "patch": row} for row in range(8)],
+    }
+    if index > 5:
+        provenance["redrawn"] = ["too dark"]
+    return provenance
+
+
+def encode(layout, index, split="train", frame=None, encodings=None):
+    key = Key("lab", split, index)
+    frame = make_frame(index) if frame is None else frame
+    return layout.encode(key, frame, make_provenance(index), 256, encodings or layout.encodings or Encodings())
+
+
+def decode(layout, index, files, split="train", encodings=None):
+    encodings = encodings or layout.encodings or Encodings()
+    key = Key("lab", split, index)
+    names = {path: role for role, path in layout.files(key, encodings).items()}
+    values = {names[path]: layout.decode_file(names[path], data, Path(path), encodings) for path, data in files.items()}
+    return layout.assemble(key, values, encodings)
+
+
+def write_tree(name, root, pairs=PAIRS, splits=("train",)):
+    """Write a dataset as the program does, with links and empty folders."""
+    layout = find_layout(name)
+    encodings = layout.encodings or Encodings()
+    for split in splits:
+        folder = root / layout.folder(split, splits)
+        keys = [Key("lab", split, index) for index in range(pairs)]
+        files = {path: data for key in keys for path, data in encode(layout, key.index, split).items()}
+        for path, data in (files | layout.lists(keys, encodings)).items():
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            (folder / path).write_bytes(data)
+        for path in layout.folders():
+            (folder / path).mkdir(parents=True, exist_ok=True)
+        for path, target in layout.links(keys).items():
+            link = folder / path
+            link.parent.mkdir(parents=True, exist_ok=True)
+            if not link.is_symlink():
+                link.symlink_to(target)
+                assert link.exists(), link
+    return root
+
+
+def write_tar(path, indices):
+    with tarfile.open(path, "w") as tar:
+        for index in indices:
+            for name, data in encode(find_layout("webdataset"), index).items():
+                member = tarfile.TarInfo(name)
+                member.size = len(data)
+                tar.addfile(member, io.BytesIO(data))
+    return str(path)
+
+
+def matched(left, right, disparity, disparity_right=None):
+    """Number of the pair that all files of a loader's sample belong to."""
+    images = [np.asarray(Image.open(path).convert("RGB"))[4, 4] for path in (left, right)]
+    assert [image[1] > 128 for image in images] == [False, True], (left, right)
+    found = {round(int(image[0]) / 8) for image in images} | {int(read_disparity(disparity)[4, 4] - 1)}
+    if disparity_right is not None:
+        found.add(int(read_disparity(disparity_right)[4, 4] - 101))
+    assert len(found) == 1, (left, right, disparity, disparity_right)
+    return found.pop()
+
+
+def read_disparity(path):
+    """By OpenCV."""
+    stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if stored.dtype == np.uint16:
+        return stored / (32 if path.endswith(".disp.png") else 256)
+    return stored
+
+
+# There and back
+
+
+@pytest.mark.parametrize("truth", ["both", "left"])
+@pytest.mark.parametrize("outputs", [OUTPUTS, ()], ids=["all", "none"])
+@pytest.mark.parametrize(
+    ("name", "encodings"),
+    [(name, None) for name in layout_names()] + [(name, Encodings(*rest)) for name, *rest in OTHER_ENCODINGS],
+)
+def test_what_is_written_comes_back(name, encodings, outputs, truth):
+    if encodings and encodings.image == "qoi":
+        pytest.importorskip("imagecodecs")
+    layout = find_layout(name)
+    frame = make_frame(6, outputs, truth)
+    files = encode(layout, 6, frame=frame, encodings=encodings)
+    every = layout.files(Key("lab", "train", 6), encodings or layout.encodings or Encodings())
+    assert set(files) == set(layout.roles(every, outputs, truth).values())
+    stored = decode(layout, 6, files, encodings=encodings)
+    counted = {BEYOND: {"left": 0} if truth == "left" else {"left": 0, "right": 0}}
+    rounds = stored.disparity_largest_px < np.inf
+    assert stored.provenance == make_provenance(6) | (counted if rounds else {})
+    assert (stored.split, stored.index, stored.name) == ("train", 6, "lab-000006")
+    for each in fields(CAMERA):
+        assert getattr(stored.camera, each.name) == pytest.approx(getattr(CAMERA, each.name), abs=1e-12)
+    for array in ARRAYS:
+        was, is_ = getattr(frame, array), getattr(stored, array)
+        if was is None:
+            assert is_ is None, array
+            continue
+        assert is_.dtype == was.dtype, array
+        if array.startswith("disparity"):
+            np.testing.assert_array_equal(np.isinf(is_), np.isinf(was))
+            valid = np.isfinite(was)
+            assert (np.abs(is_[valid] - was[valid]) <= stored.rounding_px(was[valid])).all()
+        elif array in ("left", "right") and not layout.exact_images:
+            assert np.abs(is_.astype(int) - was).max() <= 4
+        else:
+            np.testing.assert_array_equal(is_, was, err_msg=array)
+
+
+LENGTHS = st.one_of(
+    st.sampled_from([np.inf, 255.99, 255.998, 256.0, 2047.98, 2048.0, 1e-6, 1 / 512, 1 / 64, 1e30]),
+    st.floats(2.0**-20, 3000, width=32),
+)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(LENGTHS, min_size=1, max_size=12))
+def test_a_disparity_is_rounded_or_counted_and_never_wrapped(lengths):
+    disparity = np.array([lengths], np.float32)
+    height, width = disparity.shape
+    image, mask = np.zeros((height, width, 3), np.uint8), np.full((height, width), OUTSIDE, np.uint8)
+    camera = StereoCamera.centred(width, height, 60.0, 0.25)
+    frame = Frame(camera, image, image, disparity, disparity, mask, mask)
+    for name in layout_names():
+        layout = find_layout(name)
+        stored = decode(layout, 0, encode(layout, 0, frame=frame))
+        is_ = stored.disparity_left
+        limit = stored.disparity_largest_px + stored.disparity_error_px
+        beyond = np.isfinite(disparity) & (disparity >= limit)
+        if np.isfinite(limit):
+            assert stored.provenance[BEYOND] == {"left": beyond.sum(), "right": beyond.sum()}
+        assert share_beyond(frame, layout.encodings or Encodings()) == beyond.mean()
+        np.testing.assert_array_equal(np.isinf(is_), np.isinf(disparity) | beyond)
+        valid = np.isfinite(is_)
+        assert (is_[valid] > 0).all()
+        assert (np.abs(is_[valid] - disparity[valid]) <= stored.rounding_px(disparity[valid])).all()
+        np.testing.assert_array_equal(stored.disparity_right, is_)
+
+
+@pytest.mark.parametrize("name", layout_names())
+def test_broken_files_are_named(name):
+    layout = find_layout(name)
+    encodings = layout.encodings or Encodings()
+    names = {path: role for role, path in layout.files(Key("lab", "train", 0), encodings).items()}
+    for path, data in encode(layout, 0).items():
+        for broken in (b"", data[: len(data) // 2], data[:-2], b"\x80abc" * 50):
+            with pytest.raises(ReadError):
+                layout.decode_file(names[path], broken, Path(path), encodings)
+
+
+# Names
+
+
+@pytest.mark.parametrize("name", layout_names())
+def test_names_never_collide_and_stay_inside(name):
+    layout = find_layout(name)
+    encodings = layout.encodings or Encodings()
+    for splits in (SPLITS, ("train",), ("train", "test"), ("validation",)):
+        seen = {}
+        for split in splits:
+            folder = layout.folder(split, splits)
+            keys = [Key("lab", split, index) for index in (*range(8), 2999, 3000, 3001, 999_999)]
+            paths = [path for key in keys for path in layout.files(key, encodings).values()]
+            # A shard is of one split.
+            prefix = f"{split}:" if layout.packed else f"{folder}/" if folder else ""
+            for path in (*paths, *layout.lists(keys, encodings)):
+                assert f"{prefix}{path}" not in seen
+                seen[f"{prefix}{path}"] = split
+            for path in (*paths, *layout.lists(keys, encodings), *layout.links(keys), *layout.folders()):
+                assert not PurePosixPath(path).is_absolute()
+                assert ".." not in PurePosixPath(path).parts
+                assert " " not in path
+                assert path.isascii()
+            for link, target in layout.links(keys).items():
+                inside = os.path.normpath(f"{PurePosixPath(link).parent}/{target}")
+                assert not inside.startswith(".."), link
+                assert not any(path.startswith(f"{link}/") for path in paths), link
+    assert layout.folder("train", ("train",)) == ""
+
+
+def test_what_loaders_replace_in_paths_stands_there_once():
+    # A config may be called what loaders replace.
+    def paths(name, roles):
+        layout = find_layout(name)
+        for split in SPLITS:
+            files = layout.files(Key("left", split, 3), layout.encodings or Encodings())
+            folder = layout.folder(split, SPLITS)
+            yield from (f"{folder}/{files[role]}" for role in roles)
+
+    for path in (*paths("sceneflow", ("left", "disparity_left")), *paths("crestereo", ("left", "disparity_left"))):
+        assert path.count("left") == 1
+        assert "right" not in path
+    for path in paths("kitti", ("disparity_left",)):
+        assert path.count("c_0") == 1
+    for path in paths("kitti", ("left", "right")):
+        assert "c_0" not in path
+    for path in paths("webdataset", ("left", "provenance")):
+        assert PurePosixPath(path).name.split(".")[0].isdecimal()
+
+
+def test_an_encoding_of_a_layout_is_no_choice_of_a_config():
+    assert Encodings("jpg", "png16-32").image_names == ("im0.jpg", "im1.jpg")
+    assert Encodings("jpg", "png16-32").disparity_suffix == ".png"
+    for values in ({"image": "jpg"}, {"disparity": "png16-32"}):
+        with pytest.raises(ValidationError):
+            FilesSection(**values)
+    with pytest.raises(InputError, match="expected one of crestereo, eth3d"):
+        find_layout("layout")
+
+
+def test_advice_says_what_loaders_will_refuse():
+    def config(name, **camera):
+        loaded = load_config(name)
+        return loaded.model_copy(update={"camera": loaded.camera.model_copy(update=camera)})
+
+    kitti = find_layout("kitti")
+    assert kitti.advice(200, config("kitti")) == []
+    assert "200 pairs, here are 199" in kitti.advice(199, config("kitti"))[0]
+    assert "PSMNet crops" in kitti.advice(200, config("kitti", width_px=1231))[0]
+    assert "less than that" in kitti.advice(200, config("kitti", height_px=384))[0]
+    assert "training alone" in kitti.advice(200, config("kitti"), "test")[0]
+    middlebury = find_layout("middlebury")
+    assert middlebury.advice(1, config("middlebury")) == []
+    assert "multiples of 4" in middlebury.advice(1, config("middlebury", width_px=1502))[0]
+    assert "in each of shapenet" in find_layout("crestereo").advice(3, config("middlebury"))[0]
+    left = config("middlebury").model_copy(update={"truth": "left"})
+    told = {name for name in layout_names() if any("set truth" in each for each in find_layout(name).advice(200, left))}
+    assert told == {"crestereo", "kitti", "middlebury", "middlebury-2014", "sceneflow"}
+
+
+# What the layouts make of a frame
+
+
+def test_other_exposures_are_those_of_the_imperfections():
+    rng = np.random.default_rng(0)
+    image = rng.integers(0, 256, (40, 50, 3), np.uint8)
+    for stops in (-1, 1):
+        np.testing.assert_array_equal(
+            expose(image, stops), apply_imperfections(image, Imperfections(0.0, float(stops), 0.0, 1.0), rng)
+        )
+
+
+def test_kittis_objects_leave_out_the_background():
+    rows = [{"model": "face"}] * 6 + [{"model": f"model-{k}"} for k in range(600)]
+    ids = np.array([[0, 1, 6, 7, 8, 255, 256, 257, 511, 606]], np.uint16)
+    assert objects_of(ids, rows).tolist() == [[0, 0, 0, 7, 8, 255, 1, 2, 1, 96]]
+    assert objects_of(ids, rows).dtype == np.uint8
+
+
+def test_kittis_masks_follow_from_its_disparities():
+    disparity = np.array([[0.25, 1.75, 1.75, 1.25, INF]], np.float32)
+    seen = np.array([[INF, INF, INF, 1.25, INF]], np.float32)
+    path = Path("pair")
+    assert visibility_of(disparity, seen, "left", path).tolist() == [[128, 0, 128, 255, 0]]
+    assert visibility_of(disparity[:, ::-1], seen[:, ::-1], "right", path).tolist() == [[0, 255, 128, 0, 128]]
+    for wrong, message in ((seen + 1, "1 disparities in disp_noc"), (seen[:, 1:], "has shape")):
+        with pytest.raises(ReadError, match=message):
+            visibility_of(disparity, wrong, "left", path)
+
+
+def test_kittis_calibration_is_the_camera():
+    came = decode_calibration(encode_calibration(CAMERA), Path("c.txt"))
+    assert came.baseline_m == pytest.approx(CAMERA.baseline_m)
+    assert (came.focal_px, came.cx_left_px, came.cx_right_px) == (60.0, CAMERA.cx_left_px, CAMERA.cx_right_px)
+    text = encode_calibration(CAMERA).decode()
+    for wrong in (text.replace("P_rect_03", "P_rect_04"), text.replace("P_rect_02: 60", "P_rect_02: 61"), text[:-1]):
+        with pytest.raises(ReadError):
+            decode_calibration(wrong.encode(), Path("c.txt"))
+
+
+def test_the_json_of_a_webdataset_never_changes_its_types():
+    def shape(value):
+        return {key: shape(each) for key, each in value.items()} if isinstance(value, dict) else type(value)
+
+    layout = find_layout("webdataset")
+    values = [json.loads(encode(layout, index)[f"{index:08d}.json"]) for index in (0, 1, 6)]
+    assert shape(values[0]) == shape(values[1]) == shape(values[2])
+    assert [value["redrawn"] for value in values] == [0, 0, 1]
+    assert values[0]["near_m"] == 1.0
+    assert values[0]["seed"] == 2**62 + 1
+    for data in (b"{}", b'{"provenance": 3}', b'{"provenance": "["}'):
+        with pytest.raises(ReadError):
+            layout.decode_file("provenance", data, Path("0.json"), Encodings())
+
+
+# Loaders, as LAYOUTS' facts have them: what each finds must be all pairs, each with its own files
+
+
+def scan_pairs(left, right):
+    """Find files as torchvision does: two globs, sorted, which must be of one length."""
+    found = sorted(glob(str(left))), sorted(glob(str(right)))
+    assert found[0]
+    return list(zip(*found, strict=True))
+
+
+def of_torchvision(images, disparities):
+    """Zip what torchvision's two lists of pairs are."""
+    return [(*image, *disparity) for image, disparity in zip(images, disparities, strict=True)]
+
+
+def torchvision_kitti(root):
+    folder = root / "Kitti2015" / "training"
+    images = scan_pairs(folder / "image_2" / "*.png", folder / "image_3" / "*.png")
+    return of_torchvision(images, scan_pairs(folder / "disp_occ_0" / "*.png", folder / "disp_occ_1" / "*.png"))
+
+
+def raft_kitti(root):
+    def found(folder):
+        return sorted(glob(str(root / "training" / folder / "*_10.png")))
+
+    return list(zip(found("image_2"), found("image_3"), found("disp_occ_0"), strict=True))
+
+
+def psmnet_kitti(root):
+    names = [name for name in os.listdir(root / "training" / "image_2") if "_10" in name]
+    folders = ("image_2", "image_3", "disp_occ_0", "disp_occ_1")
+    return [tuple(str(root / "training" / folder / name) for folder in folders) for name in names]
+
+
+def openstereo_kitti(root):
+    lefts = sorted(glob(str(root / "training" / "disp_occ_0" / "*_10.png")))
+    pairs = raft_kitti(root)
+    return [(*pair[:2], left, left.replace("c_0", "c_1")) for pair, left in zip(pairs, lefts, strict=True)]
+
+
+def torchvision_eth3d(root):
+    folder = root / "ETH3D"
+    images = scan_pairs(folder / "two_view_training" / "*" / "im0.png", folder / "two_view_training" / "*" / "im1.png")
+    truth = sorted(glob(str(folder / "two_view_training_gt" / "*" / "disp0GT.pfm")))
+    for path in truth:
+        assert Image.open(Path(path).parent / "mask0nocc.png").mode == "L"
+    return of_torchvision(images, [(path,) for path in truth])
+
+
+def raft_eth3d(root):
+    def found(pattern):
+        return sorted(glob(str(root / pattern)))
+
+    return list(
+        zip(
+            found("two_view_training/*/im0.png"),
+            found("two_view_training/*/im1.png"),
+            found("two_view_training_gt/*/disp0GT.pfm"),
+            strict=True,
+        )
+    )
+
+
+def raft_sceneflow(root, part="TRAIN"):
+    folder = root / "SceneFlow" / "FlyingThings3D"
+    for left in sorted(glob(str(folder / "frames_cleanpass" / part / "*" / "*" / "left" / "*.png"))):
+        # The tree alone: the folders of a test's own name may hold anything.
+        short = left.removeprefix(str(folder))
+        disparity = short.replace("frames_cleanpass", "disparity").replace(".png", ".pfm")
+        yield tuple(f"{folder}{each}" for each in (short, short.replace("left", "right"), disparity))
+
+
+def torchvision_sceneflow(root):
+    def scan(tree, ending):
+        folder = root / "SceneFlow" / "FlyingThings3D" / tree / "*" / "*" / "*"
+        return scan_pairs(folder / "left" / f"*{ending}", folder / "right" / f"*{ending}")
+
+    return of_torchvision(scan("frames_cleanpass", ".png"), scan("disparity", ".pfm"))
+
+
+def psmnet_sceneflow(root, parts=("TRAIN",), flying="frames_disparity"):
+    """Walk one root as PSMNet does, and HSM with another name for the disparities."""
+    folder = root / "SceneFlow" / "FlyingThings3D"
+    trees = [each for each in os.listdir(folder) if (folder / each).is_dir()]
+    images = [each for each in trees if "frames_cleanpass" in each]
+    disparities = [each for each in trees if "disparity" in each]
+    assert os.listdir(folder / next(each for each in images if "monkaa" in each)) == []
+    assert any("monkaa" in each for each in disparities)
+    driving = next(each for each in images if "driving" in each)
+    assert any("driving" in each for each in disparities)
+    for length in ("35mm_focallength", "15mm_focallength"):
+        for scene in ("scene_backwards", "scene_forwards"):
+            for speed in ("fast", "slow"):
+                assert os.listdir(folder / driving / length / scene / speed / "left") == []
+    (image_tree,) = (each for each in images if each == "frames_cleanpass")
+    (disparity_tree,) = (each for each in disparities if each == flying)
+    for part in ("TRAIN", "TEST"):
+        for letter in "ABC":
+            for number in os.listdir(folder / image_tree / part / letter):
+                place = f"{part}/{letter}/{number}"
+                for image in os.listdir(folder / image_tree / place / "left"):
+                    assert image.endswith(".png")
+                    pfm = image.split(".")[0] + ".pfm"
+                    if part in parts:
+                        yield (
+                            f"{folder}/{image_tree}/{place}/left/{image}",
+                            f"{folder}/{image_tree}/{place}/right/{image}",
+                            f"{folder}/{disparity_tree}/{place}/left/{pfm}",
+                            f"{folder}/{disparity_tree}/{place}/right/{pfm}",
+                        )
+
+
+def hsm_sceneflow(root):
+    return psmnet_sceneflow(root, flying="disparity")
+
+
+def from_list(name):
+    """Read a list as GwcNet does."""
+
+    def found(root):
+        lines = [line.rstrip() for line in (root / "filenames" / name).read_text().split("\n")[:-1]]
+        assert all(len(line.split(" ")) == 3 for line in lines)
+        return [tuple(str(root / path) for path in line.split()) for line in lines]
+
+    return found
+
+
+def torchvision_crestereo(root):
+    found = []
+    for folder in ("shapenet", "reflective", "tree", "hole"):
+        place = root / "CREStereo" / folder
+        found += of_torchvision(
+            scan_pairs(place / "*_left.jpg", place / "*_right.jpg"),
+            scan_pairs(place / "*_left.disp.png", place / "*_right.disp.png"),
+        )
+    return found
+
+
+def crestereo(root):
+    for left in glob(str(root / "CREStereo" / "**" / "*_left.jpg"), recursive=True):
+        begin = left[: left.rfind("_")]
+        yield (left, f"{begin}_right.jpg", f"{begin}_left.disp.png", f"{begin}_right.disp.png")
+
+
+def raft_middlebury(root):
+    for name in sorted(os.listdir(root / "MiddEval3" / "trainingF")):
+        assert name in (root / "MiddEval3" / "official_train.txt").read_text().splitlines()
+        scene = root / "MiddEval3" / "trainingF" / name
+        mask = cv2.imread(str(scene / "disp0GT.pfm").replace("disp0GT.pfm", "mask0nocc.png"), cv2.IMREAD_UNCHANGED)
+        assert mask.ndim == 2
+        yield tuple(str(scene / file) for file in ("im0.png", "im1.png", "disp0GT.pfm"))
+
+
+def hsm_middlebury(root):
+    for scene in sorted((root / "MiddEval3" / "trainingF").iterdir()):
+        name, number = (scene / "calib.txt").read_text().splitlines()[6].split("=")
+        assert (name, int(number)) == ("ndisp", 256)
+        yield tuple(str(scene / file) for file in ("im0.png", "im1.png", "disp0GT.pfm", "disp1GT.pfm"))
+
+
+def torchvision_carla(root):
+    scenes = root / "carla-highres" / "trainingF" / "*"
+    return of_torchvision(
+        scan_pairs(scenes / "im0.png", scenes / "im1.png"), scan_pairs(scenes / "disp0GT.pfm", scenes / "disp1GT.pfm")
+    )
+
+
+def raft_middlebury_2014(root):
+    lists = {}
+    for scene in (root / "2014").glob("*"):
+        assert (scene / "mask0nocc.png").exists()
+        for ending in ("E", "L", ""):
+            lists.setdefault(ending, []).append(tuple(str(scene / each) for each in ("im0.png", f"im1{ending}.png")))
+            assert read_rgb(scene / f"im1{ending}.png").shape == (CAMERA.height_px, CAMERA.width_px, 3)
+    assert len(lists["E"]) == len(lists["L"])
+    return [(*pair, str(Path(pair[0]).parent / "disp0.pfm")) for pair in lists[""]]
+
+
+def torchvision_middlebury_2014(root):
+    folder = root / "Middlebury2014" / "train"
+    assert any(entry.startswith("Adirondack") for entry in os.listdir(folder))
+    scenes = folder / "*-perfect"
+    return of_torchvision(
+        scan_pairs(scenes / "im0.png", scenes / "im1.png"), scan_pairs(scenes / "disp0.pfm", scenes / "disp1.pfm")
+    )
+
+
+LOADERS = {
+    "kitti": (torchvision_kitti, raft_kitti, psmnet_kitti, openstereo_kitti, from_list("KITTI_2015_train.txt")),
+    "eth3d": (torchvision_eth3d, raft_eth3d),
+    "sceneflow": (
+        *(torchvision_sceneflow, raft_sceneflow, psmnet_sceneflow, hsm_sceneflow),
+        *(from_list("sceneflow_train.txt"), from_list("SceneFlow_finalpass_train.txt")),
+    ),
+    "crestereo": (torchvision_crestereo, crestereo),
+    "middlebury": (raft_middlebury, hsm_middlebury, torchvision_carla),
+    "middlebury-2014": (raft_middlebury_2014, torchvision_middlebury_2014),
+}
+
+
+def test_every_layout_of_folders_has_its_loaders():
+    assert set(LOADERS) == {name for name in layout_names() if not find_layout(name).packed}
+
+
+@pytest.mark.parametrize("name", LOADERS)
+def test_loaders_find_every_pair_and_match_its_files(name, tmp_path):
+    root = write_tree(name, tmp_path)
+    for loader in LOADERS[name]:
+        assert sorted(matched(*found) for found in loader(root)) == list(range(PAIRS)), loader
+
+
+def test_sceneflow_keeps_train_and_test_in_one_tree(tmp_path):
+    root = write_tree("sceneflow", tmp_path, 4, ("train", "validation", "test"))
+    for part in ("TRAIN", "TEST"):
+        assert sorted(matched(*found) for found in raft_sceneflow(root, part)) == [0, 1, 2, 3]
+        assert sorted(matched(*found) for found in psmnet_sceneflow(root, (part,))) == [0, 1, 2, 3]
+    assert len(from_list("sceneflow_test.txt")(root)) == 4
+    assert "/TEST/" in from_list("SceneFlow_finalpass_test.txt")(root)[0][0]
+    assert list(raft_sceneflow(root / "validation")) == []
+    assert len(list(raft_sceneflow(root / "validation", "TEST"))) == 4
+
+
+# Other people's packages
+
+
+@pytest.mark.parametrize("name", LOADERS)
+def test_other_readers_see_the_same_kinds_of_images(name, tmp_path):
+    imageio = pytest.importorskip("imageio.v3")
+    layout = find_layout(name)
+    encodings = layout.encodings or Encodings()
+    frame = make_frame(1)
+    write_tree(name, tmp_path, 2)
+    modes = {"left": {"RGB"}, "right": {"RGB"}, "visibility": {"L"}, "objects": {"L"}, "instances": {"I;16", "I"}}
+    for role, path in layout.files(Key("lab", "train", 1), encodings).items():
+        file = tmp_path / path
+        kind = role.split("_")[0]
+        if file.suffix in (".png", ".jpg"):
+            assert Image.open(file).mode in modes.get(kind, {"I;16", "I"}), role
+            by_opencv = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+            assert by_opencv.ndim == (3 if kind in ("left", "right") else 2)
+            if file.suffix == ".png":
+                by_opencv = by_opencv[..., ::-1] if by_opencv.ndim == 3 else by_opencv
+                np.testing.assert_array_equal(imageio.imread(file), by_opencv)
+                if role in ARRAYS and not role.startswith("disparity"):
+                    np.testing.assert_array_equal(by_opencv, getattr(frame, role))
+        elif file.suffix == ".pfm":
+            np.testing.assert_array_equal(cv2.imread(str(file), cv2.IMREAD_UNCHANGED), getattr(frame, role))
+
+
+def test_webdataset_and_hugging_face_iterate_the_tars(tmp_path, monkeypatch):
+    webdataset = pytest.importorskip("webdataset")
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+    monkeypatch.setenv("HF_HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("HF_DATASETS_CACHE", str(tmp_path / "cache"))
+    datasets = pytest.importorskip("datasets")
+    tars = [write_tar(tmp_path / f"lab-train-{n:06d}.tar", range(8 * n, 8 * n + 8)) for n in range(2)]
+    samples = list(webdataset.WebDataset(tars, shardshuffle=False))
+    assert [sample["__key__"] for sample in samples] == [f"{index:08d}" for index in range(16)]
+    layout = find_layout("webdataset")
+    for index, sample in enumerate(samples):
+        endings = {ending for ending in sample if not ending.startswith("__")}
+        stored = decode(layout, index, {f"{index:08d}.{ending}": sample[ending] for ending in endings})
+        np.testing.assert_array_equal(stored.disparity_right, make_frame(index).disparity_right)
+        assert stored.provenance == make_provenance(index)
+    decoded = next(iter(webdataset.WebDataset(tars, shardshuffle=False).decode("rgb8", only=["left.png"])))
+    np.testing.assert_array_equal(decoded["left.png"], make_frame(0).left)
+    loaded = datasets.load_dataset(
+        "webdataset", data_files={"train": tars}, split="train", cache_dir=str(tmp_path / "cache")
+    )
+    assert loaded.num_rows == 16
+    assert loaded.features["json"]["camera"]["width_px"].dtype == "int64"
+    assert loaded.features["json"]["near_m"].dtype == "float64"
+    for index, row in enumerate(loaded):
+        assert row["__key__"] == f"{index:08d}"
+        assert row["json"]["pair"] == index
+        assert json.loads(row["json"]["provenance"]) == make_provenance(index)
+        np.testing.assert_array_equal(np.asarray(row["right.png"]), make_frame(index).right)
+        disparity = cv2.imdecode(np.frombuffer(row["disp0.pfm"], np.uint8), cv2.IMREAD_UNCHANGED)
+        np.testing.assert_array_equal(disparity, make_frame(index).disparity_left)
+
+
+def test_torch_loads_tars_and_trees_in_worker_processes(tmp_path):
+    data = pytest.importorskip("torch.utils.data")
+    webdataset = pytest.importorskip("webdataset")
+    tars = [write_tar(tmp_path / f"{n}.tar", range(3 * n, 3 * n + 3)) for n in range(2)]
+
+    def of_tar(sample):
+        disparity = cv2.imdecode(np.frombuffer(sample["disp0.pfm"], np.uint8), cv2.IMREAD_UNCHANGED)
+        return {"pair": int(sample["__key__"]), "left": sample["left.png"], "disparity": disparity}
+
+    packed = webdataset.WebDataset(tars, shardshuffle=False).decode("rgb8", only=["left.png"]).map(of_tar)
+    found = torchvision_kitti(write_tree("kitti", tmp_path / "kitti"))
+
+    def of_tree(paths):
+        return {
+            "pair": matched(*paths),
+            "left": read_rgb(Path(paths[0])).copy(),
+            "disparity": read_grey16(Path(paths[2])) / np.float32(256),
+        }
+
+    class Tree(data.Dataset):
+        def __len__(self):
+            return len(found)
+
+        def __getitem__(self, index):
+            return of_tree(found[index])
+
+    for dataset, pairs in ((packed, 6), (Tree(), PAIRS)):
+        seen = []
+        for batch in data.DataLoader(dataset, batch_size=2, num_workers=2):
+            for pair, left, disparity in zip(batch["pair"], batch["left"], batch["disparity"], strict=True):
+                frame = make_frame(int(pair))
+                np.testing.assert_array_equal(left.numpy(), frame.left)
+                valid = np.isfinite(frame.disparity_left)
+                assert np.abs(disparity.numpy()[valid] - frame.disparity_left[valid]).max() <= 1 / 512
+                seen.append(int(pair))
+        assert sorted(seen) == list(range(pairs))
+
+
+def test_pfm_is_read_strictly(tmp_path):
+    root = write_tree("eth3d", tmp_path, 1)
+    path = root / "two_view_training_gt" / "lab-000000" / "disp0GT.pfm"
+    assert path.read_bytes().startswith(b"Pf\n48 32\n-1.0\n")
+    np.testing.assert_array_equal(read_pfm(path), make_frame(0).disparity_left)
