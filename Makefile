@@ -63,6 +63,10 @@ test: $(VENV)/.dev  ## lint, then run all tests, on EGL and on OSMesa where they
 	$(VENV)/bin/python -m pytest --numprocesses auto --dist worksteal || status=1; \
 	exit $$status
 
+.PHONY: test-faults
+test-faults: $(VENV)/.dev  ## kill runs at 50 random moments, and take them up again
+	$(VENV)/bin/python -m pytest -m faults -rP tests/test_faults.py
+
 .PHONY: lint
 lint: $(VENV)/.dev  ## ruff and mypy
 	$(VENV)/bin/ruff check .

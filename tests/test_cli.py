@@ -93,7 +93,7 @@ def test_generate_writes_a_dataset_that_opencv_reads(tmp_path, photographs):
         cwd=tmp_path,
     )
     assert done.returncode == 0, done.stderr
-    assert done.stdout == "2 pairs in data/lab/MiddEval3/trainingF\n"
+    assert done.stdout == "2 pairs in data/lab\n"
     assert "2 of 2 pairs" in done.stderr
     scene = tmp_path / "data/lab/MiddEval3/trainingF/middlebury-000001"
     assert cv2.imread(str(scene / "im0.png")).shape == (96, 160, 3)
@@ -101,14 +101,17 @@ def test_generate_writes_a_dataset_that_opencv_reads(tmp_path, photographs):
     assert cv2.imread(str(scene / "mask0nocc.png"), cv2.IMREAD_UNCHANGED).ndim == 2
     made_by = json.loads((scene / "pair.json").read_text())
     assert (made_by["pair"], made_by["seed"], made_by["images"].keys()) == (1, 0, {"noise.png"})
-    index = json.loads((tmp_path / "data/lab/dataset.json").read_text())
-    assert index["scenes"] == ["middlebury-000000", "middlebury-000001"]
+    index = json.loads((tmp_path / "data/lab/index.json").read_text())
+    assert index["pairs"] == {"train": 2}
     assert index["config_values"]["camera"]["width_px"] == 160
     assert not (tmp_path / "data/lab/.partial").exists()
-    again = run(
-        "generate", "--config", "middlebury.yaml", "--images", photographs, "--out", "data/lab", *SMALL, cwd=tmp_path
-    )
-    refused(again, "not empty", "--overwrite")
+    again = ("generate", "--config", "middlebury.yaml", "--images", photographs, "--out", "data/lab", *SMALL)
+    other = run(*again, "--seed", 4, "--pairs", 2, cwd=tmp_path)
+    refused(other, "begun with other values: seed (0 there, 4 now)", "--overwrite")
+    refused(run(*again, "--pairs", 1, cwd=tmp_path), "2 there, 1 now")
+    before = scene.stat().st_mtime_ns
+    assert run(*again, "--pairs", 2, cwd=tmp_path).stdout == "2 pairs in data/lab\n"
+    assert scene.stat().st_mtime_ns == before
 
 
 def test_preview_draws_a_sheet(call, tmp_path, photographs):
@@ -154,6 +157,27 @@ def test_help_is_there(call, command, tmp_path):
     done = call(command, "--help", cwd=tmp_path)
     assert done.returncode == 0
     assert "Usage:" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--layout", "nuscenes"], ["layout: expected one of crestereo", "got 'nuscenes'"]),
+        (["--engine", "slurm"], ["--engine: expected one of serial, local, ray, got slurm"]),
+        (["--engine", "serial", "--workers", "3"], ["--workers 3"]),
+        (["--ray-address", "x:1"], ["--engine ray"]),
+        (["--gpus", "a"], ["--gpus: expected numbers such as 0,1,3, got 'a'"]),
+        (["--shards", "5-x"], ["--shards: expected one number, or two such as 100-199"]),
+        (["--shards", "7-9"], ["--shards 7-9: the dataset has the shards 0-7"]),
+        (["--shards", "3-2"], ["must not be below"]),
+        (["--pairs", "0"], ["at least one pair"]),
+        (["--layout", "kitti", "--set", "files.disparity=tiff"], ["encodings of its own"]),
+        (["--out", "nothing://x"], ["nothing://x"]),
+    ],
+)
+def test_wrong_ways_to_generate_are_refused_and_nothing_written(call, tmp_path, arguments, words):
+    refused(call("generate", "--config", "middlebury", *arguments, cwd=tmp_path), *words)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("command", ["generate", "preview"])
@@ -292,8 +316,7 @@ def test_a_full_disk_is_told_and_leaves_no_half_pair(tmp_path, photographs):
     scenes = list((tmp_path / "o/MiddEval3/trainingF").iterdir())
     assert 1 <= len(scenes) < 9
     assert all(len(list(scene.iterdir())) == 8 for scene in scenes)
-    assert not (tmp_path / "o/dataset.json").exists()
-    assert [path.name for path in (tmp_path / "o/.partial").iterdir()] == ["semisynth-gl"]
+    assert not (tmp_path / "o/index.json").exists()
 
 
 def test_what_is_refused_while_drawing_costs_no_earlier_dataset(call, tmp_path, photographs):
@@ -349,6 +372,8 @@ def test_ctrl_c_stops_without_traceback_or_half_pairs(tmp_path, photographs):
             "o",
             "--pairs",
             "100000",
+            "--layout",
+            "middlebury",
             *SMALL,
         ],
         cwd=tmp_path,
@@ -367,7 +392,7 @@ def test_ctrl_c_stops_without_traceback_or_half_pairs(tmp_path, photographs):
     assert "Traceback" not in messages
     assert "Stopped" in messages
     assert all(len(list(scene.iterdir())) == 8 for scene in scenes.iterdir())
-    assert not (tmp_path / "o/dataset.json").exists()
+    assert not (tmp_path / "o/index.json").exists()
     done = run(
         "generate",
         "--config",

@@ -236,6 +236,7 @@ def _conclude(result: Generated) -> None:
         )
         click.echo(f"the shards asked for are in {result.place.address}")
         return
-    for advice in plan.layout.advice(total, plan.config):
-        click.echo(f"note: {advice}", err=True)
+    for split in plan.splits:
+        for advice in plan.layout.advice(plan.pairs[split], plan.config, split):
+            click.echo(f"note: {advice}", err=True)
     click.echo(f"{total} pairs in {result.place.address}")

@@ -1,0 +1,348 @@
+"""Datasets in every layout: the same bytes however they come about, and nothing lost whatever happens."""
+
+import errno
+import hashlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import backend_fault
+from test_pipeline import tiny
+
+from semisynth_gl.engines.local import LocalEngine
+from semisynth_gl.errors import ContextLostError, InputError
+from semisynth_gl.generation import Listener, generate
+from semisynth_gl.layouts import layout_names
+from semisynth_gl.pipeline import PairRenderer, prepare_sources
+from semisynth_gl.places import Folder
+from semisynth_gl.plan import make_plan
+from semisynth_gl.read.dataset import open_dataset, read_index
+from semisynth_gl.verify.dataset import verify_dataset
+from semisynth_gl.write.shard import ShardBusyError, ShardWriter
+
+PAIRS = 7
+SEED = 5
+
+
+@pytest.fixture(scope="module")
+def config():
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    return tiny(models={"complex": 0.0}, particles={"most": 30})
+
+
+def digests(folder):
+    """Digest of each file; records without the time that their pairs took."""
+    found = {}
+    for path in sorted(Path(folder).rglob("*")):
+        if path.is_file():
+            data = path.read_bytes()
+            if path.parent.name == "shards" and path.name.startswith("semisynth-") and path.suffix == ".json":
+                record = json.loads(data)
+                assert record.pop("seconds") > 0
+                data = json.dumps(record).encode()
+            found[path.relative_to(folder).as_posix()] = hashlib.sha256(data).hexdigest()
+    return found
+
+
+@pytest.fixture(scope="module", params=["middlebury", "webdataset"])
+def undisturbed(request, config, tmp_path_factory):
+    out = tmp_path_factory.mktemp("undisturbed") / request.param
+    generate(config, out, PAIRS, SEED, layout=request.param, shard_pairs=3)
+    return request.param, out, digests(out)
+
+
+def findings(out, rays=0):
+    return [str(finding) for verdict in verify_dataset(read_index(out), rays) for finding in verdict.findings]
+
+
+def resumed(config, out, layout):
+    """Run again, and tell which pairs were made and which were kept."""
+    seen = []
+    generate(config, out, PAIRS, SEED, layout=layout, shard_pairs=3, listener=Listener(written=seen.append))
+    return {one.index for one in seen if not one.kept}
+
+
+@pytest.mark.parametrize("layout", layout_names())
+def test_every_layout_reads_back_and_verifies_clean(config, tmp_path, layout):
+    generate(config, tmp_path / "o", 2, SEED, layout=layout, shard_pairs=1)
+    assert findings(tmp_path / "o", 40) == []
+    with PairRenderer(config, SEED) as pairs:
+        frame = pairs.render(1).frame
+    dataset = open_dataset(tmp_path / "o")
+    assert len(dataset) == 2
+    read = dataset[1]
+    if read.exact_images:
+        np.testing.assert_array_equal(read.left, frame.left)
+        np.testing.assert_array_equal(read.right, frame.right)
+    for side in ("left", "right"):
+        came, made = getattr(read, f"disparity_{side}"), getattr(frame, f"disparity_{side}")
+        np.testing.assert_allclose(came, made, rtol=0, atol=read.disparity_error_px)
+        assert (getattr(read, f"visibility_{side}") != getattr(frame, f"visibility_{side}")).mean() < 1e-3
+    assert read.camera == frame.camera or layout.startswith(("middlebury", "eth3d"))
+    assert read.camera.focal_px == frame.camera.focal_px
+    with pytest.raises(IndexError):
+        dataset[2]
+
+
+def test_workers_change_no_byte(undisturbed, config, tmp_path):
+    layout, _, wanted = undisturbed
+    seen = []
+    generate(
+        config, tmp_path / "o", PAIRS, SEED, layout=layout, shard_pairs=3, engine=LocalEngine(2, 300.0),
+        listener=Listener(written=seen.append),
+    )  # fmt: skip
+    assert digests(tmp_path / "o") == wanted
+    assert sorted(one.index for one in seen) == list(range(PAIRS))
+
+
+def test_another_seed_gives_other_bytes(undisturbed, config, tmp_path):
+    layout, _, wanted = undisturbed
+    generate(config, tmp_path / "o", PAIRS, SEED + 1, layout=layout, shard_pairs=3)
+    other = digests(tmp_path / "o")
+    assert other.keys() == wanted.keys()
+    pixels = [name for name in wanted if name.endswith((".tar", "im0.png", "disp0GT.pfm"))]
+    assert pixels
+    assert all(other[name] != wanted[name] for name in pixels)
+
+
+def test_a_complete_dataset_is_left_alone(undisturbed, config, tmp_path):
+    layout, out, wanted = undisturbed
+    shutil.copytree(out, tmp_path / "o", symlinks=True)
+    assert resumed(config, tmp_path / "o", layout) == set()
+    assert digests(tmp_path / "o") == wanted
+
+
+def test_what_was_cut_off_is_made_again(undisturbed, config, tmp_path):
+    """As after a loss of power: the newest files are shorter, or empty."""
+    layout, out, wanted = undisturbed
+    shutil.copytree(out, tmp_path / "o", symlinks=True)
+    o = tmp_path / "o"
+    newest = "shards/semisynth-middlebury-train-000002"
+    victim = o / (f"{newest}.tar" if layout == "webdataset" else "MiddEval3/trainingF/middlebury-000006/im0.png")
+    os.truncate(victim, 1000)
+    os.truncate(o / "shards/semisynth-middlebury-train-000001.json", 70)
+    os.truncate(o / "index.json", 0)
+    assert resumed(config, o, layout) == {3, 4, 5, 6}
+    assert digests(o) == wanted
+
+
+def test_a_dataset_grows_to_what_a_larger_one_is(undisturbed, config, tmp_path):
+    layout, _, wanted = undisturbed
+    generate(config, tmp_path / "o", 4, SEED, layout=layout, shard_pairs=3)
+    assert resumed(config, tmp_path / "o", layout) == {3, 4, 5, 6}
+    assert digests(tmp_path / "o") == wanted
+    with pytest.raises(InputError, match=r"train \(7 there, 6 now\)"):
+        generate(config, tmp_path / "o", 6, SEED, layout=layout, shard_pairs=3)
+
+
+def test_shards_by_machine_make_the_whole(undisturbed, config, tmp_path):
+    layout, _, wanted = undisturbed
+    for shards, missing in ((range(2, 3), 2), (range(2), 0)):
+        made = generate(config, tmp_path / "o", PAIRS, SEED, layout=layout, shard_pairs=3, shards=shards)
+        assert made.missing == missing
+        assert (tmp_path / "o/index.json").exists() == (missing == 0)
+    assert digests(tmp_path / "o") == wanted
+
+
+def test_a_stop_keeps_the_pairs_in_hand(undisturbed, config, tmp_path):
+    layout, _, wanted = undisturbed
+    listener = Listener()
+    listener.written = lambda pair: listener.stop.ask() if pair.index == 4 else None
+    made = generate(config, tmp_path / "o", PAIRS, SEED, layout=layout, shard_pairs=3, listener=listener)
+    assert (made.stopped, made.missing) == (True, 2)
+    assert resumed(config, tmp_path / "o", layout) == {5, 6}
+    assert digests(tmp_path / "o") == wanted
+
+
+def test_a_full_disk_costs_no_pair(undisturbed, config, tmp_path, monkeypatch):
+    layout, _, wanted = undisturbed
+    whole, count = ShardWriter.add, [0]
+
+    def add(self, files, facts):
+        count[0] += 1
+        if count[0] == 6:
+
+            def fail(*_):
+                raise OSError(errno.ENOSPC, "No space left on device")
+
+            # In the middle of the pair's files.
+            names = list(files)
+            files = {name: files[name] for name in names}
+            monkeypatch.setattr("semisynth_gl.write.shard.json.dumps", fail)
+        try:
+            return whole(self, files, facts)
+        finally:
+            monkeypatch.undo() if count[0] == 6 else None
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ShardWriter, "add", add)
+        with pytest.raises(OSError, match="No space left"):
+            generate(config, tmp_path / "o", PAIRS, SEED, layout=layout, shard_pairs=3)
+    assert resumed(config, tmp_path / "o", layout) == {5, 6}
+    assert digests(tmp_path / "o") == wanted
+
+
+def test_a_lost_context_is_opened_again(undisturbed, config, tmp_path, monkeypatch):
+    layout, _, wanted = undisturbed
+    whole, lost = PairRenderer.render, []
+
+    def render(self, index, done=None):
+        if index == 4 and not lost:
+            lost.append(index)
+            raise ContextLostError("the driver lost its context while it drew a pair")
+        return whole(self, index, done)
+
+    monkeypatch.setattr(PairRenderer, "render", render)
+    notes = []
+    generate(config, tmp_path / "o", PAIRS, SEED, layout=layout, shard_pairs=3, listener=Listener(noted=notes.append))
+    assert any("lost its context" in note for note in notes)
+    assert digests(tmp_path / "o") == wanted
+
+
+def command(config, out, layout, *options):
+    path = Path(out).parent / "config.yaml"
+    # JSON is YAML; what is None is what was not given.
+    path.write_text(json.dumps(config.model_dump(mode="json", exclude_none=True)))
+    arguments = ["--config", path, "--out", out, "--pairs", PAIRS, "--seed", SEED, "--layout", layout]
+    return [sys.executable, "-m", "semisynth_gl", "generate", *map(str, (*arguments, "--shard-pairs", 3, *options))]
+
+
+@pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGTERM], ids=["kill", "term"])
+def test_killed_at_several_moments_it_comes_out_the_same(undisturbed, config, tmp_path, sent):
+    """The many moments are in the long fault runs."""
+    layout, _, wanted = undisturbed
+    out = tmp_path / "o"
+    for moment in (1.6, 2.1):
+        process = subprocess.Popen(
+            command(config, out, layout), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        )
+        time.sleep(moment)
+        process.send_signal(sent)
+        _, said = process.communicate(timeout=60)
+        assert "Traceback" not in said
+    done = subprocess.run(command(config, out, layout), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert digests(out) == wanted
+
+
+def test_two_runs_at_once_share_the_work(undisturbed, config, tmp_path):
+    layout, _, wanted = undisturbed
+    runs = [
+        subprocess.Popen(command(config, tmp_path / "o", layout), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        for _ in range(2)
+    ]
+    for each in runs:
+        _, said = each.communicate(timeout=120)
+        assert each.returncode == 0, said
+    assert digests(tmp_path / "o") == wanted
+
+
+def test_a_shard_in_other_hands_is_busy(config, tmp_path):
+    shard = make_plan(config, SEED, "webdataset", {"train": 2}).shards[0]
+    with (
+        ShardWriter(Folder(tmp_path), shard, packed=True, folder=""),
+        pytest.raises(ShardBusyError),
+    ):
+        ShardWriter(Folder(tmp_path), shard, packed=True, folder="")
+    ShardWriter(Folder(tmp_path), shard, packed=True, folder="").close()
+
+
+def test_splits_share_neither_photographs_nor_scenes(config, tmp_path):
+    made = generate(config, tmp_path / "o", {"train": 3, "validation": 2, "test": 1}, SEED, layout="webdataset")
+    assert findings(tmp_path / "o", 20) == []
+    index = json.loads((tmp_path / "o/index.json").read_text())
+    digests_of = [{photograph["sha256"] for photograph in split["photographs"]} for split in index["splits"].values()]
+    assert all(digests_of)
+    assert len(set.union(*digests_of)) == sum(map(len, digests_of))
+    assert all(photograph["licence"] for split in index["splits"].values() for photograph in split["photographs"])
+    assert [len(open_dataset(tmp_path / "o", split)) for split in made.plan.splits] == [3, 2, 1]
+    one, other = open_dataset(tmp_path / "o", "train")[0], open_dataset(tmp_path / "o", "test")[0]
+    assert one.camera != other.camera
+    with pytest.raises(InputError, match="pairs"):
+        generate(config, tmp_path / "o", 3, SEED, layout="webdataset")
+    few = tiny(textures={"source": "images", "images": [str(tmp_path / "one.png")]})
+    from PIL import Image
+
+    noise = np.random.default_rng(0).integers(0, 256, (99, 99, 3), dtype=np.uint8)
+    Image.fromarray(noise).save(tmp_path / "one.png")
+    with pytest.raises(InputError, match="1 photographs are too few"):
+        generate(few, tmp_path / "p", {"train": 1, "test": 1}, SEED)
+
+
+def test_models_are_held_out_where_asked():
+    config = tiny()
+    config = config.model_copy(update={"splits": config.splits.model_copy(update={"models": True})})
+    plan = make_plan(config, 0, "middlebury", {"train": 1, "test": 1})
+    names = [
+        {mesh.name for mesh in prepare_sources(config, 0, plan.split(split)).library.models} for split in plan.splits
+    ]
+    assert all(names)
+    assert not names[0] & names[1]
+
+
+def test_other_photographs_are_not_mixed_in(tmp_path):
+    from PIL import Image
+
+    rng = np.random.default_rng(0)
+    picture = tmp_path / "one.png"
+    config = tiny(textures={"source": "images", "images": [str(picture)]})
+    Image.fromarray(rng.integers(0, 256, (99, 99, 3), dtype=np.uint8)).save(picture)
+    generate(config, tmp_path / "o", 1, SEED, shard_pairs=1)
+    Image.fromarray(rng.integers(0, 256, (99, 99, 3), dtype=np.uint8)).save(picture)
+    with pytest.raises(InputError, match="photographs or models are not those"):
+        generate(config, tmp_path / "o", 2, SEED, shard_pairs=1)
+
+
+def test_other_peoples_files_are_never_deleted(config, tmp_path):
+    (tmp_path / "precious.txt").write_text("mine")
+    for overwrite in (False, True):
+        with pytest.raises(InputError, match=r"precious\.txt"):
+            generate(config, tmp_path, 1, SEED, overwrite=overwrite)
+    generate(config, tmp_path / "o", 1, SEED)
+    (tmp_path / "o/notes.txt").write_text("mine")
+    with pytest.raises(InputError, match=r"notes\.txt"):
+        generate(config, tmp_path / "o", 1, SEED + 1, overwrite=True)
+    (tmp_path / "o/notes.txt").unlink()
+    generate(config, tmp_path / "o", 2, SEED + 1, layout="kitti", overwrite=True)
+    assert not (tmp_path / "o/MiddEval3").exists()
+    assert findings(tmp_path / "o") == []
+
+
+def test_a_name_of_a_file_proves_nothing(config, tmp_path):
+    (tmp_path / "o").mkdir()
+    for text in ('{"my": 1}', "not json", "[]"):
+        (tmp_path / "o/index.json").write_text(text)
+        with pytest.raises(InputError, match="Choose another"):
+            generate(config, tmp_path / "o", 1, SEED, overwrite=True)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="it is a file"):
+        generate(config, tmp_path / "file", 1, SEED)
+    with pytest.raises(InputError, match="cannot be written"):
+        generate(config, tmp_path / "file" / "below", 1, SEED)
+
+
+def test_object_stores_take_whole_shards(undisturbed, config, tmp_path):
+    """fsspec's store in memory stands in for those that need a server."""
+    pytest.importorskip("fsspec")
+    layout, _, wanted = undisturbed
+    address = f"memory://{tmp_path.name}-{layout}"
+    listener = Listener()
+    listener.written = lambda pair: listener.stop.ask() if pair.index == 4 else None
+    made = generate(config, address, PAIRS, SEED, layout=layout, shard_pairs=3, listener=listener)
+    assert made.missing == 2
+    assert not any(name.endswith("train-000001.json") for name in made.place.names())
+    generate(config, address, PAIRS, SEED, layout=layout, shard_pairs=3)
+    assert findings(address) == []
+    for name in made.place.names():
+        (tmp_path / "o" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "o" / name).write_bytes(made.place.read(name))
+    assert digests(tmp_path / "o") == wanted
+    assert open_dataset(address)[6].left.shape == (config.camera.height_px, config.camera.width_px, 3)

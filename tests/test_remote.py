@@ -1,0 +1,98 @@
+"""Datasets in an object store: a local S3 server stands in for the real ones."""
+
+import subprocess
+import sys
+
+import pytest
+from test_generation import PAIRS, SEED, command, digests, findings
+from test_pipeline import tiny
+
+from semisynth_gl.errors import InputError
+from semisynth_gl.generation import generate
+from semisynth_gl.places import Remote
+
+BUCKET = "s3://datasets"
+
+
+@pytest.fixture
+def store(monkeypatch):
+    """Address of a bucket that is empty."""
+    pytest.importorskip("s3fs")
+    server = pytest.importorskip("moto.server").ThreadedMotoServer(port=0)
+    server.start()
+    host, port = server.get_host_and_port()
+    for name, value in (
+        ("AWS_ENDPOINT_URL", f"http://{host}:{port}"),
+        ("AWS_ACCESS_KEY_ID", "nobody"),
+        ("AWS_SECRET_ACCESS_KEY", "nothing"),
+        ("AWS_DEFAULT_REGION", "us-east-1"),
+    ):
+        monkeypatch.setenv(name, value)
+    import s3fs
+
+    # Each server has a port of its own, and s3fs remembers the connection.
+    s3fs.S3FileSystem.clear_instance_cache()
+    system = s3fs.S3FileSystem()
+    if not system.exists("datasets"):  # servers of one process share what they hold
+        system.mkdir("datasets")
+    yield BUCKET
+    server.stop()
+
+
+def fetched(address, to):
+    place = Remote(address)
+    for name in place.names():
+        (to / name).parent.mkdir(parents=True, exist_ok=True)
+        (to / name).write_bytes(place.read(name))
+    return digests(to)
+
+
+def test_a_killed_run_leaves_whole_shards_and_is_taken_up(store, tmp_path):
+    config = tiny(models={"complex": 0.0}, particles={"most": 30})
+    generate(config, tmp_path / "here", PAIRS, SEED, layout="webdataset", shard_pairs=3)
+    wanted = digests(tmp_path / "here")
+    run = command(config, tmp_path / "x", "webdataset")
+    run[run.index("--out") + 1] = f"{store}/set"
+    process = subprocess.Popen(run, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    place = Remote(f"{store}/set")
+    try:
+        while not any(name.endswith(".tar") for name in place.names()):
+            assert process.poll() is None
+    finally:
+        process.kill()
+        process.wait()
+    whole = {name: size for name in place.names() if (size := place.size(name)) and name.endswith(".tar")}
+    assert whole == {name: (tmp_path / "here" / name).stat().st_size for name in whole}
+    done = subprocess.run(run, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == f"{PAIRS} pairs in {store}/set\n"
+    assert fetched(f"{store}/set", tmp_path / "there") == wanted
+    assert findings(f"{store}/set") == []
+
+
+def test_what_the_store_refuses_is_told(store, monkeypatch):
+    config = tiny(models={"complex": 0.0}, particles={"most": 30})
+    with pytest.raises(InputError, match="no-such-bucket"):
+        generate(config, "s3://no-such-bucket/x", 1, SEED)
+    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
+        monkeypatch.delenv(name)
+    for name in ("AWS_SHARED_CREDENTIALS_FILE", "AWS_CONFIG_FILE"):
+        monkeypatch.setenv(name, "/nowhere")
+    monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
+    import s3fs
+
+    s3fs.S3FileSystem.clear_instance_cache()
+    with pytest.raises(InputError, match=r"(?i)credentials"):
+        generate(config, f"{store}/x", 1, SEED)
+
+
+def test_a_protocol_without_its_package_is_told():
+    code = (
+        "import sys; sys.modules['fsspec'] = None\n"
+        "from semisynth_gl.errors import InputError\n"
+        "from semisynth_gl.places import open_place\n"
+        "try:\n    open_place('s3://bucket/x')\n"
+        "except InputError as error:\n    print(error)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "pip install 'semisynth-gl[remote]'" in done.stdout
