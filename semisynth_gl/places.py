@@ -212,18 +212,21 @@ class Remote(Place):
     def names(self, folder: str = "") -> list[str]:
         """Return the names of all files below a folder."""
         with self._told():
-            found = self._system.find(self._at(folder))
+            try:
+                found = self._system.find(self._at(folder))
+            except FileNotFoundError:
+                return []
         return sorted(path.removeprefix(f"{self._root}/") for path in found)
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file; object stores show it when it is whole."""
-        with self._told():
+        with self._told(writing=True):
             self._make_parent(name)
             self._system.pipe_file(self._at(name), data)
 
     def put(self, name: str, file: Path) -> None:
         """Upload a file, and remove it here."""
-        with self._told():
+        with self._told(writing=True):
             self._make_parent(name)
             self._system.put_file(str(file), self._at(name))
         file.unlink()
@@ -246,13 +249,13 @@ class Remote(Place):
             self._system.makedirs(self._at(name).rpartition("/")[0], exist_ok=True)
 
     @contextmanager
-    def _told(self) -> Iterator[None]:
+    def _told(self, *, writing: bool = False) -> Iterator[None]:
         """Turn what the packages below raise for want of rights or of a bucket into a message."""
         try:
             yield
-        except FileNotFoundError:
-            raise
         except OSError as error:
+            if isinstance(error, FileNotFoundError) and not writing:
+                raise
             raise InputError(f"{self.address}: {error}; check address, rights and connection") from None
         except Exception as error:
             # botocore's NoCredentialsError and its like are no OSErrors, and their packages may be absent.
