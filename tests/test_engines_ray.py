@@ -9,17 +9,21 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from test_generation import digests
+from test_pipeline import tiny
 
 from semisynth_gl.engines import cluster
 from semisynth_gl.engines.cluster import RayEngine
 from semisynth_gl.engines.task import Stop
 from semisynth_gl.errors import ContextLostError, InputError, WorkerError
+from semisynth_gl.generation import Listener, generate
 
 ray = pytest.importorskip("ray")
 
 TASKS = range(16)
 FAULTY = 3
 LATEST_S = 20
+NODE = {"num_cpus": 1, "object_store_memory": 80_000_000}
 
 
 @dataclass(frozen=True)
@@ -59,10 +63,9 @@ class Squares:
 def nodes():
     from ray.cluster_utils import Cluster
 
-    node = {"num_cpus": 1, "object_store_memory": 80_000_000}
-    both = Cluster(initialize_head=True, head_node_args=node | {"include_dashboard": False})
+    both = Cluster(initialize_head=True, head_node_args=NODE | {"include_dashboard": False})
     try:
-        yield both, both.add_node(**node)
+        yield both, both.add_node(**NODE)
     finally:
         both.shutdown()
 
@@ -91,6 +94,7 @@ def test_a_cluster_of_two_nodes(tmp_path, monkeypatch):
             check(both.address, folder)
         (tmp_path / "node").mkdir()
         a_node_may_die(both, second, tmp_path / "node")
+        a_dataset_outlives_a_node(both, tmp_path)
         assert signal.getsignal(signal.SIGTERM) is kept
         assert not ray.is_initialized()
 
@@ -141,6 +145,23 @@ def a_node_may_die(both, second, folder):
     assert {number: square for number, (square, _) in results.items()} == {n: n * n for n in TASKS}
     assert {number for _, number in messages} == set(TASKS)
     assert all("its worker or its node was lost" in note for note in notes)
+
+
+def a_dataset_outlives_a_node(both, folder):
+    config = tiny(models={"complex": 0.0}, particles={"most": 30})
+    generate(config, folder / "serial", 12, 5, layout="webdataset", shard_pairs=2)
+    second, written = both.add_node(**NODE), []
+
+    def kill(pair):
+        written.append(pair)
+        if len(written) == 2:
+            both.remove_node(second, allow_graceful=False)
+
+    generate(
+        config, folder / "ray", 12, 5, layout="webdataset", shard_pairs=2, engine=RayEngine(both.address),
+        listener=Listener(written=kill),
+    )  # fmt: skip
+    assert digests(folder / "ray") == digests(folder / "serial")
 
 
 def test_a_cluster_that_is_not_there_is_told_of():
