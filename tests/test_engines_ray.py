@@ -94,8 +94,8 @@ def test_a_cluster_of_two_nodes(tmp_path, monkeypatch):
             check(both.address, folder)
         (tmp_path / "node").mkdir()
         a_node_may_die(both, second, tmp_path / "node")
-        a_dataset_outlives_a_node(both, tmp_path)
         assert signal.getsignal(signal.SIGTERM) is kept
+        a_dataset_outlives_a_node(both, tmp_path)
         assert not ray.is_initialized()
 
 
