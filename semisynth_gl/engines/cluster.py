@@ -147,7 +147,8 @@ class _Submitted(Generic[Result]):
             needs = " and ".join(f"{count:g} {kind}" for kind, count in self._needs.items() if count)
             self._noted(f"no node of the cluster has {needs}: tasks wait until one joins")
         # Where there is no node a task has to ask for one: clusters that grow by themselves start ones that are asked.
-        for number in islice(numbers, max(_AHEAD * slots, 1) - len(self._pending)):
+        # Of a cluster that has lost a node, more may be pending than it has use for.
+        for number in islice(numbers, max(max(_AHEAD * slots, 1) - len(self._pending), 0)):
             self._pending[self._do.remote(self._job, number, self._post)] = number
 
     def _slots(self) -> int:
