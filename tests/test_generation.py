@@ -25,6 +25,7 @@ from semisynth_gl.places import Folder
 from semisynth_gl.plan import make_plan
 from semisynth_gl.read.dataset import open_dataset, read_index
 from semisynth_gl.verify.dataset import verify_dataset
+from semisynth_gl.write.dataset import DatasetFiles
 from semisynth_gl.write.shard import ShardBusyError, ShardWriter
 
 PAIRS = 7
@@ -243,6 +244,27 @@ def test_two_runs_at_once_share_the_work(undisturbed, config, tmp_path):
         _, said = each.communicate(timeout=120)
         assert each.returncode == 0, said
     assert digests(tmp_path / "o") == wanted
+
+
+def test_two_runs_may_begin_at_the_same_moment(config, tmp_path):
+    """Neither sees a dataset when it looks; the second takes up what the first began, or is told why it cannot."""
+    sources = {"train": {"patches": "0"}}
+    place = Folder(tmp_path)
+
+    def looked(seed):
+        return DatasetFiles(place, make_plan(config, seed, "webdataset", {"train": 2}), overwrite=False)
+
+    first, same, other_seed, other_sources = looked(SEED), looked(SEED), looked(SEED + 1), looked(SEED)
+    first.open(sources)
+    begun = (tmp_path / "shards/plan.json").read_bytes()
+    same.open(sources)
+    with pytest.raises(InputError, match="seed"):
+        other_seed.open(sources)
+    with pytest.raises(InputError, match="photographs or models"):
+        other_sources.open({"train": {"patches": "1"}})
+    assert (tmp_path / "shards/plan.json").read_bytes() == begun
+    for files in (first, same, other_seed, other_sources):
+        files.close()
 
 
 def test_a_shard_in_other_hands_is_busy(config, tmp_path):

@@ -1,7 +1,9 @@
 """A dataset on disk: what it was begun as, which shards are whole, and the index that says that all are."""
 
 import json
+import os
 import shutil
+import time
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -27,6 +29,8 @@ PLAN = f"{RECORDS}/plan.json"
 
 _LOCK = f"{PARTIAL}/lock"
 _QUESTIONS = 16
+_SECONDS_FOR_A_BEGINNING = 30.0
+_SECONDS_BETWEEN_TRIES = 0.05
 
 
 class DatasetFiles:
@@ -58,8 +62,9 @@ class DatasetFiles:
         self._there = begun(place)
         self._doomed: list[str] = []
         if self._there is None:
-            held = _held(place)
-            if held:
+            # Another run may have begun it since the look before: `open` takes up what that one began.
+            held = [name for name in _held(place) if name != PARTIAL]
+            if held and begun(place) is None:
                 advice = "--overwrite replaces only what this program wrote. " if overwrite else ""
                 raise InputError(
                     f"{place.address}: the folder is not empty (it holds {_some(held)}), and no dataset of this "
@@ -87,15 +92,13 @@ class DatasetFiles:
                 run writes to it.
         """
         values = self.plan.values() | {"sources": {split: dict(digests) for split, digests in sources.items()}}
-        if self._there is not None and not self._overwrite:
-            changed = differences(self._there.get("sources", {}), values["sources"])
-            if changed:
-                raise InputError(
-                    f"{self.place.address}: photographs or models are not those that the dataset was begun with: "
-                    f"{few(changed)}. Give the same again, or choose another folder with --out"
-                )
         try:
             self._take_lock()
+            if not self._overwrite:
+                self._there = begun(self.place)
+            if self._there is not None and not self._overwrite:
+                self._check_same(self._there)
+                self._check_sources(self._there, values["sources"])
             if self._doomed and self.place.local is not None:
                 # The index goes first: from here on the folder does not claim to be finished.
                 (self.place.local / INDEX).unlink(missing_ok=True)
@@ -106,6 +109,10 @@ class DatasetFiles:
                 self.place.remove(INDEX)
             if self._there is None or self._there != values:
                 self.place.write(PLAN, _encoded(values))
+            if self._lock is not None:
+                lock(self._lock.fileno(), shared=True)
+        except BlockingIOError:
+            raise self._held_by_another() from None
         except OSError as error:
             raise InputError(
                 f"{self.place.address}: the folder cannot be written to: {error.strerror or error}"
@@ -194,6 +201,14 @@ class DatasetFiles:
                 "with it, choose another folder with --out, or give --overwrite to replace it"
             )
 
+    def _check_sources(self, there: Mapping[str, Any], sources: Mapping[str, Any]) -> None:
+        changed = differences(there.get("sources", {}), sources)
+        if changed:
+            raise InputError(
+                f"{self.place.address}: photographs or models are not those that the dataset was begun with: "
+                f"{few(changed)}. Give the same again, or choose another folder with --out"
+            )
+
     def _to_delete(self) -> list[str]:
         """Return what an earlier dataset consists of.
 
@@ -214,22 +229,40 @@ class DatasetFiles:
         return [name for name in _held(self.place) if name != PARTIAL]
 
     def _take_lock(self) -> None:
+        """Lock the dataset: for this run alone where it is begun or replaced, else beside other runs.
+
+        Of two runs that begin it at once, one waits until the other has said what it shall be.
+        """
         local = self.place.local
         if local is None:
             return
-        (local / PARTIAL).mkdir(parents=True, exist_ok=True)
-        self._lock = (local / _LOCK).open("a+b")
-        try:
-            lock(self._lock.fileno(), shared=not self._doomed)
-            if self._doomed:
-                # What is half done belongs to the dataset that goes.
-                empty(local / PARTIAL, [name for name in _names(local / PARTIAL) if name != "lock"])
-                lock(self._lock.fileno(), shared=True)
-        except BlockingIOError:
-            raise InputError(
-                f"{self.place.address}: another run "
-                f"{'writes to' if self._doomed else 'is replacing'} this dataset: wait for its end, or stop it"
-            ) from None
+        given_up = time.monotonic() + _SECONDS_FOR_A_BEGINNING
+        while self._lock is None:
+            shared = not self._doomed and begun(self.place) is not None
+            with suppress(FileNotFoundError):  # a run that ends takes the folder with it
+                (local / PARTIAL).mkdir(parents=True, exist_ok=True)
+                file = (local / _LOCK).open("a+b")
+                try:
+                    lock(file.fileno(), shared=shared)
+                    if os.path.samestat(os.fstat(file.fileno()), (local / _LOCK).stat()):
+                        self._lock = file
+                except BlockingIOError:
+                    if self._doomed or time.monotonic() > given_up:
+                        raise self._held_by_another() from None
+                finally:
+                    if self._lock is None:
+                        file.close()
+            if self._lock is None:
+                time.sleep(_SECONDS_BETWEEN_TRIES)
+        if self._doomed:
+            # What is half done belongs to the dataset that goes.
+            empty(local / PARTIAL, [name for name in _names(local / PARTIAL) if name != "lock"])
+
+    def _held_by_another(self) -> InputError:
+        return InputError(
+            f"{self.place.address}: another run "
+            f"{'writes to' if self._doomed else 'is replacing'} this dataset: wait for its end, or stop it"
+        )
 
     def _is_alone(self) -> bool:
         """Whether no other run works on the dataset; if so, none will until `close`."""
