@@ -1,9 +1,7 @@
 """A dataset on disk: what it was begun as, which shards are whole, and the index that says that all are."""
 
 import json
-import os
 import shutil
-import time
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -16,10 +14,11 @@ from pydantic import ValidationError
 from semisynth_gl.config import Config
 from semisynth_gl.errors import InputError
 from semisynth_gl.layouts import layout_names
+from semisynth_gl.locks import lock, locked
 from semisynth_gl.places import PARTIAL, Place, empty
 from semisynth_gl.plan import PROGRAM, Plan, Shard, differences, few
 from semisynth_gl.splits import SplitName
-from semisynth_gl.write.shard import RECORDS, lock
+from semisynth_gl.write.shard import RECORDS
 
 INDEX = "index.json"
 CARD = "README.md"
@@ -29,8 +28,6 @@ PLAN = f"{RECORDS}/plan.json"
 
 _LOCK = f"{PARTIAL}/lock"
 _QUESTIONS = 16
-_SECONDS_FOR_A_BEGINNING = 30.0
-_SECONDS_BETWEEN_TRIES = 0.05
 
 
 class DatasetFiles:
@@ -236,24 +233,14 @@ class DatasetFiles:
         local = self.place.local
         if local is None:
             return
-        given_up = time.monotonic() + _SECONDS_FOR_A_BEGINNING
-        while self._lock is None:
-            shared = not self._doomed and begun(self.place) is not None
-            with suppress(FileNotFoundError):  # a run that ends takes the folder with it
-                (local / PARTIAL).mkdir(parents=True, exist_ok=True)
-                file = (local / _LOCK).open("a+b")
-                try:
-                    lock(file.fileno(), shared=shared)
-                    if os.path.samestat(os.fstat(file.fileno()), (local / _LOCK).stat()):
-                        self._lock = file
-                except BlockingIOError:
-                    if self._doomed or time.monotonic() > given_up:
-                        raise self._held_by_another() from None
-                finally:
-                    if self._lock is None:
-                        file.close()
-            if self._lock is None:
-                time.sleep(_SECONDS_BETWEEN_TRIES)
+        try:
+            self._lock = locked(
+                local / _LOCK,
+                lambda: not self._doomed and begun(self.place) is not None,
+                patient=not self._doomed,
+            )
+        except BlockingIOError:
+            raise self._held_by_another() from None
         if self._doomed:
             # What is half done belongs to the dataset that goes.
             empty(local / PARTIAL, [name for name in _names(local / PARTIAL) if name != "lock"])

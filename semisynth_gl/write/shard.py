@@ -4,7 +4,6 @@ What is whole already when a run ends is kept: a journal has a line for each pai
 the shard where the journal and the files agree no longer.
 """
 
-import fcntl
 import hashlib
 import json
 import tempfile
@@ -16,6 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from semisynth_gl.locks import lock
 from semisynth_gl.places import PARTIAL, Place, sync
 from semisynth_gl.plan import Shard
 from semisynth_gl.write.tar import tar_end, tar_member
@@ -261,21 +261,6 @@ def _locked(path: Path) -> BufferedRandom:
         file.close()
         raise
     return file
-
-
-def lock(descriptor: int, *, shared: bool) -> None:
-    """Lock an open file, or go without where the file system has no locks.
-
-    Raises:
-        BlockingIOError: where another process holds it.
-    """
-    try:
-        fcntl.flock(descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise
-    except OSError:
-        # Some network file systems have none: two runs then do the same work twice, and write the same bytes.
-        return
 
 
 def _reopened(path: Path, place: Place, name: str) -> BufferedRandom:
