@@ -52,7 +52,7 @@ def _describe_split(plan: Plan, split: SplitName, sources: Sources) -> dict[str,
     paths = {name: path for path, name in names_of(images).items()} if images else {}
     licences = builtin_licences() if section.source == "builtin" else {}
     used = sorted({patch.source for patch in sources.atlas.patches})
-    skipped = (*sources.atlas.report.images_skipped, *sources.library.skipped)
+    skipped = (*sources.atlas.report.images_skipped, *sources.model_library.skipped)
     return {
         "pairs": plan.pairs[split],
         "photographs": [
@@ -78,7 +78,7 @@ def _describe_models(plan: Plan, sources: Sources) -> list[dict[str, str]]:
             # The user's are named by their files, which have an ending; built-in kinds have none.
             "licence": plan.config.licences.models if "." in mesh.name else _OWN_LICENCE,
         }
-        for mesh in sources.library.models
+        for mesh in sources.model_library.models
     ]
 
 

@@ -43,22 +43,22 @@ class Sources:
 
     Attributes:
         atlas: its patches.
-        library: its models.
+        model_library: its models.
     """
 
     atlas: Atlas
-    library: ModelLibrary
+    model_library: ModelLibrary
 
     def digests(self) -> dict[str, str]:
         """Return what changes where any pixel of a patch or corner of a model does, in JSON's types."""
         patches = json.dumps([asdict(patch) for patch in self.atlas.patches]).encode()
         models = 0
-        for mesh in self.library.models:
+        for mesh in self.model_library.models:
             for array in (mesh.positions, mesh.uv, mesh.triangles):
                 models = crc32(np.ascontiguousarray(array), models)
         return {
             "patches": f"{crc32(np.ascontiguousarray(self.atlas.layers), crc32(patches)):08x}",
-            "models": f"{crc32(self.library.chances.tobytes(), models):08x}",
+            "models": f"{crc32(self.model_library.chances.tobytes(), models):08x}",
         }
 
 
@@ -119,7 +119,7 @@ class PairRenderer:
         self.seed = seed
         self.split = split
         self.sources = prepare_sources(config, seed, split)
-        self.atlas, self.model_library = self.sources.atlas, self.sources.library
+        self.atlas, self.model_library = self.sources.atlas, self.sources.model_library
         self._sampler = SceneSampler(config, split.seed(seed), self.model_library, self.atlas.patches)
         self._renderer = Renderer(
             self._sampler.models,

@@ -205,9 +205,9 @@ def _show_sources(sources: Mapping[SplitName, Sources]) -> None:
     for name, each in sources.items():
         begin = f"{name}: " if len(sources) > 1 else ""
         click.echo(begin + each.atlas.report.summary(), err=True)
-        for skipped in each.library.skipped:
+        for skipped in each.model_library.skipped:
             click.echo(f"model left out: {skipped}", err=True)
-        click.echo(f"{begin}{len(each.library.models)} models", err=True)
+        click.echo(f"{begin}{len(each.model_library.models)} models", err=True)
 
 
 def _warn_of_lost(shares: list[float], config: Config, result: Generated) -> None:
