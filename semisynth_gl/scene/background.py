@@ -35,6 +35,8 @@ FACE = _face()
 _MARGIN = 1.01
 # Side walls stand between these fractions of the way from the nearest allowed place to just outside the view.
 _SIDE_WALL = Range(0.3, 1.1)
+# Walls go on behind each other by this share of their size: rounded to float32, edges that only met would leave gaps.
+_OVERLAP = 1e-4
 _GRID = (48, 32)
 
 
@@ -130,8 +132,9 @@ def _cuboid(
     for face in range(6):
         k, sign = face // 2, 1 - 2 * (face % 2)
         i, j = (k + 1) % 3, (k + 2) % 3
-        low = {axis: -offset[2 * axis + 1] for axis in (i, j)}
-        size[face] = [offset[2 * axis] - low[axis] for axis in (i, j)]
+        room = {axis: offset[2 * axis] + offset[2 * axis + 1] for axis in (i, j)}
+        low = {axis: -offset[2 * axis + 1] - _OVERLAP * room[axis] for axis in (i, j)}
+        size[face] = [(1 + 2 * _OVERLAP) * room[axis] for axis in (i, j)]
         corner = sign * offset[face] * axes[:, k] + low[i] * axes[:, i] + low[j] * axes[:, j]
         world_from_face[face, :3, 0] = axes[:, i] * size[face, 0]
         world_from_face[face, :3, 1] = axes[:, j] * size[face, 1]
