@@ -68,7 +68,8 @@ def prepare_sources(config: Config, seed: int, split: Split = WHOLE) -> Sources:
     Raises:
         InputError: where images or models cannot be used, or are too few to hold some out.
     """
-    return Sources(prepare_atlas(config.textures, seed, split), build_library(config.models, seed, split))
+    library = build_library(config.models, config.particles, seed, split)
+    return Sources(prepare_atlas(config.textures, seed, split), library)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,6 +17,9 @@ class Purpose(IntEnum):
     TEXTURE = 6
     IMPERFECTIONS = 7
     SPLIT = 8
+    PILOTS = 9
+    COUNTS = 10
+    STRUCTURES = 11
 
 
 def generator(seed: int, purpose: Purpose, *numbers: int) -> np.random.Generator:

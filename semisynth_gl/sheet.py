@@ -9,7 +9,7 @@ from matplotlib.gridspec import SubplotSpec
 from numpy.typing import NDArray
 
 from semisynth_gl.frame import Frame
-from semisynth_gl.scene.layers import Target
+from semisynth_gl.histogram import Histogram
 
 # Perceptually uniform, and dark where things are far.
 _COLOUR_MAP = "inferno"
@@ -17,7 +17,7 @@ _INVALID = "#4060c0"
 _WIDTH_IN = 16.0
 
 
-def draw_sheet(frames: Sequence[Frame], target: Target, title: str) -> Figure:
+def draw_sheet(frames: Sequence[Frame], target: Histogram, title: str) -> Figure:
     """Draw a row per pair (left, right, left disparity with its scale in px) above the histogram of all of them.
 
     Args:
@@ -54,7 +54,7 @@ def draw_sheet(frames: Sequence[Frame], target: Target, title: str) -> Figure:
     return figure
 
 
-def _draw_histogram(figure: Figure, place: SubplotSpec, disparity_px: NDArray[np.float32], target: Target) -> None:
+def _draw_histogram(figure: Figure, place: SubplotSpec, disparity_px: NDArray[np.float32], target: Histogram) -> None:
     axis = figure.add_subplot(place)
     edges = target.edges_px
     counted = np.histogram(disparity_px, np.concatenate([[-np.inf], edges[1:-1], [np.inf]]))[0]

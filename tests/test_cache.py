@@ -14,7 +14,7 @@ from PIL import Image
 
 from semisynth_gl import cache, file_marks, remember
 from semisynth_gl.cache import Entry, cache_folder, cache_summary, read_entry, write_entry
-from semisynth_gl.config.model import ModelsSection, TexturesSection
+from semisynth_gl.config.model import ModelsSection, ParticlesSection, TexturesSection
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry import model_library
 from semisynth_gl.geometry.mesh import Mesh
@@ -26,6 +26,7 @@ from semisynth_gl.textures.prepare import prepare_atlas
 
 TRIANGLE = "v 0 0 0\nv 2 0 0\nv 2 2 0\nf 1 2 3\n"
 LARGER = "v 0 0 0\nv 3 0 0\nv 2 2 0\nf 1 2 3\n"
+PARTICLES = ParticlesSection()
 
 
 @pytest.fixture(autouse=True)
@@ -98,7 +99,8 @@ def assert_same_library(one, other):
             else:
                 assert repr(value) == repr(found)
     assert_same_array(one.chances, other.chances)
-    assert repr(one.fill) == repr(other.fill)
+    assert repr(one.silhouette.fill) == repr(other.silhouette.fill)
+    assert_same_array(one.silhouette.heights, other.silhouette.heights)
     assert one.skipped == other.skipped
 
 
@@ -132,12 +134,12 @@ def test_models_that_are_found_equal_those_that_were_built(tmp_path, built):
     (tmp_path / "m/empty.obj").write_text("")
     for section in (models(tmp_path / "m"), ModelsSection(variants=1, complex=0.0)):
         built.clear()
-        first, again = build_library(section, 1), build_library(section, 1)
+        first, again = build_library(section, PARTICLES, 1), build_library(section, PARTICLES, 1)
         assert built == ["_built"]
         assert_same_library(first, again)
         again.models[0].positions[:] = 0
-        assert_same_library(first, build_library(section, 1))
-        assert build_library(section, 2).fill != first.fill
+        assert_same_library(first, build_library(section, PARTICLES, 1))
+        assert build_library(section, PARTICLES, 2).silhouette.fill != first.silhouette.fill
         assert built == ["_built", "_built"]
 
 
@@ -274,7 +276,7 @@ def test_another_program_finds_nothing(photographs, built, tmp_path, monkeypatch
             with (package / change).open("a") as file:
                 file.write("# another\n")
         prepare_atlas(textures(photographs), 0)
-        build_library(section, 0)
+        build_library(section, PARTICLES, 0)
         assert built == expected, change
     shutil.rmtree(package)  # a program without sources keeps nothing
     prepare_atlas(textures(photographs), 0)
@@ -287,11 +289,11 @@ def test_other_packages_find_nothing(photographs, built, tmp_path, monkeypatch):
     for module in (prepare, model_library):
         monkeypatch.setattr(module, "versions", lambda *names: dict.fromkeys(names, "1"))
     prepare_atlas(textures(photographs), 0)
-    build_library(models(tmp_path / "m"), 0)
+    build_library(models(tmp_path / "m"), PARTICLES, 0)
     monkeypatch.setattr(prepare, "versions", lambda *names: dict.fromkeys(names, "2"))
     prepare_atlas(textures(photographs), 0)
     monkeypatch.setattr(model_library, "all_versions", lambda: ["a_reader-1.dist-info"])
-    build_library(models(tmp_path / "m"), 0)
+    build_library(models(tmp_path / "m"), PARTICLES, 0)
     assert built == ["build_atlas", "_built", "build_atlas", "_built"]
 
 
@@ -320,24 +322,24 @@ def test_models_are_read_again_when_their_folder_changes(tmp_path, built):
     ):
         built.clear()
         change()
-        found = build_library(section, 0)
+        found = build_library(section, PARTICLES, 0)
         assert bool(built) == expected
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("SEMISYNTH_GL_CACHE", "off")
-            assert_same_library(found, build_library(section, 0))
+            assert_same_library(found, build_library(section, PARTICLES, 0))
     (home / "one.obj").unlink()
     (home / "three.obj").unlink()
     with pytest.raises(InputError, match="at least one usable model"):
-        build_library(section, 0)
+        build_library(section, PARTICLES, 0)
 
 
 def test_single_files_and_missing_folders_are_not_kept(tmp_path, built):
     (tmp_path / "one.obj").write_text(TRIANGLE)
     for _ in range(2):
-        assert len(build_library(models(tmp_path / "one.obj"), 0).models) == 1
+        assert len(build_library(models(tmp_path / "one.obj"), PARTICLES, 0).models) == 1
     assert len(built) == 2
     with pytest.raises(InputError, match="does not exist"):
-        build_library(models(tmp_path / "absent"), 0)
+        build_library(models(tmp_path / "absent"), PARTICLES, 0)
 
 
 def entry():

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import facing, noise_layers
+from conftest import backend_fault, facing, noise_layers
 
 from semisynth_gl import oracle
 from semisynth_gl.camera import EYES, StereoCamera
@@ -424,19 +424,16 @@ def test_focal_lengths_from_a_fifth_to_twenty_image_widths(open_renderer, widths
 
 @pytest.mark.parametrize("name", ["middlebury", "kitti", "eth3d", "sceneflow"])
 def test_packaged_configs_at_full_size_agree_with_the_oracle(backend, name):
+    if backend == "osmesa" and name != "eth3d" and backend_fault("egl") is None:
+        pytest.skip("covered by EGL: one config shows that OSMesa draws the same at full size")
     config = load_config(name, ["textures.source=procedural", "textures.max_patches=4", "models.variants=1"])
-    library = build_library(config.models, 0)
+    library = build_library(config.models, config.particles, 0)
     sampler = SceneSampler(config, 0, library, tuple(Patch("", 0, 0, 256, k, 1, 9.0) for k in range(4)))
     scene = sampler.sample(5).scene
     with Renderer(sampler.models, noise_layers(4, 64), backend=backend, outputs=OUTPUTS) as renderer:
         frame = renderer.render(scene)
-    assert_like_the_oracle(
-        frame,
-        scene,
-        sampler.models,
-        sample=10_000 if backend == "egl" else 2_000,
-        seen=0.9985 if name == "kitti" else 0.999,
-    )
+    seen = 0.9985 if name == "kitti" else 0.999
+    assert_like_the_oracle(frame, scene, sampler.models, sample=10_000, seen=seen)
 
 
 @pytest.mark.parametrize("index", [9, 113])

@@ -10,7 +10,6 @@ from semisynth_gl.config import Config, load_config, packaged_configs
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.pipeline import PairRenderer, render_pair
-from semisynth_gl.scene.layers import target_of
 from semisynth_gl.textures.photographs import builtin_photographs
 
 SCALE = 1 / 8
@@ -32,7 +31,7 @@ def tiny(name="middlebury", **sections):
     camera["width_px"], camera["height_px"] = int(camera["width_px"] * SCALE), int(camera["height_px"] * SCALE)
     for key in ("min_px", "max_px"):
         disparity[key] = scaled(disparity[key])
-    disparity["histogram"]["bin_px"] = scaled(disparity["histogram"]["bin_px"])
+    disparity["target"]["bin_px"] = scaled(disparity["target"]["bin_px"])
     for key in ("wall_disparity_px", "plane_disparity_px"):
         background[key] = scaled(background[key])
     values["particles"]["size_px"] = scaled(values["particles"]["size_px"])
@@ -143,18 +142,6 @@ def test_user_models_alone(tmp_path, backend):
     config = tiny(models={"simple": 0.0, "complex": 0.0, "folders": [str(tmp_path)]})
     with PairRenderer(config, 0, backend) as pairs:
         assert set(pairs.render(0).provenance["models"]) <= {"face", "tetra.obj"}
-
-
-@pytest.mark.parametrize("name", ["middlebury", "kitti", "eth3d", "sceneflow"])
-def test_histograms_follow_the_configs(name):
-    config = tiny(name)
-    target = target_of(config.disparity)
-    edges = np.concatenate([[-np.inf], target.edges_px[1:-1], [np.inf]])
-    counts = np.zeros(len(target.shares))
-    with PairRenderer(config, 0) as pairs:
-        for index in range(30):
-            counts += np.histogram(pairs.render(index).frame.disparity_left, edges)[0]
-    assert 0.5 * np.abs(counts / counts.sum() - target.shares).sum() < 0.1
 
 
 def test_a_negative_index_or_seed_is_refused():

@@ -12,9 +12,17 @@ from semisynth_gl.config import Config, Range, load_config
 from semisynth_gl.config.model import BackgroundSection, DisparitySection, ParticlesSection
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.model_library import build_library
-from semisynth_gl.scene.background import FACE, draw_background
-from semisynth_gl.scene.layers import Target, coverage, target_of
-from semisynth_gl.scene.particles import draw_release, draw_slots, particles_at, rotation_about, rotation_of
+from semisynth_gl.scene.background import FACE, OVERLAP, draw_background
+from semisynth_gl.scene.particles import (
+    Batch,
+    Sizes,
+    draw_release,
+    draw_slots,
+    particles_at,
+    rotation_about,
+    rotation_of,
+    sizes_of,
+)
 from semisynth_gl.scene.rig import draw_camera, near_depth_m
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import make_scene
@@ -35,7 +43,7 @@ def patches(count=5, frames=1):
 
 @pytest.fixture(scope="module")
 def library():
-    return build_library(small().models, 3)
+    return build_library(small().models, small().particles, 3)
 
 
 def test_cameras_are_drawn_within_their_ranges():
@@ -134,9 +142,10 @@ def test_faces_lie_in_their_planes_and_close_the_cuboid(seed):
     points = background.world_from_face @ np.c_[FACE.positions, np.ones(len(FACE.positions))].T
     for face in range(6):
         np.testing.assert_allclose(background.normal[face] @ points[face, :3], background.offset_m[face], atol=1e-9)
-    corners = np.array([[0, 0, 0, 1], [1, 0, 0, 1], [1, 1, 0, 1], [0, 1, 0, 1]])
+    low, high = OVERLAP / (1 + 2 * OVERLAP), (1 + OVERLAP) / (1 + 2 * OVERLAP)
+    corners = np.array([[low, low, 0, 1], [high, low, 0, 1], [high, high, 0, 1], [low, high, 0, 1]])
     points = background.world_from_face @ corners.T
-    # Each corner of the cuboid belongs to exactly three faces.
+    # Each corner of the cuboid belongs to exactly three faces, which go on a little behind each other.
     every = np.round(points[:, :3].transpose(0, 2, 1).reshape(-1, 3), 6)
     _, counts = np.unique(every, axis=0, return_counts=True)
     assert counts.tolist() == [3] * 8
@@ -170,7 +179,8 @@ def test_rotations_are_rotations():
 
 def stream(count=40, **options):
     section = ParticlesSection(**options)
-    slots = draw_slots(CAMERA, section, [(20.0, 30.0, count), (60.0, 90.0, count)], np.random.default_rng(2))
+    batches = [Batch(low, high, count, sizes_of(section)) for low, high in ((20.0, 30.0), (60.0, 90.0))]
+    slots = draw_slots(CAMERA, section, batches, np.random.default_rng(2))
     return section, slots, lambda g: draw_release(CAMERA, section, slots, np.random.default_rng([3, g]))
 
 
@@ -220,36 +230,11 @@ def test_stretch_never_exceeds_the_bounding_sphere():
 
 def test_the_number_of_particles_has_a_limit():
     section = ParticlesSection(most=50)
-    slots = draw_slots(CAMERA, section, [(20.0, 30.0, 400), (60.0, 90.0, 100)], np.random.default_rng(2))
+    sizes = Sizes(40.0, 300.0)
+    batches = [Batch(20.0, 30.0, 400, sizes), Batch(60.0, 90.0, 100, sizes)]
+    slots = draw_slots(CAMERA, section, batches, np.random.default_rng(2))
     assert 48 <= len(slots) <= 50
     assert (slots.disparity_px < 31).sum() == 40
-
-
-@settings(max_examples=100, deadline=None)
-@given(st.integers(2, 30), st.integers(0, 2**31))
-def test_solved_coverage_gives_the_wanted_shares(bins, seed):
-    """Forward model of a Boolean stack of layers over a wall in the farthest bin."""
-    rng = np.random.default_rng(seed)
-    shares = rng.random(bins) + 0.05
-    shares /= shares.sum()
-    target = Target(np.arange(bins + 1) * 10.0, shares)
-    solved = coverage(target, np.full(100, 5.0))
-    passed = np.exp(-solved)
-    still_open = np.concatenate([np.cumprod(passed[::-1])[::-1][1:], [1.0]])
-    hidden = still_open * (1 - passed)
-    hidden[0] = still_open[0]
-    np.testing.assert_allclose(hidden, shares, atol=1e-9)
-
-
-def test_a_background_in_front_of_everything_needs_no_particles():
-    target = Target(np.array([0.0, 10, 20, 30]), np.array([0.3, 0.3, 0.4]))
-    assert coverage(target, np.full(10, 25.0)).tolist() == [0, 0, 0]
-
-
-def test_without_a_histogram_the_target_is_uniform():
-    target = target_of(DISPARITY)
-    assert (target.edges_px[0], target.edges_px[-1]) == (5, 150)
-    assert np.unique(target.shares).size == 1
 
 
 def test_scenes_depend_on_config_seed_and_index_alone(library):
@@ -264,6 +249,33 @@ def test_scenes_depend_on_config_seed_and_index_alone(library):
     different = SceneSampler(small(), 4, library, patches()).sample(17).scene
     assert different.camera != one.camera
     assert sampler.sample(18).scene.camera != one.camera
+
+
+SCENE_ARRAYS = ("model", "world_from_model", "layer", "uv_scale", "uv_offset")
+
+
+@pytest.mark.parametrize(
+    ("names", "factor"),
+    [
+        (("ablation-geometry-simple", "ablation-geometry-complex"), "model"),
+        (("ablation-textures-procedural", "ablation-textures-photos", "ablation-textures-target"), "layer"),
+    ],
+)
+def test_scenes_of_an_ablation_differ_only_in_their_factor(names, factor):
+    """Same cameras, same numbers, same poses; other models, or other patches."""
+    sampled = []
+    for number, name in enumerate(names):
+        config = load_config(name)
+        library = build_library(config.models, config.particles, 3)
+        sampler = SceneSampler(config, 3, library, patches(7 + 50 * number * (factor == "layer")))
+        sampled.append([sampler.sample(index).scene for index in range(5)])
+    for scenes in zip(*sampled, strict=True):
+        for other in scenes[1:]:
+            assert other.camera == scenes[0].camera
+            assert other.near_m == scenes[0].near_m
+            for array in SCENE_ARRAYS:
+                same = np.array_equal(getattr(other, array), getattr(scenes[0], array))
+                assert same == (array != factor), array
 
 
 def test_frames_of_a_sequence_share_camera_and_background_and_move(library):
@@ -312,7 +324,7 @@ def test_texels_come_out_near_one_pixel(library):
 
 def test_families_are_drawn_by_their_weights():
     config = small("models.simple=3", "models.complex=1", "models.variants=1")
-    library = build_library(config.models, 0)
+    library = build_library(config.models, config.particles, 0)
     sampler = SceneSampler(config, 0, library, patches())
     simple = 0
     total = 0

@@ -66,7 +66,7 @@ def sample_scenes(config: Config, seed: int, pairs: int) -> BenchScenes:
         InputError: where images, models or ranges cannot be used.
     """
     atlas = prepare_atlas(config.textures, seed)
-    sampler = SceneSampler(config, seed, build_library(config.models, seed), atlas.patches)
+    sampler = SceneSampler(config, seed, build_library(config.models, config.particles, seed), atlas.patches)
     scenes = [sampler.sample(index).scene for index in range(pairs)]
     return BenchScenes(config, sampler.models, atlas.layers, scenes)
 

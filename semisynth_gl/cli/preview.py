@@ -10,7 +10,7 @@ from semisynth_gl.cli.progress import Progress
 from semisynth_gl.errors import InputError
 from semisynth_gl.pipeline import PairRenderer
 from semisynth_gl.render.context import Backend
-from semisynth_gl.scene.layers import target_of
+from semisynth_gl.scene.target import target_of
 
 
 @click.command()
@@ -48,7 +48,7 @@ def preview(
             progress.advance()
         title = f"{config.name}, seed {seed}, pairs 0 to {pairs - 1}, {renderer.renderer_name}"
     png = io.BytesIO()
-    draw_sheet(frames, target_of(config.disparity), title).savefig(png, format="png")
+    draw_sheet(frames, target_of(config.disparity, config.camera), title).savefig(png, format="png")
     partial = out.with_name(f".{out.name}.partial")
     try:
         partial.write_bytes(png.getvalue())

@@ -14,6 +14,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from semisynth_gl.config.model import Config
+from semisynth_gl.config.target_file import histogram_of_file
 from semisynth_gl.errors import InputError
 from semisynth_gl.resources import data_root
 
@@ -58,11 +59,28 @@ def load_config(name_or_path: str | Path, overrides: Mapping[str, Any] | Sequenc
     for key, value in _parsed_overrides(overrides):
         _set(own, key, value)
     document = _merge(document, own)
+    _read_target(document)
     try:
         return Config.model_validate(document.values)
     except ValidationError as error:
         lines = [_explain(fault, document) for fault in error.errors(include_url=False)]
         raise InputError("\n".join(dict.fromkeys(lines))) from None
+
+
+def _read_target(document: _Document) -> None:
+    """Put the histogram in the place of the file that a target names."""
+    disparity = document.values.get("disparity")
+    target = disparity.get("target") if isinstance(disparity, dict) else None
+    if not (isinstance(disparity, dict) and isinstance(target, dict) and target.get("form") == "file"):
+        return
+    key = ("disparity", "target", "path")
+    place = document.places.get(key, "")
+    path = target.get("path")
+    if not isinstance(path, str) or set(target) != {"form", "path"}:
+        raise InputError(f"{place}: disparity.target: a target of form file has a path and nothing else, got {target}")
+    # A path is meant from where it was written: beside the config, or from where the command runs.
+    written_in = Path(place.rpartition(":")[0]) if place and not place.startswith("--set") else Path()
+    disparity["target"] = histogram_of_file(written_in.parent / Path(path).expanduser())
 
 
 def _find(name: str) -> Path | Traversable:
@@ -130,7 +148,8 @@ def _merge(base: _Document, own: _Document) -> _Document:
     def merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
         result = {name: value for name, value in below.items() if not _is_replaced(name, above)}
         for name, value in above.items():
-            both = isinstance(value, dict) and isinstance(below.get(name), dict)
+            # A form comes with all its keys: those of another form do not belong to it.
+            both = isinstance(value, dict) and isinstance(below.get(name), dict) and "form" not in value
             result[name] = merged(below[name], value) if both else value
         return result
 

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
@@ -17,7 +18,11 @@ def _as_tuple(value: Any) -> Any:  # noqa: ANN401 - a validator sees whatever th
 
 Weight = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1)]
+_EDGE_ON_DEG = 90
+# Measured histograms have a few pixels anywhere.
+_OUT_OF_REACH = 0.02
 
 
 class Section(BaseModel):
@@ -66,15 +71,63 @@ class CameraSection(Section):
         return self
 
 
-class HistogramSection(Section):
-    """A wanted distribution of disparity over all pixels.
+class UniformTarget(Section):
+    """All disparities alike.
 
     Attributes:
-        bin_px: width of a bin; the first one begins at 0.
+        form: ``uniform``.
+        low_px: where it begins; by default ``disparity.min_px``.
+        high_px: where it ends; by default ``disparity.max_px``.
+    """
+
+    form: Literal["uniform"] = "uniform"
+    low_px: NotNegative | None = None
+    high_px: Positive | None = None
+
+    @model_validator(mode="after")
+    def _range(self) -> Self:
+        if self.low_px is not None and self.high_px is not None and self.low_px >= self.high_px:
+            raise ValueError(f"expected low_px < high_px, got {self.low_px:g} and {self.high_px:g}")
+        return self
+
+
+class UniformDepthTarget(Section):
+    """All depths alike, between those of ``disparity.max_px`` and ``disparity.min_px``.
+
+    Attributes:
+        form: ``uniform-depth``.
+    """
+
+    form: Literal["uniform-depth"]
+
+
+class GammaTarget(Section):
+    """A gamma distribution: one hump with a long tail of near things.
+
+    Attributes:
+        form: ``gamma``.
+        mean_px: its mean, before the limits of the section cut it.
+        spread_px: its standard deviation, likewise.
+    """
+
+    form: Literal["gamma"]
+    mean_px: Positive
+    spread_px: Positive
+
+
+class HistogramTarget(Section):
+    """Shares of pixels in bins.
+
+    Attributes:
+        form: ``histogram``.
+        bin_px: width of a bin.
+        first_px: where the first bin begins.
         shares: share of pixels per bin; they are scaled to a sum of 1.
     """
 
+    form: Literal["histogram"]
     bin_px: Positive
+    first_px: Annotated[float, Field(allow_inf_nan=False)] = 0.0
     shares: Annotated[tuple[Weight, ...], BeforeValidator(_as_tuple), Field(min_length=1)]
 
     @model_validator(mode="after")
@@ -84,18 +137,55 @@ class HistogramSection(Section):
         return self
 
 
+class MixturePart(Section):
+    """One part of a mixture.
+
+    Attributes:
+        weight: how much of it.
+        target: its distribution.
+    """
+
+    weight: Weight = 1.0
+    target: Annotated[UniformTarget | UniformDepthTarget | GammaTarget | HistogramTarget, Field(discriminator="form")]
+
+
+class MixtureTarget(Section):
+    """Several distributions, mixed by weights.
+
+    Attributes:
+        form: ``mixture``.
+        parts: each with its weight.
+    """
+
+    form: Literal["mixture"]
+    parts: Annotated[tuple[MixturePart, ...], BeforeValidator(_as_tuple), Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _some_weight(self) -> Self:
+        if not sum(part.weight for part in self.parts) > 0:
+            raise ValueError("expected at least one weight above 0")
+        return self
+
+
+TargetSection = Annotated[
+    UniformTarget | UniformDepthTarget | GammaTarget | HistogramTarget | MixtureTarget, Field(discriminator="form")
+]
+
+
 class DisparitySection(Section):
     """Where disparities lie, in pixels.
 
     Attributes:
         min_px: walls and particles aim not to fall below it; a far plane may.
         max_px: hard limit, it sets the near plane: no pixel exceeds it.
-        histogram: the wanted distribution; without it, uniform from ``min_px`` to ``max_px``.
+        target: the wanted distribution over all pixels of a dataset: ``form`` is ``uniform``, ``uniform-depth``,
+            ``gamma``, ``histogram`` or ``mixture``. A file reads ``form: file`` with its ``path``; loading the config
+            turns it into a histogram.
     """
 
     min_px: Positive
     max_px: Positive
-    histogram: HistogramSection | None = None
+    target: TargetSection = UniformTarget()
 
     @model_validator(mode="after")
     def _range(self) -> Self:
@@ -128,25 +218,63 @@ class BackgroundSection(Section):
         return self
 
 
+class StructuresSection(Section):
+    """Large still things between background and particles. By default there are none: model only what a scene needs.
+
+    Attributes:
+        ground: share of scenes with a ground plane.
+        ground_height_m: height of the cameras above it.
+        ground_tilt_deg: largest roll and pitch of the ground.
+        panels: how many free-standing walls a scene has; each is a slanted rectangle.
+        panel_disparity_px: disparity of a panel's middle; by default in the farther half of the range.
+        panel_size_px: width and height on the screen, as if it faced the camera.
+        panel_slant_deg: angle between a panel's normal and the viewing direction, to any side.
+        panel_curved: share of the panels that are bent, as a third of a cylinder.
+    """
+
+    ground: Annotated[float, Field(ge=0, le=1)] = 0.0
+    ground_height_m: PositiveRange = Range(1.2, 2.0)
+    ground_tilt_deg: Annotated[float, Field(ge=0, le=30)] = 2.0
+    panels: NotNegativeRange = Range(0.0, 0.0)
+    panel_disparity_px: PositiveRange | None = None
+    panel_size_px: PositiveRange = Range(200.0, 800.0)
+    panel_slant_deg: NotNegativeRange = Range(0.0, 75.0)
+    panel_curved: Annotated[float, Field(ge=0, le=1)] = 0.5
+
+    @model_validator(mode="after")
+    def _not_edge_on(self) -> Self:
+        if self.panel_slant_deg.high >= _EDGE_ON_DEG:
+            raise ValueError(f"panel_slant_deg: expected less than {_EDGE_ON_DEG}, got {self.panel_slant_deg.high:g}")
+        return self
+
+
 class LayerSection(Section):
     """One layer of depth.
 
     Attributes:
         disparity_px: where its particles are.
         count: how many it holds at any time, inside the view and just beside it.
+        size_px: their diameters on the screen; by default those of all particles.
     """
 
     disparity_px: PositiveRange
     count: NotNegativeRange
+    size_px: PositiveRange | None = None
 
 
 class ParticlesSection(Section):
     """The falling models.
 
     Attributes:
-        layers: numbers per layer of depth; by default they are solved from the wanted histogram.
+        layers: numbers per layer of depth; by default they are solved from ``disparity.target``.
+        clutter: further layers beside those that are solved, such as many small things far away.
+        density: how many objects share the area that the target asks for: ``default`` takes the sizes as they are,
+            ``sparse`` has a third as many, larger ones, ``dense`` three times as many, smaller ones, and a number is
+            the mean number of objects in the left view.
         size_px: diameter of a model's bounding sphere on the screen, drawn uniformly in its logarithm.
+        size_m: or the same in metres: far ones are smaller on the screen.
         stretch: scale along each of a model's own axes relative to the largest.
+        thinness: a further scale along one axis, drawn uniformly in its logarithm; 0.05 makes a sheet.
         fall_m_s: speed downwards.
         drift: speed in a random horizontal direction, relative to the speed downwards.
         spin_deg_s: angular speed about a random axis.
@@ -154,12 +282,24 @@ class ParticlesSection(Section):
     """
 
     layers: Annotated[tuple[LayerSection, ...], BeforeValidator(_as_tuple)] | None = None
+    clutter: Annotated[tuple[LayerSection, ...], BeforeValidator(_as_tuple)] = ()
+    density: Literal["sparse", "default", "dense"] | Positive = "default"
     size_px: PositiveRange = Range(40.0, 300.0)
+    size_m: PositiveRange | None = None
     stretch: PositiveRange = Range(0.5, 1.0)
+    thinness: PositiveRange = Range(1.0, 1.0)
     fall_m_s: PositiveRange = Range(0.5, 2.0)
     drift: NotNegativeRange = Range(0.0, 0.3)
     spin_deg_s: NotNegativeRange = Range(0.0, 180.0)
     most: Count = 2000
+
+    @model_validator(mode="after")
+    def _one_answer(self) -> Self:
+        if self.layers is not None and self.density != "default":
+            raise ValueError("density shares out what the target asks for; with layers, their counts say how many")
+        if self.thinness.high > 1:
+            raise ValueError(f"thinness makes models thinner: expected at most 1, got {self.thinness.high:g}")
+        return self
 
 
 class ModelsSection(Section):
@@ -169,6 +309,7 @@ class ModelsSection(Section):
         simple: weight of the simple family (cube, sphere, torus, ...).
         complex: weight of the complex family (chair, mug, plant, ...).
         user: weight of the models in ``folders``.
+        kinds: weights of kinds within their family, by name; 1 where nothing is said, 0 leaves a kind out.
         folders: folders with files that trimesh reads.
         variants: how many of each kind are built, each with other proportions.
     """
@@ -176,6 +317,7 @@ class ModelsSection(Section):
     simple: Weight = 1.0
     complex: Weight = 1.0
     user: Weight = 1.0
+    kinds: dict[str, Weight] = Field(default_factory=dict)
     folders: Annotated[tuple[str, ...], BeforeValidator(_as_tuple)] = ()
     variants: Count = 3
 
@@ -194,7 +336,13 @@ class TexturesSection(Section):
         images: files, folders and globs, for ``images``.
         patch_px: side of a patch in the atlas.
         scales: sides of the squares cut from an image, in units of ``patch_px``.
-        min_texture: crops below this measure are left out (see `semisynth_gl.textures.crops.texture_measure`).
+        min_texture: crops below this measure are flat (see `semisynth_gl.textures.crops.texture_measure`), and left
+            out but for ``flat_share``.
+        min_sharpness: crops below this measure are blurred, and left out (see
+            `semisynth_gl.textures.crops.sharpness_measure`).
+        min_difference: crops that differ less from another one are left out (see
+            `semisynth_gl.textures.crops.fingerprint`); 0 keeps all.
+        flat_share: share of flat crops wanted among all patches.
         max_patches: how many are kept.
         texels_per_pixel: mapping scale; 1 shows a patch at its own resolution, above 1 smaller, below 1 blown up.
         anisotropy: most samples of a patch for a pixel that sees it at a grazing angle; 1 blurs there.
@@ -213,6 +361,9 @@ class TexturesSection(Section):
         4.0,
     )
     min_texture: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 4.0
+    min_sharpness: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.3
+    min_difference: Annotated[float, Field(ge=0, le=1)] = 0.04
+    flat_share: Annotated[float, Field(ge=0, lt=1)] = 0.0
     max_patches: Annotated[int, Field(ge=1, le=2048)] = 512
     texels_per_pixel: PositiveRange = Range(0.8, 1.5)
     anisotropy: Annotated[int, Field(ge=1, le=16)] = 1
@@ -340,6 +491,7 @@ class Config(Section):
         camera: see `CameraSection`.
         disparity: see `DisparitySection`.
         background: see `BackgroundSection`.
+        structures: see `StructuresSection`.
         particles: see `ParticlesSection`.
         models: see `ModelsSection`.
         textures: see `TexturesSection`.
@@ -358,6 +510,7 @@ class Config(Section):
     camera: CameraSection
     disparity: DisparitySection
     background: BackgroundSection = BackgroundSection()
+    structures: StructuresSection = StructuresSection()
     particles: ParticlesSection = ParticlesSection()
     models: ModelsSection = ModelsSection()
     textures: TexturesSection = TexturesSection()
@@ -374,10 +527,12 @@ class Config(Section):
     @model_validator(mode="after")
     def _nothing_nearer_than_allowed(self) -> Self:
         nearest = {
+            "structures.panel_disparity_px": self.structures.panel_disparity_px,
             "background.wall_disparity_px": self.background.wall_disparity_px if self.background.cuboid else None,
             "background.plane_disparity_px": self.background.plane_disparity_px if self.background.plane else None,
         }
-        nearest |= {f"particles.layers.{k}": layer.disparity_px for k, layer in enumerate(self.particles.layers or ())}
+        for name, layers in (("layers", self.particles.layers or ()), ("clutter", self.particles.clutter)):
+            nearest |= {f"particles.{name}.{k}": layer.disparity_px for k, layer in enumerate(layers)}
         for key, values in nearest.items():
             if values is not None and values.high > self.disparity.max_px:
                 raise ValueError(
@@ -386,7 +541,49 @@ class Config(Section):
                 )
         return self
 
+    @model_validator(mode="after")
+    def _target_can_be_shown(self) -> Self:
+        target, high = self.disparity.target, self.disparity.max_px
+        ends = [self.disparity.min_px]
+        if self.background.plane:
+            ends.append(self.background.plane_disparity_px.low)
+        if self.background.cuboid and self.background.wall_disparity_px is not None:
+            ends.append(self.background.wall_disparity_px.low)
+        low = min(ends)
+        for each in (part.target for part in target.parts) if isinstance(target, MixtureTarget) else (target,):
+            blocks = _blocks(each, self.disparity)
+            whole = sum(share for _, _, share in blocks)
+            for begin, end, beyond in ((-math.inf, low, "below"), (high, math.inf, "above")):
+                out = [
+                    (first, last, share * max(0.0, min(last, end) - max(first, begin)) / (last - first))
+                    for first, last, share in blocks
+                ]
+                out = [block for block in out if block[2] > 0]
+                share = sum(block[2] for block in out) / whole
+                if share > _OUT_OF_REACH:
+                    at = max(out[0][0], begin), min(out[-1][1], end)
+                    raise ValueError(
+                        f"disparity.target wants {share:.1%} of the pixels at {at[0]:g} to {at[1]:g} px, {beyond} what "
+                        f"this config can show, {low:g} to {high:g} px: change the target, or disparity.min_px and "
+                        "max_px"
+                    )
+        return self
+
     def digest(self) -> str:
         """SHA-256 of the config's values, 64 hex digits; equal for equal configs however they were written down."""
         text = json.dumps(self.model_dump(mode="json"), sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _blocks(
+    target: UniformTarget | UniformDepthTarget | GammaTarget | HistogramTarget, section: DisparitySection
+) -> list[tuple[float, float, float]]:
+    """Lowest and highest disparity and share of a form's bins; none of those that keep to the section's limits."""
+    if isinstance(target, UniformTarget):
+        low = section.min_px if target.low_px is None else target.low_px
+        high = section.max_px if target.high_px is None else target.high_px
+        return [(low, max(high, low + 1e-9), 1.0)]
+    if isinstance(target, HistogramTarget):
+        edges = [target.first_px + number * target.bin_px for number in range(len(target.shares) + 1)]
+        return list(zip(edges[:-1], edges[1:], target.shares, strict=True))
+    return [(section.min_px, section.max_px, 1.0)]

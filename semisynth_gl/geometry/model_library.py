@@ -1,5 +1,6 @@
 """The models that a dataset draws from, built or read once from (config, seed) and then found in the cache."""
 
+import difflib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,22 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.cache import Entry
-from semisynth_gl.config.model import ModelsSection
+from semisynth_gl.config.model import ModelsSection, ParticlesSection
 from semisynth_gl.errors import InputError, Skipped
 from semisynth_gl.geometry.complex import COMPLEX_KINDS
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.models_entry import packed_meshes, packed_skipped, unpacked_meshes, unpacked_skipped
+from semisynth_gl.geometry.silhouette import Silhouette, mean_silhouette
 from semisynth_gl.geometry.simple import SIMPLE_KINDS
 from semisynth_gl.geometry.solid import marked_solid
-from semisynth_gl.geometry.vectors import cross, lengths
 from semisynth_gl.interrupts import interrupts_wait
 from semisynth_gl.remember import all_versions, own_sources, remembered, versions
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.splits import WHOLE, Split
 
-_VIEWS = 6
-_POINTS = 2000
-_CELLS = 24
 # What `Split.share` is told to share out, beside the numbers of the two families.
 _USER = 2
 
@@ -35,22 +33,23 @@ class ModelLibrary:
 
     Attributes:
         models: each normalised to radius 1.
-        chances: (M,) float64, sum 1: each family has its weight, shared evenly by its models.
-        fill: mean projected area over models and directions, in units of the bounding sphere's disc.
+        chances: (M,) float64, sum 1: each family has its weight, shared by its models as their kinds' weights say.
+        silhouette: what they cover on average.
         skipped: the user's models that could not be used.
     """
 
     models: tuple[Mesh, ...]
     chances: NDArray[np.float64]
-    fill: float
+    silhouette: Silhouette
     skipped: tuple[Skipped, ...]
 
 
-def build_library(section: ModelsSection, seed: int, split: Split = WHOLE) -> ModelLibrary:
+def build_library(section: ModelsSection, particles: ParticlesSection, seed: int, split: Split = WHOLE) -> ModelLibrary:
     """Build the models that a config asks for, or find those that were built of the same before.
 
     Args:
         section: which families, and where the user's models are.
+        particles: how they are stretched, for what they cover on average.
         seed: the dataset's.
         split: whose models.
 
@@ -59,12 +58,13 @@ def build_library(section: ModelsSection, seed: int, split: Split = WHOLE) -> Mo
     """
     folders = [Path(folder).expanduser() for folder in section.folders]
     if not all(folder.is_dir() for folder in folders):  # a single file may draw on any other one beside it
-        return _built(section, seed, split)
+        return _built(section, particles, seed, split)
     files = [sorted(path for path in folder.rglob("*") if path.is_file()) for folder in folders]
 
     def decided_by() -> dict[str, Any]:
         return {
             "section": section.model_dump(mode="json"),
+            "stretch": particles.model_dump(mode="json", include={"stretch", "thinness"}),
             "seed": seed,
             "split": [split.name, sorted(split.held_out.items()) if split.models else []],
             "files": [[str(path.absolute()) for path in group] for group in files],
@@ -79,7 +79,7 @@ def build_library(section: ModelsSection, seed: int, split: Split = WHOLE) -> Mo
         decided_by,
         files=flat,
         # Which files a model draws on, only its reader knows: all count.
-        make=lambda: (_built(section, seed, split), flat),
+        make=lambda: (_built(section, particles, seed, split), flat),
         pack=_packed,
         unpack=_unpacked,
     )
@@ -90,13 +90,15 @@ def _packed(library: ModelLibrary) -> Entry | None:
     if any("MemoryError" in each.reason for each in library.skipped):
         return None
     meshes = packed_meshes(library.models)
-    values = {"fill": library.fill, "skipped": packed_skipped(library.skipped)}
-    return Entry(meshes.values | values, meshes.arrays | {"chances": library.chances})
+    values = {"fill": library.silhouette.fill, "skipped": packed_skipped(library.skipped)}
+    arrays = {"chances": library.chances, "heights": library.silhouette.heights}
+    return Entry(meshes.values | values, meshes.arrays | arrays)
 
 
 def _unpacked(entry: Entry) -> ModelLibrary:
     skipped = unpacked_skipped(entry.values["skipped"])
-    return ModelLibrary(unpacked_meshes(entry), entry.arrays["chances"], entry.values["fill"], skipped)
+    silhouette = Silhouette(entry.values["fill"], entry.arrays["heights"])
+    return ModelLibrary(unpacked_meshes(entry), entry.arrays["chances"], silhouette, skipped)
 
 
 def _read(folders: Sequence[str]) -> tuple[Sequence[Mesh], Sequence[Skipped]]:
@@ -108,55 +110,45 @@ def _read(folders: Sequence[str]) -> tuple[Sequence[Mesh], Sequence[Skipped]]:
     return load_models([Path(folder).expanduser() for folder in folders])
 
 
-def _built(section: ModelsSection, seed: int, split: Split) -> ModelLibrary:
+def _built(section: ModelsSection, particles: ParticlesSection, seed: int, split: Split) -> ModelLibrary:
     user, skipped = _read(section.folders)
-    kinds_of = [list(enumerate(kinds.values())) for kinds in (SIMPLE_KINDS, COMPLEX_KINDS)]
+    kinds_of = [list(enumerate(kinds.items())) for kinds in (SIMPLE_KINDS, COMPLEX_KINDS)]
     if split.models and split.held_out:
         user = split.share(user, seed, "models of the user's", _USER) if user else user
         kinds_of = [
             split.share(kinds, seed, "kinds of built-in models", family) for family, kinds in enumerate(kinds_of)
         ]
     seed = split.seed(seed)
-    families: list[tuple[float, Sequence[Mesh]]] = [(section.user, user)]
+    weights = _kind_weights(section)
+    families: list[tuple[float, list[Mesh], list[float]]] = [(section.user, list(user), [1.0] * len(user))]
     for family, weight in enumerate((section.simple, section.complex)):
-        if weight == 0:
+        kinds = [(kind, name, build) for kind, (name, build) in kinds_of[family] if weights[name] > 0]
+        if weight == 0 or not kinds:
             continue
         meshes = [
             marked_solid(build(generator(seed, Purpose.MODELS, family, kind, variant)))
-            for kind, build in kinds_of[family]
+            for kind, _, build in kinds
             for variant in range(section.variants)
         ]
-        families.append((weight, meshes))
-    if not any(weight > 0 and meshes for weight, meshes in families):
+        of_kinds = [weights[name] for _, name, _ in kinds for _ in range(section.variants)]
+        families.append((weight, meshes, of_kinds))
+    if not any(weight > 0 and meshes for weight, meshes, _ in families):
         raise InputError(
             "there are no models to draw: models.simple and models.complex are 0, and of the user's there is none; "
             "give --models DIR, or raise a weight of the section models"
         )
-    models = [mesh for _, meshes in families for mesh in meshes]
-    chances = np.concatenate([np.full(len(meshes), weight / max(len(meshes), 1)) for weight, meshes in families])
+    models = [mesh for _, meshes, _ in families for mesh in meshes]
+    chances = np.concatenate([weight * np.array(of) / max(sum(of), 1e-300) for weight, _, of in families])
     chances /= chances.sum()
     rng = generator(seed, Purpose.MODELS, len(families))
-    areas = np.array([projected_area(mesh, rng) for mesh in models])
-    return ModelLibrary(tuple(models), chances, float((chances * areas).sum() / np.pi), tuple(skipped))
+    return ModelLibrary(tuple(models), chances, mean_silhouette(models, chances, particles, rng), tuple(skipped))
 
 
-def projected_area(mesh: Mesh, rng: np.random.Generator) -> float:
-    """Estimate the mean area of a mesh's silhouette over random directions, in squared model units.
-
-    Points are thrown on the surface and the cells of a coarse grid that they reach are counted; good to about a tenth,
-    which is all that choosing the number of particles needs.
-    """
-    corners = mesh.positions.astype(np.float64)[mesh.triangles]
-    edges = corners[:, 1:] - corners[:, :1]
-    area = lengths(cross(edges[:, 0], edges[:, 1]))
-    triangle = rng.choice(len(area), _POINTS, p=area / area.sum())
-    u, v = rng.random((2, _POINTS))
-    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
-    points = corners[triangle, 0] + u[:, None] * edges[triangle, 0] + v[:, None] * edges[triangle, 1]
-    radius = mesh.radius
-    total = 0.0
-    for _ in range(_VIEWS):
-        axes = np.linalg.qr(rng.normal(size=(3, 2)))[0]
-        cells = ((points @ axes / radius + 1) / 2 * _CELLS).astype(np.int64).clip(0, _CELLS - 1)
-        total += np.count_nonzero(np.bincount(cells[:, 0] * _CELLS + cells[:, 1])) * (2 * radius / _CELLS) ** 2
-    return total / _VIEWS
+def _kind_weights(section: ModelsSection) -> dict[str, float]:
+    known = [*SIMPLE_KINDS, *COMPLEX_KINDS]
+    unknown = [kind for kind in section.kinds if kind not in known]
+    if unknown:
+        near = difflib.get_close_matches(unknown[0], known, n=1)
+        hint = f"did you mean {near[0]}?" if near else f"expected some of: {', '.join(sorted(known))}"
+        raise InputError(f"models.kinds.{unknown[0]}: no such kind of model; {hint}")
+    return dict.fromkeys(known, 1.0) | section.kinds

@@ -32,11 +32,11 @@ def _face() -> Mesh:
 FACE = _face()
 
 # Walls keep this much more than the smallest allowed depth, so that rounding never puts a pixel beyond max_px.
-_MARGIN = 1.01
+BEYOND_NEAR = 1.01
 # Side walls stand between these fractions of the way from the nearest allowed place to just outside the view.
 _SIDE_WALL = Range(0.3, 1.1)
 # Walls go on behind each other by this share of their size: rounded to float32, edges that only met would leave gaps.
-_OVERLAP = 1e-4
+OVERLAP = 1e-4
 _GRID = (48, 32)
 
 
@@ -114,14 +114,14 @@ def _cuboid(
 
     # Faces in the order +x, -x, +y, -y, +z (the back wall), -z (behind the cameras).
     normal = np.concatenate([axes.T[k // 2][None] * (1 - 2 * (k % 2)) for k in range(6)])
-    smallest = _smallest_offsets(camera, normal, near)
+    smallest = smallest_offsets(camera, normal, near)
     offset = np.empty(6)
     reach = (_corner_points(camera, wall_depth) @ normal.T).max(axis=0)
     offset[:4] = smallest[:4] + fraction * np.maximum(reach[:4] - smallest[:4], 0)
     centre_ray = camera.rays("left", np.array((camera.width_px - 1) / 2), np.array((camera.height_px - 1) / 2))
     offset[4] = wall_depth * max(float(normal[4] @ centre_ray), 0.1)
     # The back wall's far corner keeps to min_px where the turn allows it; side walls may cut it off before.
-    steepest = float((_corner_rays(camera) @ normal[4]).min())
+    steepest = float((corner_rays(camera) @ normal[4]).min())
     if steepest > 0:
         offset[4] = min(offset[4], farthest * steepest)
     offset[5] = 0.5 * wall_depth
@@ -133,8 +133,8 @@ def _cuboid(
         k, sign = face // 2, 1 - 2 * (face % 2)
         i, j = (k + 1) % 3, (k + 2) % 3
         room = {axis: offset[2 * axis] + offset[2 * axis + 1] for axis in (i, j)}
-        low = {axis: -offset[2 * axis + 1] - _OVERLAP * room[axis] for axis in (i, j)}
-        size[face] = [(1 + 2 * _OVERLAP) * room[axis] for axis in (i, j)]
+        low = {axis: -offset[2 * axis + 1] - OVERLAP * room[axis] for axis in (i, j)}
+        size[face] = [(1 + 2 * OVERLAP) * room[axis] for axis in (i, j)]
         corner = sign * offset[face] * axes[:, k] + low[i] * axes[:, i] + low[j] * axes[:, j]
         world_from_face[face, :3, 0] = axes[:, i] * size[face, 0]
         world_from_face[face, :3, 1] = axes[:, j] * size[face, 1]
@@ -145,7 +145,7 @@ def _cuboid(
     return Background("cuboid", world_from_face, size, normal, offset, visible_depth)
 
 
-def _smallest_offsets(camera: StereoCamera, normal: NDArray[np.float64], near_m: float) -> NDArray[np.float64]:
+def smallest_offsets(camera: StereoCamera, normal: NDArray[np.float64], near_m: float) -> NDArray[np.float64]:
     """Smallest distance of walls with these normals that keeps both cameras inside and all pixels beyond near.
 
     Along a ray from an eye at e, a wall normal . p = offset has depth Z = (offset - normal . e) / (normal . ray), and
@@ -155,12 +155,13 @@ def _smallest_offsets(camera: StereoCamera, normal: NDArray[np.float64], near_m:
     for eye in EYES:
         shift = normal[:, 0] * camera.offset_m(eye)
         inside = shift + 0.05 * near_m
-        beyond = shift + _MARGIN * near_m * (_corner_rays(camera, eye) @ normal.T).max(axis=0)
+        beyond = shift + BEYOND_NEAR * near_m * (corner_rays(camera, eye) @ normal.T).max(axis=0)
         smallest = np.maximum(smallest, np.maximum(inside, beyond))
     return smallest
 
 
-def _corner_rays(camera: StereoCamera, *eyes: str) -> NDArray[np.float64]:
+def corner_rays(camera: StereoCamera, *eyes: str) -> NDArray[np.float64]:
+    """Rays (4 E, 3) with Z = 1 through the corners of the named views, or of both."""
     x = np.array([-0.5, camera.width_px - 0.5, -0.5, camera.width_px - 0.5])
     y = np.array([-0.5, -0.5, camera.height_px - 0.5, camera.height_px - 0.5])
     return np.concatenate([camera.rays(eye, x, y) for eye in EYES if not eyes or eye in eyes])
@@ -168,15 +169,19 @@ def _corner_rays(camera: StereoCamera, *eyes: str) -> NDArray[np.float64]:
 
 def _corner_points(camera: StereoCamera, depth_m: float) -> NDArray[np.float64]:
     """Corners of both views at one depth, (8, 3), in the left camera's frame."""
-    return np.concatenate(
-        [_corner_rays(camera, eye) * depth_m + np.array([camera.offset_m(eye), 0, 0]) for eye in EYES]
-    )
+    return np.concatenate([corner_rays(camera, eye) * depth_m + np.array([camera.offset_m(eye), 0, 0]) for eye in EYES])
+
+
+def grid_px(camera: StereoCamera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Columns and rows, flat, of a coarse grid over the view."""
+    x = (np.arange(_GRID[0]) + 0.5) / _GRID[0] * camera.width_px - 0.5
+    y = (np.arange(_GRID[1]) + 0.5) / _GRID[1] * camera.height_px - 0.5
+    columns, rows = np.meshgrid(x, y)
+    return columns.ravel(), rows.ravel()
 
 
 def _grid_rays(camera: StereoCamera) -> NDArray[np.float64]:
-    x = (np.arange(_GRID[0]) + 0.5) / _GRID[0] * camera.width_px - 0.5
-    y = (np.arange(_GRID[1]) + 0.5) / _GRID[1] * camera.height_px - 0.5
-    return camera.rays("left", *np.meshgrid(x, y)).reshape(-1, 3)
+    return camera.rays("left", *grid_px(camera))
 
 
 def _first_hit(

@@ -1,11 +1,12 @@
 """How many particles each layer of depth needs for a wanted distribution of disparity.
 
-With particles thrown independently, a layer whose particles cover a pixel lambda times on average hides it with
-probability 1 - exp(-lambda) (a Boolean model). Going from near to far, T is the share of the view that is still open
-in front of a layer, and of the bare background the share B lies in the layer or behind it and the share b lies in the
-layer itself. Then the layer's disparities take the share
+With particles thrown independently, a layer whose particles cover a pixel lambda times on average leaves it open with
+probability exp(-lambda) (a Boolean model), and a pixel shows less than d px where nothing that covers it shows more:
 
-    w = T ((1 - exp(-lambda)) B + exp(-lambda) b),    so    exp(-lambda) = (B - w / T) / (B - b).
+    F(d) = F_background(d) * product over layers k of exp(-lambda_k S_k(d)),
+
+with S_k(d) the probability that a particle of layer k shows d px or more where it covers a pixel. Particles are deep,
+so that S_k is no step: the lambdas are those that bring F nearest to the wanted one at the edges of all layers at once.
 """
 
 from dataclasses import dataclass
@@ -13,55 +14,156 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.config.model import DisparitySection
+from semisynth_gl.camera import StereoCamera
+from semisynth_gl.config.model import ParticlesSection
+from semisynth_gl.geometry.silhouette import Silhouette
+from semisynth_gl.histogram import Histogram
+from semisynth_gl.scene.particles import Sizes
 
-# Above this coverage a layer is closed for all practical purposes (95%).
-_DENSEST = 3.0
-_UNIFORM_BINS = 24
+Floats = NDArray[np.float64]
+
+# Above this coverage a layer is closed for all practical purposes (98%).
+_DENSEST = 4.0
+_ROUNDS = 200
+_SAMPLES = 128
+# Below this share of open pixels, how many more are open makes no difference.
+_CLOSED = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Target:
-    """A wanted distribution of disparity.
+class Layers:
+    """K layers of depth.
 
     Attributes:
-        edges_px: (K + 1,) float64, rising.
-        shares: (K,) float64, sum 1.
+        low_px: (K,) float64, lowest disparity of a particle's middle.
+        high_px: (K,) float64, highest one; a layer without room has both equal and holds none.
     """
 
-    edges_px: NDArray[np.float64]
-    shares: NDArray[np.float64]
+    low_px: Floats
+    high_px: Floats
+
+    def __len__(self) -> int:
+        return len(self.low_px)
+
+    @property
+    def middle_px(self) -> Floats:
+        """(K,) disparity of each layer's middle."""
+        return (self.low_px + self.high_px) / 2
+
+    @property
+    def has_room(self) -> NDArray[np.bool_]:
+        """(K,) whether particles can be there."""
+        return self.low_px < self.high_px
 
 
-def target_of(section: DisparitySection) -> Target:
-    """Return the section's histogram, or a uniform one from ``min_px`` to ``max_px`` in bins of equal width."""
-    if section.histogram is None:
-        edges = np.linspace(section.min_px, section.max_px, _UNIFORM_BINS + 1, dtype=np.float64)
-        return Target(edges, np.full(_UNIFORM_BINS, 1 / _UNIFORM_BINS))
-    shares = np.array(section.histogram.shares, np.float64)
-    edges = np.arange(len(shares) + 1, dtype=np.float64) * section.histogram.bin_px
-    return Target(edges, shares / shares.sum())
+def layers_of(target: Histogram, min_px: float, max_px: float) -> Layers:
+    """Return a layer for each of the target's bins, within the limits."""
+    low = np.maximum(target.edges_px[:-1], min_px)
+    return Layers(low, np.maximum(low, np.minimum(target.edges_px[1:], max_px)))
 
 
-def coverage(target: Target, background_px: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Solve the layers' mean coverages lambda, (K,) float64, 0 or more.
+def reach(
+    layers: Layers,
+    edges_px: Floats,
+    camera: StereoCamera,
+    section: ParticlesSection,
+    sizes: Sizes,
+    silhouette: Silhouette,
+    near_m: float,
+) -> Floats:
+    """Probability that a particle shows at least a disparity where it covers a pixel, (K, J) float64.
 
     Args:
-        target: what is wanted.
-        background_px: disparities of the bare background over the view, any length.
+        layers: K layers.
+        edges_px: (J,) disparities.
+        camera: the camera.
+        section: drift of the particles.
+        sizes: their sizes.
+        silhouette: how far models stand out.
+        near_m: particles that cross this depth are not there.
     """
-    edges = target.edges_px.copy()
-    edges[0], edges[-1] = -np.inf, np.inf
-    background = np.histogram(background_px, edges)[0] / len(background_px)
-    behind = np.cumsum(background)
-    result = np.zeros(len(target.shares))
-    still_open = 1.0
-    for k in range(len(target.shares) - 1, -1, -1):
-        hideable = behind[k] - background[k]
-        if hideable <= 0:
-            break
-        passed = (behind[k] - target.shares[k] / still_open) / hideable
-        passed = float(np.clip(passed, np.exp(-_DENSEST), 1.0))
-        result[k] = -np.log(passed)
-        still_open *= passed
+    # Evenly spread points of the unit cube (Roberts' sequence), the same for all layers.
+    where = (np.arange(1, _SAMPLES + 1)[:, None] * _roots(6) + 0.5) % 1.0
+    disparity = layers.low_px[:, None] + (layers.high_px - layers.low_px)[:, None] * where[:, 0]
+    radius = sizes.radius_px(camera, disparity, where[:, 1])
+    height = silhouette.heights[(where[:, 2] * len(silhouette.heights)).astype(np.int64)]
+    drift = section.drift.low + (section.drift.high - section.drift.low) * where[:, 3]
+    # Half a turn of headings says all about one axis; the path's middle is where a particle is at half its age.
+    path = drift * (where[:, 5] - 0.5) * (camera.height_px + 2 * radius)
+    depth = 1 + path * np.cos(np.pi * where[:, 4]) / camera.focal_px
+    # What drifts in is missing at the side that it comes from: on the right, the other view's margin makes up for it.
+    sideways = path * np.sin(2 * np.pi * where[:, 4])
+    missing = np.maximum(sideways, 0) + np.maximum(-sideways - np.maximum(disparity, 0), 0)
+    shown = (disparity + camera.doffs_px) / (depth - height * radius / camera.focal_px) - camera.doffs_px
+    kept = camera.depth_m(disparity) * (depth - radius / camera.focal_px) > near_m
+    # Large particles cover more pixels, and so do those that come nearer.
+    weight = (radius / depth) ** 2
+    weight /= weight.sum(axis=1, keepdims=True)
+    at_least = shown[:, :, None] >= edges_px
+    result: Floats = np.einsum("ks,ksj->kj", weight * kept * (1 - missing / camera.width_px), at_least)
     return result
+
+
+def solve_coverage(shares: Floats, bare: Floats, reached: Floats, least: Floats, has_room: NDArray[np.bool_]) -> Floats:
+    """Solve the layers' mean coverages lambda, (..., K) float64, by least squares of F between their limits.
+
+    Args:
+        shares: (K,) what is wanted of a view in each bin.
+        bare: (..., K - 1) share of the view that shows less than each inner edge before the layers are filled.
+        reached: (..., K, K - 1), `reach` of the layers at the inner edges.
+        least: (..., K) smallest coverages.
+        has_room: (K,) layers that can hold particles.
+    """
+    wanted = np.maximum(np.cumsum(shares)[:-1], _CLOSED)
+    usable = bare > 0
+    needed = np.where(usable, np.log(np.where(usable, bare, 1.0) / wanted), 0.0)
+    most = np.where(has_room, _DENSEST, 0.0)
+    result, still_open = least, np.broadcast_to(wanted, bare.shape)
+    for _ in range(2):
+        # An error of log F is one of F where much is open, and none where all is closed.
+        weighted = reached * np.where(usable, np.maximum(still_open, wanted) ** 2, 0.0)[..., None, :]
+        product = weighted @ np.swapaxes(reached, -1, -2)
+        aim = weighted @ needed[..., None]
+        # Fast projected gradient (Beck and Teboulle 2009); the diagonal matrix of row sums bounds the quadratic form.
+        step = 1 / np.maximum(np.abs(product).sum(axis=-1), np.finfo(np.float64).tiny)
+        ahead, momentum = result, 1.0
+        for _ in range(_ROUNDS):
+            gradient = (product @ ahead[..., None] - aim)[..., 0]
+            before, result = result, np.clip(ahead - step * gradient, least, most)
+            following = (1 + (1 + 4 * momentum**2) ** 0.5) / 2
+            ahead = result + (momentum - 1) / following * (result - before)
+            momentum = following
+        still_open = _open(result, bare, reached)
+    return result
+
+
+def expected_shares(coverage: Floats, bare: Floats, reached: Floats) -> Floats:
+    """Shares of the view in the bins, (..., K) float64, by the Boolean model; arguments as for `solve_coverage`."""
+    ends = np.zeros((*coverage.shape[:-1], 1))
+    return np.diff(np.concatenate([ends, _open(coverage, bare, reached), ends + 1], axis=-1))
+
+
+def _open(coverage: Floats, bare: Floats, reached: Floats) -> Floats:
+    result: Floats = bare * np.exp(-coverage[..., None, :] @ reached)[..., 0, :]
+    return result
+
+
+def cumulative(disparity_px: Floats, at_px: Floats) -> Floats:
+    """Share of the values below each of some disparities."""
+    result: Floats = np.searchsorted(np.sort(disparity_px), at_px) / len(disparity_px)
+    return result
+
+
+def holds(background_px: Floats, edges_px: Floats) -> Floats:
+    """(K,) 1 for the bin of the background's median, where more particles hardly change what is seen, else 0."""
+    result = np.zeros(len(edges_px) - 1)
+    result[np.clip(np.searchsorted(edges_px, np.median(background_px)) - 1, 0, len(result) - 1)] = 1
+    return result
+
+
+def _roots(dimensions: int) -> Floats:
+    """Steps of Roberts' sequence: powers of the root of x^(d + 1) = x + 1."""
+    root = 1.5
+    for _ in range(50):
+        root = (1 + root) ** (1 / (dimensions + 1))
+    return root ** -np.arange(1, dimensions + 1, dtype=np.float64)

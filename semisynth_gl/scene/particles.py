@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config.model import LayerSection, ParticlesSection
+from semisynth_gl.geometry.stretch import draw_scales
 
 Floats = NDArray[np.float64]
 
@@ -66,29 +67,92 @@ class Release:
     scale: Floats
 
 
-def expected_cover(camera: StereoCamera, section: ParticlesSection, disparity_px: Floats, fill: float) -> Floats:
+@dataclass(frozen=True, slots=True)
+class Sizes:
+    """Diameters of models' bounding spheres, drawn uniformly in their logarithm.
+
+    Attributes:
+        low: the smallest.
+        high: the largest.
+        metric: whether in metres, so that far ones are smaller on the screen, or in pixels.
+    """
+
+    low: float
+    high: float
+    metric: bool = False
+
+    def radius_px(self, camera: StereoCamera, disparity_px: Floats, quantile: Floats) -> Floats:
+        """Radius on the screen of the given quantiles at disparities; both broadcast."""
+        radius = self.low / 2 * (self.high / self.low) ** quantile
+        if self.metric:
+            radius = radius * camera.focal_px / camera.depth_m(disparity_px)
+        result: Floats = np.broadcast_to(radius, np.broadcast_shapes(radius.shape, disparity_px.shape))
+        return result
+
+    def scaled(self, factor: float) -> "Sizes":
+        """Return sizes larger by a factor."""
+        return Sizes(self.low * factor, self.high * factor, self.metric)
+
+
+def sizes_of(section: ParticlesSection) -> Sizes:
+    """Return the sizes that a config states."""
+    if section.size_m is not None:
+        return Sizes(section.size_m.low, section.size_m.high, metric=True)
+    return Sizes(section.size_px.low, section.size_px.high)
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """Particles that are drawn alike.
+
+    Attributes:
+        low_px: lowest disparity.
+        high_px: highest one.
+        count: how many.
+        sizes: how large.
+    """
+
+    low_px: float
+    high_px: float
+    count: int
+    sizes: Sizes
+
+
+def expected_cover(camera: StereoCamera, sizes: Sizes, disparity_px: Floats, fill: float) -> Floats:
     """Mean number of times that one particle of a layer covers a pixel of the view, (K,) float64.
 
     Args:
         camera: the camera.
-        section: sizes and stretch.
+        sizes: how large particles are.
         disparity_px: (K,) disparity of each layer.
-        fill: mean projected area of the models, unstretched, in units of their bounding sphere's disc.
+        fill: mean projected area of the models in units of their bounding sphere's disc.
     """
     quantile = (np.arange(64) + 0.5) / 64
-    radius = section.size_px.low / 2 * (section.size_px.high / section.size_px.low) ** quantile
-    area = fill * _mean_stretch(section) * np.pi * radius**2
-    width, height = _release_area_px(camera, disparity_px[:, None], radius[None, :])
+    radius = sizes.radius_px(camera, disparity_px[:, None], quantile)
+    area = fill * np.pi * radius**2 * _mean_secant(camera)
+    width, height = _release_area_px(camera, disparity_px[:, None], radius)
     cover: Floats = (area / (width * height)).mean(axis=1)
     return cover
 
 
-def _mean_stretch(section: ParticlesSection) -> float:
-    """How much the mean projected area shrinks by stretching: mean product of two of the three scales."""
-    ratio = (np.arange(24) + 0.5) / 24
-    scale = section.stretch.low + (section.stretch.high - section.stretch.low) * ratio
-    a, b, c = np.meshgrid(scale, scale, scale)
-    return float(((a * b + b * c + c * a) / 3 / np.maximum(np.maximum(a, b), c) ** 2).mean())
+def expected_in_view(camera: StereoCamera, sizes: Sizes, disparity_px: Floats) -> Floats:
+    """Share of a layer's particles whose bounding sphere touches the left view, (K,) float64."""
+    quantile = (np.arange(64) + 0.5) / 64
+    radius = sizes.radius_px(camera, disparity_px[:, None], quantile)
+    width, _ = _release_area_px(camera, disparity_px[:, None], radius)
+    share: Floats = ((camera.width_px + 2 * radius) / width).mean(axis=1)
+    return share
+
+
+def _mean_secant(camera: StereoCamera) -> float:
+    """How much larger things are in the picture towards its sides, averaged over the left view.
+
+    What faces a ray at an angle t to the axis, at depth Z, takes the solid angle a cos(t)^2 / Z^2, and a solid angle
+    takes f^2 / cos(t)^3 of the picture: together 1 / cos(t) of what it takes in the middle.
+    """
+    x = ((np.arange(16) + 0.5) / 16 * camera.width_px - 0.5 - camera.cx_left_px) / camera.focal_px
+    y = ((np.arange(16) + 0.5) / 16 * camera.height_px - 0.5 - camera.cy_px) / camera.focal_px
+    return float(np.sqrt(1 + x**2 + y[:, None] ** 2).mean())
 
 
 def _release_area_px(camera: StereoCamera, disparity_px: Floats, radius_px: Floats) -> tuple[Floats, Floats]:
@@ -97,27 +161,32 @@ def _release_area_px(camera: StereoCamera, disparity_px: Floats, radius_px: Floa
 
 
 def draw_slots(
-    camera: StereoCamera,
-    section: ParticlesSection,
-    layers: Sequence[tuple[float, float, float]],
-    rng: np.random.Generator,
+    camera: StereoCamera, section: ParticlesSection, batches: Sequence[Batch], rng: np.random.Generator
 ) -> Slots:
     """Draw the slots of one sequence.
 
     Args:
         camera: the camera.
-        section: sizes, speeds and the upper limit of the number.
-        layers: lowest and highest disparity in px, and number of particles, of each layer.
+        section: speeds and the upper limit of the number.
+        batches: how many of which.
         rng: randomness.
     """
-    counts = np.array([count for _, _, count in layers], np.int64)
+    counts = np.array([batch.count for batch in batches], np.int64)
     if counts.sum() > section.most:
         counts = counts * section.most // counts.sum()
-    low = np.repeat([low for low, _, _ in layers], counts)
-    high = np.repeat([high for _, high, _ in layers], counts)
+    low = np.repeat([batch.low_px for batch in batches], counts)
+    high = np.repeat([batch.high_px for batch in batches], counts)
     total = len(low)
     disparity = low + (high - low) * rng.random(total)
-    radius = section.size_px.draw_log(rng, total) / 2
+    quantile = rng.random(total)
+    ends = np.cumsum(counts)
+    radius = np.concatenate(
+        [
+            batch.sizes.radius_px(camera, disparity[end - count : end], quantile[end - count : end])
+            for batch, count, end in zip(batches, counts, ends, strict=True)
+        ]
+        or [np.empty(0)]
+    )
     speed = section.fall_m_s.draw_many(rng, total)
     phase = rng.random(total)
     depth = camera.depth_m(disparity)
@@ -125,14 +194,31 @@ def draw_slots(
     return Slots(depth, disparity, radius, height * depth / camera.focal_px / speed, phase)
 
 
-def draw_counts(mean: Floats, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Numbers of particles per layer, Poisson as for particles thrown independently: every scene varies."""
-    return rng.poisson(mean)
+def poisson_counts(mean: Floats, quantile: Floats) -> NDArray[np.int64]:
+    """Numbers of particles per layer, (K,) int64: the given quantiles, (K,) in [0, 1), of Poisson distributions.
+
+    Particles that are thrown independently are Poisson in number: every scene varies.
+    """
+    most = int(mean.max(initial=0.0) + 12 * mean.max(initial=0.0) ** 0.5 + 24)
+    number = np.arange(most)
+    log_mean = np.log(np.maximum(mean, np.finfo(np.float64).tiny))[:, None]
+    logarithm = number * log_mean - mean[:, None] - np.concatenate([[0.0], np.cumsum(np.log(number[1:]))])
+    below = np.cumsum(np.exp(logarithm), axis=1)
+    counts: NDArray[np.int64] = (below <= quantile[:, None]).sum(axis=1)
+    return counts
 
 
-def layer_counts(sections: Sequence[LayerSection], rng: np.random.Generator) -> list[tuple[float, float, float]]:
+def stated_sizes(layer: LayerSection, section: ParticlesSection) -> Sizes:
+    """Return the sizes of a layer that the config states."""
+    return sizes_of(section) if layer.size_px is None else Sizes(layer.size_px.low, layer.size_px.high)
+
+
+def stated_batches(layers: Sequence[LayerSection], section: ParticlesSection, rng: np.random.Generator) -> list[Batch]:
     """Layers as the config states them, each count drawn from its range and rounded."""
-    return [(s.disparity_px.low, s.disparity_px.high, round(s.count.draw(rng))) for s in sections]
+    return [
+        Batch(each.disparity_px.low, each.disparity_px.high, round(each.count.draw(rng)), stated_sizes(each, section))
+        for each in layers
+    ]
 
 
 def draw_release(camera: StereoCamera, section: ParticlesSection, slots: Slots, rng: np.random.Generator) -> Release:
@@ -147,8 +233,7 @@ def draw_release(camera: StereoCamera, section: ParticlesSection, slots: Slots, 
     spin = np.deg2rad(section.spin_deg_s.draw_many(rng, total))
     heading = rng.uniform(0, 2 * np.pi, total)
     drift = section.drift.draw_many(rng, total)[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
-    scale = section.stretch.draw_many(rng, 3 * total).reshape(total, 3)
-    scale /= scale.max(axis=1, keepdims=True)
+    scale = draw_scales(section, total, rng)
     return Release(start, quaternion, axis, spin, drift, scale)
 
 

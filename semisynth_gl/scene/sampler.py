@@ -11,20 +11,12 @@ from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config.model import Config
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
-from semisynth_gl.scene.background import FACE, Background, draw_background
-from semisynth_gl.scene.layers import coverage, target_of
-from semisynth_gl.scene.particles import (
-    Release,
-    Slots,
-    draw_counts,
-    draw_release,
-    draw_slots,
-    expected_cover,
-    layer_counts,
-    particles_at,
-)
-from semisynth_gl.scene.rig import check_reachable, draw_camera, near_depth_m
+from semisynth_gl.scene.background import Background, draw_background
+from semisynth_gl.scene.particles import Release, Slots, draw_release, draw_slots, particles_at
+from semisynth_gl.scene.population import Population
+from semisynth_gl.scene.rig import draw_camera, near_depth_m
 from semisynth_gl.scene.scene import Scene
+from semisynth_gl.scene.structures import STILL_MODELS, Surroundings, draw_surroundings
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 
@@ -37,7 +29,7 @@ class SampledScene:
     """A scene and what it was made of.
 
     Attributes:
-        scene: what the renderer draws; model 0 is the background's face.
+        scene: what the renderer draws; the first models are those that stand still.
         background: "cuboid" or "plane".
         sequence: number of the sequence.
         frame: number of the frame within it.
@@ -57,6 +49,7 @@ class _Sequence:
 
     camera: StereoCamera
     background: Background
+    surroundings: Surroundings
     slots: Slots
 
 
@@ -87,6 +80,7 @@ class SceneSampler:
         self._config = config
         self._seed = seed
         self._model_library = library
+        self._population = Population(config, seed, library.silhouette)
         self._patches = patches
         self._first_layer = np.array([patch.first_layer for patch in patches])
         self._layer_count = np.array([patch.layer_count for patch in patches])
@@ -94,8 +88,8 @@ class SceneSampler:
 
     @property
     def models(self) -> tuple[Mesh, ...]:
-        """The models that `Scene.model` counts: the background's face, then the library."""
-        return (FACE, *self._model_library.models)
+        """The models that `Scene.model` counts: those that stand still, then the library."""
+        return (*STILL_MODELS, *self._model_library.models)
 
     def sample(self, index: int, attempt: int = 0) -> SampledScene:
         """Sample the scene of pair ``index``, 0 or more; each ``attempt`` draws its whole sequence anew."""
@@ -117,27 +111,26 @@ class SceneSampler:
         kept = np.flatnonzero(particles.centre_m[:, 2] - particles.radius_m > near_m)
 
         generations = particles.generation[kept]
-        background = sequence.background
-        faces = len(background.size_m)
-        model = np.concatenate([np.zeros(faces, np.int64), 1 + self._models(draw, generations, kept)])
-        patch, offset, texels = self._textures(draw, faces, generations, kept)
+        still = sequence.surroundings
+        model = np.concatenate([still.model, len(STILL_MODELS) + self._models(draw, generations, kept)])
+        patch, offset, texels = self._textures(draw, len(still), generations, kept)
         # A patch at its own resolution covers this part of a ray's slope X / Z, inverted.
         patches_per_slope = camera.focal_px / config.textures.patch_px
-        depth = np.concatenate([background.visible_depth_m, particles.centre_m[kept, 2]])
-        # Lengths of one UV unit: a face's edges, and a model's unit under its mean scale.
+        depth = np.concatenate([still.depth_m, particles.centre_m[kept, 2]])
+        # Lengths of one UV unit: of a model its unit under its mean scale.
         scale = np.linalg.norm(particles.world_from_model[kept, :3, :3], axis=1).mean(axis=1)
-        unit_m = np.concatenate([background.size_m, np.repeat(scale[:, None], 2, axis=1)])
+        unit_m = np.concatenate([still.unit_m, np.repeat(scale[:, None], 2, axis=1)])
         scene = Scene(
             camera=camera,
             near_m=near_m,
             camera_from_world=np.eye(4),
             model=model,
-            world_from_model=np.concatenate([background.world_from_face, particles.world_from_model[kept]]),
+            world_from_model=np.concatenate([still.world_from_model, particles.world_from_model[kept]]),
             layer=self._layers(number, patch, frame),
             uv_scale=unit_m * (patches_per_slope * texels / depth)[:, None],
             uv_offset=offset,
         )
-        return SampledScene(scene, background.kind, number, frame, patch)
+        return SampledScene(scene, sequence.background.kind, number, frame, patch)
 
     def provenance(self, sampled: SampledScene) -> dict[str, Any]:
         """What a pair's scene was made of, in JSON's types.
@@ -174,26 +167,14 @@ class SceneSampler:
         config = self._config
         camera = draw_camera(config.camera, draw.generator(Purpose.CAMERA))
         background = draw_background(config.background, config.disparity, camera, draw.generator(Purpose.BACKGROUND))
+        surroundings = draw_surroundings(
+            config.structures, config.disparity, camera, background, draw.generator(Purpose.STRUCTURES)
+        )
         rng = draw.generator(Purpose.PARTICLES, 0)
-        if config.particles.layers is not None:
-            layers = layer_counts(config.particles.layers, rng)
-            check_reachable(camera, min((low for low, _, _ in layers), default=1.0), "particles.layers.disparity_px")
-        else:
-            layers = self._solved_layers(camera, background, rng)
-        return _Sequence(camera, background, draw_slots(camera, config.particles, layers, rng))
-
-    def _solved_layers(
-        self, camera: StereoCamera, background: Background, rng: np.random.Generator
-    ) -> list[tuple[float, float, float]]:
-        section = self._config.disparity
-        target = target_of(section)
-        low = np.maximum(target.edges_px[:-1], section.min_px)
-        high = np.minimum(target.edges_px[1:], section.max_px)
-        wanted = coverage(target, background.disparity_px(camera))
-        each = expected_cover(camera, self._config.particles, (low + high) / 2, self._model_library.fill)
-        counts = draw_counts(np.where(low < high, wanted / each, 0.0), rng)
-        # A layer without room between the limits holds none, but its count was drawn: later draws do not shift.
-        return [(lo, max(lo, hi), int(n)) for lo, hi, n in zip(low, high, counts, strict=True)]
+        # A scene that is drawn again takes a number that no other scene has.
+        number = draw.sequence + _REDRAWN * draw.attempt
+        batches = self._population.draw(number, camera, surroundings.disparity_px, rng)
+        return _Sequence(camera, background, surroundings, draw_slots(camera, config.particles, batches, rng))
 
     def _models(self, draw: _Draw, generation: NDArray[np.int64], slot: NDArray[np.intp]) -> NDArray[np.int64]:
         """Library index of the model in each slot."""

@@ -1,0 +1,127 @@
+"""How near datasets come to their wanted distribution of disparity.
+
+    python benchmarks/targets.py --pairs 200 --out benchmarks/results/targets.json
+
+Pairs are rendered at an eighth of their size, with all lengths in pixels scaled alike: the same scenes seen by a
+smaller sensor.
+"""
+
+import json
+import platform
+import time
+from typing import Any
+
+import click
+import numpy as np
+
+from semisynth_gl.config import Config, load_config
+from semisynth_gl.histogram import PixelCount, total_variation, wasserstein_px
+from semisynth_gl.pipeline import PairRenderer
+from semisynth_gl.scene.target import target_of
+
+_SCALE = 1 / 8
+_UNIFORM = {"min_px": 0.5, "max_px": 200.0, "target": {"form": "uniform", "low_px": 0.0, "high_px": 192.0}}
+_HUMPS = {
+    "min_px": 4.0,
+    "max_px": 220.0,
+    "target": {
+        "form": "mixture",
+        "parts": [
+            {"weight": 0.6, "target": {"form": "gamma", "mean_px": 30.0, "spread_px": 10.0}},
+            {"weight": 0.4, "target": {"form": "gamma", "mean_px": 130.0, "spread_px": 20.0}},
+        ],
+    },
+}
+_TARGETS: dict[str, tuple[str, dict[str, Any]]] = {
+    "Middlebury": ("middlebury", {}),
+    "KITTI-like": ("kitti", {}),
+    "ETH3D": ("eth3d", {}),
+    "SceneFlow": ("sceneflow", {}),
+    "uniform, 0 to 192 px": ("sceneflow", {"disparity": _UNIFORM, "background": {"wall_disparity_px": [1.0, 30.0]}}),
+    "two humps, at 30 and 130 px": (
+        "sceneflow",
+        {"disparity": _HUMPS, "background": {"wall_disparity_px": [6.0, 20.0]}},
+    ),
+}
+
+
+def _scaled(values: Any) -> Any:  # noqa: ANN401 - whatever a config holds
+    """Scale all that is in pixels, by the names of keys."""
+    if not isinstance(values, dict):
+        return values
+    made = {}
+    for key, value in values.items():
+        if key.endswith("_px") and key != "patch_px" and value is not None:
+            made[key] = [each * _SCALE for each in value] if isinstance(value, list) else value * _SCALE
+            if key in ("width_px", "height_px"):
+                made[key] = int(made[key])
+        elif isinstance(value, list):
+            made[key] = [_scaled(each) for each in value]
+        else:
+            made[key] = _scaled(value)
+    return made
+
+
+def small(name: str, sections: dict[str, Any]) -> Config:
+    """A packaged config with sections' keys replaced, at an eighth of its size."""
+    values = load_config(name).model_dump(mode="json")
+    for section, keys in sections.items():
+        values[section] |= keys
+    values = _scaled(values) | {"truth": "left", "outputs": []}
+    values["textures"]["patch_px"] = 64
+    return Config.model_validate(values)
+
+
+def measure(name: str, sections: dict[str, Any], pairs: int, seed: int) -> dict[str, Any]:
+    """Render pairs and compare their disparities with the target."""
+    config = small(name, sections)
+    wanted = target_of(config.disparity, config.camera)
+    count, medians, objects = PixelCount(wanted.edges_px), [], []
+    start = time.perf_counter()
+    with PairRenderer(config, seed) as renderer:
+        for index in range(pairs):
+            pair = renderer.render(index)
+            count.add(pair.frame.disparity_left)
+            medians.append(float(np.median(pair.frame.disparity_left)) / _SCALE)
+            objects.append(sum(pair.provenance["models"].values()))
+    achieved = count.histogram
+    return {
+        "config": name,
+        "pairs": pairs,
+        "total_variation": total_variation(wanted, achieved),
+        "wasserstein_px": wasserstein_px(wanted, achieved) / _SCALE,
+        "mean_px": wanted.mean_px / _SCALE,
+        "wasserstein_share": wasserstein_px(wanted, achieved) / wanted.mean_px,
+        "medians_px": [float(value) for value in np.percentile(medians, [5, 50, 95])],
+        "instances": float(np.mean(objects)),
+        "seconds": time.perf_counter() - start,
+        "edges_px": (wanted.edges_px / _SCALE).tolist(),
+        "wanted": wanted.shares.tolist(),
+        "achieved": achieved.shares.tolist(),
+    }
+
+
+@click.command()
+@click.option("--pairs", type=click.IntRange(1), default=200, show_default=True)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--out", type=click.Path(), required=True)
+def main(pairs: int, seed: int, out: str) -> None:
+    """Measure all targets, print a table, and write JSON."""
+    rows = {}
+    click.echo("| target | total variation | W1, px | W1, share of the mean | medians of pairs, 5, 50, 95 %, px |")
+    click.echo("|---|---|---|---|---|")
+    for title, (name, sections) in _TARGETS.items():
+        row = rows[title] = measure(name, sections, pairs, seed)
+        low, middle, high = row["medians_px"]
+        click.echo(
+            f"| {title} | {row['total_variation']:.3f} | {row['wasserstein_px']:.2f} "
+            f"| {row['wasserstein_share']:.1%} | {low:.0f}, {middle:.0f}, {high:.0f} |"
+        )
+    report = {"machine": platform.processor() or platform.machine(), "seed": seed, "targets": rows}
+    with open(out, "w", encoding="utf-8") as file:  # noqa: PTH123 - click gives a string
+        json.dump(report, file, indent=1)
+        file.write("\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,103 @@
+"""What a model covers on the screen and how far it stands out, on average over directions.
+
+These are the pilot pictures of the particle system: each model alone, small, from several sides.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.config.model import ParticlesSection
+from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.stretch import draw_scales
+
+# Views of all models together, so that few models are looked at more often; each is seen at least this often.
+_VIEWS_OF_ALL = 450
+_LEAST_VIEWS = 3
+_CELLS = 32
+_QUANTILES = 16
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Silhouette:
+    """Mean over models, directions and scales, in units of the bounding sphere's radius before stretching.
+
+    Attributes:
+        fill: projected area relative to the sphere's disc.
+        heights: (16,) float64, rising: quantiles over the projected area of how far the visible surface lies in front
+            of the sphere's centre, from -1 to 1.
+    """
+
+    fill: float
+    heights: NDArray[np.float64]
+
+
+def mean_silhouette(
+    models: Sequence[Mesh], chances: NDArray[np.float64], section: ParticlesSection, rng: np.random.Generator
+) -> Silhouette:
+    """Average over models by their chances, and over random directions and scales.
+
+    Args:
+        models: M models.
+        chances: (M,) float64, sum 1.
+        section: how models are stretched.
+        rng: draws directions and scales.
+    """
+    fill = 0.0
+    heights, weights = [], []
+    views = max(_LEAST_VIEWS, -(-_VIEWS_OF_ALL // len(models)))
+    for mesh, chance in zip(models, chances, strict=True):
+        for scale in draw_scales(section, views, rng):
+            axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+            seen = height_map(mesh, scale[:, None] * axes, _CELLS)
+            seen = seen[np.isfinite(seen)]
+            area = len(seen) * (2 / _CELLS) ** 2
+            fill += chance / views * area / np.pi
+            heights.append(seen)
+            weights.append(np.full(len(seen), chance))
+    height, weight = np.concatenate(heights), np.concatenate(weights)
+    order = np.argsort(height)
+    below = np.cumsum(weight[order])
+    wanted = (np.arange(_QUANTILES) + 0.5) / _QUANTILES * below[-1]
+    # Rounding: two machines may sum in different order, and digests of models are compared.
+    return Silhouette(round(float(fill), 9), np.round(height[order][np.searchsorted(below, wanted)], 9))
+
+
+def height_map(mesh: Mesh, axes: NDArray[np.float64], cells: int) -> NDArray[np.float64]:
+    """Look at a mesh from far away and measure how far it stands out.
+
+    Args:
+        mesh: the model.
+        axes: (3, 3) float64, columns are the picture's x and y and the direction towards the viewer; rows may be
+            scaled, as the model's axes are.
+        cells: width and height of the picture, which shows the bounding sphere.
+
+    Returns:
+        (cells, cells) float64, the nearest surface at each cell's centre in units of the bounding sphere's radius,
+        -inf beside the model.
+    """
+    corners = (mesh.positions.astype(np.float64) / mesh.radius @ axes)[mesh.triangles]
+    grid = (corners[..., :2] + 1) / 2 * cells - 0.5
+    low = np.ceil(grid.min(axis=1)).astype(np.int64).clip(0, cells)
+    size = (np.floor(grid.max(axis=1)).astype(np.int64).clip(-1, cells - 1) - low + 1).clip(0)
+    count = size[:, 0] * size[:, 1]
+    # A row for each cell of each triangle's bounding box.
+    triangle = np.repeat(np.arange(len(count)), count)
+    at = np.arange(len(triangle)) - np.repeat(np.cumsum(count) - count, count)
+    x = low[triangle, 0] + at % size[triangle, 0]
+    y = low[triangle, 1] + at // size[triangle, 0]
+    first = grid[:, 0]
+    one, two = grid[:, 1] - first, grid[:, 2] - first
+    area = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
+    dx, dy = x - first[triangle, 0], y - first[triangle, 1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u = (dx * two[triangle, 1] - dy * two[triangle, 0]) / area[triangle]
+        v = (dy * one[triangle, 0] - dx * one[triangle, 1]) / area[triangle]
+        inside = (u >= 0) & (v >= 0) & (u + v <= 1)
+    height = corners[triangle, :, 2]
+    height = height[:, 0] + u * (height[:, 1] - height[:, 0]) + v * (height[:, 2] - height[:, 0])
+    seen = np.full(cells * cells, -np.inf)
+    np.maximum.at(seen, (y * cells + x)[inside], height[inside])
+    return seen.reshape(cells, cells)

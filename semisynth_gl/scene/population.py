@@ -1,0 +1,246 @@
+"""Who is in a scene: how many particles of each layer and size, for the dataset's wanted disparities.
+
+Each scene is solved for itself, with its own camera and background. What no single scene can give, because a wall
+stands in the way, the others make up for: a few pilot scenes, of which only camera and background are drawn, tell what
+the dataset would come to on average, and the aim of all scenes is shifted until that is what is wanted.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.camera import StereoCamera
+from semisynth_gl.config.model import Config
+from semisynth_gl.errors import InputError
+from semisynth_gl.geometry.silhouette import Silhouette
+from semisynth_gl.histogram import Histogram
+from semisynth_gl.scene.background import draw_background
+from semisynth_gl.scene.layers import (
+    Layers,
+    cumulative,
+    expected_shares,
+    holds,
+    layers_of,
+    reach,
+    solve_coverage,
+)
+from semisynth_gl.scene.particles import (
+    Batch,
+    Sizes,
+    expected_cover,
+    expected_in_view,
+    poisson_counts,
+    sizes_of,
+    stated_batches,
+    stated_sizes,
+)
+from semisynth_gl.scene.rig import check_reachable, draw_camera, near_depth_m
+from semisynth_gl.scene.structures import draw_surroundings
+from semisynth_gl.scene.target import target_of
+from semisynth_gl.seeds import Purpose, generator
+
+Floats = NDArray[np.float64]
+
+_PILOTS = 32
+_COUNTED_PILOTS = 8
+_CORRECTIONS = 6
+_DENSITY = {"sparse": 1 / 3, "default": 1.0, "dense": 3.0}
+_SMALLEST = 0.05
+_HALVINGS = 10
+# Multiples of their roots, which are irrational and unrelated, spread evenly over [0, 1) for each layer by itself.
+_PRIMES = np.array([n for n in range(2, 4000) if all(n % k for k in range(2, int(n**0.5) + 1))], np.float64)
+# Of a bin that all scenes have too much of, something is still asked for: its aim could not rise again from 0.
+_LEAST_OF_AIM = 0.1
+# A background is never bare: particles of its own layer cover a pixel this often.
+_POPULATED = 0.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Views:
+    """What particles of K layers would do in V views.
+
+    Attributes:
+        bare: (V, K - 1) share of the view that shows less than each inner edge of the target without them.
+        reached: (V, K, K - 1), see `reach`.
+        least: (V, K) smallest coverages.
+        cover: (V, K) coverage that one particle adds.
+    """
+
+    bare: Floats
+    reached: Floats
+    least: Floats
+    cover: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Aim:
+    """What each scene is solved for.
+
+    Attributes:
+        shares: (K,) float64 in the target's bins.
+        achieved: (K,) float64, what scenes solved for it come to on average.
+        sizes: of the particles.
+    """
+
+    shares: Floats
+    achieved: Floats
+    sizes: Sizes
+
+
+class Population:
+    """Numbers of particles for the scenes of one dataset.
+
+    Args:
+        config: the configuration.
+        seed: 0 or more; draws the pilot scenes.
+        silhouette: what the models cover on average.
+
+    Attributes:
+        target: the wanted distribution.
+    """
+
+    def __init__(self, config: Config, seed: int, silhouette: Silhouette) -> None:
+        self._config = config
+        self._seed = seed
+        self._silhouette = silhouette
+        self.target = target_of(config.disparity, config.camera)
+        self._layers = layers_of(self.target, config.disparity.min_px, config.disparity.max_px)
+        self._first_quantile = generator(seed, Purpose.COUNTS).random(len(self._layers))
+
+    def draw(self, sequence: int, camera: StereoCamera, background_px: Floats, rng: np.random.Generator) -> list[Batch]:
+        """Draw the numbers for one scene.
+
+        Args:
+            sequence: the scene's number. Successive scenes share out each layer's numbers evenly, so that a dataset
+                comes to its target with fewer pairs than independent draws would need.
+            camera: its camera.
+            background_px: disparities over its view without particles, flat.
+            rng: for what the config states.
+
+        Raises:
+            InputError: where a layer that the config states lies beyond infinity.
+        """
+        particles = self._config.particles
+        for name, sections in (("layers", particles.layers or ()), ("clutter", particles.clutter)):
+            lowest = min((layer.disparity_px.low for layer in sections), default=np.inf)
+            check_reachable(camera, lowest, f"particles.{name}.disparity_px")
+        if particles.layers is not None:
+            return stated_batches((*particles.layers, *particles.clutter), particles, rng)
+        aim = self._aim
+        views = self._views([(camera, background_px)], aim.sizes)
+        step = np.sqrt(_PRIMES[np.arange(len(self._layers)) % len(_PRIMES)])
+        quantile = (self._first_quantile + sequence * step) % 1.0
+        drawn = poisson_counts((self._coverage(aim.shares, views) / views.cover)[0], quantile)
+        solved = [
+            Batch(low, high, int(number), aim.sizes)
+            for low, high, number in zip(self._layers.low_px, self._layers.high_px, drawn, strict=True)
+        ]
+        return solved + stated_batches(particles.clutter, particles, rng)
+
+    def expected(self) -> Histogram:
+        """Return what the dataset comes to on average, by the Boolean model of the pilot scenes."""
+        return Histogram.of(self.target.edges_px, self._aim.achieved)
+
+    @cached_property
+    def _aim(self) -> _Aim:
+        density, sizes = self._config.particles.density, sizes_of(self._config.particles)
+        if density == "default":
+            return self._corrected(sizes)
+        wanted = _DENSITY[density] * self._in_view(sizes) if isinstance(density, str) else density
+        low, high = _SMALLEST, self._largest_scale(sizes)
+        fewest = self._in_view(sizes.scaled(high))
+        if wanted < fewest and not isinstance(density, str):
+            raise InputError(
+                f"particles.density: {density:g} objects cannot cover what disparity.target asks for: it takes about "
+                f"{fewest:.0f} in view even where they are up to as wide as the image. Ask for more, or for a target "
+                "that shows more of the background"
+            )
+        for _ in range(_HALVINGS):
+            # The number falls as sizes grow, about with their square.
+            middle = (low * high) ** 0.5
+            if self._in_view(sizes.scaled(middle)) > wanted:
+                low = middle
+            else:
+                high = middle
+        return self._corrected(sizes.scaled((low * high) ** 0.5))
+
+    def _largest_scale(self, sizes: Sizes) -> float:
+        """Factor that makes the largest particles of the nearest layer as wide as the image."""
+        camera = self._pilots[0][0]
+        nearest = np.array(self._layers.high_px.max())
+        return max(1.0, camera.width_px / 2 / float(sizes.radius_px(camera, nearest, np.array(1.0))))
+
+    def _corrected(self, sizes: Sizes) -> _Aim:
+        """Shift the aim until the pilot scenes come to the target on average."""
+        wanted = self.target.shares
+        views = self._views(self._pilots, sizes)
+        aims = []
+        shares = wanted
+        for _ in range(_CORRECTIONS):
+            coverage = self._coverage(shares, views)
+            achieved = expected_shares(coverage, views.bare, views.reached).mean(axis=0)
+            aims.append(_Aim(shares, achieved, sizes))
+            shares = np.maximum(shares + wanted - achieved, _LEAST_OF_AIM * shares)
+            shares = shares / shares.sum()
+        return min(aims, key=lambda aim: float(np.abs(aim.achieved - wanted).sum()))
+
+    def _coverage(self, shares: Floats, views: _Views) -> Floats:
+        """(V, K) mean coverages."""
+        return solve_coverage(shares, views.bare, views.reached, views.least, self._layers.has_room)
+
+    def _in_view(self, sizes: Sizes) -> float:
+        """Mean number of particles in the left views of a few pilot scenes."""
+        pilots = self._pilots[:_COUNTED_PILOTS]
+        views = self._views(pilots, sizes)
+        numbers = self._coverage(self.target.shares, views) / views.cover
+        mean = []
+        for number, (camera, _) in zip(numbers, pilots, strict=True):
+            near_m = near_depth_m(camera, self._config.disparity)
+            anywhere = np.array([-np.inf])
+            kept = reach(self._layers, anywhere, camera, self._config.particles, sizes, self._silhouette, near_m)[:, 0]
+            mean.append(float(number * kept @ expected_in_view(camera, sizes, self._layers.middle_px)))
+        return float(np.mean(mean))
+
+    def _cover(self, camera: StereoCamera, sizes: Sizes) -> Floats:
+        middle = self._layers.middle_px
+        return expected_cover(camera, sizes, middle, self._silhouette.fill)
+
+    @cached_property
+    def _pilots(self) -> list[tuple[StereoCamera, Floats]]:
+        """Cameras of the pilot scenes, and disparities over their views without particles."""
+        config, made = self._config, []
+        for number in range(_PILOTS):
+            rng = [generator(self._seed, Purpose.PILOTS, number, part) for part in range(3)]
+            camera = draw_camera(config.camera, rng[0])
+            background = draw_background(config.background, config.disparity, camera, rng[1])
+            still = draw_surroundings(config.structures, config.disparity, camera, background, rng[2])
+            made.append((camera, still.disparity_px))
+        return made
+
+    def _views(self, seen: Sequence[tuple[StereoCamera, Floats]], sizes: Sizes) -> _Views:
+        """Work out what particles do in views, given as camera and disparities without them."""
+        config, inner = self._config, self.target.edges_px[1:-1]
+        bare, reached, least = [], [], []
+        for camera, background_px in seen:
+            near_m = near_depth_m(camera, config.disparity)
+            reached.append(reach(self._layers, inner, camera, config.particles, sizes, self._silhouette, near_m))
+            below = cumulative(background_px, inner)
+            bare.append(below * np.exp(-self._clutter(camera, near_m)))
+            least.append(np.where(self._layers.has_room, _POPULATED * holds(background_px, self.target.edges_px), 0.0))
+        cover = [self._cover(camera, sizes) for camera, _ in seen]
+        return _Views(np.array(bare), np.array(reached), np.array(least), np.array(cover))
+
+    def _clutter(self, camera: StereoCamera, near_m: float) -> Floats:
+        """(K - 1,) how often what the config states covers a pixel with each inner edge or more."""
+        particles, inner = self._config.particles, self.target.edges_px[1:-1]
+        total = np.zeros(len(inner))
+        for each in particles.clutter:
+            layer = Layers(np.array([each.disparity_px.low]), np.array([each.disparity_px.high]))
+            sizes = stated_sizes(each, particles)
+            reached = reach(layer, inner, camera, particles, sizes, self._silhouette, near_m)[0]
+            cover = expected_cover(camera, sizes, layer.middle_px, self._silhouette.fill)[0]
+            total += cover * (each.count.low + each.count.high) / 2 * reached
+        return total

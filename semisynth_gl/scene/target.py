@@ -1,0 +1,80 @@
+"""The wanted distribution of disparity, from the forms that a config may give it."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.config.model import (
+    CameraSection,
+    DisparitySection,
+    GammaTarget,
+    HistogramTarget,
+    MixtureTarget,
+    UniformDepthTarget,
+    UniformTarget,
+)
+from semisynth_gl.histogram import Histogram, mixed
+
+_BINS = 24
+# Points per bin at which a density is evaluated.
+_POINTS = 16
+
+_Form = UniformTarget | UniformDepthTarget | GammaTarget | HistogramTarget | MixtureTarget
+
+
+def target_of(section: DisparitySection, camera: CameraSection) -> Histogram:
+    """Return the wanted distribution as a histogram.
+
+    A histogram keeps its bins; all other forms get 24 of equal width from ``min_px`` to ``max_px``.
+    """
+    if isinstance(section.target, HistogramTarget):
+        return _histogram(section.target)
+    edges = np.linspace(section.min_px, section.max_px, _BINS + 1, dtype=np.float64)
+    return _of_form(section.target, edges, camera)
+
+
+def _of_form(form: _Form, edges: NDArray[np.float64], camera: CameraSection) -> Histogram:
+    match form:
+        case HistogramTarget():
+            return _histogram(form).rebinned(edges)
+        case UniformTarget():
+            low = edges[0] if form.low_px is None else form.low_px
+            high = edges[-1] if form.high_px is None else form.high_px
+            return Histogram.of([low, high], [1.0]).rebinned(edges)
+        case UniformDepthTarget():
+            # d + doffs = f B / Z: between two disparities lies the share of depths that 1 / (d + doffs) tells.
+            return Histogram.of(edges, -np.diff(1 / (edges + _mean_doffs_px(camera))))
+        case GammaTarget():
+            return Histogram.of(edges, _gamma_shares(form, edges))
+        case MixtureTarget():
+            whole = sum(part.weight for part in form.parts)
+            return mixed(((part.weight / whole, _of_form(part.target, edges, camera)) for part in form.parts), edges)
+
+
+def _histogram(form: HistogramTarget) -> Histogram:
+    return Histogram.of(form.first_px + np.arange(len(form.shares) + 1) * form.bin_px, form.shares)
+
+
+def _gamma_shares(form: GammaTarget, edges: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Integrate x^(k - 1) exp(-x / theta) over the bins, with k = (mean / spread)^2 and theta = spread^2 / mean."""
+    shape, scale = (form.mean_px / form.spread_px) ** 2, form.spread_px**2 / form.mean_px
+    width = np.diff(edges) / _POINTS
+    at = edges[:-1, None] + (np.arange(_POINTS) + 0.5) * width[:, None]
+    logarithm = (shape - 1) * np.log(at) - at / scale - shape * math.log(scale) - math.lgamma(shape)
+    # Scaled by its largest value: a hump beyond the limits would underflow to nothing.
+    shares: NDArray[np.float64] = np.exp(logarithm - logarithm.max()).sum(axis=1)
+    return shares
+
+
+def _mean_doffs_px(camera: CameraSection) -> float:
+    def middle(low: float, high: float) -> float:
+        return (low + high) / 2
+
+    if camera.doffs_px is not None:
+        return middle(camera.doffs_px.low, camera.doffs_px.high)
+    if camera.cx_left_px is not None and camera.cx_right_px is not None:
+        return middle(camera.cx_right_px.low, camera.cx_right_px.high) - middle(
+            camera.cx_left_px.low, camera.cx_left_px.high
+        )
+    return 0.0

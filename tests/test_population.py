@@ -1,0 +1,389 @@
+"""The wanted distribution of disparity: histograms, forms, the Boolean model, and what scenes come to."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_pipeline import tiny
+
+from semisynth_gl import oracle
+from semisynth_gl.camera import EYES, StereoCamera
+from semisynth_gl.config import Range, load_config
+from semisynth_gl.config.model import ParticlesSection
+from semisynth_gl.errors import InputError
+from semisynth_gl.geometry.mesh import make_mesh, normalised
+from semisynth_gl.geometry.model_library import build_library
+from semisynth_gl.geometry.silhouette import height_map, mean_silhouette
+from semisynth_gl.geometry.simple import cube, sphere
+from semisynth_gl.histogram import Histogram, PixelCount, mixed, total_variation, wasserstein_px
+from semisynth_gl.pipeline import PairRenderer
+from semisynth_gl.scene.background import FACE
+from semisynth_gl.scene.layers import expected_shares, solve_coverage
+from semisynth_gl.scene.particles import Sizes, expected_cover, poisson_counts
+from semisynth_gl.scene.population import Population
+from semisynth_gl.scene.sampler import SceneSampler
+from semisynth_gl.scene.structures import CURVED_PANEL, GROUND, STILL_MODELS
+from semisynth_gl.scene.target import target_of
+from semisynth_gl.textures.atlas import Patch
+
+CAMERA = StereoCamera.centred(600, 400, 700.0, 0.2)
+RIGID = ParticlesSection(stretch=Range(1.0, 1.0))
+PATCH = (Patch("a", 0, 0, 256, 0, 1, 9.0),)
+TWO_HUMPS = {
+    "form": "mixture",
+    "parts": [
+        {"weight": 0.6, "target": {"form": "gamma", "mean_px": 4.0, "spread_px": 1.2}},
+        {"weight": 0.4, "target": {"form": "gamma", "mean_px": 16.0, "spread_px": 2.5}},
+    ],
+}
+
+shares = st.lists(st.floats(0.0, 1.0), min_size=2, max_size=12).filter(lambda values: sum(values) > 0.1)
+
+
+# Histograms
+
+
+def test_distances_of_shifted_blocks_are_known():
+    one = Histogram.of([0, 10, 20, 30], [1, 0, 0])
+    other = Histogram.of([0, 10, 20, 30], [0, 0, 1])
+    assert total_variation(one, other) == 1
+    assert wasserstein_px(one, other) == pytest.approx(20)
+    # One block and the same spread over two bins: a quarter of the width on average.
+    assert wasserstein_px(Histogram.of([0, 4], [1]), Histogram.of([0, 2], [1])) == pytest.approx(1)
+
+
+@given(shares, shares)
+def test_distances_are_symmetric_and_bounded(one, other):
+    size = min(len(one), len(other))
+    edges = np.linspace(0, 7, size + 1)
+    if not (sum(one[:size]) and sum(other[:size])):
+        return
+    a, b = Histogram.of(edges, one[:size]), Histogram.of(edges, other[:size])
+    assert total_variation(a, b) == pytest.approx(total_variation(b, a))
+    assert 0 <= total_variation(a, b) <= 1 + 1e-12
+    assert wasserstein_px(a, b) == pytest.approx(wasserstein_px(b, a))
+    assert abs(a.mean_px - b.mean_px) - 1e-9 <= wasserstein_px(a, b) <= 7
+    assert wasserstein_px(a, a) == 0
+    assert a.rebinned(edges).shares == pytest.approx(a.shares)
+
+
+def test_pixels_beyond_the_edges_count_in_the_outer_bins():
+    count = PixelCount([0, 10, 20])
+    count.add(np.array([[-1, 3, np.inf], [15, 99, np.nan]]))
+    assert count.counts.tolist() == [2, 2]
+    assert count.histogram.quantile(0.5) == 10
+
+
+@pytest.mark.parametrize(("edges", "counts"), [([0, 1, 1], [1, 1]), ([0, 1], [0]), ([0, 1], [-1]), ([0, 1], [1, 2])])
+def test_histograms_of_nothing_are_refused(edges, counts):
+    with pytest.raises(ValueError, match="expected"):
+        Histogram.of(edges, counts)
+
+
+# Forms
+
+
+def target(form, **camera):
+    config = load_config("sceneflow", {"disparity.target": form, **camera})
+    return target_of(config.disparity, config.camera)
+
+
+def test_uniform_in_depth_is_what_thrown_depths_show():
+    made = target({"form": "uniform-depth"}, **{"camera.doffs_px": 10.0})
+    depth = np.random.default_rng(0).uniform(1050 / (300 + 10), 1050 / (4 + 10), 400_000)
+    thrown = PixelCount(made.edges_px)
+    thrown.add(1050 / depth - 10)
+    assert total_variation(made, thrown.histogram) < 0.003
+
+
+def test_a_gamma_has_its_mean_and_spread():
+    made = target({"form": "gamma", "mean_px": 90.0, "spread_px": 30.0})
+    middle = (made.edges_px[1:] + made.edges_px[:-1]) / 2
+    assert made.mean_px == pytest.approx(90, rel=0.005)
+    assert math.sqrt(made.shares @ (middle - made.mean_px) ** 2) == pytest.approx(30, rel=0.03)
+
+
+def test_a_gamma_far_beyond_the_limits_leans_on_them():
+    assert target({"form": "gamma", "mean_px": 5000.0, "spread_px": 50.0}).shares[-1] > 0.9
+
+
+def test_a_mixture_is_its_parts():
+    parts = [{"form": "uniform", "low_px": 4, "high_px": 102}, {"form": "gamma", "mean_px": 90.0, "spread_px": 30.0}]
+    made = target(
+        {"form": "mixture", "parts": [{"weight": w, "target": t} for w, t in zip((3, 1), parts, strict=True)]}
+    )
+    one, two = map(target, parts)
+    assert made.shares == pytest.approx(mixed([(0.75, one), (0.25, two)], made.edges_px).shares)
+
+
+@pytest.mark.parametrize(
+    ("form", "message"),
+    [
+        ({"form": "histogram", "bin_px": 50, "shares": [1, 1, 1, 1, 1, 1, 1, 1]}, r"25\.0% .* 300 to 400 px"),
+        ({"form": "uniform", "low_px": 200, "high_px": 500}, r"66\.7% .* 300 to 500 px"),
+        ({"form": "histogram", "bin_px": 1, "first_px": -5, "shares": [1, 1, 1, 1, 1, 1, 98]}, r"-5 to 0\.5 px"),
+        ({"form": "histogram", "bin_px": 10, "shares": [0, 0]}, "above 0"),
+        ({"form": "gama", "mean_px": 1}, "gamma"),
+        ({"form": "mixture", "parts": [{"weight": 0, "target": {"form": "uniform"}}]}, "weight above 0"),
+    ],
+)
+def test_targets_that_no_scene_can_show_are_refused(form, message):
+    with pytest.raises(InputError, match=message):
+        target(form)
+
+
+def test_another_form_takes_the_place_of_the_first():
+    config = load_config("middlebury", ["disparity.target.form=uniform"])
+    assert config.disparity.target.form == "uniform"
+
+
+def test_a_file_is_read_beside_its_config(tmp_path):
+    (tmp_path / "wanted.csv").write_text("low_px,high_px,share\n# a comment\n4,24,1\n24,64,3\n")
+    (tmp_path / "mine.yaml").write_text(
+        "extends: sceneflow\nname: mine\ndisparity: {target: {form: file, path: wanted.csv}}\n"
+    )
+    config = load_config(tmp_path / "mine.yaml")
+    made = target_of(config.disparity, config.camera)
+    assert made.edges_px.tolist() == [4, 24, 44, 64]
+    assert made.shares.tolist() == [0.25, 0.375, 0.375]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (None, "cannot be read"),
+        ("low_px,high_px,share\n", "no bins"),
+        ("0,10,1\n20,30,1\n", r"wanted\.csv:2: .*10"),
+        ("0,10,x\n", r"wanted\.csv:1: expected three numbers"),
+        ("0,10,-1\n", r"wanted\.csv:1"),
+    ],
+)
+def test_files_that_are_no_histogram_are_told_of(tmp_path, text, message):
+    if text is not None:
+        (tmp_path / "wanted.csv").write_text(text)
+    with pytest.raises(InputError, match=message):
+        load_config("sceneflow", {"disparity.target": {"form": "file", "path": str(tmp_path / "wanted.csv")}})
+
+
+# The Boolean model
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(2, 24), st.integers(0, 2**31))
+def test_solved_coverage_gives_the_wanted_shares(bins, seed):
+    """A stack of thin layers over a wall in the farthest bin."""
+    wanted = np.random.default_rng(seed).random(bins) + 0.05
+    wanted /= wanted.sum()
+    bare, reached = np.ones(bins - 1), np.tri(bins, bins - 1, -1)
+    solved = solve_coverage(wanted, bare, reached, np.zeros(bins), np.ones(bins, bool))
+    np.testing.assert_allclose(expected_shares(solved, bare, reached), wanted, atol=0.01)
+    assert (solved >= 0).all()
+
+
+def test_a_background_in_front_of_everything_needs_no_particles():
+    solved = solve_coverage(np.array([0.3, 0.3, 0.4]), np.zeros(2), np.tri(3, 2, -1), np.zeros(3), np.ones(3, bool))
+    assert solved.tolist() == [0, 0, 0]
+
+
+def test_counts_are_poisson():
+    quantile = (np.arange(10_000) + 0.5) / 10_000
+    for mean in (0.0, 0.1, 3.0, 60.0):
+        counts = poisson_counts(np.full(10_000, mean), quantile)
+        assert counts.mean() == pytest.approx(mean, rel=1e-3)
+        assert counts.var() == pytest.approx(mean, rel=1e-2)
+
+
+def test_silhouettes_of_a_ball_and_a_cube():
+    rng = np.random.default_rng(0)
+    ball = mean_silhouette([sphere(rng)], np.array([1.0]), RIGID, rng)
+    assert ball.fill == pytest.approx(1, abs=0.02)
+    # Over a disc, the height sqrt(1 - r^2) is uniform in its square.
+    np.testing.assert_allclose(ball.heights**2, (np.arange(16) + 0.5) / 16, atol=0.05)
+    # A convex body shows a quarter of its surface on average (Cauchy): 6 a^2 / 4 with a = 2 / sqrt(3).
+    assert mean_silhouette([cube(rng)], np.array([1.0]), RIGID, rng).fill == pytest.approx(2 / np.pi, rel=0.02)
+
+
+def test_a_height_map_shows_the_nearest_surface():
+    low, high = [[-1, -1, -0.5], [1, -1, -0.5], [0, 1, -0.5]], [[-1, -1, 0.25], [0, -1, 0.25], [-1, 0, 0.25]]
+    mesh = normalised(make_mesh("two", np.array(low + high), np.zeros((6, 2)), [[0, 1, 2], [3, 4, 5]]))
+    seen = height_map(mesh, np.eye(3), 32)
+    scale = (
+        1
+        / np.linalg.norm(
+            np.array(low + high) - (np.array(low + high).max(0) + np.array(low + high).min(0)) / 2, axis=1
+        ).max()
+    )
+    values = np.unique(np.round(seen[np.isfinite(seen)], 5))
+    assert len(values) == 2
+    assert values[1] - values[0] == pytest.approx(0.75 * scale, rel=0.2)
+
+
+def test_expected_cover_is_what_thrown_discs_cover():
+    rng = np.random.default_rng(1)
+    sizes, disparity = Sizes(40.0, 200.0), np.array([80.0])
+    camera = StereoCamera.centred(600, 400, 70_000.0, 0.2)  # so long that nothing is stretched towards the sides
+    number = 400_000
+    radius = sizes.radius_px(camera, disparity, rng.random(number))
+    x = rng.random(number) * (600 + 80 + 2 * radius) - radius
+    y = rng.random(number) * (400 + 2 * radius) - radius
+    at = rng.random((number, 2)) * (600, 400)
+    covered = np.hypot(x - at[:, 0], y - at[:, 1]) < radius
+    assert expected_cover(camera, sizes, disparity, 1.0)[0] == pytest.approx(covered.mean(), rel=0.02)
+
+
+@pytest.mark.parametrize("density", ["sparse", "dense", 100.0])
+def test_density_shares_the_area_out_to_more_or_fewer(density):
+    config = tiny(particles={"density": density})
+    library = build_library(config.models, config.particles, 0)
+
+    def in_view(config):
+        sampler, counts = SceneSampler(config, 0, library, PATCH), []
+        for index in range(40):
+            scene = sampler.sample(index).scene
+            reach = np.linalg.norm(scene.world_from_model[:, :3, :3], axis=1).max(axis=1)
+            middle = scene.world_from_model[:, :3, 3]
+            scale = scene.camera.focal_px / middle[:, 2]
+            column = scene.camera.cx_left_px + middle[:, 0] * scale
+            inside = (column > -reach * scale) & (column < scene.camera.width_px + reach * scale)
+            counts.append((inside & (scene.model >= len(STILL_MODELS))).sum())
+        return np.mean(counts)
+
+    wanted = density if isinstance(density, float) else in_view(tiny()) * {"sparse": 1 / 3, "dense": 3}[density]
+    assert in_view(config) == pytest.approx(wanted, rel=0.2)
+    aim = Population(config, 0, library.silhouette)
+    assert total_variation(aim.target, aim.expected()) < 0.05
+
+
+def test_fewer_objects_than_can_cover_the_target_are_refused():
+    config = tiny(particles={"density": 5.0})
+    library = build_library(config.models, config.particles, 0)
+    with pytest.raises(InputError, match=r"density: 5 objects cannot cover .* about \d\d in view"):
+        SceneSampler(config, 0, library, PATCH).sample(0)
+
+
+def test_density_and_stated_layers_contradict_each_other():
+    with pytest.raises(InputError, match="density shares out"):
+        load_config("middlebury", ["particles.density=sparse", "particles.layers=[{disparity_px: 20, count: 3}]"])
+
+
+def test_clutter_is_counted_in_what_the_target_asks_for():
+    clutter = [{"disparity_px": [4, 6], "count": 60, "size_px": [6, 12]}]
+    config = tiny(particles={"clutter": clutter})
+    library = build_library(config.models, config.particles, 0)
+    population = Population(config, 0, library.silhouette)
+    assert total_variation(population.target, population.expected()) < 0.02
+    slots = SceneSampler(config, 0, library, PATCH).sample(0).scene
+    plain = SceneSampler(tiny(), 0, library, PATCH).sample(0).scene
+    assert len(slots) > len(plain)
+
+
+def test_sizes_in_metres_shrink_with_depth():
+    sizes = Sizes(0.5, 0.5, metric=True)
+    np.testing.assert_allclose(sizes.radius_px(CAMERA, np.array([70.0, 7.0]), np.array(0.0)), [0.25 * 350, 0.25 * 35])
+
+
+@pytest.mark.parametrize(
+    ("name", "sections"),
+    [
+        ("kitti", {}),
+        ("sceneflow", {"disparity": {"max_px": 25.0, "target": {"form": "uniform", "low_px": 0.0, "high_px": 24.0}}}),
+        ("sceneflow", {"disparity": {"max_px": 27.5, "target": TWO_HUMPS}}),
+    ],
+    ids=["kitti", "uniform", "two-humps"],
+)
+def test_rendered_histograms_follow_their_targets(name, sections):
+    """Over 200 pairs the figures are a third of these: benchmarks/results/targets.json."""
+    config = tiny(name, **sections).model_copy(update={"truth": "left", "outputs": ()})
+    wanted = target_of(config.disparity, config.camera)
+    count, medians = PixelCount(wanted.edges_px), []
+    with PairRenderer(config, 0) as pairs:
+        for index in range(16):
+            disparity = pairs.render(index).frame.disparity_left
+            count.add(disparity)
+            medians.append(np.median(disparity))
+    assert total_variation(wanted, count.histogram) < 0.09
+    assert wasserstein_px(wanted, count.histogram) < 0.08 * wanted.mean_px
+    assert np.std(medians) > 0.05 * wanted.mean_px
+
+
+# Structures
+
+
+def structured(**keys):
+    keys = {f"structures.{key}": value for key, value in keys.items()}
+    config = load_config("kitti", keys | {"models.variants": 1, "models.complex": 0})
+    return SceneSampler(config, 1, build_library(config.models, config.particles, 1), PATCH)
+
+
+@pytest.fixture(scope="module")
+def street():
+    return structured(ground=1.0, panels=[2, 4], panel_disparity_px=[10, 60])
+
+
+@pytest.mark.parametrize("index", range(4))
+def test_structures_stay_beyond_the_near_plane(street, index):
+    scene = street.sample(index).scene
+    models = [STILL_MODELS[m].name for m in scene.model if m < len(STILL_MODELS)]
+    assert models[:2] == ["face", "ground"]
+    assert 2 <= len(models) - 2 <= 4
+    x, y = np.meshgrid(np.linspace(-0.4, 1241.4, 60), np.linspace(-0.4, 374.4, 30))
+    for eye in EYES:
+        seen = oracle.disparity_px(scene.camera, oracle.cast(scene, street.models, eye, x, y))
+        assert np.isfinite(seen).all()
+        assert seen.max() < 192
+
+
+def test_the_ground_is_a_plane_below_the_cameras(street):
+    scene = street.sample(0).scene
+    ground = [GROUND if m == 1 else None for m in scene.model].index(GROUND)
+    points = (
+        GROUND.positions.astype(float) @ scene.world_from_model[ground, :3, :3].T
+        + scene.world_from_model[ground, :3, 3]
+    )
+    normal = scene.world_from_model[ground, :3, 1] / np.linalg.norm(scene.world_from_model[ground, :3, 1])
+    distance = points @ normal
+    assert np.ptp(distance) < 1e-5
+    assert distance[0] >= 1.2
+    assert normal[1] > 0.99
+
+
+def test_panels_are_slanted_and_curved():
+    sampler = structured(panels=40, panel_slant_deg=[30, 60], panel_curved=0.5)
+    scene = sampler.sample(0).scene
+    panels = range(1, 41)
+    curved = [STILL_MODELS[scene.model[k]] is CURVED_PANEL for k in panels]
+    assert 10 <= sum(curved) <= 30
+    for k in panels:
+        normal = scene.world_from_model[k, :3, 2] / np.linalg.norm(scene.world_from_model[k, :3, 2])
+        assert 30 - 1e-6 <= np.rad2deg(np.arccos(abs(normal[2]))) <= 60 + 1e-6
+
+
+def test_without_structures_nothing_but_the_background_stands_still():
+    scene = structured().sample(0).scene
+    assert (scene.model < len(STILL_MODELS)).sum() == 1
+    assert STILL_MODELS[0] is FACE
+
+
+# Models
+
+
+def test_kinds_have_weights_within_their_family():
+    section = load_config("middlebury", {"models.kinds": {"cube": 0, "sphere": 7}, "models.variants": 1}).models
+    library = build_library(section, ParticlesSection(), 0)
+    chance = {mesh.name: c for mesh, c in zip(library.models, library.chances, strict=True)}
+    assert "cube" not in chance
+    assert chance["sphere"] == pytest.approx(7 * chance["cone"])
+    assert sum(chance[name] for name in ("sphere", "cone")) < 0.5 + 1e-9
+    with pytest.raises(InputError, match="did you mean chair"):
+        build_library(load_config("middlebury", {"models.kinds": {"chiar": 1}}).models, ParticlesSection(), 0)
+
+
+def test_thin_models_are_thin():
+    config = tiny(particles={"thinness": [0.05, 0.1], "stretch": 1.0})
+    scene = SceneSampler(config, 0, build_library(config.models, config.particles, 0), PATCH).sample(0).scene
+    scale = np.linalg.norm(scene.world_from_model[scene.model >= len(STILL_MODELS), :3, :3], axis=1)
+    ratio = scale[:, 2] / scale[:, 0]
+    assert (ratio > 0.049).all()
+    assert (ratio < 0.101).all()
