@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageFilter
 
 from semisynth_gl.errors import InputError
 from semisynth_gl.textures import selection
@@ -36,6 +36,9 @@ def build(
     patch_px: int = 32,
     scales: tuple[float, ...] = (1.0,),
     min_texture: float = 3.0,
+    min_sharpness: float = 0.0,
+    min_difference: float = 0.0,
+    flat_share: float = 0.0,
     max_patches: int = 100,
     sequence: bool = False,
     seed: int = 0,
@@ -47,6 +50,9 @@ def build(
         patch_px=patch_px,
         scales=scales,
         min_texture=min_texture,
+        min_sharpness=min_sharpness,
+        min_difference=min_difference,
+        flat_share=flat_share,
         max_patches=max_patches,
         sequence=sequence,
         rng=np.random.default_rng(seed),
@@ -63,6 +69,7 @@ def check_consistent(atlas: Atlas, images_given: int) -> None:
     assert atlas.layers.flags.c_contiguous
     assert (atlas.layers[..., 3] == 255).all()
     assert report.crops_kept == len(atlas.patches)
+    assert report.crops_kept_flat == sum(patch.texture < report.min_texture for patch in atlas.patches)
     accounted = report.images_used + report.images_unused + report.images_too_small + report.images_not_opened
     assert accounted + len(report.images_skipped) == images_given
     at = 0
@@ -70,7 +77,8 @@ def check_consistent(atlas: Atlas, images_given: int) -> None:
         assert patch.first_layer == at
         at += patch.layer_count
         textures = [texture_measure(layer) for layer in atlas.layers[patch.first_layer : at, ..., :3]]
-        assert patch.texture == min(textures) >= report.min_texture
+        assert patch.texture == min(textures)
+        assert report.flat_share or patch.texture >= report.min_texture
 
 
 def test_patches_hold_the_pixels_of_their_squares(tmp_path: Path) -> None:
@@ -158,6 +166,102 @@ def test_no_more_images_are_opened_than_needed(tmp_path: Path, monkeypatch: pyte
     assert len({patch.source for patch in atlas.patches}) == 5
 
 
+def blurred(pixels: NDArray[np.uint8], radius_px: float) -> NDArray[np.uint8]:
+    return np.asarray(Image.fromarray(pixels).filter(ImageFilter.GaussianBlur(radius_px)))
+
+
+def octaves(side_px: int, seed: int) -> NDArray[np.uint8]:
+    """Like a photograph: the same contrast at 1, 2, 4, ... 32 pixels."""
+    rng = np.random.default_rng(seed)
+    layers = [rng.integers(0, 43, (side_px // n, side_px // n, 3), dtype=np.uint8).repeat(n, 0).repeat(n, 1)
+              for n in (1, 2, 4, 8, 16, 32)]  # fmt: skip
+    return np.sum(layers, axis=0).astype(np.uint8)
+
+
+def test_blurred_crops_are_left_out_where_reducing_does_not_sharpen_them(tmp_path: Path) -> None:
+    paths = save(tmp_path, sharp=octaves(256, 0), soft=blurred(octaves(256, 1), 5))
+    atlas = build(paths, patch_px=64, scales=(1, 4), min_texture=1, min_sharpness=0.3)
+    check_consistent(atlas, 2)
+    counts = {(count.source, count.side_px): count for count in atlas.report.counts}
+    assert (counts["sharp.png", 64].kept, counts["sharp.png", 256].kept) == (16, 1)
+    assert (counts["soft.png", 64].kept, counts["soft.png", 64].blurred) == (0, 16)
+    assert counts["soft.png", 256].kept == 1  # at a quarter of its size it is sharp
+    assert atlas.report.crops_blurred == 16
+    assert "16 as blurred" in atlas.report.summary()
+    assert {each.square.source for each in atlas.report.examples if each.reason == "blurred"} == {"soft.png"}
+    with pytest.raises(InputError, match="16 are blurred"):
+        build(save(tmp_path / "soft", soft=blurred(octaves(256, 1), 5)), patch_px=64, min_texture=1, min_sharpness=0.3)
+
+
+def test_the_same_photograph_twice_counts_once(tmp_path: Path) -> None:
+    pixels = np.asarray(Image.fromarray(noise(24, 32)).resize((128, 96), Image.Resampling.BICUBIC))
+    paths = save(tmp_path, a=pixels, other=noise(96, 128, 5))
+    Image.fromarray(pixels).save(tmp_path / "b.jpg", quality=70)
+    Image.fromarray((pixels * 0.8).astype(np.uint8)).save(tmp_path / "darker.png")
+    paths += [tmp_path / "b.jpg", tmp_path / "darker.png"]
+    atlas = build(paths, min_difference=0.04)
+    check_consistent(atlas, 4)
+    assert (atlas.report.crops_kept, atlas.report.crops_duplicate) == (24, 24)
+    same = [patch for patch in atlas.patches if patch.source != "other.png"]
+    assert len({(patch.left_px, patch.top_px) for patch in same}) == len(same) == 12
+    for example in atlas.report.examples:
+        assert example.reason == "duplicate"
+        assert example.like is not None
+        assert example.square.source != example.like.source != "other.png"
+        assert example.square[1:] == example.like[1:]
+    again = build(paths[::-1], min_difference=0.04)
+    assert (atlas.patches, atlas.report) == (again.patches, again.report)
+    assert build(paths, min_difference=0).report.crops_kept == 48
+    # Frames of a video resemble each other on purpose.
+    frames = save(tmp_path / "video", **{f"f{i}": noise(32, 32) for i in range(4)})
+    assert build(frames, min_difference=0.04).report.crops_kept == 1
+    assert build(frames, min_difference=0.04, sequence=True, max_frames=2).report.crops_kept == 2
+
+
+def test_crops_a_pixel_apart_are_duplicates_of_each_other(tmp_path: Path) -> None:
+    pixels = np.asarray(Image.fromarray(noise(4, 4)).resize((65, 65), Image.Resampling.BICUBIC))
+    report = build(save(tmp_path, a=pixels), patch_px=64, min_difference=0.04).report
+    assert (report.crops_kept, report.crops_duplicate) == (1, 3)
+
+
+def half_flat(folder: Path, count: int, size: int = 128) -> list[Path]:
+    images = {}
+    for number in range(count):
+        images[f"i{number}"] = noise(size, size, number)
+        images[f"i{number}"][:, : size // 2] = 40 + number
+    return save(folder, **images)
+
+
+@pytest.mark.parametrize(("flat_share", "max_patches"), [(0.25, 16), (0.1, 20), (0.5, 10), (0.9, 10)])
+def test_the_share_of_flat_patches_is_what_is_wanted(tmp_path: Path, flat_share: float, max_patches: int) -> None:
+    paths = half_flat(tmp_path, 6)
+    atlas = build(paths, flat_share=flat_share, max_patches=max_patches)
+    check_consistent(atlas, 6)
+    assert len(atlas.patches) == max_patches
+    assert atlas.report.crops_kept_flat == round(flat_share * max_patches)
+    assert f"({flat_share:.1%} were wanted)" in atlas.report.summary()
+    again = build(paths[::-1], flat_share=flat_share, max_patches=max_patches)
+    assert (atlas.patches, atlas.report) == (again.patches, again.report)
+    np.testing.assert_array_equal(atlas.layers, again.layers)
+    every = sum(c.kept + c.flat + c.blurred + c.duplicate + c.surplus for c in atlas.report.counts)
+    assert every == 16 * len(atlas.report.counts)
+
+
+def test_the_share_of_flat_patches_is_kept_where_there_are_few_others(tmp_path: Path) -> None:
+    paths = half_flat(tmp_path, 1)  # 8 crops with texture, 8 without
+    assert build(paths, flat_share=0.2, max_patches=100).report.crops_kept_flat == 2  # 2 of 10
+    report = build(save(tmp_path / "none", a=noise(128, 128)), flat_share=0.5, max_patches=10).report
+    assert (report.crops_kept, report.crops_kept_flat) == (5, 0)
+    with pytest.raises(InputError, match="without texture"):
+        build(save(tmp_path / "flat", a=FLAT), flat_share=0.5)
+
+
+def test_left_out_crops_are_shown_by_examples_of_different_images(tmp_path: Path) -> None:
+    report = build(half_flat(tmp_path, 30), max_patches=400).report
+    assert len(report.examples) == 12
+    assert len({example.square.source for example in report.examples}) == 12
+
+
 def test_nothing_left_is_an_error_with_reasons(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no images were given"):
         build([])
@@ -170,10 +274,19 @@ def test_nothing_left_is_an_error_with_reasons(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"patch_px": 8}, {"max_patches": 0}, {"min_texture": -1.0}, {"min_texture": float("nan")}]
+    "wrong",
+    [
+        {"patch_px": 8},
+        {"max_patches": 0},
+        {"min_texture": -1.0},
+        {"min_texture": float("nan")},
+        {"min_sharpness": -1.0},
+        {"min_difference": 1.5},
+        {"flat_share": 1.0},
+    ],
 )
 def test_numbers_out_of_range_are_refused(tmp_path: Path, wrong: dict[str, float]) -> None:
-    with pytest.raises(InputError, match="expected patch_px"):
+    with pytest.raises(InputError, match=f"expected .*{next(iter(wrong))}"):
         build(save(tmp_path, a=noise(32, 32)), **wrong)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="scales"):
         build(save(tmp_path, a=noise(32, 32)), scales=(0.5,))

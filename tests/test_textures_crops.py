@@ -8,7 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from semisynth_gl.errors import InputError
-from semisynth_gl.textures.crops import CropBox, crop_boxes, cut_crop, texture_measure
+from semisynth_gl.textures.crops import (
+    FINGERPRINT_NORM,
+    CropBox,
+    crop_boxes,
+    cut_crop,
+    fingerprint,
+    sharpness_measure,
+    texture_measure,
+)
 
 
 @settings(max_examples=200, deadline=None)
@@ -121,3 +129,50 @@ def test_half_of_the_patch_must_have_texture() -> None:
     assert texture_measure(patch) == 0.0
     patch[:40] = noise(40, 64, 3)
     assert texture_measure(patch) > 30
+
+
+def grey(values):
+    return np.repeat(np.asarray(values, np.uint8)[..., None], 3, axis=2)
+
+
+def test_sharpness_of_known_patterns() -> None:
+    ramp = grey(np.tile(np.arange(256), (256, 1)))
+    assert sharpness_measure(ramp) == pytest.approx(0.25)
+    rng = np.random.default_rng(0)
+    white = rng.integers(0, 256, (512, 512, 1), dtype=np.uint8).repeat(3, axis=2)
+    assert sharpness_measure(white) == pytest.approx(4, rel=0.05)
+    assert sharpness_measure(white[::2, ::2].repeat(8, 0).repeat(8, 1)) == np.inf  # nothing below 8 pixels
+    assert sharpness_measure(grey(np.indices((64, 64)).sum(axis=0) % 2 * 255)) == np.inf
+    assert sharpness_measure(np.full((40, 40, 3), 7, np.uint8)) == np.inf
+
+
+def test_sharpness_depends_on_neither_contrast_nor_the_rest_beyond_eighths() -> None:
+    pattern = np.random.default_rng(1).integers(0, 60, (64, 64), dtype=np.uint8)
+    assert sharpness_measure(grey(pattern * 4)) == pytest.approx(sharpness_measure(grey(pattern)))
+    odd = np.pad(grey(pattern), ((0, 7), (0, 3), (0, 0)))
+    assert sharpness_measure(odd) == sharpness_measure(grey(pattern))
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 999), side=st.integers(16, 90), gain=st.floats(0.3, 1), offset=st.integers(0, 60))
+def test_a_fingerprint_tells_a_patch_from_others_and_not_from_itself(
+    seed: int, side: int, gain: float, offset: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    blocks = rng.integers(0, 190, (2, 8, 8), dtype=np.uint8)
+    at = np.arange(side) * 8 // side
+    one, other = (grey(block[at][:, at]) for block in blocks)
+    print_of_one = fingerprint(one)
+    assert print_of_one.shape == (112,)
+    assert (print_of_one == np.rint(print_of_one)).all()
+
+    def difference(patch: np.ndarray) -> float:
+        return 1 - float(print_of_one @ fingerprint(patch)) / FINGERPRINT_NORM**2
+
+    assert abs(difference(one)) < 0.01
+    assert difference((one * gain + offset).astype(np.uint8)) < 0.01
+    assert difference(other) > 0.3
+
+
+def test_a_patch_without_changes_is_like_none() -> None:
+    assert not fingerprint(np.full((32, 32, 3), 9, np.uint8)).any()

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,38 +34,133 @@ class Patch:
     texture: float
 
 
+Reason = Literal["flat", "blurred", "duplicate"]
+REASONS: tuple[Reason, ...] = get_args(Reason)
+
+
+@dataclass(frozen=True, slots=True)
+class CropCount:
+    """What became of the squares of one side in one image; a square followed through several frames counts once.
+
+    Attributes:
+        source: name of the image, as in `Patch`.
+        side_px: side of the squares in the image.
+        kept: became patches, ``kept_flat`` included.
+        kept_flat: became patches although they are flat, as ``flat_share`` wants.
+        flat: left out, less texture than ``min_texture`` in any frame.
+        blurred: left out, less sharp than ``min_sharpness`` in any frame.
+        duplicate: left out, differs less than ``min_difference`` from another crop.
+        surplus: left out, as there were more than wanted.
+    """
+
+    source: str
+    side_px: int
+    kept: int = 0
+    kept_flat: int = 0
+    flat: int = 0
+    blurred: int = 0
+    duplicate: int = 0
+    surplus: int = 0
+
+
+class Square(NamedTuple):
+    """Where a crop lies.
+
+    Attributes:
+        source: name of the image, as in `Patch`.
+        left_px: column of its first pixel in the upright image.
+        top_px: row of it.
+        side_px: width and height.
+    """
+
+    source: str
+    left_px: int
+    top_px: int
+    side_px: int
+
+
+class LeftOut(NamedTuple):
+    """A crop that was left out, as an example of its reason.
+
+    Attributes:
+        reason: why.
+        square: the crop.
+        like: of a duplicate, the crop that it hardly differs from.
+    """
+
+    reason: Reason
+    square: Square
+    like: Square | None = None
+
+
 @dataclass(frozen=True, slots=True)
 class TextureReport:
     """What became of the images and of their crops. Where frames form a sequence, each frame counts as an image.
 
     ``images_used + images_unused + images_too_small + len(images_skipped) + images_not_opened`` is all that were given,
-    and ``crops_kept + crops_flat + crops_surplus`` is every square of the images that were opened.
+    and ``crops_kept`` with those left out (``crops_flat``, ``crops_blurred``, ``crops_duplicate``, ``crops_surplus``)
+    is every square of the images that were opened.
 
     Attributes:
         images_used: gave at least one patch.
-        images_unused: read, but none of their crops is in the atlas: flat or surplus.
-        images_too_small: shorter than a patch along a side.
+        images_unused: read, but none of their crops is in the atlas.
+        too_small: names of the images that are shorter than a patch along a side.
         images_skipped: could not be read, and why.
         images_not_opened: left in the folder because enough patches had been found.
-        crops_kept: became patches; a square followed through several frames counts once.
-        crops_flat: had less texture than ``min_texture``, in any frame.
-        crops_surplus: had enough texture, but there were more than wanted.
+        counts: by image and side of the squares, in this order; of images without a square there is none.
+        examples: a few crops that were left out, of different images where there are some.
         patch_px: side of a patch, pixels.
         min_texture: threshold that crops had to reach, 8-bit levels of `texture_measure`.
+        flat_share: share of flat patches that was wanted.
         longest_run: most layers that one patch has.
     """
 
     images_used: int
     images_unused: int
-    images_too_small: int
+    too_small: tuple[str, ...]
     images_skipped: tuple[Skipped, ...]
     images_not_opened: int
-    crops_kept: int
-    crops_flat: int
-    crops_surplus: int
+    counts: tuple[CropCount, ...]
+    examples: tuple[LeftOut, ...]
     patch_px: int
     min_texture: float
+    flat_share: float
     longest_run: int
+
+    @property
+    def images_too_small(self) -> int:
+        """How many images were shorter than a patch along a side."""
+        return len(self.too_small)
+
+    @property
+    def crops_kept(self) -> int:
+        """How many crops became patches."""
+        return sum(count.kept for count in self.counts)
+
+    @property
+    def crops_kept_flat(self) -> int:
+        """How many of these are flat."""
+        return sum(count.kept_flat for count in self.counts)
+
+    @property
+    def crops_flat(self) -> int:
+        """How many were left out as flat."""
+        return sum(count.flat for count in self.counts)
+
+    @property
+    def crops_blurred(self) -> int:
+        """How many were left out as blurred."""
+        return sum(count.blurred for count in self.counts)
+
+    @property
+    def crops_duplicate(self) -> int:
+        """How many were left out as duplicates."""
+        return sum(count.duplicate for count in self.counts)
+
+    @property
+    def crops_surplus(self) -> int:
+        """How many were good enough, but more than wanted."""
+        return sum(count.surplus for count in self.counts)
 
     def summary(self) -> str:
         """Return a few plain lines: what was used, what was left out, and by which measure."""
@@ -75,9 +170,15 @@ class TextureReport:
                 f"{_count(self.crops_kept, 'patch')} of {self.patch_px} x {self.patch_px} pixels{frames} from "
                 f"{_count(self.images_used, 'image')}; {_count(self.crops_flat, 'crop')} left out as flat (median over "
                 f"8 x 8 cells of the standard deviation of luminance below {self.min_texture:g} levels), "
+                f"{self.crops_blurred} as blurred, {self.crops_duplicate} as duplicates, "
                 f"{self.crops_surplus} as more than wanted"
             )
         ]
+        if self.flat_share:
+            lines.append(
+                f"{_count(self.crops_kept_flat, 'patch')} nearly without texture, "
+                f"{self.crops_kept_flat / max(self.crops_kept, 1):.1%} of all ({self.flat_share:.1%} were wanted)"
+            )
         left_out = [
             f"{count} {what}"
             for count, what in (
@@ -144,14 +245,14 @@ def atlas_from_arrays(patches: Sequence[NDArray[Any]], sources: Sequence[str] | 
     report = TextureReport(
         images_used=len(patches),
         images_unused=0,
-        images_too_small=0,
+        too_small=(),
         images_skipped=(),
         images_not_opened=0,
-        crops_kept=len(patches),
-        crops_flat=0,
-        crops_surplus=0,
+        counts=tuple(CropCount(source, side, kept=1) for source in sources),
+        examples=(),
         patch_px=side,
         min_texture=0.0,
+        flat_share=0.0,
         longest_run=1,
     )
     return Atlas(opaque_layers([patch[np.newaxis] for patch in patches]), described, report)

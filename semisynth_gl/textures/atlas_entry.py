@@ -6,7 +6,7 @@ from pathlib import Path
 
 from semisynth_gl.cache import Entry
 from semisynth_gl.errors import Skipped
-from semisynth_gl.textures.atlas import Atlas, Patch, TextureReport
+from semisynth_gl.textures.atlas import Atlas, CropCount, LeftOut, Patch, Square, TextureReport
 from semisynth_gl.textures.images import OUT_OF_MEMORY
 
 _SKIPPED = "images_skipped"
@@ -34,9 +34,16 @@ def packed_atlas(atlas: Atlas, images: Sequence[Path]) -> Entry | None:
 def unpacked_atlas(entry: Entry, images: Sequence[Path]) -> Atlas:
     """Turn an entry back into the atlas that it was made from; for ``images`` see `packed_atlas`."""
     report = entry.values["report"]
-    skipped = tuple(Skipped(images[index], reason) for index, reason in report[_SKIPPED])
+    whole = {
+        _SKIPPED: tuple(Skipped(images[index], reason) for index, reason in report[_SKIPPED]),
+        "too_small": tuple(report["too_small"]),
+        "counts": tuple(CropCount(**count) for count in report["counts"]),
+        "examples": tuple(
+            LeftOut(reason, Square(*square), like and Square(*like)) for reason, square, like in report["examples"]
+        ),
+    }
     return Atlas(
         entry.arrays["layers"],
         tuple(Patch(**patch) for patch in entry.values["patches"]),
-        TextureReport(**report | {_SKIPPED: skipped}),
+        TextureReport(**report | whole),
     )

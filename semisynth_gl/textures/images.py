@@ -3,9 +3,10 @@
 import glob
 import os
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -76,15 +77,26 @@ def find_images(sources: Sequence[str | Path]) -> list[Path]:
     Raises:
         InputError: where a source matches no image.
     """
-    found: dict[str, str] = {}
     for source in sources:
-        matched = dict(_expand(str(Path(source).expanduser())))
-        if not matched:
+        if next(_expand(str(Path(source).expanduser()), image_extensions()), None) is None:
             raise InputError(
                 f"no image matches {str(source)!r}: expected an image file, a folder with images "
                 f"(.jpg, .png, .tif, .webp, ...) in it, or a glob such as 'photos/**/*.jpg'"
             )
-        found |= matched
+    return find_files(sources, image_extensions())
+
+
+def find_files(sources: Sequence[str | Path], extensions: Collection[str]) -> list[Path]:
+    """Return files of any kind, found as `find_images` finds images.
+
+    Args:
+        sources: files, folders and globs.
+        extensions: what names in folders and globs end in, in lower case and with the dot.
+
+    Returns:
+        The files, sorted by their names as found, each once; none of a source that matches nothing.
+    """
+    found = dict(chain.from_iterable(_expand(str(Path(source).expanduser()), extensions) for source in sources))
     once: dict[str, str] = {}
     # Of several ways to one file the shortest gives its name: a link back up makes endless longer ones.
     for path, real in sorted(found.items(), key=lambda each: (each[0].count("/"), each[0])):
@@ -97,22 +109,22 @@ _Found = Iterator[tuple[str, str]]
 """Files as they were found, and where each really lies."""
 
 
-def _expand(source: str) -> _Found:
+def _expand(source: str, extensions: Collection[str]) -> _Found:
     # What exists is taken by its name first: "[" and "*" may stand in a real file name.
     if os.path.isfile(source):  # noqa: PTH113
         yield source, os.path.realpath(source)
     elif os.path.isdir(source):  # noqa: PTH112
-        yield from _images_below(source)
+        yield from _files_below(source, extensions)
     else:
         for match in glob.glob(source, recursive=True):  # noqa: PTH207  # Path.glob takes no absolute pattern
             path = str(Path(match))
             if os.path.isdir(path):  # noqa: PTH112
-                yield from _images_below(path)
-            elif _is_named_as_image(path) and os.path.isfile(path):  # noqa: PTH113
+                yield from _files_below(path, extensions)
+            elif _has_extension(path, extensions) and os.path.isfile(path):  # noqa: PTH113
                 yield path, os.path.realpath(path)
 
 
-def _images_below(top: str) -> _Found:
+def _files_below(top: str, extensions: Collection[str]) -> _Found:
     entered: set[str] = set()
     folders = [top]
     for folder in folders:  # which grows, so that those nearer to the top come first
@@ -128,14 +140,14 @@ def _images_below(top: str) -> _Found:
             with suppress(OSError):
                 if entry.is_dir():
                     folders.append(path)
-                elif _is_named_as_image(path) and entry.is_file():
+                elif _has_extension(path, extensions) and entry.is_file():
                     yield path, os.path.realpath(path) if entry.is_symlink() else f"{real}/{entry.name}"
 
 
-def _is_named_as_image(path: str) -> bool:
+def _has_extension(path: str, extensions: Collection[str]) -> bool:
     name = path[path.rfind("/") + 1 :]
     dot = name.rfind(".")
-    return dot > 0 and name[dot:].lower() in image_extensions()
+    return dot > 0 and name[dot:].lower() in extensions
 
 
 def stored_size(path: Path) -> tuple[int, int]:

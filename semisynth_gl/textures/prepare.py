@@ -43,6 +43,9 @@ def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> 
             patch_px=section.patch_px,
             scales=section.scales,
             min_texture=section.min_texture,
+            min_sharpness=section.min_sharpness,
+            min_difference=section.min_difference,
+            flat_share=section.flat_share,
             max_patches=section.max_patches,
             sequence=section.sequence,
             rng=rng,
@@ -51,7 +54,8 @@ def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> 
         return atlas, opened
 
     def decided_by() -> dict[str, Any]:
-        keys = {"source", "patch_px", "scales", "min_texture", "max_patches", "sequence"}
+        keys = {"source", "patch_px", "scales", "max_patches", "sequence"}
+        keys |= {"min_texture", "min_sharpness", "min_difference", "flat_share"}
         return {
             "section": section.model_dump(mode="json", include=keys),
             "seed": seed,

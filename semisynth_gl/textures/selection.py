@@ -2,7 +2,7 @@
 
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, zip_longest
 from pathlib import Path
@@ -12,8 +12,17 @@ from numpy.typing import NDArray
 
 from semisynth_gl.errors import InputError, Skipped
 from semisynth_gl.textures.atlas import Atlas, Patch, TextureReport, opaque_layers
-from semisynth_gl.textures.crops import CropBox, crop_boxes, cut_crop, texture_measure
+from semisynth_gl.textures.crops import (
+    CropBox,
+    crop_boxes,
+    cut_crop,
+    fingerprint,
+    sharpness_measure,
+    texture_measure,
+)
+from semisynth_gl.textures.duplicates import Seen
 from semisynth_gl.textures.images import ImageError, read_image
+from semisynth_gl.textures.outcome import Outcome, crop_counts, left_out_examples
 from semisynth_gl.textures.sequences import find_runs
 
 PATCHES_PER_IMAGE = 4
@@ -31,6 +40,9 @@ def build_atlas(
     patch_px: int,
     scales: Sequence[float],
     min_texture: float,
+    min_sharpness: float,
+    min_difference: float,
+    flat_share: float,
     max_patches: int,
     sequence: bool,
     rng: np.random.Generator,
@@ -38,25 +50,34 @@ def build_atlas(
     max_frames: int = 16,
     opened: list[Path] | None = None,
 ) -> Atlas:
-    """Crop squares out of images and keep those with texture.
+    """Crop squares out of images and keep those with texture that are sharp and unlike each other.
 
-    Images are opened one at a time in random order. Each offers its crops with enough texture in random order, scales
-    taking turns. Whenever there are more than wanted, the image that holds most gives one up; so no image and no scale
-    crowds out the others, and an image that has few is made up for by the rest. Once the atlas is full and no image
-    holds more than `PATCHES_PER_IMAGE`, the remaining images are not opened. In memory are one decoded image, those of
-    its crops that may be kept, and the patches of the atlas.
+    Images are opened one at a time in random order. Each offers its crops that are good enough in random order, scales
+    taking turns; one that hardly differs from a good one before it, of any image, is left out as a duplicate. Whenever
+    there are more than wanted, the image that holds most gives one up; so no image and no scale crowds out the others,
+    and an image that has few is made up for by the rest. Once the atlas is full and no image holds more than
+    `PATCHES_PER_IMAGE`, the remaining images are not opened. In memory are one decoded image, those of its crops that
+    may be kept, and the patches of the atlas.
 
     With ``sequence``, runs of successive frames (see `find_runs`) take the place of images: a patch holds the same
-    square from each frame of its run, and a crop counts as flat if it is flat in any frame. A run has at most
+    square from each frame of its run, and a crop counts as flat or blurred if it is so in any frame. There are no
+    duplicates then: successive runs of one video show much the same. A run has at most
     ``max_frames`` frames, and fewer where the patches would not fit into ``max_layers``: ask for fewer patches to get
     longer runs. A frame that cannot be read is left out of its run. Frames are read twice, to measure and to
     cut, so that one is in memory at a time.
+
+    With ``flat_share``, that share of the patches is set aside for crops without texture, which are chosen in the same
+    way. Where photographs have too few of them, there are fewer patches; where they have too few others, flat ones are
+    given up until the share is right. All images are opened as long as some are missing.
 
     Args:
         images: files, as from `find_images`; their order does not matter.
         patch_px: side of a patch, pixels; at least 16.
         scales: image pixels per patch pixel, each at least 1.
-        min_texture: least `texture_measure` of a patch, 8-bit levels.
+        min_texture: least `texture_measure` of a patch, 8-bit levels; below it a crop is flat.
+        min_sharpness: least `sharpness_measure` of a patch that is not flat.
+        min_difference: least difference of two such patches, see `fingerprint`; 0 keeps duplicates.
+        flat_share: share of flat patches among all, below 1.
         max_patches: patches at most.
         sequence: whether images of one folder are successive frames.
         rng: source of every random choice.
@@ -70,11 +91,17 @@ def build_atlas(
     Raises:
         InputError: where a number is out of range, or no patch is left.
     """
-    if patch_px < _MIN_PATCH_PX or max_patches < 1 or max_layers < 1 or max_frames < 1 or not min_texture >= 0:
+    if patch_px < _MIN_PATCH_PX or max_patches < 1 or max_layers < 1 or max_frames < 1:
         raise InputError(
-            f"expected patch_px >= {_MIN_PATCH_PX}, min_texture >= 0 and max_patches, max_layers, max_frames >= 1, got "
-            f"patch_px={patch_px}, min_texture={min_texture}, max_patches={max_patches}, max_layers={max_layers}, "
-            f"max_frames={max_frames}"
+            f"expected patch_px >= {_MIN_PATCH_PX} and max_patches, max_layers, max_frames >= 1, got "
+            f"patch_px={patch_px}, max_patches={max_patches}, max_layers={max_layers}, max_frames={max_frames}"
+        )
+    wanted = _Wanted(min_texture, min_sharpness, 0.0 if sequence else min_difference)
+    if not (min_texture >= 0 and min_sharpness >= 0 and 0 <= min_difference <= 1 and 0 <= flat_share < 1):
+        raise InputError(
+            f"expected min_texture, min_sharpness >= 0, min_difference from 0 to 1 and flat_share below 1, got "
+            f"min_texture={min_texture}, min_sharpness={min_sharpness}, min_difference={min_difference}, "
+            f"flat_share={flat_share}"
         )
     crop_boxes(1, 1, patch_px, scales)  # refuses bad scales before any image is opened
     images = sorted(images, key=Path.as_posix)
@@ -93,45 +120,67 @@ def build_atlas(
         runs = found.runs
         tally.skipped.extend(found.skipped)
 
-    shares = _Shares(limit)
+    flat_limit = min(round(flat_share * limit), limit - 1)
+    shares, flat_shares = _Shares(limit - flat_limit), _Shares(flat_limit)
+    seen = Seen(wanted.min_difference)
+    names = names_of(images) if images else {}
     order = [int(i) for i in rng.permutation(len(runs))]
-    read: dict[int, tuple[Path, ...]] = {}
-    while order and not shares.settled:
+    outcomes: dict[int, Outcome] = {}
+    while order and not (shares.settled and flat_shares.settled):
         index = order.pop(0)
-        survey = _survey(runs[index], patch_px, scales, tally)
+        survey = _survey(runs[index], patch_px, scales, wanted, tally)
         if survey is None:
             continue
-        read[index] = survey.frames
-        good = [i for i, texture in enumerate(survey.textures) if texture >= min_texture]
-        tally.crops += len(survey.boxes)
-        tally.crops_flat += len(survey.boxes) - len(good)
-        taking_turns = _taking_turns([survey.boxes[i].side_px for i in good], rng)
-        offered = [good[i] for i in taking_turns][: shares.room]
-        shares.add(index, _cut(survey, offered, patch_px))
+        good = [survey.good[i] for i in _taking_turns([survey.boxes[i].side_px for i in survey.good], rng)]
+        duplicates = seen.sort_out(index, survey.boxes, survey.fingerprints, good)
+        offered = [i for i in good if i not in duplicates][: shares.room]
+        flat: list[int] = []
+        if flat_limit:
+            taking_turns = _taking_turns([survey.boxes[i].side_px for i in survey.flat], rng)
+            flat = [survey.flat[i] for i in taking_turns][: flat_shares.room]
+        crops = _cut(survey, offered + flat, patch_px)
+        shares.add(index, crops[: len(offered)])
+        flat_shares.add(index, crops[len(offered) :])
+        outcomes[index] = Outcome(
+            names[survey.frames[0]], len(survey.frames), survey.boxes, survey.flat, survey.blurred, duplicates
+        )
         del survey  # and the decoded image with it, before the next one is read
+    if flat_limit:
+        flat_shares.shrink(round(shares.total * flat_share / (1 - flat_share)))
 
     if opened is not None:
         # Of successive frames all headers are read.
         unopened = frozenset() if sequence else frozenset(path for index in order for path in runs[index])
         opened.extend(path for path in images if path not in unopened)
-    kept = shares.kept()
-    used = sum(len(read[index]) for index in kept)
+    kept_flat = flat_shares.kept()
+    kept = _both(shares.kept(), kept_flat)
+    used = sum(outcomes[index].frames for index in kept)
+    flat_squares = _squares(kept_flat)
     report = TextureReport(
         images_used=used,
-        images_unused=sum(map(len, read.values())) - used,
-        images_too_small=tally.too_small,
+        images_unused=sum(outcome.frames for outcome in outcomes.values()) - used,
+        too_small=tuple(sorted(names[path] for path in tally.too_small)),
         images_skipped=tuple(sorted(tally.skipped, key=lambda skipped: skipped.path.as_posix())),
         images_not_opened=sum(len(runs[index]) for index in order),
-        crops_kept=shares.total,
-        crops_flat=tally.crops_flat,
-        crops_surplus=tally.crops - tally.crops_flat - shares.total,
+        counts=crop_counts(outcomes, _squares(kept), flat_squares),
+        examples=left_out_examples(outcomes, flat_squares),
         patch_px=patch_px,
         min_texture=min_texture,
+        flat_share=flat_share,
         longest_run=max((len(crop.frames) for crops in kept.values() for crop in crops), default=0),
     )
-    if not kept:
+    if not shares.total:
         raise InputError(_nothing_left(len(images), report))
-    return _assemble(kept, read, names_of(images), report)
+    return _assemble(kept, outcomes, report)
+
+
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """What a crop has to reach."""
+
+    min_texture: float
+    min_sharpness: float
+    min_difference: float  # 0 where duplicates are not looked for
 
 
 @dataclass(slots=True)
@@ -139,18 +188,20 @@ class _Tally:
     """Counts that grow while images are opened."""
 
     skipped: list[Skipped] = field(default_factory=list)
-    too_small: int = 0
-    crops: int = 0
-    crops_flat: int = 0
+    too_small: list[Path] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Survey:
-    """What was found in one run: its readable frames, its squares, and the least texture of each over the frames."""
+    """What was found in one run: its readable frames, its squares, and which of them, by index, are how."""
 
     frames: tuple[Path, ...]
     boxes: list[CropBox]
-    textures: list[float]
+    textures: list[float]  # the least over the frames
+    good: list[int]
+    flat: list[int]
+    blurred: list[int]
+    fingerprints: dict[int, NDArray[np.float32]]  # of those that are good, where duplicates are looked for
     only_image: NDArray[np.uint8] | None  # the decoded frame where there is just one: no need to read it again
 
 
@@ -183,6 +234,11 @@ class _Shares:
     def settled(self) -> bool:
         return self.total == self._limit and self._largest <= PATCHES_PER_IMAGE
 
+    def shrink(self, limit: int) -> None:
+        """Lower the limit, and give up what is beyond it."""
+        self._limit = limit
+        self._give_up()
+
     @property
     def room(self) -> int:
         """How many crops a further run can end up with at most."""
@@ -191,23 +247,26 @@ class _Shares:
     def add(self, run: int, crops: list[_Crop]) -> None:
         self._crops[run] = crops
         self.total += len(crops)
+        self._give_up()
+
+    def _give_up(self) -> None:
         while self.total > self._limit:
             max(self._crops.values(), key=len).pop()
             self.total -= 1
 
     def kept(self) -> dict[int, list[_Crop]]:
         """Return the runs that hold crops, in their own order, and the crops by side, row and column."""
-        return {
-            run: sorted(crops, key=lambda crop: (crop.box.side_px, crop.box.top_px, crop.box.left_px))
-            for run, crops in sorted(self._crops.items())
-            if crops
-        }
+        return {run: sorted(crops, key=_place_of) for run, crops in sorted(self._crops.items()) if crops}
 
 
-def _survey(run: Sequence[Path], patch_px: int, scales: Sequence[float], tally: _Tally) -> _Survey | None:
+def _survey(
+    run: Sequence[Path], patch_px: int, scales: Sequence[float], wanted: _Wanted, tally: _Tally
+) -> _Survey | None:
     frames: list[Path] = []
     boxes: list[CropBox] = []
     textures: list[float] = []
+    sharpness: list[float] = []
+    prints: dict[int, NDArray[np.float32]] = {}
     shape: tuple[int, ...] | None = None
     for path in run:
         try:
@@ -219,18 +278,36 @@ def _survey(run: Sequence[Path], patch_px: int, scales: Sequence[float], tally: 
             shape = image.shape
             boxes = crop_boxes(image.shape[0], image.shape[1], patch_px, scales)
             textures = [np.inf] * len(boxes)
+            sharpness = [np.inf] * len(boxes)
         elif image.shape != shape:  # equal as stored, but turned by EXIF
             reason = f"is {image.shape[1]} x {image.shape[0]} upright, frames before it {shape[1]} x {shape[0]}"
             tally.skipped.append(Skipped(path, reason))
             continue
         frames.append(path)
-        measured = (texture_measure(cut_crop(image, box, patch_px)) for box in boxes)
-        textures = [min(pair) for pair in zip(textures, measured, strict=True)]
+        for i, box in enumerate(boxes):
+            crop = cut_crop(image, box, patch_px)
+            textures[i] = min(textures[i], texture_measure(crop))
+            # What is left out already needs no further measure.
+            if textures[i] >= wanted.min_texture and sharpness[i] >= wanted.min_sharpness:
+                sharpness[i] = min(sharpness[i], sharpness_measure(crop))
+                if wanted.min_difference and sharpness[i] >= wanted.min_sharpness:
+                    prints[i] = fingerprint(crop)
     if frames and not boxes:
-        tally.too_small += len(frames)
+        tally.too_small += frames
     if not boxes:
         return None
-    return _Survey(tuple(frames), boxes, textures, image if len(run) == 1 else None)
+    flat = [i for i, texture in enumerate(textures) if texture < wanted.min_texture]
+    textured = [i for i, texture in enumerate(textures) if texture >= wanted.min_texture]
+    return _Survey(
+        frames=tuple(frames),
+        boxes=boxes,
+        textures=textures,
+        good=[i for i in textured if sharpness[i] >= wanted.min_sharpness],
+        flat=flat,
+        blurred=[i for i in textured if sharpness[i] < wanted.min_sharpness],
+        fingerprints=prints,
+        only_image=image if len(run) == 1 else None,
+    )
 
 
 def _cut(survey: _Survey, chosen: Sequence[int], patch_px: int) -> list[_Crop]:
@@ -260,14 +337,27 @@ def names_of(images: Sequence[Path]) -> dict[Path, str]:
     return {path: full[start:] for path, full in zip(images, absolute, strict=True)}
 
 
-def _assemble(
-    kept: dict[int, list[_Crop]], read: dict[int, tuple[Path, ...]], names: dict[Path, str], report: TextureReport
-) -> Atlas:
+def _both(one: dict[int, list[_Crop]], other: dict[int, list[_Crop]]) -> dict[int, list[_Crop]]:
+    """Join crops by run, in the order of `_Shares.kept`."""
+    return {
+        run: sorted(one.get(run, []) + other.get(run, []), key=_place_of) for run in sorted(one.keys() | other.keys())
+    }
+
+
+def _place_of(crop: _Crop) -> tuple[int, int, int]:
+    return crop.box.side_px, crop.box.top_px, crop.box.left_px
+
+
+def _squares(kept: Mapping[int, Sequence[_Crop]]) -> dict[int, list[CropBox]]:
+    return {run: [crop.box for crop in crops] for run, crops in kept.items()}
+
+
+def _assemble(kept: Mapping[int, list[_Crop]], outcomes: Mapping[int, Outcome], report: TextureReport) -> Atlas:
     patches: list[Patch] = []
     layer = 0
     for run, crops in kept.items():
         for crop in crops:
-            patches.append(Patch(names[read[run][0]], *crop.box, layer, len(crop.frames), crop.texture))
+            patches.append(Patch(outcomes[run].source, *crop.box, layer, len(crop.frames), crop.texture))
             layer += len(crop.frames)
     layers = opaque_layers([crop.frames for crops in kept.values() for crop in crops])
     return Atlas(layers, tuple(patches), report)
@@ -285,6 +375,9 @@ def _nothing_left(given: int, report: TextureReport) -> str:
         reasons[
             f"without texture: none of {report.crops_flat} crops reaches {report.min_texture:g} levels "
             f"(try a smaller min_texture, or other images)"
+            if not report.crops_blurred
+            else f"without a sharp crop: {report.crops_blurred} are blurred, {report.crops_flat} flat (below "
+            f"{report.min_texture:g} levels; try smaller min_sharpness and min_texture, or other images)"
         ] = report.images_unused
     shown = [f"{count} {reason}" for reason, count in reasons.most_common(_REASONS_SHOWN)]
     rest = len(reasons) - len(shown)

@@ -1,0 +1,95 @@
+"""Whether photographs and calibration belong together, and how many splits the photographs are enough for."""
+
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from semisynth_gl.calibration.rig import Size, scaled_size
+from semisynth_gl.config.model import SplitsSection
+from semisynth_gl.errors import InputError
+from semisynth_gl.splits import SplitName, split_of
+from semisynth_gl.textures.images import ImageError, stored_size
+
+_SIZES_SHOWN = 3
+_ROUND_SCALES = tuple(sorted({part / whole for whole in range(2, 9) for part in (1, 2, 3)} | {2.0, 4.0}))
+
+
+def check_sizes(images: Sequence[Path], calibrated: Sequence[Size], scale: float | None = None) -> int:
+    """Check that photographs were taken with the rig, as far as their size tells.
+
+    Args:
+        images: files; those that cannot be read are passed over.
+        calibrated: sizes that the calibrations are for.
+        scale: of the photographs against these, as the user gave it.
+
+    Returns:
+        How many have the size of a calibration.
+
+    Raises:
+        InputError: where none has, with the numbers and the option that makes it right.
+    """
+    sizes = Counter[Size]()
+    for path in images:
+        with suppress(ImageError):
+            height, width = stored_size(path)
+            sizes[width, height] += 1
+    wanted = [size if scale is None else scaled_size(size, scale) for size in calibrated]
+    fitting = sum(count for size, count in sizes.items() if size in wanted)
+    if fitting or not sizes:
+        return fitting
+    better = _scale_that_fits(sizes, calibrated)
+    if better is None:
+        advice = (
+            "the two differ in shape too, so no --scale makes them fit: give the calibration of these images; or, if"
+        )
+    elif better == 1:
+        advice = "without --scale they fit; or, if"
+    else:
+        advice = (
+            "if the photographs are the rig's images reduced or enlarged, scale the calibration: "
+            f"--scale {better:.6g}; if"
+        )
+    of_scale = "" if scale is None else f" with --scale {scale:g}"
+    raise InputError(
+        f"the calibration is for images of {_listed(Counter(wanted))}{of_scale}, but of {sizes.total()} photographs "
+        f"none has that size: they have {_listed(sizes)}; {advice} they were taken with another camera, say so "
+        "with --other-camera"
+    )
+
+
+def impossible_splits(images: int) -> list[str]:
+    """Return which splits so many photographs are too few for, such as ``["both validation and test"]``."""
+    cases: dict[str, tuple[SplitName, ...]] = {
+        "validation": ("validation",),
+        "test": ("test",),
+        "both validation and test": ("validation", "test"),
+    }
+    failing: list[str] = []
+    for name, splits in cases.items():
+        if failing and len(splits) > 1:
+            break
+        try:
+            split_of(SplitsSection(), ("train", *splits), "train").share(range(images), 0, "photographs", 0)
+        except InputError:
+            failing.append(name)
+    return failing
+
+
+def _scale_that_fits(sizes: Counter[Size], calibrated: Sequence[Size]) -> float | None:
+    """Return the scale under which most photographs, and at least half, have the size of a calibration; or None."""
+    candidates = {1.0, *_ROUND_SCALES, *(size[0] / own[0] for size in sizes for own in calibrated)}
+    fitting = {
+        scale: sum(sizes[size] for size in {scaled_size(own, scale) for own in calibrated}) for scale in candidates
+    }
+    # Of several that fit as many, a round one: sizes are rounded, so that many more fit than were meant.
+    best = max(
+        fitting, key=lambda scale: (fitting[scale], scale == 1 or scale in _ROUND_SCALES, -len(f"{scale:.6g}"), scale)
+    )
+    return best if 2 * fitting[best] >= sizes.total() else None
+
+
+def _listed(sizes: Counter[Size]) -> str:
+    shown = [f"{width} x {height}" for (width, height), _ in sizes.most_common(_SIZES_SHOWN)]
+    more = f" and {len(sizes) - len(shown)} other sizes" if len(sizes) > len(shown) else ""
+    return ", ".join(shown) + more

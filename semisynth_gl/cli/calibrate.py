@@ -1,0 +1,160 @@
+"""``semisynth-gl calibrate``."""
+
+import re
+import shlex
+from pathlib import Path
+
+import click
+
+from semisynth_gl.calibration.calibrate import Calibrated, calibrated_config
+from semisynth_gl.calibration.document import shown_range
+from semisynth_gl.calibration.forms import read_rigs
+from semisynth_gl.calibration.maps import KITTI_PNG_SCALE
+from semisynth_gl.calibration.photographs import impossible_splits
+from semisynth_gl.calibration.rig import Rig, Size, plain_rig
+from semisynth_gl.config import load_config
+from semisynth_gl.errors import InputError
+from semisynth_gl.textures.atlas import TextureReport
+from semisynth_gl.textures.prepare import prepare_atlas
+
+_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+
+
+@click.command()
+@click.option(
+    "--images",
+    multiple=True,
+    required=True,
+    metavar="PATH_OR_GLOB",
+    help="Photographs to cut patches from: a file, folder or glob. May be repeated.",
+)
+@click.option(
+    "--calib",
+    multiple=True,
+    metavar="FILE_OR_GLOB",
+    help="Of the rectified rig: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, stereo YAML of OpenCV "
+    "or ROS. May be repeated: ROS's left and right, or several rigs.",
+)
+@click.option("--focal-px", type=click.FloatRange(min=0, min_open=True), help="Instead of --calib, with the next two.")
+@click.option("--baseline-m", type=float, help="Distance of the cameras.")
+@click.option("--size", metavar="WIDTHxHEIGHT", help="Of the images, where no calibration says so; such as 1280x720.")
+@click.option(
+    "--scale",
+    type=click.FloatRange(min=0, min_open=True, max=16),
+    help="Of images and maps against the calibrated size; 0.25 for quarter size.",
+)
+@click.option("--unit", type=click.Choice(list(_UNITS)), help="Of the translation in an OpenCV file; else metres.")
+@click.option(
+    "--disparity",
+    "maps",
+    multiple=True,
+    metavar="PATH_OR_GLOB",
+    help="Disparity maps, true or predicted, to measure the histogram: .pfm, .npy, 16-bit .png. May be repeated.",
+)
+@click.option(
+    "--png-scale",
+    type=click.FloatRange(min=0, min_open=True),
+    default=KITTI_PNG_SCALE,
+    show_default=True,
+    help="Levels of a 16-bit PNG per pixel of disparity.",
+)
+@click.option("--range-px", type=(float, float), help="Least and largest disparity, where there are no maps.")
+@click.option("--other-camera", is_flag=True, help="The photographs are not the rig's: they may have any size.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="YAML to write.")
+@click.option("--overwrite", is_flag=True, help="Replace --out where it is there.")
+def calibrate(
+    images: tuple[str, ...],
+    calib: tuple[str, ...],
+    focal_px: float | None,
+    baseline_m: float | None,
+    size: str | None,
+    scale: float | None,
+    unit: str | None,
+    maps: tuple[str, ...],
+    png_scale: float,
+    range_px: tuple[float, float] | None,
+    other_camera: bool,  # noqa: FBT001 - click passes flags so
+    out: Path,
+    overwrite: bool,  # noqa: FBT001
+) -> None:
+    """Write a config for a rig: its camera, the disparities that it sees, and the photographs to cut patches from."""
+    if out.suffix.lower() not in (".yaml", ".yml"):
+        raise InputError(f"--out {out}: expected a name that ends in .yaml")
+    if not out.absolute().parent.is_dir():
+        raise InputError(f"--out {out}: the folder {out.absolute().parent} does not exist")
+    if out.exists() and not overwrite:
+        raise InputError(f"--out {out}: is there already; choose another name, or replace it with --overwrite")
+    if maps and range_px is not None:
+        raise InputError("--range-px says what --disparity measures: give one of them")
+    rigs = _rigs(calib, focal_px, baseline_m, _size(size), None if unit is None else _UNITS[unit])
+    found = calibrated_config(
+        out.stem,
+        rigs,
+        images,
+        maps=maps,
+        png_scale=png_scale,
+        range_px=range_px,
+        scale=scale,
+        other_camera=other_camera,
+    )
+    partial = out.with_name(f".{out.stem}.partial.yaml")
+    try:
+        partial.write_text(found.text, encoding="utf-8")
+        config = load_config(partial.absolute())
+        # The patches of the dataset to come: what cannot be used is told now, and the cache has them then.
+        report = prepare_atlas(config.textures, 0).report
+        partial.replace(out)
+    finally:
+        partial.unlink(missing_ok=True)
+    for line in _summary(found, config.name, report, out):
+        click.echo(line)
+
+
+def _rigs(
+    calib: tuple[str, ...], focal_px: float | None, baseline_m: float | None, size: Size | None, unit_m: float | None
+) -> list[Rig]:
+    plain = {"--focal-px": focal_px, "--baseline-m": baseline_m}
+    given = [name for name, value in plain.items() if value is not None]
+    if calib:
+        if given:
+            raise InputError(f"{' and '.join(given)}: --calib says that already: give one or the other")
+        return read_rigs(calib, size=size, unit_m=unit_m)
+    if focal_px is None or baseline_m is None or size is None:
+        missing = [name for name, value in (plain | {"--size": size}).items() if value is None]
+        raise InputError(f"{', '.join(missing)} missing: give --calib, or --focal-px, --baseline-m and --size")
+    return [plain_rig(focal_px, baseline_m, size)]
+
+
+def _size(text: str | None) -> Size | None:
+    if text is None:
+        return None
+    sides = re.fullmatch(r"([1-9]\d{0,5})\s*[xX]\s*([1-9]\d{0,5})", text.strip())
+    if sides is None:
+        raise InputError(f"--size {text}: expected width x height in pixels, such as 1280x720")
+    return int(sides[1]), int(sides[2])
+
+
+def _summary(found: Calibrated, name: str, report: TextureReport, out: Path) -> list[str]:
+    ranges, disparity = found.ranges, found.disparity
+    lines = [
+        f"image size       {ranges.size[0]} x {ranges.size[1]}",
+        f"focal length     {shown_range(ranges.focal_px, 'px')}",
+        f"baseline         {shown_range(ranges.baseline_m, 'm')}",
+        f"doffs            {shown_range(ranges.doffs_px, 'px')}",
+        f"disparity        {disparity.min_px:g} to {disparity.max_px:g} px, mean {disparity.target.mean_px:.2f} px",
+        f"                 {found.disparity_from}",
+        f"scenes           {found.background.scenes} ({found.background.far_share:.1%} of the pixels beyond 20 m)",
+        f"photographs      {len(found.images)}, which give {report.crops_kept} patches",
+    ]
+    if found.fitting and found.fitting < len(found.images):
+        lines.append(f"                 {len(found.images) - found.fitting} have another size than the rig's images")
+    lost = impossible_splits(len(found.images))
+    if lost:
+        lines.append(f"                 too few to hold some out for {' or '.join(lost)}")
+    data = shlex.quote(f"data/{name}")
+    return [
+        *lines,
+        f"wrote {out}; next:",
+        f"  semisynth-gl preview --config {shlex.quote(str(out))}",
+        f"  semisynth-gl generate --config {shlex.quote(str(out))} --out {data} --pairs 1000",
+    ]

@@ -1,0 +1,665 @@
+"""A config from a rig's calibration: every form, the measured histogram, and what is refused with which numbers."""
+
+import os
+import struct
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from semisynth_gl.calibration.calibrate import calibrated_config
+from semisynth_gl.calibration.document import background_of, name_of, ranges_of
+from semisynth_gl.calibration.forms import FORMS, read_rigs
+from semisynth_gl.calibration.maps import find_maps, measure, read_map
+from semisynth_gl.calibration.photographs import check_sizes, impossible_splits
+from semisynth_gl.calibration.rig import Projections, Rig, plain_rig, rectified, scaled_size
+from semisynth_gl.calibration.target import chosen_range, measured_range
+from semisynth_gl.camera import StereoCamera
+from semisynth_gl.cli import main
+from semisynth_gl.config import load_config
+from semisynth_gl.errors import InputError, SemisynthError
+from semisynth_gl.histogram import Histogram, PixelCount, total_variation
+from semisynth_gl.read.error import ReadError
+
+SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+CAMERA = StereoCamera(741, 500, 994.978, 0.193001, 311.193, 342.279, 254.877)
+
+MIDDLEBURY = """cam0=[994.978 0 311.193; 0 994.978 254.877; 0 0 1]
+cam1=[994.978 0 342.279; 0 994.978 254.877; 0 0 1]
+doffs=31.086
+baseline=193.001
+width=741
+height=500
+ndisp=70
+isint=0
+vmin=7
+vmax=61
+"""
+# Of KITTI's raw recordings, 26 September 2011, as far as it counts.
+KITTI = """calib_time: 09-Jan-2012 13:57:47
+corner_dist: 9.950000e-02
+S_02: 1.392000e+03 5.120000e+02
+K_02: 9.597910e+02 0.000000e+00 6.960217e+02 0.000000e+00 9.569251e+02 2.241806e+02 0 0 1.000000e+00
+S_rect_02: 1.242000e+03 3.750000e+02
+P_rect_02: 7.215377e+02 0.000000e+00 6.095593e+02 4.485728e+01 0.000000e+00 7.215377e+02 1.728540e+02 2.163791e-01 \
+0.000000e+00 0.000000e+00 1.000000e+00 2.745884e-03
+S_rect_03: 1.242000e+03 3.750000e+02
+P_rect_03: 7.215377e+02 0.000000e+00 6.095593e+02 -3.395242e+02 0.000000e+00 7.215377e+02 1.728540e+02 2.199936e+00 \
+0.000000e+00 0.000000e+00 1.000000e+00 2.729905e-03
+"""
+
+
+def matrices(camera=CAMERA, unit_m=1.0):
+    """(3, 4) projection matrices of a camera, in a unit of length."""
+    left, right = (np.zeros((3, 4)) for _ in range(2))
+    for matrix, cx in ((left, camera.cx_left_px), (right, camera.cx_right_px)):
+        matrix[:, :3] = [[camera.focal_px, 0, cx], [0, camera.focal_px, camera.cy_px], [0, 0, 1]]
+    right[0, 3] = -camera.focal_baseline / unit_m
+    return left, right
+
+
+def middlebury(camera=CAMERA):
+    k0, k1 = (matrix[:, :3].tolist() for matrix in matrices(camera))
+    rows = ["; ".join(" ".join(map(repr, row)) for row in k) for k in (k0, k1)]
+    return (
+        f"cam0=[{rows[0]}]\ncam1=[{rows[1]}]\ndoffs={camera.doffs_px!r}\nbaseline={camera.baseline_m * 1000!r}\n"
+        f"width={camera.width_px}\nheight={camera.height_px}\n"
+    )
+
+
+def kitti(camera=CAMERA):
+    lines = []
+    for number, matrix in zip(("02", "03"), matrices(camera), strict=True):
+        lines.append(f"S_rect_{number}: {camera.width_px} {camera.height_px}")
+        lines.append(f"P_rect_{number}: {' '.join(repr(float(value)) for value in matrix.ravel())}")
+    return "\n".join(lines) + "\n"
+
+
+def opencv(camera=CAMERA, *, unit_m=1.0, size=True):
+    lines = ["%YAML:1.0", "---"]
+    if size:
+        lines.append(f"image_size: [ {camera.width_px}, {camera.height_px} ]")
+    for name, matrix in zip(("P1", "P2"), matrices(camera, unit_m), strict=True):
+        data = ", ".join(f"{value!r}".removesuffix("0") for value in map(float, matrix.ravel()))  # as OpenCV: "0."
+        lines += [f"{name}: !!opencv-matrix", "   rows: 3", "   cols: 4", "   dt: d", f"   data: [ {data} ]"]
+    return "\n".join(lines) + "\n"
+
+
+def ros(camera=CAMERA, side=1):
+    data = ", ".join(repr(float(value)) for value in matrices(camera)[side].ravel())
+    return (
+        f"image_width: {camera.width_px}\nimage_height: {camera.height_px}\ncamera_name: narrow_stereo\n"
+        "rectification_matrix:\n  rows: 3\n  cols: 3\n  data: [1, 0, 0, 0, 1, 0, 0, 0, 1]\n"
+        f"projection_matrix:\n  rows: 3\n  cols: 4\n  data: [{data}]\n"
+    )
+
+
+def ros_both(camera=CAMERA):
+    def indented(text):
+        return "".join(f"  {line}\n" for line in text.splitlines())
+
+    return f"left:\n{indented(ros(camera, 0))}right:\n{indented(ros(camera, 1))}"
+
+
+def write(folder, name, text):
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return path
+
+
+def photographs(folder, count=1, size=(741, 500), start=0):
+    folder.mkdir(parents=True, exist_ok=True)
+    for number in range(start, start + count):
+        noise = np.random.default_rng(number).integers(0, 256, (size[1], size[0], 3), dtype=np.uint8)
+        Image.fromarray(noise).save(folder / f"photo{number}.png", compress_level=1)
+    return folder
+
+
+def refused(error, *words):
+    for word in words:
+        assert word in str(error.value), str(error.value)
+
+
+# --- forms ---
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("calib.txt", MIDDLEBURY),
+        ("calib.txt", MIDDLEBURY.replace("\n", "\r\n")),
+        ("calib.txt", "width=741\nheight=500\n" + MIDDLEBURY[: MIDDLEBURY.index("doffs")] + "baseline = 193.001 \n"),
+        ("calib_cam_to_cam.txt", kitti()),
+        ("extrinsics.yml", opencv()),
+        ("right.yaml", ros_both()),
+        ("LEFT.yaml", opencv().replace("P1:", "LEFT.P:").replace("P2:", "RIGHT.P:")),
+    ],
+)
+def test_each_form_gives_the_same_rig(tmp_path, name, text):
+    path = write(tmp_path, name, text)
+    (rig,) = read_rigs([path])
+    assert rig.source == str(path)
+    assert rig.size == (741, 500)
+    for key in ("focal_px", "baseline_m", "cx_left_px", "cx_right_px", "cy_px", "doffs_px"):
+        assert getattr(rig.camera, key) == pytest.approx(getattr(CAMERA, key), rel=1e-9)
+
+
+numbers = st.floats(1, 5000, allow_nan=False)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    size=st.tuples(st.integers(1, 9999), st.integers(1, 9999)),
+    focal_px=st.floats(10, 9000),
+    baseline_m=st.floats(0.001, 4.5),
+    centre=st.tuples(numbers, numbers, numbers),
+)
+def test_a_rig_written_in_any_form_is_read_back(tmp_path_factory, size, focal_px, baseline_m, centre):
+    folder = tmp_path_factory.mktemp("rig")
+    camera = StereoCamera(*size, focal_px, baseline_m, *centre)
+    for name, text in {
+        "m.txt": middlebury(camera),
+        "k.txt": kitti(camera),
+        "o.yaml": opencv(camera),
+        "r.yaml": ros_both(camera),
+    }.items():
+        (rig,) = read_rigs([write(folder, name, text)])
+        assert rig.size == size
+        for key in ("focal_px", "baseline_m", "cx_left_px", "cx_right_px", "cy_px"):
+            assert getattr(rig.camera, key) == pytest.approx(getattr(camera, key), rel=1e-9), name
+
+
+def test_kittis_own_calibration_counts_as_rectified(tmp_path):
+    (rig,) = read_rigs([write(tmp_path, "calib_cam_to_cam.txt", KITTI)])
+    assert rig.size == (1242, 375)
+    assert rig.camera.focal_px == 721.5377
+    assert rig.camera.baseline_m == pytest.approx(0.5327, abs=1e-4)
+    assert rig.camera.doffs_px == 0
+    short = "".join(f"{line.replace('_rect_0', '')}\n" for line in KITTI.splitlines() if line.startswith("P_rect"))
+    (again,) = read_rigs([write(tmp_path, "000000.txt", short)], size=(1242, 375))
+    assert again.camera == rig.camera
+
+
+def test_eth3d_has_no_doffs(tmp_path):
+    text = (
+        "cam0=[541.764 0 553.869; 0 541.764 232.396; 0 0 1]\ncam1=[541.764 0 553.869; 0 541.764 232.396; 0 0 1]\n"
+        "doffs=0\nbaseline=59.9079\nwidth=942\nheight=489\nndisp=64\nisint=0\nvmin=0\nvmax=0\n"
+    )
+    (rig,) = read_rigs([write(tmp_path, "calib.txt", text)])
+    assert (rig.camera.doffs_px, rig.camera.baseline_m, rig.ndisp) == (0, pytest.approx(0.0599079), 64)
+
+
+def test_ros_left_and_right_are_two_files_or_the_right_one_alone(tmp_path):
+    left, right = write(tmp_path, "left.yaml", ros(side=0)), write(tmp_path, "right.yaml", ros(side=1))
+    (both,) = read_rigs([left, right])
+    assert both.camera.doffs_px == pytest.approx(CAMERA.doffs_px)
+    (globbed,) = read_rigs([tmp_path / "*.yaml"])
+    assert globbed.camera == both.camera
+    (alone,) = read_rigs([right])
+    assert alone.camera.baseline_m == pytest.approx(CAMERA.baseline_m)
+    assert alone.camera.doffs_px == 0
+    with pytest.raises(InputError) as error:
+        read_rigs([left])
+    refused(error, "left.yaml", "the left camera's, with no baseline", "--calib")
+    with pytest.raises(InputError) as error:
+        read_rigs([right, left])
+    refused(error, "the baseline is -0.193", "swap")
+    write(tmp_path, "third.yaml", ros())
+    with pytest.raises(InputError, match="3 of 3 calibrations are of one camera"):
+        read_rigs([tmp_path / "*.yaml"])
+
+
+def test_an_opencv_unit_is_asked_for_where_it_cannot_be_metres(tmp_path):
+    path = write(tmp_path, "stereo.yml", opencv(unit_m=0.001))
+    with pytest.raises(ReadError) as error:
+        read_rigs([path])
+    refused(error, "193.001 m", "--unit mm")
+    (rig,) = read_rigs([path], unit_m=0.001)
+    assert rig.camera.baseline_m == pytest.approx(CAMERA.baseline_m)
+    for text in (MIDDLEBURY, KITTI, ros()):
+        with pytest.raises(ReadError, match="has a unit of its own: leave --unit out"):
+            read_rigs([write(tmp_path, "other.txt", text)], unit_m=0.001)
+
+
+def test_the_size_comes_from_the_file_or_the_user(tmp_path):
+    path = write(tmp_path, "stereo.yml", opencv(size=False))
+    with pytest.raises(InputError, match=r"does not say how large the images are: give --size"):
+        read_rigs([path])
+    assert read_rigs([path], size=(640, 480))[0].size == (640, 480)
+    with pytest.raises(InputError, match="is for images of 741 x 500, but --size says 640 x 480"):
+        read_rigs([write(tmp_path, "calib.txt", MIDDLEBURY)], size=(640, 480))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (MIDDLEBURY.replace("cam1=[994.978 0", "cam1=[990 0"), ["not rectified", "994.978 px left, 990 right"]),
+        (MIDDLEBURY.replace("279; 0 994.978 254.877", "279; 0 994.978 255.9"), ["cy differs", "254.877", "255.9"]),
+        (MIDDLEBURY.replace("0 994.978 254.877", "3 994.978 254.877"), ["not rectified", "turns or skews"]),
+        (MIDDLEBURY.replace("0 994.978 254.877", "0 990.1 254.877"), ["fx = 994.978 and fy = 990.1"]),
+        (MIDDLEBURY.replace("baseline=193", "baseline=-193"), ["baseline is -0.193001 m", "swap"]),
+        (MIDDLEBURY.replace("baseline=193.001", "baseline=0"), ["baseline is 0 m"]),
+        (MIDDLEBURY.replace("baseline=193.001", "baseline=wide"), ["baseline: expected a number, got 'wide'"]),
+        (MIDDLEBURY.replace("baseline=193.001\n", ""), ["lacks baseline"]),
+        (MIDDLEBURY.replace("doffs=31.086", "doffs=0"), ["doffs is 0", "is 31.086"]),
+        (MIDDLEBURY.replace("width=741", "width=-3"), ["at least 1 pixel", "-3"]),
+        (MIDDLEBURY.replace("994.978 0 311.193", "994.978 311.193"), ["cam0: expected a matrix"]),
+        (MIDDLEBURY.replace("994.978", "nan"), ["expected finite numbers"]),
+        (KITTI.replace("P_rect_03: 7.215377e+02", "P_rect_03: 7.0e+02"), ["not rectified"]),
+        (KITTI.replace("2.199936e+00", "2.2e+01"), ["not rectified", "below"]),
+        (KITTI.replace(" 2.729905e-03", ""), ["P_rect_03: expected 12 numbers, got 11"]),
+        (KITTI.replace("S_rect_03: 1.242", "S_rect_03: 1.250"), ["expected one width and height", "1250"]),
+        ("P_rect_00: 1 2 3\n", ["has P_rect_00", "P_rect_02 and P_rect_03"]),
+        (opencv().replace("cols: 4", "cols: 3"), ["P1: expected a 3 x 4"]),
+        ("%YAML:1.0\n---\nM1: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [1,0,0,0,1,0,0,0,1]\nR: 1\n",
+         ["not rectified", "M1, R", "stereoRectify"]),
+        (ros().replace("994.978", "0"), ["focal length is 0"]),
+        ("left:\n  a: 1\nright:\n  b: 2\n", ["left.projection_matrix: missing"]),
+        ("fx: 3\n", ["has fx", *FORMS]),
+        ("", [*FORMS]),
+        ("[1, 2", ["line 1", *FORMS]),
+        ("a: !!python/object:os.system b\n", [*FORMS]),
+        ("\x00\x01", ["no YAML", *FORMS]),
+    ],
+)  # fmt: skip
+def test_what_is_no_rectified_calibration_is_refused_with_its_numbers(tmp_path, text, words):
+    path = write(tmp_path, "rig.txt", text)
+    with pytest.raises(SemisynthError) as error:
+        read_rigs([path])
+    refused(error, str(path), *words)
+
+
+@settings(max_examples=60, deadline=None)
+@given(data=st.one_of(st.binary(max_size=300), st.text(max_size=300).map(lambda text: f"cam0=[{text}".encode())))
+def test_any_bytes_are_read_or_refused(tmp_path_factory, data):
+    path = tmp_path_factory.mktemp("any") / "x.yaml"
+    path.write_bytes(data)
+    with pytest.raises(SemisynthError):
+        read_rigs([path])
+
+
+def test_files_that_are_not_there_are_refused(tmp_path):
+    for source, words in (("no.txt", "no such file"), ("*.txt", "that the glob matches"), (".", "is a folder")):
+        with pytest.raises(InputError, match=words):
+            read_rigs([tmp_path / source])
+
+
+def test_a_vertical_rig_is_not_rectified():
+    left, right = matrices()
+    right[0, 3], right[1, 3] = 0, -100
+    with pytest.raises(InputError, match="not rectified"):
+        rectified(Projections(left, right, (741, 500), "x"), None)
+
+
+# --- scale, ranges, photographs ---
+
+
+def test_scaling_keeps_rays_and_relative_disparities():
+    camera = StereoCamera(2964, 2000, 3979.911, 0.193001, 1244.772, 1369.115, 1019.507)
+    rig = Rig(camera, "x", ndisp=280, vmin_px=31, vmax_px=257).scaled(0.25)
+    assert rig.size == (741, 500)
+    assert rig.camera.doffs_px == pytest.approx(124.343 / 4)
+    assert (rig.ndisp, rig.vmin_px, rig.vmax_px) == (70, 7.75, 64.25)
+    # The corner of the image stays where it was.
+    for full, small in ((camera, rig.camera),):
+        np.testing.assert_allclose(full.rays("left", -0.5, -0.5), small.rays("left", -0.5, -0.5), rtol=1e-12)
+
+
+def test_photographs_of_another_size_are_refused_with_the_scale_that_fits(tmp_path):
+    rig = plain_rig(1000, 0.2, (741, 500))
+    exact = sorted(photographs(tmp_path / "exact", 2).iterdir())
+    half = sorted(photographs(tmp_path / "half", 2, (371, 250)).iterdir())
+    other = sorted(photographs(tmp_path / "other", 1, (400, 400)).iterdir())
+    assert check_sizes(exact + other, [rig.size]) == 2
+    with pytest.raises(InputError) as error:
+        check_sizes(half, [rig.size])
+    refused(error, "741 x 500", "371 x 250", "--scale 0.5", "--other-camera")
+    with pytest.raises(InputError) as error:
+        check_sizes(other, [rig.size])
+    refused(error, "400 x 400", "differ in shape", "--other-camera")
+    assert check_sizes(half, [rig.size], 0.5) == 2
+
+
+@given(size=st.tuples(st.integers(16, 5000), st.integers(16, 5000)), scale=st.floats(0.1, 4))
+def test_a_scaled_size_is_within_half_a_pixel(size, scale):
+    for side, now in zip(size, scaled_size(size, scale), strict=True):
+        assert now >= 1
+        assert abs(now - side * scale) <= 0.5 + 1e-9
+
+
+def test_splits_that_photographs_are_too_few_for():
+    assert [impossible_splits(count) for count in (1, 2, 3, 40)] == [
+        ["validation", "test"],
+        ["both validation and test"],
+        [],
+        [],
+    ]
+
+
+def test_several_rigs_give_ranges(tmp_path):
+    for number, (width, focal) in enumerate([(700, 900.0), (720, 1000.0), (760, 950.0)]):
+        camera = StereoCamera.centred(width, 480 + number, focal, 0.1 * (number + 1), 10.0 * number)
+        write(tmp_path, f"scene{number}/calib.txt", middlebury(camera))
+    rigs = read_rigs([tmp_path / "*/calib.txt"])
+    ranges = ranges_of(rigs)
+    assert ranges.size == (720, 481)
+    assert ranges.sizes == 3
+    assert (ranges.focal_px, ranges.doffs_px) == ((900, 1000), (0, pytest.approx(20)))
+    assert ranges.baseline_m == pytest.approx((0.1, 0.3))
+    assert ranges.cx_left_px == pytest.approx((359.5 - 10, 359.5))
+    assert ranges.cy_px == pytest.approx((240, 240))
+
+
+@pytest.mark.parametrize(
+    ("disparities", "scenes"),
+    [((30, 40), "indoor"), ((1, 2), "outdoor"), ((19.4, 40), "indoor and outdoor")],  # 20 m is 20 px
+)
+def test_far_pixels_make_a_scene_an_outdoor_one(disparities, scenes):
+    ranges = ranges_of([plain_rig(1000, 0.4, (640, 480))])
+    found = measured_range(Histogram.of(disparities, [1.0]))
+    assert background_of(ranges, found).scenes == scenes
+
+
+# --- maps and histograms ---
+
+
+def pfm(values, *, little=True):
+    kind, scale = ("<f4", "-1.0") if little else (">f4", "1.0")
+    height, width = values.shape
+    return f"Pf\n{width} {height}\n{scale}\n".encode() + np.asarray(values[::-1], kind).tobytes()
+
+
+def test_maps_say_where_there_is_no_value(tmp_path):
+    values = np.array([[1.5, 2.25, np.inf], [np.nan, 0.0, -3.0]], np.float32)
+    wanted = np.array([[1.5, 2.25, np.nan], [np.nan] * 3], np.float32)
+    (tmp_path / "a.pfm").write_bytes(pfm(values))
+    (tmp_path / "b.pfm").write_bytes(pfm(values, little=False))
+    np.save(tmp_path / "c.npy", values.astype(np.float64))
+    np.save(tmp_path / "d.npy", values[None, None])
+    np.save(tmp_path / "e.npy", values[..., None].astype(np.float16))
+    for name in ("a.pfm", "b.pfm", "c.npy", "d.npy", "e.npy"):
+        np.testing.assert_array_equal(read_map(tmp_path / name), wanted)
+    Image.fromarray(np.array([[384, 576, 0], [0, 0, 0]], np.uint16)).save(tmp_path / "k.png")
+    np.testing.assert_array_equal(read_map(tmp_path / "k.png"), wanted)
+    np.testing.assert_array_equal(read_map(tmp_path / "k.png", 128), wanted * 2)
+
+
+def test_images_beside_maps_are_passed_over(tmp_path):
+    photographs(tmp_path, 1, (40, 30))
+    (tmp_path / "disp0.pfm").write_bytes(pfm(np.ones((30, 40))))
+    Image.fromarray(np.full((30, 40), 256, np.uint16)).save(tmp_path / "disp.png")
+    assert [path.name for path in find_maps([tmp_path])] == ["disp.png", "disp0.pfm"]
+    with pytest.raises(InputError, match=r"no disparity map there"):
+        find_maps([photographs(tmp_path / "only", 1, (40, 30))])
+    with pytest.raises(ReadError, match="expected 16-bit grey"):
+        measure(find_maps([tmp_path / "photo0.png"]), [(40, 30)])
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "words"),
+    [
+        ("a.npy", b"\x93NUMPY broken", "cannot be read as an array"),
+        ("a.pfm", b"Pf\n3 2\n-1.0\n123", "ends after 3 of 24 bytes"),
+        ("a.pfm", b"junk", "expected a PFM header"),
+        ("a.png", b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 3), "expected a PNG"),
+    ],
+)
+def test_broken_maps_are_refused(tmp_path, name, data, words):
+    path = tmp_path / name
+    path.write_bytes(data)
+    with pytest.raises(ReadError, match=words):
+        read_map(path)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        (np.full((30, 40), np.nan), ["holds no disparity", "40 x 30"]),
+        (np.ones((15, 20)), ["has 20 x 15 pixels", "40 x 30", "--scale"]),
+        (np.full((30, 40), 512.0), ["up to 512 px", "40 px wide", "--png-scale"]),
+        (np.ones((3, 30, 40)), ["one disparity per pixel", "(3, 30, 40)"]),
+        (np.ones((30, 40), complex), ["expected numbers, got complex128"]),
+    ],
+)
+def test_maps_that_fit_no_rig_are_refused_with_their_numbers(tmp_path, values, words):
+    np.save(tmp_path / "a.npy", values)
+    with pytest.raises(SemisynthError) as error:
+        measure([tmp_path / "a.npy"], [(40, 30)])
+    refused(error, "a.npy", *words)
+
+
+def test_a_sparse_map_counts_as_much_as_a_dense_one(tmp_path):
+    sparse = np.full((30, 40), np.nan)
+    sparse[:2, :5] = 10.03
+    np.save(tmp_path / "sparse.npy", sparse)
+    np.save(tmp_path / "dense.npy", np.full((30, 40), 20.03))
+    measured = measure([tmp_path / "sparse.npy", tmp_path / "dense.npy"], [(40, 30)])
+    assert (measured.maps, measured.pixels, measured.valid) == (2, 2400, 1210)
+    assert measured.histogram.cumulative(15) == pytest.approx(0.5)
+    assert measured.histogram.mean_px == pytest.approx(15.03, abs=0.04)
+
+
+@settings(max_examples=150, deadline=None)
+@given(low=st.floats(0.05, 500), span=st.floats(0.05, 900))
+def test_bins_are_of_one_round_width_and_hold_the_range(low, span):
+    for found in (chosen_range(low, low + span), measured_range(Histogram.of([low, low + span], [1.0]))):
+        edges = found.target.edges_px
+        assert 20 <= len(found.target.shares) <= 41
+        np.testing.assert_allclose(np.diff(edges), found.bin_px, rtol=1e-5)
+        assert edges[0] <= low + 0.002 * span
+        assert 0 < found.min_px <= low + 0.002 * span
+        assert found.max_px >= low + 0.99 * span
+        assert found.target.shares.sum() == pytest.approx(1)
+        # What a config wants beyond its own limits is refused from 2 % on.
+        inside = np.diff(found.target.cumulative([found.min_px, found.max_px]))[0]
+        assert inside > 0.985
+
+
+def test_a_chosen_histogram_is_smooth_and_covers_its_range():
+    found = chosen_range(None, 64)
+    shares = found.target.shares[1:-1]
+    assert (found.min_px, found.max_px) == (1.28, 64)
+    assert shares.min() > 0.2 / len(shares)
+    assert (np.sign(np.diff(np.sign(np.diff(shares)))) != 0).sum() <= 1  # one hump
+    for low, high in ((5, 5), (9, 3), (0, 8), (-4, 8), (1, float("inf")), (float("nan"), 8)):
+        with pytest.raises(InputError, match="expected two numbers above 0 that rise"):
+            chosen_range(low, high)
+
+
+def test_a_measured_range_has_headroom_and_ignores_the_odd_pixel():
+    values = np.concatenate([np.linspace(10, 60, 100_000), [399.0, 0.1]])
+    counted = PixelCount(np.arange(0, 401, 1 / 16))
+    counted.add(values)
+    found = measured_range(counted.histogram)
+    assert found.min_px == 10
+    assert 64 < found.max_px < 72
+    assert total_variation(found.target, counted.histogram) < 1e-9
+
+
+# --- the whole ---
+
+
+def test_names_follow_files():
+    assert [name_of(stem) for stem in ("my rig_2", "-a-", "ü", "lab")] == ["my-rig-2", "a", "calibrated", "lab"]
+
+
+@settings(max_examples=25, deadline=None)
+@given(name=st.text(st.characters(exclude_characters="/\x00", exclude_categories=("Cs",)), min_size=1, max_size=20))
+def test_whatever_files_are_called_the_yaml_is_read_back(tmp_path_factory, name):
+    folder = tmp_path_factory.mktemp("names")
+    try:
+        photograph = folder / f"{name}.png"
+        Image.fromarray(np.zeros((20, 30, 3), np.uint8)).save(photograph)
+    except OSError:
+        return
+    rig = Rig(StereoCamera.centred(30, 20, 40.0, 0.1), str(photograph))
+    found = calibrated_config(name, [rig], [str(photograph)], range_px=(1, 10))
+    config = load_config(write(folder, "config.yaml", found.text))
+    assert config.textures.images == (str(photograph),)
+
+
+def run(*arguments, cwd):
+    return subprocess.run(
+        [sys.executable, "-m", "semisynth_gl", *map(str, arguments)],
+        cwd=cwd, env=os.environ, capture_output=True, text=True, check=False, timeout=120,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def call(monkeypatch, capsys, tmp_path):
+    """Run the program in this process, in a folder of the test."""
+
+    def caller(*arguments):
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", ["semisynth-gl", *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as stopped:
+            main()
+        return stopped.value.code, *capsys.readouterr()
+
+    return caller
+
+
+def test_a_real_pair_becomes_a_config_that_renders(call, tmp_path, monkeypatch):
+    skimage_data = pytest.importorskip("skimage.data", reason="scikit-image is not installed")
+    left, _, disparity = skimage_data.stereo_motorcycle()
+    (tmp_path / "photos").mkdir()
+    Image.fromarray(left).save(tmp_path / "photos/im0.png")
+    (tmp_path / "disp0.pfm").write_bytes(pfm(disparity))
+    write(tmp_path, "calib.txt", MIDDLEBURY)
+    given = (
+        "calibrate",
+        "--images",
+        "photos",
+        "--calib",
+        "calib.txt",
+        "--disparity",
+        "disp0.pfm",
+        "--out",
+        "my rig.yaml",
+    )
+    code, out, err = call(*given)
+    assert (code, err) == (0, "")
+    for said in ("741 x 500", "994.978 px", "0.193001 m", "31.086 px", "mean 34.", "1 disparity map", "92.7%",
+                 "1, which give 6 patches", "validation or test",
+                 "generate --config 'my rig.yaml' --out data/my-rig"):  # fmt: skip
+        assert said in out
+    text = (tmp_path / "my rig.yaml").read_text()
+    assert "# From calib.txt." in text
+    assert "disp0.pfm" in text
+    monkeypatch.chdir("/")  # paths are absolute
+    config = load_config(tmp_path / "my rig.yaml")
+    camera = config.camera
+    assert (camera.width_px, camera.height_px) == (741, 500)
+    assert camera.focal_px.low == camera.focal_px.high == 994.978
+    assert camera.doffs_px.low == pytest.approx(31.086)
+    assert config.textures.images == (str(tmp_path / "photos"),)
+    assert (config.background.cuboid, config.background.plane) == (1, 0)
+    target = config.disparity.target
+    truth = PixelCount(target.first_px + np.arange(len(target.shares) + 1) * target.bin_px)
+    truth.add(disparity)
+    np.testing.assert_allclose(truth.histogram.shares, target.shares, atol=2e-3)
+    assert config.disparity.min_px == pytest.approx(np.quantile(disparity[np.isfinite(disparity)], 0.001), abs=0.15)
+
+    from conftest import backend_fault
+
+    from semisynth_gl.pipeline import render_pair
+
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here: the config was not rendered")
+    small = load_config(tmp_path / "my rig.yaml", {"models.variants": 1, "models.complex": 0.0})
+    frame = render_pair(small, index=0, seed=0)
+    seen = frame.disparity_left[np.isfinite(frame.disparity_left)]
+    assert frame.left.shape == (500, 741, 3)
+    assert seen.max() <= config.disparity.max_px
+    assert abs(np.median(seen) - np.nanmedian(read_map(tmp_path / "disp0.pfm"))) < 20
+
+    code, _, err = call(*given)
+    assert code == 2
+    assert "is there already" in err
+    assert call(*given, "--overwrite")[0] == 0
+
+
+def test_plain_numbers_and_a_range_are_enough(call, tmp_path):
+    photographs(tmp_path / "photos", 2, (300, 300))
+    plain = ("calibrate", "--images", "photos", "--focal-px", 700, "--baseline-m", 0.12, "--size", "640x480")
+    code, out, err = call(*plain, "--range-px", 2, 96, "--other-camera", "--out", "p.yaml")
+    assert (code, err) == (0, "")
+    assert "too few to hold some out for both validation and test" in out
+    config = load_config(tmp_path / "p.yaml")
+    assert (config.disparity.min_px, config.disparity.max_px >= 96) == (2, True)
+    assert config.camera.cx_left_px.low == 319.5
+    assert config.background.plane == 1
+    assert config.particles.size_px.low == 26
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--calib", "calib.txt", "--focal-px", "7"], ["--focal-px: --calib says that already"]),
+        (["--focal-px", "700"], ["--baseline-m, --size missing"]),
+        (["--focal-px", "700", "--baseline-m", "-0.1", "--size", "741x500"], ["--baseline-m -0.1", "above 0"]),
+        (["--focal-px", "700", "--baseline-m", "0.1", "--size", "741"], ["--size 741", "1280x720"]),
+        (["--focal-px", "700", "--baseline-m", "0.1", "--size", "741x500"], ["no ndisp", "--disparity", "--range-px"]),
+        (["--calib", "calib.txt", "--out", "a.txt"], ["ends in .yaml"]),
+        (["--calib", "calib.txt", "--out", "no/a.yaml"], ["does not exist"]),
+        (["--calib", "calib.txt", "--range-px", "9", "4"], ["9 to 4 px"]),
+        (["--calib", "calib.txt", "--range-px", "1", "4", "--disparity", "x.pfm"], ["give one of them"]),
+        (
+            ["--calib", "calib.txt", "--scale", "0.5"],
+            ["371 x 250 with --scale 0.5", "741 x 500", "without --scale they fit"],
+        ),
+        (["--calib", "calib.txt", "--disparity", "none.pfm"], ["none.pfm: no disparity map there"]),
+        (["--calib", "calib.txt", "--images", "flat"], ["no patch can be cut"]),
+    ],
+)
+def test_wrong_input_writes_nothing(call, tmp_path, arguments, words):
+    photographs(tmp_path / "photos")
+    (tmp_path / "flat").mkdir()
+    Image.new("RGB", (741, 500)).save(tmp_path / "flat/a.png")
+    write(tmp_path, "calib.txt", MIDDLEBURY)
+    images = () if "--images" in arguments else ("--images", "photos")
+    out = () if "--out" in arguments else ("--out", "a.yaml")
+    code, said, err = call("calibrate", *images, *out, *arguments)
+    assert (code, said) == (2, "")
+    for word in words:
+        assert word in err
+    assert not list(tmp_path.glob("*.yaml"))
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_the_command_loads_no_package_that_it_does_not_use():
+    for module in ("calibrate", "textures"):
+        show = f"import sys, semisynth_gl.cli.{module}; print({{'trimesh', 'scipy', 'matplotlib'}} & {{*sys.modules}})"
+        assert run_python(show) == "set()", module
+
+
+def run_python(program):
+    return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.strip()
+
+
+@pytest.mark.skipif(not (SHARED / "textures").is_dir(), reason="test material ../shared/data is absent")
+def test_real_photographs_of_two_benchmarks(call, tmp_path):
+    eth3d = (
+        "cam0=[541.764 0 553.869; 0 541.764 232.396; 0 0 1]\ncam1=[541.764 0 553.869; 0 541.764 232.396; 0 0 1]\n"
+        "doffs=0\nbaseline=59.9079\nwidth=942\nheight=489\nndisp=64\n"
+    )
+    write(tmp_path, "calib.txt", eth3d)
+    images = SHARED / "textures/eth3d"
+    code, out, err = call("calibrate", "--images", images, "--calib", "calib.txt", "--out", "eth3d.yaml")
+    assert (code, err) == (0, "")
+    assert "5 have another size than the rig's images" in out
+    write(tmp_path, "full.txt", MIDDLEBURY.replace("width=741", "width=1434").replace("height=500", "height=984"))
+    code, _, err = call("calibrate", "--images", SHARED / "textures/middlebury/AustraliaP.png", "--calib", "full.txt",
+                        "--out", "m.yaml")  # fmt: skip
+    assert code == 2
+    assert "--scale 0.5" in err
+    sizes = Counter(Image.open(path).size for path in (SHARED / "textures/middlebury").glob("*.png"))
+    assert len(sizes) == 11

@@ -1,0 +1,215 @@
+"""``semisynth-gl textures``: the sheet shows the patches, the table counts them, and the cache keeps both."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image, ImageFilter, ImageOps
+
+from semisynth_gl.cache import Entry
+from semisynth_gl.cli import main
+from semisynth_gl.config.model import TexturesSection
+from semisynth_gl.textures.atlas_entry import packed_atlas, unpacked_atlas
+from semisynth_gl.textures.images import find_files, find_images
+from semisynth_gl.textures.prepare import images_of, prepare_atlas
+from semisynth_gl.textures.selection import names_of
+from semisynth_gl.textures.sheet import draw_texture_sheet, grouped_counts, printable
+
+SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+FRAME = (230, 130, 20)
+
+
+def octaves(seed):
+    """Like a photograph: the same contrast at 1, 2, 4, ... 32 pixels."""
+    rng = np.random.default_rng(seed)
+    layers = [rng.integers(0, 43, (288 // n, 288 // n, 3), dtype=np.uint8).repeat(n, 0).repeat(n, 1)
+              for n in (1, 2, 4, 8, 16, 32)]  # fmt: skip
+    return np.sum(layers, axis=0).astype(np.uint8)
+
+
+@pytest.fixture
+def photographs(tmp_path):
+    """One of each kind: good, flat in part, blurred, the same again, small, and no image."""
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    good, flat = octaves(0), octaves(1)
+    flat[:150] = 200
+    Image.fromarray(good).save(folder / "good.png")
+    Image.fromarray(good).save(folder / "again.jpg", quality=80)
+    Image.fromarray(flat).save(folder / "flat.png")
+    soft = Image.fromarray(octaves(2)).filter(ImageFilter.GaussianBlur(5))
+    ImageOps.autocontrast(soft, cutoff=1).save(folder / "soft.png")
+    Image.fromarray(good[:30, :40]).save(folder / "small.png")
+    (folder / "broken.png").write_bytes(b"no image")
+    return folder
+
+
+def section(folder, **values):
+    given = {"source": "images", "images": (str(folder),), "patch_px": 64, "scales": (1.0, 2.0)}
+    return TexturesSection(**given | values)
+
+
+def drawn(textures):
+    atlas = prepare_atlas(textures, 0)
+    files = images_of(textures, 0)
+    named = {name: path for path, name in names_of(files).items()} if files else {}
+    return atlas, np.asarray(draw_texture_sheet(atlas, named, "title"))
+
+
+def places_of(sheet, tile):
+    """Where a tile is in the sheet, (row, column) of its corner, by exact pixels."""
+    height, width = tile.shape[:2]
+    possible = np.ones((sheet.shape[0] - height + 1, sheet.shape[1] - width + 1), bool)
+    for row, column in ((0, 0), (height // 2, width // 3), (height - 1, width - 1), (9, width // 2), (height // 3, 5)):
+        seen = sheet[row : row + possible.shape[0], column : column + possible.shape[1]]
+        possible &= (seen == tile[row, column]).all(axis=2)
+    places = zip(*np.nonzero(possible), strict=True)
+    return [(r, c) for r, c in places if (sheet[r : r + height, c : c + width] == tile).all()]
+
+
+def test_the_sheet_shows_every_patch_and_what_was_left_out(photographs):
+    atlas, sheet = drawn(section(photographs))
+    report = atlas.report
+    assert (report.crops_flat > 0, report.crops_blurred > 0, report.crops_duplicate > 0) == (True, True, True)
+    assert {example.reason for example in report.examples} == {"flat", "blurred", "duplicate"}
+    assert report.too_small == ("small.png",)
+    assert sheet.shape[1:] == (1600, 3)
+    assert sheet.dtype == np.uint8
+    for patch in atlas.patches[::11]:
+        if patch.side_px == report.patch_px:  # others have their scale in the corner
+            assert places_of(sheet, atlas.layers[patch.first_layer, ..., :3]), patch
+
+
+def test_flat_patches_are_framed(photographs):
+    _, without = drawn(section(photographs))
+    atlas, sheet = drawn(section(photographs, flat_share=0.2))
+    assert atlas.report.crops_kept_flat > 0
+    assert not (without == FRAME).all(axis=2).any()
+    framed = (sheet == FRAME).all(axis=2).sum()
+    assert framed == atlas.report.crops_kept_flat * (72**2 - 66**2)
+
+
+def test_counts_are_those_of_the_patches(photographs):
+    atlas, _ = drawn(section(photographs, flat_share=0.1))
+    for source, counts in grouped_counts(atlas.report).items():
+        for count in counts:
+            own = [patch for patch in atlas.patches if (patch.source, patch.side_px) == (source, count.side_px)]
+            assert count.kept == len(own)
+            assert count.kept_flat == sum(patch.texture < atlas.report.min_texture for patch in own)
+
+
+def test_procedural_patches_are_grouped_by_their_kind():
+    atlas, sheet = drawn(TexturesSection(source="procedural", max_patches=7, patch_px=32))
+    assert list(grouped_counts(atlas.report)) == [
+        f"procedural/{kind}" for kind in ("noise", "stripes", "checks", "gradient", "dots")
+    ]
+    assert sheet.shape[0] > 200
+
+
+def test_frames_of_a_video_are_shown_by_their_first(tmp_path):
+    for number in range(4):
+        noise = np.random.default_rng(number).integers(0, 256, (64, 64, 3), dtype=np.uint8)
+        Image.fromarray(noise).save(tmp_path / f"frame{number}.png")
+    atlas, sheet = drawn(section(tmp_path, sequence=True, scales=(1.0,)))
+    assert [patch.layer_count for patch in atlas.patches] == [4]
+    assert places_of(sheet, atlas.layers[0, ..., :3])
+    assert not places_of(sheet, atlas.layers[1, ..., :3])
+
+
+def test_an_atlas_comes_back_from_the_cache_with_its_report(photographs):
+    atlas = prepare_atlas(section(photographs, flat_share=0.1), 3)
+    images = find_images([photographs])
+    packed = packed_atlas(atlas, images)
+    back = unpacked_atlas(Entry(json.loads(json.dumps(packed.values)), packed.arrays), images)
+    assert back.report == atlas.report
+    assert repr(back.report) == repr(atlas.report)
+    assert back.patches == atlas.patches
+
+
+@pytest.mark.parametrize(
+    "other", [{"flat_share": 0.2}, {"min_sharpness": 0.0}, {"min_difference": 0.0}, {"min_texture": 0.0}]
+)
+def test_another_threshold_is_another_atlas(photographs, other):
+    first = prepare_atlas(section(photographs), 0)
+    assert prepare_atlas(section(photographs, **other), 0).patches != first.patches
+    assert prepare_atlas(section(photographs), 0).patches == first.patches
+
+
+def test_files_are_found_by_any_extension(tmp_path):
+    for name in ("a.pfm", "b.png", "sub/c.PFM", "d.txt"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("")
+    found = [path.relative_to(tmp_path).as_posix() for path in find_files([tmp_path], (".pfm",))]
+    assert found == ["a.pfm", "sub/c.PFM"]
+    assert find_files([tmp_path / "d.txt"], (".pfm",)) == [tmp_path / "d.txt"]
+    assert find_files([tmp_path / "nothing*"], (".pfm",)) == []
+
+
+@pytest.fixture
+def call(monkeypatch, capsys, tmp_path):
+    def caller(*arguments):
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", ["semisynth-gl", "textures", *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as stopped:
+            main()
+        return stopped.value.code, *capsys.readouterr()
+
+    return caller
+
+
+def test_the_command_counts_by_source_and_scale(call, tmp_path, photographs):
+    small = ("--set", "textures.patch_px=64", "--set", "textures.scales=[1, 2]")
+    code, out, err = call("--images", photographs, *small, "--out", "sheet.png")
+    assert (code, err) == (0, "")
+    table = {line.split()[0]: line.split()[1:] for line in out.splitlines()}
+    assert table["image"] == ["patches", "at", "1x", "at", "2x", "flat", "blurred", "duplicate", "surplus"]
+    atlas = prepare_atlas(section(photographs), 0)
+    assert table["all"][0] == str(len(atlas.patches))
+    assert table["all"][3:] == [
+        str(number) for number in (atlas.report.crops_flat, atlas.report.crops_blurred, atlas.report.crops_duplicate, 0)
+    ]
+    assert "broken.png: is not an image" in out
+    assert "1 smaller than 64 pixels" in out
+    assert Image.open(tmp_path / "sheet.png").size[0] == 1600
+    again = (tmp_path / "sheet.png").read_bytes()
+    assert call("--images", photographs, *small, "--out", "sheet.png")[0] == 0
+    assert (tmp_path / "sheet.png").read_bytes() == again
+
+
+def test_any_file_name_can_be_shown(call, tmp_path):
+    (tmp_path / "p").mkdir()
+    noise = np.random.default_rng(0).integers(0, 256, (64, 64, 3), dtype=np.uint8)
+    Image.fromarray(noise).save(tmp_path / "p" / "a\nb \U0001f600 \u6f22 and a long, long name of a photograph.png")
+    code, out, err = call("--images", "p", "--set", "textures.patch_px=64")
+    assert (code, err) == (0, "")
+    assert "a?b" in out
+    assert (tmp_path / "textures.png").is_file()
+    assert printable("a\udcffb") == "a?b"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--out", "sheet.jpg"], "ends in .png"),
+        (["--out", "no/sheet.png"], "does not exist"),
+        (["--images", "nothing"], "no image matches"),
+        (["--config", "nothing"], "no such config"),
+        (["--set", "textures.flat_share=1"], "textures.flat_share"),
+        (["--set", "textures.source=images"], "give --images"),
+    ],
+)
+def test_wrong_input_writes_nothing(call, tmp_path, arguments, words):
+    code, out, err = call(*arguments)
+    assert (code, out) == (2, "")
+    assert words in err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(not (SHARED / "textures").is_dir(), reason="test material ../shared/data is absent")
+def test_ordinary_photographs_are_neither_blurred_nor_alike():
+    atlas = prepare_atlas(section(SHARED / "textures/*/*.png", patch_px=256), 0)
+    assert atlas.report.crops_kept > 80
+    assert (atlas.report.crops_blurred, atlas.report.crops_duplicate) == (0, 0)
