@@ -58,6 +58,7 @@ ablation-textures: setup  ## procedural textures, photographs, and with IMAGES= 
 .PHONY: test
 test: $(VENV)/.dev  ## lint, then run all tests, on EGL and on OSMesa where they can be had
 	@sh tools/system-packages.sh $(VENV)/bin/python $(opengl)
+	@sh tools/browser-packages.sh
 	@status=0; \
 	$(MAKE) --no-print-directory lint || status=1; \
 	$(VENV)/bin/python -m pytest --numprocesses auto --dist worksteal || status=1; \

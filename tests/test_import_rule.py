@@ -16,6 +16,7 @@ OPENGL = ("moderngl", "glcontext", "OpenGL")
 # What a machine without OpenGL must be able to load: everything but what draws and what leads to it.
 ROOMS_WITHOUT_OPENGL = (
     "cache",
+    "calibration",
     "camera",
     "config",
     "engines",
@@ -30,7 +31,9 @@ ROOMS_WITHOUT_OPENGL = (
     "places",
     "plan",
     "read",
+    "remake",
     "remember",
+    "report",
     "resources",
     "scene",
     "seeds",
@@ -139,7 +142,8 @@ def test_the_package_and_its_sampler_load_without_opengl() -> None:
 def test_a_command_loads_no_package_that_it_does_not_use() -> None:
     # trimesh brings scipy along; each takes about as long to load as all else together.
     large = {"trimesh", "scipy", "matplotlib", "numpy"}
-    for module, loaded in (("", "[]"), (".generate", "['numpy']"), (".doctor", "['numpy']"), (".verify", "['numpy']")):
+    of_numpy = ((f".{name}", "['numpy']") for name in ("generate", "doctor", "verify", "report"))
+    for module, loaded in (("", "[]"), *of_numpy):
         show = f"import sys, semisynth_gl.cli{module}; print(sorted({large} & {{*sys.modules}}))"
         done = subprocess.run([sys.executable, "-c", show], capture_output=True, text=True, check=True)
         assert done.stdout.strip() == loaded, module

@@ -2,19 +2,15 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from semisynth_gl import oracle
 from semisynth_gl.camera import EYES, Eye
-from semisynth_gl.config import Config
 from semisynth_gl.errors import InputError
-from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.read.dataset import Index
 from semisynth_gl.read.stored import StoredFrame
-from semisynth_gl.scene.sampler import SceneSampler
+from semisynth_gl.remake import RemadeScenes
 from semisynth_gl.scene.scene import Scene
-from semisynth_gl.splits import SplitName, split_of
-from semisynth_gl.textures.atlas import Patch
+from semisynth_gl.splits import SplitName
 from semisynth_gl.verify.finding import Verdict
 
 # What the renderer promises for disparity at a pixel's centre.
@@ -25,38 +21,23 @@ _EDGE_PX = 1 / 32
 
 
 class Recaster:
-    """Makes the scenes of a dataset again. Photographs are not needed: patches colour a scene and do not shape it.
+    """Judges the pairs of a split by their scenes, made again.
 
     Args:
         index: the dataset.
-        split: whose scenes.
+        split: whose pairs.
 
     Raises:
-        InputError: where its config, seed or patches are not this version's, or its models are not there.
+        InputError: where its scenes cannot be made again; see `RemadeScenes`.
     """
 
     def __init__(self, index: Index, split: SplitName) -> None:
-        values = index.values
         try:
-            config = Config.model_validate(index.config)
-            patches = tuple(
-                Patch(**{name: patch[name] for name in Patch.__slots__}) for patch in values["splits"][split]["patches"]
-            )
-            self._seed = int(values["seed"])
-            part = split_of(config.splits, tuple(index.pairs), split)
-        except (ValidationError, KeyError, TypeError, ValueError) as error:
-            reason = str(error).splitlines()[0] if index.fault is None else index.fault
+            self._remade = RemadeScenes(index, split)
+        except InputError as error:
             raise InputError(
-                f"{index.place.address}: for --oracle the scenes cannot be made again from the index: {reason}. "
-                "Verify without --oracle to see what is wrong with the dataset"
+                f"{error}. --oracle needs them; verify without it to see what else is wrong with the dataset"
             ) from None
-        if not patches or self._seed < 0:
-            raise InputError(
-                f"{index.place.address}: the scenes cannot be made again from the index: expected patches and a "
-                f"seed of 0 or more, got {len(patches)} and {self._seed}"
-            )
-        library = build_library(config.models, self._seed, part)
-        self._sampler = SceneSampler(config, part.seed(self._seed), library, patches)
 
     def check(self, frame: StoredFrame, pixels: int, verdict: Verdict) -> None:
         """Compare both disparities with rays through randomly chosen pixels.
@@ -66,15 +47,11 @@ class Recaster:
             pixels: how many, half of them in each view.
             verdict: takes findings and measures.
         """
-        # A sequence whose first frame failed the config's checks was drawn again, once for each entry.
-        redrawn = frame.provenance.get("redrawn")
-        made = self._sampler.sample(frame.index, len(redrawn) if isinstance(redrawn, list) else 0).scene
-        recorded = frame.provenance.get("camera")
-        names = made.camera.__slots__
-        if not isinstance(recorded, dict) or any(recorded.get(name) != getattr(made.camera, name) for name in names):
+        made = self._remade.scene(frame)
+        if made is None:
             verdict.add("oracle", "config and seed of the index give another camera than the pair's provenance has")
             return
-        rng = np.random.default_rng((self._seed, frame.index))
+        rng = np.random.default_rng((self._remade.seed, frame.index))
         errors = []
         for eye, disparity in zip(EYES, (frame.disparity_left, frame.disparity_right), strict=True):
             if disparity is None:
@@ -101,7 +78,7 @@ class Recaster:
         verdict.measures["oracle_largest_px"] = float(np.concatenate(errors).max(initial=0.0))
 
     def _cast(self, scene: Scene, eye: Eye, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-        return oracle.disparity_px(scene.camera, oracle.cast(scene, self._sampler.models, eye, x, y))
+        return oracle.disparity_px(scene.camera, oracle.cast(scene, self._remade.models, eye, x, y))
 
     def _is_edge(
         self,

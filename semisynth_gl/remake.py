@@ -1,0 +1,72 @@
+"""The scenes of a finished dataset, made again from its index: config, seed and patches."""
+
+from pydantic import ValidationError
+
+from semisynth_gl.config import Config
+from semisynth_gl.errors import InputError
+from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.model_library import build_library
+from semisynth_gl.read.dataset import Index
+from semisynth_gl.read.stored import StoredFrame
+from semisynth_gl.scene.sampler import SceneSampler
+from semisynth_gl.scene.scene import Scene
+from semisynth_gl.splits import SplitName, split_of
+from semisynth_gl.textures.atlas import Patch
+
+
+class RemadeScenes:
+    """Makes the scenes of a split again. Photographs are not needed: patches colour a scene and do not shape it.
+
+    Args:
+        index: the dataset's.
+        split: whose scenes.
+
+    Attributes:
+        config: the dataset's.
+        seed: the dataset's.
+        models: the meshes that `Scene.model` counts.
+
+    Raises:
+        InputError: where its config, seed or patches are not this version's, or its models are not there.
+    """
+
+    def __init__(self, index: Index, split: SplitName) -> None:
+        values = index.values
+        try:
+            self.config = Config.model_validate(index.config)
+            patches = tuple(
+                Patch(**{name: patch[name] for name in Patch.__slots__}) for patch in values["splits"][split]["patches"]
+            )
+            self.seed = int(values["seed"])
+            part = split_of(self.config.splits, tuple(index.pairs), split)
+        except (ValidationError, KeyError, TypeError, ValueError) as error:
+            reason = " ".join(str(error).splitlines()[:3]) if index.fault is None else index.fault
+            raise InputError(
+                f"{index.place.address}: the scenes cannot be made again from the index: {reason}"
+            ) from None
+        if not patches or self.seed < 0:
+            raise InputError(
+                f"{index.place.address}: the scenes cannot be made again from the index: expected patches and a "
+                f"seed of 0 or more, got {len(patches)} and {self.seed}"
+            )
+        library = build_library(self.config.models, self.config.particles, self.seed, part)
+        self._sampler = SceneSampler(self.config, part.seed(self.seed), library, patches)
+        self.models: tuple[Mesh, ...] = self._sampler.models
+
+    def scene(self, frame: StoredFrame) -> Scene | None:
+        """Make a pair's scene again.
+
+        Args:
+            frame: the pair as it was read.
+
+        Returns:
+            The scene; None where config and seed give another camera than the pair's provenance has.
+        """
+        # A sequence whose first frame failed the config's checks was drawn again, once for each entry.
+        redrawn = frame.provenance.get("redrawn")
+        made = self._sampler.sample(frame.index, len(redrawn) if isinstance(redrawn, list) else 0).scene
+        recorded = frame.provenance.get("camera")
+        names = made.camera.__slots__
+        if not isinstance(recorded, dict) or any(recorded.get(name) != getattr(made.camera, name) for name in names):
+            return None
+        return made

@@ -1,0 +1,746 @@
+"""The report: its numbers against hand-made ones, its page in a browser."""
+
+import json
+import os
+import re
+import shutil
+import sys
+import time
+import zlib
+from base64 import b64decode
+from dataclasses import replace
+from html.parser import HTMLParser
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+import test_setup
+from conftest import backend_fault, facing
+from test_pipeline import tiny
+from test_setup import become_root, machine  # noqa: F401 - a fixture
+
+from semisynth_gl import oracle
+from semisynth_gl.camera import StereoCamera
+from semisynth_gl.cli import main
+from semisynth_gl.errors import InputError
+from semisynth_gl.frame import OCCLUDED
+from semisynth_gl.generation import generate
+from semisynth_gl.geometry.mesh import make_mesh
+from semisynth_gl.histogram import total_variation, wasserstein_px
+from semisynth_gl.read.dataset import open_dataset, read_index
+from semisynth_gl.report import pictures
+from semisynth_gl.report.build import build_report
+from semisynth_gl.report.measure import PairMeasures, measure, spread, target_histogram
+from semisynth_gl.report.outliers import QUANTITIES, find_outliers
+from semisynth_gl.report.pictures import make_picture, make_pictures, pack_floats
+from semisynth_gl.report.plots import bars_of, histogram_svg, linear_ticks, log_ticks
+from semisynth_gl.report.redraws import read_redraws
+from semisynth_gl.report.surfaces import diameters_px, surfaces_at
+from semisynth_gl.scene.scene import make_scene
+
+PAIRS = {"train": 4, "validation": 2}
+CAMERA = StereoCamera.centred(200, 100, 150.0, 0.1)
+
+
+def config_of(**changes):
+    """Few models of few triangles, so that rays are cheap."""
+    config = tiny(
+        "middlebury", models={"complex": 0.0, "user": 0.0}, textures={"source": "procedural", "max_patches": 24}
+    )
+    particles = config.particles.model_copy(update={"most": 40})
+    return config.model_copy(update={"particles": particles, **changes})
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    folder = tmp_path_factory.mktemp("report") / "set"
+    generate(config_of(), folder, PAIRS, 0)
+    return folder
+
+
+@pytest.fixture
+def changed(dataset, tmp_path):
+    """A copy, to change something in."""
+    return shutil.copytree(dataset, tmp_path / "set", symlinks=True)
+
+
+@pytest.fixture(scope="module")
+def measured(dataset):
+    pairs = open_dataset(dataset)
+    return measure(pairs, range(len(pairs)), {})
+
+
+@pytest.fixture(scope="module")
+def page(dataset):
+    return build_report(read_index(dataset), pairs=3, sample=200).page
+
+
+def report(monkeypatch, capsys, *arguments):
+    monkeypatch.setattr(sys, "argv", ["semisynth-gl", "report", *map(str, arguments)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return ended.value.code, *capsys.readouterr()
+
+
+def edit_json(path, change):
+    values = json.loads(path.read_text())
+    change(values)
+    path.write_text(json.dumps(values))
+
+
+# What is measured.
+
+
+def test_samples_are_spread_over_all_pairs():
+    assert spread(10, 5) == [1, 3, 5, 7, 9]
+    assert spread(3, 5) == [0, 1, 2]
+    assert spread(0, 5) == []
+    many = np.diff(spread(35_000, 200))
+    assert set(many) == {175}
+
+
+def one_face(matrix, scale, uv=((0, 0), (1, 0), (1, 1), (0, 1))):
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    mesh = make_mesh("square", corners, uv, [[0, 1, 2], [0, 2, 3]])
+    return make_scene(CAMERA, model=[0], world_from_model=matrix, layer=[0], uv_scale=scale), (mesh,)
+
+
+def grid():
+    x, y = np.meshgrid(np.linspace(5, 190, 9), np.linspace(5, 90, 7))
+    return x.ravel(), y.ravel()
+
+
+def test_a_face_that_looks_at_the_camera_has_the_density_of_its_scale():
+    x, y = grid()
+    # The face spans 400 x 200 pixels and shows 5 and 2 patches of 64 texels along its edges.
+    scene, models = one_face(facing(CAMERA, -100, -50, 400, 200, 2.0), (5.0, 2.0))
+    hits = oracle.cast(scene, models, "left", x, y)
+    surfaces = surfaces_at(scene, models, 64, x, y, hits)
+    np.testing.assert_allclose(surfaces.texels_per_pixel, 64 * np.sqrt(5 / 400 * 2 / 200), rtol=1e-6)
+    rays = CAMERA.rays("left", x, y)
+    np.testing.assert_allclose(np.cos(np.deg2rad(surfaces.slant_deg)), 1 / np.linalg.norm(rays, axis=1), rtol=1e-9)
+
+
+@pytest.mark.parametrize("turn_deg", [20, -55, 75])
+def test_a_turned_face_has_the_density_and_slant_of_its_plane(turn_deg):
+    x, y = grid()
+    turn = np.deg2rad(turn_deg)
+    normal = np.array([np.sin(turn), 0, np.cos(turn)])
+    matrix = np.eye(4)
+    matrix[:3, 0], matrix[:3, 1] = 40 * np.array([np.cos(turn), 0, -np.sin(turn)]), (0, 40, 0)
+    matrix[:3, 3] = (0, 0, 3) - matrix[:3, 0] / 2 - matrix[:3, 1] / 2
+    # Three patches a metre along both edges.
+    scene, models = one_face(matrix, (120.0, 120.0))
+    hits = oracle.cast(scene, models, "left", x, y)
+    hit = hits.instance == 0
+    assert hit.any()
+    surfaces = surfaces_at(scene, models, 32, x, y, hits)
+    rays = CAMERA.rays("left", x, y)
+    towards = np.abs(rays @ normal)
+    expected = 32 * 3 * hits.depth_m / (CAMERA.focal_px * np.sqrt(towards))
+    np.testing.assert_allclose(surfaces.texels_per_pixel[hit], expected[hit], rtol=1e-6)
+    slant = np.rad2deg(np.arccos(towards / np.linalg.norm(rays, axis=1)))
+    np.testing.assert_allclose(surfaces.slant_deg[hit], slant[hit], atol=1e-6)
+    assert np.isnan(surfaces.texels_per_pixel[~hit]).all()
+    assert np.isnan(surfaces.slant_deg[~hit]).all()
+
+
+def test_density_is_what_neighbouring_rays_find_in_the_patch():
+    x, y = grid()
+    # Stretched, sheared UV on a face turned about two axes: no closed form helps here.
+    matrix = np.eye(4)
+    matrix[:3, 0], matrix[:3, 1], matrix[:3, 3] = (9, 1, -2), (-1, 8, 3), (-4, -4, 4)
+    scene, models = one_face(matrix, (3.0, 7.0), uv=((0, 0), (1, 0.3), (1.5, 1.2), (0.5, 0.9)))
+    hits = oracle.cast(scene, models, "left", x, y)
+    hit = hits.instance == 0
+
+    def texels(x_px, y_px):
+        depth = oracle.depth_on_planes(scene, models, "left", x_px, y_px, hits)
+        points = CAMERA.rays("left", x_px, y_px) * depth[:, None]
+        along = (points - matrix[:3, 3]) @ np.linalg.pinv(matrix[:3, :2]).T
+        return 16 * (along @ np.array([[1, 0.3], [0.5, 0.9]])) * (3.0, 7.0)
+
+    step = 1e-4
+    dx = (texels(x + step, y) - texels(x - step, y)) / (2 * step)
+    dy = (texels(x, y + step) - texels(x, y - step)) / (2 * step)
+    expected = np.sqrt(np.abs(dx[:, 0] * dy[:, 1] - dx[:, 1] * dy[:, 0]))
+    found = surfaces_at(scene, models, 16, x, y, hits).texels_per_pixel
+    np.testing.assert_allclose(found[hit], expected[hit], rtol=1e-5)
+    assert hit.sum() > 20
+
+
+def test_size_is_the_bounding_spheres_diameter_before_stretching(square):
+    turn = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn * [0.2, 0.5, 0.1]
+    matrix[:3, 3] = 0.3, 0.1, 2.0
+    scene = make_scene(CAMERA, model=[0], world_from_model=matrix, layer=[0])
+    # The square's farthest corner is sqrt(2) from its origin.
+    expected = 2 * 150 * 0.5 * np.sqrt(2) / 2.0
+    np.testing.assert_allclose(diameters_px(scene, (square,), np.array([0])), [expected], rtol=1e-6)
+
+
+def test_the_histogram_counts_every_pixel(dataset, measured):
+    files = [pair.disparity_left for pair in open_dataset(dataset)]
+    values = np.concatenate([each[np.isfinite(each)] for each in files]).astype(np.float64)
+    shares = np.histogram(values, measured.disparity.edges_px)[0] / values.size
+    np.testing.assert_allclose(measured.disparity.shares, shares, atol=1e-12)
+    assert measured.disparity.mean_px == pytest.approx(values.mean(), abs=0.02)
+    target = target_histogram(read_index(dataset))
+    in_bins = np.histogram(np.clip(values, target.edges_px[0], target.edges_px[-1]), target.edges_px)[0] / values.size
+    assert total_variation(target, measured.disparity) == pytest.approx(np.abs(in_bins - target.shares).sum() / 2)
+
+
+def test_pairs_have_the_measures_of_their_files(dataset, measured):
+    assert [pair.name for pair in measured.pairs] == [
+        f"{split} middlebury-{number:06d}" for split, count in PAIRS.items() for number in range(count)
+    ]
+    for pair, frame in zip(measured.pairs, open_dataset(dataset), strict=True):
+        assert pair.median_px == np.median(frame.disparity_left)
+        assert pair.occluded == (frame.visibility_left == OCCLUDED).mean()
+        assert pair.invalid == 0
+    assert len({pair.median_px for pair in measured.pairs}) == len(measured.pairs)
+
+
+def test_rays_find_what_the_files_and_the_config_say(dataset, measured):
+    rays = measured.rays
+    assert rays.faults == {}
+    assert rays.pairs == len(measured.pairs)
+    assert rays.agreeing > 0.99 * rays.cast
+    assert rays.slant_deg.min() >= 0
+    assert rays.slant_deg.max() <= 90
+    config = read_index(dataset).config
+    low, high = config["particles"]["size_px"]
+    # A model that drifts away from its path's middle looks a little smaller or larger.
+    assert low * 0.8 < rays.diameter_px.min()
+    assert rays.diameter_px.max() < high * 1.25
+    # Slant adds texels to what a surface that faces the camera has.
+    low, high = config["textures"]["texels_per_pixel"]
+    assert low * 0.6 < np.quantile(rays.texels_per_pixel, 0.02)
+    assert low < np.median(rays.texels_per_pixel) < 2 * high
+    camera = open_dataset(dataset)[0].camera
+    assert measured.depth_m.min() > camera.focal_baseline / (config["disparity"]["max_px"] * 3 + camera.doffs_px)
+
+
+def test_scenes_that_are_others_are_left_out_with_the_reason(changed):
+    path = changed / "train" / "MiddEval3" / "trainingF" / "middlebury-000001" / "pair.json"
+    edit_json(path, lambda pair: pair["camera"].update(focal_px=99.0))
+    found = measure(open_dataset(changed), [0, 1], {})
+    assert found.rays.faults == {"config and seed of the index give another camera than the pair's provenance has": 1}
+    assert (found.rays.pairs, len(found.pairs)) == (1, 2)
+
+
+def test_scenes_of_other_sizes_do_not_pass_for_these(changed):
+    def larger(index):
+        index["config_values"]["particles"]["size_px"] = [60.0, 70.0]
+
+    edit_json(changed / "index.json", larger)
+    [(reason, count)] = measure(open_dataset(changed), [0, 1], {}).rays.faults.items()
+    assert reason.startswith("the scene made again is another than the files show")
+    assert count == 2
+
+
+def test_a_config_of_another_version_leaves_out_target_and_scenes(changed):
+    edit_json(changed / "index.json", lambda index: index["config_values"].update(of_the_future=1))
+    made = build_report(read_index(changed), pairs=2, sample=2)
+    assert made.measurement.target is None
+    [(reason, count)] = made.measurement.rays.faults.items()
+    assert "cannot be made again" in reason
+    assert "of_the_future" in reason
+    assert count == 2
+    assert "The target is not drawn" in made.page
+    assert made.page.count("Not drawn. The scenes could not be made again") == 3
+    assert "Median disparity of single pairs" in made.page
+
+
+def test_a_pair_that_cannot_be_read_is_told_of(changed):
+    broken = changed / "train" / "MiddEval3" / "trainingF" / "middlebury-000001" / "disp0GT.pfm"
+    broken.write_bytes(broken.read_bytes()[:100])
+    made = build_report(read_index(changed), pairs=1, sample=6)
+    assert len(made.measurement.pairs) == 5
+    assert "1 sampled pairs could not be read" in made.page
+    assert "disp0GT.pfm" in made.page
+    shutil.rmtree(changed / "train" / "MiddEval3" / "trainingF")
+    with pytest.raises(InputError, match="no pair could be read"):
+        build_report(read_index(changed), pairs=1, sample=6, split="train")
+
+
+@pytest.mark.parametrize("layout", ["webdataset", "kitti"])
+def test_other_layouts_can_be_reported(layout, tmp_path):
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    generate(config_of(), tmp_path / "set", 2, 0, layout=layout, shard_pairs=1)
+    made = build_report(read_index(tmp_path / "set"), pairs=1, sample=1)
+    assert made.measurement.rays.faults == {}
+    assert made.measurement.rays.pairs == 1
+    assert made.shown == 1
+
+
+def test_a_dataset_at_an_address_can_be_reported(dataset, page, tmp_path, monkeypatch, capsys):
+    fsspec = pytest.importorskip("fsspec")
+    memory = fsspec.filesystem("memory")
+    memory.put(str(dataset), "/bucket/far-away", recursive=True)
+    try:
+        assert build_report(read_index("memory://bucket/far-away"), pairs=3, sample=200).page == page
+        monkeypatch.chdir(tmp_path)
+        assert report(monkeypatch, capsys, "memory://bucket/far-away/", "--pairs", 0, "--sample", 1)[0] == 0
+    finally:
+        memory.rm("/bucket", recursive=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["far-away-report.html"]
+    assert "None is shown" in (tmp_path / "far-away-report.html").read_text("utf-8")
+
+
+# What was drawn again.
+
+
+def test_redraws_are_those_of_all_records(changed):
+    records = sorted((changed / "shards").glob("semisynth-middlebury-train-*.json"))
+
+    def redraw(record):
+        record["samples"][0]["redrawn"] = [
+            "too dark: mean 3.0 levels, at least 8 wanted; too little texture: 0.50 levels, at least 1 wanted",
+            "too dark: mean 4.0 levels, at least 8 wanted",
+        ]
+
+    edit_json(records[0], redraw)
+    found = read_redraws(read_index(changed))
+    assert (found.pairs, found.attempts) == (6, 2)
+    assert {key: len(reasons) for key, reasons in found.of_pair.items()} == {("train", 0): 2}
+    assert [(reason.name, reason.attempts) for reason in found.reasons] == [("too dark", 2), ("too little texture", 1)]
+    assert found.reasons[0].example == "too dark: mean 3.0 levels, at least 8 wanted"
+    assert read_redraws(read_index(changed), "validation").attempts == 0
+    # Pair 0 is not in the sample of one.
+    made = build_report(read_index(changed), pairs=0, sample=1)
+    assert "1 of 6 pairs" in made.page
+    assert "too little texture: 0.50 levels" in made.page
+    records[0].unlink()
+    lost = read_redraws(read_index(changed))
+    assert lost.pairs < 6
+    assert len(lost.unread) == 1
+    assert records[0].name in lost.unread[0]
+
+
+def pair_measures(number, median=10.0, redraws=0):
+    return PairMeasures(number, ("train", number), f"pair-{number}", median, None, 0.0, 5.0, redraws)
+
+
+def test_outliers_are_the_farthest_from_the_median():
+    pairs = [pair_measures(number, 10 + number % 5) for number in range(50)]
+    pairs[17] = pair_measures(17, 40)
+    pairs[30] = pair_measures(30, -9)
+    pairs[31] = pair_measures(31, float("nan"))
+    found = find_outliers(pairs, QUANTITIES[0], most=2)
+    assert [(each.pair.position, each.value) for each in found] == [(17, 40), (30, -9)]
+    assert found[0].typical == 12
+    assert found[0].deviations == pytest.approx(28 / 1.4826)
+    assert find_outliers(pairs, QUANTITIES[1]) == []
+    assert find_outliers(pairs, QUANTITIES[4]) == []
+    pairs[3] = pair_measures(3, redraws=4)
+    [redrawn] = find_outliers(pairs, QUANTITIES[4])
+    assert (redrawn.pair.position, redrawn.value) == (3, 4)
+
+
+# Plots and pictures.
+
+
+def test_bars_hold_all_values_once():
+    values = np.r_[np.arange(100), np.nan]
+    bars = bars_of(values, bins=10)
+    np.testing.assert_allclose(bars.shares, 0.1)
+    np.testing.assert_allclose(bars.edges, np.linspace(0, 99, 11))
+    assert bars_of([5.0, 5.0]).shares.sum() == 1
+    logarithmic = bars_of([0.0, 1, 10, 100], bins=2, log=True)
+    np.testing.assert_allclose(logarithmic.edges, [1, 10, 100])
+    np.testing.assert_allclose(logarithmic.shares, [1 / 3, 2 / 3])
+
+
+def test_ticks_are_round_and_inside():
+    assert linear_ticks(0, 90, 6) == [0, 20, 40, 60, 80]
+    assert linear_ticks(0.012, 0.049, 4) == [0.02, 0.03, 0.04]
+    assert log_ticks(0.9, 60) == [1, 2, 5, 10, 20, 50]
+    assert log_ticks(1e-3, 1e5) == [10.0**power for power in range(-3, 6)]
+    assert len(log_ticks(2.1, 3.9)) > 1
+
+
+def test_the_heights_of_bars_are_the_shares():
+    bars = replace(bars_of([0.0, 4.0], bins=4), shares=np.array([0.5, 0.25, 0.0, 0.25]))
+    text = histogram_svg(bars, "a <title>", "px & more", outline=np.full(4, 0.25), marks=[(1, "<m>")])
+    svg = ET.fromstring(text)  # noqa: S314 - its own
+    heights = [float(bar.get("height")) for bar in svg.iter("rect")]
+    assert len(heights) == 3
+    assert heights[1] == pytest.approx(heights[0] / 2, abs=0.1)
+    [line] = svg.iter("polyline")
+    levels = {float(point.split(",")[1]) for point in line.get("points").split()}
+    assert levels == {float(list(svg.iter("rect"))[1].get("y"))}
+    assert svg.find("title").text == "a <title>"
+
+
+def unpacked(data, height, width):
+    """The page's decoder, once more."""
+    planes = np.frombuffer(zlib.decompress(data), np.uint8).reshape(4, -1)
+    differences = np.ascontiguousarray(planes.T).view("<u4").reshape(height, width)
+    return np.cumsum(differences, axis=1, dtype=np.uint32).view(np.float32)
+
+
+def test_packed_floats_come_back_bit_for_bit():
+    values = np.random.default_rng(0).normal(50, 20, (7, 11)).astype(np.float32)
+    values[2, 3], values[4, 0], values[6, 10] = np.inf, np.nan, -0.0
+    found = unpacked(pack_floats(values), 7, 11)
+    np.testing.assert_array_equal(found.view(np.uint32), values.view(np.uint32))
+
+
+@pytest.mark.parametrize("step", [1, 2, 3])
+def test_a_reduced_picture_keeps_stored_disparities(dataset, step):
+    frame = open_dataset(dataset)[0]
+    picture = make_picture(frame, step)
+    found = unpacked(b64decode(picture.disparity), picture.height_px, picture.width_px)
+    np.testing.assert_array_equal(found, frame.disparity_left[step // 2 :: step, step // 2 :: step])
+    mask = np.frombuffer(zlib.decompress(b64decode(picture.visibility)), np.uint8)
+    np.testing.assert_array_equal(mask, frame.visibility_left[step // 2 :: step, step // 2 :: step].ravel())
+    assert b64decode(picture.left)[:2] == b64decode(picture.right)[:2] == b"\xff\xd8"
+
+
+def test_pictures_are_reduced_until_they_fit(dataset, monkeypatch):
+    read = open_dataset(dataset).__getitem__
+    whole = make_pictures([0, 1], read)
+    assert [picture.step for picture in whole] == [1, 1]
+    most = sum(picture.size for picture in whole) // 2
+    monkeypatch.setattr(pictures, "MOST_BYTES", most)
+    reduced = make_pictures([0, 1], read)
+    assert {picture.step for picture in reduced} == {2}
+    assert sum(picture.size for picture in reduced) <= most
+
+
+# The page as a file.
+
+
+class Outside(HTMLParser):
+    """Whatever a page would fetch, and its tags that stay open."""
+
+    def __init__(self):
+        super().__init__()
+        self.fetched, self.open = [], []
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in ("meta", "link", "input", "br", "img"):
+            self.open.append(tag)
+        self.fetched += [value for name, value in attrs if name in ("src", "href", "action", "srcset", "data")]
+
+    def handle_startendtag(self, tag, attrs):
+        """Elements of SVG that are empty."""
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def test_the_page_names_nothing_outside_itself(page):
+    parser = Outside()
+    parser.feed(page)
+    assert parser.open == []
+    assert [each for each in parser.fetched if not each.startswith(("#", "data:,"))] == []
+    assert not re.search(r"url\(|@import|\bfetch\(|XMLHttpRequest|\bimport\(", page)
+
+
+def test_the_page_says_the_numbers(dataset, measured, page):
+    target = target_histogram(read_index(dataset))
+    assert f"{total_variation(target, measured.disparity):.3f}" in page
+    assert f"{wasserstein_px(target, measured.disparity):.3g} px" in page
+    low, middle, high = np.percentile(measured.rays.texels_per_pixel, [5, 50, 95])
+    assert f"{middle:.2f} ({low:.2f}, {high:.2f})" in page
+    index = read_index(dataset)
+    for value in (index.values["config_sha256"], index.values["renderers"][0], "4 train, 2 validation"):
+        assert value in page
+    assert "3 of 6 pairs, evenly spread" in page
+    assert "All 6 pairs were measured" in page
+
+
+def test_equal_datasets_have_equal_pages(dataset, page):
+    assert build_report(read_index(dataset), pairs=3, sample=200).page == page
+
+
+def test_words_of_others_stay_words(changed):
+    def spoil(index):
+        index["splits"]["train"]["photographs"][0]["licence"] = "</script><script>alert(1)</script>{{data}}"
+        index["splits"]["train"]["left_out"] = ["<img src=x onerror=alert(2)>"]
+
+    edit_json(changed / "index.json", spoil)
+    found = build_report(read_index(changed), pairs=1, sample=1).page
+    assert "<script>alert" not in found
+    assert "<img src=x" not in found
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;{{data}}" in found
+
+
+def test_the_command_writes_a_page_beside_the_dataset(dataset, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = report(monkeypatch, capsys, dataset, "--pairs", 1, "--sample", 2, "--split", "train")
+    assert code == 0
+    assert out.startswith("set-report.html: 2 of 4 pairs measured, ")
+    assert [path.name for path in tmp_path.iterdir()] == ["set-report.html"]
+    text = (tmp_path / "set-report.html").read_text("utf-8")
+    assert "Of 4 pairs, 2 were measured, evenly spread." in text
+
+
+def test_the_command_refuses_what_it_cannot_do(dataset, changed, tmp_path, monkeypatch, capsys):
+    for arguments, said in (
+        ((dataset, "--out", dataset / "report.html"), "lies in the dataset's folder"),
+        ((dataset, "--out", tmp_path / "report.txt"), "expected a name that ends in .html"),
+        ((dataset, "--out", tmp_path / "none" / "report.html"), "does not exist"),
+        ((dataset, "--out", tmp_path / "report.html", "--split", "test"), "expected a split of train, validation"),
+        ((tmp_path / "nowhere",), "there is no such folder"),
+    ):
+        code, _, err = report(monkeypatch, capsys, *arguments)
+        assert (code, said in err) == (2, True), err
+    (changed / "index.json").unlink()
+    code, _, err = report(monkeypatch, capsys, changed, "--out", tmp_path / "report.html")
+    assert code == 2
+    assert "the dataset is not finished" in err
+    assert not (tmp_path / "report.html").exists()
+
+
+# The page in a browser.
+
+
+def browser_fault():
+    try:
+        import selenium  # noqa: F401
+    except ImportError:
+        return "selenium is not installed"
+    missing = [name for name in ("chromium", "chromedriver") if shutil.which(name) is None]
+    return f"no {' and no '.join(missing)} here (tools/browser-packages.sh brings them)" if missing else None
+
+
+@pytest.fixture(scope="module")
+def browser():
+    fault = browser_fault()
+    if fault:
+        if os.environ.get("SEMISYNTH_GL_EXPECT_BROWSER"):
+            pytest.fail(f"a browser was expected here: {fault}")
+        pytest.skip(fault)
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = shutil.which("chromium")
+    # Containers have no sandbox to offer, and little shared memory.
+    for argument in ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
+    yield driver
+    driver.quit()
+
+
+@pytest.fixture
+def opened(browser, page, tmp_path):
+    """The page, opened from disk, with its first pair shown."""
+    path = tmp_path / "report.html"
+    path.write_text(page, "utf-8")
+    browser.set_window_size(1200, 900)
+    browser.get_log("performance")
+    browser.get(path.as_uri())
+    wait(browser, lambda: attribute(browser, "pair") == "0")
+    yield browser
+    assert [entry for entry in browser.get_log("browser") if entry["level"] != "DEBUG"] == []
+
+
+def wait(browser, true, seconds=10):
+    end = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < end, browser.get_log("browser")
+        time.sleep(0.02)
+
+
+def element(browser, name):
+    return browser.find_element("id", name)
+
+
+def attribute(browser, name):
+    return browser.execute_script(f"return document.getElementById('stage').dataset.{name} ?? null")
+
+
+def pixels(browser, canvas="base"):
+    """What a canvas shows, (H, W, 4) uint8."""
+    data, width, height = browser.execute_script(
+        "const c = document.getElementById(arguments[0]);"
+        "const copy = Object.assign(document.createElement('canvas'), {width: c.width, height: c.height});"
+        "const context = copy.getContext('2d', {willReadFrequently: true});"
+        "context.drawImage(c, 0, 0);"
+        "const d = context.getImageData(0, 0, c.width, c.height).data;"
+        "let text = ''; for (const value of d) text += String.fromCharCode(value);"
+        "return [btoa(text), c.width, c.height];",
+        canvas,
+    )
+    return np.frombuffer(b64decode(data), np.uint8).reshape(height, width, 4)
+
+
+def point_at(browser, x, y):
+    """Move the pointer to a pixel's middle."""
+    from selenium.webdriver import ActionChains
+
+    stage, shape = element(browser, "stage"), pixels(browser).shape
+    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", stage)
+    box = stage.rect
+    right = (x + 0.5) / shape[1] * box["width"] - box["width"] / 2
+    down = (y + 0.5) / shape[0] * box["height"] - box["height"] / 2
+    ActionChains(browser, duration=0).move_to_element_with_offset(stage, round(right), round(down)).perform()
+    return element(browser, "readout").text
+
+
+def shown_frame(dataset, number=0):
+    return open_dataset(dataset)[spread(6, 3)[number]]
+
+
+def test_the_page_opens_from_disk_without_the_network(opened):
+    requests = [
+        json.loads(entry["message"])["message"]["params"]["request"]["url"]
+        for entry in opened.get_log("performance")
+        if '"Network.requestWillBeSent"' in entry["message"]
+    ]
+    assert any(url.startswith("file://") for url in requests)
+    assert [url for url in requests if not url.startswith(("file://", "data:"))] == []
+    assert sum(url.startswith("file://") for url in requests) == 1
+
+
+def test_the_cursor_reads_the_stored_disparity(opened, dataset):
+    frame = shown_frame(dataset)
+    words = {255: "visible in", 128: "hidden in", 0: "outside"}
+    height, width = frame.disparity_left.shape
+    for x, y in ((0, 0), (width - 1, height - 1), (90, 41), (30, 100)):
+        text = point_at(opened, x, y)
+        assert f"x {x}, y {y}" in text
+        disparity = np.float32(re.search(r"disparity (\S+) px", text)[1])
+        assert disparity == frame.disparity_left[y, x], (x, y)
+        depth = frame.camera.depth_m(float(disparity))
+        assert float(re.search(r"depth (\S+) m", text)[1]) == pytest.approx(depth, rel=1e-3)
+        assert words[frame.visibility_left[y, x]] in text
+
+
+def test_the_keyboard_moves_the_cursor_and_the_pair(opened, dataset):
+    from selenium.webdriver import Keys
+
+    stage = element(opened, "stage")
+    frame = shown_frame(dataset)
+    height, width = frame.disparity_left.shape
+    stage.send_keys(Keys.ARROW_RIGHT, Keys.SHIFT, Keys.ARROW_DOWN)
+    text = element(opened, "readout").text
+    assert f"x {width // 2 + 1}, y {height // 2 + 10}" in text
+    stage.send_keys("n")
+    wait(opened, lambda: attribute(opened, "pair") == "1")
+    found = np.float32(re.search(r"disparity (\S+) px", element(opened, "readout").text)[1])
+    assert found == shown_frame(dataset, 1).disparity_left[height // 2 + 10, width // 2 + 1]
+
+
+def test_flicker_and_hold_change_the_image(opened, dataset):
+    from selenium.webdriver import ActionChains
+
+    left = pixels(opened)
+    frame = shown_frame(dataset)
+    # JPEG, but nothing else: it is the left image, and not the right one.
+    assert np.abs(left[..., :3].astype(int) - frame.left).mean() < 8
+    opened.execute_script("const r = document.getElementById('rate'); r.value = 8; r.dispatchEvent(new Event('input'))")
+    element(opened, "flicker").click()
+    wait(opened, lambda: attribute(opened, "image") == "right")
+    wait(opened, lambda: attribute(opened, "image") == "left")
+    wait(opened, lambda: attribute(opened, "image") == "right")
+    element(opened, "flicker").click()
+    assert attribute(opened, "image") == "left"
+    time.sleep(0.3)
+    np.testing.assert_array_equal(pixels(opened), left)
+    button = element(opened, "hold")
+    ActionChains(opened).click_and_hold(button).perform()
+    held = pixels(opened)
+    assert attribute(opened, "image") == "right"
+    assert np.abs(held[..., :3].astype(int) - frame.right).mean() < 8
+    assert np.abs(held.astype(int) - left).mean() > 8
+    ActionChains(opened).release().perform()
+    assert attribute(opened, "image") == "left"
+
+
+def test_the_warped_right_image_is_the_left_one(opened, dataset):
+    left = pixels(opened)[..., :3].astype(int)
+    opened.find_element("css selector", "[name=image][value=warped]").click()
+    warped = pixels(opened)[..., :3].astype(int)
+    visible = shown_frame(dataset).visibility_left == 255
+    right = np.asarray(shown_frame(dataset).right, int)
+    assert np.abs(warped - left)[visible].mean() < np.abs(right - left)[visible].mean() / 2
+    hidden = shown_frame(dataset).visibility_left != 255
+    assert (warped[hidden] == 119).all()
+
+
+def test_overlays_show_disparity_and_masks(opened, dataset):
+    frame = shown_frame(dataset)
+    assert not pixels(opened, "overlay").any()
+    opened.find_element("css selector", "[name=overlay][value=occlusion]").click()
+    alpha = pixels(opened, "overlay")[..., 3]
+    np.testing.assert_array_equal(alpha > 0, frame.visibility_left != 255)
+    opened.find_element("css selector", "[name=overlay][value=disparity]").click()
+    colours = pixels(opened, "overlay")
+    assert (colours[..., 3] > 0).all()
+    brightness = colours[..., :3].astype(float).sum(axis=-1)
+    assert np.corrcoef(brightness.ravel(), frame.disparity_left.ravel())[0, 1] > 0.9
+    low, high = (float(re.search(r"[\d.]+", element(opened, f"scale-{end}").text)[0]) for end in ("low", "high"))
+    np.testing.assert_allclose([low, high], np.quantile(frame.disparity_left, [0.01, 0.99]), atol=0.051)
+    opened.find_element("css selector", "[name=overlay][value=invalid]").click()
+    assert not pixels(opened, "overlay").any()
+
+
+def test_an_outlier_leads_to_its_pair(opened):
+    link = opened.find_elements("css selector", "#outliers a[data-pair]")[-1]
+    number = link.get_attribute("data-pair")
+    opened.execute_script("arguments[0].click()", link)
+    wait(opened, lambda: attribute(opened, "pair") == number)
+    assert link.text in element(opened, "caption").text
+
+
+@pytest.mark.parametrize("width", [400, 1600])
+def test_nothing_sticks_out_of_the_window(opened, width):
+    opened.set_window_size(max(width, 500), 900)
+    opened.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride", {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    )
+    wide, window = opened.execute_script("return [document.documentElement.scrollWidth, innerWidth]")
+    assert window == width
+    assert wide <= width
+    stage = element(opened, "stage").rect
+    assert 0.5 * min(width, 1000) < stage["width"] <= width
+    opened.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+# Where the browser comes from.
+
+
+@pytest.fixture
+def bare(machine, monkeypatch):  # noqa: F811 - the fixture's name
+    monkeypatch.setattr(test_setup, "SCRIPT", test_setup.CHECKOUT / "tools" / "browser-packages.sh")
+    return machine
+
+
+def test_root_gets_a_browser(bare):
+    become_root(bare)
+    code, said = bare.run()
+    assert (code, said) == (0, "Installing chromium chromium-driver\n")
+    assert bare.installed().splitlines()[-1].endswith("chromium chromium-driver")
+
+
+def test_others_are_told_what_to_type_and_go_on(bare):
+    code, said = bare.run()
+    assert code == 0
+    assert "apt-get install -y chromium chromium-driver" in said
+    assert bare.installed() == ""
+
+
+def test_a_system_without_that_package_goes_on(bare):
+    become_root(bare)
+    bare.offers("apt-cache", "exit 100\n")
+    code, said = bare.run()
+    assert code == 0
+    assert "offers no package chromium-driver" in said
+    assert "install" not in bare.installed()
+
+
+def test_where_a_browser_is_nothing_is_done(bare):
+    bare.offers("chromium", "")
+    bare.offers("chromedriver", "")
+    assert bare.run() == (0, "")
