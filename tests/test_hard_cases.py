@@ -78,13 +78,15 @@ def compare(frame, scene, models, eye="left", sample=None):
     )[row, column]
     displaced = np.zeros(len(pixels), bool)
     wrong = np.flatnonzero(error > EXACT_PX)
-    for dx in (-EDGE_PX, 0, EDGE_PX):
-        for dy in (-EDGE_PX, 0, EDGE_PX):
-            beside = oracle.cast(scene, models, eye, x[wrong] + dx, y[wrong] + dy)
-            depth = oracle.depth_on_planes(scene, models, eye, x[wrong], y[wrong], beside)
-            with np.errstate(invalid="ignore", divide="ignore"):
-                there = np.abs(rendered[wrong] - scene.camera.disparity_px(depth)) <= EXACT_PX
-            displaced[wrong] |= there | (np.isinf(rendered[wrong]) & np.isinf(beside.depth_m))
+    # As fine as this, because triangles may be; all in one call, whose cost is the number of instances.
+    dx, dy = (each.ravel() for each in np.meshgrid(*[np.linspace(-EDGE_PX, EDGE_PX, 9)] * 2))
+    beside = oracle.cast(scene, models, eye, np.add.outer(x[wrong], dx).ravel(), np.add.outer(y[wrong], dy).ravel())
+    at = np.repeat(wrong, len(dx))
+    depth = oracle.depth_on_planes(scene, models, eye, x[at], y[at], beside)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        there = np.abs(rendered[at] - scene.camera.disparity_px(depth)) <= EXACT_PX
+    there |= np.isinf(rendered[at]) & np.isinf(beside.depth_m)
+    displaced[wrong] = there.reshape(len(wrong), len(dx)).any(axis=1)
     visibility = oracle.visibility(scene, models, eye, x, y, hits)
     inside = None
     if sample is None:

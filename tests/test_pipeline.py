@@ -35,6 +35,8 @@ def tiny(name="middlebury", **sections):
     for key in ("wall_disparity_px", "plane_disparity_px"):
         background[key] = scaled(background[key])
     values["particles"]["size_px"] = scaled(values["particles"]["size_px"])
+    for layer in values["particles"]["layers"] or ():
+        layer["disparity_px"] = scaled(layer["disparity_px"])
     values["models"]["variants"] = 1
     values["textures"]["patch_px"] = 64
     for section, keys in sections.items():

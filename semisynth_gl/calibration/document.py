@@ -19,6 +19,8 @@ _INDOOR_M = 20.0
 _INDOOR_AT_MOST, _OUTDOOR_FROM = 0.005, 0.05
 # The back wall shows the far end of the histogram alone: particles can hide what is too far, but not what is too near.
 _WALL_UP_TO = 0.05
+# The default of the config.
+_WALL_TURN_DEG = 15.0
 _PLANE_OF_MIN = (0.1, 0.7)
 
 
@@ -156,6 +158,9 @@ def document(
     if background.cuboid:
         wall = max(float(f"{disparity.target.quantile(_WALL_UP_TO):.3g}"), disparity.min_px)
         lines.append(f"  wall_disparity_px: {_range((disparity.min_px, wall))}")
+        turn = _wall_turn_deg(ranges, disparity)
+        if turn < _WALL_TURN_DEG:
+            lines.append(f"  wall_turn_deg: {turn:<15g} # more would spread a wall over several bins of the target")
     if background.plane:
         low, high = (float(f"{part * disparity.min_px:.2g}") for part in _PLANE_OF_MIN)
         lines.append(f"  plane_disparity_px: {_range((low, high))}")
@@ -173,6 +178,16 @@ def document(
         *(f"    - {_quoted(path)}" for path in images),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _wall_turn_deg(ranges: Ranges, disparity: DisparityRange) -> float:
+    """The turn by which a back wall's disparity differs by a bin between the middle of the image and its side.
+
+    Turned by a, a wall at the disparity d has (d + doffs) (1 + tan(a) x / f) at x from the middle.
+    """
+    steepest = ranges.size[0] / 2 / ranges.focal_px[0]
+    far_px = max(disparity.min_px + ranges.doffs_mean_px, disparity.bin_px)
+    return float(f"{math.degrees(math.atan(disparity.bin_px / far_px / steepest)):.2g}")
 
 
 def name_of(stem: str) -> str:

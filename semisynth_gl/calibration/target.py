@@ -13,7 +13,8 @@ from semisynth_gl.histogram import Histogram
 _LOWEST, _HIGHEST = 0.001, 0.999
 # Above the largest: the near plane stands where max_px is, and things shall have some room before it.
 _HEADROOM = 1.1
-_MOST_BINS = 40
+# Objects are deep: what they show cannot follow bins much narrower than that.
+_MOST_BINS = 28
 _STEPS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 # Of a chosen range without a lower end.
 _LOW_OF_HIGH = 0.02
@@ -69,7 +70,7 @@ def chosen_range(low_px: float | None, high_px: float) -> DisparityRange:
 
 
 def _bins(low: float, high: float) -> tuple[NDArray[np.float64], float]:
-    """Edges of 24 to 40 bins of one round width that begin where a range does and cover it."""
+    """Edges of 17 to 28 bins of one round width that begin where a range does and cover it."""
     least = (high - low) / (_MOST_BINS - 1)  # one may be added by rounding the end
     power = 10.0 ** math.floor(math.log10(least))
     bin_px = next(step * power for step in (*_STEPS, 10.0) if step * power >= least)
