@@ -56,9 +56,13 @@ class Sources:
         for mesh in self.model_library.models:
             for array in (mesh.positions, mesh.uv, mesh.triangles):
                 models = crc32(np.ascontiguousarray(array), models)
+        # What models cover decides how many of them a scene has.
+        silhouette = self.model_library.silhouette
+        for numbers in (np.array(silhouette.fill), silhouette.heights, self.model_library.chances):
+            models = crc32(numbers.tobytes(), models)
         return {
             "patches": f"{crc32(np.ascontiguousarray(self.atlas.layers), crc32(patches)):08x}",
-            "models": f"{crc32(self.model_library.chances.tobytes(), models):08x}",
+            "models": f"{models:08x}",
         }
 
 

@@ -23,6 +23,8 @@ Count = Annotated[int, Field(ge=1)]
 _EDGE_ON_DEG = 90
 # Measured histograms have a few pixels anywhere.
 _OUT_OF_REACH = 0.02
+# A gamma distribution is looked at as far as this, in this many blocks.
+_SPREADS, _GAMMA_BLOCKS = 8, 400
 
 
 class Section(BaseModel):
@@ -550,23 +552,27 @@ class Config(Section):
         if self.background.cuboid and self.background.wall_disparity_px is not None:
             ends.append(self.background.wall_disparity_px.low)
         low = min(ends)
-        for each in (part.target for part in target.parts) if isinstance(target, MixtureTarget) else (target,):
-            blocks = _blocks(each, self.disparity)
-            whole = sum(share for _, _, share in blocks)
-            for begin, end, beyond in ((-math.inf, low, "below"), (high, math.inf, "above")):
-                out = [
-                    (first, last, share * max(0.0, min(last, end) - max(first, begin)) / (last - first))
-                    for first, last, share in blocks
-                ]
-                out = [block for block in out if block[2] > 0]
-                share = sum(block[2] for block in out) / whole
-                if share > _OUT_OF_REACH:
-                    at = max(out[0][0], begin), min(out[-1][1], end)
-                    raise ValueError(
-                        f"disparity.target wants {share:.1%} of the pixels at {at[0]:g} to {at[1]:g} px, {beyond} what "
-                        f"this config can show, {low:g} to {high:g} px: change the target, or disparity.min_px and "
-                        "max_px"
-                    )
+        parts = target.parts if isinstance(target, MixtureTarget) else (MixturePart(target=target),)
+        blocks = []
+        for part in parts:
+            own = _blocks(part.target, self.disparity)
+            whole = sum(share for _, _, share in own)
+            blocks += [(first, last, part.weight * share / whole) for first, last, share in own]
+        whole = sum(share for _, _, share in blocks)
+        for begin, end, beyond in ((-math.inf, low, "below"), (high, math.inf, "above")):
+            out = [
+                (first, last, share * max(0.0, min(last, end) - max(first, begin)) / (last - first))
+                for first, last, share in blocks
+            ]
+            out = [block for block in out if block[2] > 0]
+            share = sum(block[2] for block in out) / whole
+            if share > _OUT_OF_REACH:
+                first, last = min(block[0] for block in out), max(block[1] for block in out)
+                raise ValueError(
+                    f"disparity.target wants {share:.1%} of the pixels at {max(first, begin):g} to {min(last, end):g} "
+                    f"px, {beyond} what this config can show, {low:g} to {high:g} px: change the target, or "
+                    "disparity.min_px and max_px"
+                )
         return self
 
     def digest(self) -> str:
@@ -578,12 +584,25 @@ class Config(Section):
 def _blocks(
     target: UniformTarget | UniformDepthTarget | GammaTarget | HistogramTarget, section: DisparitySection
 ) -> list[tuple[float, float, float]]:
-    """Lowest and highest disparity and share of a form's bins; none of those that keep to the section's limits."""
+    """Lowest and highest disparity and share of a form's bins, before the section's limits cut it."""
     if isinstance(target, UniformTarget):
         low = section.min_px if target.low_px is None else target.low_px
         high = section.max_px if target.high_px is None else target.high_px
-        return [(low, max(high, low + 1e-9), 1.0)]
+        if low >= high:
+            raise ValueError(f"disparity.target: expected low_px < high_px, got {low:g} and {high:g}")
+        return [(low, high, 1.0)]
     if isinstance(target, HistogramTarget):
         edges = [target.first_px + number * target.bin_px for number in range(len(target.shares) + 1)]
         return list(zip(edges[:-1], edges[1:], target.shares, strict=True))
+    if isinstance(target, GammaTarget):
+        shape, scale = (target.mean_px / target.spread_px) ** 2, target.spread_px**2 / target.mean_px
+        first = max(0.0, target.mean_px - _SPREADS * target.spread_px)
+        step = (target.mean_px + _SPREADS * target.spread_px - first) / _GAMMA_BLOCKS
+        middles = [first + (number + 0.5) * step for number in range(_GAMMA_BLOCKS)]
+        logarithms = [(shape - 1) * math.log(middle) - middle / scale for middle in middles]
+        most = max(logarithms)
+        return [
+            (middle - step / 2, middle + step / 2, math.exp(logarithm - most))
+            for middle, logarithm in zip(middles, logarithms, strict=True)
+        ]
     return [(section.min_px, section.max_px, 1.0)]

@@ -24,6 +24,7 @@ Floats = NDArray[np.float64]
 
 # Above this coverage a layer is closed for all practical purposes (98%).
 _DENSEST = 4.0
+_MOST_LAYERS = 48
 _ROUNDS = 200
 _SAMPLES = 128
 # Below this share of open pixels, how many more are open makes no difference.
@@ -54,6 +55,13 @@ class Layers:
     def has_room(self) -> NDArray[np.bool_]:
         """(K,) whether particles can be there."""
         return self.low_px < self.high_px
+
+
+def merged(target: Histogram) -> Histogram:
+    """Merge neighbouring bins until there are 48 at most: things are deeper than bins that are narrower yet."""
+    step = -(-len(target.shares) // _MOST_LAYERS)
+    edges = np.append(target.edges_px[:-1:step], target.edges_px[-1])
+    return target.rebinned(edges) if step > 1 else target
 
 
 def layers_of(target: Histogram, min_px: float, max_px: float) -> Layers:
@@ -96,11 +104,11 @@ def reach(
     missing = np.maximum(sideways, 0) + np.maximum(-sideways - np.maximum(disparity, 0), 0)
     shown = (disparity + camera.doffs_px) / (depth - height * radius / camera.focal_px) - camera.doffs_px
     kept = camera.depth_m(disparity) * (depth - radius / camera.focal_px) > near_m
-    # Large particles cover more pixels, and so do those that come nearer.
-    weight = (radius / depth) ** 2
-    weight /= weight.sum(axis=1, keepdims=True)
+    # Large particles cover more pixels, and so do those that come nearer; those that are not there cover none.
+    weight = radius**2 / (radius**2).sum(axis=1, keepdims=True)
+    weight = np.where(kept, weight / np.where(kept, depth, 1.0) ** 2, 0.0)
     at_least = shown[:, :, None] >= edges_px
-    result: Floats = np.einsum("ks,ksj->kj", weight * kept * (1 - missing / camera.width_px), at_least)
+    result: Floats = np.einsum("ks,ksj->kj", weight * np.maximum(1 - missing / camera.width_px, 0.0), at_least)
     return result
 
 

@@ -24,6 +24,7 @@ from semisynth_gl.scene.layers import (
     expected_shares,
     holds,
     layers_of,
+    merged,
     reach,
     solve_coverage,
 )
@@ -49,6 +50,7 @@ _COUNTED_PILOTS = 8
 _CORRECTIONS = 6
 _DENSITY = {"sparse": 1 / 3, "default": 1.0, "dense": 3.0}
 _SMALLEST = 0.05
+_BEYOND_MOST = 2.0
 _HALVINGS = 10
 # Multiples of their roots, which are irrational and unrelated, spread evenly over [0, 1) for each layer by itself.
 _PRIMES = np.array([n for n in range(2, 4000) if all(n % k for k in range(2, int(n**0.5) + 1))], np.float64)
@@ -99,14 +101,14 @@ class Population:
         silhouette: what the models cover on average.
 
     Attributes:
-        target: the wanted distribution.
+        target: the wanted distribution, in bins that layers can follow.
     """
 
     def __init__(self, config: Config, seed: int, silhouette: Silhouette) -> None:
         self._config = config
         self._seed = seed
         self._silhouette = silhouette
-        self.target = target_of(config.disparity, config.camera)
+        self.target = merged(target_of(config.disparity, config.camera))
         self._layers = layers_of(self.target, config.disparity.min_px, config.disparity.max_px)
         self._first_quantile = generator(seed, Purpose.COUNTS).random(len(self._layers))
 
@@ -121,7 +123,8 @@ class Population:
             rng: for what the config states.
 
         Raises:
-            InputError: where a layer that the config states lies beyond infinity.
+            InputError: where a layer that the config states lies beyond infinity, or the target takes more particles
+                than ``particles.most``, or more or fewer objects than ``particles.density``.
         """
         particles = self._config.particles
         for name, sections in (("layers", particles.layers or ()), ("clutter", particles.clutter)):
@@ -133,7 +136,10 @@ class Population:
         views = self._views([(camera, background_px)], aim.sizes)
         step = np.sqrt(_PRIMES[np.arange(len(self._layers)) % len(_PRIMES)])
         quantile = (self._first_quantile + sequence * step) % 1.0
-        drawn = poisson_counts((self._coverage(aim.shares, views) / views.cover)[0], quantile)
+        mean = (self._coverage(aim.shares, views) / views.cover)[0]
+        # What a scene of its kind needs beyond the limit is cut by it anyway.
+        mean *= min(1.0, _BEYOND_MOST * particles.most / max(float(mean.sum()), 1.0))
+        drawn = poisson_counts(mean, quantile)
         solved = [
             Batch(low, high, int(number), aim.sizes)
             for low, high, number in zip(self._layers.low_px, self._layers.high_px, drawn, strict=True)
@@ -151,7 +157,12 @@ class Population:
             return self._corrected(sizes)
         wanted = _DENSITY[density] * self._in_view(sizes) if isinstance(density, str) else density
         low, high = _SMALLEST, self._largest_scale(sizes)
-        fewest = self._in_view(sizes.scaled(high))
+        fewest, largest_number = self._in_view(sizes.scaled(high)), self._in_view(sizes.scaled(low))
+        if wanted > largest_number:
+            raise InputError(
+                f"particles.density: {wanted:.0f} objects in view would be smaller than {_SMALLEST:g} of the stated "
+                f"sizes, at which there are {largest_number:.0f}: ask for fewer, or state smaller sizes"
+            )
         if wanted < fewest and not isinstance(density, str):
             raise InputError(
                 f"particles.density: {density:g} objects cannot cover what disparity.target asks for: it takes about "
@@ -175,8 +186,14 @@ class Population:
 
     def _corrected(self, sizes: Sizes) -> _Aim:
         """Shift the aim until the pilot scenes come to the target on average."""
-        wanted = self.target.shares
+        wanted, most = self.target.shares, self._config.particles.most
         views = self._views(self._pilots, sizes)
+        taken = float((self._coverage(wanted, views) / views.cover).sum(axis=1).mean())
+        if taken > most:
+            raise InputError(
+                f"disparity.target takes about {taken:.0f} particles a scene at these sizes, and particles.most allows "
+                f"{most}: state larger sizes, a lower density, or raise particles.most"
+            )
         aims = []
         shares = wanted
         for _ in range(_CORRECTIONS):
@@ -188,8 +205,9 @@ class Population:
         return min(aims, key=lambda aim: float(np.abs(aim.achieved - wanted).sum()))
 
     def _coverage(self, shares: Floats, views: _Views) -> Floats:
-        """(V, K) mean coverages."""
-        return solve_coverage(shares, views.bare, views.reached, views.least, self._layers.has_room)
+        """(V, K) mean coverages; rounded, since processors differ in the last digits."""
+        coverage = solve_coverage(shares, views.bare, views.reached, views.least, self._layers.has_room)
+        return np.round(coverage, 9)
 
     def _in_view(self, sizes: Sizes) -> float:
         """Mean number of particles in the left views of a few pilot scenes."""

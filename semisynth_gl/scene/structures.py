@@ -132,10 +132,16 @@ def draw_surroundings(
             columns = np.linalg.norm(matrices[number][:3, :3], axis=0)
             units.append((columns[0], columns[2]) if model[number] == _GROUND else (columns[0], columns[1]))
             of = hits.depth_m[hits.instance == number]
-            depths.append(float(np.median(of)) if of.size else float(max(matrices[number][2, 3], near_m)))
+            depths.append(float(np.median(of)) if of.size else _nearest_m(model[number], matrices[number], near_m))
     return Surroundings(
         np.array(model, np.int64), np.array(matrices), np.array(units), np.array(depths), seen_px[np.isfinite(seen_px)]
     )
+
+
+def _nearest_m(model: int, world_from_model: Floats, near_m: float) -> float:
+    """Depth of a structure's nearest vertex, or of the near plane where that is farther."""
+    depth = STILL_MODELS[model].positions.astype(np.float64) @ world_from_model[2, :3] + world_from_model[2, 3]
+    return max(float(depth.min()), near_m)
 
 
 def _place_ground(

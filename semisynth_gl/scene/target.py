@@ -14,6 +14,7 @@ from semisynth_gl.config.model import (
     UniformDepthTarget,
     UniformTarget,
 )
+from semisynth_gl.errors import InputError
 from semisynth_gl.histogram import Histogram, mixed
 
 _BINS = 24
@@ -27,6 +28,9 @@ def target_of(section: DisparitySection, camera: CameraSection) -> Histogram:
     """Return the wanted distribution as a histogram.
 
     A histogram keeps its bins; all other forms get 24 of equal width from ``min_px`` to ``max_px``.
+
+    Raises:
+        InputError: where depths beyond infinity are asked for.
     """
     if isinstance(section.target, HistogramTarget):
         return _histogram(section.target)
@@ -44,7 +48,13 @@ def _of_form(form: _Form, edges: NDArray[np.float64], camera: CameraSection) -> 
             return Histogram.of([low, high], [1.0]).rebinned(edges)
         case UniformDepthTarget():
             # d + doffs = f B / Z: between two disparities lies the share of depths that 1 / (d + doffs) tells.
-            return Histogram.of(edges, -np.diff(1 / (edges + _mean_doffs_px(camera))))
+            doffs_px = _mean_doffs_px(camera)
+            if edges[0] + doffs_px <= 0:
+                raise InputError(
+                    f"disparity.min_px: {edges[0]:g} px lies beyond infinity for cameras whose doffs is {doffs_px:g} "
+                    f"px on average: for a target uniform in depth raise it above {-doffs_px:g}"
+                )
+            return Histogram.of(edges, -np.diff(1 / (edges + doffs_px)))
         case GammaTarget():
             return Histogram.of(edges, _gamma_shares(form, edges))
         case MixtureTarget():
