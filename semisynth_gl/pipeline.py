@@ -24,6 +24,7 @@ from semisynth_gl.config import Config
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import Frame
 from semisynth_gl.geometry.model_library import ModelLibrary, build_library
+from semisynth_gl.histogram import Histogram
 from semisynth_gl.imperfections import with_imperfections
 from semisynth_gl.render.context import Backend
 from semisynth_gl.render.renderer import Renderer
@@ -165,6 +166,10 @@ class PairRenderer:
     def renderer_name(self) -> str:
         """What the driver calls itself (GL_RENDERER)."""
         return self._renderer.renderer_name
+
+    def expected_histogram(self) -> Histogram | None:
+        """Return the disparities that many pairs come to on average, see `Population.expected`."""
+        return self._sampler.population.expected()
 
     @property
     def facts(self) -> dict[str, str]:

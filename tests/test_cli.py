@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -129,6 +130,7 @@ def test_preview_draws_a_sheet(call, tmp_path, photographs):
         cwd=tmp_path,
     )
     assert done.returncode == 0, done.stderr
+    assert re.search(r"total variation of 0\.0\d\d from the target, [\d.]+ px", done.stdout)
     sheet = np.asarray(Image.open(tmp_path / "sheet.png").convert("RGB"))
     assert sheet.shape[1] == 1600
     assert len(np.unique(sheet.reshape(-1, 3), axis=0)) > 1000

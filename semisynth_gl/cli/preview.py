@@ -8,6 +8,7 @@ import click
 from semisynth_gl.cli.options import read_config, scene_options
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.errors import InputError
+from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.pipeline import PairRenderer
 from semisynth_gl.render.context import Backend
 from semisynth_gl.scene.target import target_of
@@ -46,9 +47,11 @@ def preview(
         for index in range(pairs):
             frames.append(renderer.render(index).frame)
             progress.advance()
+        expected = renderer.expected_histogram()
         title = f"{config.name}, seed {seed}, pairs 0 to {pairs - 1}, {renderer.renderer_name}"
     png = io.BytesIO()
-    draw_sheet(frames, target_of(config.disparity, config.camera), title).savefig(png, format="png")
+    wanted = target_of(config.disparity, config.camera)
+    draw_sheet(frames, wanted, title).savefig(png, format="png")
     partial = out.with_name(f".{out.name}.partial")
     try:
         partial.write_bytes(png.getvalue())
@@ -56,3 +59,9 @@ def preview(
     finally:
         partial.unlink(missing_ok=True)
     click.echo(f"{pairs} pairs in {out}")
+    if expected is not None:
+        click.echo(
+            f"over many pairs, disparities are expected to come to a total variation of "
+            f"{total_variation(expected, wanted):.3f} from the target, {wasserstein_px(wanted, expected):.2g} px "
+            "(Wasserstein-1)"
+        )

@@ -146,8 +146,16 @@ class Population:
         ]
         return solved + stated_batches(particles.clutter, particles, rng)
 
-    def expected(self) -> Histogram:
-        """Return what the dataset comes to on average, by the Boolean model of the pilot scenes."""
+    def expected(self) -> Histogram | None:
+        """Return what the dataset comes to on average, by the Boolean model of the pilot scenes.
+
+        None where the config states the numbers of particles.
+
+        Raises:
+            InputError: where the target cannot be met, see `draw`.
+        """
+        if self._config.particles.layers is not None:
+            return None
         return Histogram.of(self.target.edges_px, self._aim.achieved)
 
     @cached_property

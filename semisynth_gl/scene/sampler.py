@@ -74,13 +74,16 @@ class SceneSampler:
         seed: 0 or more.
         library: the models, from the same config and seed.
         patches: the atlas's patches, likewise.
+
+    Attributes:
+        population: how many particles scenes have, and what disparities they come to.
     """
 
     def __init__(self, config: Config, seed: int, library: ModelLibrary, patches: tuple[Patch, ...]) -> None:
         self._config = config
         self._seed = seed
         self._model_library = library
-        self._population = Population(config, seed, library.silhouette)
+        self.population = Population(config, seed, library.silhouette)
         self._patches = patches
         self._first_layer = np.array([patch.first_layer for patch in patches])
         self._layer_count = np.array([patch.layer_count for patch in patches])
@@ -173,7 +176,7 @@ class SceneSampler:
         rng = draw.generator(Purpose.PARTICLES, 0)
         # A scene that is drawn again takes a number that no other scene has.
         number = draw.sequence + _REDRAWN * draw.attempt
-        batches = self._population.draw(number, camera, surroundings.disparity_px, rng)
+        batches = self.population.draw(number, camera, surroundings.disparity_px, rng)
         return _Sequence(camera, background, surroundings, draw_slots(camera, config.particles, batches, rng))
 
     def _models(self, draw: _Draw, generation: NDArray[np.int64], slot: NDArray[np.intp]) -> NDArray[np.int64]:
