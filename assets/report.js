@@ -38,6 +38,12 @@
     return new Float32Array(bits.buffer);
   }
 
+  async function floatsOf(id, pair) {
+    const planes = await inflated(id), wanted = 4 * pair.width * pair.height;
+    if (planes.length !== wanted) throw new Error("expected " + wanted + " bytes of disparity, got " + planes.length);
+    return unpackFloats(planes, pair.width, pair.height);
+  }
+
   async function imageOf(id) {
     const image = new Image();
     image.src = "data:image/jpeg;base64," + find(id).textContent;
@@ -46,6 +52,7 @@
   }
 
   async function show(number) {
+    if (data.pairs.length === 0) return;
     state.pair = (number + data.pairs.length) % data.pairs.length;
     const mine = ++asked, pair = data.pairs[state.pair], id = "pair-" + state.pair;
     for (const [k, button] of [...find("strip").children].entries()) {
@@ -61,11 +68,18 @@
       for (const canvas of [base, overlay]) [canvas.width, canvas.height] = [pair.width, pair.height];
       resize();
     }
-    const [left, right, planes, visibility] = await Promise.all([
-      imageOf(id + "-left"), imageOf(id + "-right"), inflated(id + "-disparity"), inflated(id + "-visibility"),
-    ]);
+    let decoded;
+    try {
+      decoded = await Promise.all([
+        imageOf(id + "-left"), imageOf(id + "-right"), floatsOf(id + "-disparity", pair), inflated(id + "-visibility"),
+      ]);
+    } catch (error) {
+      if (mine === asked) fail(pair, error);
+      return;
+    }
     if (mine !== asked) return;
-    shown = { pair, left, right, visibility, disparity: unpackFloats(planes, pair.width, pair.height), warped: null };
+    const [left, right, disparity, visibility] = decoded;
+    shown = { pair, left, right, visibility, disparity, warped: null };
     for (const canvas of [base, overlay]) [canvas.width, canvas.height] = [pair.width, pair.height];
     for (const input of document.querySelectorAll("[name=overlay][value=occlusion]")) input.disabled = visibility === null;
     if (state.overlay === "occlusion" && visibility === null) choose("overlay", "none");
@@ -74,6 +88,19 @@
     draw();
     read();
     stage.dataset.pair = String(state.pair);
+  }
+
+  // No picture of another pair stays under this one's caption.
+  function fail(pair, error) {
+    shown = null;
+    for (const canvas of [base, overlay]) canvas.getContext("2d").clearRect(0, 0, canvas.width, canvas.height);
+    find("caption").textContent =
+      pair.caption + " \u2013 cannot be shown: " + error.message + ". A browser from 2023 or later shows all pairs of a " +
+      "page that came whole.";
+    find("showing").textContent = find("readout").textContent = "";
+    find("legend").replaceChildren();
+    find("scale").hidden = cursor.hidden = true;
+    delete stage.dataset.pair;
   }
 
   // What the right image has at x - d, for each pixel x of the left view; grey where the right view does not see it.
@@ -171,7 +198,7 @@
   }
 
   function read() {
-    cursor.hidden = state.at === null;
+    cursor.hidden = state.at === null || shown === null;
     if (state.at === null || shown === null) return;
     const { pair, disparity, visibility } = shown;
     state.at = [Math.max(0, Math.min(pair.width - 1, state.at[0])), Math.max(0, Math.min(pair.height - 1, state.at[1]))];
@@ -307,10 +334,6 @@
   }
   if (data.pairs.length > 0) {
     find("viewer").hidden = false;
-    show(0).catch((error) => {
-      find("caption").textContent =
-        "The pairs cannot be shown: " + error.message + ". A browser from 2023 or later can show them.";
-      throw error;
-    });
+    show(0);
   }
 })();

@@ -86,7 +86,7 @@ def measure(name: str, sections: dict[str, Any], pairs: int, seed: int) -> dict[
             objects.append(sum(pair.provenance["models"].values()))
     achieved = count.histogram
     return {
-        "config": name,
+        "config": config.name,
         "pairs": pairs,
         "total_variation": total_variation(wanted, achieved),
         "wasserstein_px": wasserstein_px(wanted, achieved) / _SCALE,

@@ -1,6 +1,7 @@
 """A config from a rig's calibration: every form, the measured histogram, and what is refused with which numbers."""
 
 import os
+import re
 import struct
 import subprocess
 import sys
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from semisynth_gl.calibration.calibrate import calibrated_config
-from semisynth_gl.calibration.document import background_of, name_of, ranges_of
+from semisynth_gl.calibration.document import background_of, document, name_of, ranges_of
 from semisynth_gl.calibration.forms import FORMS, read_rigs
 from semisynth_gl.calibration.maps import find_maps, measure, read_map
 from semisynth_gl.calibration.photographs import check_sizes, impossible_splits
@@ -22,7 +23,8 @@ from semisynth_gl.calibration.rig import Projections, Rig, plain_rig, rectified,
 from semisynth_gl.calibration.target import chosen_range, measured_range
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.cli import main
-from semisynth_gl.config import load_config
+from semisynth_gl.config import Range, load_config
+from semisynth_gl.config.load import parse_config
 from semisynth_gl.errors import InputError, SemisynthError
 from semisynth_gl.histogram import Histogram, PixelCount, total_variation
 from semisynth_gl.read.error import ReadError
@@ -451,7 +453,7 @@ def test_a_sparse_map_counts_as_much_as_a_dense_one(tmp_path):
 def test_bins_are_of_one_round_width_and_hold_the_range(low, span):
     for found in (chosen_range(low, low + span), measured_range(Histogram.of([low, low + span], [1.0]))):
         edges = found.target.edges_px
-        assert 14 <= len(found.target.shares) <= 29
+        assert 14 <= len(found.target.shares) <= 22
         np.testing.assert_allclose(np.diff(edges), found.bin_px, rtol=1e-5)
         assert edges[0] <= low + 0.002 * span
         assert 0 < found.min_px <= low + 0.002 * span
@@ -460,6 +462,77 @@ def test_bins_are_of_one_round_width_and_hold_the_range(low, span):
         # What a config wants beyond its own limits is refused from 2 % on.
         inside = np.diff(found.target.cumulative([found.min_px, found.max_px]))[0]
         assert inside > 0.985
+
+
+def test_there_are_15_to_22_bins():
+    counts = {len(chosen_range(10.0, 10.0 + span).target.shares) for span in np.geomspace(1, 500, 3000)}
+    assert min(counts) in (14, 15)
+    assert max(counts) in (21, 22)  # whether one is added depends on rounding
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    doffs_px=st.floats(-300, 300),
+    wider_px=st.floats(0, 50),
+    beyond_px=st.floats(0.01, 200),
+    span=st.floats(0.05, 600),
+    baseline_m=st.sampled_from([0.001, 100.0]),  # indoor, outdoor
+)
+def test_nothing_of_a_config_lies_beyond_infinity(doffs_px, wider_px, beyond_px, span, baseline_m):
+    cameras = [StereoCamera.centred(640, 480, 500.0, baseline_m, each) for each in (doffs_px, doffs_px + wider_px)]
+    farthest = max(-doffs_px, 0)
+    low = farthest + beyond_px
+    for found in (
+        measured_range(Histogram.of([low, low + span], [1.0]), doffs_px),
+        chosen_range(None, low + span, doffs_px),
+        chosen_range(low, low + span, doffs_px),
+    ):
+        text = document(
+            "x",
+            [Rig(camera, "x") for camera in cameras],
+            found,
+            scale=None,
+            disparity_from="here",
+            images=["a"],
+            images_from="there",
+        )
+        config = parse_config(text, "x.yaml")
+        assert farthest < config.disparity.min_px < low + span
+        if config.background.plane:
+            planes = config.background.plane_disparity_px
+            assert farthest < planes.low < planes.high < config.disparity.min_px
+        if config.background.cuboid:
+            assert config.background.wall_disparity_px.low > farthest
+
+
+def test_the_far_plane_of_a_negative_doffs_is_before_infinity():
+    rigs = [Rig(StereoCamera.centred(640, 480, 500.0, 0.2, each), "x") for each in (-5.0, 2.0)]
+    found = measured_range(Histogram.of([6.0, 46.0], [1.0]), -5.0)
+    text = document("x", rigs, found, scale=None, disparity_from="here", images=["a"], images_from="there")
+    assert found.min_px == 6
+    assert "plane_disparity_px: [5.1, 5.7]" in text
+    camera = parse_config(text, "x.yaml").camera
+    assert camera.doffs_px == Range(-5, 2)
+    assert chosen_range(None, 55, -5.0).min_px == 6
+    # 5.2 would be right of 5.15 in two digits and lose what is before infinity.
+    assert 5.15 < measured_range(Histogram.of([5.19, 46.0], [1.0]), -5.15).min_px < 5.25
+
+
+def test_what_lies_beyond_infinity_is_refused_with_its_numbers(call, tmp_path):
+    with pytest.raises(InputError) as error:
+        measured_range(Histogram.of([4.0, 46.0], [1.0]), -5.0)
+    refused(error, "a thousandth of the measured disparities lies below 4.042 px", "doffs = -5 px", "at 5 px")
+    with pytest.raises(InputError, match=r"range of disparity begins at 5 px, but with doffs = -5 px .*--range-px"):
+        chosen_range(5.0, 46.0, -5.0)
+    with pytest.raises(InputError, match=r"range of disparity ends at 4 px, but with doffs = -5 px"):
+        chosen_range(None, 4.0, -5.0)
+    photographs(tmp_path / "photos", 1, (640, 480))
+    write(tmp_path, "calib.txt", middlebury(StereoCamera.centred(640, 480, 700.0, 0.2, -5.0)))
+    given = ("calibrate", "--images", "photos", "--calib", "calib.txt", "--out", "a.yaml", "--range-px")
+    code, _, err = call(*given, 3, 90)
+    assert (code, "begins at 3 px, but with doffs = -5 px" in err) == (2, True), err
+    assert call(*given, 6, 90)[0] == 0
+    assert load_config(tmp_path / "a.yaml").background.plane_disparity_px == Range(5.1, 5.7)
 
 
 def test_a_chosen_histogram_is_smooth_and_covers_its_range():
@@ -598,6 +671,60 @@ def test_plain_numbers_and_a_range_are_enough(call, tmp_path):
     assert config.camera.cx_left_px.low == 319.5
     assert config.background.plane == 1
     assert config.particles.size_px.low == 26
+
+
+def test_comments_say_where_numbers_are_from(call, tmp_path):
+    for number, ends in enumerate(("ndisp=70\nvmin=7\n", "vmax=90.5\nvmin=5\n", "")):
+        text = middlebury(StereoCamera.centred(640, 480, 700.0, 0.2, 10.0 * number)) + ends
+        write(tmp_path, f"scene{number}/calib.txt", text)
+    photographs(tmp_path / "photos", 1, (640, 480))
+    given = ("calibrate", "--images", "photos", "--out", "a.yaml", "--overwrite")
+    code, out, err = call(*given, "--calib", "*/calib.txt")
+    assert (code, err) == (0, "")
+    assert "max_px is the largest of 2 calibrations, vmax of scene1/calib.txt, min_px a fiftieth of that;" in out
+    assert call(*given, "--calib", "scene[01]/calib.txt")[1].count("min_px the least vmin of all;") == 1
+    assert "max_px is ndisp of the calibration, min_px vmin of" in call(*given, "--calib", "scene0/calib.txt")[1]
+    text = (tmp_path / "a.yaml").read_text()
+    assert "# the back wall: the farthest 5% of the pixels" in text
+    assert call(*given, "--calib", "scene0/calib.txt", "--range-px", 0.5, 40)[0] == 0
+    assert "# the far plane: between infinity and min_px" in (tmp_path / "a.yaml").read_text()
+
+
+def test_runs_beside_each_other_keep_to_their_own_file(call, tmp_path, monkeypatch):
+    given = (
+        "calibrate", "--images", "photos", "--focal-px", 700, "--baseline-m", 0.12, "--size", "300x300",
+        "--range-px", 2, 96, "--out", "lab.yaml", "--overwrite",
+    )  # fmt: skip
+    photographs(tmp_path / "photos", 1, (300, 300))
+    names = []
+    written = Path.write_text
+
+    def write_text(path, *rest, **named):
+        names.append(path.name)
+        return written(path, *rest, **named)
+
+    monkeypatch.setattr(Path, "write_text", write_text)
+    for process in (11, 12):
+        monkeypatch.setattr(os, "getpid", lambda process=process: process)
+        assert call(*given)[0] == 0
+    assert len(set(names)) == len(names) == 2
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["lab.yaml", "photos"]
+
+
+def test_a_config_that_does_not_hold_is_told_of_by_its_own_name(call, tmp_path, monkeypatch):
+    from semisynth_gl.calibration import document as written
+
+    photographs(tmp_path / "photos", 1, (300, 300))
+    monkeypatch.setattr(written, "_PLANE_OF_MIN", (-0.1, 0.7))
+    code, _, err = call(
+        "calibrate", "--images", "photos", "--focal-px", 700, "--baseline-m", 0.12, "--size", "300x300",
+        "--range-px", 2, 96, "--out", "lab.yaml",
+    )  # fmt: skip
+    assert code == 2
+    assert "--out lab.yaml: not written" in err
+    assert re.search(r"^lab\.yaml:\d+: background\.plane_disparity_px: expected numbers above 0", err, re.MULTILINE)
+    assert "partial" not in err
+    assert [path.name for path in tmp_path.iterdir()] == ["photos"]
 
 
 @pytest.mark.parametrize(

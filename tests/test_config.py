@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from semisynth_gl.config import Config, Range, load_config, packaged_configs
+from semisynth_gl.config.load import parse_config
 from semisynth_gl.errors import InputError
 
 CAMERA = "camera: {width_px: 64, height_px: 48, focal_px: 50, baseline_m: 0.1}\n"
@@ -178,6 +179,105 @@ def test_overrides_are_yaml_and_name_themselves(tmp_path):
     ):
         with pytest.raises(InputError, match=word):
             load_config(path, [setting])
+
+
+BINS = "low_px,high_px,share\n1,10,3\n10,19,1\n"
+FORMS = "uniform, uniform-depth, gamma, histogram"
+
+
+def with_target(target: str) -> str:
+    return "name: m\n" + CAMERA + f"disparity:\n  min_px: 1\n  max_px: 20\n  target: {target}\n"
+
+
+def test_a_file_of_a_target_is_sought_beside_what_names_it(tmp_path, monkeypatch):
+    for folder in ("old", "run"):
+        (tmp_path / folder).mkdir()
+    written(tmp_path / "old", BINS, "there.csv")
+    written(tmp_path / "run", BINS.replace("10,19,1", "10,19,3"), "here.csv")
+    monkeypatch.chdir(tmp_path / "run")
+    path = written(tmp_path / "old", with_target("{form: file, path: there.csv}"))
+    assert load_config(path).disparity.target.shares == (3, 1)
+    for setting in ("disparity.target={form: file, path: here.csv}", "disparity.target.path=here.csv"):
+        assert load_config(path, [setting]).disparity.target.shares == (3, 3)
+    setting = {"disparity.target": {"form": "file", "path": "here.csv"}}
+    assert load_config(path, setting).disparity.target.shares == (3, 3)
+    child = written(
+        tmp_path / "run", "extends: ../old/mine.yaml\ndisparity: {target: {form: file, path: here.csv}}\n", "child.yaml"
+    )
+    monkeypatch.chdir(tmp_path)
+    assert load_config(child).disparity.target.shares == (3, 3)
+    child.write_text("extends: ../old/mine.yaml\ndisparity: {max_px: 21}\n")
+    assert load_config(child).disparity.target.shares == (3, 1)
+
+
+def test_what_is_replaced_lends_its_place_to_nothing(tmp_path):
+    text = with_target("\n    form: gamma\n    mean_px: 3\n    spread_px: 2")
+    path = tmp_path / "mine.yaml"
+    message = complaint(tmp_path, text, ["disparity.target.form=uniform", "disparity.target.mean_px=-3"])
+    assert message.startswith("--set disparity.target.mean_px: unknown key")
+    message = complaint(tmp_path, text, ["disparity.target={form: gamma, mean_px: -3, spread_px: 1}"])
+    assert message.startswith("--set disparity.target: disparity.target.mean_px: input should be greater than 0")
+    assert complaint(tmp_path, text, ["camera.width_px.more=3"]).startswith(
+        "--set camera.width_px.more: camera.width_px: input should be a valid integer"
+    )
+    assert complaint(tmp_path, text, ["disparity.target.mean_px=-3"]).startswith("--set disparity.target.mean_px: ")
+    assert complaint(tmp_path, text.replace("spread_px: 2", "spread_px: 0")).startswith(f"{path}:9: disparity.target.s")
+
+
+@pytest.mark.parametrize(
+    ("target", "said"),
+    [
+        ("{form: gamma, mean_px: 3}", ": disparity.target.spread_px: missing; this key has no default"),
+        ("{form: gamma, mean_px: 3, spred_px: 2}", ": disparity.target.spred_px: unknown key; did you mean spread_px?"),
+        ("{form: histogram, bin_px: 3, shares: [1, x]}", ": disparity.target.shares.1: input should be a valid number"),
+        ("{form: uniform, zzz: 3}", ": disparity.target.zzz: unknown key; expected one of: form, high_px, low_px"),
+        ("{mean_px: 3}", f": disparity.target.form: missing; expected one of: {FORMS}, mixture, file"),
+        (
+            "{form: gama}",
+            f": disparity.target.form: unknown form gama; did you mean gamma? expected one of: {FORMS}, mixture, file",
+        ),
+        ("{form: [1]}", f": disparity.target.form: unknown form [1]; expected one of: {FORMS}, mixture, file"),
+        (
+            "{form: mixture, parts: [{target: {form: gamma, mean_px: 2, spred_px: 3}}]}",
+            ": disparity.target.parts.0.target.spred_px: unknown key; did you mean spread_px?",
+        ),
+        (
+            "{form: mixture, parts: [{target: {form: gamma, mean_px: 2}}]}",
+            ": disparity.target.parts.0.target.spread_px: missing",
+        ),
+        (
+            "{form: mixture, parts: [{weigth: 2}]}",
+            ": disparity.target.parts.0.weigth: unknown key; did you mean weight?",
+        ),
+        (
+            "{form: mixture, parts: [{target: {form: mixture}}]}",
+            f": disparity.target.parts.0.target.form: unknown form mixture; expected one of: {FORMS}",
+        ),
+        (
+            "{form: mixture, parts: [{target: {form: file, path: a.csv}}]}",
+            ": disparity.target.parts.0.target.form: a part of a mixture takes no file, only a whole target does",
+        ),
+        (
+            "{form: file}",
+            ": disparity.target.form: a target of form file needs a path beside it: disparity.target.path",
+        ),
+        ("{form: file, path: 3}", ": disparity.target.path: expected the name of a file, got 3"),
+        ("{form: file, path: a.csv, bin_px: 3}", ": disparity.target.bin_px: expected none beside form and path"),
+    ],
+)
+def test_faults_of_targets_name_keys_that_users_wrote(tmp_path, target, said):
+    lines = complaint(tmp_path, with_target(target)).splitlines()
+    assert any(line.startswith(f"{tmp_path / 'mine.yaml'}:6{said}") for line in lines), lines
+    minimal = "name: m\n" + CAMERA + DISPARITY
+    lines = complaint(tmp_path, minimal, [f"disparity.target={target}"]).splitlines()
+    assert any(line.startswith(f"--set disparity.target{said}") for line in lines), lines
+
+
+def test_a_text_is_read_as_a_file_would_be(tmp_path):
+    text = "name: m\n" + CAMERA + DISPARITY
+    assert parse_config(text, "lab.yaml") == load_config(written(tmp_path, text))
+    with pytest.raises(InputError, match=r"^lab\.yaml:3: disparity: expected min_px < max_px"):
+        parse_config(text.replace("max_px: 20", "max_px: 0.5"), "lab.yaml")
 
 
 def test_a_later_focal_length_takes_back_the_earlier():

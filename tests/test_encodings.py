@@ -240,9 +240,9 @@ def test_a_dataset_beyond_256_px_is_told_of_and_verifies_clean(shot, tmp_path, m
         for key in keys:
             value = config[section][key]
             config[section][key] = [each * 16 for each in value] if isinstance(value, list) else value and value * 16
-    config["disparity"]["histogram"]["bin_px"] *= 16
+    config["disparity"]["target"]["bin_px"] *= 16
     config["camera"] |= {"width_px": 900, "height_px": 60}
-    config["particles"] |= {"most": 150, "size_px": [60.0, 200.0]}
+    config["particles"] |= {"size_px": [60.0, 200.0]}
     (tmp_path / "config.yaml").write_text(json.dumps(config))
     out = tmp_path / "out"
     arguments = ["--config", str(tmp_path / "config.yaml"), "--out", str(out), "--pairs", "1", "--seed", "1"]

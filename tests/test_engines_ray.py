@@ -148,7 +148,7 @@ def a_node_may_die(both, second, folder):
 
 
 def a_dataset_outlives_a_node(both, folder):
-    config = tiny(models={"complex": 0.0}, particles={"most": 30})
+    config = tiny(models={"complex": 0.0}, particles={"size_px": [40.0, 120.0]})
     generate(config, folder / "serial", 12, 5, layout="webdataset", shard_pairs=2)
     second, written = both.add_node(**NODE), []
 

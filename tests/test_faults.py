@@ -18,7 +18,7 @@ MOMENTS = 50
 @pytest.mark.faults
 @pytest.mark.parametrize("layout", ["webdataset", "kitti"])
 def test_killed_at_random_moments_it_comes_out_the_same(tmp_path, layout):
-    config = tiny(models={"complex": 0.0}, particles={"most": 30})
+    config = tiny(models={"complex": 0.0}, particles={"size_px": [40.0, 120.0]})
     generate(config, tmp_path / "undisturbed", PAIRS, SEED, layout=layout, shard_pairs=3)
     wanted = digests(tmp_path / "undisturbed")
     out = tmp_path / "o"

@@ -36,7 +36,7 @@ SEED = 5
 def config():
     if backend_fault("auto"):
         pytest.skip("no OpenGL here")
-    return tiny(models={"complex": 0.0}, particles={"most": 30})
+    return tiny(models={"complex": 0.0}, particles={"size_px": [40.0, 120.0]})
 
 
 def digests(folder):

@@ -124,7 +124,7 @@ def resident_kib():
 
 
 def test_memory_stays_flat_over_200_pairs(backend):
-    config = tiny(models={"complex": 0.0}, particles={"most": 40})
+    config = tiny(models={"complex": 0.0}, particles={"size_px": [40.0, 120.0]})
     with PairRenderer(config, 0, backend) as pairs:
         for index in range(40):
             pairs.render(index)

@@ -48,7 +48,7 @@ def fetched(address, to):
 
 
 def test_a_killed_run_leaves_whole_shards_and_is_taken_up(store, tmp_path):
-    config = tiny(models={"complex": 0.0}, particles={"most": 30})
+    config = tiny(models={"complex": 0.0}, particles={"size_px": [40.0, 120.0]})
     generate(config, tmp_path / "here", PAIRS, SEED, layout="webdataset", shard_pairs=3)
     wanted = digests(tmp_path / "here")
     run = command(config, tmp_path / "x", "webdataset")
@@ -71,7 +71,7 @@ def test_a_killed_run_leaves_whole_shards_and_is_taken_up(store, tmp_path):
 
 
 def test_what_the_store_refuses_is_told(store, monkeypatch):
-    config = tiny(models={"complex": 0.0}, particles={"most": 30})
+    config = tiny(models={"complex": 0.0}, particles={"size_px": [40.0, 120.0]})
     with pytest.raises(InputError, match="no-such-bucket"):
         generate(config, "s3://no-such-bucket/x", 1, SEED)
     for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):

@@ -22,6 +22,7 @@ from test_setup import become_root, machine  # noqa: F401 - a fixture
 from semisynth_gl import oracle
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.cli import main
+from semisynth_gl.config import Range
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import OCCLUDED
 from semisynth_gl.generation import generate
@@ -32,6 +33,7 @@ from semisynth_gl.report import pictures
 from semisynth_gl.report.build import build_report
 from semisynth_gl.report.measure import PairMeasures, measure, spread, target_histogram
 from semisynth_gl.report.outliers import QUANTITIES, find_outliers
+from semisynth_gl.report.page import _charts
 from semisynth_gl.report.pictures import make_picture, make_pictures, pack_floats
 from semisynth_gl.report.plots import bars_of, histogram_svg, linear_ticks, log_ticks
 from semisynth_gl.report.redraws import read_redraws
@@ -43,11 +45,11 @@ CAMERA = StereoCamera.centred(200, 100, 150.0, 0.1)
 
 
 def config_of(**changes):
-    """Few models of few triangles, so that rays are cheap."""
+    """Few, large models of few triangles, so that rays are cheap."""
     config = tiny(
         "middlebury", models={"complex": 0.0, "user": 0.0}, textures={"source": "procedural", "max_patches": 24}
     )
-    particles = config.particles.model_copy(update={"most": 40})
+    particles = config.particles.model_copy(update={"size_px": Range(30.0, 120.0), "most": 120})
     return config.model_copy(update={"particles": particles, **changes})
 
 
@@ -499,6 +501,38 @@ def test_the_command_refuses_what_it_cannot_do(dataset, changed, tmp_path, monke
     assert not (tmp_path / "report.html").exists()
 
 
+SIZES = "The config&#x27;s particles.size_px is"
+
+
+@pytest.mark.parametrize(
+    ("particles", "marked"),
+    [
+        ({}, True),
+        ({"layers": [{"disparity_px": 3, "count": 2, "size_px": None}]}, True),
+        ({"size_m": [0.1, 0.3]}, False),
+        ({"density": "dense"}, False),
+        ({"density": 30.0}, False),
+        ({"layers": [{"disparity_px": 3, "count": 2, "size_px": [9, 10]}]}, False),
+        ({"clutter": [{"disparity_px": 3, "count": 2, "size_px": 9}]}, False),
+    ],
+)
+def test_sizes_are_marked_where_size_px_alone_decides(dataset, measured, particles, marked):
+    index = read_index(dataset)
+    assert index.config["particles"]["size_m"] is None
+    index.config["particles"].update({"size_px": [50.0, 90.0], **particles})
+    size = list(_charts(index, measured))[4]
+    assert "<h3>Object size</h3>" in size
+    assert (SIZES in size, "particles.size_px: " in size) == (marked, marked)
+
+
+def test_texture_is_said_to_be_of_what_is_stored(dataset, measured):
+    index = read_index(dataset)
+    assert "as checks.min_texture (dashed) takes it." in list(_charts(index, measured))[-1]
+    for imperfections in ({"noise": 3.0}, {"of_the_future": 1}):
+        index.config["imperfections"].update(imperfections)
+        assert "of the images as stored, with their imperfections" in list(_charts(index, measured))[-1]
+
+
 # The page in a browser.
 
 
@@ -684,6 +718,41 @@ def test_overlays_show_disparity_and_masks(opened, dataset):
     np.testing.assert_allclose([low, high], np.quantile(frame.disparity_left, [0.01, 0.99]), atol=0.051)
     opened.find_element("css selector", "[name=overlay][value=invalid]").click()
     assert not pixels(opened, "overlay").any()
+
+
+def test_keys_do_nothing_where_no_pair_is_shown(browser, dataset, tmp_path):
+    path = tmp_path / "report.html"
+    path.write_text(build_report(read_index(dataset), pairs=0, sample=1).page, "utf-8")
+    browser.get(path.as_uri())
+    assert not element(browser, "viewer").is_displayed()
+    for key in "npfoc":
+        browser.find_element("css selector", "body").send_keys(key)
+    time.sleep(0.2)
+    assert [entry for entry in browser.get_log("browser") if entry["level"] != "DEBUG"] == []
+
+
+@pytest.mark.parametrize("blob", ["disparity", "left"])
+def test_a_pair_that_cannot_be_decoded_is_told_of(browser, page, tmp_path, blob):
+    path = tmp_path / "report.html"
+    path.write_text(re.sub(rf'(id="pair-1-{blob}">)[^<]{{40}}', r"\1", page), "utf-8")
+    browser.get(path.as_uri())
+    wait(browser, lambda: attribute(browser, "pair") == "0")
+    point_at(browser, 20, 20)
+    strip = browser.find_elements("css selector", "#strip button")
+    strip[1].click()
+    wait(browser, lambda: "cannot be shown: " in element(browser, "caption").text)
+    assert attribute(browser, "pair") is None
+    assert not pixels(browser).any()
+    assert not pixels(browser, "overlay").any()
+    assert element(browser, "readout").text == element(browser, "showing").text == ""
+    assert not element(browser, "cursor").is_displayed()
+    browser.find_element("css selector", "body").send_keys("n")
+    wait(browser, lambda: attribute(browser, "pair") == "2")
+    assert "cannot be shown" not in element(browser, "caption").text
+    assert pixels(browser).any()
+    browser.find_element("css selector", "body").send_keys("p")
+    wait(browser, lambda: "cannot be shown: " in element(browser, "caption").text)
+    assert [entry for entry in browser.get_log("browser") if entry["level"] != "DEBUG"] == []
 
 
 def test_an_outlier_leads_to_its_pair(opened):

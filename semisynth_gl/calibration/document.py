@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from semisynth_gl.calibration.rig import Rig, Size
-from semisynth_gl.calibration.target import DisparityRange
+from semisynth_gl.calibration.target import DisparityRange, farthest_px
 
 _WIDTH = 100
 # Of the image's width, as in the packaged configs: 60 and 420 px of 1500.
@@ -21,6 +21,7 @@ _INDOOR_AT_MOST, _OUTDOOR_FROM = 0.005, 0.05
 _WALL_UP_TO = 0.05
 # The default of the config.
 _WALL_TURN_DEG = 15.0
+# Where the far plane is, on the way from the farthest disparity that there can be to min_px.
 _PLANE_OF_MIN = (0.1, 0.7)
 
 
@@ -156,14 +157,15 @@ def document(
     )
     lines += ["background:", f"  cuboid: {background.cuboid}", f"  plane: {background.plane}"]
     if background.cuboid:
-        wall = max(float(f"{disparity.target.quantile(_WALL_UP_TO):.3g}"), disparity.min_px)
-        lines.append(f"  wall_disparity_px: {_range((disparity.min_px, wall))}")
+        deep_px = float(f"{disparity.target.quantile(_WALL_UP_TO) - disparity.min_px:.2g}")
+        walls = _range((disparity.min_px, disparity.min_px + deep_px))
+        lines.append(f"  wall_disparity_px: {walls:<11} # the back wall: the farthest {_WALL_UP_TO:.0%} of the pixels")
         turn = _wall_turn_deg(ranges, disparity)
         if turn < _WALL_TURN_DEG:
             lines.append(f"  wall_turn_deg: {turn:<15g} # more would spread a wall over several bins of the target")
     if background.plane:
-        low, high = (float(f"{part * disparity.min_px:.2g}") for part in _PLANE_OF_MIN)
-        lines.append(f"  plane_disparity_px: {_range((low, high))}")
+        planes = _range(_plane_px(ranges, disparity))
+        lines.append(f"  plane_disparity_px: {planes:<10} # the far plane: between infinity and min_px")
     sizes = (round(_SMALLEST_OF_WIDTH * width_px), round(_LARGEST_OF_WIDTH * width_px))
     lines += [
         "",
@@ -178,6 +180,13 @@ def document(
         *(f"    - {_quoted(path)}" for path in images),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _plane_px(ranges: Ranges, disparity: DisparityRange) -> tuple[float, float]:
+    """Range of the far plane: below min_px, and above what lies at infinity for the rig of the least doffs."""
+    farthest = farthest_px(ranges.doffs_px[0])
+    low, high = (farthest + float(f"{part * (disparity.min_px - farthest):.2g}") for part in _PLANE_OF_MIN)
+    return low, high
 
 
 def _wall_turn_deg(ranges: Ranges, disparity: DisparityRange) -> float:

@@ -14,7 +14,7 @@ _LOWEST, _HIGHEST = 0.001, 0.999
 # Above the largest: the near plane stands where max_px is, and things shall have some room before it.
 _HEADROOM = 1.1
 # Objects are deep: what they show cannot follow bins much narrower than that.
-_MOST_BINS = 28
+_MOST_BINS = 22
 _STEPS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 # Of a chosen range without a lower end.
 _LOW_OF_HIGH = 0.02
@@ -40,27 +40,59 @@ class DisparityRange:
     target: Histogram
 
 
-def measured_range(histogram: Histogram) -> DisparityRange:
-    """Return the range that holds all but a thousandth of the disparities at either end, and their histogram."""
+def farthest_px(least_doffs_px: float) -> float:
+    """Return what disparities have to be above: a depth takes d + doffs above 0, and a config d above 0."""
+    return max(0.0, -least_doffs_px)
+
+
+def measured_range(histogram: Histogram, least_doffs_px: float = 0.0) -> DisparityRange:
+    """Return the range that holds all but a thousandth of the disparities at either end, and their histogram.
+
+    Args:
+        histogram: what was measured.
+        least_doffs_px: the least cx_right - cx_left of the rigs.
+
+    Raises:
+        InputError: where disparities lie beyond infinity.
+    """
     low, high = histogram.quantile(_LOWEST), histogram.quantile(_HIGHEST)
-    first = _rounded_down(low)
+    _check_before_infinity(
+        low,
+        least_doffs_px,
+        "a thousandth of the measured disparities lies below",
+        "give disparity maps of these rigs, or calibrate rigs whose doffs differ one by one",
+    )
+    first = _rounded_down(low, farthest_px(least_doffs_px))
     edges, bin_px = _bins(first, high * _HEADROOM)
     return DisparityRange(first, float(edges[-1]), bin_px, histogram.rebinned(edges))
 
 
-def chosen_range(low_px: float | None, high_px: float) -> DisparityRange:
+def chosen_range(low_px: float | None, high_px: float, least_doffs_px: float = 0.0) -> DisparityRange:
     """Return a wide and smooth histogram over a range that is known.
 
     Args:
-        low_px: its lower end; a fiftieth of the upper one where it is not known.
+        low_px: its lower end; where it is not known, a fiftieth of the way from the farthest disparity to the upper
+            end.
         high_px: its upper end.
+        least_doffs_px: the least cx_right - cx_left of the rigs.
 
     Raises:
-        InputError: where the range is empty or not above 0.
+        InputError: where the range is empty, not above 0, or begins beyond infinity.
     """
-    low = _LOW_OF_HIGH * high_px if low_px is None else low_px
+    farthest = farthest_px(least_doffs_px)
+    if farthest > 0:
+        _check_before_infinity(
+            high_px,
+            least_doffs_px,
+            "the range of disparity ends at",
+            "give the range of this rig with --range-px LOW HIGH",
+        )
+    low = farthest + _LOW_OF_HIGH * (high_px - farthest) if low_px is None else low_px
     if not 0 < low < high_px < math.inf:
         raise InputError(f"the range of disparity is {low:g} to {high_px:g} px: expected two numbers above 0 that rise")
+    _check_before_infinity(
+        low, least_doffs_px, "the range of disparity begins at", "give one that begins above with --range-px LOW HIGH"
+    )
     edges, bin_px = _bins(low, high_px)
     inside = np.clip((np.clip(edges, low, high_px) - low) / (high_px - low), 0, 1)
     # The integral of x exp(-x / h), a gamma distribution of shape 2.
@@ -70,7 +102,7 @@ def chosen_range(low_px: float | None, high_px: float) -> DisparityRange:
 
 
 def _bins(low: float, high: float) -> tuple[NDArray[np.float64], float]:
-    """Edges of 17 to 28 bins of one round width that begin where a range does and cover it."""
+    """Edges of 15 to 22 bins of one round width that begin where a range does and cover it."""
     least = (high - low) / (_MOST_BINS - 1)  # one may be added by rounding the end
     power = 10.0 ** math.floor(math.log10(least))
     bin_px = next(step * power for step in (*_STEPS, 10.0) if step * power >= least)
@@ -78,7 +110,20 @@ def _bins(low: float, high: float) -> tuple[NDArray[np.float64], float]:
     return np.round(low + np.arange(math.ceil((high - low) / bin_px) + 1) * bin_px, 9), bin_px
 
 
-def _rounded_down(value: float) -> float:
-    """Two significant digits, above 0."""
+def _check_before_infinity(low_px: float, least_doffs_px: float, what: str, how: str) -> None:
+    if low_px + least_doffs_px <= 0:
+        raise InputError(
+            f"{what} {low_px:g} px, but with doffs = {least_doffs_px:g} px (cx_right - cx_left) what is at "
+            f"{-least_doffs_px:g} px is infinitely far, and less is nowhere: expected more; {how}"
+        )
+
+
+def _rounded_down(value: float, above: float) -> float:
+    """Two significant digits of a value, or of its distance from what it has to stay above where they lose half."""
+    rounded = _two_digits(value)
+    return rounded if rounded - above >= (value - above) / 2 else above + _two_digits(value - above)
+
+
+def _two_digits(value: float) -> float:
     step = 10.0 ** (math.floor(math.log10(value)) - 1)
     return float(f"{math.floor(value / step) * step:.6g}")

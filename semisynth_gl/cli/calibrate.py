@@ -1,5 +1,6 @@
 """``semisynth-gl calibrate``."""
 
+import os
 import re
 import shlex
 from pathlib import Path
@@ -9,11 +10,11 @@ import click
 from semisynth_gl.calibration.calibrate import Calibrated, calibrated_config
 from semisynth_gl.calibration.document import shown_range
 from semisynth_gl.calibration.forms import read_rigs
-from semisynth_gl.calibration.maps import KITTI_PNG_SCALE
 from semisynth_gl.calibration.photographs import impossible_splits
 from semisynth_gl.calibration.rig import Rig, Size, plain_rig
-from semisynth_gl.config import load_config
+from semisynth_gl.config.load import parse_config
 from semisynth_gl.errors import InputError
+from semisynth_gl.read.disparity import KITTI_PNG_SCALE
 from semisynth_gl.textures.atlas import TextureReport
 from semisynth_gl.textures.prepare import prepare_atlas
 
@@ -97,12 +98,16 @@ def calibrate(
         scale=scale,
         other_camera=other_camera,
     )
-    partial = out.with_name(f".{out.stem}.partial.yaml")
+    try:
+        config = parse_config(found.text, str(out))
+    except InputError as error:
+        raise InputError(f"--out {out}: not written, since what was found makes no valid config:\n{error}") from None
+    # The patches of the dataset to come: what cannot be used is told now, and the cache has them then.
+    report = prepare_atlas(config.textures, 0).report
+    # Under a name of its own, so that runs beside this one do not meet.
+    partial = out.with_name(f".{out.name}.{os.getpid()}.partial")
     try:
         partial.write_text(found.text, encoding="utf-8")
-        config = load_config(partial.absolute())
-        # The patches of the dataset to come: what cannot be used is told now, and the cache has them then.
-        report = prepare_atlas(config.textures, 0).report
         partial.replace(out)
     finally:
         partial.unlink(missing_ok=True)

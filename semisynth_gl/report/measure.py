@@ -49,7 +49,8 @@ class PairMeasures:
         median_px: median disparity of the left view; NaN where no pixel has one.
         occluded: share of the left view's pixels that something hides from the right one; None without a mask.
         invalid: share of the left view's pixels without disparity.
-        texture: texture measure of the flatter image, as the config's ``checks.min_texture`` takes it, in levels.
+        texture: texture measure of the flatter image as it is stored, in levels; the config's ``checks.min_texture``
+            takes the same before imperfections.
         redraws: how often it was drawn again.
     """
 

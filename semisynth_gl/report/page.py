@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
+from semisynth_gl.config.model import ImperfectionsSection
 from semisynth_gl.histogram import Histogram, total_variation, wasserstein_px
 from semisynth_gl.read.dataset import Index
 from semisynth_gl.report.measure import RAYS, Measurement, PairMeasures, Rays
@@ -262,15 +264,17 @@ def _charts(index: Index, measurement: Measurement) -> Iterable[str]:
         missing,
         limits=(0.0, 90.0),
     )
+    size_px = ("particles", "size_px")
+    decides = _size_px_decides(index)
     yield _chart(
         "Object size",
         rays.diameter_px,
         "px",
         "Diameter of a model's bounding sphere on the screen, before it is stretched, once for each pair in which a "
-        f"ray hits it; the background is none. Logarithmic. {_range_text(index, 'particles', 'size_px')}",
+        f"ray hits it; the background is none. Logarithmic. {_range_text(index, *size_px) if decides else ''}",
         missing,
         log=True,
-        marks=_range_marks(index, "particles", "size_px"),
+        marks=_range_marks(index, *size_px) if decides else (),
     )
     yield _chart(
         "Texel density",
@@ -295,8 +299,7 @@ def _charts(index: Index, measurement: Measurement) -> Iterable[str]:
         "Texture",
         np.array([pair.texture for pair in pairs], np.float64),
         "8-bit levels",
-        "Texture measure of a pair's flatter image, of every second pixel of every second row, as checks.min_texture "
-        "takes it.",
+        f"Texture measure of a pair's flatter image, of every second pixel of every second row, {_textured(index)}.",
         "",
         marks=_range_marks(index, "checks", "min_texture"),
     )
@@ -345,6 +348,29 @@ def _chart(
 
 def _figure(name: str, svg: str, text: str) -> str:
     return f"<figure><h3>{escape(name)}</h3>{svg}<figcaption>{text}</figcaption></figure>"
+
+
+def _size_px_decides(index: Index) -> bool:
+    """Whether ``particles.size_px`` alone says how large models are on the screen."""
+    particles = index.config.get("particles")
+    if not isinstance(particles, dict) or particles.get("size_m") is not None:
+        return False
+    layers = [*(particles.get("layers") or ()), *(particles.get("clutter") or ())]
+    return particles.get("density", "default") == "default" and all(each.get("size_px") is None for each in layers)
+
+
+def _textured(index: Index) -> str:
+    """Say of which images the texture measure is."""
+    try:
+        changed = not ImperfectionsSection.model_validate(index.config.get("imperfections", {})).none()
+    except ValidationError:
+        # Of another version, whose imperfections are not known here.
+        changed = True
+    return (
+        "of the images as stored, with their imperfections; checks.min_texture (dashed) is for images without"
+        if changed
+        else "as checks.min_texture (dashed) takes it"
+    )
 
 
 def _range_of(index: Index, section: str, key: str) -> list[float]:

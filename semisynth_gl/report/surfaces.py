@@ -78,8 +78,8 @@ def surfaces_at(
 def diameters_px(scene: Scene, models: Sequence[Mesh], instances: NDArray[np.int64]) -> NDArray[np.float64]:
     """Diameters on the screen of instances' bounding spheres, before they are stretched, (N,) float64.
 
-    This is what the config's ``particles.size_px`` gives: the sphere about a model at the largest of its three
-    scales, as large as it would look at the depth of its centre.
+    This is what sizes in the config mean, ``particles.size_px`` or whatever overrides it: the sphere about a model at
+    the largest of its three scales, as large as it would look at the depth of its centre.
 
     Args:
         scene: what stands where.

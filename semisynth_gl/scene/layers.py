@@ -104,9 +104,9 @@ def reach(
     missing = np.maximum(sideways, 0) + np.maximum(-sideways - np.maximum(disparity, 0), 0)
     shown = (disparity + camera.doffs_px) / (depth - height * radius / camera.focal_px) - camera.doffs_px
     kept = camera.depth_m(disparity) * (depth - radius / camera.focal_px) > near_m
-    # Large particles cover more pixels, and so do those that come nearer; those that are not there cover none.
-    weight = radius**2 / (radius**2).sum(axis=1, keepdims=True)
-    weight = np.where(kept, weight / np.where(kept, depth, 1.0) ** 2, 0.0)
+    # Large particles cover more pixels. Those that come nearer grow, but are as much farther apart; those that are not
+    # there cover none.
+    weight = np.where(kept, radius**2 / (radius**2).sum(axis=1, keepdims=True), 0.0)
     at_least = shown[:, :, None] >= edges_px
     result: Floats = np.einsum("ks,ksj->kj", weight * np.maximum(1 - missing / camera.width_px, 0.0), at_least)
     return result
