@@ -2,35 +2,17 @@
 
 import hashlib
 import json
-import math
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from semisynth_gl.config.range import NotNegativeRange, PositiveRange, Range, RangeField
+from semisynth_gl.config.section import Count, Positive, Section, Weight, as_tuple
+from semisynth_gl.config.target import TargetSection, UniformTarget, check_reach
 from semisynth_gl.encodings import DisparityEncoding, Encodings, ImageEncoding
 from semisynth_gl.frame import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, Output, TruthOf
 
-
-def _as_tuple(value: Any) -> Any:  # noqa: ANN401 - a validator sees whatever the YAML holds
-    return tuple(value) if isinstance(value, list) else value
-
-
-Weight = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Count = Annotated[int, Field(ge=1)]
 _EDGE_ON_DEG = 90
-# Measured histograms have a few pixels anywhere.
-_OUT_OF_REACH = 0.02
-# A gamma distribution is looked at as far as this, in this many blocks.
-_SPREADS, _GAMMA_BLOCKS = 8, 400
-
-
-class Section(BaseModel):
-    """Base of all sections: unknown keys are errors, values are not coerced, nothing changes after loading."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
 class CameraSection(Section):
@@ -71,107 +53,6 @@ class CameraSection(Section):
         if self.cx_right_px is not None and self.cx_left_px is None:
             raise ValueError("cx_right_px needs cx_left_px beside it")
         return self
-
-
-class UniformTarget(Section):
-    """All disparities alike.
-
-    Attributes:
-        form: ``uniform``.
-        low_px: where it begins; by default ``disparity.min_px``.
-        high_px: where it ends; by default ``disparity.max_px``.
-    """
-
-    form: Literal["uniform"] = "uniform"
-    low_px: NotNegative | None = None
-    high_px: Positive | None = None
-
-    @model_validator(mode="after")
-    def _range(self) -> Self:
-        if self.low_px is not None and self.high_px is not None and self.low_px >= self.high_px:
-            raise ValueError(f"expected low_px < high_px, got {self.low_px:g} and {self.high_px:g}")
-        return self
-
-
-class UniformDepthTarget(Section):
-    """All depths alike, between those of ``disparity.max_px`` and ``disparity.min_px``.
-
-    Attributes:
-        form: ``uniform-depth``.
-    """
-
-    form: Literal["uniform-depth"]
-
-
-class GammaTarget(Section):
-    """A gamma distribution: one hump with a long tail of near things.
-
-    Attributes:
-        form: ``gamma``.
-        mean_px: its mean, before the limits of the section cut it.
-        spread_px: its standard deviation, likewise.
-    """
-
-    form: Literal["gamma"]
-    mean_px: Positive
-    spread_px: Positive
-
-
-class HistogramTarget(Section):
-    """Shares of pixels in bins.
-
-    Attributes:
-        form: ``histogram``.
-        bin_px: width of a bin.
-        first_px: where the first bin begins.
-        shares: share of pixels per bin; they are scaled to a sum of 1.
-    """
-
-    form: Literal["histogram"]
-    bin_px: Positive
-    first_px: Annotated[float, Field(allow_inf_nan=False)] = 0.0
-    shares: Annotated[tuple[Weight, ...], BeforeValidator(_as_tuple), Field(min_length=1)]
-
-    @model_validator(mode="after")
-    def _some_share(self) -> Self:
-        if not sum(self.shares) > 0:
-            raise ValueError("expected at least one share above 0")
-        return self
-
-
-class MixturePart(Section):
-    """One part of a mixture.
-
-    Attributes:
-        weight: how much of it.
-        target: its distribution.
-    """
-
-    weight: Weight = 1.0
-    target: Annotated[UniformTarget | UniformDepthTarget | GammaTarget | HistogramTarget, Field(discriminator="form")]
-
-
-class MixtureTarget(Section):
-    """Several distributions, mixed by weights.
-
-    Attributes:
-        form: ``mixture``.
-        parts: each with its weight.
-    """
-
-    form: Literal["mixture"]
-    parts: Annotated[tuple[MixturePart, ...], BeforeValidator(_as_tuple), Field(min_length=1)]
-
-    @model_validator(mode="after")
-    def _some_weight(self) -> Self:
-        if not sum(part.weight for part in self.parts) > 0:
-            raise ValueError("expected at least one weight above 0")
-        return self
-
-
-TargetSection = Annotated[
-    UniformTarget | UniformDepthTarget | GammaTarget | HistogramTarget | MixtureTarget, Field(discriminator="form")
-]
 
 
 class DisparitySection(Section):
@@ -283,8 +164,8 @@ class ParticlesSection(Section):
         most: upper limit of the number of particles in a scene.
     """
 
-    layers: Annotated[tuple[LayerSection, ...], BeforeValidator(_as_tuple)] | None = None
-    clutter: Annotated[tuple[LayerSection, ...], BeforeValidator(_as_tuple)] = ()
+    layers: Annotated[tuple[LayerSection, ...], BeforeValidator(as_tuple)] | None = None
+    clutter: Annotated[tuple[LayerSection, ...], BeforeValidator(as_tuple)] = ()
     density: Literal["sparse", "default", "dense"] | Positive = "default"
     size_px: PositiveRange = Range(40.0, 300.0)
     size_m: PositiveRange | None = None
@@ -320,7 +201,7 @@ class ModelsSection(Section):
     complex: Weight = 1.0
     user: Weight = 1.0
     kinds: dict[str, Weight] = Field(default_factory=dict)
-    folders: Annotated[tuple[str, ...], BeforeValidator(_as_tuple)] = ()
+    folders: Annotated[tuple[str, ...], BeforeValidator(as_tuple)] = ()
     variants: Count = 3
 
     @model_validator(mode="after")
@@ -353,10 +234,10 @@ class TexturesSection(Section):
     """
 
     source: Literal["images", "builtin", "procedural"] = "builtin"
-    images: Annotated[tuple[str, ...], BeforeValidator(_as_tuple)] = ()
+    images: Annotated[tuple[str, ...], BeforeValidator(as_tuple)] = ()
     patch_px: Annotated[int, Field(ge=16, le=8192)] = 256
     scales: Annotated[
-        tuple[Annotated[float, Field(ge=1, allow_inf_nan=False)], ...], BeforeValidator(_as_tuple), Field(min_length=1)
+        tuple[Annotated[float, Field(ge=1, allow_inf_nan=False)], ...], BeforeValidator(as_tuple), Field(min_length=1)
     ] = (
         1.0,
         2.0,
@@ -522,7 +403,7 @@ class Config(Section):
     files: FilesSection = FilesSection()
     splits: SplitsSection = SplitsSection()
     licences: LicencesSection = LicencesSection()
-    outputs: Annotated[tuple[Output, ...], BeforeValidator(_as_tuple)] = DEFAULT_OUTPUTS
+    outputs: Annotated[tuple[Output, ...], BeforeValidator(as_tuple)] = DEFAULT_OUTPUTS
     truth: TruthOf = "both"
     antialias: Annotated[str, Field(pattern=ANTIALIAS_PATTERN)] = "none"
 
@@ -545,64 +426,15 @@ class Config(Section):
 
     @model_validator(mode="after")
     def _target_can_be_shown(self) -> Self:
-        target, high = self.disparity.target, self.disparity.max_px
         ends = [self.disparity.min_px]
         if self.background.plane:
             ends.append(self.background.plane_disparity_px.low)
         if self.background.cuboid and self.background.wall_disparity_px is not None:
             ends.append(self.background.wall_disparity_px.low)
-        low = min(ends)
-        parts = target.parts if isinstance(target, MixtureTarget) else (MixturePart(target=target),)
-        blocks = []
-        for part in parts:
-            own = _blocks(part.target, self.disparity)
-            whole = sum(share for _, _, share in own)
-            blocks += [(first, last, part.weight * share / whole) for first, last, share in own]
-        whole = sum(share for _, _, share in blocks)
-        for begin, end, beyond in ((-math.inf, low, "below"), (high, math.inf, "above")):
-            out = [
-                (first, last, share * max(0.0, min(last, end) - max(first, begin)) / (last - first))
-                for first, last, share in blocks
-            ]
-            out = [block for block in out if block[2] > 0]
-            share = sum(block[2] for block in out) / whole
-            if share > _OUT_OF_REACH:
-                first, last = min(block[0] for block in out), max(block[1] for block in out)
-                raise ValueError(
-                    f"disparity.target wants {share:.1%} of the pixels at {max(first, begin):g} to {min(last, end):g} "
-                    f"px, {beyond} what this config can show, {low:g} to {high:g} px: change the target, or "
-                    "disparity.min_px and max_px"
-                )
+        check_reach(self.disparity.target, self.disparity.min_px, self.disparity.max_px, min(ends))
         return self
 
     def digest(self) -> str:
         """SHA-256 of the config's values, 64 hex digits; equal for equal configs however they were written down."""
         text = json.dumps(self.model_dump(mode="json"), sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _blocks(
-    target: UniformTarget | UniformDepthTarget | GammaTarget | HistogramTarget, section: DisparitySection
-) -> list[tuple[float, float, float]]:
-    """Lowest and highest disparity and share of a form's bins, before the section's limits cut it."""
-    if isinstance(target, UniformTarget):
-        low = section.min_px if target.low_px is None else target.low_px
-        high = section.max_px if target.high_px is None else target.high_px
-        if low >= high:
-            raise ValueError(f"disparity.target: expected low_px < high_px, got {low:g} and {high:g}")
-        return [(low, high, 1.0)]
-    if isinstance(target, HistogramTarget):
-        edges = [target.first_px + number * target.bin_px for number in range(len(target.shares) + 1)]
-        return list(zip(edges[:-1], edges[1:], target.shares, strict=True))
-    if isinstance(target, GammaTarget):
-        shape, scale = (target.mean_px / target.spread_px) ** 2, target.spread_px**2 / target.mean_px
-        first = max(0.0, target.mean_px - _SPREADS * target.spread_px)
-        step = (target.mean_px + _SPREADS * target.spread_px - first) / _GAMMA_BLOCKS
-        middles = [first + (number + 0.5) * step for number in range(_GAMMA_BLOCKS)]
-        logarithms = [(shape - 1) * math.log(middle) - middle / scale for middle in middles]
-        most = max(logarithms)
-        return [
-            (middle - step / 2, middle + step / 2, math.exp(logarithm - most))
-            for middle, logarithm in zip(middles, logarithms, strict=True)
-        ]
-    return [(section.min_px, section.max_px, 1.0)]

@@ -5,9 +5,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.config.model import (
-    CameraSection,
-    DisparitySection,
+from semisynth_gl.config.model import CameraSection, DisparitySection
+from semisynth_gl.config.target import (
     GammaTarget,
     HistogramTarget,
     MixtureTarget,
