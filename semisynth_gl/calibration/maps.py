@@ -11,15 +11,9 @@ from numpy.typing import NDArray
 from semisynth_gl.calibration.rig import Size
 from semisynth_gl.errors import InputError
 from semisynth_gl.histogram import Histogram, PixelCount
-from semisynth_gl.read.error import ReadError, read_bytes
-from semisynth_gl.read.pfm import decode_pfm
-from semisynth_gl.read.png import decode_grey16
+from semisynth_gl.read.disparity import KITTI_PNG_SCALE, MAP_EXTENSIONS, read_disparity
 from semisynth_gl.textures.images import find_files
 
-KITTI_PNG_SCALE = 256.0
-"""Levels of KITTI's 16-bit PNG per pixel of disparity."""
-
-_EXTENSIONS = (".pfm", ".npy", ".png")
 # Fine enough for any quantile, and for bins of any round width from 1 px.
 _FINE_PX = 1 / 16
 
@@ -51,7 +45,7 @@ def find_maps(sources: Sequence[str | Path]) -> list[Path]:
     """
     found: list[Path] = []
     for source in sources:
-        maps = find_files([source], _EXTENSIONS)
+        maps = find_files([source], MAP_EXTENSIONS)
         if not Path(source).expanduser().is_file():
             maps = [path for path in maps if path.suffix.lower() != ".png" or _is_grey16(path)]
         if not maps:
@@ -76,13 +70,7 @@ def read_map(path: Path, png_scale: float = KITTI_PNG_SCALE) -> NDArray[np.float
     Raises:
         ReadError: where it is none of these, or not one value per pixel.
     """
-    data = read_bytes(path)
-    if data.startswith(b"\x93NUMPY"):
-        values = _npy(path)
-    elif data.startswith(b"\x89PNG"):
-        values = decode_grey16(data, path).astype(np.float32) / np.float32(png_scale)
-    else:
-        values = decode_pfm(data, path, any_scale=True)
+    values = read_disparity(path, png_scale)
     return np.where(np.isfinite(values) & (values > 0), values, np.float32(np.nan))
 
 
@@ -129,23 +117,6 @@ def measure(paths: Sequence[Path], sizes: Collection[Size], png_scale: float = K
         pixels += disparity.size
         valid += count
     return Measured(Histogram.of(edges, shares), len(paths), pixels, valid)
-
-
-def _npy(path: Path) -> NDArray[np.float32]:
-    try:
-        values = np.load(path, allow_pickle=False)
-    except (ValueError, OSError, EOFError, MemoryError) as error:
-        raise ReadError(path, f"cannot be read as an array: {error}") from None
-    shape = values.shape
-    if values.dtype.kind not in "fiu":
-        raise ReadError(path, f"expected numbers, got {values.dtype}")
-    # Networks keep axes of batch and channel.
-    while values.ndim > 2 and 1 in (values.shape[0], values.shape[-1]):
-        values = values[0] if values.shape[0] == 1 else values[..., 0]
-    if values.ndim != 2 or values.size == 0:
-        raise ReadError(path, f"expected one disparity per pixel, (H, W), got an array of shape {shape}")
-    with np.errstate(over="ignore"):
-        return np.asarray(values, np.float32)
 
 
 def _is_grey16(path: Path) -> bool:

@@ -14,7 +14,7 @@ from semisynth_gl.errors import SemisynthError
 _REFUSED = 2
 
 
-_COMMANDS = ("generate", "preview", "doctor", "verify", "report", "bench", "calibrate", "textures")
+_COMMANDS = ("generate", "preview", "doctor", "verify", "report", "bench", "calibrate", "textures", "evaluate")
 
 
 class _LazyGroup(click.Group):

@@ -1,0 +1,393 @@
+"""The command evaluate: pairing of files, tables, JSON, error maps, and what it refuses."""
+
+import io
+import json
+import re
+import shutil
+from contextlib import redirect_stderr, redirect_stdout
+
+import numpy as np
+import pytest
+from conftest import backend_fault
+from PIL import Image
+from test_report import config_of
+
+from semisynth_gl.cli import main
+from semisynth_gl.errors import InputError
+from semisynth_gl.generation import generate
+from semisynth_gl.metrics.predictions import find_predictions
+from semisynth_gl.metrics.truth import find_truth, read_limits
+from semisynth_gl.read.dataset import open_dataset
+from semisynth_gl.read.disparity import read_disparity
+from semisynth_gl.read.error import ReadError
+from semisynth_gl.write.pfm import encode_pfm
+from semisynth_gl.write.png import encode_png
+from semisynth_gl.write.png16 import encode_png16
+
+INF = np.float32(np.inf)
+SHAPE = 20, 30
+
+
+def dataset_of(layout, tmp_path_factory, pairs):
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    folder = tmp_path_factory.mktemp("evaluate") / layout
+    generate(config_of(), folder, pairs, 0, layout=layout)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def middlebury(tmp_path_factory):
+    return dataset_of("middlebury", tmp_path_factory, {"train": 2, "validation": 1})
+
+
+@pytest.fixture(scope="module")
+def kitti(tmp_path_factory):
+    return dataset_of("kitti", tmp_path_factory, {"train": 2})
+
+
+@pytest.fixture(scope="module")
+def crestereo(tmp_path_factory):
+    return dataset_of("crestereo", tmp_path_factory, {"train": 1})
+
+
+@pytest.fixture(scope="module")
+def webdataset(tmp_path_factory):
+    return dataset_of("webdataset", tmp_path_factory, {"train": 1})
+
+
+def run(*arguments):
+    """Exit code, standard output and error of the command, without a process of its own."""
+    out, err = io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        patch.setattr("sys.argv", ["semisynth-gl", "evaluate", *map(str, arguments)])
+        try:
+            main()
+        except SystemExit as ended:
+            return ended.code, out.getvalue(), err.getvalue()
+
+
+def figures_of(tmp_path, *arguments):
+    path = tmp_path / "figures.json"
+    assert run(*arguments, "--json", path)[0] == 0
+    return json.loads(path.read_text())
+
+
+def write(path, data):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data)
+    return path
+
+
+def ramp(least=5.0):
+    return np.linspace(least, least + 20, SHAPE[0] * SHAPE[1], dtype=np.float32).reshape(SHAPE)
+
+
+def scenes(folder, names, *, isint=0, ndisp=64):
+    """Scenes as MiddEval3 has them, their left six columns occluded and the first row without truth."""
+    for number, name in enumerate(names):
+        truth = ramp(5.0 + number)
+        truth[0] = INF
+        mask = np.full(SHAPE, 255, np.uint8)
+        mask[:, :6] = 128
+        write(folder / name / "disp0GT.pfm", encode_pfm(truth))
+        write(folder / name / "mask0nocc.png", encode_png(mask))
+        write(folder / name / "calib.txt", f"cam0=[1 0 0; 0 1 0; 0 0 1]\nndisp={ndisp}\nisint={isint}\n".encode())
+    return folder
+
+
+# --- datasets of this program ---
+
+
+def predictions(dataset, folder, change, save):
+    for frame in open_dataset(dataset):
+        save(folder / f"{frame.split}/{frame.name}", change(frame.disparity_left))
+    return folder
+
+
+def save_pfm(path, values):
+    write(path.with_name(f"{path.name}.pfm"), encode_pfm(values.astype(np.float32)))
+
+
+def save_npy(path, values):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.save(path.with_name(f"{path.name}.npy"), values[None, None].astype(np.float64))
+
+
+@pytest.mark.parametrize("save", [save_pfm, save_npy])
+def test_truth_plus_one_is_one_off_in_every_split(middlebury, tmp_path, save):
+    pred = predictions(middlebury, tmp_path / "pred", lambda truth: truth + 1, save)
+    said = figures_of(tmp_path, "--pred", pred, "--gt", middlebury)
+    assert (said["protocol"], said["unit"], said["missing"]) == ("middlebury", "percent", [])
+    assert [each["name"] for each in said["images"]] == [
+        "train/middlebury-000000",
+        "train/middlebury-000001",
+        "validation/middlebury-000000",
+    ]
+    for region in ("all", "non-occluded"):
+        assert said["mean"][region]["avgerr"] == pytest.approx(1, abs=1e-5)
+        assert said["mean"][region]["epe"] == said["mean"][region]["avgerr"]
+        assert said["mean"][region]["bad-0.5"] == 100
+        assert said["mean"][region]["bad-2"] == 0
+        assert said["mean"][region]["coverage"] == 100
+    pixels = said["images"][0]["pixels"]
+    frame = open_dataset(middlebury)[0]
+    assert pixels["all"]["judged"] == frame.disparity_left.size
+    assert pixels["non-occluded"]["judged"] == int((frame.visibility_left == 255).sum())
+
+
+def test_the_truth_itself_is_without_error(middlebury, kitti, crestereo, tmp_path):
+    for dataset, protocol in ((middlebury, "middlebury"), (kitti, "kitti"), (crestereo, "middlebury")):
+        said = figures_of(tmp_path, "--pred", dataset, "--gt", dataset)
+        assert said["protocol"] == protocol
+        for region in ("all", "non-occluded"):
+            figures = said["mean"][region]
+            assert (figures["avgerr"], figures["D1-all"], figures["invalid"]) == (0, 0, 0)
+
+
+def test_a_packed_dataset_is_read_too(webdataset, tmp_path):
+    (frame,) = open_dataset(webdataset)
+    save_pfm(tmp_path / "pred" / frame.name, frame.disparity_left + 2)
+    assert figures_of(tmp_path, "--pred", tmp_path / "pred", "--gt", webdataset)["mean"]["all"][
+        "avgerr"
+    ] == pytest.approx(2, abs=1e-5)
+
+
+def test_kitti_names_holes_and_objects(kitti, tmp_path):
+    for number, frame in enumerate(open_dataset(kitti)):
+        guess = np.where(np.arange(frame.disparity_left.shape[1]) % 2, INF, frame.disparity_left + 8)
+        write(tmp_path / "pred" / f"{number:06d}_10.png", encode_png16(guess.astype(np.float32)))
+    said = figures_of(tmp_path, "--pred", tmp_path / "pred", "--gt", kitti)
+    assert (said["unit"], said["average"]) == ("fraction", "pooled pixels")
+    figures = said["mean"]["all"]
+    assert 0.49 < figures["coverage"] < 0.51
+    assert 0 < figures["D1-est"] <= 1
+    judged = [each["pixels"]["all"]["judged"] for each in said["images"]]
+    shares = [each["figures"]["all"]["D1-all"] for each in said["images"]]
+    assert figures["D1-all"] == pytest.approx(np.average(shares, weights=judged))
+    assert min(figures["D1-bg"], figures["D1-fg"]) <= figures["D1-all"] <= max(figures["D1-bg"], figures["D1-fg"])
+    # The same files by their folder alone, as anyone's KITTI.
+    foreign = tmp_path / "foreign"
+    shutil.copytree(kitti / "training", foreign / "training")
+    again = figures_of(tmp_path, "--pred", tmp_path / "pred", "--gt", foreign)
+    assert [each["name"] for each in again["images"]] == ["000000_10", "000001_10"]
+    assert again["mean"] == said["mean"]
+
+
+def test_one_split_has_plain_names(middlebury, tmp_path):
+    (frame,) = open_dataset(middlebury, "validation")
+    save_pfm(tmp_path / "pred" / frame.name, frame.disparity_left)
+    said = figures_of(tmp_path, "--pred", tmp_path / "pred", "--gt", middlebury, "--split", "validation")
+    assert [each["name"] for each in said["images"]] == [frame.name]
+    # Over all splits the name is two pairs'.
+    found = find_truth(str(middlebury))
+    assert find_predictions(tmp_path / "pred", found.pairs) == {}
+
+
+# --- folders of benchmarks ---
+
+
+def test_middlebury_scenes_with_results_beside_the_truth(tmp_path):
+    gt = scenes(tmp_path / "trainingF", ["Piano", "Playtable"])
+    for name, off in (("Piano", 0.75), ("Playtable", 4.0)):
+        guess = read_disparity(gt / name / "disp0GT.pfm") + np.float32(off)
+        guess[1, :3] = INF
+        write(gt / name / "disp0MINE.pfm", encode_pfm(guess))
+    code, out, err = run("--pred", gt, "--gt", gt)
+    assert code == 0
+    assert "2 of 2 pairs" in err
+    lines = out.splitlines()
+    assert lines[0] == "2 of 2 pairs by the definitions of MiddEval3 SDK, evaldisp 1.6"
+    assert lines[2] == "all pixels; shares in %, errors in px"
+    assert lines[8].startswith("non-occluded pixels")
+    rows = {line.split()[0]: line.split()[1:] for line in lines[4:7]}
+    heading = lines[3].split()
+    assert heading[:5] == ["bad-0.5", "bad-1", "bad-2", "bad-4", "D1-all"]
+    assert heading[-2:] == ["coverage", "invalid"]
+    invalid = f"{100 * 3 / 570:.2f}"
+    assert rows["Piano"][heading.index("invalid")] == invalid
+    assert rows["Piano"][heading.index("bad-1")] == invalid
+    assert rows["Playtable"][heading.index("bad-2")] == "100.00"
+    # Playtable weighs half.
+    assert rows["mean"][heading.index("avgerr")] == f"{(0.75 + 0.5 * 4) / 1.5:.2f}"
+
+
+def test_sizes_isint_and_ndisp_of_middlebury(tmp_path):
+    gt = scenes(tmp_path / "gt", ["a"], isint=1, ndisp=9)
+    half = np.full((SHAPE[0] // 2, SHAPE[1] // 2), 30.0, np.float32)
+    write(tmp_path / "pred" / "a.pfm", encode_pfm(half))
+    said = figures_of(tmp_path, "--pred", tmp_path / "pred", "--gt", gt)
+    truth = read_disparity(gt / "a" / "disp0GT.pfm")
+    assert said["mean"]["all"]["avgerr"] == pytest.approx(np.abs(10 - truth[1:]).mean(), rel=1e-5)
+    write(tmp_path / "calib.txt", b"cam0=[1 0 0; 0 1 0; 0 0 1]\nbaseline=3\n")
+    assert read_limits(tmp_path / "calib.txt").ndisp is None
+    write(tmp_path / "calib.txt", b"ndisp=many\n")
+    with pytest.raises(ReadError, match="whole numbers as ndisp"):
+        read_limits(tmp_path / "calib.txt")
+
+
+def test_eth3d_is_known_by_its_folder_and_masks_may_be_given(tmp_path):
+    gt = scenes(tmp_path / "two_view_training_gt", ["lakeside_1l", "forest_1s"])
+    for path in gt.glob("*/mask0nocc.png"):
+        path.unlink()
+    pred = tmp_path / "low_res_two_view"
+    for name in ("lakeside_1l", "forest_1s"):
+        write(pred / f"{name}.pfm", encode_pfm(read_disparity(gt / name / "disp0GT.pfm")))
+        mask = np.zeros(SHAPE, np.uint8)
+        mask[2, :5] = 255
+        write(tmp_path / "masks" / name / "mask0nocc.png", encode_png(mask))
+    said = figures_of(tmp_path, "--pred", pred, "--gt", gt)
+    assert said["protocol"] == "eth3d"
+    assert list(said["mean"]) == ["all"]
+    said = figures_of(tmp_path, "--pred", pred, "--gt", gt, "--mask", tmp_path / "masks", "--protocol", "paper")
+    assert said["images"][1]["pixels"]["non-occluded"]["judged"] == 5
+    shutil.rmtree(tmp_path / "masks" / "forest_1s")
+    with pytest.raises(InputError, match=r"no mask for forest_1s: expected .*\.png"):
+        find_truth(str(gt), masks=tmp_path / "masks")
+
+
+def test_a_folder_of_maps_is_truth_too(tmp_path):
+    write(tmp_path / "gt" / "a.png", encode_png16(ramp()))
+    np.save(tmp_path / "gt" / "b.npy", ramp())
+    for name in "ab":
+        write(tmp_path / "pred" / f"{name}.pfm", encode_pfm(ramp() + 3))
+    said = figures_of(tmp_path, "--pred", tmp_path / "pred", "--gt", tmp_path / "gt", "--protocol", "kitti")
+    assert [each["name"] for each in said["images"]] == ["a", "b"]
+    assert said["mean"]["all"]["epe"] == pytest.approx(3, abs=1 / 256)
+    assert list(said["mean"]) == ["all"]
+
+
+def test_an_empty_mask_leaves_a_pair_out_of_the_mean(tmp_path):
+    gt = scenes(tmp_path / "gt", ["a", "b"])
+    write(gt / "a" / "mask0nocc.png", encode_png(np.zeros(SHAPE, np.uint8)))
+    for name in "ab":
+        write(tmp_path / "pred" / f"{name}.pfm", encode_pfm(ramp()))
+    code, out, _ = run("--pred", tmp_path / "pred", "--gt", gt, "--json", tmp_path / "j.json")
+    assert code == 0
+    assert re.search(r"^a +nan", out.split("non-occluded")[1], re.MULTILINE)
+    said = json.loads((tmp_path / "j.json").read_text())
+    assert said["images"][0]["figures"]["non-occluded"]["avgerr"] is None
+    assert said["mean"]["non-occluded"]["avgerr"] == said["images"][1]["figures"]["non-occluded"]["avgerr"]
+
+
+# --- error maps ---
+
+
+def test_error_maps_are_pictures_of_the_truths_size(tmp_path):
+    gt = scenes(tmp_path / "gt", ["a"])
+    guess = read_disparity(gt / "a" / "disp0GT.pfm")
+    guess[5:10] += 3
+    write(tmp_path / "pred" / "a.pfm", encode_pfm(guess))
+    figures_of(tmp_path, "--pred", tmp_path / "pred", "--gt", gt, "--maps", tmp_path / "maps" / "new")
+    with Image.open(tmp_path / "maps" / "new" / "a.png") as picture:
+        pixels = np.asarray(picture)
+    assert pixels.shape == (*SHAPE, 3)
+    assert (pixels[0] == (0, 0, 255)).all()
+    assert (pixels[5:10, 6:] == 0).all()
+    assert (pixels[5:10, :6] == 128).all()
+    assert (pixels[10:] == 255).all()
+    assert [path.name for path in (tmp_path / "maps" / "new").iterdir()] == ["a.png"]
+
+
+def test_error_maps_do_not_go_where_they_would_be_read(middlebury, tmp_path):
+    gt = scenes(tmp_path / "gt", ["a"])
+    (tmp_path / "pred").mkdir()
+    write(tmp_path / "file", b"")
+    for maps, truth, words in (
+        (tmp_path / "pred", gt, "folder of predictions"),
+        (gt, gt, "lies in --gt"),
+        (middlebury / "maps", middlebury, "lies in --gt"),
+        (tmp_path / "file", gt, "is a file"),
+    ):
+        assert words in refused(tmp_path / "pred", truth, "--maps", maps)
+
+
+# --- refusals ---
+
+
+def refused(pred, gt, *more):
+    code, _, err = run("--pred", pred, "--gt", gt, *more)
+    assert code == 2
+    return err
+
+
+@pytest.fixture
+def three(tmp_path):
+    gt = scenes(tmp_path / "gt", ["a", "b", "c"])
+    for name in "abc":
+        write(tmp_path / "pred" / f"{name}.pfm", encode_pfm(ramp()))
+    return tmp_path / "pred", gt
+
+
+def test_missing_predictions_are_named_and_may_be_passed_over(three):
+    pred, gt = three
+    (pred / "b.pfm").unlink()
+    said = refused(pred, gt)
+    assert "no prediction for 1 of 3 pairs: b: expected" in said
+    assert "--partial" in said
+    code, out, err = run("--pred", pred, "--gt", gt, "--partial", "--json", pred / "j.json")
+    assert code == 0
+    assert out.startswith("2 of 3 pairs")
+    assert "No prediction for 1 pairs: b" in err
+    assert json.loads((pred / "j.json").read_text())["missing"] == ["b"]
+    for name in "ac":
+        (pred / f"{name}.pfm").unlink()
+    said = refused(pred, gt, "--partial")
+    assert "no prediction for 3 of 3 pairs: a, b, c" in said
+
+
+def test_other_sizes_are_refused_with_the_files(three):
+    pred, gt = three
+    write(pred / "b.pfm", encode_pfm(np.ones((7, 9), np.float32)))
+    said = refused(pred, gt)
+    for words in (str(pred / "b.pfm"), "9 x 7", "30 x 20", "half or a quarter", "disp0GT.pfm"):
+        assert words in said
+    write(gt / "a" / "mask0nocc.png", encode_png(np.ones((7, 9), np.uint8)))
+    said = refused(pred, gt)
+    assert "mask0nocc.png: has 9 x 7 pixels" in said
+
+
+@pytest.mark.parametrize("value", [np.inf, np.nan])
+def test_predictions_and_truths_without_any_disparity_are_refused(three, value):
+    pred, gt = three
+    write(pred / "b.pfm", encode_pfm(np.full(SHAPE, value, np.float32)))
+    said = refused(pred, gt, "--partial")
+    assert f"{pred / 'b.pfm'}: holds no disparity" in said
+    write(pred / "b.pfm", encode_pfm(np.zeros(SHAPE, np.float32)))
+    assert "holds no disparity" in refused(pred, gt, "--protocol", "kitti")
+    write(gt / "a" / "disp0GT.pfm", encode_pfm(np.full(SHAPE, INF, np.float32)))
+    said = refused(pred, gt)
+    assert "the truth of a holds no disparity" in said
+
+
+def test_several_predictions_or_truths_of_a_name_are_refused(three):
+    pred, gt = three
+    np.save(pred / "a.npy", ramp())
+    said = refused(pred, gt)
+    assert "2 predictions for a: a.pfm, a.npy" in said
+    scenes(gt / "again", ["a"])
+    said = refused(pred, gt)
+    assert "2 truths for a" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--pred", "pred", "--gt", "nowhere"), "--gt nowhere: there is no such folder"),
+        (("--pred", "nowhere", "--gt", "gt"), "--pred nowhere: there is no such folder"),
+        (("--pred", "gt/a/calib.txt", "--gt", "gt"), "is a file"),
+        (("--pred", "pred", "--gt", "gt/a/calib.txt"), "is a file"),
+        (("--pred", "pred", "--gt", "empty"), "no true disparities there"),
+        (("--pred", "pred", "--gt", "gt", "--split", "test"), "only datasets of this program have splits"),
+        (("--pred", "pred", "--gt", "gt", "--json", "nowhere/a.json"), "does not exist"),
+        (("--pred", "pred", "--gt", "gt", "--mask", "empty"), "no mask for a"),
+        (("--pred", "pred", "--gt", "gt", "--protocol", "sintel"), "Invalid value for '--protocol'"),
+    ],
+)
+@pytest.mark.usefixtures("three")
+def test_wrong_options_are_refused(tmp_path, monkeypatch, arguments, words):
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path)
+    code, _, err = run(*arguments)
+    assert code == 2
+    assert words in err

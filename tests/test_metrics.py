@@ -1,0 +1,363 @@
+"""Metrics against numbers worked out by hand, and against the evaluators' loops written down pixel by pixel."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from semisynth_gl.errors import InputError
+from semisynth_gl.metrics import PROTOCOLS, pool, score
+from semisynth_gl.metrics.error_map import bad_pixel_map, draw_error_map, kitti_error_map
+from semisynth_gl.metrics.holes import UNFILLED, fill_holes
+from semisynth_gl.metrics.protocol import PROTOCOL_NAMES, Limits
+from semisynth_gl.metrics.score import is_outlier, mean_figures, quantiles_of
+
+INF, NAN = math.inf, math.nan
+
+
+def f32(values):
+    return np.array(values, np.float32)
+
+
+def figures(prediction, truth, protocol, **options):
+    return score(f32(prediction), f32(truth), protocol, **options).figures()
+
+
+# --- by hand ---
+
+
+@pytest.mark.parametrize("protocol", PROTOCOL_NAMES)
+def test_the_truth_is_without_error_and_one_more_is_one_off(protocol):
+    truth = f32([[1.0, 2.0, INF, 1.5], [3.0, 2.5, 0.5, 1.0]])
+    exact, off = figures(truth, truth, protocol), figures(truth + 1, truth, protocol)
+    assert {exact[name] for name in ("bad-0.5", "bad-4", "D1-all", "D1-est", "avgerr", "epe", "rms", "A99")} == {0.0}
+    assert [off[name] for name in ("avgerr", "epe", "rms", "A50", "A99")] == [1.0] * 5
+    whole = PROTOCOLS[protocol].whole
+    assert (off["bad-0.5"], off["bad-1"], off["D1-all"], off["coverage"]) == (whole, 0.0, 0.0, whole)
+
+
+@pytest.mark.parametrize("protocol", PROTOCOL_NAMES)
+def test_an_error_that_meets_a_threshold_is_not_bad(protocol):
+    truth = f32([[2.0**-20] * 8])
+    errors = f32([[0.5, 1.0, 2.0, 4.0, 0.5 + 2**-10, 1.0 + 2**-10, 2.0 + 2**-10, 4.0 + 2**-10]])
+    assert np.array_equal(truth + errors - truth, errors)
+    assert score(truth + errors, truth, protocol).bad == (7, 5, 3, 1)
+
+
+def test_outliers_are_above_3_px_and_from_5_percent_on():
+    # 3 of 60 is 5 %, 3.5 of 70 too, in float32 just above the double 0.05.
+    truth = f32([60.0, 70.0, 70.0, 70.0, 71.0, 10.0, 10.0])
+    error = f32([3.0, 3.5, np.nextafter(f32(3.5), f32(0)), 3.75, 3.5, 3.0, np.nextafter(f32(3.0), f32(9))])
+    assert np.float64(f32(3.5) / f32(70.0)) > 0.05
+    assert is_outlier(error, truth).tolist() == [False, True, False, True, False, False, True]
+    assert is_outlier(f32([4.0]), f32([0.0])).tolist() == [True]
+
+
+def test_middlebury_counts_inf_as_bad_clips_and_leaves_nan():
+    truth = f32([[10.0, 10.0, 10.0, 10.0, INF]])
+    by_hand = figures([[INF, -INF, 500.0, 10.0, 3.0]], truth, "middlebury", limits=Limits(40))
+    assert by_hand["invalid"] == 25.0
+    assert by_hand["coverage"] == 75.0
+    assert by_hand["bad-4"] == 75.0
+    assert by_hand["avgerr"] == pytest.approx((10 + 30 + 0) / 3)
+    assert by_hand["rms"] == pytest.approx(math.sqrt((100 + 900) / 3))
+    assert by_hand["D1-all"] == 75.0
+    assert by_hand["D1-est"] == pytest.approx(200 / 3)
+    with_nan = figures([[NAN, 10.0, 10.0, 10.0, 3.0]], truth, "middlebury")
+    assert math.isnan(with_nan["avgerr"])
+    assert math.isnan(with_nan["rms"])
+    assert (with_nan["bad-0.5"], with_nan["invalid"]) == (0.0, 0.0)
+
+
+def test_middlebury_rounds_halves_up_after_clipping():
+    truth = f32([[1.0, 2.0, 3.0, 8.0, 0.0]])
+    prediction = f32([[0.5, 1.5, 2.4999998, 9.0, np.nextafter(f32(0.5), f32(0))]])
+    assert score(prediction, truth, "middlebury", limits=Limits(8, isint=True)).sum_px == 1.0
+    assert score(prediction, truth, "middlebury", limits=Limits(8)).sum_px == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("scale", [2, 4])
+def test_middlebury_scales_half_and_quarter_sizes(scale):
+    small = f32([[1.0, 2.0], [3.0, INF]])
+    truth = np.full((2 * scale, 2 * scale), 2.0 * scale, np.float32)
+    counted = score(small, truth, "middlebury")
+    per = scale * scale
+    assert (counted.judged, counted.scored) == (4 * per, 3 * per)
+    assert counted.sum_px == 2 * scale * per
+    # ndisp of the smaller size is rounded up: 3 of 5, so 6; 2 of 5, so 8.
+    largest = {2: 6.0, 4: 8.0}[scale]
+    clipped = score(np.full((2, 2), 99.0, np.float32), truth * 0, "middlebury", limits=Limits(5))
+    assert clipped.sum_px == largest * 4 * per
+    with pytest.raises(InputError, match=r"2 x 2 pixels, its truth 6 x 6: .*half or a quarter"):
+        score(small, np.ones((6, 6), np.float32), "middlebury")
+
+
+def test_eth3d_leaves_invalid_pixels_out():
+    truth = f32([[2.0, 2.0, 2.0, 2.0, 2.0, 2.0, -INF, NAN]])
+    prediction = f32([[INF, NAN, 8.5, -8.5, -8.0, 8.0, 1.0, 1.0]])
+    counted = score(prediction, truth, "eth3d")
+    assert (counted.judged, counted.estimated, counted.scored) == (6, 2, 2)
+    by_hand = counted.figures()
+    assert by_hand["coverage"] == pytest.approx(1 / 3)
+    assert (by_hand["avgerr"], by_hand["bad-4"], by_hand["A50"], by_hand["A99"]) == (8.0, 1.0, 10.0, 10.0)
+
+
+def test_eth3d_without_any_estimate_has_the_worst_result():
+    by_hand = figures([[INF, NAN]], [[1.0, 2.0]], "eth3d")
+    assert (by_hand["bad-0.5"], by_hand["D1-all"], by_hand["coverage"]) == (1.0, 1.0, 0.0)
+    assert [by_hand[name] for name in ("avgerr", "rms", "A50", "A99")] == [INF] * 4
+
+
+def test_middlebury_without_any_estimate_is_all_bad():
+    by_hand = figures([[INF, INF]], [[1.0, 2.0]], "middlebury")
+    assert (by_hand["bad-4"], by_hand["invalid"], by_hand["coverage"]) == (100.0, 100.0, 0.0)
+    assert math.isnan(by_hand["avgerr"])
+    assert math.isnan(by_hand["A50"])
+
+
+@pytest.mark.parametrize("protocol", PROTOCOL_NAMES)
+def test_an_empty_mask_has_no_figures(protocol):
+    truth = f32([[1.0, 2.0]])
+    counted = score(truth, truth, protocol, mask=np.zeros((1, 2), bool))
+    assert counted.judged == 0
+    assert all(math.isnan(value) for value in counted.figures().values())
+    assert all(math.isnan(value) for value in pool([counted]).figures().values())
+    # It takes no part in a mean.
+    other = score(truth + 1, truth, protocol)
+    assert mean_figures({"a": counted, "b": other}) == other.figures()
+
+
+def test_paper_clips_above_only_and_has_no_invalid_pixel():
+    truth = f32([[10.0, 10.0, 10.0, INF]])
+    by_hand = figures([[INF, -5.0, 10.5, 1.0]], truth, "paper", limits=Limits(20))
+    assert by_hand["avgerr"] == pytest.approx((10 + 15 + 0.5) / 3)
+    assert by_hand["bad-4"] == pytest.approx(200 / 3)
+    assert by_hand["invalid"] == 0.0
+    assert figures([[INF, 0.0]], [[1.0, 0.0]], "paper")["avgerr"] == INF
+
+
+def test_kitti_fills_holes_and_counts_them():
+    truth = f32([[10.0, 10.0, 10.0, 10.0, INF]])
+    counted = score(f32([[20.0, INF, NAN, 11.0, 0.0]]), truth, "kitti")
+    # Both holes take the smaller neighbour, 11; the last one too, but there is no truth.
+    assert counted.sum_px == 10 + 1 + 1 + 1
+    assert (counted.judged, counted.estimated, counted.outliers, counted.outliers_estimated) == (4, 2, 1, 1)
+    by_hand = counted.figures()
+    assert (by_hand["D1-all"], by_hand["D1-est"], by_hand["coverage"]) == (0.25, 0.5, 0.5)
+
+
+def test_holes_take_the_smaller_side_the_only_side_or_another_row():
+    n = NAN
+    holed = f32(
+        [
+            [n, n, n, n, n],
+            [n, 5.0, n, 3.0, n],
+            [n, n, n, n, n],
+            [4.0, n, n, n, n],
+            [n, n, n, n, n],
+            [n, n, n, n, n],
+        ]
+    )
+    row, unfilled = [5.0, 5.0, 3.0, 3.0, 3.0], [-1.0] * 5
+    wanted = [row, row, unfilled, [4.0] * 5, [4.0] * 5, [4.0] * 5]
+    assert fill_holes(holed, np.isfinite(holed)).tolist() == wanted
+    assert (fill_holes(holed * n, np.zeros((6, 5), bool)) == UNFILLED).all()
+
+
+def test_quantiles_are_sorted_values_at_the_floor_of_n_q():
+    ten = f32(range(10))[::-1].copy()
+    assert quantiles_of(ten) == (5.0, 9.0, 9.0, 9.0)
+    assert quantiles_of(f32(range(200))) == (100.0, 180.0, 190.0, 198.0)
+    assert quantiles_of(f32([7.0])) == (7.0,) * 4
+    assert quantiles_of(f32([NAN, 1.0, 2.0, 3.0]))[:1] == (3.0,)
+    assert math.isnan(quantiles_of(f32([NAN, 1.0, 2.0, 3.0]))[3])
+
+
+def test_kitti_pools_pixels_and_the_others_average_images():
+    one = (f32([[10.0]]), f32([[20.0]]))
+    three = (f32([[10.0, 10.0, 10.0]]), f32([[10.0, 10.0, 10.0]]))
+    by_kitti = {name: score(*pair, "kitti") for name, pair in (("a", one), ("b", three))}
+    assert mean_figures(by_kitti)["D1-all"] == 0.25
+    assert mean_figures(by_kitti)["epe"] == 2.5
+    by_eth3d = {name: score(f32(p), t, "eth3d") for name, (p, t) in (("a", ([[0.5]], f32([[0.0]]))), ("b", three))}
+    assert mean_figures(by_eth3d)["avgerr"] == pytest.approx((0.5 + by_eth3d["b"].figures()["avgerr"]) / 2)
+    # Middlebury halves five of its training pairs.
+    by_middlebury = {name: score(*pair, "middlebury") for name, pair in (("Playtable", one), ("Piano", three))}
+    assert mean_figures(by_middlebury)["avgerr"] == pytest.approx(10 * 0.5 / 1.5)
+
+
+@pytest.mark.parametrize("protocol", PROTOCOL_NAMES)
+def test_other_sizes_are_refused_with_both(protocol):
+    with pytest.raises(InputError, match="the prediction has 3 x 2 pixels, its truth 5 x 4"):
+        score(np.ones((2, 3)), np.ones((4, 5)), protocol)
+    with pytest.raises(InputError, match="the mask has 3 x 2 pixels, the truth 5 x 4"):
+        score(np.ones((4, 5)), np.ones((4, 5)), protocol, mask=np.ones((2, 3), bool))
+
+
+# --- against the evaluators' loops ---
+
+VALUES = st.one_of(
+    st.sampled_from([0.0, -1.0, 0.5, 1.0, 2.0, 3.0, 4.0, 3.5, 60.0, 63.0, 70.0, 73.5, INF, -INF, NAN]),
+    st.floats(0.0, 90.0, width=32),
+)
+TRUTHS = st.one_of(st.sampled_from([0.5, 1.0, 2.0, 60.0, 70.0, INF]), st.floats(0.25, 90.0, width=32))
+
+
+@st.composite
+def cases(draw):
+    shape = draw(st.tuples(st.integers(1, 5), st.integers(1, 7)))
+    return (
+        draw(arrays.arrays(np.float32, shape, elements=VALUES)),
+        draw(arrays.arrays(np.float32, shape, elements=TRUTHS)),
+        draw(arrays.arrays(bool, shape)),
+        draw(st.integers(1, 80)),
+        draw(st.booleans()),
+    )
+
+
+def c_round(value):
+    return math.copysign(math.floor(abs(value) + 0.5), value)
+
+
+def naive_fill(disparity):
+    """KITTI's loops, on lists of rows with -1 for holes."""
+    rows = [[float(v) if math.isfinite(v) and v > 0 else -1.0 for v in row] for row in disparity]
+    height, width = len(rows), len(rows[0])
+    for row in rows:
+        count = 0
+        for u in range(width):
+            if row[u] < 0:
+                count += 1
+                continue
+            if count and u - count > 0:
+                row[u - count : u] = [min(row[u - count - 1], row[u])] * count
+            count = 0
+        there = [u for u in range(width) if row[u] >= 0]
+        if there:
+            row[: there[0]] = [row[there[0]]] * there[0]
+            row[there[-1] + 1 :] = [row[there[-1]]] * (width - 1 - there[-1])
+    for u in range(width):
+        there = [v for v in range(height) if rows[v][u] >= 0]
+        if there:
+            for v in range(there[0]):
+                rows[v][u] = rows[there[0]][u]
+            for v in range(there[-1] + 1, height):
+                rows[v][u] = rows[there[-1]][u]
+    return rows
+
+
+def naive(prediction, truth, mask, protocol, ndisp, isint):
+    """Lists of (error, truth, estimated) of the pixels scored, and how many were judged and estimated."""
+    filled = naive_fill(prediction) if protocol == "kitti" else None
+    scored, judged, estimated = [], 0, 0
+    for y, x in np.ndindex(*truth.shape):
+        d, g = prediction[y, x], truth[y, x]
+        if not mask[y, x] or g == INF:
+            continue
+        judged += 1
+        has = True
+        if protocol == "middlebury":
+            has = d != INF
+            if has and not math.isnan(d):
+                d = max(0.0, min(float(ndisp), float(d)))
+                d = c_round(d) if isint else d
+        elif protocol == "eth3d":
+            has = math.isfinite(d) and abs(d) <= truth.shape[1]
+        elif protocol == "kitti":
+            has = math.isfinite(d) and d > 0
+            d = filled[y][x]
+        elif d > ndisp:
+            d = float(ndisp)
+        estimated += has
+        if has or protocol == "kitti":
+            scored.append((abs(np.float32(d) - g), g, has))
+    return scored, judged, estimated
+
+
+@pytest.mark.parametrize("protocol", PROTOCOL_NAMES)
+@given(case=cases())
+@settings(max_examples=50, deadline=None)
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_counts_are_those_of_the_loops(protocol, case):
+    prediction, truth, mask, ndisp, isint = case
+    isint &= protocol == "middlebury"
+    counted = score(prediction, truth, protocol, mask=mask, limits=Limits(ndisp, isint))
+    scored, judged, estimated = naive(prediction, truth, mask, protocol, ndisp, isint)
+    assert (counted.judged, counted.estimated, counted.scored) == (judged, estimated, len(scored))
+    assert counted.bad == tuple(sum(bool(e > t) for e, _, _ in scored) for t in (0.5, 1.0, 2.0, 4.0))
+    outliers = [bool(e > 3) and float(np.float32(e) / abs(g)) > 0.05 for e, g, _ in scored]
+    assert counted.outliers == sum(outliers)
+    assert counted.outliers_estimated == sum(
+        outlier and has for outlier, (_, _, has) in zip(outliers, scored, strict=True)
+    )
+    errors = [float(e) for e, _, _ in scored]
+    np.testing.assert_allclose(counted.sum_px, sum(errors), rtol=1e-9)
+    if errors and np.isfinite(errors).all():
+        wanted = sorted(errors)
+        places = [int(np.floor(np.float32(len(errors)) * np.float32(q))) for q in (0.5, 0.9, 0.95, 0.99)]
+        assert counted.quantiles_px == tuple(wanted[place] for place in places)
+        np.testing.assert_allclose(counted.sum_squared_px2, sum(e * e for e in errors), rtol=1e-6)
+
+
+@given(case=cases())
+@settings(max_examples=60, deadline=None)
+def test_holes_are_filled_as_the_loops_do(case):
+    prediction = case[0]
+    valid = np.isfinite(prediction) & (prediction > 0)
+    np.testing.assert_array_equal(fill_holes(prediction, valid), f32(naive_fill(prediction)))
+
+
+# --- error maps ---
+
+
+def test_kitti_colours_follow_the_error_and_occlusion_darkens():
+    truth = f32([[100.0] * 8, [10.0] * 8])
+    errors = f32(
+        [[0.0, 0.1875 * 5 / 3, 5.0, 79.9, 80.0, 100.0, 0.3, 0.3], [0.0, 0.1875, 3.0, 47.9, 48.0, 0.1, 6.0, 12.0]]
+    )
+    # The larger of 3 px and 5 % of the truth is the unit: 5 px in the first row, 3 px in the second.
+    compared = PROTOCOLS["kitti"].compare(truth + errors, truth, Limits())
+    visible = np.ones((2, 8), bool)
+    visible[0, 0] = False
+    picture = kitti_error_map(compared, visible)
+    assert picture[0, 0].tolist() == [24, 27, 74]
+    assert picture[0, 1].tolist() == [69, 117, 180]
+    assert picture[0, 2].tolist() == [254, 224, 144]
+    assert picture[0, 3].tolist() == [215, 48, 39]
+    assert picture[0, 4].tolist() == [165, 0, 38]
+    assert picture[1, 0].tolist() == [49, 54, 149]
+    assert picture[1, 2].tolist() == [254, 224, 144]
+    assert picture[1, 4].tolist() == [165, 0, 38]
+
+
+def test_kitti_paints_sparse_truth_as_3_by_3():
+    truth = np.full((5, 6), INF, np.float32)
+    truth[2, 2] = 10.0
+    truth[2, 3] = 10.0
+    prediction = np.full((5, 6), 10.0, np.float32)
+    prediction[2, 3] = 70.0
+    picture = draw_error_map(PROTOCOLS["kitti"].compare(prediction, truth, Limits()), PROTOCOLS["kitti"])
+    assert picture[2, 2].tolist() == [49, 54, 149]
+    assert picture[2, 3].tolist() == [165, 0, 38]
+    assert picture[1:4, 1].tolist() == [[49, 54, 149]] * 3
+    assert picture[1:4, 4].tolist() == [[165, 0, 38]] * 3
+    assert not picture[0].any()
+    assert not picture[:, 5].any()
+
+
+def test_bad_pixels_are_black_or_grey_and_unknown_ones_blue():
+    truth = f32([[1.0, 1.0, 1.0, INF, 1.0]])
+    prediction = f32([[3.0, 3.5, 3.5, 1.0, INF]])
+    visible = np.array([[True, True, False, False, True]])
+    white, black, grey, blue = [255] * 3, [0] * 3, [128] * 3, [0, 0, 255]
+    # 2 px is bad for ETH3D's map, whose bound is 1 px, and not for Middlebury's.
+    for name, first, last in (("middlebury", white, black), ("eth3d", black, blue)):
+        protocol = PROTOCOLS[name]
+        picture = bad_pixel_map(protocol.compare(prediction, truth, Limits()), protocol, visible)
+        assert picture[0].tolist() == [first, black, grey, blue, last], name
+    protocol = PROTOCOLS["middlebury"]
+    without = draw_error_map(protocol.compare(prediction, truth, Limits()), protocol)
+    assert without[0, 2].tolist() == black
