@@ -16,6 +16,7 @@ from semisynth_gl.config import Config
 from semisynth_gl.frame import Frame
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
+from semisynth_gl.geometry.silhouette import Silhouette
 from semisynth_gl.index import describe_dataset
 from semisynth_gl.layouts import find_layout, layout_names
 from semisynth_gl.pipeline import Sources
@@ -47,7 +48,10 @@ def plan_for(layout: str, pairs: Mapping[str, int], licence: str = "unknown", **
 def sources_of(plan: Plan) -> dict[str, Sources]:
     mesh = make_mesh("solid", np.eye(3, dtype=np.float32), np.zeros((3, 2), np.float32), np.array([[0, 1, 2]]))
     atlas = atlas_from_arrays([np.zeros((4, 4, 3), np.uint8)] * 2, ["a.png", "b.png"])
-    return {split: Sources(atlas, ModelLibrary((mesh,), np.ones(1), 0.5, ())) for split in plan.splits}
+    return {
+        split: Sources(atlas, ModelLibrary((mesh,), np.ones(1), Silhouette(0.5, np.zeros(16)), ()))
+        for split in plan.splits
+    }
 
 
 def frame(index: int) -> Frame:

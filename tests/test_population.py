@@ -264,7 +264,7 @@ def test_density_shares_the_area_out_to_more_or_fewer(density):
 
     def in_view(config):
         sampler, counts = SceneSampler(config, 0, library, PATCH), []
-        for index in range(40):
+        for index in range(20):
             scene = sampler.sample(index).scene
             reach = np.linalg.norm(scene.world_from_model[:, :3, :3], axis=1).max(axis=1)
             middle = scene.world_from_model[:, :3, 3]
