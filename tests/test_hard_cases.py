@@ -445,7 +445,8 @@ def test_packaged_configs_at_full_size_agree_with_the_oracle(backend, name):
     scene = sampler.sample(5).scene
     with Renderer(sampler.models, noise_layers(4, 64), backend=backend, outputs=OUTPUTS) as renderer:
         frame = renderer.render(scene)
-    seen = 0.9985 if name == "kitti" else 0.999
+    # The more outlines a scene has, the more pixels lie on one: these two have most.
+    seen = 0.9985 if name in ("kitti", "middlebury") else 0.999
     assert_like_the_oracle(frame, scene, sampler.models, sample=10_000, seen=seen)
 
 
