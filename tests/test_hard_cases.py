@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import backend_fault, facing, noise_layers
+from conftest import facing, noise_layers
 
 from semisynth_gl import oracle
 from semisynth_gl.camera import EYES, StereoCamera
@@ -162,6 +162,9 @@ def cluttered(count=25, seed=0, camera=CAMERA):
     return scene, models
 
 
+@pytest.mark.one_backend
+@pytest.mark.one_backend
+@pytest.mark.one_backend
 @pytest.mark.parametrize("seed", range(4))
 def test_clutter_of_all_kinds_agrees_with_the_oracle(open_renderer, seed):
     scene, models = cluttered(seed=seed, camera=LARGE)
@@ -172,6 +175,7 @@ def test_clutter_of_all_kinds_agrees_with_the_oracle(open_renderer, seed):
     assert (frame.instances_left[::5, ::5].ravel() == hits.instance + 1).mean() >= 0.999
 
 
+@pytest.mark.one_backend
 def test_visibility_is_exact_more_than_a_pixel_from_its_edges(open_renderer):
     wrong = pixels = 0
     for seed in range(10, 14):
@@ -315,6 +319,7 @@ def test_fine_meshes_hide_what_is_behind_them(open_renderer, square, radius_px):
     assert (frame.visibility_left.ravel() != visibility).sum() <= 1
 
 
+@pytest.mark.one_backend
 def test_rods_thinner_than_a_pixel_are_whole_or_absent_never_mixed(open_renderer):
     rod = make_mesh(
         "rod",
@@ -368,6 +373,7 @@ def test_coplanar_faces_have_one_winner_in_both_eyes(open_renderer, square):
             assert set(np.unique(getattr(frame, eye))) <= {0, 50}
 
 
+@pytest.mark.one_backend
 def test_mirrored_and_extreme_scales(open_renderer):
     rng = np.random.default_rng(1)
     models = [SIMPLE_KINDS["torus"](rng), COMPLEX_KINDS["mug"](rng)]
@@ -437,8 +443,6 @@ def test_focal_lengths_from_a_fifth_to_twenty_image_widths(open_renderer, widths
 
 @pytest.mark.parametrize("name", ["middlebury", "kitti", "eth3d", "sceneflow"])
 def test_packaged_configs_at_full_size_agree_with_the_oracle(backend, name):
-    if backend == "osmesa" and name != "eth3d" and backend_fault("egl") is None:
-        pytest.skip("covered by EGL: one config shows that OSMesa draws the same at full size")
     config = load_config(name, ["textures.source=procedural", "textures.max_patches=4", "models.variants=1"])
     library = build_library(config.models, config.particles, 0)
     sampler = SceneSampler(config, 0, library, tuple(Patch("", 0, 0, 256, k, 1, 9.0) for k in range(4)))

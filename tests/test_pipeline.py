@@ -49,6 +49,7 @@ def tiny(name="middlebury", **sections):
     return Config.model_validate(values)
 
 
+@pytest.mark.one_backend
 def test_the_left_views_truth_alone_is_the_same(backend):
     both = render_pair(tiny(), 0, 5, backend)
     config = tiny().model_copy(update={"truth": "left"})
@@ -59,6 +60,7 @@ def test_the_left_views_truth_alone_is_the_same(backend):
     assert left.visibility_right is None
 
 
+@pytest.mark.one_backend
 def test_pair_17_alone_is_pair_17_of_20(backend):
     config = tiny()
     with PairRenderer(config, 1, backend) as pairs:
@@ -69,6 +71,7 @@ def test_pair_17_alone_is_pair_17_of_20(backend):
     assert not np.array_equal(alone.left, frames[16].left)
 
 
+@pytest.mark.one_backend
 @pytest.mark.parametrize("name", packaged_configs())
 def test_packaged_configs_render_dense_valid_truth(name, backend, request):
     textures = {}
@@ -101,6 +104,7 @@ def test_both_views_agree_where_both_see(backend):
     assert np.mean(nearest < 0.5) > 0.97
 
 
+@pytest.mark.one_backend
 def test_real_photographs_and_models_go_through(shared_data, backend):
     images = [str(shared_data / "textures"), str(shared_data / "hostile")]
     config = tiny(
@@ -123,6 +127,7 @@ def resident_kib():
     return int(next(line for line in status.splitlines() if line.startswith("VmRSS")).split()[1])
 
 
+@pytest.mark.one_backend
 def test_memory_stays_flat_over_200_pairs(backend):
     config = tiny(models={"complex": 0.0}, particles={"size_px": [40.0, 120.0]})
     with PairRenderer(config, 0, backend) as pairs:
