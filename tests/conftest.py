@@ -10,7 +10,8 @@ import pytest
 
 from semisynth_gl.errors import BackendError
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
-from semisynth_gl.render.context import Backend, context_facts, open_context
+from semisynth_gl.render.context import Backend, open_context
+from semisynth_gl.render.devices import context_facts
 from semisynth_gl.render.renderer import Renderer
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
