@@ -163,8 +163,6 @@ def cluttered(count=25, seed=0, camera=CAMERA):
 
 
 @pytest.mark.one_backend
-@pytest.mark.one_backend
-@pytest.mark.one_backend
 @pytest.mark.parametrize("seed", range(4))
 def test_clutter_of_all_kinds_agrees_with_the_oracle(open_renderer, seed):
     scene, models = cluttered(seed=seed, camera=LARGE)
@@ -303,6 +301,7 @@ def test_no_pixel_inside_a_fine_mesh_shows_what_lies_behind(open_renderer, squar
     assert (frame.instances_left[inside] == 2).all()
 
 
+@pytest.mark.one_backend
 @pytest.mark.parametrize("radius_px", [15, 7.5, 4.5])
 def test_fine_meshes_hide_what_is_behind_them(open_renderer, square, radius_px):
     """Dozens of triangles lie across a pixel of a small ball of 100k triangles."""
@@ -441,6 +440,7 @@ def test_focal_lengths_from_a_fifth_to_twenty_image_widths(open_renderer, widths
         assert found.seen_alike.mean() >= 0.997
 
 
+@pytest.mark.one_backend
 @pytest.mark.parametrize("name", ["middlebury", "kitti", "eth3d", "sceneflow"])
 def test_packaged_configs_at_full_size_agree_with_the_oracle(backend, name):
     config = load_config(name, ["textures.source=procedural", "textures.max_patches=4", "models.variants=1"])
