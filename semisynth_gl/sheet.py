@@ -9,7 +9,7 @@ from matplotlib.gridspec import SubplotSpec
 from numpy.typing import NDArray
 
 from semisynth_gl.frame import Frame
-from semisynth_gl.histogram import Histogram
+from semisynth_gl.histogram import Histogram, PixelCount, total_variation
 
 # Perceptually uniform, and dark where things are far.
 _COLOUR_MAP = "inferno"
@@ -56,12 +56,15 @@ def draw_sheet(frames: Sequence[Frame], target: Histogram, title: str) -> Figure
 
 def _draw_histogram(figure: Figure, place: SubplotSpec, disparity_px: NDArray[np.float32], target: Histogram) -> None:
     axis = figure.add_subplot(place)
-    edges = target.edges_px
-    counted = np.histogram(disparity_px, np.concatenate([[-np.inf], edges[1:-1], [np.inf]]))[0]
-    shares = counted / max(len(disparity_px), 1)
-    axis.stairs(shares, edges, fill=True, color="#d98a3d", label="achieved")
-    axis.stairs(target.shares, edges, color="black", linewidth=1.5, label="wanted by the config")
-    distance = 0.5 * np.abs(shares - target.shares).sum()
+    count = PixelCount(target.edges_px)
+    count.add(disparity_px)
+    if not count.counts.any():
+        axis.set_title("no pixel has a disparity", fontsize=9)
+        return
+    achieved = count.histogram
+    axis.stairs(achieved.shares, achieved.edges_px, fill=True, color="#d98a3d", label="achieved")
+    axis.stairs(target.shares, target.edges_px, color="black", linewidth=1.5, label="wanted by the config")
+    distance = total_variation(target, achieved)
     axis.set_title(f"share of pixels per disparity; total variation {distance:.3f}", fontsize=9)
     axis.set_xlabel("disparity, px", fontsize=8)
     axis.tick_params(labelsize=8)

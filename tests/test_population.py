@@ -15,12 +15,12 @@ from semisynth_gl.config.model import ParticlesSection
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import make_mesh, normalised
 from semisynth_gl.geometry.model_library import build_library
-from semisynth_gl.geometry.silhouette import height_map, mean_silhouette
+from semisynth_gl.geometry.silhouette import Silhouette, height_map, mean_silhouette
 from semisynth_gl.geometry.simple import cube, sphere
 from semisynth_gl.histogram import Histogram, PixelCount, mixed, total_variation, wasserstein_px
 from semisynth_gl.pipeline import PairRenderer
 from semisynth_gl.scene.background import FACE
-from semisynth_gl.scene.layers import expected_shares, solve_coverage
+from semisynth_gl.scene.layers import Layers, expected_shares, reach, solve_coverage
 from semisynth_gl.scene.particles import Sizes, expected_cover, poisson_counts
 from semisynth_gl.scene.population import Population
 from semisynth_gl.scene.sampler import SceneSampler
@@ -257,6 +257,40 @@ def test_expected_cover_is_what_thrown_discs_cover():
     assert expected_cover(camera, sizes, disparity, 1.0)[0] == pytest.approx(covered.mean(), rel=0.02)
 
 
+def test_expected_cover_grows_towards_the_sides_of_a_wide_view():
+    """Small balls all over the view, outlined by rays that pass within their radius."""
+    camera, rng = StereoCamera.centred(600, 400, 350.0, 0.2), np.random.default_rng(2)
+    depth, radius_px = 5.0, 4.0
+    radius_m = radius_px * depth / camera.focal_px
+    x, y = rng.random(400) * 600 - 0.5, rng.random(400) * 400 - 0.5
+    step = np.arange(-10, 10, 0.25)
+    dx, dy = (each.ravel() for each in np.meshgrid(step, step))
+    rays = camera.rays("left", np.add.outer(x, dx), np.add.outer(y, dy))
+    centre = camera.rays("left", x, y)[:, None] * depth
+    along = (rays * centre).sum(-1) / (rays**2).sum(-1)
+    inside = np.linalg.norm(along[..., None] * rays - centre, axis=-1) < radius_m
+    area = inside.sum(axis=1).mean() * 0.25**2
+    sizes, disparity = Sizes(2 * radius_px, 2 * radius_px), np.array([0.0])
+    near_one = expected_cover(camera, sizes, disparity, 1.0)[0] * (600 + 2 * radius_px) * (400 + 2 * radius_px)
+    assert area > 1.1 * np.pi * radius_px**2
+    assert near_one == pytest.approx(area, rel=0.02)
+
+
+def test_particles_show_their_fronts():
+    """Balls at one disparity, without drift: a front that stands out by h radii shows (d + doffs) / (1 - h r / f)."""
+    still = ParticlesSection(drift=Range(0.0, 0.0))
+    ball = Silhouette(1.0, np.sqrt((np.arange(16) + 0.5) / 16))
+    layers = Layers(np.array([80.0]), np.array([80.0]))
+    edges = np.array([79.0, 90.0, 100.0])
+    sizes = Sizes(280.0, 280.0)
+    found = reach(layers, edges, CAMERA, still, sizes, ball, 0.1)[0]
+    height = np.sqrt(np.random.default_rng(3).random(100_000))
+    shown = 80 / (1 - height * 140 / CAMERA.focal_px)
+    np.testing.assert_allclose(found, [(shown >= edge).mean() for edge in edges], atol=0.05)
+    # The depth of 80 px less a radius lies beyond no near plane of 1.6 m.
+    assert reach(layers, edges, CAMERA, still, sizes, ball, 1.6)[0].tolist() == [0, 0, 0]
+
+
 @pytest.mark.parametrize("density", ["sparse", "dense", 100.0])
 def test_density_shares_the_area_out_to_more_or_fewer(density):
     config = tiny(particles={"density": density})
@@ -350,7 +384,7 @@ def structured(**keys):
 
 @pytest.fixture(scope="module")
 def street():
-    return structured(ground=1.0, panels=[2, 4], panel_disparity_px=[10, 60])
+    return structured(ground=1.0, panels=[2, 4], panel_disparity_px=[10, 185], panel_size_px=[200, 900])
 
 
 @pytest.mark.parametrize("index", range(4))
@@ -359,6 +393,10 @@ def test_structures_stay_beyond_the_near_plane(street, index):
     models = [STILL_MODELS[m].name for m in scene.model if m < len(STILL_MODELS)]
     assert models[:2] == ["face", "ground"]
     assert 2 <= len(models) - 2 <= 4
+    for k in range(2, len(models)):  # the ground goes on below the view and behind the cameras
+        placed = scene.world_from_model[k]
+        depth = STILL_MODELS[scene.model[k]].positions.astype(float) @ placed[2, :3] + placed[2, 3]
+        assert depth.min() > scene.near_m
     x, y = np.meshgrid(np.linspace(-0.4, 1241.4, 60), np.linspace(-0.4, 374.4, 30))
     for eye in EYES:
         seen = oracle.disparity_px(scene.camera, oracle.cast(scene, street.models, eye, x, y))

@@ -3,6 +3,8 @@
 import math
 from typing import Annotated, Literal, Self
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, model_validator
 
 from semisynth_gl.config.section import NotNegative, Positive, Section, Weight, as_tuple
@@ -10,7 +12,9 @@ from semisynth_gl.config.section import NotNegative, Positive, Section, Weight, 
 # Measured histograms have a few pixels anywhere.
 _OUT_OF_REACH = 0.02
 # A gamma distribution is looked at as far as this, in this many blocks.
-_SPREADS, _GAMMA_BLOCKS = 8, 400
+_SPREADS, _GAMMA_BLOCKS = 8, 100
+# Points of a bin at which a density is evaluated.
+_POINTS = 16
 
 
 class UniformTarget(Section):
@@ -163,14 +167,25 @@ def _blocks(
         edges = [target.first_px + number * target.bin_px for number in range(len(target.shares) + 1)]
         return list(zip(edges[:-1], edges[1:], target.shares, strict=True))
     if isinstance(target, GammaTarget):
-        shape, scale = (target.mean_px / target.spread_px) ** 2, target.spread_px**2 / target.mean_px
         first = max(0.0, target.mean_px - _SPREADS * target.spread_px)
-        step = (target.mean_px + _SPREADS * target.spread_px - first) / _GAMMA_BLOCKS
-        middles = [first + (number + 0.5) * step for number in range(_GAMMA_BLOCKS)]
-        logarithms = [(shape - 1) * math.log(middle) - middle / scale for middle in middles]
-        most = max(logarithms)
-        return [
-            (middle - step / 2, middle + step / 2, math.exp(logarithm - most))
-            for middle, logarithm in zip(middles, logarithms, strict=True)
-        ]
+        ends = np.linspace(first, target.mean_px + _SPREADS * target.spread_px, _GAMMA_BLOCKS + 1)
+        return list(zip(ends[:-1].tolist(), ends[1:].tolist(), gamma_weights(target, ends).tolist(), strict=True))
     return [(min_px, max_px, 1.0)]
+
+
+def gamma_weights(form: GammaTarget, edges_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Integrate a gamma distribution over bins of equal width, (K,) float64, up to a common factor.
+
+    Its density is x^(k - 1) exp(-x / theta), with k = (mean / spread)^2 and theta = spread^2 / mean.
+
+    Args:
+        form: mean and spread.
+        edges_px: (K + 1,), 0 or more.
+    """
+    shape, scale = (form.mean_px / form.spread_px) ** 2, form.spread_px**2 / form.mean_px
+    width = np.diff(edges_px) / _POINTS
+    at = edges_px[:-1, None] + (np.arange(_POINTS) + 0.5) * width[:, None]
+    logarithm = (shape - 1) * np.log(at) - at / scale
+    # Scaled by its largest value, which may lie far from 1.
+    weights: NDArray[np.float64] = np.exp(logarithm - logarithm.max()).sum(axis=1)
+    return weights

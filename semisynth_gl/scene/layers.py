@@ -10,6 +10,7 @@ so that S_k is no step: the lambdas are those that bring F nearest to the wanted
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ Floats = NDArray[np.float64]
 
 # Above this coverage a layer is closed for all practical purposes (98%).
 _DENSEST = 4.0
-_MOST_LAYERS = 48
+MOST_LAYERS = 48
 _ROUNDS = 200
 _SAMPLES = 128
 # Below this share of open pixels, how many more are open makes no difference.
@@ -59,7 +60,7 @@ class Layers:
 
 def merged(target: Histogram) -> Histogram:
     """Merge neighbouring bins until there are 48 at most: things are deeper than bins that are narrower yet."""
-    step = -(-len(target.shares) // _MOST_LAYERS)
+    step = -(-len(target.shares) // MOST_LAYERS)
     edges = np.append(target.edges_px[:-1:step], target.edges_px[-1])
     return target.rebinned(edges) if step > 1 else target
 
@@ -90,8 +91,7 @@ def reach(
         silhouette: how far models stand out.
         near_m: particles that cross this depth are not there.
     """
-    # Evenly spread points of the unit cube (Roberts' sequence), the same for all layers.
-    where = (np.arange(1, _SAMPLES + 1)[:, None] * _roots(6) + 0.5) % 1.0
+    where = _points()
     disparity = layers.low_px[:, None] + (layers.high_px - layers.low_px)[:, None] * where[:, 0]
     radius = sizes.radius_px(camera, disparity, where[:, 1])
     height = silhouette.heights[(where[:, 2] * len(silhouette.heights)).astype(np.int64)]
@@ -169,9 +169,15 @@ def holds(background_px: Floats, edges_px: Floats) -> Floats:
     return result
 
 
-def _roots(dimensions: int) -> Floats:
-    """Steps of Roberts' sequence: powers of the root of x^(d + 1) = x + 1."""
+@cache
+def _points() -> Floats:
+    """Evenly spread points of the unit cube of six dimensions, (128, 6): Roberts' sequence.
+
+    Its steps are powers of the root of x^(d + 1) = x + 1.
+    """
     root = 1.5
     for _ in range(50):
-        root = (1 + root) ** (1 / (dimensions + 1))
-    return root ** -np.arange(1, dimensions + 1, dtype=np.float64)
+        root = (1 + root) ** (1 / 7)
+    steps = root ** -np.arange(1, 7, dtype=np.float64)
+    points: Floats = (np.arange(1, _SAMPLES + 1)[:, None] * steps + 0.5) % 1.0
+    return points

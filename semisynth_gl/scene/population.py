@@ -19,6 +19,7 @@ from semisynth_gl.geometry.silhouette import Silhouette
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.scene.background import draw_background
 from semisynth_gl.scene.layers import (
+    MOST_LAYERS,
     Layers,
     cumulative,
     expected_shares,
@@ -53,7 +54,7 @@ _SMALLEST = 0.05
 _BEYOND_MOST = 2.0
 _HALVINGS = 10
 # Multiples of their roots, which are irrational and unrelated, spread evenly over [0, 1) for each layer by itself.
-_PRIMES = np.array([n for n in range(2, 4000) if all(n % k for k in range(2, int(n**0.5) + 1))], np.float64)
+_PRIMES = np.array([n for n in range(2, 230) if all(n % k for k in range(2, n))][:MOST_LAYERS], np.float64)
 # Of a bin that all scenes have too much of, something is still asked for: its aim could not rise again from 0.
 _LEAST_OF_AIM = 0.1
 # A background is never bare: particles of its own layer cover a pixel this often.
@@ -134,8 +135,7 @@ class Population:
             return stated_batches((*particles.layers, *particles.clutter), particles, rng)
         aim = self._aim
         views = self._views([(camera, background_px)], aim.sizes)
-        step = np.sqrt(_PRIMES[np.arange(len(self._layers)) % len(_PRIMES)])
-        quantile = (self._first_quantile + sequence * step) % 1.0
+        quantile = (self._first_quantile + sequence * np.sqrt(_PRIMES[: len(self._layers)])) % 1.0
         mean = (self._coverage(aim.shares, views) / views.cover)[0]
         # What a scene of its kind needs beyond the limit is cut by it anyway.
         mean *= min(1.0, _BEYOND_MOST * particles.most / max(float(mean.sum()), 1.0))

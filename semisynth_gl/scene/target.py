@@ -1,7 +1,5 @@
 """The wanted distribution of disparity, from the forms that a config may give it."""
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,13 +10,12 @@ from semisynth_gl.config.target import (
     MixtureTarget,
     UniformDepthTarget,
     UniformTarget,
+    gamma_weights,
 )
 from semisynth_gl.errors import InputError
 from semisynth_gl.histogram import Histogram, mixed
 
 _BINS = 24
-# Points per bin at which a density is evaluated.
-_POINTS = 16
 
 _Form = UniformTarget | UniformDepthTarget | GammaTarget | HistogramTarget | MixtureTarget
 
@@ -55,7 +52,7 @@ def _of_form(form: _Form, edges: NDArray[np.float64], camera: CameraSection) -> 
                 )
             return Histogram.of(edges, -np.diff(1 / (edges + doffs_px)))
         case GammaTarget():
-            return Histogram.of(edges, _gamma_shares(form, edges))
+            return Histogram.of(edges, gamma_weights(form, edges))
         case MixtureTarget():
             whole = sum(part.weight for part in form.parts)
             return mixed(((part.weight / whole, _of_form(part.target, edges, camera)) for part in form.parts), edges)
@@ -63,17 +60,6 @@ def _of_form(form: _Form, edges: NDArray[np.float64], camera: CameraSection) -> 
 
 def _histogram(form: HistogramTarget) -> Histogram:
     return Histogram.of(form.first_px + np.arange(len(form.shares) + 1) * form.bin_px, form.shares)
-
-
-def _gamma_shares(form: GammaTarget, edges: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Integrate x^(k - 1) exp(-x / theta) over the bins, with k = (mean / spread)^2 and theta = spread^2 / mean."""
-    shape, scale = (form.mean_px / form.spread_px) ** 2, form.spread_px**2 / form.mean_px
-    width = np.diff(edges) / _POINTS
-    at = edges[:-1, None] + (np.arange(_POINTS) + 0.5) * width[:, None]
-    logarithm = (shape - 1) * np.log(at) - at / scale - shape * math.log(scale) - math.lgamma(shape)
-    # Scaled by its largest value: a hump beyond the limits would underflow to nothing.
-    shares: NDArray[np.float64] = np.exp(logarithm - logarithm.max()).sum(axis=1)
-    return shares
 
 
 def _mean_doffs_px(camera: CameraSection) -> float:
