@@ -4,7 +4,8 @@ Frame (OpenCV's): x right, y down, z forward, metres, origin in the left camera.
 (+baseline, 0, 0). Pixels: the centre of the top-left pixel is (0, 0).
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -14,6 +15,38 @@ from semisynth_gl.errors import InputError
 
 Eye = Literal["left", "right"]
 EYES: tuple[Eye, Eye] = ("left", "right")
+OTHER_EYE: Mapping[Eye, Eye] = {"left": "right", "right": "left"}
+
+
+@dataclass(frozen=True, slots=True)
+class Crop:
+    """A rectangle of both images, whole pixels.
+
+    Attributes:
+        x_px: column of its left pixels.
+        y_px: row of its top pixels.
+        width_px: how many columns it has.
+        height_px: how many rows.
+    """
+
+    x_px: int
+    y_px: int
+    width_px: int
+    height_px: int
+
+    def __post_init__(self) -> None:
+        if min(self.x_px, self.y_px) < 0 or min(self.width_px, self.height_px) < 1:
+            raise InputError(f"a crop begins at 0 or more and holds at least 1 x 1 pixel, got {self}")
+
+    @property
+    def right_px(self) -> int:
+        """Column after its last one."""
+        return self.x_px + self.width_px
+
+    @property
+    def bottom_px(self) -> int:
+        """Row after its last one."""
+        return self.y_px + self.height_px
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +88,26 @@ class StereoCamera:
         """Build a camera whose principal points lie at the image centre, half of ``doffs_px`` to either side."""
         cx, cy = (width_px - 1) / 2, (height_px - 1) / 2
         return cls(width_px, height_px, focal_px, baseline_m, cx - doffs_px / 2, cx + doffs_px / 2, cy)
+
+    def cropped(self, crop: Crop) -> "StereoCamera":
+        """Return the camera that sees a crop of both images; disparities stay what they are.
+
+        Raises:
+            InputError: where the crop reaches beyond the image.
+        """
+        if crop.right_px > self.width_px or crop.bottom_px > self.height_px:
+            raise InputError(
+                f"a crop must lie within the image of {self.width_px} x {self.height_px} px, got "
+                f"{crop.width_px} x {crop.height_px} at ({crop.x_px}, {crop.y_px})"
+            )
+        return replace(
+            self,
+            width_px=crop.width_px,
+            height_px=crop.height_px,
+            cx_left_px=self.cx_left_px - crop.x_px,
+            cx_right_px=self.cx_right_px - crop.x_px,
+            cy_px=self.cy_px - crop.y_px,
+        )
 
     @property
     def doffs_px(self) -> float:

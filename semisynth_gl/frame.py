@@ -1,12 +1,12 @@
 """The renderer's answer: one stereo pair as arrays, top-left origin."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import StereoCamera
+from semisynth_gl.camera import Crop, StereoCamera
 
 VISIBLE = 255
 OCCLUDED = 128
@@ -56,3 +56,14 @@ class Frame:
     instances_right: NDArray[np.uint16] | None = None
     depth_left: NDArray[np.float32] | None = None
     depth_right: NDArray[np.float32] | None = None
+
+    def cropped(self, crop: Crop) -> "Frame":
+        """Return a crop of both views, in arrays of its own.
+
+        Raises:
+            InputError: where the crop reaches beyond the image.
+        """
+        camera = self.camera.cropped(crop)
+        part = slice(crop.y_px, crop.bottom_px), slice(crop.x_px, crop.right_px)
+        arrays = {each.name: getattr(self, each.name) for each in fields(Frame) if each.name != "camera"}
+        return Frame(camera, **{name: array[part].copy() for name, array in arrays.items() if array is not None})

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import Eye, StereoCamera
+from semisynth_gl.camera import OTHER_EYE, Eye, StereoCamera
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.scene.scene import Scene
@@ -99,12 +99,11 @@ def visibility(
     """
     camera = scene.camera
     disparity = disparity_px(camera, hits)
-    other: Eye = "right" if eye == "left" else "left"
     x = np.asarray(x_px, np.float64) + np.where(np.isfinite(disparity), disparity, 0) * (-1 if eye == "left" else 1)
     in_frame = np.isfinite(disparity) & (x >= -0.5) & (x < camera.width_px - 0.5)
     result = np.full(len(x), OUTSIDE, np.uint8)
     where = np.flatnonzero(in_frame)
-    seen = cast(scene, models, other, x[where], np.asarray(y_px, np.float64)[where])
+    seen = cast(scene, models, OTHER_EYE[eye], x[where], np.asarray(y_px, np.float64)[where])
     # The second ray meets the same point up to float64's rounding; a surface in front is farther away than that.
     hidden = seen.depth_m < hits.depth_m[where] * (1 - 1e-9)
     result[where] = np.where(hidden, OCCLUDED, VISIBLE)

@@ -19,6 +19,7 @@ from typing import Any, Self
 import numpy as np
 from isal.isal_zlib import crc32
 
+from semisynth_gl.camera import Crop
 from semisynth_gl.checks import faults
 from semisynth_gl.config import Config
 from semisynth_gl.errors import InputError
@@ -180,13 +181,25 @@ class PairRenderer:
         """Count what the driver holds, by kind; for the search for leaks."""
         return self._renderer.count_objects()
 
-    def render(self, index: int, done: Callable[[str], None] | None = None) -> Pair:
+    def render(
+        self,
+        index: int,
+        done: Callable[[str], None] | None = None,
+        *,
+        crop: Crop | None = None,
+        checked: bool = True,
+    ) -> Pair:
         """Render pair ``index``, 0 or more.
 
         A pair whose sequence fails its checks is drawn again from the next sub-seed.
 
         Args:
             index: the pair's number.
+            crop: return this part of both images alone. Checks judge whole images, so the first frame of a sequence is
+                drawn whole for them, and cut afterwards; all others, or all where nothing is checked, are drawn and
+                read back as far as the crop needs.
+            checked: whether to check. Without, a pair may come out that a dataset would have drawn again, and is not
+                equal to the dataset's then.
             done: for measurements: called after each stage, of `PAIR_STAGES`; see `Renderer.render`.
 
         Raises:
@@ -195,13 +208,14 @@ class PairRenderer:
         if index < 0:
             raise InputError(f"a pair's index must be 0 or more, got {index}")
         number, frame_number = divmod(index, self.config.sequence.length)
-        settled = self._settled
-        if settled is None or settled.sequence != number or frame_number == 0:
+        settled = self._settled if checked else _Settled(number, 0, [])
+        if settled is None or settled.sequence != number or (checked and frame_number == 0):
             settled, frame, sampled = self._settle(number, done)
-        if frame_number > 0:
+        if frame_number > 0 or not checked:
             sampled = self._sampler.sample(index, settled.attempt)
             _tell(done, "sample")
-            frame = self._renderer.render(sampled.scene, done)
+            # Imperfections are drawn for whole images.
+            frame = self._renderer.render(sampled.scene, done, crop if self.config.imperfections.none() else None)
         provenance = {"pair": index} | self._made_by | self._sampler.provenance(sampled)
         if settled.redrawn:
             provenance["redrawn"] = settled.redrawn
@@ -210,6 +224,8 @@ class PairRenderer:
         if not self.config.imperfections.none():
             rng = generator(self.split.seed(self.seed), Purpose.IMPERFECTIONS, index)
             frame, provenance["imperfections"] = with_imperfections(frame, self.config.imperfections, rng)
+        if crop is not None and (frame.camera.width_px, frame.camera.height_px) != (crop.width_px, crop.height_px):
+            frame = frame.cropped(crop)
         _tell(done, "check")
         return Pair(index, frame, provenance)
 

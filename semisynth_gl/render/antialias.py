@@ -8,10 +8,12 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.camera import Crop
 from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.frame import ANTIALIAS_PATTERN
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.programs import link_program, set_uniform
+from semisynth_gl.render.targets import window
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,9 +85,16 @@ class ColourTargets:
             set_uniform(self._program, "factor", factor)
             self._vao = gl.vertex_array(self._program, [])
 
-    def read_colour(self) -> NDArray[np.uint8]:
-        """Resolve what was drawn into `fine` and copy it out as (H, W, 3) uint8 RGB, top row first."""
-        width, height = self._resolve.size
+    def limit(self, region: Crop | None) -> None:
+        """Let `fine` be drawn and cleared inside a rectangle of the image alone, until the next call; None is all of it."""
+        scale = self.fine.width // self._resolve.width
+        x, y, width, height = window(region, self._resolve.size)
+        self.fine.scissor = scale * x, scale * y, scale * width, scale * height
+        self._resolve.scissor = x, y, width, height
+
+    def read_colour(self, crop: Crop | None = None) -> NDArray[np.uint8]:
+        """Resolve what was drawn into `fine` and copy it, or a crop, out as (H, W, 3) uint8 RGB, top row first."""
+        viewport = window(crop, self._resolve.size)
         if isinstance(self._colour, moderngl.Texture):
             self._resolve.use()
             self._gl.enable_only(moderngl.NOTHING)
@@ -93,8 +102,8 @@ class ColourTargets:
             self._vao.render(moderngl.TRIANGLES, 3)
         else:
             self._gl.copy_framebuffer(self._resolve, self.fine)
-        pixels = np.empty((height, width, 3), np.uint8)
-        self._resolve.read_into(pixels, components=3, alignment=1)
+        pixels = np.empty((viewport[3], viewport[2], 3), np.uint8)
+        self._resolve.read_into(pixels, viewport, components=3, alignment=1)
         return pixels
 
     def release(self) -> None:

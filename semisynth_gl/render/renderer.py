@@ -6,6 +6,7 @@ copy of the results into arrays.
 """
 
 from collections.abc import Callable, Collection, Sequence
+from math import ceil
 from types import TracebackType
 from typing import Any, Literal, Self
 
@@ -13,7 +14,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import EYES, Eye
+from semisynth_gl.camera import EYES, OTHER_EYE, Crop, Eye
 from semisynth_gl.errors import BackendError, ContextLostError, InputError
 from semisynth_gl.frame import DEFAULT_OUTPUTS, OUTPUTS, TRUTHS, Frame, Output, TruthOf
 from semisynth_gl.geometry.mesh import Mesh
@@ -23,16 +24,14 @@ from semisynth_gl.render.model_buffers import Filled, ModelBuffers, Placed
 from semisynth_gl.render.programs import link_program, set_uniform
 from semisynth_gl.render.projection import clip_from_view
 from semisynth_gl.render.targets import Attachment, EyeTargets
+from semisynth_gl.render.visibility import VisibilityPass
 from semisynth_gl.scene.scene import Scene
 
 Wrap = Literal["mirror", "repeat"]
 RenderStage = Literal["draw", "visibility", "readback"]
 
-_OTHER: dict[Eye, Eye] = {"left": "right", "right": "left"}
 _MOST_INSTANCE_IDS = 65535
 _UNKNOWN_ERROR = "GL_UNKNOWN_ERROR"
-# Texture units.
-_OWN_DISPARITY, _OTHER_DISPARITY, _OWN_SURFACE, _OTHER_SURFACE = range(4)
 
 
 class Renderer:
@@ -126,11 +125,14 @@ class Renderer:
         with self._gl:
             return self._context.unbound.count_objects()
 
-    def render(self, scene: Scene, done: Callable[[RenderStage], None] | None = None) -> Frame:
+    def render(
+        self, scene: Scene, done: Callable[[RenderStage], None] | None = None, crop: Crop | None = None
+    ) -> Frame:
         """Draw one pair.
 
         Args:
             scene: indices must lie within the renderer's models and layers.
+            crop: draw and return this part of both images alone; its pixels are those of the whole image, bit for bit.
             done: for measurements: called after each stage, which the driver is made to finish then. Stages overlap
                 without it. What is antialiased is read back while it is drawn.
 
@@ -138,7 +140,7 @@ class Renderer:
             Both images, both disparities and the outputs that were asked for, in new arrays.
 
         Raises:
-            InputError: where an index is out of range, or there are more instances than ids.
+            InputError: where an index or the crop is out of range, or there are more instances than ids.
             BackendError: where the image is larger than the driver allows, or drawing failed.
             ContextLostError: where the driver took the context away; another renderer may still be opened.
         """
@@ -146,7 +148,7 @@ class Renderer:
         # Another renderer of this thread may have made its context current.
         with self._gl:
             try:
-                frame = self._render(scene, done)
+                frame = self._render(scene, done, crop)
             except moderngl.Error as error:
                 raise self._fault(str(error)) from None
             reported = self._gl.error
@@ -161,39 +163,40 @@ class Renderer:
             return ContextLostError(f"{self.renderer_name} lost its context while it drew a pair: was the GPU reset?")
         return BackendError(f"{self.renderer_name} reported {error} while drawing a pair")
 
-    def _render(self, scene: Scene, done: Callable[[RenderStage], None] | None) -> Frame:
+    def _render(self, scene: Scene, done: Callable[[RenderStage], None] | None, crop: Crop | None) -> Frame:
         def finish(stage: RenderStage) -> None:
             if done is not None:
                 self._gl.finish()
                 done(stage)
 
+        camera = scene.camera if crop is None else scene.camera.cropped(crop)
         self._resize(scene.camera.width_px, scene.camera.height_px)
         placed = self._models.place(scene)
-        colour = {eye: self._draw(placed, eye) for eye in EYES}
+        colour = {eye: self._draw(placed, eye, crop) for eye in EYES}
         finish("draw")
-        if "visibility" in self._outputs:
+        if self._visibility is not None:
             for eye in self._truth_eyes:
-                self._derive_visibility(placed, eye)
+                self._visibility.draw(placed, eye, self._targets, self._models)
         finish("visibility")
-        arrays = self._read(colour)
+        arrays = self._read(colour, crop)
         finish("readback")
-        return Frame(scene.camera, **arrays)
+        return Frame(camera, **arrays)
 
-    def _read(self, colour: dict[Eye, NDArray[np.uint8] | None]) -> dict[str, NDArray[Any]]:
+    def _read(self, colour: dict[Eye, NDArray[np.uint8] | None], crop: Crop | None) -> dict[str, NDArray[Any]]:
         """Copy out what `Frame` holds; ``colour`` has the images that were antialiased."""
         arrays: dict[str, NDArray[Any]] = {}
         for eye in EYES:
             targets, antialiased = self._targets[eye], colour[eye]
-            arrays[eye] = targets.read_colour() if antialiased is None else antialiased
+            arrays[eye] = targets.read_colour(crop) if antialiased is None else antialiased
             if eye not in self._truth_eyes:
                 continue
-            arrays[f"disparity_{eye}"] = targets.read_disparity()
+            arrays[f"disparity_{eye}"] = targets.read_disparity(crop)
             if "visibility" in self._outputs:
-                arrays[f"visibility_{eye}"] = targets.read_visibility()
+                arrays[f"visibility_{eye}"] = targets.read_visibility(crop)
             if "instances" in self._outputs:
-                arrays[f"instances_{eye}"] = targets.read_instances()
+                arrays[f"instances_{eye}"] = targets.read_instances(crop)
             if "depth" in self._outputs:
-                arrays[f"depth_{eye}"] = targets.read_depth()
+                arrays[f"depth_{eye}"] = targets.read_depth(crop)
         return arrays
 
     def release(self) -> None:
@@ -261,18 +264,7 @@ class Renderer:
             self._colour_program = link_program(
                 self._context, "mesh.vert", "mesh.frag", {"COLOUR": 0, "ANISOTROPY": anisotropy}
             )
-        self._visibility_passes = []
-        if "visibility" in self._outputs:
-            self._visibility_passes = [self._visibility_pass(defines) for defines in ({}, {"TRACE": 1}, {"TRACE": 2})]
-
-    def _visibility_pass(self, defines: dict[str, int]) -> tuple[moderngl.Program, moderngl.VertexArray]:
-        program = link_program(self._context, "whole_image.vert", "visibility.frag", defines)
-        set_uniform(program, "own_disparity", _OWN_DISPARITY)
-        set_uniform(program, "other_disparity", _OTHER_DISPARITY)
-        if defines:
-            set_uniform(program, "own_surface", _OWN_SURFACE)
-            set_uniform(program, "other_surface", _OTHER_SURFACE)
-        return program, self._gl.vertex_array(program, [])
+        self._visibility = VisibilityPass(self._context) if "visibility" in self._outputs else None
 
     def _check(self, scene: Scene) -> None:
         ranges = (("model", scene.model, len(self._models)), ("layer", scene.layer, self._atlas.layers))
@@ -313,13 +305,15 @@ class Renderer:
             outgrown_colour.release()
         self._size = (width_px, height_px)
 
-    def _draw(self, placed: Placed, eye: Eye) -> NDArray[np.uint8] | None:
+    def _draw(self, placed: Placed, eye: Eye, crop: Crop | None) -> NDArray[np.uint8] | None:
         """Draw one eye; return the colour where it is antialiased."""
         scene, filled = placed.scene, self._models.fill(placed, eye)
         projection = tuple(clip_from_view(scene.camera, eye, scene.near_m).T.ravel().tolist())
         self._atlas.use(0)
         program = self._draw_programs[eye]
         if self._attachments[eye]:
+            looked_up = self._visibility is not None and OTHER_EYE[eye] in self._truth_eyes
+            self._targets[eye].limit(crop and _drawn_part(scene, eye, crop, looked_up=looked_up), crop)
             self._targets[eye].clear()
             if "disparity" in self._attachments[eye]:
                 set_uniform(program, "focal_baseline", scene.camera.focal_baseline)
@@ -327,10 +321,11 @@ class Renderer:
             self._draw_models(program, projection, filled)
         if self._colour_targets is None or self._colour_program is None:
             return None
+        self._colour_targets.limit(crop)
         self._colour_targets.fine.use()
         self._colour_targets.fine.clear(0.0, 0.0, 0.0, 0.0, depth=0.0)
         self._draw_models(self._colour_program, projection, filled)
-        return self._colour_targets.read_colour()
+        return self._colour_targets.read_colour(crop)
 
     def _draw_models(self, program: moderngl.Program, projection: tuple[float, ...], filled: Filled) -> None:
         self._gl.enable_only(moderngl.DEPTH_TEST)
@@ -338,27 +333,22 @@ class Renderer:
         set_uniform(program, "clip_from_view", projection)
         self._models.draw(program, filled)
 
-    def _derive_visibility(self, placed: Placed, eye: Eye) -> None:
-        scene = placed.scene
-        own, other, camera = self._targets[eye], self._targets[_OTHER[eye]], scene.camera
-        if own.visibility is None:
-            raise RuntimeError("these targets were made without visibility")
-        own.visibility.use()
-        own.use("disparity", _OWN_DISPARITY)
-        own.use("surface", _OWN_SURFACE)
-        other.use("disparity", _OTHER_DISPARITY)
-        other.use("surface", _OTHER_SURFACE)
-        self._models.bind_for_tracing(placed, _OTHER[eye])
-        self._gl.enable_only(moderngl.DEPTH_TEST)
-        # All draws stand at depth 0, where nothing drawn can be. What the first discards keeps the drawing's depth,
-        # and the others are drawn where that is so.
-        for number, (program, vao) in enumerate(self._visibility_passes):
-            self._gl.depth_func = "1" if number == 0 else "!="
-            set_uniform(program, "other_from_own", -1.0 if eye == "left" else 1.0)
-            if number > 0:
-                set_uniform(program, "focal_baseline", camera.focal_baseline)
-                set_uniform(program, "doffs_px", camera.doffs_px)
-                set_uniform(program, "focal_px", camera.focal_px)
-                set_uniform(program, "near_m", scene.near_m)
-                set_uniform(program, "other_centre_px", (camera.cx_px(_OTHER[eye]), camera.cy_px))
-            vao.render(moderngl.TRIANGLES, 3)
+
+def _drawn_part(scene: Scene, eye: Eye, crop: Crop, *, looked_up: bool) -> Crop:
+    """What has to be drawn of one eye's image for a crop.
+
+    Args:
+        scene: what is drawn.
+        eye: whose image.
+        crop: what is wanted of it.
+        looked_up: whether the points of the other eye's crop are looked up in it.
+    """
+    if not looked_up:
+        return crop
+    camera = scene.camera
+    # No disparity is larger than the near plane's. One pixel more is looked at to each side, another is for rounding.
+    reach = max(0, ceil(float(camera.disparity_px(scene.near_m)))) + 2
+    left, right = (2, reach) if eye == "left" else (reach, 2)
+    x, y = max(0, crop.x_px - left), max(0, crop.y_px - 2)
+    x_end, y_end = min(camera.width_px, crop.right_px + right), min(camera.height_px, crop.bottom_px + 2)
+    return Crop(x, y, x_end - x, y_end - y)

@@ -7,6 +7,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.camera import Crop
 from semisynth_gl.errors import BackendError
 from semisynth_gl.render.context import GraphicsContext
 
@@ -22,6 +23,11 @@ _FORMATS: dict[Attachment, tuple[int, str]] = {
     "surface": (2, "u4"),
 }
 _NOTHING: dict[Attachment, float] = {"colour": 0.0, "disparity": np.inf, "depth": np.inf, "instances": 0, "surface": 0}
+
+
+def window(crop: Crop | None, size: tuple[int, int]) -> tuple[int, int, int, int]:
+    """A crop of an image, or all of it, as OpenGL's rectangle; window y runs downwards with the image's."""
+    return (0, 0, *size) if crop is None else (crop.x_px, crop.y_px, crop.width_px, crop.height_px)
 
 
 class EyeTargets:
@@ -76,6 +82,12 @@ class EyeTargets:
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
             texture.repeat_x = texture.repeat_y = False
 
+    def limit(self, drawing: Crop | None, visibility: Crop | None) -> None:
+        """Let each pass draw, and clear, inside a rectangle alone, until the next call; None is the whole image."""
+        for framebuffer, rectangle in ((self.drawing, drawing), (self.visibility, visibility)):
+            if framebuffer is not None:
+                framebuffer.scissor = window(rectangle, framebuffer.size)
+
     def clear(self) -> None:
         """Bind the drawing pass's framebuffer and clear it to what stands where nothing is drawn."""
         self.drawing.use()
@@ -90,40 +102,46 @@ class EyeTargets:
         """Bind an attachment's texture to a texture unit."""
         self._textures[name].use(unit)
 
-    def read_colour(self) -> NDArray[np.uint8]:
+    def read_colour(self, crop: Crop | None = None) -> NDArray[np.uint8]:
         """Copy the colour out as (H, W, 3) uint8 RGB, top row first."""
-        return self._read(self.drawing, self._attachments.index("colour"), np.uint8, "f1", components=3)
+        return self._read(self.drawing, crop, self._attachments.index("colour"), np.uint8, "f1", components=3)
 
-    def read_disparity(self) -> NDArray[np.float32]:
+    def read_disparity(self, crop: Crop | None = None) -> NDArray[np.float32]:
         """Copy the disparity out as (H, W) float32 px, top row first; inf where nothing is drawn."""
-        return self._read(self.drawing, self._attachments.index("disparity"), np.float32, "f4")
+        return self._read(self.drawing, crop, self._attachments.index("disparity"), np.float32, "f4")
 
-    def read_depth(self) -> NDArray[np.float32]:
+    def read_depth(self, crop: Crop | None = None) -> NDArray[np.float32]:
         """Copy the planar depth out as (H, W) float32 m; inf where nothing is drawn."""
-        return self._read(self.drawing, self._attachments.index("depth"), np.float32, "f4")
+        return self._read(self.drawing, crop, self._attachments.index("depth"), np.float32, "f4")
 
-    def read_instances(self) -> NDArray[np.uint16]:
+    def read_instances(self, crop: Crop | None = None) -> NDArray[np.uint16]:
         """Copy the instance ids out as (H, W) uint16; 0 where nothing is drawn."""
-        return self._read(self.drawing, self._attachments.index("instances"), np.uint16, "u2")
+        return self._read(self.drawing, crop, self._attachments.index("instances"), np.uint16, "u2")
 
-    def read_surface(self) -> NDArray[np.uint32]:
+    def read_surface(self, crop: Crop | None = None) -> NDArray[np.uint32]:
         """Copy instance and triangle out as (H, W, 2) uint32; without meaning where nothing is drawn."""
-        return self._read(self.drawing, self._attachments.index("surface"), np.uint32, "u4", components=2)
+        return self._read(self.drawing, crop, self._attachments.index("surface"), np.uint32, "u4", components=2)
 
-    def read_visibility(self) -> NDArray[np.uint8]:
+    def read_visibility(self, crop: Crop | None = None) -> NDArray[np.uint8]:
         """Copy the visibility out as (H, W) uint8."""
         if self.visibility is None:
             raise RuntimeError("these targets were made without visibility")
-        return self._read(self.visibility, 0, np.uint8, "u1")
+        return self._read(self.visibility, crop, 0, np.uint8, "u1")
 
     @staticmethod
     def _read(
-        framebuffer: moderngl.Framebuffer, attachment: int, dtype: type[Any], name: str, components: int = 1
+        framebuffer: moderngl.Framebuffer,
+        crop: Crop | None,
+        attachment: int,
+        dtype: type[Any],
+        name: str,
+        components: int = 1,
     ) -> NDArray[Any]:
-        width, height = framebuffer.size
-        pixels = np.empty((height, width, components) if components > 1 else (height, width), dtype)
+        viewport = window(crop, framebuffer.size)
+        shape = viewport[3], viewport[2]
+        pixels = np.empty((*shape, components) if components > 1 else shape, dtype)
         # An alignment of 1 keeps rows tightly packed: 3 * 941 bytes is no multiple of 4.
-        framebuffer.read_into(pixels, components=components, attachment=attachment, dtype=name, alignment=1)
+        framebuffer.read_into(pixels, viewport, components, attachment=attachment, dtype=name, alignment=1)
         return pixels
 
     def release(self) -> None:

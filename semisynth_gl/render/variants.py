@@ -162,7 +162,7 @@ class DisparityVariants:
             set_uniform(program, "doffs_px", camera.doffs_px)
         if way == "plane":
             set_uniform(program, "focal_px", camera.focal_px)
-            set_uniform(program, "other_centre_px", centre)
+            set_uniform(program, "traced_centre_px", centre)
         if way in ("plane", "plane64"):
             self._models.bind_for_tracing(self._models.place(scene), eye)
         targets.clear()

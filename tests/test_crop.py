@@ -1,0 +1,97 @@
+"""A part of a pair is drawn as it is in the whole, bit for bit."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from semisynth_gl.camera import Crop, StereoCamera
+from semisynth_gl.errors import InputError
+from semisynth_gl.frame import Frame
+from semisynth_gl.pipeline import PairRenderer
+from tests.test_pipeline import tiny
+
+CROPS = (Crop(0, 0, 24, 16), Crop(100, 61, 87, 64), Crop(60, 40, 1, 1), Crop(0, 0, 187, 125))
+
+
+def arrays(frame):
+    return {each.name: getattr(frame, each.name) for each in fields(Frame) if each.name != "camera"}
+
+
+def assert_equal(frame, whole, crop):
+    assert frame.camera == whole.camera.cropped(crop)
+    for name, array in arrays(frame).items():
+        there = arrays(whole)[name]
+        assert (array is None) == (there is None), name
+        if array is not None:
+            expected = there[crop.y_px : crop.bottom_px, crop.x_px : crop.right_px]
+            np.testing.assert_array_equal(array, expected, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"outputs": ("visibility", "instances", "depth")},
+        {"outputs": (), "antialias": "msaa4"},
+        {"truth": "left", "antialias": "ssaa2"},
+    ],
+)
+def test_a_crop_has_the_pixels_of_the_whole_image(backend, changes):
+    config = tiny(models={"variants": 1}).model_copy(update=changes)
+    with PairRenderer(config, 3, backend) as renderer:
+        whole = [renderer.render(index).frame for index in range(2)]
+        for crop in CROPS:
+            for checked in (True, False):
+                # The other pair leaves other pixels in the framebuffers.
+                for index in range(2):
+                    frame = renderer.render(index, crop=crop, checked=checked).frame
+                    assert_equal(frame, whole[index], crop)
+
+
+@pytest.mark.one_backend
+def test_imperfections_of_a_crop_are_those_of_the_whole_image(backend):
+    config = tiny(imperfections={"noise": [2, 4], "blur_px": [1, 2]})
+    with PairRenderer(config, 3, backend) as renderer:
+        whole = renderer.render(0).frame
+        for checked in (True, False):
+            assert_equal(renderer.render(0, crop=CROPS[1], checked=checked).frame, whole, CROPS[1])
+
+
+@pytest.mark.one_backend
+def test_a_crop_of_a_later_frame_is_of_the_attempt_that_passed(backend):
+    config = tiny(sequence={"length": 2}, checks={"min_texture": 33.5})
+    with PairRenderer(config, 3, backend) as renderer:
+        pairs = [renderer.render(index) for index in range(12)]
+        redrawn = [pair for pair in pairs[1::2] if "redrawn" in pair.provenance]
+        assert redrawn
+        for pair in redrawn:
+            assert_equal(renderer.render(pair.index, crop=CROPS[1]).frame, pair.frame, CROPS[1])
+            unchecked = renderer.render(pair.index, crop=CROPS[1], checked=False)
+            assert "redrawn" not in unchecked.provenance
+            assert (unchecked.frame.left != pair.frame.cropped(CROPS[1]).left).any()
+
+
+def test_a_cropped_camera_sees_a_point_at_the_same_disparity():
+    camera = StereoCamera(640, 480, 500.0, 0.2, 310.0, 325.0, 240.0)
+    cropped = camera.cropped(Crop(100, 50, 200, 100))
+    assert (cropped.width_px, cropped.height_px) == (200, 100)
+    assert cropped.disparity_px(2.0) == camera.disparity_px(2.0)
+    for eye in ("left", "right"):
+        np.testing.assert_allclose(
+            cropped.rays(eye, np.array(3.0), np.array(4.0)),
+            camera.rays(eye, np.array(103.0), np.array(54.0)),
+            rtol=1e-15,
+        )
+
+
+@pytest.mark.parametrize("numbers", [(0, 0, 641, 1), (0, 0, 1, 481), (600, 0, 41, 1), (0, 480, 1, 1)])
+def test_crops_beyond_the_image_are_refused(numbers):
+    camera = StereoCamera(640, 480, 500.0, 0.2, 310.0, 325.0, 240.0)
+    with pytest.raises(InputError, match="must lie within the image of 640 x 480 px"):
+        camera.cropped(Crop(*numbers))
+
+
+@pytest.mark.parametrize("numbers", [(-1, 0, 5, 5), (0, -1, 5, 5), (0, 0, 0, 5), (0, 0, 5, 0)])
+def test_crops_of_nothing_are_refused(numbers):
+    with pytest.raises(InputError, match="at least 1 x 1 pixel"):
+        Crop(*numbers)
