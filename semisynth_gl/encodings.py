@@ -1,8 +1,8 @@
 """Which encodings a dataset may have: their names, and what comes at the end of a file's name.
 
 What encodes stands in `semisynth_gl.write.encodings`, what decodes in `semisynth_gl.read.encodings`; both have an entry
-for each name here. A config chooses among `ImageEncoding` and `DisparityEncoding`; the others belong to layouts that
-leave no choice.
+for each name here. A config chooses among `ImageEncoding`, `DisparityEncoding` and `FlowEncoding`; the others belong to
+layouts that leave no choice.
 """
 
 from dataclasses import dataclass
@@ -13,10 +13,12 @@ from semisynth_gl.errors import InputError
 
 ImageEncoding = Literal["png", "qoi", "jxl"]
 DisparityEncoding = Literal["pfm", "png16", "tiff"]
+FlowEncoding = Literal["flo", "pfm", "png16"]
 LayoutImageEncoding = Literal["jpg"]
 LayoutDisparityEncoding = Literal["png16-32"]
 IMAGE_ENCODINGS: tuple[ImageEncoding, ...] = get_args(ImageEncoding)
 DISPARITY_ENCODINGS: tuple[DisparityEncoding, ...] = get_args(DisparityEncoding)
+FLOW_ENCODINGS: tuple[FlowEncoding, ...] = get_args(FlowEncoding)
 
 _SUFFIXES = {"png16": ".png", "png16-32": ".png"}
 # imagecodecs is an extra: its wheel holds every codec there is, 26 MB.
@@ -26,15 +28,17 @@ _NEED_CODECS = frozenset({"qoi", "jxl"})
 
 @dataclass(frozen=True, slots=True)
 class Encodings:
-    """How a dataset's files are encoded; masks and ids are PNG, depth is PFM whatever this says.
+    """How a dataset's files are encoded; masks and ids are PNG, depth and change of disparity PFM whatever this says.
 
     Attributes:
         image: of both images; ``jpg`` alone loses something.
         disparity: of both disparities; ``png16`` counts 1/256 px, ``png16-32`` 1/32 px, and the others do not round.
+        flow: of flow to the next and to the previous frame; ``png16`` counts 1/64 px, and the others do not round.
     """
 
     image: ImageEncoding | LayoutImageEncoding = "png"
     disparity: DisparityEncoding | LayoutDisparityEncoding = "pfm"
+    flow: FlowEncoding = "flo"
 
     @property
     def image_suffix(self) -> str:
@@ -45,6 +49,11 @@ class Encodings:
     def disparity_suffix(self) -> str:
         """What names of disparities end in, with the dot."""
         return _SUFFIXES.get(self.disparity, f".{self.disparity}")
+
+    @property
+    def flow_suffix(self) -> str:
+        """What names of flow end in, with the dot."""
+        return _SUFFIXES.get(self.flow, f".{self.flow}")
 
     @property
     def image_names(self) -> tuple[str, str]:

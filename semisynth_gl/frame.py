@@ -12,9 +12,11 @@ VISIBLE = 255
 OCCLUDED = 128
 OUTSIDE = 0
 
-Output = Literal["visibility", "instances", "depth"]
+Output = Literal["visibility", "instances", "depth", "flow", "flow_backward", "disparity_change"]
 OUTPUTS: tuple[Output, ...] = get_args(Output)
 DEFAULT_OUTPUTS: tuple[Output, ...] = ("visibility",)
+FLOW_OUTPUTS: frozenset[Output] = frozenset({"flow", "flow_backward", "disparity_change"})
+"""Those that compare a pair with the one before or after it in time."""
 
 TruthOf = Literal["both", "left"]
 TRUTHS: tuple[TruthOf, ...] = get_args(TruthOf)
@@ -43,6 +45,21 @@ class Frame:
         instances_right: (H, W) uint16, likewise for the right view.
         depth_left: (H, W) float32 planar depth, m; inf where nothing is seen.
         depth_right: (H, W) float32, likewise for the right view.
+        flow_left: (H, W, 2) float32, px: where the point seen at a pixel is in the same view at the next frame, minus
+            the pixel; x right, y down. Both are inf where nothing is seen, or the point is nearer than the near plane
+            then, or behind it.
+        flow_right: (H, W, 2) float32, likewise for the right view.
+        flow_visibility_left: (H, W) uint8: `VISIBLE` where the left view sees the same point at the next frame too,
+            `OCCLUDED` where something hides it then or it is no longer there, `OUTSIDE` where it has left the image or
+            has no flow.
+        flow_visibility_right: (H, W) uint8, likewise for the right view.
+        flow_backward_left: (H, W, 2) float32, as `flow_left`, but to the previous frame.
+        flow_backward_right: (H, W, 2) float32, likewise for the right view.
+        flow_backward_visibility_left: (H, W) uint8, as `flow_visibility_left`, but at the previous frame.
+        flow_backward_visibility_right: (H, W) uint8, likewise for the right view.
+        disparity_change_left: (H, W) float32, px: the disparity of the point seen at a pixel at the next frame, minus
+            the one at this frame; inf where either is none.
+        disparity_change_right: (H, W) float32, likewise for the right view, in its own terms.
     """
 
     camera: StereoCamera
@@ -56,6 +73,16 @@ class Frame:
     instances_right: NDArray[np.uint16] | None = None
     depth_left: NDArray[np.float32] | None = None
     depth_right: NDArray[np.float32] | None = None
+    flow_left: NDArray[np.float32] | None = None
+    flow_right: NDArray[np.float32] | None = None
+    flow_visibility_left: NDArray[np.uint8] | None = None
+    flow_visibility_right: NDArray[np.uint8] | None = None
+    flow_backward_left: NDArray[np.float32] | None = None
+    flow_backward_right: NDArray[np.float32] | None = None
+    flow_backward_visibility_left: NDArray[np.uint8] | None = None
+    flow_backward_visibility_right: NDArray[np.uint8] | None = None
+    disparity_change_left: NDArray[np.float32] | None = None
+    disparity_change_right: NDArray[np.float32] | None = None
 
     def cropped(self, crop: Crop) -> "Frame":
         """Return a crop of both views, in arrays of its own.

@@ -23,7 +23,7 @@ from semisynth_gl.pipeline import Pair, PairRenderer, Sources, prepare_sources
 from semisynth_gl.places import Place, open_place
 from semisynth_gl.plan import Plan, Shard, differences, few, make_plan
 from semisynth_gl.render.context import Backend
-from semisynth_gl.render.devices import egl_devices, egl_index_of_gpu
+from semisynth_gl.render.devices import egl_index_of_worker
 from semisynth_gl.splits import SplitName
 from semisynth_gl.write.card import encode_card
 from semisynth_gl.write.croissant import encode_croissant
@@ -103,11 +103,7 @@ class ShardJob:
 
     def device_index(self, worker: int) -> int:
         """Return EGL's number of a worker's device."""
-        if not self.gpus:
-            return 0
-        return egl_index_of_gpu(
-            self.gpus[worker % len(self.gpus)], egl_devices(), os.environ.get("CUDA_VISIBLE_DEVICES")
-        )
+        return egl_index_of_worker(self.gpus, worker)
 
     def make(self, renderer_of: Callable[[SplitName, Watch], PairRenderer], shard: Shard, watch: Watch) -> Made:
         """Make a shard, or what an earlier run left of it to make."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from semisynth_gl.camera import OTHER_EYE, Eye, StereoCamera
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.scene.scene import Scene
+from semisynth_gl.scene.scene import Motion, Scene
 
 # Rays are compared with triangles' bounding boxes this many comparisons at a time, to bound memory.
 _COMPARISONS = 4_000_000
@@ -108,6 +108,87 @@ def visibility(
     hidden = seen.depth_m < hits.depth_m[where] * (1 - 1e-9)
     result[where] = np.where(hidden, OCCLUDED, VISIBLE)
     return result
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Flows:
+    """Where the points that R rays hit are at another moment, in the same view.
+
+    Attributes:
+        flow_px: (R, 2) float64, x and y; inf where there is no hit, or the point is nearer than the near plane then.
+        disparity_change_px: (R,) float64; inf there too, and where either disparity is not positive.
+        visibility: (R,) uint8, the values of `semisynth_gl.frame`.
+    """
+
+    flow_px: NDArray[np.float64]
+    disparity_change_px: NDArray[np.float64]
+    visibility: NDArray[np.uint8]
+
+
+def flow(
+    scene: Scene,
+    models: Sequence[Mesh],
+    motion: Motion,
+    eye: Eye,
+    x_px: NDArray[np.float64],
+    y_px: NDArray[np.float64],
+    hits: Hits,
+) -> Flows:
+    """Follow the points that rays hit to another moment, each on its own instance.
+
+    Args:
+        scene: what stands where.
+        models: the meshes that ``scene.model`` counts.
+        motion: how the scene gets to the other moment.
+        eye: whose rays they were.
+        x_px: (R,) float64 columns of the rays.
+        y_px: (R,) float64 rows.
+        hits: what they see.
+    """
+    camera = scene.camera
+    x, y = np.asarray(x_px, np.float64), np.asarray(y_px, np.float64)
+    then = np.full((len(x), 3), np.inf)
+    aside = np.array([camera.offset_m(eye), 0.0, 0.0])
+    for number in np.unique(hits.instance[hits.instance >= 0]):
+        of = np.flatnonzero(hits.instance == number)
+        now_from_model = scene.camera_from_world @ scene.world_from_model[number]
+        then_from_model = motion.scene.camera_from_world @ motion.world_from_model[number]
+        point = camera.rays(eye, x[of], y[of]) * hits.depth_m[of, None] + aside
+        # By the triangle's corners and the point's place among them: flat models have no inverse matrix.
+        corners = models[int(scene.model[number])].positions.astype(np.float64)
+        corners = corners[models[int(scene.model[number])].triangles[hits.triangle[of]]]
+        place = _place_among(corners @ now_from_model[:3, :3].T + now_from_model[:3, 3], point)
+        moved = corners @ then_from_model[:3, :3].T + then_from_model[:3, 3]
+        then[of] = (place[:, :, None] * moved).sum(axis=1) - aside
+    with np.errstate(invalid="ignore"):
+        seen = np.isfinite(then[:, 2]) & (then[:, 2] >= scene.near_m)
+        position = camera.focal_px * then[:, :2] / then[:, 2:] + (camera.cx_px(eye), camera.cy_px)
+        before, after = camera.disparity_px(hits.depth_m), camera.disparity_px(then[:, 2])
+    both = seen & (before > 0) & (after > 0)
+    inside = seen & (position >= -0.5).all(axis=1)
+    inside &= (position[:, 0] < camera.width_px - 0.5) & (position[:, 1] < camera.height_px - 0.5)
+    visibility = np.full(len(x), OUTSIDE, np.uint8)
+    where = np.flatnonzero(inside)
+    found = cast(motion.scene, models, eye, position[where, 0], position[where, 1])
+    gone = motion.instance[hits.instance[where]] < 0
+    hidden = gone | (found.depth_m < then[where, 2] * (1 - 1e-9))
+    visibility[where] = np.where(hidden, OCCLUDED, VISIBLE)
+    return Flows(
+        np.where(seen[:, None], position - np.stack([x, y], axis=1), np.inf),
+        np.where(both, after - before, np.inf),
+        visibility,
+    )
+
+
+def _place_among(corners: NDArray[np.float64], point: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Barycentric coordinates (R, 3) of points (R, 3) in the planes of triangles (R, 3, 3)."""
+    edge_1, edge_2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    normal = np.cross(edge_1, edge_2)
+    across = point - corners[:, 0]
+    area = (normal**2).sum(axis=1)
+    second = (np.cross(across, edge_2) * normal).sum(axis=1) / area
+    third = (np.cross(edge_1, across) * normal).sum(axis=1) / area
+    return np.stack([1 - second - third, second, third], axis=1)
 
 
 def depth_on_planes(

@@ -127,9 +127,9 @@ class PairRenderer:
         self.split = split
         self.sources = prepare_sources(config, seed, split)
         self.atlas, self.model_library = self.sources.atlas, self.sources.model_library
-        self._sampler = SceneSampler(config, split.seed(seed), self.model_library, self.atlas.patches)
+        self.sampler = SceneSampler(config, split.seed(seed), self.model_library, self.atlas.patches)
         self._renderer = Renderer(
-            self._sampler.models,
+            self.sampler.models,
             self.atlas.layers,
             wrap=config.textures.wrap,
             anisotropy=config.textures.anisotropy,
@@ -170,7 +170,7 @@ class PairRenderer:
 
     def expected_histogram(self) -> Histogram | None:
         """Return the disparities that many pairs come to on average, see `Population.expected`."""
-        return self._sampler.population.expected()
+        return self.sampler.population.expected()
 
     @property
     def facts(self) -> dict[str, str]:
@@ -212,15 +212,15 @@ class PairRenderer:
         if settled is None or settled.sequence != number or (checked and frame_number == 0):
             settled, frame, sampled = self._settle(number, done)
         if frame_number > 0 or not checked:
-            sampled = self._sampler.sample(index, settled.attempt)
+            sampled = self.sampler.sample(index, settled.attempt)
             _tell(done, "sample")
             # Imperfections are drawn for whole images.
-            frame = self._renderer.render(sampled.scene, done, crop if self.config.imperfections.none() else None)
-        provenance = {"pair": index} | self._made_by | self._sampler.provenance(sampled)
+            frame = self._draw(sampled, done, crop if self.config.imperfections.none() else None)
+        provenance = {"pair": index} | self._made_by | self.sampler.provenance(sampled)
         if settled.redrawn:
             provenance["redrawn"] = settled.redrawn
         if "instances" in self.config.outputs:
-            provenance["instances"] = self._sampler.instance_table(sampled)
+            provenance["instances"] = self.sampler.instance_table(sampled)
         if not self.config.imperfections.none():
             rng = generator(self.split.seed(self.seed), Purpose.IMPERFECTIONS, index)
             frame, provenance["imperfections"] = with_imperfections(frame, self.config.imperfections, rng)
@@ -229,13 +229,20 @@ class PairRenderer:
         _tell(done, "check")
         return Pair(index, frame, provenance)
 
+    def _draw(self, sampled: SampledScene, done: Callable[[str], None] | None, crop: Crop | None = None) -> Frame:
+        """Draw a scene, with its motion where an output needs it."""
+        outputs = set(self.config.outputs)
+        future = self.sampler.motion(sampled, +1) if outputs & {"flow", "disparity_change"} else None
+        past = self.sampler.motion(sampled, -1) if "flow_backward" in outputs else None
+        return self._renderer.render(sampled.scene, done, crop, future=future, past=past)
+
     def _settle(self, number: int, done: Callable[[str], None] | None) -> tuple[_Settled, Frame, SampledScene]:
         """Find a sequence's first attempt whose first frame passes the checks; return that frame too."""
         redrawn: list[str] = []
         for attempt in range(self.config.checks.attempts):
-            sampled = self._sampler.sample(number * self.config.sequence.length, attempt)
+            sampled = self.sampler.sample(number * self.config.sequence.length, attempt)
             _tell(done, "sample")
-            frame = self._renderer.render(sampled.scene, done)
+            frame = self._draw(sampled, done)
             found = faults(frame, self.config)
             _tell(done, "check")
             if not found:

@@ -7,8 +7,10 @@ from math import ceil
 from typing import Any
 
 from semisynth_gl.config import Config
+from semisynth_gl.encodings import FlowEncoding
 from semisynth_gl.errors import InputError
 from semisynth_gl.layouts import Key, Layout, find_layout
+from semisynth_gl.layouts.layout import sequence_length
 from semisynth_gl.splits import SPLITS, Split, SplitName, split_of
 
 PROGRAM = "semisynth-gl"
@@ -20,6 +22,7 @@ _FEWEST_SHARDS = 8
 _IMAGE_BYTES_PER_PIXEL = 1.8
 _MASK_BYTES_PER_PIXEL = 0.05
 _FLOAT_BYTES = 4
+_FLOW_BYTES_PER_PIXEL: Mapping[FlowEncoding, float] = {"flo": 8, "pfm": 12, "png16": 4}
 _KEYS_SHOWN = 8
 
 
@@ -81,7 +84,8 @@ class Plan:
 
     def key(self, split: SplitName, index: int) -> Key:
         """Return what the names of a pair's files depend on."""
-        return Key(self.config.name, split, index)
+        length = sequence_length(self.config.outputs, self.config.sequence.length)
+        return Key(self.config.name, split, index, length)
 
     def keys(self, split: SplitName) -> list[Key]:
         """Return the keys of all pairs of a split."""
@@ -148,7 +152,14 @@ def make_plan(
     if layout.encodings is not None and config.files != files:
         raise InputError(
             f"the layout {layout_name} has encodings of its own ({layout.encodings.image}, "
-            f"{layout.encodings.disparity}): leave files.image and files.disparity out of the config"
+            f"{layout.encodings.disparity}, {layout.encodings.flow}): leave files.image, files.disparity and "
+            "files.flow out of the config"
+        )
+    length = sequence_length(config.outputs, config.sequence.length)
+    if length is not None and layout.most_frames is not None and length > layout.most_frames:
+        raise InputError(
+            f"the layout {layout_name} has names for {layout.most_frames} frames of a sequence with flow, got "
+            f"sequence.length {length}: set it to {layout.most_frames} or less, or choose another with --layout"
         )
     layout.chosen_encodings(config).check()
     lacking = [output for output in sorted(layout.needs) if output not in config.outputs]
@@ -161,12 +172,17 @@ def make_plan(
 
 def _shard_pairs(config: Config, layout: Layout, pairs: int) -> int:
     views = 2 if config.truth == "both" else 1
-    disparity = _FLOAT_BYTES if layout.chosen_encodings(config).disparity == "pfm" else _FLOAT_BYTES / 2
+    encodings = layout.chosen_encodings(config)
+    disparity = _FLOAT_BYTES if encodings.disparity == "pfm" else _FLOAT_BYTES / 2
+    flow = _FLOW_BYTES_PER_PIXEL[encodings.flow] + _MASK_BYTES_PER_PIXEL
     per_pixel = 2 * _IMAGE_BYTES_PER_PIXEL + views * (
         disparity
         + _MASK_BYTES_PER_PIXEL * ("visibility" in config.outputs)
         + _MASK_BYTES_PER_PIXEL * ("instances" in config.outputs)
         + _FLOAT_BYTES * ("depth" in config.outputs)
+        + flow * ("flow" in config.outputs)
+        + flow * ("flow_backward" in config.outputs)
+        + _FLOAT_BYTES * ("disparity_change" in config.outputs)
     )
     size = per_pixel * config.camera.width_px * config.camera.height_px
     wanted = max(1, min(round(_SHARD_BYTES / size), ceil(pairs / _FEWEST_SHARDS)))

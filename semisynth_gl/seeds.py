@@ -20,6 +20,8 @@ class Purpose(IntEnum):
     PILOTS = 9
     COUNTS = 10
     STRUCTURES = 11
+    SWAY = 12
+    CROP = 13
 
 
 def generator(seed: int, purpose: Purpose, *numbers: int) -> np.random.Generator:

@@ -13,7 +13,7 @@ from ruamel.yaml import YAML
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Config
-from semisynth_gl.frame import Frame
+from semisynth_gl.frame import OUTPUTS, Frame
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.geometry.silhouette import Silhouette
@@ -21,6 +21,8 @@ from semisynth_gl.index import describe_dataset
 from semisynth_gl.layouts import find_layout, layout_names
 from semisynth_gl.pipeline import Sources
 from semisynth_gl.plan import Plan, make_plan
+from semisynth_gl.read.flow import decode_flo
+from semisynth_gl.splits import SplitName
 from semisynth_gl.textures.atlas import atlas_from_arrays
 from semisynth_gl.write.card import encode_card
 from semisynth_gl.write.croissant import encode_croissant
@@ -29,6 +31,10 @@ from semisynth_gl.write.tar import tar_end, tar_member
 FOLDERS = [name for name in layout_names() if not find_layout(name).packed]
 ODD = 'my: "own" #1'
 CAMERA = StereoCamera(8, 6, 10.0, 0.1, 3.5, 3.5, 2.5)
+
+
+FLOW = {"outputs": OUTPUTS, "sequence": {"length": 2}}
+"""Keys of a config with all outputs."""
 
 
 def plan_for(layout: str, pairs: Mapping[str, int], licence: str = "unknown", **values: Any) -> Plan:
@@ -58,7 +64,9 @@ def frame(index: int) -> Frame:
     grey, ids = np.full((6, 8), 255, np.uint8), np.full((6, 8), index, np.uint16)
     truth = np.full((6, 8), index + 0.5, np.float32)
     image = np.full((6, 8, 3), index, np.uint8)
-    return Frame(CAMERA, image, image + 100, truth, truth + 1, grey, grey, ids, ids, truth, truth)
+    flow = np.full((6, 8, 2), index + 0.5, np.float32)
+    still = (CAMERA, image, image + 100, truth, truth + 1, grey, grey, ids, ids, truth, truth)
+    return Frame(*still, *((flow, flow, grey, grey) * 2), truth, truth)
 
 
 def write(plan: Plan, folder: Path | None = None) -> dict[str, Any]:
@@ -76,6 +84,7 @@ def write(plan: Plan, folder: Path | None = None) -> dict[str, Any]:
                 plan.key(shard.split, pair), frame(pair), provenance | {"pair": pair}, 5,
                 plan.layout.chosen_encodings(plan.config),
             )  # fmt: skip
+            files = {path: files[path] for path in paths(plan, shard.split, pair).values()}
             for name, data in files.items():
                 if plan.layout.packed:
                     content += tar_member(name, data)[0]
@@ -99,6 +108,13 @@ def write(plan: Plan, folder: Path | None = None) -> dict[str, Any]:
         (folder / "croissant.json").write_bytes(encode_croissant(index))
         (folder / "README.md").write_bytes(encode_card(index))
     return index
+
+
+def paths(plan: Plan, split: SplitName, pair: int) -> dict[str, str]:
+    """Return the files that a pair has, by role, below the split's folder or inside the tar."""
+    layout = plan.layout
+    every = layout.files(plan.key(split, pair), layout.chosen_encodings(plan.config))
+    return layout.roles(every, plan.config.outputs, plan.config.truth)
 
 
 @pytest.fixture
@@ -129,7 +145,7 @@ def front_of(card: bytes) -> tuple[Any, str]:
 
 
 def test_mlcroissant_reads_the_files_of_tars(tmp_path: Path, mlcroissant: Any) -> None:
-    write(plan_for("webdataset", {"train": 5, "validation": 1, "test": 2}), tmp_path)
+    write(plan_for("webdataset", {"train": 5, "validation": 1, "test": 2}, **FLOW), tmp_path)
     dataset = open_croissant(mlcroissant, tmp_path / "croissant.json")
     assert dataset.metadata.ctx.conforms_to.value == "http://mlcommons.org/croissant/1.1"
 
@@ -141,11 +157,12 @@ def test_mlcroissant_reads_the_files_of_tars(tmp_path: Path, mlcroissant: Any) -
         return sorted(found, key=lambda record: record[0])
 
     for split, pairs in (("train", 5), ("validation", 1), ("test", 2)):
-        left, disparity, instances, provenance = (
-            records(f"{split}-{role}") for role in ("left", "disparity_left", "instances_left", "provenance")
+        left, disparity, instances, flow, provenance = (
+            records(f"{split}-{role}")
+            for role in ("left", "disparity_left", "instances_left", "flow_left", "provenance")
         )
         keys = [f"{index:08d}".encode() for index in range(pairs)]
-        for role in (left, disparity, instances, provenance):
+        for role in (left, disparity, instances, flow, provenance):
             assert [key for key, _, _ in role] == keys
             assert {name for _, name, _ in role} == {split.encode()}
         for index in range(pairs):
@@ -153,6 +170,7 @@ def test_mlcroissant_reads_the_files_of_tars(tmp_path: Path, mlcroissant: Any) -
             assert np.array_equal(np.asarray(left[index][2]), expected.left)
             assert np.array_equal(np.asarray(disparity[index][2]), expected.disparity_left)
             assert np.array_equal(np.asarray(instances[index][2]), expected.instances_left)
+            assert np.array_equal(decode_flo(flow[index][2], Path()), expected.flow_left)
             assert json.loads(provenance[index][2])["pair"] == index
     urls = {record["splits/name"]: record["splits/url"] for record in dataset.records("splits")}
     assert urls == {"train": "cr:TrainingSplit", "validation": "cr:ValidationSplit", "test": "cr:TestSplit"}
@@ -165,10 +183,13 @@ def test_one_split_is_not_listed_as_such(tmp_path: Path, mlcroissant: Any) -> No
     assert len(list(dataset.records("train-right"))) == 1
 
 
+@pytest.mark.parametrize("values", [{}, FLOW], ids=["pairs", "sequences"])
 @pytest.mark.parametrize("layout", FOLDERS)
-def test_mlcroissant_reads_the_images_of_folders(layout: str, tmp_path: Path, mlcroissant: Any) -> None:
+def test_mlcroissant_reads_the_images_of_folders(
+    layout: str, values: dict[str, Any], tmp_path: Path, mlcroissant: Any
+) -> None:
     # Of files that lie in folders it decodes images to RGB and knows no PFM, so that truth cannot be read by it.
-    plan = plan_for(layout, {"train": 3, "test": 2})
+    plan = plan_for(layout, {"train": 3, "test": 2}, **values)
     write(plan, tmp_path)
     dataset = open_croissant(mlcroissant, tmp_path / "croissant.json")
     for split, pairs in plan.pairs.items():
@@ -184,25 +205,25 @@ def test_mlcroissant_reads_the_images_of_folders(layout: str, tmp_path: Path, ml
         assert levels == list(range(pairs))
 
 
+@pytest.mark.parametrize("length", [None, 1, 2, 50])
 @pytest.mark.parametrize("layout", layout_names())
-def test_a_pattern_matches_the_files_of_its_role_and_no_others(layout: str) -> None:
-    plan = plan_for(layout, {"train": 3, "validation": 1, "test": 2})
+def test_a_pattern_matches_the_files_of_its_role_and_no_others(layout: str, length: int | None) -> None:
+    values = {} if length is None else {"outputs": OUTPUTS, "sequence": {"length": length}}
+    plan = plan_for(layout, {"train": 3, "validation": 1, "test": 2}, **values)
     described = json.loads(encode_croissant(write(plan)))
     patterns = {each["@id"]: each["includes"] for each in described["distribution"] if each["@type"] == "cr:FileSet"}
     roles = {each.removesuffix("-files") for each in patterns}
-    files = {
-        f"{split}-{role}": ("" if plan.layout.packed else plan.folder(split)) + path
-        for index in (0, 7, 10, 999, 3001, 123_457, 999_999)
-        for split in plan.splits
-        for role, path in plan.layout.files(
-            plan.key(split, index), plan.layout.chosen_encodings(plan.config)
-        ).items()
-    }  # fmt: skip
-    assert roles == set(files)
-    for name, path in files.items():
-        own_tars = plan.layout.packed
-        matching = {each for each in roles if fnmatch(path, patterns[f"{each}-files"])}
-        assert matching == ({f"{split}-{name.partition('-')[2]}" for split in plan.splits} if own_tars else {name})
+    for index in (0, 1, 7, 10, 999, 3001, 123_457, 999_999):
+        files = {
+            f"{split}-{role}": ("" if plan.layout.packed else plan.folder(split)) + path
+            for split in plan.splits
+            for role, path in paths(plan, split, index).items()
+        }
+        assert roles == set(files)
+        for name, path in files.items():
+            own_tars = plan.layout.packed
+            matching = {each for each in roles if fnmatch(path, patterns[f"{each}-files"])}
+            assert matching == ({f"{split}-{name.partition('-')[2]}" for split in plan.splits} if own_tars else {name})
 
 
 def test_truth_of_the_left_view_alone_has_no_files_of_the_right_one() -> None:
@@ -292,6 +313,21 @@ def test_the_card_knows_the_encoding(encoding: str, text: str) -> None:
     _, body = front_of(encode_card(write(plan_for("webdataset", {"train": 1}, files={"disparity": encoding}))))
     assert text in body
     assert "Rounding" not in body
+
+
+def test_the_card_knows_the_flow() -> None:
+    front, body = front_of(encode_card(write(plan_for("kitti", {"train": 4}, **FLOW))))
+    assert "optical-flow" in front["tags"]
+    for text in (
+        "Pairs 2 i to 2 i + 1", "0.04 s apart", "64 u + 32768", "0 in the third channel says that there is none",
+        "0.0078125 px", "511.984", "training/flow_noc/000000_10.png", "flow of the left view's pixels to the next",
+        "has 200 sequences, here are 2",
+    ):  # fmt: skip
+        assert text in body, text
+    _, body = front_of(encode_card(write(plan_for("webdataset", {"train": 4}, **FLOW))))
+    assert "1e10 says that there is none" in body
+    assert "Beyond" not in body
+    assert "## Flow" not in encode_card(write(plan_for("webdataset", {"train": 4}))).decode()
 
 
 @pytest.mark.parametrize("layout", layout_names())

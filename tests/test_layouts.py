@@ -27,7 +27,7 @@ from semisynth_gl.frame import OCCLUDED, OUTPUTS, OUTSIDE, VISIBLE, Frame
 from semisynth_gl.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.layouts import Key, find_layout, layout_names
 from semisynth_gl.layouts.kitti import decode_calibration, encode_calibration, objects_of, visibility_of
-from semisynth_gl.layouts.layout import ARRAYS, BEYOND, share_beyond
+from semisynth_gl.layouts.layout import ARRAYS, BEYOND, FLOW_BACKWARD_BEYOND, FLOW_BEYOND, FLOWS, share_beyond
 from semisynth_gl.layouts.middlebury_2014 import expose
 from semisynth_gl.read.error import ReadError
 from semisynth_gl.read.pfm import read_pfm
@@ -37,11 +37,13 @@ from semisynth_gl.splits import SPLITS
 CAMERA = StereoCamera.centred(48, 32, 60.0, 0.25, 1.5)
 PAIRS = 7
 INF = np.float32(np.inf)
-OTHER_ENCODINGS = [("middlebury", "png", "png16"), ("webdataset", "png", "tiff"), ("webdataset", "qoi", "png16")]
+OTHER_ENCODINGS = [
+    ("middlebury", "png", "png16", "png16"), ("webdataset", "png", "tiff", "pfm"), ("webdataset", "qoi", "png16", "flo")
+]  # fmt: skip
 
 
 def view(rng, index, side):
-    """An image, disparity, mask, ids and depth of one eye, marked with the pair's number at (4, 4)."""
+    """What one eye has, by kind; image ("") and disparity are marked with the pair's number at (4, 4)."""
     height, width = CAMERA.height_px, CAMERA.width_px
     image = rng.integers(0, 256, (height, width, 3), np.uint8)
     image[:8, :8] = index * 8, 0 if side == "left" else 255, 128
@@ -53,20 +55,35 @@ def view(rng, index, side):
     inside = np.isfinite(disparity) & (column >= -0.5) & (column < width - 0.5)
     mask = np.where(inside, rng.choice([VISIBLE, OCCLUDED], (height, width)), OUTSIDE).astype(np.uint8)
     depth = np.where(np.isfinite(disparity), CAMERA.depth_m(disparity), np.inf).astype(np.float32)
-    return image, disparity, mask, rng.integers(0, 9, (height, width), np.uint16), depth
+    held = {"": image, "disparity": disparity, "visibility": mask, "depth": depth}
+    held["instances"] = rng.integers(0, 9, (height, width), np.uint16)
+    for kind in ("flow", "flow_backward"):
+        held[kind], held[f"{kind}_visibility"] = flow_of(rng)
+    change = rng.normal(0, 3, (height, width)).astype(np.float32)
+    held["disparity_change"] = np.where(np.isfinite(disparity), change, INF)
+    return held
+
+
+def flow_of(rng):
+    """Flow, and a mask that goes with it."""
+    height, width = CAMERA.height_px, CAMERA.width_px
+    # Never where rounding decides whether a point leaves the image.
+    flow = (rng.integers(-20, 20, (height, width, 2)) + rng.uniform(0.2, 0.3, (height, width, 2))).astype(np.float32)
+    flow[rng.random((height, width)) < 0.1] = np.inf
+    column, row = np.arange(width) + flow[..., 0], np.arange(height)[:, None] + flow[..., 1]
+    inside = (column >= -0.5) & (column < width - 0.5) & (row >= -0.5) & (row < height - 0.5)
+    return flow, np.where(inside, rng.choice([VISIBLE, OCCLUDED], (height, width)), OUTSIDE).astype(np.uint8)
 
 
 def make_frame(index, outputs=OUTPUTS, truth="both"):
     rng = np.random.default_rng(index)
-    held = {}
-    for side in ("left", "right"):
-        names = (f"{name}_{side}" for name in ("disparity", "visibility", "instances", "depth"))
-        held[side], *truths = view(rng, index, side)
-        held |= dict(zip(names, truths, strict=True))
-    if truth == "left":
-        held = {name: array for name, array in held.items() if name == "right" or not name.endswith("_right")}
-    wanted = {"left", "right", "disparity", *outputs}
-    return Frame(CAMERA, **{name: array for name, array in held.items() if name.split("_")[0] in wanted})
+    held = {
+        f"{kind}_{side}".removeprefix("_"): array
+        for side in ("left", "right")
+        for kind, array in view(rng, index, side).items()
+    }
+    wanted = find_layout("middlebury").roles(dict.fromkeys(held, ""), outputs, truth)
+    return Frame(CAMERA, **{name: held[name] for name in wanted})
 
 
 def make_provenance(index):
@@ -93,28 +110,28 @@ def make_provenance(index):
     return provenance
 
 
-def encode(layout, index, split="train", frame=None, encodings=None):
-    key = Key("lab", split, index)
+def encode(layout, index, split="train", frame=None, encodings=None, length=None):
+    key = Key("lab", split, index, length)
     frame = make_frame(index) if frame is None else frame
     return layout.encode(key, frame, make_provenance(index), 256, encodings or layout.encodings or Encodings())
 
 
-def decode(layout, index, files, split="train", encodings=None):
+def decode(layout, index, files, split="train", encodings=None, length=None):
     encodings = encodings or layout.encodings or Encodings()
-    key = Key("lab", split, index)
+    key = Key("lab", split, index, length)
     names = {path: role for role, path in layout.files(key, encodings).items()}
     values = {names[path]: layout.decode_file(names[path], data, Path(path), encodings) for path, data in files.items()}
     return layout.assemble(key, values, encodings)
 
 
-def write_tree(name, root, pairs=PAIRS, splits=("train",)):
-    """Write a dataset as the program does, with links and empty folders."""
+def write_tree(name, root, pairs=PAIRS, splits=("train",), length=None):
+    """Write a dataset as the program does, with links and empty folders; a length is that of sequences with flow."""
     layout = find_layout(name)
     encodings = layout.encodings or Encodings()
     for split in splits:
         folder = root / layout.folder(split, splits)
-        keys = [Key("lab", split, index) for index in range(pairs)]
-        files = {path: data for key in keys for path, data in encode(layout, key.index, split).items()}
+        keys = [Key("lab", split, index, length) for index in range(pairs)]
+        files = {path: data for key in keys for path, data in encode(layout, key.index, split, length=length).items()}
         for path, data in (files | layout.lists(keys, encodings)).items():
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             (folder / path).write_bytes(data)
@@ -176,9 +193,11 @@ def test_what_is_written_comes_back(name, encodings, outputs, truth):
     every = layout.files(Key("lab", "train", 6), encodings or layout.encodings or Encodings())
     assert set(files) == set(layout.roles(every, outputs, truth).values())
     stored = decode(layout, 6, files, encodings=encodings)
-    counted = {BEYOND: {"left": 0} if truth == "left" else {"left": 0, "right": 0}}
-    rounds = stored.disparity_largest_px < np.inf
-    assert stored.provenance == make_provenance(6) | (counted if rounds else {})
+    none = {"left": 0} if truth == "left" else {"left": 0, "right": 0}
+    counted = {BEYOND: none} if stored.disparity_largest_px < np.inf else {}
+    if stored.flow_largest_px < np.inf and outputs:
+        counted |= {FLOW_BEYOND: none, FLOW_BACKWARD_BEYOND: none}
+    assert stored.provenance == make_provenance(6) | counted
     assert (stored.split, stored.index, stored.name) == ("train", 6, "lab-000006")
     for each in fields(CAMERA):
         assert getattr(stored.camera, each.name) == pytest.approx(getattr(CAMERA, each.name), abs=1e-12)
@@ -188,7 +207,11 @@ def test_what_is_written_comes_back(name, encodings, outputs, truth):
             assert is_ is None, array
             continue
         assert is_.dtype == was.dtype, array
-        if array.startswith("disparity"):
+        if array in FLOWS:
+            np.testing.assert_array_equal(np.isinf(is_), np.isinf(was))
+            valid = np.isfinite(was)
+            assert np.abs(is_[valid] - was[valid]).max() <= stored.flow_error_px
+        elif array in ("disparity_left", "disparity_right"):
             np.testing.assert_array_equal(np.isinf(is_), np.isinf(was))
             valid = np.isfinite(was)
             assert (np.abs(is_[valid] - was[valid]) <= stored.rounding_px(was[valid])).all()
@@ -246,11 +269,11 @@ def test_broken_files_are_named(name):
 def test_names_never_collide_and_stay_inside(name):
     layout = find_layout(name)
     encodings = layout.encodings or Encodings()
-    for splits in (SPLITS, ("train",), ("train", "test"), ("validation",)):
+    for splits, length in ((SPLITS, None), (("train",), 3), (("train", "test"), 1), (("validation",), 2)):
         seen = {}
         for split in splits:
             folder = layout.folder(split, splits)
-            keys = [Key("lab", split, index) for index in (*range(8), 2999, 3000, 3001, 999_999)]
+            keys = [Key("lab", split, index, length) for index in (*range(8), 2999, 3000, 3001, 999_999)]
             paths = [path for key in keys for path in layout.files(key, encodings).values()]
             # A shard is of one split.
             prefix = f"{split}:" if layout.packed else f"{folder}/" if folder else ""
@@ -344,7 +367,10 @@ def test_kittis_masks_follow_from_its_disparities():
     path = Path("pair")
     assert visibility_of(disparity, seen, "left", path).tolist() == [[128, 0, 128, 255, 0]]
     assert visibility_of(disparity[:, ::-1], seen[:, ::-1], "right", path).tolist() == [[0, 255, 128, 0, 128]]
-    for wrong, message in ((seen + 1, "1 disparities in disp_noc"), (seen[:, 1:], "has shape")):
+    for wrong, message in (
+        (seen + 1, "1 pixels in disp_noc_0 are not those in disp_occ_0"),
+        (seen[:, 1:], "has shape"),
+    ):
         with pytest.raises(ReadError, match=message):
             visibility_of(disparity, wrong, "left", path)
 
@@ -609,7 +635,9 @@ def test_other_readers_see_the_same_kinds_of_images(name, tmp_path):
     modes = {"left": {"RGB"}, "right": {"RGB"}, "visibility": {"L"}, "objects": {"L"}, "instances": {"I;16", "I"}}
     for role, path in layout.files(Key("lab", "train", 1), encodings).items():
         file = tmp_path / path
-        kind = role.split("_")[0]
+        kind = "visibility" if "visibility" in role else role.split("_")[0]
+        if kind == "flow":
+            continue  # test_flow_files.py has its readers
         if file.suffix in (".png", ".jpg"):
             assert Image.open(file).mode in modes.get(kind, {"I;16", "I"}), role
             by_opencv = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)

@@ -21,7 +21,7 @@ import numpy as np
 from semisynth_gl.bench.shards import SPLIT, do_all, shard_job
 from semisynth_gl.bench.stages import Costs, StageRow, stage_rows
 from semisynth_gl.config import Config
-from semisynth_gl.engines.task import Task, Watch, cores
+from semisynth_gl.engines.task import Task, Watch, cores, threads_each
 from semisynth_gl.generation import ShardJob
 from semisynth_gl.pipeline import PAIR_STAGES, PairRenderer
 from semisynth_gl.places import Folder
@@ -263,8 +263,7 @@ def _threads_of(count: int, threads: str | None) -> int:
     set_by_hand = threads or os.environ.get(_THREADS)
     if set_by_hand:
         return int(set_by_hand)
-    share = cores() // count
-    return 0 if share < 2 else share
+    return threads_each(count)
 
 
 def _stages(config: Config, seed: int, backend: Backend, pairs: int) -> list[_Staged]:

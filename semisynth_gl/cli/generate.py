@@ -111,8 +111,8 @@ def generate(
     Run it again to go on where it was stopped or killed: it makes what is missing, and nothing else. With more --pairs
     a dataset grows. Ctrl-C once finishes the pairs in hand.
 
-    The layout decides which loaders read the files; docs/layouts.md has them all. The outputs instances and depth
-    add files. The config's section files chooses other encodings.
+    The layout decides which loaders read the files; docs/layouts.md has them all. Outputs add files; those of flow want
+    sequences, which the config's section sequence makes. The config's section files chooses other encodings.
     """
     if outputs is not None:
         settings = (*settings, f"outputs=[{'' if outputs == 'none' else outputs}]")

@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from semisynth_gl.config.range import NotNegativeRange, PositiveRange, Range, RangeField
 from semisynth_gl.config.section import Count, Positive, Section, Weight, as_tuple
 from semisynth_gl.config.target import TargetSection, UniformTarget, check_reach
-from semisynth_gl.encodings import DisparityEncoding, Encodings, ImageEncoding
+from semisynth_gl.encodings import DisparityEncoding, Encodings, FlowEncoding, ImageEncoding
 from semisynth_gl.frame import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, Output, TruthOf
 
 _EDGE_ON_DEG = 90
@@ -29,6 +29,9 @@ class CameraSection(Section):
         cx_right_px: right principal point; or give ``doffs_px``.
         cy_px: y of both principal points; by default the image centre, (height - 1) / 2.
         doffs_px: cx_right - cx_left; by default 0.
+        sway_m: how far the rig sways to either side of where it stands, along each of its axes; by default not at all.
+        sway_deg: how far it turns to either side, about each axis.
+        sway_s: periods of these oscillations.
     """
 
     width_px: Annotated[int, Field(ge=1)]
@@ -41,6 +44,9 @@ class CameraSection(Section):
     cx_right_px: RangeField | None = None
     cy_px: RangeField | None = None
     doffs_px: RangeField | None = None
+    sway_m: NotNegativeRange = Range(0.0, 0.0)
+    sway_deg: NotNegativeRange = Range(0.0, 0.0)
+    sway_s: PositiveRange = Range(1.0, 3.0)
 
     @model_validator(mode="after")
     def _one_focal_length(self) -> Self:
@@ -315,21 +321,24 @@ class SequenceSection(Section):
 
 
 class FilesSection(Section):
-    """How files are encoded. Masks and ids are PNG and depth is PFM in any case.
+    """How files are encoded. Masks and ids are PNG, depth and change of disparity are PFM in any case.
 
     Attributes:
         image: ``png``, ``qoi`` or ``jxl``, all lossless; the latter two need the extra ``codecs``.
         disparity: ``pfm``; ``tiff``, smaller, lossless too; or ``png16``, KITTI's, which counts 1/256 px and ends at
             256 px.
+        flow: ``flo``, Middlebury's; ``pfm``, SceneFlow's, of three channels; or ``png16``, KITTI's, which counts 1/64
+            px and ends at 512 px.
     """
 
     image: ImageEncoding = "png"
     disparity: DisparityEncoding = "pfm"
+    flow: FlowEncoding = "flo"
 
     @property
     def encodings(self) -> Encodings:
-        """Both, as the rooms that write and read take them."""
-        return Encodings(self.image, self.disparity)
+        """All of them, as the rooms that write and read take them."""
+        return Encodings(self.image, self.disparity, self.flow)
 
 
 class SplitsSection(Section):
@@ -384,7 +393,8 @@ class Config(Section):
         files: see `FilesSection`.
         splits: see `SplitsSection`.
         licences: see `LicencesSection`.
-        outputs: what is written beside images and disparities: ``visibility``, ``instances``, ``depth``.
+        outputs: what is written beside images and disparities: ``visibility``, ``instances``, ``depth``, ``flow``,
+            ``flow_backward``, ``disparity_change``.
         truth: of which views disparity and outputs are written: ``both``, or ``left`` alone, which is faster.
         antialias: of colour: ``none``, ``msaa4`` (or what the driver has), ``ssaa2`` to ``ssaa8``.
     """

@@ -11,7 +11,7 @@ from multiprocessing.connection import wait
 from time import monotonic
 from typing import Any, Generic
 
-from semisynth_gl.engines.task import Job, Result, Stop, cores
+from semisynth_gl.engines.task import Job, Result, Stop, threads_each
 from semisynth_gl.engines.worker import CLOSE, STOP, Done, Failed, Lost, Told, work
 from semisynth_gl.errors import WorkerError
 
@@ -127,9 +127,7 @@ class _Pool(Generic[Result]):
         tasks = [self._again.popleft() for _ in idle[: len(self._again)]]
         tasks += islice(numbers, len(idle) - len(tasks))
         if self._threads is None:
-            # Workers share the cores out; llvmpipe draws in the calling thread where it is given none of its own.
-            share = cores() // max(len(tasks), 1)
-            self._threads = 0 if share < 2 else share
+            self._threads = threads_each(len(tasks))
         for each, task in zip(idle, tasks, strict=False):
             if each not in self._workers:
                 self._workers[each] = _Worker(self._job, each, self._threads)

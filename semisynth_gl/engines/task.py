@@ -97,3 +97,12 @@ class Engine(Protocol):
 def cores() -> int:
     """How many cores this process may use."""
     return len(os.sched_getaffinity(0))
+
+
+def threads_each(workers: int) -> int:
+    """How many threads llvmpipe may have of its own (LP_NUM_THREADS) in each of several processes.
+
+    They share the cores out; 0 lets it draw in the thread that calls.
+    """
+    share = cores() // max(workers, 1)
+    return 0 if share < 2 else share

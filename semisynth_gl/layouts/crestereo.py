@@ -2,8 +2,10 @@
 
 ``CREStereo/{shapenet,reflective,tree,hole}/NNNNNN_left.jpg``, ``NNNNNN_right.jpg`` and the disparities
 ``NNNNNN_left.disp.png`` and ``NNNNNN_right.disp.png``, 16-bit, 1/32 px, 0 where there is none. Beside them, what
-CREStereo has not: ``NNNNNN_left.mask.png``, ``NNNNNN_left.inst.png``, ``NNNNNN_left.depth.pfm``, the same of the right
-view, and ``NNNNNN.json``. Pair 0 is in shapenet, pair 1 in reflective and so on; torchvision wants all four filled.
+CREStereo has not: ``NNNNNN_left.mask.png``, ``NNNNNN_left.inst.png``, ``NNNNNN_left.depth.pfm``,
+``NNNNNN_left.flow.flo`` and ``NNNNNN_left.flow_mask.png``, ``NNNNNN_left.flow_backward.flo`` and
+``NNNNNN_left.flow_backward_mask.png``, ``NNNNNN_left.disparity_change.pfm``, the same of the right view, and
+``NNNNNN.json``. Pair 0 is in shapenet, pair 1 in reflective and so on; torchvision wants all four filled.
 """
 
 from collections.abc import Mapping
@@ -50,6 +52,16 @@ _ENDINGS: Mapping[str, str] = {
     "instances_right": "_right.inst.png",
     "depth_left": "_left.depth.pfm",
     "depth_right": "_right.depth.pfm",
+    "flow_left": "_left.flow.flo",
+    "flow_right": "_right.flow.flo",
+    "flow_visibility_left": "_left.flow_mask.png",
+    "flow_visibility_right": "_right.flow_mask.png",
+    "flow_backward_left": "_left.flow_backward.flo",
+    "flow_backward_right": "_right.flow_backward.flo",
+    "flow_backward_visibility_left": "_left.flow_backward_mask.png",
+    "flow_backward_visibility_right": "_right.flow_backward_mask.png",
+    "disparity_change_left": "_left.disparity_change.pfm",
+    "disparity_change_right": "_right.disparity_change.pfm",
     "provenance": ".json",
 }
 

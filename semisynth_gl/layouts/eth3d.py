@@ -6,10 +6,11 @@ Names with 0 are the left view's. Both folders hold the same scenes, since loade
 leads to both, for torchvision.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from semisynth_gl.encodings import Encodings
 from semisynth_gl.layouts.layout import Key, Layout
+from semisynth_gl.layouts.middlebury import flow_files
 
 SCENES = "two_view_training"
 TRUTH = "two_view_training_gt"
@@ -23,8 +24,8 @@ class Eth3d(Layout):
 
     def files(self, key: Key, encodings: Encodings) -> dict[str, str]:
         """Return the files of a scene's two folders."""
-        del encodings
-        return {role: f"{folder}/{key.scene}/{name}" for role, (folder, name) in _FILES.items()}
+        names = _FILES | {role: (TRUTH, name) for role, name in flow_files(encodings).items()}
+        return {role: f"{folder}/{key.scene}/{name}" for role, (folder, name) in names.items()}
 
     def links(self, keys: Sequence[Key]) -> dict[str, str]:
         """Return the links under which torchvision looks for the scenes."""
@@ -32,7 +33,7 @@ class Eth3d(Layout):
         return {f"ETH3D/{folder}": f"../{folder}" for folder in (SCENES, TRUTH)}
 
 
-_FILES: Mapping[str, tuple[str, str]] = {
+_FILES: dict[str, tuple[str, str]] = {
     "left": (SCENES, "im0.png"),
     "right": (SCENES, "im1.png"),
     "calibration": (SCENES, "calib.txt"),

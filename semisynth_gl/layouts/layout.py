@@ -18,9 +18,9 @@ from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Config
 from semisynth_gl.encodings import Encodings
 from semisynth_gl.errors import InputError
-from semisynth_gl.frame import OUTSIDE, Frame, Output, TruthOf
+from semisynth_gl.frame import FLOW_OUTPUTS, OUTSIDE, Frame, Output, TruthOf
 from semisynth_gl.read.calib import decode_calib
-from semisynth_gl.read.encodings import disparity_decoder, image_decoder
+from semisynth_gl.read.encodings import FLOW_DECODERS, disparity_decoder, image_decoder
 from semisynth_gl.read.error import ReadError
 from semisynth_gl.read.json import decode_json
 from semisynth_gl.read.pfm import decode_pfm
@@ -28,12 +28,16 @@ from semisynth_gl.read.png import decode_grey, decode_grey16
 from semisynth_gl.read.stored import StoredFrame
 from semisynth_gl.splits import SplitName
 from semisynth_gl.write.calib import encode_calib
-from semisynth_gl.write.encodings import disparity_encoder, image_encoder
+from semisynth_gl.write.encodings import FLOW_ENCODERS, disparity_encoder, image_encoder
 from semisynth_gl.write.pfm import encode_pfm
 from semisynth_gl.write.png import encode_png
 
 BEYOND = "disparity_beyond"
 """Key of a pair's provenance: how many pixels of each view have a disparity that the encoding cannot say."""
+FLOW_BEYOND = "flow_beyond"
+"""Likewise of flow to the next frame."""
+FLOW_BACKWARD_BEYOND = "flow_backward_beyond"
+"""Likewise of flow to the previous frame."""
 
 Decode = Callable[[bytes, Path], Any]
 
@@ -46,11 +50,25 @@ class Key:
         config: the config's name; letters, digits and hyphens.
         split: the split that the pair is of.
         index: its number there.
+        sequence_length: how many pairs make a sequence in a dataset with an output of `FLOW_OUTPUTS`, whose loaders
+            take names that follow each other for successive frames; None in any other, where each pair is named by
+            itself.
     """
 
     config: str
     split: SplitName
     index: int
+    sequence_length: int | None = None
+
+    @property
+    def sequence(self) -> int:
+        """The number of its sequence in the split; its own where it is named by itself."""
+        return self.index // (self.sequence_length or 1)
+
+    @property
+    def frame(self) -> int:
+        """Its number in that sequence; 0 where it is named by itself."""
+        return self.index % (self.sequence_length or 1)
 
     @property
     def scene(self) -> str:
@@ -64,10 +82,10 @@ class Sample:
 
     Attributes:
         key: which one.
-        frame: images and truth; what the encoding of disparity cannot say is invalid already.
+        frame: images and truth; what the encodings of disparity and flow cannot say is invalid already.
         provenance: what made it, in JSON's types.
         ndisp: an upper bound of its disparities, whole pixels.
-        encodings: of images and disparities.
+        encodings: of images, disparities and flow.
     """
 
     key: Key
@@ -89,6 +107,7 @@ class Layout(ABC):
         encodings: its own; None where the config's section ``files`` decides.
         exact_images: whether images come back bit for bit.
         right_truth_for: names loaders that read the right view's truth too; "" where none does.
+        most_frames: how many frames of a sequence names can tell apart, where they count them; None for any number.
     """
 
     packed: ClassVar[bool] = False
@@ -96,6 +115,7 @@ class Layout(ABC):
     encodings: ClassVar[Encodings | None] = None
     exact_images: ClassVar[bool] = True
     right_truth_for: ClassVar[str] = ""
+    most_frames: ClassVar[int | None] = None
 
     @abstractmethod
     def files(self, key: Key, encodings: Encodings) -> dict[str, str]:
@@ -137,13 +157,15 @@ class Layout(ABC):
             return image_decoder(encodings.image)(data, path)
         if role in ("disparity_left", "disparity_right"):
             return disparity_decoder(encodings.disparity).decode(data, path)
+        if role in FLOWS:
+            return FLOW_DECODERS[encodings.flow].decode(data, path)
         return _DECODERS[role](data, path)
 
     def assemble(self, key: Key, values: Mapping[str, Any], encodings: Encodings) -> StoredFrame:
         """Make a frame of what the files say, by role: at least both images, the left disparity and the provenance."""
         calibration = values.get("calibration")
         provenance = values["provenance"]
-        decoder = disparity_decoder(encodings.disparity)
+        decoder, flow_decoder = disparity_decoder(encodings.disparity), FLOW_DECODERS[encodings.flow]
         return StoredFrame(
             camera=_camera(provenance, Path(key.scene)) if calibration is None else calibration.camera,
             **{role: values[role] for role in ARRAYS if role in values},
@@ -154,6 +176,8 @@ class Layout(ABC):
             calibration=calibration,
             disparity_error_px=decoder.error_px,
             disparity_largest_px=decoder.largest_px,
+            flow_error_px=flow_decoder.error_px,
+            flow_largest_px=flow_decoder.largest_px,
             exact_images=self.exact_images,
         )
 
@@ -162,23 +186,29 @@ class Layout(ABC):
     ) -> dict[str, bytes]:
         """Encode a pair as files, by path.
 
-        What the frame lacks is not written. Disparities that the encoding cannot say become invalid, in the masks and
-        in the calibration too; the provenance then counts them under `BEYOND`, by view.
+        What the frame lacks is not written. Disparities that the encoding cannot say become invalid, in the masks, in
+        the changes of disparity and in the calibration too; the provenance then counts them under `BEYOND`, by view.
+        Likewise flow, under `FLOW_BEYOND` and `FLOW_BACKWARD_BEYOND`.
 
         Args:
             key: which pair.
             frame: images and truth.
             provenance: what made it, in JSON's types.
             ndisp: an upper bound of its disparities, whole pixels.
-            encodings: of images and disparities; see `chosen_encodings`.
+            encodings: of images, disparities and flow; see `chosen_encodings`.
 
         Raises:
             InputError: where an encoding needs what is not installed.
         """
         limit = disparity_encoder(encodings.disparity).beyond_px
         if isfinite(limit):
-            frame, beyond = _without(frame, limit)
+            frame, beyond = _without_disparities(frame, limit)
             provenance = {**provenance, BEYOND: beyond}
+        flow_beyond = FLOW_ENCODERS[encodings.flow].beyond
+        if flow_beyond is not None:
+            for kind, name in _FLOW_COUNTS.items():
+                frame, lost = _without_flow(frame, kind, flow_beyond)
+                provenance = {**provenance, name: lost} if lost else provenance
         sample = Sample(key, frame, provenance, ndisp, encodings)
         written = {path: self.encode_file(role, sample) for role, path in self.files(key, encodings).items()}
         return {path: data for path, data in written.items() if data is not None}
@@ -217,31 +247,36 @@ class Layout(ABC):
             return image_encoder(encodings.image)
         if role in ("disparity_left", "disparity_right"):
             return disparity_encoder(encodings.disparity).encode
-        return encode_pfm if role in ("depth_left", "depth_right") else encode_png
+        if role in FLOWS:
+            return FLOW_ENCODERS[encodings.flow].encode
+        # What is read as PFM is written so.
+        return encode_pfm if _DECODERS[role] is decode_pfm else encode_png
 
 
-ARRAYS = (
-    *("left", "right", "disparity_left", "disparity_right", "visibility_left", "visibility_right"),
-    *("instances_left", "instances_right", "depth_left", "depth_right"),
-)
+# By the names of `Frame`, less the side: with which output there is such an array, and, where every layout encodes it
+# alike, how it is read back.
+_KINDS: Mapping[str, tuple[Output, Decode | None]] = {
+    "visibility": ("visibility", decode_grey),
+    "instances": ("instances", decode_grey16),
+    "depth": ("depth", decode_pfm),
+    "flow": ("flow", None),
+    "flow_visibility": ("flow", decode_grey),
+    "flow_backward": ("flow_backward", None),
+    "flow_backward_visibility": ("flow_backward", decode_grey),
+    "disparity_change": ("disparity_change", decode_pfm),
+}
+_SIDES = ("left", "right")
+_FLOW_COUNTS: Mapping[str, str] = {"flow": FLOW_BEYOND, "flow_backward": FLOW_BACKWARD_BEYOND}
+
+FLOWS = frozenset(f"{kind}_{side}" for kind in _FLOW_COUNTS for side in _SIDES)
+"""The arrays of `Frame` that are encoded as `Encodings.flow` says."""
+ARRAYS = tuple(f"{kind}{side}" for kind in ("", "disparity_", *(f"{kind}_" for kind in _KINDS)) for side in _SIDES)
 """The arrays of `Frame`."""
 
-_OUTPUT_OF: Mapping[str, Output] = {
-    "visibility_left": "visibility",
-    "visibility_right": "visibility",
-    "instances_left": "instances",
-    "instances_right": "instances",
-    "depth_left": "depth",
-    "depth_right": "depth",
-}
-_RIGHT_TRUTH = frozenset({"disparity_right", "visibility_right", "instances_right", "depth_right"})
+_OUTPUT_OF: Mapping[str, Output] = {f"{kind}_{side}": each for kind, (each, _) in _KINDS.items() for side in _SIDES}
+_RIGHT_TRUTH = frozenset({"disparity_right", *(f"{kind}_right" for kind in _KINDS)})
 _DECODERS: Mapping[str, Decode] = {
-    "visibility_left": decode_grey,
-    "visibility_right": decode_grey,
-    "instances_left": decode_grey16,
-    "instances_right": decode_grey16,
-    "depth_left": decode_pfm,
-    "depth_right": decode_pfm,
+    **{f"{kind}_{side}": each for kind, (_, each) in _KINDS.items() if each is not None for side in _SIDES},
     "calibration": decode_calib,
     "provenance": decode_json,
 }
@@ -268,6 +303,11 @@ def pair_lines(pairs: Iterable[Mapping[str, str]]) -> bytes:
     return "".join(f"{files['left']} {files['right']} {files['disparity_left']}\n" for files in pairs).encode()
 
 
+def sequence_length(outputs: Collection[Output], length: int) -> int | None:
+    """Return `Key.sequence_length` of a dataset with these outputs whose sequences have so many pairs."""
+    return length if FLOW_OUTPUTS.intersection(outputs) else None
+
+
 def share_beyond(frame: Frame, encodings: Encodings) -> float:
     """Return the share of a frame's pixels whose disparity the encoding cannot say, of the view that has more."""
     limit = disparity_encoder(encodings.disparity).beyond_px
@@ -284,21 +324,44 @@ def _camera(provenance: Mapping[str, Any], path: Path) -> StereoCamera:
         raise ReadError(path, f"its provenance has no camera that can be used: {error!r}") from None
 
 
-def _without(frame: Frame, limit_px: float) -> tuple[Frame, dict[str, int]]:
+def _without_disparities(frame: Frame, limit_px: float) -> tuple[Frame, dict[str, int]]:
     """Make disparities from a limit on invalid; return how many there are in each view."""
-    changed: dict[str, NDArray[Any]] = {}
     counts: dict[str, int] = {}
-    for side in ("left", "right"):
-        disparity, visibility = getattr(frame, f"disparity_{side}"), getattr(frame, f"visibility_{side}")
-        if disparity is None:
-            continue
-        beyond = _beyond(disparity, limit_px)
-        counts[side] = int(beyond.sum())
-        if counts[side]:
-            changed[f"disparity_{side}"] = np.where(beyond, np.float32(np.inf), disparity)
-            if visibility is not None:
-                changed[f"visibility_{side}"] = np.where(beyond, np.uint8(OUTSIDE), visibility)
-    return replace(frame, **changed), counts  # type: ignore[arg-type]
+    for side in _SIDES:
+        disparity = getattr(frame, f"disparity_{side}")
+        if disparity is not None:
+            beyond = _beyond(disparity, limit_px)
+            counts[side] = int(beyond.sum())
+            none = {"disparity": np.inf, "visibility": OUTSIDE, "disparity_change": np.inf}
+            frame = _with(frame, {f"{kind}_{side}": value for kind, value in none.items()}, beyond)
+    return frame, counts
+
+
+def _without_flow(
+    frame: Frame, kind: str, beyond: Callable[[NDArray[np.float32]], NDArray[np.bool_]]
+) -> tuple[Frame, dict[str, int]]:
+    """Make flow that an encoding cannot say invalid; return how many pixels of each view have such, {} without flow."""
+    counts: dict[str, int] = {}
+    for side in _SIDES:
+        flow = getattr(frame, f"{kind}_{side}")
+        if flow is not None:
+            lost = beyond(flow)
+            counts[side] = int(lost.sum())
+            frame = _with(frame, {f"{kind}_{side}": np.inf, f"{kind}_visibility_{side}": OUTSIDE}, lost)
+    return frame, counts
+
+
+def _with(frame: Frame, values: Mapping[str, float], where: NDArray[np.bool_]) -> Frame:
+    """Set those arrays that a frame has to values, by name, where (H, W) is true."""
+    if not where.any():
+        return frame
+    changed: dict[str, Any] = {}
+    for name, value in values.items():
+        array = getattr(frame, name)
+        if array is not None:
+            changed[name] = array.copy()
+            changed[name][where] = value
+    return replace(frame, **changed)
 
 
 def _beyond(disparity: NDArray[np.float32], limit_px: float) -> NDArray[np.bool_]:

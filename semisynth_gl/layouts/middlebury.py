@@ -1,9 +1,9 @@
 """The folders of Middlebury's evaluation set (MiddEval3), full size.
 
 ``MiddEval3/trainingF/<scene>/`` with im0.png, im1.png, disp0GT.pfm, disp1GT.pfm, mask0nocc.png, mask1nocc.png,
-calib.txt, pair.json and the outputs asked for, and ``MiddEval3/official_train.txt`` with the scenes' names. Images and
-disparities in another encoding end in its name. Names with 0 are the left view's. ``carla-highres/trainingF`` leads to
-the same scenes.
+calib.txt, pair.json and the outputs asked for, and ``MiddEval3/official_train.txt`` with the scenes' names. Images,
+disparities and flow in another encoding end in its name. Names with 0 are the left view's. ``carla-highres/trainingF``
+leads to the same scenes.
 """
 
 from collections.abc import Sequence
@@ -66,8 +66,24 @@ def scene_files(encodings: Encodings) -> dict[str, str]:
         "instances_right": "inst1.png",
         "depth_left": "depth0.pfm",
         "depth_right": "depth1.pfm",
+        **flow_files(encodings),
         "calibration": "calib.txt",
         "provenance": "pair.json",
+    }
+
+
+def flow_files(encodings: Encodings) -> dict[str, str]:
+    """Return the names of files of flow in any layout that calls the left view 0 and the right one 1, by role."""
+    return {
+        f"{role}_{side}": name
+        for side, view in (("left", 0), ("right", 1))
+        for role, name in {
+            "flow": f"flow{view}{encodings.flow_suffix}",
+            "flow_visibility": f"flow_mask{view}.png",
+            "flow_backward": f"flow_backward{view}{encodings.flow_suffix}",
+            "flow_backward_visibility": f"flow_backward_mask{view}.png",
+            "disparity_change": f"disparity_change{view}.pfm",
+        }.items()
     }
 
 

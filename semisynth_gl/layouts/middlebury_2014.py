@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.encodings import Encodings
 from semisynth_gl.layouts.layout import Key, Layout, Sample
+from semisynth_gl.layouts.middlebury import flow_files
 from semisynth_gl.read.png import decode_rgb
 from semisynth_gl.write.png import encode_png
 
@@ -36,8 +37,8 @@ class Middlebury2014(Layout):
 
     def files(self, key: Key, encodings: Encodings) -> dict[str, str]:
         """Return the files of a scene's folder."""
-        del encodings
-        return {role: f"{SCENES}/{_scene(key)}/{name}" for role, name in _FILES.items()}
+        names = _FILES | flow_files(encodings)
+        return {role: f"{SCENES}/{_scene(key)}/{name}" for role, name in names.items()}
 
     def encode_file(self, role: str, sample: Sample) -> bytes | None:
         """Return what a role's file holds; the right image at other exposures too."""
@@ -71,7 +72,7 @@ def _scene(key: Key) -> str:
     return f"{key.scene}-perfect"
 
 
-_FILES: Mapping[str, str] = {
+_FILES: dict[str, str] = {
     "left": "im0.png",
     "right": "im1.png",
     "right_under": "im1E.png",

@@ -1,9 +1,10 @@
 """WebDataset: shards are tars, and a pair is the files of one key that stand together in them.
 
 Pair 12 is ``00000012.left.png``, ``.right.png``, ``.disp0.pfm``, ``.disp1.pfm``, the outputs asked for (``.mask0.png``,
-``.inst0.png``, ``.depth0.pfm``, and the right view's with 1) and ``.json``. Images and disparities in another encoding
-end in its name. The JSON has the same keys with values of the same types in every pair, as Hugging Face demands;
-``provenance`` in it is all of the provenance, as text.
+``.inst0.png``, ``.depth0.pfm``, ``.flow0.flo``, ``.flow_mask0.png``, ``.flow_backward0.flo``,
+``.flow_backward_mask0.png``, ``.disparity_change0.pfm``, and the right view's with 1) and ``.json``. Images,
+disparities and flow in another encoding end in its name. The JSON has the same keys with values of the same types in
+every pair, as Hugging Face demands; ``provenance`` in it is all of the provenance, as text.
 """
 
 import json
@@ -13,6 +14,7 @@ from typing import Any
 
 from semisynth_gl.encodings import Encodings
 from semisynth_gl.layouts.layout import BEYOND, Key, Layout, Sample, encode_json
+from semisynth_gl.layouts.middlebury import flow_files
 from semisynth_gl.read.error import ReadError
 from semisynth_gl.read.json import decode_json
 
@@ -46,6 +48,7 @@ class WebDataset(Layout):
             "instances_right": "inst1.png",
             "depth_left": "depth0.pfm",
             "depth_right": "depth1.pfm",
+            **flow_files(encodings),
             "provenance": "json",
         }
         return {role: f"{key.index:08d}.{ending}" for role, ending in endings.items()}

@@ -7,10 +7,11 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, BinaryIO, overload
 
-from semisynth_gl.encodings import DISPARITY_ENCODINGS, IMAGE_ENCODINGS, Encodings
+from semisynth_gl.encodings import DISPARITY_ENCODINGS, FLOW_ENCODINGS, IMAGE_ENCODINGS, Encodings
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import DEFAULT_OUTPUTS, OUTPUTS, Output, TruthOf
 from semisynth_gl.layouts import Key, Layout, find_layout, layout_names
+from semisynth_gl.layouts.layout import sequence_length
 from semisynth_gl.places import Place, open_place
 from semisynth_gl.read.error import ReadError
 from semisynth_gl.read.json import decode_json
@@ -50,7 +51,7 @@ class Index:
 
     @property
     def encodings(self) -> Encodings:
-        """Of images and disparities.
+        """Of images, disparities and flow.
 
         Raises:
             InputError: where this version knows no such encoding.
@@ -63,10 +64,13 @@ class Index:
         if not isinstance(files, dict):
             return default
         image, disparity = files.get("image", default.image), files.get("disparity", default.disparity)
-        if image not in IMAGE_ENCODINGS or disparity not in DISPARITY_ENCODINGS:
-            raise InputError(f"{self.place.address}: files.image {image!r} and files.disparity {disparity!r} in "
-                             f"{INDEX}: expected encodings that this version knows")  # fmt: skip
-        return Encodings(image, disparity)
+        flow = files.get("flow", default.flow)
+        if image not in IMAGE_ENCODINGS or disparity not in DISPARITY_ENCODINGS or flow not in FLOW_ENCODINGS:
+            raise InputError(
+                f"{self.place.address}: expected encodings that this version knows in {INDEX}, got files.image "
+                f"{image!r}, files.disparity {disparity!r} and files.flow {flow!r}"
+            )
+        return Encodings(image, disparity, flow)
 
     @property
     def outputs(self) -> tuple[Output, ...]:
@@ -109,7 +113,8 @@ class Index:
 
     def key(self, split: SplitName, index: int) -> Key:
         """Return what the names of a pair's files depend on."""
-        return Key(str(self.values.get("config")), split, index)
+        length = max(int(self.number("sequence", "length") or 1), 1)
+        return Key(str(self.values.get("config")), split, index, sequence_length(self.outputs, length))
 
     def files(self, split: SplitName, index: int) -> dict[str, str]:
         """Return the path that each file of a pair should have, by role: below the dataset's, or inside a tar."""

@@ -1,4 +1,4 @@
-"""What decodes an image or a disparity, by the names of `semisynth_gl.encodings`."""
+"""What decodes an image, a disparity or a flow, by the names of `semisynth_gl.encodings`."""
 
 import io
 import struct
@@ -16,12 +16,14 @@ from PIL import Image
 
 from semisynth_gl.encodings import (
     DisparityEncoding,
+    FlowEncoding,
     ImageEncoding,
     LayoutDisparityEncoding,
     LayoutImageEncoding,
     codecs,
 )
 from semisynth_gl.read.error import ReadError, read_bytes
+from semisynth_gl.read.flow import decode_flo, decode_flow_pfm, decode_flow_png16
 from semisynth_gl.read.pfm import decode_pfm
 from semisynth_gl.read.png import decode_grey16, decode_rgb
 
@@ -40,6 +42,21 @@ class DisparityDecoder:
         decode: a file's bytes, and its path for messages, to (H, W) float32 px, inf where there is no truth.
         error_px: the most that a disparity is off by.
         largest_px: the largest that can be said.
+    """
+
+    decode: Callable[[bytes, Path], NDArray[np.float32]]
+    error_px: float = 0.0
+    largest_px: float = inf
+
+
+@dataclass(frozen=True, slots=True)
+class FlowDecoder:
+    """What decodes a flow, and what its format loses.
+
+    Attributes:
+        decode: a file's bytes, and its path for messages, to (H, W, 2) float32 px, inf where there is none.
+        error_px: the most that either component is off by.
+        largest_px: the largest component that can be said, in whatever direction.
     """
 
     decode: Callable[[bytes, Path], NDArray[np.float32]]
@@ -134,6 +151,13 @@ DISPARITY_DECODERS: Mapping[DisparityEncoding, DisparityDecoder] = {
     "tiff": DisparityDecoder(decode_tiff),
 }
 """Those that a config may choose."""
+
+FLOW_DECODERS: Mapping[FlowEncoding, FlowDecoder] = {
+    "flo": FlowDecoder(decode_flo),
+    "pfm": FlowDecoder(decode_flow_pfm),
+    "png16": FlowDecoder(decode_flow_png16, error_px=1 / 128, largest_px=32767 / 64),
+}
+"""Those that a config or a layout may choose."""
 
 _CRESTEREOS = DisparityDecoder(partial(decode_png16, steps=32), error_px=1 / 64, largest_px=65535 / 32)
 

@@ -54,7 +54,14 @@ def decode_grey16(data: bytes, path: Path) -> NDArray[np.uint16]:
     return np.asarray(_decode(data, path, 16, _GREY)).astype(np.uint16)
 
 
-def _decode(data: bytes, path: Path, bits: int, colour: int) -> NDArray[np.uint8]:
+def decode_rgb16(data: bytes, path: Path) -> NDArray[np.uint16]:
+    """Decode a 16-bit RGB PNG as (H, W, 3) uint16; the path is for messages, and it raises like `read_rgb`."""
+    # Pillow keeps the higher byte of each value; where it takes the bytes to be swapped, that is the lower one.
+    high, low = (_decode(data, path, 16, _RGB, raw_mode).astype(np.uint16) for raw_mode in ("RGB;16B", "RGB;16L"))
+    return (high << np.uint16(8)) | low
+
+
+def _decode(data: bytes, path: Path, bits: int, colour: int, raw_mode: str | None = None) -> NDArray[np.uint8]:
     # The header is read here because Pillow opens 16-bit RGB as 8-bit RGB.
     if data[:8] != _SIGNATURE or len(data) < 33 or data[12:16] != b"IHDR":
         raise ReadError(path, f"expected a PNG, got {data[:8]!r}")
@@ -68,6 +75,8 @@ def _decode(data: bytes, path: Path, bits: int, colour: int) -> NDArray[np.uint8
         raise ReadError(path, "does not end as a PNG does: cut off, or something follows")
     try:
         with Image.open(io.BytesIO(data), formats=["PNG"]) as image:
+            if raw_mode is not None:
+                image.tile = [tile._replace(args=raw_mode) for tile in image.tile]
             return np.asarray(image)
     except (OSError, SyntaxError, ValueError, struct.error, zlib.error) as error:
         raise ReadError(path, f"cannot be decoded: {error}") from None

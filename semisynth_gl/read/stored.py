@@ -23,6 +23,8 @@ class StoredFrame(Frame):
         calibration: Middlebury's calib.txt, in layouts that have one.
         disparity_error_px: the most that the encoding puts a disparity off by; 0 where it is lossless.
         disparity_largest_px: the largest that it can say.
+        flow_error_px: the most that the encoding puts a component of flow off by; 0 where it is lossless.
+        flow_largest_px: the largest component that it can say, in whatever direction.
         exact_images: whether images are as they were rendered, bit for bit.
     """
 
@@ -33,6 +35,8 @@ class StoredFrame(Frame):
     calibration: Calibration | None = None
     disparity_error_px: float = 0.0
     disparity_largest_px: float = inf
+    flow_error_px: float = 0.0
+    flow_largest_px: float = inf
     exact_images: bool = True
 
     def rounding_px(self, disparity: NDArray[np.floating[Any]] | float) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.frame import ANTIALIAS_PATTERN
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.programs import link_program, set_uniform
-from semisynth_gl.render.targets import window
+from semisynth_gl.render.targets import read_pixels, window
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +86,7 @@ class ColourTargets:
             self._vao = gl.vertex_array(self._program, [])
 
     def limit(self, region: Crop | None) -> None:
-        """Let `fine` be drawn and cleared inside a rectangle of the image alone, until the next call; None is all of it."""
+        """Let `fine` be drawn and cleared inside a rectangle of the image alone, or in all of it, until the next call."""
         scale = self.fine.width // self._resolve.width
         x, y, width, height = window(region, self._resolve.size)
         self.fine.scissor = scale * x, scale * y, scale * width, scale * height
@@ -94,7 +94,6 @@ class ColourTargets:
 
     def read_colour(self, crop: Crop | None = None) -> NDArray[np.uint8]:
         """Resolve what was drawn into `fine` and copy it, or a crop, out as (H, W, 3) uint8 RGB, top row first."""
-        viewport = window(crop, self._resolve.size)
         if isinstance(self._colour, moderngl.Texture):
             self._resolve.use()
             self._gl.enable_only(moderngl.NOTHING)
@@ -102,9 +101,7 @@ class ColourTargets:
             self._vao.render(moderngl.TRIANGLES, 3)
         else:
             self._gl.copy_framebuffer(self._resolve, self.fine)
-        pixels = np.empty((viewport[3], viewport[2], 3), np.uint8)
-        self._resolve.read_into(pixels, viewport, components=3, alignment=1)
-        return pixels
+        return read_pixels(self._resolve, crop, 0, np.uint8, "f1", components=3)
 
     def release(self) -> None:
         """Free everything."""

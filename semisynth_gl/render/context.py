@@ -18,6 +18,9 @@ BACKENDS: tuple[Backend, ...] = get_args(Backend)
 # 4.5 is where glClipControl, needed for reversed Z, became core; llvmpipe has offered it since Mesa 20.2.
 REQUIRED_VERSION = 450
 
+# Processes that have opened a context: this one, or one that it was forked from.
+_opened_in: set[int] = set()
+
 INSTALL_COMMAND = "apt-get install -y libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri"
 INSTALL_COMMAND_OSMESA = "apt-get install -y libosmesa6 libgl1"
 
@@ -69,14 +72,23 @@ def open_context(backend: Backend = "auto", device_index: int = 0) -> GraphicsCo
         "egl": lambda: _open_egl(device_index),
         "osmesa": lambda: OSMesaContext(4, 5),
     }
+    if _opened_in - {os.getpid()}:
+        # Its threads did not come along, and the driver waits for them for ever.
+        raise BackendError(
+            "this process was forked from one that had opened OpenGL, and drivers do not survive that: start it in "
+            "another way, a DataLoader's workers with multiprocessing_context='spawn'"
+        )
     reasons = []
     for name, opener in openers.items():
         if backend not in ("auto", name):
             continue
         try:
-            return _set_up(opener(), name)
+            context = _set_up(opener(), name)
         except BackendError as error:
             reasons.append(f"{name}: {error}")
+        else:
+            _opened_in.add(os.getpid())
+            return context
     command = INSTALL_COMMAND_OSMESA if backend == "osmesa" else INSTALL_COMMAND
     raise BackendError(
         "no OpenGL context could be opened.\n  " + "\n  ".join(reasons) + f"\nOn Debian or Ubuntu: {as_root(command)}"

@@ -84,6 +84,21 @@ def egl_devices() -> list[Device]:
     return list(devices_without_mask())
 
 
+def egl_index_of_worker(gpus: Sequence[int], worker: int) -> int:
+    """Find the EGL device of a worker, by its number, where workers take turns on GPUs.
+
+    Args:
+        gpus: CUDA's numbers of them; none for the first device of EGL.
+        worker: the worker's number, from 0.
+
+    Raises:
+        InputError: where there is no such GPU, or it cannot be told which one it is.
+    """
+    if not gpus:
+        return 0
+    return egl_index_of_gpu(gpus[worker % len(gpus)], egl_devices(), os.environ.get(_VISIBLE))
+
+
 def egl_index_of_gpu(gpu: int, devices: Sequence[Device], visible: str | None) -> int:
     """Find the EGL device of a GPU that is numbered as CUDA numbers it here.
 

@@ -5,7 +5,7 @@ of its own where it is antialiased), the visibility pass of each eye (from both 
 copy of the results into arrays.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from math import ceil
 from types import TracebackType
 from typing import Any, Literal, Self
@@ -20,16 +20,22 @@ from semisynth_gl.frame import DEFAULT_OUTPUTS, OUTPUTS, TRUTHS, Frame, Output, 
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.antialias import ColourTargets, parse_antialias
 from semisynth_gl.render.context import Backend, open_context
+from semisynth_gl.render.flow import FlowPass
 from semisynth_gl.render.model_buffers import Filled, ModelBuffers, Placed
 from semisynth_gl.render.programs import link_program, set_uniform
 from semisynth_gl.render.projection import clip_from_view
 from semisynth_gl.render.targets import Attachment, EyeTargets
 from semisynth_gl.render.visibility import VisibilityPass
-from semisynth_gl.scene.scene import Scene
+from semisynth_gl.scene.scene import Motion, Scene
 
 Wrap = Literal["mirror", "repeat"]
 RenderStage = Literal["draw", "visibility", "readback"]
 
+_NEEDS_MOTION: Mapping[str, frozenset[Output]] = {
+    "future": frozenset({"flow", "disparity_change"}),
+    "past": frozenset({"flow_backward"}),
+}
+_FLOW = _NEEDS_MOTION["future"] | _NEEDS_MOTION["past"]
 _MOST_INSTANCE_IDS = 65535
 _UNKNOWN_ERROR = "GL_UNKNOWN_ERROR"
 
@@ -42,7 +48,8 @@ class Renderer:
         layers: (L, P, P, 4) uint8 RGBA, the patch atlas that `Scene.layer` counts; row 0 is the top.
         wrap: what lies beyond a patch's border, its mirror image or itself again.
         anisotropy: most samples of a patch for a pixel that sees it at a grazing angle; 1 blurs there.
-        outputs: what to make beside images and disparities, of "visibility", "instances" and "depth".
+        outputs: what to make beside images and disparities, of "visibility", "instances", "depth", "flow",
+            "flow_backward" and "disparity_change".
         truth: of which views disparity and outputs are made, "both" or "left".
         antialias: "none", "msaa4" (or what the driver has) or "ssaa2" to "ssaa8"; for colour only.
         backend: "auto", "egl" or "osmesa".
@@ -88,7 +95,7 @@ class Renderer:
         try:
             self._gl = self._context.gl
             self._atlas = self._upload_atlas(layers, wrap)
-            self._models = ModelBuffers(self._gl, models, traced="visibility" in self._outputs)
+            self._models = ModelBuffers(self._gl, models, traced=bool(self._outputs & ({"visibility"} | _FLOW)))
             self._link_programs(anisotropy)
         except BaseException:
             self._context.release()
@@ -126,12 +133,20 @@ class Renderer:
             return self._context.unbound.count_objects()
 
     def render(
-        self, scene: Scene, done: Callable[[RenderStage], None] | None = None, crop: Crop | None = None
+        self,
+        scene: Scene,
+        done: Callable[[RenderStage], None] | None = None,
+        crop: Crop | None = None,
+        *,
+        future: Motion | None = None,
+        past: Motion | None = None,
     ) -> Frame:
         """Draw one pair.
 
         Args:
             scene: indices must lie within the renderer's models and layers.
+            future: how the scene gets to the next frame, for the outputs "flow" and "disparity_change".
+            past: how it gets to the previous frame, for the output "flow_backward".
             crop: draw and return this part of both images alone; its pixels are those of the whole image, bit for bit.
             done: for measurements: called after each stage, which the driver is made to finish then. Stages overlap
                 without it. What is antialiased is read back while it is drawn.
@@ -140,15 +155,22 @@ class Renderer:
             Both images, both disparities and the outputs that were asked for, in new arrays.
 
         Raises:
-            InputError: where an index or the crop is out of range, or there are more instances than ids.
+            InputError: where an index or the crop is out of range, there are more instances than ids, or an output
+                needs a motion that is not there or not the scene's.
             BackendError: where the image is larger than the driver allows, or drawing failed.
             ContextLostError: where the driver took the context away; another renderer may still be opened.
         """
-        self._check(scene)
+        for each in (scene, *(motion.scene for motion in (future, past) if motion is not None)):
+            self._check(each)
+        motions = {"future": future, "past": past}
+        for name, outputs in _NEEDS_MOTION.items():
+            wanted = sorted(self._outputs & outputs)
+            if wanted and motions[name] is None:
+                raise InputError(f"the output {wanted[0]} needs the scene's motion: render(scene, {name}=Motion(...))")
         # Another renderer of this thread may have made its context current.
         with self._gl:
             try:
-                frame = self._render(scene, done, crop)
+                frame = self._render(scene, done, crop, motions)
             except moderngl.Error as error:
                 raise self._fault(str(error)) from None
             reported = self._gl.error
@@ -163,7 +185,13 @@ class Renderer:
             return ContextLostError(f"{self.renderer_name} lost its context while it drew a pair: was the GPU reset?")
         return BackendError(f"{self.renderer_name} reported {error} while drawing a pair")
 
-    def _render(self, scene: Scene, done: Callable[[RenderStage], None] | None, crop: Crop | None) -> Frame:
+    def _render(
+        self,
+        scene: Scene,
+        done: Callable[[RenderStage], None] | None,
+        crop: Crop | None,
+        motions: Mapping[str, Motion | None],
+    ) -> Frame:
         def finish(stage: RenderStage) -> None:
             if done is not None:
                 self._gl.finish()
@@ -179,6 +207,10 @@ class Renderer:
                 self._visibility.draw(placed, eye, self._targets, self._models)
         finish("visibility")
         arrays = self._read(colour, crop)
+        if self._flow is not None:
+            for name, motion in motions.items():
+                if motion is not None and self._outputs & _NEEDS_MOTION[name]:
+                    arrays |= self._read_flow(self._flow, placed, motion, crop, backward=name == "past")
         finish("readback")
         return Frame(camera, **arrays)
 
@@ -199,6 +231,21 @@ class Renderer:
                 arrays[f"depth_{eye}"] = targets.read_depth(crop)
         return arrays
 
+    def _read_flow(
+        self, flow_pass: FlowPass, placed: Placed, motion: Motion, crop: Crop | None, *, backward: bool
+    ) -> dict[str, NDArray[Any]]:
+        """Draw the flow to one other moment, and copy it out."""
+        arrays: dict[str, NDArray[Any]] = {}
+        output = "flow_backward" if backward else "flow"
+        moved = flow_pass.place(placed, motion, self._models)
+        for eye in self._truth_eyes:
+            flow = flow_pass.draw(placed, moved, eye, self._targets[eye], self._models, crop)
+            if output in self._outputs:
+                arrays |= {f"{output}_{eye}": flow.flow_px, f"{output}_visibility_{eye}": flow.visibility}
+            if not backward and "disparity_change" in self._outputs:
+                arrays[f"disparity_change_{eye}"] = flow.disparity_change_px
+        return arrays
+
     def release(self) -> None:
         """Free the context and all that it holds; a second call does nothing."""
         if self._released:
@@ -209,6 +256,8 @@ class Renderer:
                 targets.release()
             if self._colour_targets is not None:
                 self._colour_targets.release()
+            if self._flow is not None:
+                self._flow.release()
         self._targets, self._colour_targets = {}, None
         self._context.release()
 
@@ -236,11 +285,12 @@ class Renderer:
         own, visibility = eye in self._truth_eyes, "visibility" in self._outputs
         if own or visibility:
             names.append("disparity")
-        if own and "depth" in self._outputs:
+        flow = own and bool(self._outputs & _FLOW)
+        if flow or (own and "depth" in self._outputs):
             names.append("depth")
         if own and "instances" in self._outputs:
             names.append("instances")
-        if visibility:
+        if visibility or flow:
             names.append("surface")
         return tuple(names)
 
@@ -265,6 +315,7 @@ class Renderer:
                 self._context, "mesh.vert", "mesh.frag", {"COLOUR": 0, "ANISOTROPY": anisotropy}
             )
         self._visibility = VisibilityPass(self._context) if "visibility" in self._outputs else None
+        self._flow = FlowPass(self._context) if self._outputs & _FLOW else None
 
     def _check(self, scene: Scene) -> None:
         ranges = (("model", scene.model, len(self._models)), ("layer", scene.layer, self._atlas.layers))
@@ -297,6 +348,8 @@ class Renderer:
             for eye, names in self._attachments.items()
         }
         self._colour_targets = colour_targets
+        if self._flow is not None:
+            self._flow.resize(width_px, height_px)
         # moderngl binds the framebuffer in use again after making a new one, so the old ones go last.
         self._targets["left"].drawing.use()
         for targets in outgrown:

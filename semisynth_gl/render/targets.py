@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from semisynth_gl.camera import Crop
 from semisynth_gl.errors import BackendError
 from semisynth_gl.render.context import GraphicsContext
+from semisynth_gl.render.readers import chosen_reader
 
 Attachment = Literal["colour", "disparity", "depth", "instances", "surface"]
 
@@ -28,6 +29,27 @@ _NOTHING: dict[Attachment, float] = {"colour": 0.0, "disparity": np.inf, "depth"
 def window(crop: Crop | None, size: tuple[int, int]) -> tuple[int, int, int, int]:
     """A crop of an image, or all of it, as OpenGL's rectangle; window y runs downwards with the image's."""
     return (0, 0, *size) if crop is None else (crop.x_px, crop.y_px, crop.width_px, crop.height_px)
+
+
+def read_pixels(
+    framebuffer: moderngl.Framebuffer,
+    crop: Crop | None,
+    attachment: int,
+    dtype: type[Any],
+    name: str,
+    components: int = 1,
+) -> NDArray[Any]:
+    """Copy an attachment, or a crop of it, out as (H, W) or (H, W, C) of a type that moderngl calls ``name``."""
+    viewport = window(crop, framebuffer.size)
+    reader = chosen_reader()
+    if reader is not None:
+        taken: NDArray[Any] = reader(framebuffer, viewport, attachment, name, components)
+        return taken
+    shape = viewport[3], viewport[2]
+    pixels = np.empty((*shape, components) if components > 1 else shape, dtype)
+    # An alignment of 1 keeps rows tightly packed: 3 * 941 bytes is no multiple of 4.
+    framebuffer.read_into(pixels, viewport, components, attachment=attachment, dtype=name, alignment=1)
+    return pixels
 
 
 class EyeTargets:
@@ -104,48 +126,84 @@ class EyeTargets:
 
     def read_colour(self, crop: Crop | None = None) -> NDArray[np.uint8]:
         """Copy the colour out as (H, W, 3) uint8 RGB, top row first."""
-        return self._read(self.drawing, crop, self._attachments.index("colour"), np.uint8, "f1", components=3)
+        return read_pixels(self.drawing, crop, self._attachments.index("colour"), np.uint8, "f1", components=3)
 
     def read_disparity(self, crop: Crop | None = None) -> NDArray[np.float32]:
         """Copy the disparity out as (H, W) float32 px, top row first; inf where nothing is drawn."""
-        return self._read(self.drawing, crop, self._attachments.index("disparity"), np.float32, "f4")
+        return read_pixels(self.drawing, crop, self._attachments.index("disparity"), np.float32, "f4")
 
     def read_depth(self, crop: Crop | None = None) -> NDArray[np.float32]:
         """Copy the planar depth out as (H, W) float32 m; inf where nothing is drawn."""
-        return self._read(self.drawing, crop, self._attachments.index("depth"), np.float32, "f4")
+        return read_pixels(self.drawing, crop, self._attachments.index("depth"), np.float32, "f4")
 
     def read_instances(self, crop: Crop | None = None) -> NDArray[np.uint16]:
         """Copy the instance ids out as (H, W) uint16; 0 where nothing is drawn."""
-        return self._read(self.drawing, crop, self._attachments.index("instances"), np.uint16, "u2")
+        return read_pixels(self.drawing, crop, self._attachments.index("instances"), np.uint16, "u2")
 
     def read_surface(self, crop: Crop | None = None) -> NDArray[np.uint32]:
         """Copy instance and triangle out as (H, W, 2) uint32; without meaning where nothing is drawn."""
-        return self._read(self.drawing, crop, self._attachments.index("surface"), np.uint32, "u4", components=2)
+        return read_pixels(self.drawing, crop, self._attachments.index("surface"), np.uint32, "u4", components=2)
 
     def read_visibility(self, crop: Crop | None = None) -> NDArray[np.uint8]:
         """Copy the visibility out as (H, W) uint8."""
         if self.visibility is None:
             raise RuntimeError("these targets were made without visibility")
-        return self._read(self.visibility, crop, 0, np.uint8, "u1")
-
-    @staticmethod
-    def _read(
-        framebuffer: moderngl.Framebuffer,
-        crop: Crop | None,
-        attachment: int,
-        dtype: type[Any],
-        name: str,
-        components: int = 1,
-    ) -> NDArray[Any]:
-        viewport = window(crop, framebuffer.size)
-        shape = viewport[3], viewport[2]
-        pixels = np.empty((*shape, components) if components > 1 else shape, dtype)
-        # An alignment of 1 keeps rows tightly packed: 3 * 941 bytes is no multiple of 4.
-        framebuffer.read_into(pixels, viewport, components, attachment=attachment, dtype=name, alignment=1)
-        return pixels
+        return read_pixels(self.visibility, crop, 0, np.uint8, "u1")
 
     def release(self) -> None:
         """Free everything; framebuffers first, since they hold on to their attachments."""
         for resource in (self.drawing, self.visibility, *self._textures.values(), self._visibility, self._depth_buffer):
             if resource is not None:
                 resource.release()
+
+
+class FlowTargets:
+    """What the flow pass draws into, for one eye and moment after the other.
+
+    Attributes:
+        drawing: its framebuffer, with a depth buffer that tells which pixels are decided.
+
+    Args:
+        context: the open context.
+        width_px: image width.
+        height_px: image height.
+
+    Raises:
+        BackendError: where the driver has no textures or framebuffers of that size.
+    """
+
+    def __init__(self, context: GraphicsContext, width_px: int, height_px: int) -> None:
+        gl, size = context.gl, (width_px, height_px)
+        self._unbound = context.unbound
+        try:
+            self._textures = [gl.texture(size, 2, dtype="f4"), gl.texture(size, 1, dtype="f4")]
+            self._textures.append(gl.texture(size, 1, dtype="u1"))
+            self._depth_buffer = gl.depth_renderbuffer(size)
+            self.drawing = gl.framebuffer(self._textures, self._depth_buffer)
+        except moderngl.Error as error:
+            raise BackendError(f"{context.renderer} cannot draw {width_px} x {height_px} px: {error}") from error
+
+    def clear(self, region: Crop | None) -> None:
+        """Bind the framebuffer, let it be drawn inside a rectangle alone, and leave all its pixels undecided."""
+        self.drawing.scissor = window(region, self.drawing.size)
+        self.drawing.use()
+        self._unbound.clear_depth(1.0)
+
+    def read_flow(self, crop: Crop | None = None) -> NDArray[np.float32]:
+        """Copy the flow out as (H, W, 2) float32 px, top row first; inf where there is none."""
+        return read_pixels(self.drawing, crop, 0, np.float32, "f4", components=2)
+
+    def read_disparity_change(self, crop: Crop | None = None) -> NDArray[np.float32]:
+        """Copy the change of disparity out as (H, W) float32 px, top row first; inf where there is none."""
+        return read_pixels(self.drawing, crop, 1, np.float32, "f4")
+
+    def read_visibility(self, crop: Crop | None = None) -> NDArray[np.uint8]:
+        """Copy the visibility out as (H, W) uint8."""
+        return read_pixels(self.drawing, crop, 2, np.uint8, "u1")
+
+    def release(self) -> None:
+        """Free everything; the framebuffer first, since it holds on to its attachments."""
+        self.drawing.release()
+        for texture in self._textures:
+            texture.release()
+        self._depth_buffer.release()

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config.model import BackgroundSection, DisparitySection
 from semisynth_gl.config.range import Range
+from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.scene.rig import check_reachable, near_depth_m
+from semisynth_gl.scene.sway import STILL, Sway
 
 _FACE_CELLS = 8
 
@@ -38,6 +40,8 @@ _SIDE_WALL = Range(0.3, 1.1)
 # Walls go on behind each other by this share of their size: rounded to float32, edges that only met would leave gaps.
 OVERLAP = 1e-4
 _GRID = (48, 32)
+# A far plane is no wider than this angle to its normal can see.
+_WIDEST_RAD = np.deg2rad(85)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,22 +71,41 @@ class Background:
 
 
 def draw_background(
-    section: BackgroundSection, disparity: DisparitySection, camera: StereoCamera, rng: np.random.Generator
+    section: BackgroundSection,
+    disparity: DisparitySection,
+    camera: StereoCamera,
+    rng: np.random.Generator,
+    sway: Sway = STILL,
 ) -> Background:
     """Draw the background of one sequence.
 
-    No wall comes nearer than the depth of ``disparity.max_px`` in either view, and the cuboid holds both cameras.
+    No wall comes nearer than the depth of ``disparity.max_px`` in either view, and the cuboid holds both cameras,
+    however they sway; the plane fills both views.
+
+    Raises:
+        InputError: where the plane would have to be endless to do so.
     """
     indoor = rng.random() * (section.cuboid + section.plane) < section.cuboid
-    return _cuboid(section, disparity, camera, rng) if indoor else _plane(section, camera, rng)
+    return _cuboid(section, disparity, camera, rng, sway) if indoor else _plane(section, camera, rng, sway)
 
 
-def _plane(section: BackgroundSection, camera: StereoCamera, rng: np.random.Generator) -> Background:
+def _plane(section: BackgroundSection, camera: StereoCamera, rng: np.random.Generator, sway: Sway) -> Background:
     disparity_px = section.plane_disparity_px.draw(rng)
     check_reachable(camera, disparity_px, "background.plane_disparity_px")
     depth = float(camera.depth_m(disparity_px))
     corners = _corner_points(camera, depth)
     low, high = corners.min(axis=0), corners.max(axis=0)
+    if sway.reach_m > 0 or sway.angle_rad > 0:
+        widest = float(np.arctan(np.linalg.norm(corner_rays(camera)[:, :2], axis=1).max())) + sway.angle_rad
+        if widest >= _WIDEST_RAD:
+            raise InputError(
+                f"camera.sway_deg turns views by up to {np.rad2deg(sway.angle_rad):.0f} degrees, and their corners to "
+                f"{np.rad2deg(widest):.0f} degrees off the far plane's normal, at most {np.rad2deg(_WIDEST_RAD):.0f} "
+                "can be filled: lower it, or set background.plane to 0"
+            )
+        aside = abs(camera.offset_m("right")) + sway.reach_m
+        half = (depth + aside) * np.tan(widest) + aside
+        low, high = np.minimum(low, -half), np.maximum(high, half)
     margin = 0.01 * (high - low)
     low, high = low - margin, high + margin
     world_from_face = np.eye(4)
@@ -99,7 +122,11 @@ def _plane(section: BackgroundSection, camera: StereoCamera, rng: np.random.Gene
 
 
 def _cuboid(
-    section: BackgroundSection, disparity: DisparitySection, camera: StereoCamera, rng: np.random.Generator
+    section: BackgroundSection,
+    disparity: DisparitySection,
+    camera: StereoCamera,
+    rng: np.random.Generator,
+    sway: Sway,
 ) -> Background:
     turn = np.deg2rad(section.wall_turn_deg)
     # Columns are the room's axes in the camera frame.
@@ -114,7 +141,7 @@ def _cuboid(
 
     # Faces in the order +x, -x, +y, -y, +z (the back wall), -z (behind the cameras).
     normal = np.concatenate([axes.T[k // 2][None] * (1 - 2 * (k % 2)) for k in range(6)])
-    smallest = smallest_offsets(camera, normal, near)
+    smallest = smallest_offsets(camera, normal, near, sway)
     offset = np.empty(6)
     reach = (_corner_points(camera, wall_depth) @ normal.T).max(axis=0)
     offset[:4] = smallest[:4] + fraction * np.maximum(reach[:4] - smallest[:4], 0)
@@ -145,17 +172,27 @@ def _cuboid(
     return Background("cuboid", world_from_face, size, normal, offset, visible_depth)
 
 
-def smallest_offsets(camera: StereoCamera, normal: NDArray[np.float64], near_m: float) -> NDArray[np.float64]:
+def smallest_offsets(
+    camera: StereoCamera, normal: NDArray[np.float64], near_m: float, sway: Sway = STILL
+) -> NDArray[np.float64]:
     """Smallest distance of walls with these normals that keeps both cameras inside and all pixels beyond near.
 
     Along a ray from an eye at e, a wall normal . p = offset has depth Z = (offset - normal . e) / (normal . ray), and
-    normal . ray is linear over the image: its largest value is at a corner.
+    normal . ray is linear over the image: its largest value is at a corner. A sway moves the eyes by at most its reach,
+    and the right one by 2 B sin(angle / 2) more; and it turns a ray by at most its angle towards the normal.
     """
     smallest = np.full(len(normal), 0.0)
     for eye in EYES:
-        shift = normal[:, 0] * camera.offset_m(eye)
+        aside = abs(camera.offset_m(eye)) * 2 * np.sin(min(sway.angle_rad, np.pi) / 2)
+        shift = normal[:, 0] * camera.offset_m(eye) + (sway.reach_m + aside)
         inside = shift + 0.05 * near_m
-        beyond = shift + BEYOND_NEAR * near_m * (corner_rays(camera, eye) @ normal.T).max(axis=0)
+        rays = corner_rays(camera, eye)
+        towards = rays @ normal.T
+        if sway.angle_rad > 0:
+            length = np.linalg.norm(rays, axis=1, keepdims=True)
+            between = np.arccos(np.clip(towards / length, -1, 1))
+            towards = length * np.cos(np.maximum(between - sway.angle_rad, 0))
+        beyond = shift + BEYOND_NEAR * near_m * towards.max(axis=0)
         smallest = np.maximum(smallest, np.maximum(inside, beyond))
     return smallest
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config.model import LayerSection, ParticlesSection
 from semisynth_gl.geometry.stretch import draw_scales
+from semisynth_gl.scene.rotation import rotation_about, rotation_of
 
 Floats = NDArray[np.float64]
 
@@ -39,11 +40,14 @@ class Slots:
     def __len__(self) -> int:
         return len(self.depth_m)
 
-    def age(self, time_s: float) -> tuple[Floats, NDArray[np.int64]]:
-        """Age in periods, in [0, 1), and generation, both (S,), at a time."""
-        total = time_s / self.period_s + self.phase
-        generation = np.floor(total)
-        return total - generation, generation.astype(np.int64)
+    def generation(self, time_s: float) -> NDArray[np.int64]:
+        """Which of its models each slot shows at a time, (S,): negative ones were released before time 0."""
+        return np.floor(time_s / self.period_s + self.phase).astype(np.int64)
+
+    def age(self, time_s: float, generation: NDArray[np.int64]) -> Floats:
+        """Age, (S,) in periods, of models of these generations: in [0, 1) where they are those of that time."""
+        age: Floats = time_s / self.period_s + self.phase - generation
+        return age
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -244,31 +248,44 @@ class Particles:
     Attributes:
         generation: (S,) which of its models each slot shows.
         radius_m: (S,) radius of the bounding sphere.
-        centre_m: (S, 3) in the left camera's frame.
-        world_from_model: (S, 4, 4) places models of radius 1.
+        world_from_model: (S, 4, 4) places models of radius 1; the world is the left camera's frame, but for its sway.
     """
 
     generation: NDArray[np.int64]
     radius_m: Floats
-    centre_m: Floats
     world_from_model: Floats
 
+    @property
+    def centre_m(self) -> Floats:
+        """Centres of the bounding spheres, (S, 3)."""
+        return self.world_from_model[:, :3, 3]
 
-def particles_at(camera: StereoCamera, slots: Slots, release: Callable[[int], Release], time_s: float) -> Particles:
+
+def particles_at(
+    camera: StereoCamera,
+    slots: Slots,
+    release: Callable[[int], Release],
+    time_s: float,
+    generation: NDArray[np.int64] | None = None,
+) -> Particles:
     """Place every slot's model at a time, directly and without stepping.
 
     Args:
         camera: the camera.
         slots: the streams.
         release: returns the release of all slots for a generation.
-        time_s: any time from 0.
+        time_s: any time.
+        generation: (S,) whose models; by default those that the slots show at that time. Others are followed along
+            their paths, before their release and after their end.
     """
-    age, generation = slots.age(time_s)
+    if generation is None:
+        generation = slots.generation(time_s)
+    age = slots.age(time_s, generation)
     metre = slots.depth_m / camera.focal_px
     fallen_m = age * (camera.height_px + 2 * slots.radius_px) * metre
     from_middle_m = (age - 0.5) * (camera.height_px + 2 * slots.radius_px) * metre
-    centre = np.empty((len(slots), 3))
     matrix = np.tile(np.eye(4), (len(slots), 1, 1))
+    centre = matrix[:, :3, 3]
     radius_m = slots.radius_px * metre
     for number in np.unique(generation):
         of = np.flatnonzero(generation == number)
@@ -279,22 +296,4 @@ def particles_at(camera: StereoCamera, slots: Slots, release: Callable[[int], Re
         angle = drawn.spin_rad_s[of] * age[of] * slots.period_s[of]
         rotation = rotation_about(drawn.axis[of], angle) @ rotation_of(drawn.quaternion[of])
         matrix[of, :3, :3] = rotation * (drawn.scale[of] * radius_m[of, None])[:, None, :]
-    matrix[:, :3, 3] = centre
-    return Particles(generation, radius_m, centre, matrix)
-
-
-def rotation_of(quaternion: Floats) -> Floats:
-    """Rotation matrices (N, 3, 3) of unit quaternions (N, 4), x y z w."""
-    x, y, z, w = quaternion.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)
-
-
-def rotation_about(axis: Floats, angle_rad: Floats) -> Floats:
-    """Rotation matrices (N, 3, 3) about unit axes (N, 3) by angles (N,), right-handed."""
-    half = angle_rad / 2
-    return rotation_of(np.concatenate([axis * np.sin(half)[:, None], np.cos(half)[:, None]], axis=1))
+    return Particles(generation, radius_m, matrix)

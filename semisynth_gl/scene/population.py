@@ -41,6 +41,7 @@ from semisynth_gl.scene.particles import (
 )
 from semisynth_gl.scene.rig import check_reachable, draw_camera, near_depth_m
 from semisynth_gl.scene.structures import draw_surroundings
+from semisynth_gl.scene.sway import draw_sway
 from semisynth_gl.scene.target import target_of
 from semisynth_gl.seeds import Purpose, generator
 
@@ -239,10 +240,10 @@ class Population:
         """Cameras of the pilot scenes, and disparities over their views without particles."""
         config, made = self._config, []
         for number in range(_PILOTS):
-            rng = [generator(self._seed, Purpose.PILOTS, number, part) for part in range(3)]
-            camera = draw_camera(config.camera, rng[0])
-            background = draw_background(config.background, config.disparity, camera, rng[1])
-            still = draw_surroundings(config.structures, config.disparity, camera, background, rng[2])
+            rng = [generator(self._seed, Purpose.PILOTS, number, part) for part in range(4)]
+            camera, sway = draw_camera(config.camera, rng[0]), draw_sway(config.camera, rng[3])
+            background = draw_background(config.background, config.disparity, camera, rng[1], sway)
+            still = draw_surroundings(config.structures, config.disparity, camera, background, rng[2], sway)
             made.append((camera, still.disparity_px))
         return made
 

@@ -1,6 +1,6 @@
 """What stands where in one pair: the arrays that the renderer draws."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,59 @@ class Scene:
 
     def __len__(self) -> int:
         return len(self.model)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """How the N instances of a scene get to another moment.
+
+    Attributes:
+        scene: what stands where then; its camera has the same intrinsics.
+        world_from_model: (N, 4, 4) float64, where the instances are then, whether they are drawn then or not.
+        instance: (N,) int64, which instance of ``scene`` each of them is; -1 where it is not among them.
+    """
+
+    scene: Scene
+    world_from_model: NDArray[np.float64]
+    instance: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        n, then = len(self.instance), len(self.scene)
+        if self.instance.shape != (n,) or self.world_from_model.shape != (n, 4, 4):
+            raise InputError(
+                f"motion: expected instance (N,) and world_from_model (N, 4, 4), got {self.instance.shape} and "
+                f"{self.world_from_model.shape}"
+            )
+        if n and (int(self.instance.min()) < -1 or int(self.instance.max()) >= then):
+            raise InputError(
+                f"motion: instance must be -1 to {then - 1}, got {int(self.instance.min())} to "
+                f"{int(self.instance.max())}"
+            )
+        if not np.isfinite(self.world_from_model).all():
+            raise InputError("motion: world_from_model has values that are not finite")
+
+
+def move(scene: Scene, *, world_from_model: object = None, camera_from_world: object = None) -> Motion:
+    """Move the instances and the camera of a scene made by hand.
+
+    Args:
+        scene: the scene.
+        world_from_model: (N, 4, 4), where its instances are then; by default where they are.
+        camera_from_world: (4, 4), where its camera is then; by default where it is.
+
+    Raises:
+        InputError: where shapes or values are wrong.
+    """
+    then = replace(
+        scene,
+        world_from_model=scene.world_from_model
+        if world_from_model is None
+        else np.asarray(world_from_model, np.float64),
+        camera_from_world=scene.camera_from_world
+        if camera_from_world is None
+        else np.asarray(camera_from_world, np.float64),
+    )
+    return Motion(then, then.world_from_model, np.arange(len(scene)))
 
 
 def make_scene(

@@ -20,6 +20,7 @@ from semisynth_gl.scene.background import (
 )
 from semisynth_gl.scene.rig import check_reachable, near_depth_m
 from semisynth_gl.scene.scene import make_scene
+from semisynth_gl.scene.sway import STILL, Sway
 
 Floats = NDArray[np.float64]
 
@@ -98,10 +99,12 @@ def draw_surroundings(
     camera: StereoCamera,
     background: Background,
     rng: np.random.Generator,
+    sway: Sway = STILL,
 ) -> Surroundings:
     """Put structures before a background.
 
-    Nothing of them comes nearer than the depth of ``disparity.max_px`` in either view.
+    Nothing of them comes nearer than the depth of ``disparity.max_px`` in either view; where the camera sways, that
+    holds for the ground alone, and the near plane cuts panels off that come too near.
 
     Raises:
         InputError: where ``panel_disparity_px`` lies beyond infinity.
@@ -116,7 +119,7 @@ def draw_surroundings(
     farthest_m = float(camera.depth_m(seen_px.min()))
     if rng.random() < section.ground:
         model.append(_GROUND)
-        matrices.append(_place_ground(section, camera, near_m, farthest_m, rng))
+        matrices.append(_place_ground(section, camera, near_m, farthest_m, rng, sway))
     for _ in range(round(section.panels.draw(rng))):
         curved = bool(rng.random() < section.panel_curved)
         model.append(_CURVED if curved else _FACE)
@@ -145,14 +148,19 @@ def _nearest_m(model: int, world_from_model: Floats, near_m: float) -> float:
 
 
 def _place_ground(
-    section: StructuresSection, camera: StereoCamera, near_m: float, farthest_m: float, rng: np.random.Generator
+    section: StructuresSection,
+    camera: StereoCamera,
+    near_m: float,
+    farthest_m: float,
+    rng: np.random.Generator,
+    sway: Sway,
 ) -> Floats:
     height = section.ground_height_m.draw(rng)
     roll, pitch = np.deg2rad(rng.uniform(-section.ground_tilt_deg, section.ground_tilt_deg, 2))
     across = np.array([np.cos(roll), np.sin(roll), 0.0])
     along = np.array([-np.sin(roll) * np.sin(pitch), np.cos(roll) * np.sin(pitch), np.cos(pitch)])
     down = np.cross(along, across)
-    offset = max(height, float(smallest_offsets(camera, down[None], near_m)[0]))
+    offset = max(height, float(smallest_offsets(camera, down[None], near_m, sway)[0]))
     # The wedge's tip lies so far behind that both views fit between its sides.
     widest = float(np.abs(corner_rays(camera)[:, 0]).max()) * 1.1
     behind = abs(camera.offset_m("right")) / widest + 0.5 * near_m

@@ -11,9 +11,9 @@ from ruamel.yaml import YAML
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from semisynth_gl.config import Range
-from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.frame import FLOW_OUTPUTS, OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.plan import Plan
-from semisynth_gl.read.encodings import disparity_decoder
+from semisynth_gl.read.encodings import FLOW_DECODERS, disparity_decoder
 from semisynth_gl.splits import SplitName
 from semisynth_gl.write.dataset import plan_of
 
@@ -54,6 +54,23 @@ _MEANINGS: Mapping[str, str] = {
     "instances_right": "likewise for the right view",
     "depth_left": "planar depth in metres, float32; inf where nothing is seen",
     "depth_right": "likewise for the right view",
+    "flow_left": "flow of the left view's pixels to the next frame",
+    "flow_right": "flow of the right view's pixels to the next frame",
+    "flow_not_occluded_left": "the same of the left view, where its next frame shows the point too",
+    "flow_not_occluded_right": "the same of the right view, where its next frame shows the point too",
+    "flow_visibility_left": (
+        f"8-bit: {VISIBLE} where the left view shows the point at the next frame too, {OCCLUDED} where it does not, "
+        f"{OUTSIDE} where the point has left the image or has no flow"
+    ),
+    "flow_visibility_right": f"likewise for the right view: {VISIBLE}, {OCCLUDED}, {OUTSIDE}",
+    "flow_backward_left": "flow of the left view's pixels to the previous frame",
+    "flow_backward_right": "flow of the right view's pixels to the previous frame",
+    "flow_backward_not_occluded_left": "the same of the left view, where its previous frame shows the point too",
+    "flow_backward_not_occluded_right": "the same of the right view, where its previous frame shows the point too",
+    "flow_backward_visibility_left": f"as the mask of flow to the next frame: {VISIBLE}, {OCCLUDED}, {OUTSIDE}",
+    "flow_backward_visibility_right": f"likewise for the right view: {VISIBLE}, {OCCLUDED}, {OUTSIDE}",
+    "disparity_change_left": "disparity of the point at the next frame minus the one here, float32 px; inf for none",
+    "disparity_change_right": "likewise for the right view",
     "calibration": "the cameras, as Middlebury's calib.txt has them",
     "calib_cam_to_cam": "the cameras, as KITTI's calib_cam_to_cam.txt has them",
     "provenance": "what made the pair: seeds, camera, and every instance in the scene",
@@ -64,10 +81,16 @@ _HOLDS: Mapping[str, str] = {
     "png16": "16-bit PNG that counts 1/256 px",
     "png16-32": "16-bit PNG that counts 1/32 px",
 }
+_FLOW_HOLDS: Mapping[str, str] = {
+    "flo": "Middlebury's .flo, float32; 1e10 says",
+    "pfm": "PFM of three channels, u, v and 0, float32; inf says",
+    "png16": "16-bit RGB PNG of 64 u + 32768, 64 v + 32768 and 1; 0 in the third channel says",
+}
 _CAVEATS: Mapping[str, str] = {
     "kitti": (
         "In KITTI 2015, `disp_occ_1` and `disp_noc_1` are the next frame's disparity. Here they are the right view's, "
-        "which is what torchvision and OpenStereo take them for."
+        "which is what torchvision and OpenStereo take them for. With the output disparity_change, `disp_occ_0` plus "
+        "`disparity_change_0` is the next frame's."
     ),
     "middlebury-2014": (
         "`im1E` and `im1L` are the right image a stop darker and a stop brighter, computed from the same rendering."
@@ -96,6 +119,7 @@ def encode_card(index: Mapping[str, Any]) -> bytes:
         _reading(plan, index),
         _files(plan),
         _disparity(plan),
+        _flow(plan),
         _origin(plan, index),
         _rights(plan, index),
         _caveats(plan),
@@ -109,7 +133,11 @@ def _front(plan: Plan, index: Mapping[str, Any]) -> str:
         **_licence(plan.config.licences.dataset),
         "task_categories": ["depth-estimation"],
         "size_categories": [_size_category(sum(plan.pairs.values()))],
-        "tags": ["stereo", "disparity", "synthetic", *(["webdataset"] if plan.layout.packed else [])],
+        "tags": [
+            *("stereo", "disparity", "synthetic"),
+            *(["optical-flow"] if _has_flow(plan) else []),
+            *(["webdataset"] if plan.layout.packed else []),
+        ],
         "pretty_name": _quoted(f"{plan.config.name} (semi-synthetic stereo)"),
     }
     if plan.layout.packed:
@@ -244,6 +272,31 @@ def _disparity(plan: Plan) -> str:
     if isfinite(decoder.largest_px):
         sentences.append(f"Above {decoder.largest_px:g} px it cannot be stored: such pixels have none.")
     return "## Disparity\n\n" + " ".join(sentences)
+
+
+def _has_flow(plan: Plan) -> bool:
+    return not FLOW_OUTPUTS.isdisjoint(plan.config.outputs)
+
+
+def _flow(plan: Plan) -> str:
+    if not _has_flow(plan):
+        return ""
+    length, frame_s = plan.config.sequence.length, plan.config.sequence.frame_s
+    encoding = plan.layout.chosen_encodings(plan.config).flow
+    decoder = FLOW_DECODERS[encoding]
+    sentences = [
+        f"Pairs {length} i to {length} i + {length - 1} of a split are the frames of a sequence, {frame_s:g} s apart.",
+        "Flow (u, v) is where the point seen at a pixel is in the same view at another frame, minus the pixel.",
+        "It is in pixels, u to the right and v downwards.",
+        f"It is stored as {_FLOW_HOLDS[encoding]} that there is none.",
+    ]
+    if decoder.error_px:
+        sentences.append(f"Rounding puts it off by at most {decoder.error_px:g} px.")
+    if isfinite(decoder.largest_px):
+        sentences.append(
+            f"Beyond {decoder.largest_px:g} px in any direction it cannot be stored: such pixels have none."
+        )
+    return "## Flow\n\n" + " ".join(sentences)
 
 
 def _origin(plan: Plan, index: Mapping[str, Any]) -> str:

@@ -74,12 +74,16 @@ _IMAGE_FORMATS: Mapping[str, str] = {
     ".qoi": "https://qoiformat.org/qoi-specification.pdf",
     ".pfm": "https://netpbm.sourceforge.net/doc/pfm.html",
 }
-_OTHER_FORMATS: Mapping[str, str] = {".json": "application/json", ".txt": "text/plain"}
+_OTHER_FORMATS: Mapping[str, str] = {
+    ".json": "application/json",
+    ".txt": "text/plain",
+    ".flo": "https://vision.middlebury.edu/flow/code/flow-code/README.txt",
+}
 _ANY_FORMAT = "application/octet-stream"
 _UNKNOWN = "unknown"
 _DIGITS = "0123456789"
-# Indices whose names differ wherever those of any two pairs can.
-_SAMPLES = (0, 1, 123_456)
+# Of sequences, or of pairs that are named by themselves: names differ wherever those of any two pairs can.
+_SAMPLES = (0, 1, 3, 123_456)
 
 
 def encode_croissant(index: Mapping[str, Any]) -> bytes:
@@ -131,7 +135,9 @@ def _patterns(plan: Plan, split: SplitName) -> dict[str, str]:
     """Return a glob for each role's files, below the dataset's folder or inside a tar; the stars tell the pair."""
     layout = plan.layout
     encodings = layout.chosen_encodings(plan.config)
-    files = [layout.files(plan.key(split, index), encodings) for index in _SAMPLES]
+    length = plan.key(split, 0).sequence_length or 1
+    indices = (*(length * number for number in _SAMPLES), min(1, length - 1))
+    files = [layout.files(plan.key(split, index), encodings) for index in indices]
     folder = "" if layout.packed else plan.folder(split)
     return {
         role: folder + _pattern([each[role] for each in files])
@@ -207,10 +213,13 @@ def _record_set(split: SplitName, role: str, pattern: str, *, several: bool) -> 
     of_split: dict[str, Any] = {"@type": "cr:Field", "@id": f"{name}/split", "dataType": "sc:Text", "value": split}
     if several:
         of_split["references"] = {"field": {"@id": "splits/name"}}
+    # Of flow, readers of images know no .flo, no PFM of three channels, and 8 of 16 bits.
+    is_flow = role.startswith("flow") and "visibility" not in role
+    is_image = PurePosixPath(pattern).suffix in _IMAGE_FORMATS and not is_flow
     content = {
         "@type": "cr:Field",
         "@id": f"{name}/content",
-        "dataType": "sc:ImageObject" if PurePosixPath(pattern).suffix in _IMAGE_FORMATS else "sc:Text",
+        "dataType": "sc:ImageObject" if is_image else "sc:Text",
         "source": source | {"extract": {"fileProperty": "content"}},
     }
     return {

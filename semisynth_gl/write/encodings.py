@@ -1,4 +1,4 @@
-"""What encodes an image or a disparity, by the names of `semisynth_gl.encodings`."""
+"""What encodes an image, a disparity or a flow, by the names of `semisynth_gl.encodings`."""
 
 import io
 from collections.abc import Callable, Mapping
@@ -12,11 +12,13 @@ from PIL import Image
 
 from semisynth_gl.encodings import (
     DisparityEncoding,
+    FlowEncoding,
     ImageEncoding,
     LayoutDisparityEncoding,
     LayoutImageEncoding,
     codecs,
 )
+from semisynth_gl.write.flow import beyond_flow_png16, encode_flo, encode_flow_pfm, encode_flow_png16
 from semisynth_gl.write.pfm import encode_pfm
 from semisynth_gl.write.png import encode_png
 from semisynth_gl.write.png16 import beyond_px, encode_png16
@@ -37,6 +39,19 @@ class DisparityEncoder:
 
     encode: Callable[[NDArray[np.float32]], bytes]
     beyond_px: float = inf
+
+
+@dataclass(frozen=True, slots=True)
+class FlowEncoder:
+    """What encodes a flow.
+
+    Attributes:
+        encode: (H, W, 2) float32 px, inf where there is none, to a file's bytes.
+        beyond: from such a flow to (H, W) bool, where it cannot be said; None where all of it can be.
+    """
+
+    encode: Callable[[NDArray[np.float32]], bytes]
+    beyond: Callable[[NDArray[np.float32]], NDArray[np.bool_]] | None = None
 
 
 def encode_qoi(image: NDArray[np.uint8]) -> bytes:
@@ -73,6 +88,13 @@ DISPARITY_ENCODERS: Mapping[DisparityEncoding, DisparityEncoder] = {
     "tiff": DisparityEncoder(encode_tiff),
 }
 """Those that a config may choose."""
+
+FLOW_ENCODERS: Mapping[FlowEncoding, FlowEncoder] = {
+    "flo": FlowEncoder(encode_flo),
+    "pfm": FlowEncoder(encode_flow_pfm),
+    "png16": FlowEncoder(encode_flow_png16, beyond_flow_png16),
+}
+"""Those that a config or a layout may choose."""
 
 _CRESTEREOS = DisparityEncoder(partial(encode_png16, steps=32), beyond_px(32))
 

@@ -15,7 +15,7 @@ _UP = 2  # filter type: difference to the pixel above
 
 
 def encode_png(image: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
-    """Encode (H, W) grey uint8 or uint16, or (H, W, 3) RGB uint8."""
+    """Encode (H, W) grey or (H, W, 3) RGB, uint8 or uint16."""
     height, width = image.shape[:2]
     # PNG stores the high byte first.
     rows = np.ascontiguousarray(image, image.dtype.newbyteorder(">")).reshape(height, -1).view(np.uint8)

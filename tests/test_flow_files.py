@@ -1,0 +1,422 @@
+"""Flow from arrays to files and back: encodings, names, and what loaders of flow find."""
+
+# ruff: noqa: PTH207 - loaders are written down with the calls that they make
+
+import struct
+from glob import glob
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from pydantic import ValidationError
+from test_layouts import CAMERA, decode, encode, make_frame, write_tree
+from test_pipeline import tiny
+
+from semisynth_gl.config.model import FilesSection
+from semisynth_gl.encodings import FLOW_ENCODINGS, Encodings
+from semisynth_gl.errors import InputError
+from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE, Frame
+from semisynth_gl.layouts import Key, find_layout, layout_names
+from semisynth_gl.layouts.kitti import flow_visibility_of
+from semisynth_gl.layouts.layout import BEYOND, FLOW_BACKWARD_BEYOND, FLOW_BEYOND
+from semisynth_gl.places import Folder
+from semisynth_gl.plan import make_plan
+from semisynth_gl.read.dataset import Index
+from semisynth_gl.read.encodings import FLOW_DECODERS
+from semisynth_gl.read.error import ReadError
+from semisynth_gl.read.png import decode_rgb16
+from semisynth_gl.write.encodings import FLOW_ENCODERS
+from semisynth_gl.write.flow import beyond_flow_png16
+from semisynth_gl.write.png import encode_png
+
+INF = np.float32(np.inf)
+PATH = Path("the-file")
+FLOW_OUTPUTS = ("visibility", "flow", "flow_backward", "disparity_change")
+sides = st.integers(1, 12)
+
+
+@st.composite
+def flows(draw, largest=511.0):
+    """Flow of any size, both components inf where there is none."""
+    height, width = draw(sides), draw(sides)
+    numbers = st.floats(-largest, largest, width=32)
+    flow = draw(hnp.arrays(np.float32, (height, width, 2), elements=numbers))
+    flow[draw(hnp.arrays(np.bool_, (height, width)))] = np.inf
+    return flow
+
+
+def flow_of(shape, seed=0):
+    rng = np.random.default_rng(seed)
+    flow = rng.normal(0, 60, (*shape, 2)).astype(np.float32)
+    flow[rng.random(shape) < 0.2] = np.inf
+    return flow
+
+
+def by_opencv(data, flags=cv2.IMREAD_UNCHANGED):
+    return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+
+
+def config(length=1, **values):
+    made = tiny(sequence={"length": length}, **values)
+    return made.model_copy(update={"outputs": FLOW_OUTPUTS})
+
+
+# Encodings
+
+
+def test_every_name_has_its_encoder_and_its_decoder():
+    assert set(FLOW_ENCODERS) == set(FLOW_DECODERS) == set(FLOW_ENCODINGS)
+    assert Encodings().flow == FilesSection().encodings.flow == "flo"
+    assert [Encodings(flow=name).flow_suffix for name in FLOW_ENCODINGS] == [".flo", ".pfm", ".png"]
+    with pytest.raises(ValidationError, match="'flo', 'pfm' or 'png16'"):
+        FilesSection(flow="exr")
+
+
+@pytest.mark.parametrize("encoding", ["flo", "pfm"])
+@settings(max_examples=40, deadline=None)
+@given(flow=flows(1e6))
+def test_flow_comes_back_bit_for_bit(encoding, flow):
+    came = FLOW_DECODERS[encoding].decode(FLOW_ENCODERS[encoding].encode(flow), PATH)
+    assert came.dtype == np.float32
+    np.testing.assert_array_equal(came, flow)
+
+
+@settings(max_examples=40, deadline=None)
+@given(flow=flows(600.0))
+def test_a_png16_is_rounded_or_beyond_and_never_wrapped(flow):
+    encoder, decoder = FLOW_ENCODERS["png16"], FLOW_DECODERS["png16"]
+    came = decoder.decode(encoder.encode(flow), PATH)
+    assert came.dtype == np.float32
+    valid = np.isfinite(flow).all(axis=2)
+    beyond = encoder.beyond(flow)
+    assert not (beyond & ~valid).any()
+    np.testing.assert_array_equal(np.isfinite(came).all(axis=2), valid & ~beyond)
+    np.testing.assert_array_equal(np.isinf(came[..., 0]), np.isinf(came[..., 1]))
+    kept = valid & ~beyond
+    assert np.abs(came[kept] - flow[kept]).max(initial=0) <= decoder.error_px
+    within = valid & (np.abs(flow).max(axis=2) <= decoder.largest_px)
+    assert not (beyond & within).any()
+
+
+def test_a_png16_ends_where_16_bits_do():
+    rows = (-512.01, -512.0078125, -512.0, 0.0, 1 / 64, 511.984375, 511.9921, 511.9922, 512.0, 1e30, np.inf, np.nan)
+    flow = np.array([[(value, 1.0) for value in rows], [(1.0, value) for value in rows]], np.float32)
+    stored = by_opencv(FLOW_ENCODERS["png16"].encode(flow))[..., ::-1]
+    first = [0, 0, 0, 32768, 32769, 65535, 65535, 0, 0, 0, 0, 0]
+    valid = [0, 1, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0]
+    assert stored[0, :, 0].tolist() == stored[1, :, 1].tolist() == first
+    assert stored[0, :, 2].tolist() == stored[1, :, 2].tolist() == valid
+    assert stored[0, :, 1].tolist() == stored[1, :, 0].tolist() == [32832 * each for each in valid]
+    lost = [*(value == 0 for value in valid[:10]), False, False]
+    assert beyond_flow_png16(flow).tolist() == [lost, lost]
+
+
+def test_opencv_reads_what_is_written(tmp_path):
+    flow = flow_of((13, 17))
+    there = np.isfinite(flow).all(axis=2)
+    path = tmp_path / "flow.flo"
+    path.write_bytes(FLOW_ENCODERS["flo"].encode(flow))
+    by_flo = cv2.readOpticalFlow(str(path))
+    np.testing.assert_array_equal(by_flo[there], flow[there])
+    assert (by_flo[~there] == np.float32(1e10)).all()
+    assert path.read_bytes()[:12] == b"PIEH" + struct.pack("<ii", 17, 13)
+    # OpenCV has colours as blue, green, red.
+    by_pfm = by_opencv(FLOW_ENCODERS["pfm"].encode(flow))[..., ::-1]
+    np.testing.assert_array_equal(by_pfm[..., :2], flow)
+    assert not by_pfm[..., 2].any()
+    by_png = by_opencv(FLOW_ENCODERS["png16"].encode(flow), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)[..., ::-1]
+    assert by_png.dtype == np.uint16
+    np.testing.assert_array_equal(by_png[..., 2], there)
+    assert not by_png[~there].any()
+    assert np.abs((by_png[there][:, :2] / 64 - 512) - flow[there]).max() <= 1 / 128
+
+
+def test_opencvs_files_are_read(tmp_path):
+    flow = flow_of((13, 17))
+    path = tmp_path / "flow.flo"
+    cv2.writeOpticalFlow(str(path), np.where(np.isfinite(flow), flow, np.float32(-1.5e9)))
+    np.testing.assert_array_equal(FLOW_DECODERS["flo"].decode(path.read_bytes(), PATH), flow)
+    levels = np.random.default_rng(1).integers(0, 65536, (23, 31, 3)).astype(np.uint16)
+    for each in (cv2.IMWRITE_PNG_ALL_FILTERS, cv2.IMWRITE_PNG_FILTER_PAETH, cv2.IMWRITE_PNG_FILTER_AVG):
+        png = cv2.imencode(".png", levels[..., ::-1], [cv2.IMWRITE_PNG_FILTER, each])[1].tobytes()
+        came = decode_rgb16(png, PATH)
+        assert came.dtype == np.uint16
+        np.testing.assert_array_equal(came, levels)
+
+
+def test_torchvision_reads_what_is_written(tmp_path):
+    readers = pytest.importorskip("torchvision.datasets._optical_flow")
+    flow = flow_of((13, 17))
+    there = np.isfinite(flow).all(axis=2)
+    for encoding, read in (("flo", readers._read_flo), ("pfm", readers._read_pfm)):  # noqa: SLF001 - it has no others
+        path = tmp_path / f"flow.{encoding}"
+        path.write_bytes(FLOW_ENCODERS[encoding].encode(flow))
+        np.testing.assert_array_equal(np.asarray(read(str(path))).transpose(1, 2, 0)[there], flow[there])
+    path = tmp_path / "flow.png"
+    path.write_bytes(FLOW_ENCODERS["png16"].encode(flow))
+    came, valid = readers._read_16bits_png_with_flow_and_valid_mask(str(path))  # noqa: SLF001 - likewise
+    np.testing.assert_array_equal(np.asarray(valid), there)
+    assert np.abs(np.asarray(came).transpose(1, 2, 0)[there] - flow[there]).max() <= 1 / 128
+
+
+def flo(width, height, values):
+    return b"PIEH" + struct.pack("<ii", width, height) + np.asarray(values, "<f4").tobytes()
+
+
+def pfm(width, height, values, kind="PF"):
+    return f"{kind}\n{width} {height}\n-1.0\n".encode() + np.asarray(values, "<f4").tobytes()
+
+
+@pytest.mark.parametrize(
+    ("encoding", "data", "words"),
+    [
+        ("flo", b"", r"expected a \.flo .*PIEH.*got b''"),
+        ("flo", b"PIEH\x01\x00\x00", r"expected a \.flo"),
+        ("flo", b"HEIP" + flo(1, 1, [0, 0])[4:], r"expected a \.flo .*got b'HEIP"),
+        ("flo", flo(0, 1, []), "expected a width and height of 1 or more, got 0 x 1"),
+        ("flo", flo(-1, -1, [0, 0]), "got -1 x -1"),
+        ("flo", flo(2**31 - 1, 2**31 - 1, [0, 0]), "ends after 8 of 36893488113059364872 bytes"),
+        ("flo", flo(2, 1, [0, 0, 0]), "ends after 12 of 16 bytes of 2 x 1 pixels"),
+        ("flo", flo(1, 1, [0, 0]) + b"x", "has 1 bytes after its 1 x 1 pixels"),
+        ("flo", flo(2, 1, [0, np.nan, 0, 0]), "expected a number, or inf for none, of each pixel, got NaN at 1 pixels"),
+        ("pfm", b"", "expected a PFM header"),
+        ("pfm", pfm(1, 1, [0], "Pf"), r"expected a PFM header \(PF"),
+        ("pfm", pfm(2, 1, [0] * 5), "ends after 20 of 24 bytes"),
+        ("pfm", pfm(1, 1, [0] * 4), "has 4 bytes after"),
+        ("pfm", pfm(1, 1, [0, 0, 1]), "third value that is not 0 at 1 pixels"),
+        ("pfm", pfm(1, 1, [np.nan, 0, 0]), "got NaN at 1 pixels"),
+        ("png16", b"", "expected a PNG"),
+        ("png16", encode_png(np.zeros((3, 4, 3), np.uint8)), "expected 16-bit RGB, got 8-bit RGB"),
+        ("png16", encode_png(np.zeros((3, 4), np.uint16)), "expected 16-bit RGB, got 16-bit grey"),
+        ("png16", encode_png(np.ones((3, 4, 3), np.uint16))[:-2], "does not end as a PNG does"),
+        ("png16", encode_png(np.ones((3, 4, 3), np.uint16)) + b"x", "does not end as a PNG does"),
+    ],
+)
+def test_wrong_files_are_named(encoding, data, words):
+    with pytest.raises(ReadError, match=f"the-file: .*{words}"):
+        FLOW_DECODERS[encoding].decode(data, PATH)
+
+
+def test_a_damaged_png_is_named():
+    levels = np.random.default_rng(0).integers(0, 65536, (40, 40, 3)).astype(np.uint16)
+    good = encode_png(levels)
+    for data in (good[:200] + bytes([good[200] ^ 1]) + good[201:], good[:300] + good[-12:]):
+        with pytest.raises(ReadError, match="cannot be decoded"):
+            decode_rgb16(data, PATH)
+
+
+# What the encodings cannot say
+
+
+def test_what_png16_cannot_say_is_invalid_everywhere():
+    frame = make_frame(1, FLOW_OUTPUTS)
+    flow = frame.flow_left.copy()
+    flow[0, :3], flow[5, 5] = (600, 0), (0, -513)
+    mask = frame.flow_visibility_left.copy()
+    mask[5, 5] = OCCLUDED
+    disparity = frame.disparity_left.copy()
+    disparity[7, 7] = 300
+    arrays = {name: getattr(frame, name) for name in Frame.__dataclass_fields__}
+    frame = Frame(**arrays | {"flow_left": flow, "flow_visibility_left": mask, "disparity_left": disparity})
+    lost = beyond_flow_png16(flow)
+    assert lost.sum() == 4
+    for name, encodings in (("kitti", None), ("middlebury", Encodings(disparity="png16", flow="png16"))):
+        stored = decode(find_layout(name), 1, encode(find_layout(name), 1, frame=frame, encodings=encodings),
+                        encodings=encodings)  # fmt: skip
+        assert stored.provenance[FLOW_BEYOND] == {"left": 4, "right": 0}
+        assert stored.provenance[FLOW_BACKWARD_BEYOND] == {"left": 0, "right": 0}
+        assert stored.provenance[BEYOND] == {"left": 1, "right": 0}
+        assert np.isinf(stored.flow_left[lost]).all()
+        assert (stored.flow_visibility_left[lost] == OUTSIDE).all()
+        np.testing.assert_array_equal(stored.flow_visibility_left[~lost], mask[~lost])
+        assert np.isinf(stored.disparity_left[7, 7])
+        assert np.isinf(stored.disparity_change_left[7, 7])
+        assert np.isfinite(frame.disparity_change_left[7, 7])
+        assert (stored.flow_error_px, stored.flow_largest_px) == (1 / 128, 511.984375)
+    plain = decode(find_layout("middlebury"), 1, encode(find_layout("middlebury"), 1, frame=frame))
+    np.testing.assert_array_equal(plain.flow_left, flow)
+    assert FLOW_BEYOND not in plain.provenance
+    # Without flow there is nothing to count.
+    bare = decode(find_layout("kitti"), 1, encode(find_layout("kitti"), 1, frame=make_frame(1, ("visibility",))))
+    assert FLOW_BEYOND not in bare.provenance
+
+
+def test_kittis_masks_follow_from_its_flow():
+    flow = np.array([[(0, 0), (2, 0), (-2, 0), (0, -1), (0, 1), (0, 2), (INF, INF)]], np.float32)
+    seen = np.full_like(flow, np.inf)
+    seen[0, 0] = 0
+    mask = flow_visibility_of(flow, seen, "flow_left", PATH)
+    assert mask.tolist() == [[VISIBLE, OCCLUDED, OCCLUDED, OUTSIDE, OUTSIDE, OUTSIDE, OUTSIDE]]
+    wide = np.array([[(-1, 0), (6, 0), (-1, 0)]], np.float32)
+    assert flow_visibility_of(wide, np.full_like(wide, np.inf), "flow_left", PATH).tolist() == [[0, 0, OCCLUDED]]
+    for wrong, words in (
+        (seen + 1, "1 pixels in flow_noc are not those in flow_occ"),
+        (seen[:, 1:], r"flow_occ has shape \(1, 7\), flow_noc \(1, 6\)"),
+    ):
+        with pytest.raises(ReadError, match=words):
+            flow_visibility_of(flow, wrong, "flow_left", PATH)
+    with pytest.raises(ReadError, match="flow_backward_noc_right are not those in flow_backward_occ_right"):
+        flow_visibility_of(flow, seen + 1, "flow_backward_right", PATH)
+
+
+# Names
+
+
+@pytest.mark.parametrize("name", layout_names())
+@pytest.mark.parametrize("length", [1, 3])
+def test_sequences_come_back(name, length):
+    layout, frame = find_layout(name), make_frame(5)
+    stored = decode(layout, 5, encode(layout, 5, frame=frame, length=length), length=length)
+    np.testing.assert_array_equal(stored.flow_visibility_right, frame.flow_visibility_right)
+    np.testing.assert_array_equal(stored.disparity_change_left, frame.disparity_change_left)
+    assert (stored.index, stored.name) == (5, "lab-000005")
+
+
+def test_names_without_flow_are_those_of_pairs():
+    def at(name, role, index, length=None):
+        layout = find_layout(name)
+        return layout.files(Key("lab", "train", index, length), layout.encodings or Encodings())[role]
+
+    things = "SceneFlow/FlyingThings3D"
+    assert at("sceneflow", "left", 3001) == f"{things}/frames_cleanpass/TRAIN/B/0001/left/0000.png"
+    assert at("sceneflow", "left", 3001, 10) == f"{things}/frames_cleanpass/TRAIN/A/0100/left/0001.png"
+    into = "optical_flow/TRAIN/B/0000"
+    assert at("sceneflow", "flow_left", 11, 10) == f"{things}/{into}/into_future/left/OpticalFlowIntoFuture_0001_L.pfm"
+    assert at("sceneflow", "flow_backward_right", 11, 10) == (
+        f"{things}/{into}/into_past/right/OpticalFlowIntoPast_0001_R.pfm"
+    )
+    assert at("kitti", "left", 5) == "training/image_2/000005_10.png"
+    assert [at("kitti", "left", index, 2) for index in (4, 5)] == [
+        "training/image_2/000002_10.png",
+        "training/image_2/000002_11.png",
+    ]
+    for role, wanted in (
+        ("calib_cam_to_cam", ("calib_cam_to_cam/000002.txt", "calib_cam_to_cam/000002_11.txt")),
+        ("flow_left", ("flow_occ/000002_10.png", "flow_occ/000002_11.png")),
+    ):
+        assert tuple(at("kitti", role, index, 2) for index in (4, 5)) == tuple(f"training/{each}" for each in wanted)
+    assert at("kitti", "provenance", 4) == "pairs/000004.json"
+    assert at("kitti", "provenance", 4, 2) == "pairs/000002_10.json"
+    assert at("middlebury", "flow_backward_visibility_right", 4, 2).endswith("lab-000004/flow_backward_mask1.png")
+    kitti = find_layout("kitti")
+    assert "KittiFlow/training" not in kitti.links([Key("lab", "train", 0)])
+    assert "KittiFlow/training" in kitti.links([Key("lab", "train", 0, 2)])
+
+
+@pytest.mark.parametrize("length", [1, 4])
+@pytest.mark.parametrize("outputs", [(), ("visibility",), ("flow",), ("disparity_change",)], ids=str)
+def test_plan_and_index_name_pairs_alike(tmp_path, outputs, length):
+    plan = make_plan(config(length).model_copy(update={"outputs": outputs}), 0, "sceneflow", {"train": 9})
+    index = Index(Folder(tmp_path), plan.values())
+    for number in range(9):
+        key = plan.key("train", number)
+        assert index.key("train", number) == key
+        own = {"flow", "disparity_change"}.isdisjoint(outputs)
+        assert (key.sequence, key.frame) == ((number, 0) if own else divmod(number, length))
+
+
+def test_an_index_tells_its_encoding_of_flow(tmp_path):
+    plan = make_plan(config(files={"flow": "png16"}), 0, "webdataset", {"train": 1})
+    assert Index(Folder(tmp_path), plan.values()).encodings == Encodings(flow="png16")
+    values = plan.values()
+    values["config_values"]["files"]["flow"] = "exr"
+    with pytest.raises(InputError, match=r"files\.flow 'exr'"):
+        _ = Index(Folder(tmp_path), values).encodings
+    with pytest.raises(InputError, match=r"encodings of its own \(png, png16, png16\): leave .* files\.flow out"):
+        make_plan(config(files={"flow": "pfm"}), 0, "kitti", {"train": 1})
+
+
+def test_sequences_that_names_cannot_count_are_refused():
+    assert make_plan(config(90), 0, "kitti", {"train": 1}).layout.most_frames == 90
+    with pytest.raises(InputError, match=r"names for 90 frames .* got sequence\.length 91: set it to 90 or less"):
+        make_plan(config(91), 0, "kitti", {"train": 1})
+    still = config(91).model_copy(update={"outputs": ("visibility",)})
+    assert make_plan(still, 0, "kitti", {"train": 1}).config.sequence.length == 91
+    assert make_plan(config(91), 0, "middlebury", {"train": 1}).config.sequence.length == 91
+
+
+def test_advice_tells_of_sequences():
+    for name, words in (("kitti", "frames _11"), ("sceneflow", "two images of a sequence")):
+        layout = find_layout(name)
+        told = " ".join(layout.advice(400, config(1)))
+        assert words in told
+        assert "set sequence.length to 2 or more" in told
+        assert "sequence.length" not in " ".join(layout.advice(400, config(2)))
+    assert "200 sequences, here are 199" in " ".join(find_layout("kitti").advice(398, config(2)))
+    assert "200" not in " ".join(find_layout("kitti").advice(400, config(2)))
+
+
+# Loaders of flow: what each finds, as lists of image 1, image 2 and flow
+
+
+def raft_things(root, direction="into_future"):
+    """As RAFT's FlyingThings3D, of the left camera."""
+    folder = root / "SceneFlow" / "FlyingThings3D"
+    image_dirs = [f"{each}/left" for each in sorted(glob(str(folder / "frames_cleanpass" / "TRAIN/*/*")))]
+    flow_dirs = [f"{each}/{direction}/left" for each in sorted(glob(str(folder / "optical_flow" / "TRAIN/*/*")))]
+    assert len(image_dirs) == len(flow_dirs)
+    for image_dir, flow_dir in zip(image_dirs, flow_dirs, strict=True):
+        images, found = sorted(glob(f"{image_dir}/*.png")), sorted(glob(f"{flow_dir}/*.pfm"))
+        assert len(images) == len(found)
+        for i in range(len(found) - 1):
+            future = direction == "into_future"
+            yield (images[i], images[i + 1], found[i]) if future else (images[i + 1], images[i], found[i + 1])
+
+
+def kitti_flow(folder):
+    """As RAFT's KITTI and torchvision's KittiFlow."""
+    first, second = (sorted(glob(str(folder / "image_2" / f"*_{number}.png"))) for number in (10, 11))
+    return list(zip(first, second, sorted(glob(str(folder / "flow_occ" / "*_10.png"))), strict=True))
+
+
+def pair_of(path):
+    """Number of the pair that an image is of."""
+    return round(int(cv2.imread(str(path))[4, 4, 2]) / 8)
+
+
+def flow_in(path):
+    """By OpenCV: (H, W, 2) px, inf where there is none."""
+    stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[..., ::-1]
+    if stored.dtype == np.float32:
+        return stored[..., :2]
+    return np.where(stored[..., 2:] > 0, stored[..., :2] / 64.0 - 512, np.inf)
+
+
+@pytest.mark.parametrize(
+    ("direction", "array", "step"), [("into_future", "flow_left", 1), ("into_past", "flow_backward_left", -1)]
+)
+def test_loaders_of_things_pair_flow_with_its_frames(tmp_path, direction, array, step):
+    # The last sequence is cut short.
+    root = write_tree("sceneflow", tmp_path, pairs=14, length=3)
+    found = list(raft_things(root, direction))
+    firsts = [pair_of(one) for one, _, _ in found]
+    wanted = [pair for pair in range(14) if 0 <= pair + step < 14 and (pair + step) // 3 == pair // 3]
+    assert sorted(firsts) == wanted
+    for (_, two, flow), pair in zip(found, firsts, strict=True):
+        assert pair_of(two) == pair + step
+        np.testing.assert_array_equal(flow_in(flow), getattr(make_frame(pair), array))
+
+
+@pytest.mark.parametrize("folder", ["training", "KittiFlow/training"])
+def test_loaders_of_kitti_pair_flow_with_its_frames(tmp_path, folder):
+    root = write_tree("kitti", tmp_path, pairs=9, length=3)
+    found = kitti_flow(root / folder)
+    assert [(pair_of(one), pair_of(two)) for one, two, _ in found] == [(0, 1), (3, 4), (6, 7)]
+    for one, _, flow in found:
+        made = make_frame(pair_of(one)).flow_left
+        valid = np.isfinite(made)
+        np.testing.assert_array_equal(np.isfinite(flow_in(flow)), valid)
+        assert np.abs(flow_in(flow)[valid] - made[valid]).max() <= 1 / 128
+
+
+def test_loaders_of_stereo_find_every_frame_of_sequences(tmp_path):
+    root = write_tree("kitti", tmp_path, pairs=6, length=2) / "training"
+    images, disparities = (sorted(glob(str(root / each / "*.png"))) for each in ("image_2", "disp_occ_0"))
+    assert [pair_of(each) for each in images] == list(range(6))
+    for image, disparity in zip(images, disparities, strict=True):
+        assert int(cv2.imread(disparity, cv2.IMREAD_UNCHANGED)[4, 4] / 256 - 1) == pair_of(image)
+    assert flow_in(root / "flow_noc" / "000002_11.png").shape == (CAMERA.height_px, CAMERA.width_px, 2)
