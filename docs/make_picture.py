@@ -1,19 +1,49 @@
-"""Draw the picture of the README: left, right and disparity of one pair.
+"""Draw the pictures of README and docs/flow.md: a pair and its disparity, and two frames and their flow.
 
-Run it as ``python docs/make_picture.py docs/images/pair.jpg``.
+Run it as ``python docs/make_picture.py docs/images``.
 """
 
 import sys
+from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.colors import hsv_to_rgb
+from numpy.typing import NDArray
 from PIL import Image
 
 from semisynth_gl import load_config, render_pair
+from semisynth_gl.pipeline import PairRenderer
 
-frame = render_pair(load_config("sceneflow"), index=int(sys.argv[2]) if len(sys.argv) > 2 else 4)
-shown = mpl.colormaps["inferno"](frame.disparity_left / 200)[..., :3]
-panels = [frame.left, frame.right, (255 * shown).astype(np.uint8)]
-gap = np.full((frame.left.shape[0], 12, 3), 255, np.uint8)
-strip = np.concatenate([panels[0], gap, panels[1], gap, panels[2]], axis=1)
-Image.fromarray(strip).reduce(2).save(sys.argv[1], quality=75)
+
+def strip(panels: list[NDArray[np.uint8]], path: Path) -> None:
+    """Put pictures of one size beside each other, at half their size."""
+    gap = np.full((panels[0].shape[0], 12, 3), 255, np.uint8)
+    beside = [part for panel in panels for part in (panel, gap)][:-1]
+    Image.fromarray(np.concatenate(beside, axis=1)).reduce(2).save(path, quality=75)
+
+
+def draw_pair(path: Path) -> None:
+    """Draw left, right and disparity."""
+    frame = render_pair(load_config("sceneflow"), index=4)
+    shown = mpl.colormaps["inferno"](frame.disparity_left / 200)[..., :3]
+    strip([frame.left, frame.right, (255 * shown).astype(np.uint8)], path)
+
+
+def draw_flow(path: Path) -> None:
+    """Draw two frames, the flow between them (hue its direction, saturation its length), and where it is hidden."""
+    config = load_config("sceneflow", ["camera.sway_m=0.05", "camera.sway_deg=1", "sequence.length=2"])
+    with PairRenderer(config.model_copy(update={"outputs": ("flow",), "truth": "left"}), 1) as renderer:
+        now, then = renderer.render(0).frame, renderer.render(1).frame
+    assert now.flow_left is not None  # noqa: S101 - the output was asked for
+    assert now.flow_visibility_left is not None  # noqa: S101
+    length = np.hypot(*np.moveaxis(now.flow_left, 2, 0))
+    angle = np.arctan2(now.flow_left[..., 1], now.flow_left[..., 0]) / (2 * np.pi) % 1
+    shown = hsv_to_rgb(np.stack([angle, np.clip(length / 40, 0, 1), np.ones_like(length)], axis=2))
+    mask = np.repeat(now.flow_visibility_left[:, :, None], 3, axis=2)
+    strip([now.left, then.left, (255 * shown).astype(np.uint8), mask], path)
+
+
+folder = Path(sys.argv[1])
+draw_pair(folder / "pair.jpg")
+draw_flow(folder / "flow.jpg")

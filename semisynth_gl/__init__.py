@@ -8,21 +8,23 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from semisynth_gl.camera import StereoCamera
+    from semisynth_gl.camera import Crop, StereoCamera
     from semisynth_gl.config import Config, load_config
     from semisynth_gl.errors import BackendError, InputError, SemisynthError
     from semisynth_gl.frame import Frame
     from semisynth_gl.geometry.mesh import Mesh, make_mesh
     from semisynth_gl.pipeline import PairRenderer, render_pair
     from semisynth_gl.render.renderer import Renderer
-    from semisynth_gl.scene.scene import Scene, make_scene
+    from semisynth_gl.scene.scene import Motion, Scene, make_scene, move
 
 _HOME = {
     "BackendError": "errors",
     "Config": "config",
+    "Crop": "camera",
     "Frame": "frame",
     "InputError": "errors",
     "Mesh": "geometry.mesh",
+    "Motion": "scene.scene",
     "PairRenderer": "pipeline",
     "Renderer": "render.renderer",
     "Scene": "scene.scene",
@@ -31,15 +33,18 @@ _HOME = {
     "load_config": "config",
     "make_mesh": "geometry.mesh",
     "make_scene": "scene.scene",
+    "move": "scene.scene",
     "render_pair": "pipeline",
 }
 
 __all__ = [
     "BackendError",
     "Config",
+    "Crop",
     "Frame",
     "InputError",
     "Mesh",
+    "Motion",
     "PairRenderer",
     "Renderer",
     "Scene",
@@ -48,6 +53,7 @@ __all__ = [
     "load_config",
     "make_mesh",
     "make_scene",
+    "move",
     "render_pair",
 ]
 

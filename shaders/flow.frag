@@ -34,6 +34,8 @@ const uint GONE = 0xFFFFFFFFu;
 const float LARGEST = 3e38;
 // What float32 leaves uncertain of 1 / Z.
 const float ROUNDING = 2e-5;
+// What a surface may bend between four pixels that all show it.
+const float BEND = 2e-4;
 // Nearer by this share is nearer, whatever the surface does between two pixels.
 const float CLEARLY = 0.01;
 
@@ -84,7 +86,7 @@ void main() {
     vec2 between = fract(target);
     float expected = mix(mix(nearness.w, nearness.z, between.x), mix(nearness.x, nearness.y, between.x), between.y);
     bool goes_on = all(equal(around, uvec4(move.then.x))) && nearest - farthest < CLEARLY * nearest
-        && abs(expected - inverse_depth_then) < ROUNDING * inverse_depth_then;
+        && abs(expected - inverse_depth_then) < BEND * inverse_depth_then;
     bool hidden = farthest > (1.0 + CLEARLY) * inverse_depth_then;
     if (!goes_on && !hidden) {
         discard;

@@ -395,3 +395,22 @@ def test_a_sway_too_wide_for_a_far_plane_is_refused():
     rng = np.random.default_rng(0)
     with pytest.raises(InputError, match=r"camera\.sway_deg turns views by up to 69 degrees"):
         draw_background(background, DisparitySection(min_px=1.0, max_px=64.0), camera, rng, draw_sway(section, rng))
+
+
+@pytest.mark.one_backend
+def test_flow_of_many_sizes_leaves_nothing_behind(open_renderer, square):
+    renderer = open_renderer([square], noise_layers(1, 64), outputs=("visibility", *FLOWS))
+
+    def counted():
+        for width in (200, 120, 61):
+            camera = StereoCamera.centred(width, 40, 100.0, 0.1)
+            wall = facing(camera, -50, -50, width + 100, 140, 2.0)
+            # More instances than there is room for at first.
+            count = 700 if width == 61 else 2
+            scene = make_scene(camera, model=[0] * count, world_from_model=[wall] * count, layer=[0] * count)
+            motion = move(scene, world_from_model=[shifted(wall, 0.02)] * count)
+            frame = renderer.render(scene, future=motion, past=motion)
+            np.testing.assert_allclose(frame.flow_left[..., 0], 1.0, atol=1e-5)
+        return renderer.count_objects()
+
+    assert counted() == counted()

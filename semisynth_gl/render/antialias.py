@@ -86,7 +86,7 @@ class ColourTargets:
             self._vao = gl.vertex_array(self._program, [])
 
     def limit(self, region: Crop | None) -> None:
-        """Let `fine` be drawn and cleared inside a rectangle of the image alone, or in all of it, until the next call."""
+        """Let `fine` be drawn and cleared inside a rectangle of the image, or all of it, until the next call."""
         scale = self.fine.width // self._resolve.width
         x, y, width, height = window(region, self._resolve.size)
         self.fine.scissor = scale * x, scale * y, scale * width, scale * height

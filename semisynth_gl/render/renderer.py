@@ -149,7 +149,7 @@ class Renderer:
             past: how it gets to the previous frame, for the output "flow_backward".
             crop: draw and return this part of both images alone; its pixels are those of the whole image, bit for bit.
             done: for measurements: called after each stage, which the driver is made to finish then. Stages overlap
-                without it. What is antialiased is read back while it is drawn.
+                without it. What is antialiased is read back while it is drawn, and flow is drawn while it is read back.
 
         Returns:
             Both images, both disparities and the outputs that were asked for, in new arrays.

@@ -1,0 +1,175 @@
+"""How exact optical flow is against float64 rays, at about a hundred pixels of motion, and what it costs.
+
+python benchmarks/flow.py --out flow.json
+
+Prints the tables of docs/flow.md.
+"""
+
+import json
+import platform
+import time
+from typing import Any
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl import oracle
+from semisynth_gl.camera import EYES, Eye
+from semisynth_gl.config import Config, load_config
+from semisynth_gl.frame import Frame, Output
+from semisynth_gl.pipeline import PairRenderer
+from semisynth_gl.scene.sampler import SampledScene
+from semisynth_gl.scene.scene import Motion
+
+Floats = NDArray[np.float64]
+
+# Sways that take the middle of the pixels some hundred pixels from a frame to the next.
+_FAST = {
+    "middlebury": ["camera.sway_deg=3", "camera.sway_m=0.05"],
+    "kitti": ["camera.sway_deg=7", "camera.sway_m=1"],
+    "eth3d": ["camera.sway_deg=9", "camera.sway_m=0.05"],
+    "sceneflow": ["camera.sway_deg=5", "camera.sway_m=0.05"],
+}
+_ALL = ("camera.sway_s=1", "sequence.length=2", "sequence.frame_s=0.15")
+_COSTS: dict[str, tuple[Output, ...]] = {
+    "masks": ("visibility",),
+    "masks, flow": ("visibility", "flow"),
+    "masks, flow, disparity change": ("visibility", "flow", "disparity_change"),
+    "masks, flow to both frames, disparity change": ("visibility", "flow", "flow_backward", "disparity_change"),
+}
+# Beside an edge a rasteriser may see the surface on its other side.
+_SAME_PX = 1e-3
+
+
+def fast(name: str, outputs: tuple[Output, ...]) -> Config:
+    """Return a packaged config with a camera in a hurry."""
+    return load_config(name, [*_FAST[name], *_ALL]).model_copy(update={"outputs": outputs})
+
+
+def measure(name: str, pairs: int, pixels: int, seed: int) -> dict[str, Any]:
+    """Compare flow and change of disparity of both views with rays at randomly chosen pixels."""
+    motion, error, naive, change, alike, others = [], [], [], [], [], 0
+    with PairRenderer(fast(name, _COSTS["masks, flow to both frames, disparity change"]), seed) as renderer:
+        for index in range(0, 2 * pairs, 2):
+            pair = renderer.render(index)
+            sampled = renderer.sampler.sample(index, len(pair.provenance.get("redrawn", ())))
+            rng = np.random.default_rng(index)
+            height, width = pair.frame.disparity_left.shape
+            x, y = rng.integers(0, width, pixels), rng.integers(0, height, pixels)
+            for eye in EYES:
+                hits = oracle.cast(sampled.scene, renderer.sampler.models, eye, x.astype(float), y.astype(float))
+                disparity = getattr(pair.frame, f"disparity_{eye}")[y, x]
+                same = np.abs(disparity - oracle.disparity_px(sampled.scene.camera, hits)) < _SAME_PX
+                others += int((~same).sum())
+                for output, step in (("flow", 1), ("flow_backward", -1)):
+                    moved = renderer.sampler.motion(sampled, step)
+                    rays = oracle.flow(
+                        sampled.scene, renderer.sampler.models, moved, eye, x.astype(float), y.astype(float), hits
+                    )
+                    flow = getattr(pair.frame, f"{output}_{eye}")[y, x].astype(float)
+                    seen = same & np.isfinite(rays.flow_px).all(axis=1) & np.isfinite(flow).all(axis=1)
+                    motion.append(np.linalg.norm(rays.flow_px[seen], axis=1))
+                    error.append(np.abs(flow[seen] - rays.flow_px[seen]).max(axis=1))
+                    places = as_places(pair.frame, sampled, moved, eye, x[seen], y[seen], hits.instance[seen])
+                    naive.append(np.abs(places - rays.flow_px[seen]).max(axis=1))
+                    alike.append((getattr(pair.frame, f"{output}_visibility_{eye}")[y, x] == rays.visibility)[same])
+                    if step == 1:
+                        both = seen & np.isfinite(rays.disparity_change_px)
+                        got = getattr(pair.frame, f"disparity_change_{eye}")[y, x].astype(float)
+                        change.append(np.abs(got[both] - rays.disparity_change_px[both]))
+    found = {
+        "motion_px": _quantiles(motion, 0.5, 0.95),
+        "flow_px": _quantiles(error, 0.5, 0.999, 1),
+        "as_places_px": _quantiles(naive, 0.5, 0.999, 1),
+        "disparity_change_px": _quantiles(change, 0.5, 0.999, 1),
+        "masks_alike": float(np.concatenate(alike).mean()),
+        "pixels": int(sum(map(len, error))),
+        "other_surface": others,
+    }
+    return {"config": name, "pairs": pairs} | found
+
+
+def as_places(
+    frame: Frame,
+    sampled: SampledScene,
+    motion: Motion,
+    eye: Eye,
+    x: NDArray[np.int64],
+    y: NDArray[np.int64],
+    instance: NDArray[np.int64],
+) -> Floats:
+    """Work flow out the customary way, in float32: the difference of two places, each with a rounding of its size."""
+    camera = frame.camera
+    depth = (camera.focal_baseline / (getattr(frame, f"disparity_{eye}")[y, x] + camera.doffs_px)).astype(np.float32)
+    point = (camera.rays(eye, x, y).astype(np.float32) * depth[:, None]).astype(np.float32)
+    aside = np.array([camera.offset_m(eye), 0, 0])
+    now = sampled.scene.camera_from_world @ sampled.scene.world_from_model[instance]
+    then = motion.scene.camera_from_world @ motion.world_from_model[instance]
+    now[:, :3, 3] -= aside
+    then[:, :3, 3] -= aside
+    then_from_now = (then @ np.linalg.inv(now)).astype(np.float32)
+    moved = (then_from_now[:, :3, :3] @ point[:, :, None])[:, :, 0] + then_from_now[:, :3, 3]
+    centre = np.array([camera.cx_px(eye), camera.cy_px], np.float32)
+    place = np.float32(camera.focal_px) * moved[:, :2] / moved[:, 2:] + centre
+    return (place - np.stack([x, y], 1).astype(np.float32)).astype(np.float64)
+
+
+def cost(name: str, repeats: int, seed: int) -> dict[str, float]:
+    """Seconds of a pair with each set of outputs, the median, taken turn by turn in one run; nothing is written."""
+    renderers = {title: PairRenderer(fast(name, outputs), seed) for title, outputs in _COSTS.items()}
+    seconds: dict[str, list[float]] = {title: [] for title in renderers}
+    try:
+        for index in range(repeats + 1):
+            for title, renderer in renderers.items():
+                start = time.perf_counter()
+                renderer.render(2 * index)
+                if index:
+                    seconds[title].append(time.perf_counter() - start)
+    finally:
+        for renderer in renderers.values():
+            renderer.release()
+    return {title: float(np.median(values)) for title, values in seconds.items()}
+
+
+def _quantiles(parts: list[Floats], *at: float) -> list[float]:
+    return [float(value) for value in np.quantile(np.concatenate(parts), at)]
+
+
+@click.command()
+@click.option("--pairs", type=click.IntRange(1), default=4, show_default=True)
+@click.option("--pixels", type=click.IntRange(1), default=10_000, show_default=True, help="Of each view and pair.")
+@click.option("--repeats", type=click.IntRange(1), default=5, show_default=True)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--out", type=click.Path(), required=True)
+def main(pairs: int, pixels: int, repeats: int, seed: int, out: str) -> None:
+    """Measure the packaged configs, print tables, and write JSON."""
+    rows = []
+    click.echo(
+        "| config | motion, median and 95 %, px | median, px | p99.9, px | worst, px | as places, p99.9, px "
+        "| change of disparity, p99.9, px | masks alike |"
+    )
+    click.echo("|---|---|---|---|---|---|---|---|")
+    for name in _FAST:
+        row = measure(name, pairs, pixels, seed)
+        rows.append(row)
+        flow = row["flow_px"]
+        click.echo(
+            f"| {name} | {row['motion_px'][0]:.0f}, {row['motion_px'][1]:.0f} | {flow[0]:.1e} | {flow[1]:.1e} "
+            f"| {flow[2]:.1e} | {row['as_places_px'][1]:.1e} | {row['disparity_change_px'][1]:.1e} "
+            f"| {row['masks_alike']:.2%} |"
+        )
+    costs = {name: cost(name, repeats, seed) for name in ("sceneflow",)}
+    click.echo("\n| outputs | s a pair | x |\n|---|---|---|")
+    for seconds in costs.values():
+        least = seconds["masks"]
+        for title, value in seconds.items():
+            click.echo(f"| {title} | {value:.2f} | {value / least:.2f} |")
+    report = {"machine": platform.processor() or platform.machine(), "seed": seed, "error": rows, "cost": costs}
+    with open(out, "w", encoding="utf-8") as file:  # noqa: PTH123 - click gives a string
+        json.dump(report, file, indent=1)
+        file.write("\n")
+
+
+if __name__ == "__main__":
+    main()
