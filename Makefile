@@ -91,7 +91,7 @@ doctor: $(VENV)/.photographs  ## show what OpenGL this machine offers, and test 
 clean:  ## remove the environment, caches and built packages; datasets in OUT stay
 	[ ! -f $(VENV)/pyvenv.cfg ] || rm -rf $(VENV)
 	rm -rf build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
-	find $(wildcard semisynth_gl tests benchmarks docs) -type d -name __pycache__ -exec rm -rf {} +
+	find $(wildcard semisynth_gl tests benchmarks examples docs) -type d -name __pycache__ -exec rm -rf {} +
 
 # Make hands these down to what setup and test need, so that a machine without OpenGL's libraries says so before it
 # downloads anything. Lint and doctor run without.

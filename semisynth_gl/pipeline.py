@@ -28,6 +28,7 @@ from semisynth_gl.geometry.model_library import ModelLibrary, build_library
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.imperfections import with_imperfections
 from semisynth_gl.render.context import Backend
+from semisynth_gl.render.readers import Reader, read_array
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.sampler import SampledScene, SceneSampler
 from semisynth_gl.seeds import Purpose, generator
@@ -111,6 +112,10 @@ class PairRenderer:
         backend: "auto", "egl" or "osmesa".
         split: of which split of the dataset.
         device_index: EGL's number of the device.
+        read: what takes the pixels that were drawn; others than `read_array` go with ``checked=False`` alone.
+
+    Attributes:
+        sampler: what stands where in each pair.
 
     Raises:
         InputError: where images or models cannot be used.
@@ -118,7 +123,13 @@ class PairRenderer:
     """
 
     def __init__(
-        self, config: Config, seed: int, backend: Backend = "auto", split: Split = WHOLE, device_index: int = 0
+        self,
+        config: Config,
+        seed: int,
+        backend: Backend = "auto",
+        split: Split = WHOLE,
+        device_index: int = 0,
+        read: Reader = read_array,
     ) -> None:
         if seed < 0:
             raise InputError(f"a seed must be 0 or more, got {seed}")
@@ -138,6 +149,7 @@ class PairRenderer:
             antialias=config.antialias,
             backend=backend,
             device_index=device_index,
+            read=read,
         )
         self._settled: _Settled | None = None
         self._made_by = {

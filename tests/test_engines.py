@@ -132,7 +132,7 @@ def opened(folder):
 @pytest.mark.parametrize("name", ENGINES)
 def test_all_tasks_are_done_once_by_workers_that_open_once(name, tmp_path, monkeypatch):
     monkeypatch.delenv("LP_NUM_THREADS", raising=False)
-    monkeypatch.setattr("semisynth_gl.engines.local.cores", lambda: 2)
+    monkeypatch.setattr("semisynth_gl.engines.task.cores", lambda: 2)
     made = run(ENGINES[name], Squares(tmp_path))
     assert {number: square for number, (square, *_) in made.results.items()} == {n: n * n for n in TASKS}
     assert set(opened(tmp_path).values()) == {1}

@@ -15,7 +15,7 @@ from semisynth_gl import oracle
 from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import load_config
 from semisynth_gl.errors import InputError
-from semisynth_gl.frame import OCCLUDED, OUTPUTS, OUTSIDE, VISIBLE
+from semisynth_gl.frame import FLOW_OUTPUTS, OCCLUDED, OUTPUTS, OUTSIDE, VISIBLE
 from semisynth_gl.geometry.complex import COMPLEX_KINDS
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_library import build_library
@@ -28,6 +28,8 @@ from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 
+# Those that need no motion.
+STILL = tuple(output for output in OUTPUTS if output not in FLOW_OUTPUTS)
 CAMERA = StereoCamera(200, 150, 220.0, 0.2, 95.0, 103.0, 70.0)
 LARGE = StereoCamera(600, 450, 660.0, 0.2, 288.0, 312.0, 212.0)
 
@@ -166,7 +168,7 @@ def cluttered(count=25, seed=0, camera=CAMERA):
 @pytest.mark.parametrize("seed", range(4))
 def test_clutter_of_all_kinds_agrees_with_the_oracle(open_renderer, seed):
     scene, models = cluttered(seed=seed, camera=LARGE)
-    frame = open_renderer(models, noise_layers(1, 16), outputs=OUTPUTS).render(scene)
+    frame = open_renderer(models, noise_layers(1, 16), outputs=STILL).render(scene)
     assert_like_the_oracle(frame, scene, models, sample=20_000)
     y, x = (values.ravel().astype(float) for values in np.mgrid[:450:5, :600:5])
     hits = oracle.cast(scene, models, "left", x, y)
@@ -201,7 +203,7 @@ def test_parallel_surfaces_a_relative_1e_5_apart(open_renderer, square, first):
     planes = [facing(CAMERA, -200, -200, 700, 700, depth) for depth in (2.0, 2.0 * (1 + 1e-5))]
     order = [planes[first], planes[1 - first]]
     scene = make_scene(CAMERA, model=[0, 0], world_from_model=order, layer=[0, 0])
-    frame = open_renderer([square], noise_layers(1, 16), outputs=OUTPUTS).render(scene)
+    frame = open_renderer([square], noise_layers(1, 16), outputs=STILL).render(scene)
     assert (frame.instances_left == 1 + first).all()
     assert (frame.instances_right == 1 + first).all()
 
@@ -237,7 +239,7 @@ def test_planes_seen_at_a_grazing_angle(open_renderer, square, turn):
     matrix[:3, 3] = np.array([0.25, -2, 4.0]) - matrix[:3, 0] / 2
     wall = facing(CAMERA, -300, -300, 900, 900, 9.0)
     scene = make_scene(CAMERA, model=[0, 0], world_from_model=[wall, matrix], layer=[0, 0], near_m=0.3)
-    frame = open_renderer([square], noise_layers(1, 16), outputs=OUTPUTS).render(scene)
+    frame = open_renderer([square], noise_layers(1, 16), outputs=STILL).render(scene)
     for eye in EYES:
         found = compare(frame, scene, [square], eye)
         # A pixel on the outline may go to either surface; the rest is exact although it changes by pixels per pixel.
@@ -291,7 +293,7 @@ def test_no_pixel_inside_a_fine_mesh_shows_what_lies_behind(open_renderer, squar
     camera = StereoCamera.centred(640, 480, 700.0, 0.1)
     matrices = [facing(camera, -400, -400, 1600, 1400, 9.0), placed(turned(1), 0.6, [0.05, 0, 2.0])]
     scene = make_scene(camera, model=[0, 1], world_from_model=matrices, layer=[0, 0])
-    frame = open_renderer([square, mesh], noise_layers(1, 16), outputs=OUTPUTS).render(scene)
+    frame = open_renderer([square, mesh], noise_layers(1, 16), outputs=STILL).render(scene)
     y, x = np.mgrid[:480, :640].astype(float)
     rays = camera.rays("left", x, y)
     centre = np.array([0.05, 0, 2.0])
@@ -335,7 +337,7 @@ def test_rods_thinner_than_a_pixel_are_whole_or_absent_never_mixed(open_renderer
         rotation = [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
         matrices.append(placed(rotation, 1.0, [rng.uniform(-0.8, 0.8), rng.uniform(-0.5, 0.5), 1.5 + k / 100]))
     scene = make_scene(CAMERA, model=[0] + [1] * count, world_from_model=matrices, layer=np.zeros(count + 1))
-    frame = open_renderer([wall, rod], noise_layers(1, 16), outputs=OUTPUTS).render(scene)
+    frame = open_renderer([wall, rod], noise_layers(1, 16), outputs=STILL).render(scene)
     depth = scene.world_from_model[:, 2, 3]
     for eye in EYES:
         ids = getattr(frame, f"instances_{eye}")
@@ -353,7 +355,7 @@ def test_models_smaller_than_a_pixel(open_renderer, square):
     matrices = [facing(CAMERA, -100, -100, 500, 500, 4.0)]
     matrices += [placed(np.eye(3), 1e-3, [*rng.uniform(-0.5, 0.5, 2), 2.0]) for _ in range(3000)]
     scene = make_scene(CAMERA, model=np.zeros(3001), world_from_model=matrices, layer=np.zeros(3001))
-    frame = open_renderer([square], noise_layers(1, 16), outputs=OUTPUTS).render(scene)
+    frame = open_renderer([square], noise_layers(1, 16), outputs=STILL).render(scene)
     assert (frame.instances_left > 1).sum() > 10
     expected = np.where(frame.instances_left > 1, CAMERA.disparity_px(2.0), CAMERA.disparity_px(4.0))
     np.testing.assert_allclose(frame.disparity_left, expected, atol=1e-4)
@@ -364,7 +366,7 @@ def test_coplanar_faces_have_one_winner_in_both_eyes(open_renderer, square):
     scene = make_scene(CAMERA, model=[0, 0, 0], world_from_model=[matrix] * 3, layer=[0, 1, 2])
     layers = np.zeros((3, 4, 4, 4), np.uint8)
     layers[0], layers[1], layers[2] = 50, 100, 150
-    renderer = open_renderer([square], layers, outputs=OUTPUTS)
+    renderer = open_renderer([square], layers, outputs=STILL)
     frames = [renderer.render(scene) for _ in range(2)]
     for frame in frames:
         for eye in EYES:
@@ -447,7 +449,7 @@ def test_packaged_configs_at_full_size_agree_with_the_oracle(backend, name):
     library = build_library(config.models, config.particles, 0)
     sampler = SceneSampler(config, 0, library, tuple(Patch("", 0, 0, 256, k, 1, 9.0) for k in range(4)))
     scene = sampler.sample(5).scene
-    with Renderer(sampler.models, noise_layers(4, 64), backend=backend, outputs=OUTPUTS) as renderer:
+    with Renderer(sampler.models, noise_layers(4, 64), backend=backend, outputs=STILL) as renderer:
         frame = renderer.render(scene)
     # The more outlines a scene has, the more pixels lie on one: these two have most.
     seen = 0.9985 if name in ("kitti", "middlebury") else 0.999
@@ -468,7 +470,7 @@ def test_walls_leave_no_gap_where_they_meet(open_renderer, index):
 
 
 def test_no_instances(open_renderer, square):
-    frame = open_renderer([square], noise_layers(1, 16), outputs=OUTPUTS).render(
+    frame = open_renderer([square], noise_layers(1, 16), outputs=STILL).render(
         make_scene(CAMERA, model=[], world_from_model=np.zeros((0, 4, 4)), layer=[])
     )
     assert np.isposinf(frame.disparity_left).all()
@@ -493,7 +495,7 @@ def test_a_singular_transform_draws_nothing_and_harms_nothing(open_renderer, squ
     matrices = [facing(CAMERA, -100, -100, 500, 500, 4.0), np.diag([0.0, 0.0, 0.0, 1.0])]
     matrices[1][:3, 3] = 0, 0, 2
     scene = make_scene(CAMERA, model=[0, 0], world_from_model=matrices, layer=[0, 0])
-    frame = open_renderer([square], noise_layers(1, 16), outputs=OUTPUTS).render(scene)
+    frame = open_renderer([square], noise_layers(1, 16), outputs=STILL).render(scene)
     assert (frame.instances_left == 1).all()
     assert (frame.visibility_left[:, 60:] == VISIBLE).all()
 
@@ -520,7 +522,7 @@ def test_the_peers_scene_is_as_exact_as_asked(open_renderer, shared_data):
     scene = make_scene(
         camera, model=rng.integers(0, len(models), count), world_from_model=matrices, layer=np.zeros(count)
     )
-    frame = open_renderer(models, noise_layers(1, 16), outputs=OUTPUTS).render(scene)
+    frame = open_renderer(models, noise_layers(1, 16), outputs=STILL).render(scene)
     covered = np.flatnonzero(np.isfinite(frame.disparity_left))
     row, column = np.divmod(rng.choice(covered, 20_000, replace=False), 1500)
     hits = oracle.cast(scene, models, "left", column.astype(float), row.astype(float))

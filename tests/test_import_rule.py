@@ -63,6 +63,7 @@ ROOMS_WITHOUT_CLOCK = (
     "plan",
     "seeds",
     "splits",
+    "torch",
 )
 
 GENERATORS = {"Generator", "default_rng", "SeedSequence", "PCG64", "BitGenerator"}
@@ -167,6 +168,19 @@ def test_without_opengl_what_draws_does_not_load() -> None:
 @pytest.mark.parametrize("path", [path for path in source_files() if room_of(path) != "render"], ids=named)
 def test_only_render_imports_opengl(path: Path) -> None:
     assert opengl_imports(ast.parse(path.read_text("utf-8"))) == []
+
+
+@pytest.mark.parametrize("path", [path for path in source_files() if room_of(path) != "torch"], ids=named)
+def test_only_its_own_room_imports_torch(path: Path) -> None:
+    modules = {name for _, name in imported_modules(ast.parse(path.read_text("utf-8")))}
+    assert [name for name in sorted(modules) if f"{name}.".startswith(("torch.", "semisynth_gl.torch."))] == []
+
+
+def test_without_torch_its_room_says_what_to_install() -> None:
+    program = "import sys; sys.modules['torch'] = None; import semisynth_gl.torch"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert "ImportError: semisynth_gl.torch needs PyTorch" in done.stderr
+    assert "pip install 'semisynth-gl[torch]'" in done.stderr
 
 
 @pytest.mark.parametrize("path", [path for path in source_files() if room_of(path) != "seeds"], ids=named)

@@ -12,13 +12,16 @@ from conftest import backend_fault, facing, noise_layers
 from semisynth_gl import oracle
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.errors import BackendError, InputError
-from semisynth_gl.frame import OUTPUTS
+from semisynth_gl.frame import FLOW_OUTPUTS, OUTPUTS
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.devices import context_facts, egl_devices
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.render.shader_source import shader_source
 from semisynth_gl.scene.scene import make_scene
+
+# Those that need no motion.
+STILL = tuple(output for output in OUTPUTS if output not in FLOW_OUTPUTS)
 
 
 def frame_bytes(frame):
@@ -55,7 +58,7 @@ def test_both_software_backends_give_the_same_bytes(square):
     camera = StereoCamera.centred(321, 205, 250.0, 0.3)
     digests = set()
     for name in ("egl", "osmesa"):
-        with Renderer([square, triangle()], noise_layers(3, 32), backend=name, outputs=OUTPUTS) as renderer:
+        with Renderer([square, triangle()], noise_layers(3, 32), backend=name, outputs=STILL) as renderer:
             digests.add(hashlib.sha256(frame_bytes(renderer.render(busy_scene(camera)))).hexdigest())
     assert len(digests) == 1
 
@@ -63,7 +66,7 @@ def test_both_software_backends_give_the_same_bytes(square):
 def test_a_scene_gives_the_same_bytes_whatever_was_drawn_before(open_renderer, square):
     camera = StereoCamera.centred(200, 100, 150.0, 0.2)
     other = StereoCamera.centred(97, 301, 90.0, 0.2)
-    renderer = open_renderer([square, triangle()], noise_layers(3, 32), outputs=OUTPUTS)
+    renderer = open_renderer([square, triangle()], noise_layers(3, 32), outputs=STILL)
     first = frame_bytes(renderer.render(busy_scene(camera)))
     renderer.render(busy_scene(other, 700))
     assert frame_bytes(renderer.render(busy_scene(camera))) == first
@@ -163,9 +166,9 @@ def test_outputs_are_made_only_when_asked_for(open_renderer, square):
     matrices = [facing(camera, 0, 0, 40, 30, 2.0), facing(camera, 10, 5, 8, 9, 1.0)]
     scene = make_scene(camera, model=[0, 0], world_from_model=matrices, layer=[0, 0])
     bare = open_renderer([square], noise_layers(1, 16), outputs=()).render(scene)
-    full = open_renderer([square], noise_layers(1, 16), outputs=OUTPUTS).render(scene)
+    full = open_renderer([square], noise_layers(1, 16), outputs=STILL).render(scene)
     for eye in ("left", "right"):
-        assert [getattr(bare, f"{name}_{eye}") for name in OUTPUTS] == [None, None, None]
+        assert [getattr(bare, f"{name}_{eye}") for name in STILL] == [None, None, None]
         np.testing.assert_array_equal(getattr(bare, f"disparity_{eye}"), getattr(full, f"disparity_{eye}"))
         np.testing.assert_array_equal(getattr(bare, eye), getattr(full, eye))
     expected = np.ones((30, 40), np.uint16)
@@ -196,8 +199,8 @@ def test_antialiasing_changes_colour_at_edges_only_and_truth_nowhere(open_render
     scene = make_scene(
         camera, model=[0, 0], world_from_model=[facing(camera, -50, -50, 300, 250, 3.0), turned], layer=[0, 1]
     )
-    plain = open_renderer([square], flat, outputs=OUTPUTS).render(scene)
-    smooth = open_renderer([square], flat, outputs=OUTPUTS, antialias=mode).render(scene)
+    plain = open_renderer([square], flat, outputs=STILL).render(scene)
+    smooth = open_renderer([square], flat, outputs=STILL, antialias=mode).render(scene)
     for name in plain.__slots__[3:]:
         np.testing.assert_array_equal(getattr(plain, name), getattr(smooth, name))
     for eye in ("left", "right"):

@@ -13,7 +13,8 @@ from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.frame import ANTIALIAS_PATTERN
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.programs import link_program, set_uniform
-from semisynth_gl.render.targets import read_pixels, window
+from semisynth_gl.render.readers import Reader
+from semisynth_gl.render.targets import take, window
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,14 +51,18 @@ class ColourTargets:
         width_px: image width.
         height_px: image height.
         antialias: "msaa" or "ssaa".
+        read: what takes pixels.
 
     Raises:
         BackendError: where the driver has fewer samples, or no image that large.
     """
 
-    def __init__(self, context: GraphicsContext, width_px: int, height_px: int, antialias: Antialias) -> None:
+    def __init__(
+        self, context: GraphicsContext, width_px: int, height_px: int, antialias: Antialias, read: Reader
+    ) -> None:
         gl, factor = context.gl, antialias.factor
         self._gl = gl
+        self._read = read
         self._antialias = antialias
         samples = factor if antialias.kind == "msaa" else 0
         scale = factor if antialias.kind == "ssaa" else 1
@@ -101,7 +106,7 @@ class ColourTargets:
             self._vao.render(moderngl.TRIANGLES, 3)
         else:
             self._gl.copy_framebuffer(self._resolve, self.fine)
-        return read_pixels(self._resolve, crop, 0, np.uint8, "f1", components=3)
+        return take(self._read, self._resolve, crop, 0, "f1", 3)
 
     def release(self) -> None:
         """Free everything."""

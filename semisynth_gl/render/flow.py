@@ -12,6 +12,7 @@ from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.model_buffers import ModelBuffers, Placed
 from semisynth_gl.render.programs import link_program, set_uniform
 from semisynth_gl.render.projection import clip_from_view
+from semisynth_gl.render.readers import Reader
 from semisynth_gl.render.targets import EyeTargets, FlowTargets
 from semisynth_gl.scene.scene import Motion
 
@@ -58,10 +59,12 @@ class FlowPass:
 
     Args:
         context: the open context.
+        read: what takes pixels.
     """
 
-    def __init__(self, context: GraphicsContext) -> None:
+    def __init__(self, context: GraphicsContext, read: Reader) -> None:
         self._context = context
+        self._read = read
         self._gl = context.gl
         self._draw_program = link_program(context, "mesh.vert", "mesh.frag", {"DEPTH": 0, "SURFACE": 1})
         self._draws: list[tuple[moderngl.Program, moderngl.VertexArray]] = []
@@ -79,7 +82,7 @@ class FlowPass:
     def resize(self, width_px: int, height_px: int) -> None:
         """Make room for another image size; a size that the driver refuses leaves the pass as it was."""
         then = EyeTargets(self._context, width_px, height_px, ("depth", "surface"), visibility=False)
-        targets = FlowTargets(self._context, width_px, height_px)
+        targets = FlowTargets(self._context, width_px, height_px, self._read)
         # moderngl binds the framebuffer in use again after making a new one, so the old ones go last.
         targets.drawing.use()
         self.release()

@@ -7,7 +7,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import Eye
+from semisynth_gl.camera import Crop, Eye
 from semisynth_gl.errors import BackendError
 from semisynth_gl.geometry.adjacency import neighbours
 from semisynth_gl.geometry.mesh import Mesh
@@ -107,11 +107,18 @@ class ModelBuffers:
         solid[solid] = np.linalg.det(linear[solid]) > 0
         return Placed(scene, view_from_model, self._radius[scene.model] * stretch, solid)
 
-    def fill(self, placed: Placed, eye: Eye) -> Filled:
-        """Upload the instances that one eye may see, near ones first: what they hide is then not shaded."""
+    def fill(self, placed: Placed, eye: Eye, part: Crop | None = None) -> Filled:
+        """Upload the instances that one eye may see, near ones first: what they hide is then not shaded.
+
+        Args:
+            placed: the instances.
+            eye: who looks.
+            part: the part of the image that counts, or None for all of it.
+        """
         scene, view_from_model, radius_m = placed.scene, placed.rows(eye), placed.radius_m
         centre_m = view_from_model[:, :, 3]
-        seen = np.flatnonzero(in_view(scene.camera, eye, scene.near_m, centre_m, radius_m))
+        camera = scene.camera if part is None else scene.camera.cropped(part)
+        seen = np.flatnonzero(in_view(camera, eye, scene.near_m, centre_m, radius_m))
         # What the near plane cuts open shows its backs.
         fronts_only = placed.solid[seen] & (centre_m[seen, 2] - radius_m[seen] > scene.near_m)
         seen = seen[np.lexsort((centre_m[seen, 2] + radius_m[seen], ~fronts_only))]

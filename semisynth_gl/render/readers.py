@@ -1,11 +1,10 @@
 """Who takes drawn pixels: by default arrays in the computer's memory, or whatever a reader makes of them."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
 from typing import Any, Protocol
 
 import moderngl
+import numpy as np
+from numpy.typing import NDArray
 
 Viewport = tuple[int, int, int, int]
 """Left column, first row, width and height, px."""
@@ -34,22 +33,18 @@ class Reader(Protocol):
         """
 
 
-_reader: ContextVar[Reader | None] = ContextVar("reader", default=None)
+_DTYPES = {"f1": np.uint8, "u1": np.uint8, "u2": np.uint16, "u4": np.uint32, "f4": np.float32}
 
 
-def chosen_reader() -> Reader | None:
-    """Return the reader in use, or None."""
-    return _reader.get()
-
-
-@contextmanager
-def reading_by(reader: Reader) -> Iterator[None]:
-    """Let a reader take what is drawn in the block: the frames hold what it makes instead of arrays."""
-    token = _reader.set(reader)
-    try:
-        yield
-    finally:
-        _reader.reset(token)
+def read_array(
+    framebuffer: moderngl.Framebuffer, viewport: Viewport, attachment: int, kind: str, components: int
+) -> NDArray[Any]:
+    """Copy a rectangle of an attachment out as (H, W) or (H, W, C), top row first; see `Reader`."""
+    shape = viewport[3], viewport[2]
+    pixels = np.empty((*shape, components) if components > 1 else shape, _DTYPES[kind])
+    # An alignment of 1 keeps rows tightly packed: 3 * 941 bytes is no multiple of 4.
+    framebuffer.read_into(pixels, viewport, components, attachment=attachment, dtype=kind, alignment=1)
+    return pixels
 
 
 class PixelBuffers:
@@ -68,9 +63,7 @@ class PixelBuffers:
         size = viewport[2] * viewport[3] * components * (1 if kind == "f1" else int(kind[1:]))
         if size not in self._buffers:
             self._buffers[size] = framebuffer.ctx.buffer(reserve=size)
-        framebuffer.read_into(
-            self._buffers[size], viewport, components, attachment=attachment, dtype=kind, alignment=1
-        )
+        framebuffer.read_into(self._buffers[size], viewport, components, attachment=attachment, dtype=kind, alignment=1)
         return self._buffers[size]
 
     def release(self) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.camera import EYES, OTHER_EYE, Crop, Eye
 from semisynth_gl.errors import BackendError, ContextLostError, InputError
-from semisynth_gl.frame import DEFAULT_OUTPUTS, OUTPUTS, TRUTHS, Frame, Output, TruthOf
+from semisynth_gl.frame import DEFAULT_OUTPUTS, FLOW_OUTPUTS, OUTPUTS, TRUTHS, Frame, Output, TruthOf
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.antialias import ColourTargets, parse_antialias
 from semisynth_gl.render.context import Backend, open_context
@@ -24,6 +24,7 @@ from semisynth_gl.render.flow import FlowPass
 from semisynth_gl.render.model_buffers import Filled, ModelBuffers, Placed
 from semisynth_gl.render.programs import link_program, set_uniform
 from semisynth_gl.render.projection import clip_from_view
+from semisynth_gl.render.readers import Reader, read_array
 from semisynth_gl.render.targets import Attachment, EyeTargets
 from semisynth_gl.render.visibility import VisibilityPass
 from semisynth_gl.scene.scene import Motion, Scene
@@ -35,7 +36,6 @@ _NEEDS_MOTION: Mapping[str, frozenset[Output]] = {
     "future": frozenset({"flow", "disparity_change"}),
     "past": frozenset({"flow_backward"}),
 }
-_FLOW = _NEEDS_MOTION["future"] | _NEEDS_MOTION["past"]
 _MOST_INSTANCE_IDS = 65535
 _UNKNOWN_ERROR = "GL_UNKNOWN_ERROR"
 
@@ -54,6 +54,7 @@ class Renderer:
         antialias: "none", "msaa4" (or what the driver has) or "ssaa2" to "ssaa8"; for colour only.
         backend: "auto", "egl" or "osmesa".
         device_index: EGL's number of the device.
+        read: what takes the pixels that were drawn: arrays in memory by default; see `Reader` for others.
 
     Raises:
         BackendError: where no context can be opened, or the driver cannot hold the atlas.
@@ -72,6 +73,7 @@ class Renderer:
         antialias: str = "none",
         backend: Backend = "auto",
         device_index: int = 0,
+        read: Reader = read_array,
     ) -> None:
         if not models:
             raise InputError("a renderer needs at least one model, got none")
@@ -87,6 +89,7 @@ class Renderer:
         if anisotropy not in range(1, 17):
             raise InputError(f"anisotropy must be a whole number from 1 to 16, got {anisotropy}")
         self._released = False
+        self._read_pixels = read
         self._outputs = frozenset(outputs)
         self._truth_eyes: tuple[Eye, ...] = EYES if truth == "both" else ("left",)
         self._antialias = parse_antialias(antialias)
@@ -95,7 +98,7 @@ class Renderer:
         try:
             self._gl = self._context.gl
             self._atlas = self._upload_atlas(layers, wrap)
-            self._models = ModelBuffers(self._gl, models, traced=bool(self._outputs & ({"visibility"} | _FLOW)))
+            self._models = ModelBuffers(self._gl, models, traced=bool(self._outputs & ({"visibility"} | FLOW_OUTPUTS)))
             self._link_programs(anisotropy)
         except BaseException:
             self._context.release()
@@ -285,7 +288,7 @@ class Renderer:
         own, visibility = eye in self._truth_eyes, "visibility" in self._outputs
         if own or visibility:
             names.append("disparity")
-        flow = own and bool(self._outputs & _FLOW)
+        flow = own and bool(self._outputs & FLOW_OUTPUTS)
         if flow or (own and "depth" in self._outputs):
             names.append("depth")
         if own and "instances" in self._outputs:
@@ -315,7 +318,7 @@ class Renderer:
                 self._context, "mesh.vert", "mesh.frag", {"COLOUR": 0, "ANISOTROPY": anisotropy}
             )
         self._visibility = VisibilityPass(self._context) if "visibility" in self._outputs else None
-        self._flow = FlowPass(self._context) if self._outputs & _FLOW else None
+        self._flow = FlowPass(self._context, self._read_pixels) if self._outputs & FLOW_OUTPUTS else None
 
     def _check(self, scene: Scene) -> None:
         ranges = (("model", scene.model, len(self._models)), ("layer", scene.layer, self._atlas.layers))
@@ -336,7 +339,11 @@ class Renderer:
         antialiased = self._antialias.kind != "none"
         outgrown, outgrown_colour = list(self._targets.values()), self._colour_targets
         # All or nothing: a size that the driver refuses leaves the renderer as it was.
-        colour_targets = ColourTargets(self._context, width_px, height_px, self._antialias) if antialiased else None
+        colour_targets = (
+            ColourTargets(self._context, width_px, height_px, self._antialias, self._read_pixels)
+            if antialiased
+            else None
+        )
         self._targets = {
             eye: EyeTargets(
                 self._context,
@@ -344,6 +351,7 @@ class Renderer:
                 height_px,
                 names,
                 visibility="visibility" in self._outputs and eye in self._truth_eyes,
+                read=self._read_pixels,
             )
             for eye, names in self._attachments.items()
         }
@@ -360,13 +368,14 @@ class Renderer:
 
     def _draw(self, placed: Placed, eye: Eye, crop: Crop | None) -> NDArray[np.uint8] | None:
         """Draw one eye; return the colour where it is antialiased."""
-        scene, filled = placed.scene, self._models.fill(placed, eye)
+        looked_up = self._visibility is not None and OTHER_EYE[eye] in self._truth_eyes
+        part = crop and _drawn_part(placed.scene, eye, crop, looked_up=looked_up)
+        scene, filled = placed.scene, self._models.fill(placed, eye, part)
         projection = tuple(clip_from_view(scene.camera, eye, scene.near_m).T.ravel().tolist())
         self._atlas.use(0)
         program = self._draw_programs[eye]
         if self._attachments[eye]:
-            looked_up = self._visibility is not None and OTHER_EYE[eye] in self._truth_eyes
-            self._targets[eye].limit(crop and _drawn_part(scene, eye, crop, looked_up=looked_up), crop)
+            self._targets[eye].limit(part, crop)
             self._targets[eye].clear()
             if "disparity" in self._attachments[eye]:
                 set_uniform(program, "focal_baseline", scene.camera.focal_baseline)

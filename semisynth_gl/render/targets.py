@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from semisynth_gl.camera import Crop
 from semisynth_gl.errors import BackendError
 from semisynth_gl.render.context import GraphicsContext
-from semisynth_gl.render.readers import chosen_reader
+from semisynth_gl.render.readers import Reader, read_array
 
 Attachment = Literal["colour", "disparity", "depth", "instances", "surface"]
 
@@ -31,25 +31,12 @@ def window(crop: Crop | None, size: tuple[int, int]) -> tuple[int, int, int, int
     return (0, 0, *size) if crop is None else (crop.x_px, crop.y_px, crop.width_px, crop.height_px)
 
 
-def read_pixels(
-    framebuffer: moderngl.Framebuffer,
-    crop: Crop | None,
-    attachment: int,
-    dtype: type[Any],
-    name: str,
-    components: int = 1,
+def take(
+    read: Reader, framebuffer: moderngl.Framebuffer, crop: Crop | None, attachment: int, kind: str, components: int = 1
 ) -> NDArray[Any]:
-    """Copy an attachment, or a crop of it, out as (H, W) or (H, W, C) of a type that moderngl calls ``name``."""
-    viewport = window(crop, framebuffer.size)
-    reader = chosen_reader()
-    if reader is not None:
-        taken: NDArray[Any] = reader(framebuffer, viewport, attachment, name, components)
-        return taken
-    shape = viewport[3], viewport[2]
-    pixels = np.empty((*shape, components) if components > 1 else shape, dtype)
-    # An alignment of 1 keeps rows tightly packed: 3 * 941 bytes is no multiple of 4.
-    framebuffer.read_into(pixels, viewport, components, attachment=attachment, dtype=name, alignment=1)
-    return pixels
+    """Let a reader take a crop of an attachment, or all of it; see `Reader`."""
+    taken: NDArray[Any] = read(framebuffer, window(crop, framebuffer.size), attachment, kind, components)
+    return taken
 
 
 class EyeTargets:
@@ -65,6 +52,7 @@ class EyeTargets:
         height_px: image height.
         attachments: of the drawing pass, in the order of the shader's outputs.
         visibility: whether there is a visibility pass.
+        read: what takes pixels.
 
     Raises:
         BackendError: where the driver has no textures or framebuffers of that size.
@@ -78,6 +66,7 @@ class EyeTargets:
         attachments: Sequence[Attachment],
         *,
         visibility: bool,
+        read: Reader = read_array,
     ) -> None:
         gl, size = context.gl, (width_px, height_px)
         limit = min(int(gl.info["GL_MAX_TEXTURE_SIZE"]), *(int(side) for side in gl.info["GL_MAX_VIEWPORT_DIMS"]))
@@ -87,6 +76,7 @@ class EyeTargets:
                 f"{limit} px a side: lower camera.width_px or camera.height_px"
             )
         self._unbound = context.unbound
+        self._read = read
         self._attachments = tuple(attachments)
         try:
             self._textures = {
@@ -126,29 +116,29 @@ class EyeTargets:
 
     def read_colour(self, crop: Crop | None = None) -> NDArray[np.uint8]:
         """Copy the colour out as (H, W, 3) uint8 RGB, top row first."""
-        return read_pixels(self.drawing, crop, self._attachments.index("colour"), np.uint8, "f1", components=3)
+        return take(self._read, self.drawing, crop, self._attachments.index("colour"), "f1", 3)
 
     def read_disparity(self, crop: Crop | None = None) -> NDArray[np.float32]:
         """Copy the disparity out as (H, W) float32 px, top row first; inf where nothing is drawn."""
-        return read_pixels(self.drawing, crop, self._attachments.index("disparity"), np.float32, "f4")
+        return take(self._read, self.drawing, crop, self._attachments.index("disparity"), "f4")
 
     def read_depth(self, crop: Crop | None = None) -> NDArray[np.float32]:
         """Copy the planar depth out as (H, W) float32 m; inf where nothing is drawn."""
-        return read_pixels(self.drawing, crop, self._attachments.index("depth"), np.float32, "f4")
+        return take(self._read, self.drawing, crop, self._attachments.index("depth"), "f4")
 
     def read_instances(self, crop: Crop | None = None) -> NDArray[np.uint16]:
         """Copy the instance ids out as (H, W) uint16; 0 where nothing is drawn."""
-        return read_pixels(self.drawing, crop, self._attachments.index("instances"), np.uint16, "u2")
+        return take(self._read, self.drawing, crop, self._attachments.index("instances"), "u2")
 
     def read_surface(self, crop: Crop | None = None) -> NDArray[np.uint32]:
         """Copy instance and triangle out as (H, W, 2) uint32; without meaning where nothing is drawn."""
-        return read_pixels(self.drawing, crop, self._attachments.index("surface"), np.uint32, "u4", components=2)
+        return take(self._read, self.drawing, crop, self._attachments.index("surface"), "u4", 2)
 
     def read_visibility(self, crop: Crop | None = None) -> NDArray[np.uint8]:
         """Copy the visibility out as (H, W) uint8."""
         if self.visibility is None:
             raise RuntimeError("these targets were made without visibility")
-        return read_pixels(self.visibility, crop, 0, np.uint8, "u1")
+        return take(self._read, self.visibility, crop, 0, "u1")
 
     def release(self) -> None:
         """Free everything; framebuffers first, since they hold on to their attachments."""
@@ -167,14 +157,16 @@ class FlowTargets:
         context: the open context.
         width_px: image width.
         height_px: image height.
+        read: what takes pixels.
 
     Raises:
         BackendError: where the driver has no textures or framebuffers of that size.
     """
 
-    def __init__(self, context: GraphicsContext, width_px: int, height_px: int) -> None:
+    def __init__(self, context: GraphicsContext, width_px: int, height_px: int, read: Reader) -> None:
         gl, size = context.gl, (width_px, height_px)
         self._unbound = context.unbound
+        self._read = read
         try:
             self._textures = [gl.texture(size, 2, dtype="f4"), gl.texture(size, 1, dtype="f4")]
             self._textures.append(gl.texture(size, 1, dtype="u1"))
@@ -191,15 +183,15 @@ class FlowTargets:
 
     def read_flow(self, crop: Crop | None = None) -> NDArray[np.float32]:
         """Copy the flow out as (H, W, 2) float32 px, top row first; inf where there is none."""
-        return read_pixels(self.drawing, crop, 0, np.float32, "f4", components=2)
+        return take(self._read, self.drawing, crop, 0, "f4", 2)
 
     def read_disparity_change(self, crop: Crop | None = None) -> NDArray[np.float32]:
         """Copy the change of disparity out as (H, W) float32 px, top row first; inf where there is none."""
-        return read_pixels(self.drawing, crop, 1, np.float32, "f4")
+        return take(self._read, self.drawing, crop, 1, "f4")
 
     def read_visibility(self, crop: Crop | None = None) -> NDArray[np.uint8]:
         """Copy the visibility out as (H, W) uint8."""
-        return read_pixels(self.drawing, crop, 2, np.uint8, "u1")
+        return take(self._read, self.drawing, crop, 2, "u1")
 
     def release(self) -> None:
         """Free everything; the framebuffer first, since it holds on to its attachments."""

@@ -1,0 +1,103 @@
+"""Pixels from OpenGL to CUDA on one GPU, without a way through the computer's memory.
+
+OpenGL copies an attachment into a buffer of its own (`PixelBuffers`), CUDA is shown that buffer and copies it into a
+tensor. NVIDIA's bindings of the CUDA runtime do the second half; they and torch use the device's one primary context.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from typing import Any
+
+import torch
+
+from semisynth_gl.errors import BackendError, InputError
+from semisynth_gl.render.readers import PixelBuffers, Viewport
+
+_TYPES = {"f1": torch.uint8, "u1": torch.uint8, "u2": torch.uint16, "f4": torch.float32}
+_MOST_DEVICES = 64
+
+
+class CudaReader:
+    """Makes CUDA tensors of what is drawn; see `semisynth_gl.render.readers.Reader`.
+
+    Args:
+        device: CUDA's device, with its number; the OpenGL context must be on the same GPU.
+
+    Raises:
+        InputError: where the bindings are not installed.
+        BackendError: where CUDA refuses the device.
+    """
+
+    def __init__(self, device: torch.device) -> None:
+        try:
+            self._cuda: Any = import_module("cuda.bindings.runtime")
+        except ImportError:
+            raise InputError(
+                "device='cuda' needs NVIDIA's bindings of CUDA, which are not installed: "
+                "pip install 'semisynth-gl[cuda]'"
+            ) from None
+        self._device = device
+        self._buffers = PixelBuffers()
+        self._resources: dict[int, Any] = {}
+        self._context: Any = None
+        self._call("cudaSetDevice", device.index)
+
+    def __call__(
+        self, framebuffer: Any, viewport: Viewport, attachment: int, kind: str, components: int  # noqa: ANN401 - only render/ knows OpenGL's types
+    ) -> torch.Tensor:  # fmt: skip
+        """Take a rectangle of an attachment; return it on the device, (H, W) or (H, W, C)."""
+        if self._context is None:
+            self._check_device()
+            self._context = framebuffer.ctx
+        buffer = self._buffers.fill(framebuffer, viewport, attachment, kind, components)
+        if buffer.glo not in self._resources:
+            read_only = self._cuda.cudaGraphicsRegisterFlags.cudaGraphicsRegisterFlagsReadOnly
+            (self._resources[buffer.glo],) = self._call("cudaGraphicsGLRegisterBuffer", buffer.glo, read_only)
+        shape = (viewport[3], viewport[2]) if components == 1 else (viewport[3], viewport[2], components)
+        tensor = torch.empty(shape, dtype=_TYPES[kind], device=self._device)
+        stream = torch.cuda.current_stream(self._device).cuda_stream
+        with self._mapped(self._resources[buffer.glo], stream) as (pointer, size):
+            if size < buffer.size:
+                raise BackendError(f"CUDA maps {size} bytes of a buffer of {buffer.size}: is the driver whole?")
+            within = self._cuda.cudaMemcpyKind.cudaMemcpyDeviceToDevice
+            self._call("cudaMemcpyAsync", tensor.data_ptr(), pointer, buffer.size, within, stream)
+        return tensor
+
+    def close(self) -> None:
+        """Let go of the buffers; the renderer must still be open."""
+        if self._context is None:
+            return
+        with self._context:
+            try:
+                while self._resources:
+                    self._call("cudaGraphicsUnregisterResource", self._resources.popitem()[1])
+            finally:
+                self._buffers.release()
+        self._context = None
+
+    @contextmanager
+    def _mapped(self, resource: Any, stream: int) -> Iterator[tuple[int, int]]:  # noqa: ANN401 - the bindings have no types
+        """Show a buffer to CUDA: its address and its bytes. CUDA waits for OpenGL here, and OpenGL for CUDA after."""
+        self._call("cudaGraphicsMapResources", 1, resource, stream)
+        try:
+            pointer, size = self._call("cudaGraphicsResourceGetMappedPointer", resource)
+            yield pointer, size
+        finally:
+            self._call("cudaGraphicsUnmapResources", 1, resource, stream)
+
+    def _check_device(self) -> None:
+        _, found = self._call("cudaGLGetDevices", _MOST_DEVICES, self._cuda.cudaGLDeviceList.cudaGLDeviceListAll)
+        if self._device.index not in found:
+            raise BackendError(
+                f"OpenGL draws on CUDA's device {', '.join(map(str, found)) or 'none'}, but pairs shall be on "
+                f"{self._device}: give gpus=({self._device.index},)"
+            )
+
+    def _call(self, name: str, *values: Any) -> tuple[Any, ...]:  # noqa: ANN401 - the bindings have no types
+        """Call a function of the runtime; return what it gives beside the error."""
+        error, *results = getattr(self._cuda, name)(*values)
+        if error != self._cuda.cudaError_t.cudaSuccess:
+            text = self._cuda.cudaGetErrorString(error)[1].decode()
+            raise BackendError(f"CUDA refused {name}: {text} (error {int(error)})")
+        return tuple(results)

@@ -1,0 +1,246 @@
+"""From OpenGL's buffers to CUDA's tensors, with a stand-in for CUDA: this has no GPU to run on."""
+
+# ruff: noqa: N802, N815 - names of the CUDA runtime
+
+import ctypes
+import sys
+from dataclasses import fields
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+
+from semisynth_gl.camera import Crop
+from semisynth_gl.errors import BackendError, InputError
+from semisynth_gl.frame import OUTPUTS, Frame
+from semisynth_gl.pipeline import PairRenderer
+from semisynth_gl.render.readers import PixelBuffers
+
+torch = pytest.importorskip("torch")
+
+from test_stream import cheap  # noqa: E402 - it needs torch too
+
+from semisynth_gl.torch import StereoStream, stream  # noqa: E402
+from semisynth_gl.torch.interop import CudaReader  # noqa: E402
+
+SEED = 3
+# The stand-in's pointers are the processor's, so tensors are too.
+DEVICE = torch.device("cpu", 0)
+
+
+class FakeRuntime(ModuleType):
+    """The functions of cuda.bindings.runtime that are used, over OpenGL's buffers; it notes what is called.
+
+    Results are as the bindings give them: a tuple of the error and what there is beside it.
+    """
+
+    cudaError_t = SimpleNamespace(cudaSuccess=0)
+    cudaGraphicsRegisterFlags = SimpleNamespace(cudaGraphicsRegisterFlagsReadOnly=1)
+    cudaMemcpyKind = SimpleNamespace(cudaMemcpyDeviceToDevice=3)
+    cudaGLDeviceList = SimpleNamespace(cudaGLDeviceListAll=1)
+
+    def __init__(self):
+        super().__init__("runtime")
+        self.calls, self.registered, self.mapped = [], set(), {}
+        self.buffers = {}
+        self.refused = None
+        self.devices = [0]
+
+    def _note(self, name, *results):
+        self.calls.append(name)
+        return (719, *[None] * len(results)) if name == self.refused else (0, *results)
+
+    def cudaGetErrorString(self, error):
+        return 0, f"refused for {error}".encode()
+
+    def cudaSetDevice(self, device):
+        assert device == 0
+        return self._note("set device")
+
+    def cudaGLGetDevices(self, most, which):
+        assert (most > 0, which) == (True, 1)
+        return self._note("devices", len(self.devices), self.devices)
+
+    def cudaGraphicsGLRegisterBuffer(self, buffer, flags):
+        assert flags == 1
+        self.registered.add(buffer)
+        return self._note("register", buffer)
+
+    def cudaGraphicsMapResources(self, count, resource, stream):
+        assert (count, stream) == (1, 77)
+        assert resource in self.registered
+        assert resource not in self.mapped
+        done = self._note("map")
+        if done == (0,):
+            buffer = self.buffers[resource]
+            self.mapped[resource] = ctypes.create_string_buffer(buffer.read(), buffer.size)
+        return done
+
+    def cudaGraphicsResourceGetMappedPointer(self, resource):
+        return self._note("pointer", ctypes.addressof(self.mapped[resource]), len(self.mapped[resource]))
+
+    def cudaMemcpyAsync(self, target, source, size, kind, stream):
+        assert (kind, stream) == (3, 77)
+        assert any(source == ctypes.addressof(each) and size == len(each) for each in self.mapped.values())
+        ctypes.memmove(target, source, size)
+        return self._note("copy")
+
+    def cudaGraphicsUnmapResources(self, count, resource, stream):
+        assert (count, stream) == (1, 77)
+        del self.mapped[resource]
+        return self._note("unmap")
+
+    def cudaGraphicsUnregisterResource(self, resource):
+        assert resource not in self.mapped
+        self.registered.remove(resource)
+        return self._note("unregister")
+
+
+@pytest.fixture
+def runtime(monkeypatch):
+    fake = FakeRuntime()
+    for name in ("cuda", "cuda.bindings"):
+        monkeypatch.setitem(sys.modules, name, ModuleType(name))
+    monkeypatch.setitem(sys.modules, "cuda.bindings.runtime", fake)
+    monkeypatch.setattr(torch.cuda, "current_stream", lambda _: SimpleNamespace(cuda_stream=77))
+    fill = PixelBuffers.fill
+
+    def noted(*given):
+        buffer = fill(*given)
+        fake.buffers[buffer.glo] = buffer
+        return buffer
+
+    monkeypatch.setattr(PixelBuffers, "fill", noted)
+    return fake
+
+
+@pytest.fixture
+def reader(runtime):
+    assert not runtime.calls
+    return CudaReader(DEVICE)
+
+
+@pytest.mark.parametrize("antialias", ["none", "msaa4", "ssaa2"])
+def test_what_is_drawn_reaches_cuda_as_it_is_read_back(backend, runtime, reader, antialias):
+    config = cheap(antialias=antialias, outputs=list(OUTPUTS))
+    with PairRenderer(config, SEED, backend) as usual, PairRenderer(config, SEED, backend, read=reader) as renderer:
+        for index, crop in enumerate((None, Crop(5, 3, 31, 17), None)):
+            taken = renderer.render(index, crop=crop, checked=False).frame
+            expected = usual.render(index, crop=crop, checked=False).frame
+            for field in fields(Frame):
+                array = getattr(expected, field.name)
+                if isinstance(array, np.ndarray):
+                    tensor = getattr(taken, field.name)
+                    assert isinstance(tensor, torch.Tensor), field.name
+                    np.testing.assert_array_equal(tensor.numpy(), array, err_msg=field.name)
+        # A buffer for each size, registered once: 1, 2, 3, 4 and 8 bytes a pixel, for each of the image's two sizes.
+        assert runtime.calls.count("register") == 10
+        objects = renderer.count_objects()["Buffer"]
+        reader.close()
+        assert renderer.count_objects()["Buffer"] == objects - 10
+        assert not runtime.registered
+        reader.close()
+    assert runtime.calls[:7] == ["set device", "devices", "register", "map", "pointer", "copy", "unmap"]
+    assert runtime.calls.count("map") == runtime.calls.count("unmap") == runtime.calls.count("copy")
+    assert runtime.calls[-10:] == ["unregister"] * 10
+
+
+@pytest.mark.one_backend
+@pytest.mark.parametrize(
+    ("refused", "function"),
+    [
+        ("register", "cudaGraphicsGLRegisterBuffer"),
+        ("map", "cudaGraphicsMapResources"),
+        ("pointer", "cudaGraphicsResourceGetMappedPointer"),
+        ("copy", "cudaMemcpyAsync"),
+        ("unmap", "cudaGraphicsUnmapResources"),
+    ],
+)
+def test_what_cuda_refuses_is_told_and_unmapped(backend, runtime, reader, refused, function):
+    runtime.refused = refused
+    with PairRenderer(cheap(), SEED, backend, read=reader) as renderer:
+        with pytest.raises(BackendError, match=rf"CUDA refused {function}: refused for 719"):
+            renderer.render(0, checked=False)
+        assert not runtime.mapped
+        assert ("unmap" in runtime.calls) == (refused in ("pointer", "copy", "unmap"))
+        # The next one is drawn as ever.
+        runtime.refused = None
+        assert isinstance(renderer.render(0, checked=False).frame.left, torch.Tensor)
+        reader.close()
+        assert not runtime.registered
+
+
+@pytest.mark.one_backend
+def test_a_renderer_on_another_gpu_is_refused(backend, runtime, reader):
+    runtime.devices = [1, 2]
+    with (
+        PairRenderer(cheap(), SEED, backend, read=reader) as renderer,
+        pytest.raises(
+            BackendError, match=r"draws on CUDA's device 1, 2, but pairs shall be on cpu:0: give gpus=\(0,\)"
+        ),
+    ):
+        renderer.render(0, checked=False)
+
+
+def test_without_the_bindings_it_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "cuda.bindings.runtime", None)
+    with pytest.raises(InputError, match=r"pip install 'semisynth-gl\[cuda\]'"):
+        CudaReader(DEVICE)
+
+
+def test_the_bindings_have_what_the_stand_in_stands_for():
+    bindings = pytest.importorskip("cuda.bindings.runtime")
+    for name in (name for name in vars(FakeRuntime) if name.startswith("cuda")):
+        assert callable(getattr(bindings, name)), name
+        for member in (
+            vars(getattr(FakeRuntime, name)) if isinstance(getattr(FakeRuntime, name), SimpleNamespace) else ()
+        ):
+            assert hasattr(getattr(bindings, name), member), member
+    invalid = bindings.cudaError_t.cudaErrorInvalidValue
+    assert int(invalid) == 1
+    assert bindings.cudaGetErrorString(invalid)[1].decode() == "invalid argument"
+    # Whatever this machine has, it has not as many devices.
+    with pytest.raises(BackendError, match=r"CUDA refused cudaSetDevice: .* \(error \d+\)"):
+        CudaReader(torch.device("cuda", 120))
+
+
+@pytest.fixture
+def gpu(monkeypatch, runtime):
+    """A stream's way to the stand-in."""
+
+    def made(device):
+        assert device == torch.device("cuda", 0)
+        return CudaReader(DEVICE)
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "current_device", lambda: 0)
+    monkeypatch.setattr(stream, "egl_index_of_worker", lambda gpus, worker: len(gpus) - 1 + worker)
+    monkeypatch.setattr(stream, "CudaReader", made)
+    return runtime
+
+
+def test_a_stream_on_a_gpu_yields_the_same(gpu):
+    options = {"pairs": 3, "crop": (20, 30), "checked": False}
+    # Taken in turns: the reader of one stream is not the other's.
+    there = iter(StereoStream(cheap(), SEED, device="cuda", **options))
+    here = iter(StereoStream(cheap(), SEED, **options))
+    for on_gpu, sample in zip(there, here, strict=True):
+        assert on_gpu["instances_left"].dtype == torch.int32
+        for name, tensor in sample.items():
+            assert name in ("index", "camera") or torch.equal(on_gpu[name], tensor), name
+    assert gpu.calls.count("map") == 3 * 10
+    assert not gpu.registered
+
+
+@pytest.mark.usefixtures("gpu")
+def test_tensors_on_a_gpu_do_not_come_from_workers():
+    one = StereoStream(cheap(), SEED, device="cuda", checked=False)
+    loaded = torch.utils.data.DataLoader(one, num_workers=1, multiprocessing_context="fork")
+    with pytest.raises(InputError, match="num_workers=0 alone"):
+        next(iter(loaded))
+
+
+@pytest.mark.usefixtures("gpu")
+def test_pairs_with_imperfections_are_not_for_a_gpu():
+    with pytest.raises(InputError, match="config without imperfections"):
+        StereoStream(cheap(imperfections={"noise": [1, 2]}), device="cuda", checked=False)
