@@ -6,7 +6,6 @@ Prints the tables of docs/flow.md.
 """
 
 import json
-import platform
 import time
 from typing import Any
 
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl import oracle
+from semisynth_gl.bench.machine import machine_facts
 from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.frame import Frame, Output
@@ -146,7 +146,7 @@ def main(pairs: int, pixels: int, repeats: int, seed: int, out: str) -> None:
     """Measure the packaged configs, print tables, and write JSON."""
     rows = []
     click.echo(
-        "| config | motion, median and 95 %, px | median, px | p99.9, px | worst, px | as places, p99.9, px "
+        "| config | motion, median and 95 %, px | median, px | p99.9, px | worst, px | as places, median and p99.9, px "
         "| change of disparity, p99.9, px | masks alike |"
     )
     click.echo("|---|---|---|---|---|---|---|---|")
@@ -156,7 +156,8 @@ def main(pairs: int, pixels: int, repeats: int, seed: int, out: str) -> None:
         flow = row["flow_px"]
         click.echo(
             f"| {name} | {row['motion_px'][0]:.0f}, {row['motion_px'][1]:.0f} | {flow[0]:.1e} | {flow[1]:.1e} "
-            f"| {flow[2]:.1e} | {row['as_places_px'][1]:.1e} | {row['disparity_change_px'][1]:.1e} "
+            f"| {flow[2]:.1e} | {row['as_places_px'][0]:.1e}, {row['as_places_px'][1]:.1e} "
+            f"| {row['disparity_change_px'][1]:.1e} "
             f"| {row['masks_alike']:.2%} |"
         )
     costs = {name: cost(name, repeats, seed) for name in ("sceneflow",)}
@@ -165,7 +166,7 @@ def main(pairs: int, pixels: int, repeats: int, seed: int, out: str) -> None:
         least = seconds["masks"]
         for title, value in seconds.items():
             click.echo(f"| {title} | {value:.2f} | {value / least:.2f} |")
-    report = {"machine": platform.processor() or platform.machine(), "seed": seed, "error": rows, "cost": costs}
+    report = {"machine": machine_facts(), "seed": seed, "pixels": pixels, "error": rows, "cost": costs}
     with open(out, "w", encoding="utf-8") as file:  # noqa: PTH123 - click gives a string
         json.dump(report, file, indent=1)
         file.write("\n")

@@ -8,8 +8,8 @@ from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.read.dataset import Index
 from semisynth_gl.read.stored import StoredFrame
-from semisynth_gl.scene.sampler import SceneSampler
-from semisynth_gl.scene.scene import Scene
+from semisynth_gl.scene.sampler import SampledScene, SceneSampler
+from semisynth_gl.scene.scene import Motion, Scene
 from semisynth_gl.splits import SplitName, split_of
 from semisynth_gl.textures.atlas import Patch
 
@@ -53,8 +53,8 @@ class RemadeScenes:
         self._sampler = SceneSampler(self.config, part.seed(self.seed), library, patches)
         self.models: tuple[Mesh, ...] = self._sampler.models
 
-    def scene(self, frame: StoredFrame) -> Scene | None:
-        """Make a pair's scene again.
+    def sampled(self, frame: StoredFrame) -> SampledScene | None:
+        """Make a pair's scene again, with what it was made of.
 
         Args:
             frame: the pair as it was read.
@@ -64,9 +64,19 @@ class RemadeScenes:
         """
         # A sequence whose first frame failed the config's checks was drawn again, once for each entry.
         redrawn = frame.provenance.get("redrawn")
-        made = self._sampler.sample(frame.index, len(redrawn) if isinstance(redrawn, list) else 0).scene
-        recorded = frame.provenance.get("camera")
-        names = made.camera.__slots__
-        if not isinstance(recorded, dict) or any(recorded.get(name) != getattr(made.camera, name) for name in names):
+        made = self._sampler.sample(frame.index, len(redrawn) if isinstance(redrawn, list) else 0)
+        recorded, camera = frame.provenance.get("camera"), made.scene.camera
+        if not isinstance(recorded, dict) or any(
+            recorded.get(name) != getattr(camera, name) for name in camera.__slots__
+        ):
             return None
         return made
+
+    def scene(self, frame: StoredFrame) -> Scene | None:
+        """Make a pair's scene again; see `sampled`."""
+        made = self.sampled(frame)
+        return None if made is None else made.scene
+
+    def motion(self, made: SampledScene, frames: int) -> Motion:
+        """Return how a scene that was made again gets to another frame; see `SceneSampler.motion`."""
+        return self._sampler.motion(made, frames)

@@ -12,16 +12,16 @@ Values = NDArray[np.float32]
 Where = NDArray[np.bool_]
 
 # Bounds; docs/verify.md derives them.
-_SMOOTH_PX = 0.25  # second difference along the row, below which a pixel and its neighbours are one surface
-_OUTSIDE_PX = 0.2
-_OUTSIDE_SHARE = 0.02
-_MEDIAN_PX = 0.01
-_MEDIAN_SHARE = 0.002
-_HIDDEN_PX = 0.25
-_SEEN_PX = 0.05
+SMOOTH_PX = 0.25  # second difference along the row, below which a pixel and its neighbours are one surface
+OUTSIDE_PX = 0.2
+OUTSIDE_SHARE = 0.02
+MEDIAN_PX = 0.01
+MEDIAN_SHARE = 0.002
+HIDDEN_PX = 0.25
+SEEN_PX = 0.05
 _BORDER_PX = 1e-3
-_MASK_SHARE = 0.01
-_CLASS_SHARE = 0.05
+MASK_SHARE = 0.01
+CLASS_SHARE = 0.05
 FEWEST = 200
 """Below this many pixels a share or a median says nothing."""
 
@@ -85,7 +85,7 @@ def match_views(own: Values, other: Values, direction: int) -> Match:
     second = other[row, (column + 1).clip(0, width - 1)]
     smooth = np.zeros((height, width), bool)
     if width > 2:
-        smooth[:, 1:-1] = np.abs(np.diff(disparity, 2, axis=1)) < _SMOOTH_PX
+        smooth[:, 1:-1] = np.abs(np.diff(disparity, 2, axis=1)) < SMOOTH_PX
     between = valid & (position >= 0) & (position <= width - 1)
     return Match(disparity, valid, position, first, second, between, smooth)
 
@@ -96,7 +96,7 @@ def visible_pixels(match: Match, mask: NDArray[np.uint8] | None) -> Where:
         seen: Where = match.between & (mask == VISIBLE)
         return seen
     with np.errstate(invalid="ignore"):
-        not_hidden: Where = match.between & (match.low <= match.disparity + _HIDDEN_PX)
+        not_hidden: Where = match.between & (match.low <= match.disparity + HIDDEN_PX)
     return not_hidden
 
 
@@ -118,13 +118,13 @@ def check_left_right(match: Match, visible: Where, verdict: Verdict) -> None:
         return
     with np.errstate(invalid="ignore"):
         beyond = np.maximum(match.low - match.disparity, match.disparity - match.high)[judged]
-        share = float(np.mean(~(beyond <= _OUTSIDE_PX)))
+        share = float(np.mean(~(beyond <= OUTSIDE_PX)))
     verdict.measures["left_right_outside_share"] = share
-    if share > _OUTSIDE_SHARE:
+    if share > OUTSIDE_SHARE:
         verdict.add(
             "left-right",
-            f"{share:.2%} of {judged.sum()} visible pixels differ by more than {_OUTSIDE_PX} px from the right view's "
-            f"disparity; at most {_OUTSIDE_SHARE:.0%} may",
+            f"{share:.2%} of {judged.sum()} visible pixels differ by more than {OUTSIDE_PX} px from the right view's "
+            f"disparity; at most {OUTSIDE_SHARE:.0%} may",
         )
     flat = one_surface(match, visible)
     if flat.sum() < FEWEST:
@@ -132,11 +132,11 @@ def check_left_right(match: Match, visible: Where, verdict: Verdict) -> None:
     difference = match.difference[flat]
     median, relative = float(np.median(difference)), float(np.median(difference / match.disparity[flat]))
     verdict.measures["left_right_median_px"] = median
-    if abs(median) > _MEDIAN_PX or abs(relative) > _MEDIAN_SHARE:
+    if abs(median) > MEDIAN_PX or abs(relative) > MEDIAN_SHARE:
         verdict.add(
             "left-right",
             f"the left disparity is {median:+.4f} px ({relative:+.3%}) off the right one in the median; "
-            f"at most {_MEDIAN_PX} px and {_MEDIAN_SHARE:.1%} may be",
+            f"at most {MEDIAN_PX} px and {MEDIAN_SHARE:.1%} may be",
         )
 
 
@@ -150,8 +150,8 @@ def expected_visibility(match: Match, width: int) -> tuple[NDArray[np.uint8], Wh
     inside = (match.position >= -0.5 + _BORDER_PX) & (match.position <= width - 0.5 - _BORDER_PX)
     outside = (match.position < -0.5 - _BORDER_PX) | (match.position > width - 0.5 + _BORDER_PX)
     with np.errstate(invalid="ignore"):
-        hidden = inside & match.smooth & (match.low > match.disparity + _HIDDEN_PX)
-        seen = inside & match.smooth & (match.high - match.low < 1) & (np.abs(match.difference) < _SEEN_PX)
+        hidden = inside & match.smooth & (match.low > match.disparity + HIDDEN_PX)
+        seen = inside & match.smooth & (match.high - match.low < 1) & (np.abs(match.difference) < SEEN_PX)
     mask = np.full(match.disparity.shape, OUTSIDE, np.uint8)
     mask[match.valid & hidden] = OCCLUDED
     mask[match.valid & seen] = VISIBLE
@@ -172,19 +172,42 @@ def check_mask(name: str, mask: NDArray[np.uint8], match: Match, verdict: Verdic
     invalid = ~match.valid & (mask != OUTSIDE)
     if invalid.any():
         verdict.add("mask", f"{name}: {int(invalid.sum())} pixels without disparity are not 0")
+    judge_mask("mask", (name, name), mask, expected, certain, "the disparities", verdict)
+
+
+def judge_mask(
+    check: str,
+    names: tuple[str, str],
+    mask: NDArray[np.uint8],
+    expected: NDArray[np.uint8],
+    certain: Where,
+    others: str,
+    verdict: Verdict,
+) -> None:
+    """Judge a mask, all of it and class by class, by what it should be.
+
+    Args:
+        check: the check's name.
+        names: the mask's in messages, and the one that the measure's begins with.
+        mask: uint8 of any shape.
+        expected: of the same shape.
+        certain: bool of the same shape, where that is known.
+        others: what it follows from, for messages.
+        verdict: takes findings and measures.
+    """
     wrong = certain & (mask != expected)
     share = float(wrong.sum() / max(certain.sum(), 1))
-    verdict.measures[f"{name}_disagree_share"] = share
-    shares = {"all": (share, _MASK_SHARE)}
+    verdict.measures[f"{names[1]}_disagree_share"] = share
+    shares = {"all": (share, MASK_SHARE)}
     for label, value in (("outside", OUTSIDE), ("occluded", OCCLUDED), ("visible", VISIBLE)):
         of = certain & (expected == value)
         if of.sum() >= FEWEST:
-            shares[label] = (float((wrong & of).sum() / of.sum()), _CLASS_SHARE)
+            shares[label] = (float((wrong & of).sum() / of.sum()), CLASS_SHARE)
     for label, (measured, allowed) in shares.items():
         if measured > allowed:
             verdict.add(
-                "mask",
-                f"{name}: {measured:.2%} of the {'certain' if label == 'all' else label} pixels disagree with the "
-                f"disparities; at most {allowed:.0%} may",
+                check,
+                f"{names[0]}: {measured:.2%} of the {'certain' if label == 'all' else label} pixels disagree with "
+                f"{others}; at most {allowed:.0%} may",
             )
             return

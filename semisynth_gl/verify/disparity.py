@@ -17,7 +17,7 @@ _SIX_DIGITS = 1e-5
 # and depth and difference are rounded once each. 8 units of 2**-23 leave a margin of two.
 _FLOAT32 = 8 * 2.0**-23
 # A surface that leaves the valid range does so through 0; this much lies between its last valid pixel and the next.
-_LAST_VALID_PX = 2.0
+LAST_VALID_PX = 2.0
 
 
 def check_disparity(frame: StoredFrame, most: float | None, verdict: Verdict) -> None:
@@ -38,20 +38,28 @@ def check_disparity(frame: StoredFrame, most: float | None, verdict: Verdict) ->
         invalid += int(infinite.sum())
         broken = ~(valid | infinite)
         if broken.any():
-            verdict.add("disparity", f"{side}: {_count(broken)} NaN or -inf, the first at {_first(broken)}")
+            verdict.add("disparity", f"{side}: {count_of(broken)} NaN or -inf, the first at {first_of(broken)}")
         not_positive = valid & (disparity <= 0)
         if not_positive.any():
             least = float(disparity[not_positive].min())
             verdict.add(
                 "disparity",
-                f"{side}: {_count(not_positive)} not positive, the first at {_first(not_positive)}, least {least:g} px",
+                f"{side}: {count_of(not_positive)} not positive, the first at {first_of(not_positive)}, "
+                f"least {least:g} px",
             )
         if most is not None and valid.any():
             largest = float(disparity[valid].max())
             if largest > most * (1 + _SIX_DIGITS) + float(frame.rounding_px(largest)):
                 verdict.add("disparity", f"{side}: largest {largest:g} px, the config allows {most:g} px")
         if infinite.any():
-            _check_invalid(side, disparity, infinite, _beyond(frame, side), frame.camera, verdict)
+            _check_invalid(
+                side,
+                disparity,
+                infinite,
+                beyond(frame, "disparity_beyond", side, frame.disparity_largest_px),
+                frame.camera,
+                verdict,
+            )
     verdict.measures["invalid_share"] = invalid / pixels
 
 
@@ -59,7 +67,7 @@ def _check_invalid(
     side: str,
     disparity: NDArray[np.float32],
     infinite: NDArray[np.bool_],
-    beyond: int,
+    lost: int,
     camera: StereoCamera,
     verdict: Verdict,
 ) -> None:
@@ -67,33 +75,31 @@ def _check_invalid(
 
     The background closes the view, so each pixel has a depth, and d = f B / Z - doffs is above 0 unless doffs is
     positive and the surface far enough. A surface that goes so far passes through 0 first. Where the encoding could not
-    say disparities, ``beyond`` of them, only their number can be judged.
+    say disparities, ``lost`` of them, only their number can be judged.
     """
-    if beyond:
+    if lost:
         count = int(infinite.sum())
-        if count < beyond or (camera.doffs_px <= 0 and count != beyond):
+        if count < lost or (camera.doffs_px <= 0 and count != lost):
             verdict.add(
-                "disparity", f"{side}: {_count(infinite)} inf, the provenance counts {beyond} beyond the encoding"
+                "disparity", f"{side}: {count_of(infinite)} inf, the provenance counts {lost} beyond the encoding"
             )
         return
-    share = f"{infinite.mean():.4%} of the pixels, the first at {_first(infinite)}"
+    share = f"{infinite.mean():.4%} of the pixels, the first at {first_of(infinite)}"
     if camera.doffs_px <= 0:
         verdict.add("disparity", f"{side}: inf in {share}, though a doffs of {camera.doffs_px:g} px rules it out")
         return
-    beside = np.zeros_like(infinite)
-    beside[1:] |= infinite[:-1]
-    beside[:-1] |= infinite[1:]
-    beside[:, 1:] |= infinite[:, :-1]
-    beside[:, :-1] |= infinite[:, 1:]
-    around = disparity[beside & np.isfinite(disparity)]
-    if around.size and float(around.min()) > _LAST_VALID_PX:
+    around = disparity[beside(infinite) & np.isfinite(disparity)]
+    if around.size and float(around.min()) > LAST_VALID_PX:
         verdict.add("disparity", f"{side}: inf in {share}, beside disparities of at least {float(around.min()):g} px")
 
 
-def _beyond(frame: StoredFrame, side: str) -> int:
-    """How many disparities of a view the encoding could not say, by the provenance."""
-    counts = frame.provenance.get("disparity_beyond")
-    count = counts.get(side) if isinstance(counts, dict) and isfinite(frame.disparity_largest_px) else 0
+def beyond(frame: StoredFrame, key: str, side: str, largest_px: float) -> int:
+    """Return how many values of a view the encoding could not say, by the provenance's ``key``.
+
+    ``largest_px`` is the largest that it can; where there is no such limit, 0.
+    """
+    counts = frame.provenance.get(key)
+    count = counts.get(side) if isinstance(counts, dict) and isfinite(largest_px) else 0
     return count if isinstance(count, int) else 0
 
 
@@ -152,7 +158,7 @@ def check_depth(frame: StoredFrame, verdict: Verdict) -> None:
             y, x = np.argwhere(wrong)[0]
             verdict.add(
                 "depth",
-                f"{name}: {_count(wrong)} off; at ({x}, {y}) {depth[y, x]:g} m is {expected[y, x]:g} px, "
+                f"{name}: {count_of(wrong)} off; at ({x}, {y}) {depth[y, x]:g} m is {expected[y, x]:g} px, "
                 f"the disparity there is {disparity[y, x]:g} px",
             )
 
@@ -170,17 +176,29 @@ def check_instances(frame: StoredFrame, verdict: Verdict) -> None:
             verdict.add("instances", f"{name}: id {int(ids.max())}, but the provenance lists {len(rows)} instances")
         nothing = (ids == 0) & np.isfinite(disparity)
         if nothing.any():
-            verdict.add("instances", f"{name}: {_count(nothing)} without an instance have a disparity")
+            verdict.add("instances", f"{name}: {count_of(nothing)} without an instance have a disparity")
 
 
-def _count(where: NDArray[np.bool_]) -> str:
+def count_of(where: NDArray[np.bool_]) -> str:
+    """Say of how many pixels (H, W) something is true."""
     number = int(where.sum())
     return f"{number} pixel{'' if number == 1 else 's'}"
 
 
-def _first(where: NDArray[np.bool_]) -> str:
+def first_of(where: NDArray[np.bool_]) -> str:
+    """Say which is the first of them, column and row."""
     y, x = np.argwhere(where)[0]
     return f"({x}, {y})"
+
+
+def beside(where: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the neighbours, in the row and the column, of the pixels (H, W) of which something is true."""
+    found = np.zeros_like(where)
+    found[1:] |= where[:-1]
+    found[:-1] |= where[1:]
+    found[:, 1:] |= where[:, :-1]
+    found[:, :-1] |= where[:, 1:]
+    return found
 
 
 def _close(one: float, other: float, relative: float) -> bool:

@@ -4,6 +4,7 @@ Textures carry no light, so both views sample the same texture at the same surfa
 the error of interpolating the right image between its pixels.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,14 +14,16 @@ from semisynth_gl.verify.consistency import FEWEST, Match
 from semisynth_gl.verify.finding import Verdict
 
 Values = NDArray[np.float64]
+Sampler = Callable[[float], tuple[Values, Values]]
+"""From a step to what an image has there, and its derivative by the step; both (N,), in levels."""
 
 # Bounds; docs/verify.md derives them.
-_ROUNDING_LEVELS = 2.0
-_BEND = 0.25
-_EXPLAINED_SHARE = 0.9
-_SHIFT_PX = 0.02
-_SCALE = 0.001
-_DEVIATIONS = 5.0
+ROUNDING_LEVELS = 2.0
+BEND = 0.25
+EXPLAINED_SHARE = 0.9
+SHIFT_PX = 0.02
+SCALE = 0.001
+DEVIATIONS = 5.0
 _TILE_PX = 16
 # Enough to pin a shift to a thousandth of a pixel; more would only take time.
 _MOST = 200_000
@@ -55,6 +58,15 @@ class _Pixels:
         first = np.floor(position).astype(np.int64)
         values = np.stack([self.right[self.row, first + step] for step in (-1, 0, 1, 2)]).astype(np.float64)
         return values, position - first
+
+    def along(self, direction: Values) -> Sampler:
+        """What the right image has at steps along a direction (N,) of the disparity, and how fast it changes."""
+
+        def sample(step: float) -> tuple[Values, Values]:
+            value, slope = cubic(*self.samples(self.disparity + step * direction))
+            return value, -slope * direction
+
+        return sample
 
 
 def grey(image: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -95,7 +107,7 @@ def check_images(
     disparity = match.disparity[row, column].astype(np.float64)
     pixels = _Pixels(row, column, disparity, grey(left)[row, column].astype(np.float64), grey(right))
     samples, fraction = pixels.samples(disparity)
-    warped = _cubic(samples, fraction)[0]
+    warped = cubic(samples, fraction)[0]
     if imperfect:
         _check_correlation(pixels.left, warped, verdict)
         return
@@ -103,25 +115,25 @@ def check_images(
     share = float(np.mean(_explained(pixels.left, samples)))
     verdict.measures["residual_median_levels"] = float(np.median(np.abs(residual)))
     verdict.measures["residual_explained_share"] = share
-    if share < _EXPLAINED_SHARE:
+    if share < EXPLAINED_SHARE:
         verdict.add(
             "images",
             f"resampling explains the residual in {share:.1%} of {len(found)} visible pixels, at least "
-            f"{_EXPLAINED_SHARE:.0%} were expected; its median is {np.median(np.abs(residual)):.1f} levels",
+            f"{EXPLAINED_SHARE:.0%} were expected; its median is {np.median(np.abs(residual)):.1f} levels",
         )
         return
     # A scale that moves a pair's pixels by no more than the shift that is allowed cannot be told from one.
     typical = float(np.sqrt(np.mean(disparity**2)))
     for name, unit, direction, least in (
-        ("shift", "px", np.ones_like(disparity), _SHIFT_PX),
-        ("scale", "times", disparity, max(_SCALE, _SHIFT_PX / typical)),
+        ("shift", "px", np.ones_like(disparity), SHIFT_PX),
+        ("scale", "times", disparity, max(SCALE, SHIFT_PX / typical)),
     ):
-        best = _best_step(pixels, direction, width)
+        best = best_step(pixels.left, pixels.along(direction), direction**2, tiles(row, column, width))
         if best is None:
             return
         step, deviation = best
         verdict.measures[f"best_{name}_{unit}"] = step
-        limit = least + _DEVIATIONS * deviation
+        limit = least + DEVIATIONS * deviation
         if abs(step) > limit:
             where = f"d {step:+.3f} px" if name == "shift" else f"d times {1 + step:.4f}"
             verdict.add("images", f"they fit best at {where}; at most {limit:.4f} {unit} off was expected")
@@ -147,13 +159,13 @@ def _explained(left: Values, samples: Values) -> NDArray[np.bool_]:
     bend = np.maximum(
         np.abs(samples[0] - 2 * samples[1] + samples[2]), np.abs(samples[1] - 2 * samples[2] + samples[3])
     )
-    margin = _ROUNDING_LEVELS + _BEND * bend
+    margin = ROUNDING_LEVELS + BEND * bend
     low, high = np.minimum(samples[1], samples[2]) - margin, np.maximum(samples[1], samples[2]) + margin
     inside: NDArray[np.bool_] = (left >= low) & (left <= high)
     return inside
 
 
-def _cubic(samples: Values, fraction: Values) -> tuple[Values, Values]:
+def cubic(samples: Values, fraction: Values) -> tuple[Values, Values]:
     """Value and slope (N,) of Catmull-Rom's cubic through four pixels (4, N): its error has no preferred direction."""
     before, first, second, after = samples
     linear = second - before
@@ -164,25 +176,36 @@ def _cubic(samples: Values, fraction: Values) -> tuple[Values, Values]:
     return value, slope
 
 
-def _best_step(pixels: _Pixels, direction: Values, width: int) -> tuple[float, float] | None:
-    """Find the step along ``direction`` of the disparity at which the images fit best, by Gauss-Newton.
+def tiles(row: NDArray[np.int64], column: NDArray[np.int64], width: int) -> NDArray[np.int64]:
+    """Number the tile of the image that each pixel lies in, (N,) int64."""
+    numbers: NDArray[np.int64] = (row // _TILE_PX) * (width // _TILE_PX + 1) + column // _TILE_PX
+    return numbers
+
+
+def best_step(wanted: Values, sample: Sampler, unit: Values, tile: NDArray[np.int64]) -> tuple[float, float] | None:
+    """Find the step at which an image's samples fit the levels wanted best, by Gauss-Newton.
 
     Residuals of one surface resemble each other, so the deviation is taken from tiles of the image, not from pixels.
+
+    Args:
+        wanted: (N,) levels.
+        sample: the image's, by step.
+        unit: (N,) the square of the way that each pixel goes by a step of 1, px.
+        tile: (N,) number of each pixel's tile.
 
     Returns:
         The step and its standard deviation, or None where there is no texture.
     """
-    tile = (pixels.row // _TILE_PX) * (width // _TILE_PX + 1) + pixels.column // _TILE_PX
     step = deviation = 0.0
     for _ in range(_STEPS):
-        value, slope = _cubic(*pixels.samples(pixels.disparity + step * direction))
-        residual = pixels.left - value
+        value, slope = sample(step)
+        residual = wanted - value
         # Cauchy-like weights: pixels beside edges and under reduced texture do not decide.
         spread = 2 * (1.48 * float(np.median(np.abs(residual))) + 1)
         weight = (1 + (residual / spread) ** 2) ** -2
-        pull = np.bincount(tile, -slope * direction * weight * residual)
-        hold = np.bincount(tile, weight * (slope * direction) ** 2)
-        if (weight * slope**2).sum() < _TEXTURE * len(residual):
+        pull = np.bincount(tile, slope * weight * residual)
+        hold = np.bincount(tile, weight * slope**2)
+        if hold.sum() < _TEXTURE * unit.sum():
             return None
         step += float(pull.sum() / hold.sum())
         deviation = float(np.sqrt(((pull - pull.sum() / hold.sum() * hold) ** 2).sum()) / hold.sum())

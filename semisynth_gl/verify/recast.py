@@ -1,5 +1,8 @@
 """The strongest check: make a pair's scene again, and cast float64 rays at some of its pixels."""
 
+from collections.abc import Callable, Mapping
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,15 +12,30 @@ from semisynth_gl.errors import InputError
 from semisynth_gl.read.dataset import Index
 from semisynth_gl.read.stored import StoredFrame
 from semisynth_gl.remake import RemadeScenes
-from semisynth_gl.scene.scene import Scene
+from semisynth_gl.scene.sampler import SampledScene
+from semisynth_gl.scene.scene import Motion
 from semisynth_gl.splits import SplitName
+from semisynth_gl.verify.compared import vector
 from semisynth_gl.verify.finding import Verdict
+from semisynth_gl.verify.flow import OPPOSITE, flow_bound_px
+
+Found = Mapping[str, NDArray[np.float64]]
+"""What R rays find, by the arrays of `Frame` without the view, each (R, C) in px."""
 
 # What the renderer promises for disparity at a pixel's centre.
 _ERROR_PX = 1e-3
 # Rasterisers move vertices to a grid of 1/256 px at best, of 1/16 px at worst: beside an edge they may see the
 # surface on its other side.
 _EDGE_PX = 1 / 32
+# Rays about a pixel's centre: steps to the right and down, 25 of each.
+_STEPS = (-_EDGE_PX, -_EDGE_PX / 8, 0.0, _EDGE_PX / 8, _EDGE_PX)
+_NEAR = tuple(steps.ravel() for steps in np.meshgrid(_STEPS, _STEPS))
+_MEASURES = {
+    "disparity": "oracle_largest_px",
+    "flow": "oracle_flow_largest_px",
+    "flow_backward": "oracle_flow_largest_px",
+    "disparity_change": "oracle_change_largest_px",
+}
 
 
 class Recaster:
@@ -40,68 +58,129 @@ class Recaster:
             ) from None
 
     def check(self, frame: StoredFrame, pixels: int, verdict: Verdict) -> None:
-        """Compare both disparities with rays through randomly chosen pixels.
+        """Compare disparities, flow and changes of disparity with rays through randomly chosen pixels.
 
         Args:
             frame: the pair as it was read.
             pixels: how many, half of them in each view.
             verdict: takes findings and measures.
         """
-        made = self._remade.scene(frame)
+        made = self._remade.sampled(frame)
         if made is None:
             verdict.add("oracle", "config and seed of the index give another camera than the pair's provenance has")
             return
+        motions = {
+            name: self._remade.motion(made, frames)
+            for name, frames, needs in (
+                ("flow", +1, ("flow", "disparity_change")),
+                ("flow_backward", -1, ("flow_backward",)),
+            )
+            if any(getattr(frame, f"{each}_{eye}") is not None for each in needs for eye in EYES)
+        }
         rng = np.random.default_rng((self._remade.seed, frame.index))
-        errors = []
-        for eye, disparity in zip(EYES, (frame.disparity_left, frame.disparity_right), strict=True):
+        largest: dict[str, float] = {}
+        for eye in EYES:
+            disparity = getattr(frame, f"disparity_{eye}")
             if disparity is None:
                 continue
             height, width = disparity.shape
             x = rng.integers(0, width, -(-pixels // 2)).astype(np.float64)
             y = rng.integers(0, height, -(-pixels // 2)).astype(np.float64)
-            came = disparity[y.astype(np.int64), x.astype(np.int64)].astype(np.float64)
-            bound = _ERROR_PX + frame.rounding_px(came)
-            expected = _as_said(self._cast(made, eye, x, y), came, frame.disparity_largest_px)
-            error = _difference(came, expected)
-            off = np.flatnonzero(~(error <= bound))
-            errors.append(error[error <= bound])
-            if off.size:
-                off = off[~self._is_edge(made, eye, x[off], y[off], came[off], frame)]
-            if off.size:
-                first = off[0]
-                verdict.add(
-                    "oracle",
-                    f"{eye}: {off.size} of {len(x)} pixels are off by more than {bound[first]:.3g} px; at "
-                    f"({x[first]:.0f}, {y[first]:.0f}) the ray finds {expected[first]:.6g} px, "
-                    f"the file has {came[first]:.6g} px",
-                )
-        verdict.measures["oracle_largest_px"] = float(np.concatenate(errors).max(initial=0.0))
+            look = partial(self._look, made, eye)
+            for measure, error in _compare(frame, eye, (x, y), motions, look, verdict).items():
+                largest[measure] = max(largest.get(measure, 0.0), error)
+        verdict.measures.update(largest)
 
-    def _cast(self, scene: Scene, eye: Eye, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-        return oracle.disparity_px(scene.camera, oracle.cast(scene, self._remade.models, eye, x, y))
-
-    def _is_edge(
+    def _look(
         self,
-        scene: Scene,
+        made: SampledScene,
         eye: Eye,
+        motions: Mapping[str, Motion],
         x: NDArray[np.float64],
         y: NDArray[np.float64],
-        came: NDArray[np.float64],
-        frame: StoredFrame,
-    ) -> NDArray[np.bool_]:
-        """Whether rays within `_EDGE_PX` of each pixel's centre find disparities about what the file has there."""
-        steps = np.array([-_EDGE_PX, -_EDGE_PX / 8, 0.0, _EDGE_PX / 8, _EDGE_PX])
-        dx, dy = np.meshgrid(steps, steps)
-        # All rays in one call: its cost is the number of instances more than the number of rays.
-        near = self._cast(scene, eye, np.add.outer(x, dx.ravel()).ravel(), np.add.outer(y, dy.ravel()).ravel())
-        near = _as_said(near.reshape(len(x), -1), came[:, None], frame.disparity_largest_px)
-        bound = _ERROR_PX + frame.rounding_px(came)
-        return np.asarray((near.min(axis=1) - bound <= came) & (came <= near.max(axis=1) + bound))
+    ) -> Found:
+        scene, models = made.scene, self._remade.models
+        hits = oracle.cast(scene, models, eye, x, y)
+        found = {"disparity": oracle.disparity_px(scene.camera, hits)[:, None]}
+        for name, motion in motions.items():
+            flows = oracle.flow(scene, models, motion, eye, x, y, hits)
+            found[name] = flows.flow_px
+            if name == "flow":
+                found["disparity_change"] = flows.disparity_change_px[:, None]
+        return found
 
 
-def _as_said(expected: NDArray[np.float64], came: NDArray[np.float64], largest_px: float) -> NDArray[np.float64]:
-    """Make inf what a file's encoding cannot say, where the file has inf."""
-    return np.where((expected > largest_px) & np.isinf(came), np.inf, expected)
+def _compare(
+    frame: StoredFrame,
+    eye: Eye,
+    pixels: tuple[NDArray[np.float64], NDArray[np.float64]],
+    motions: Mapping[str, Motion],
+    look: Callable[[Mapping[str, Motion], NDArray[np.float64], NDArray[np.float64]], Found],
+    verdict: Verdict,
+) -> dict[str, float]:
+    """Compare a view's arrays with what rays find; return the largest errors that are allowed, by measure."""
+    x, y = pixels
+    largest: dict[str, float] = {}
+    found = look(motions, x, y)
+    for name, expected in found.items():
+        array = getattr(frame, f"{name}_{eye}")
+        if array is None:
+            continue
+        came = array[y.astype(np.int64), x.astype(np.int64)].reshape(len(x), -1).astype(np.float64)
+        bound = _bound_px(frame, name, came)
+        error = _difference(came, _as_said(frame, name, found, came)).max(axis=1)
+        off = np.flatnonzero(~(error <= bound))
+        measure = _MEASURES[name]
+        largest[measure] = max(largest.get(measure, 0.0), float(error[error <= bound].max(initial=0.0)))
+        if off.size:
+            of = "flow" if name == "disparity_change" else name
+            moves = {of: motions[of]} if of in motions else {}
+            near = look(
+                moves, *(np.add.outer(each[off], step).ravel() for each, step in zip(pixels, _NEAR, strict=True))
+            )
+            off = off[~_is_edge(frame, name, near, came[off], bound[off])]
+        if off.size:
+            first = off[0]
+            label = eye if name == "disparity" else f"{name}_{eye}"
+            verdict.add(
+                "oracle",
+                f"{label}: {off.size} of {len(x)} pixels are off by more than {bound[first]:.3g} px; at "
+                f"({x[first]:.0f}, {y[first]:.0f}) the ray finds {vector(expected[first])} px, "
+                f"the file has {vector(came[first])} px",
+            )
+    return largest
+
+
+def _bound_px(frame: StoredFrame, name: str, came: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the most that values (R, C) of a file may be off by, (R,) px."""
+    if name == "disparity":
+        return _ERROR_PX + frame.rounding_px(came[:, 0])
+    known = np.where(np.isfinite(came), came, 0.0)
+    return flow_bound_px(known, 0.0 if name == "disparity_change" else frame.flow_error_px)
+
+
+def _is_edge(
+    frame: StoredFrame,
+    name: str,
+    near: Found,
+    came: NDArray[np.float64],
+    bound: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    """Whether rays within `_EDGE_PX` of each pixel's centre, ``near``, find about what the file has there, (R, C)."""
+    every = np.repeat(came, len(_NEAR[0]), axis=0)
+    values = _as_said(frame, name, near, every).reshape(len(came), -1, came.shape[1])
+    low, high = values.min(axis=1) - bound[:, None], values.max(axis=1) + bound[:, None]
+    return np.asarray(((low <= came) & (came <= high)).all(axis=1))
+
+
+def _as_said(frame: StoredFrame, name: str, found: Found, came: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Make inf, of what rays find, what a file's encodings cannot say, where the file has inf; both (R, C)."""
+    # Where the disparity cannot be said, its change is left out too.
+    source, largest_px = found["disparity"], frame.disparity_largest_px
+    if name in OPPOSITE:
+        source, largest_px = np.abs(found[name]).max(axis=1, keepdims=True), frame.flow_largest_px
+    unsaid = np.isinf(came).all(axis=1, keepdims=True) & (source > largest_px)
+    return np.where(unsaid, np.inf, found[name])
 
 
 def _difference(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
