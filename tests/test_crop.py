@@ -9,7 +9,7 @@ from semisynth_gl.camera import Crop, StereoCamera
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import Frame
 from semisynth_gl.pipeline import PairRenderer
-from tests.test_pipeline import tiny
+from tests.test_pipeline import lean
 
 CROPS = (Crop(0, 0, 24, 16), Crop(100, 61, 87, 64), Crop(60, 40, 1, 1), Crop(0, 0, 187, 125))
 
@@ -37,7 +37,7 @@ def assert_equal(frame, whole, crop):
     ],
 )
 def test_a_crop_has_the_pixels_of_the_whole_image(backend, changes):
-    config = tiny(models={"variants": 1}).model_copy(update=changes)
+    config = lean().model_copy(update=changes)
     with PairRenderer(config, 3, backend) as renderer:
         whole = [renderer.render(index).frame for index in range(2)]
         for crop in CROPS:
@@ -50,7 +50,7 @@ def test_a_crop_has_the_pixels_of_the_whole_image(backend, changes):
 
 @pytest.mark.one_backend
 def test_imperfections_of_a_crop_are_those_of_the_whole_image(backend):
-    config = tiny(imperfections={"noise": [2, 4], "blur_px": [1, 2]})
+    config = lean(imperfections={"noise": [2, 4], "blur_px": [1, 2]})
     with PairRenderer(config, 3, backend) as renderer:
         whole = renderer.render(0).frame
         for checked in (True, False):
@@ -59,7 +59,7 @@ def test_imperfections_of_a_crop_are_those_of_the_whole_image(backend):
 
 @pytest.mark.one_backend
 def test_a_crop_of_a_later_frame_is_of_the_attempt_that_passed(backend):
-    config = tiny(sequence={"length": 2}, checks={"min_texture": 33.5})
+    config = lean(sequence={"length": 2}, checks={"min_texture": 25.0})
     with PairRenderer(config, 3, backend) as renderer:
         pairs = [renderer.render(index) for index in range(12)]
         redrawn = [pair for pair in pairs[1::2] if "redrawn" in pair.provenance]

@@ -22,7 +22,7 @@ from semisynth_gl.scene.scene import Motion, make_scene, move
 from semisynth_gl.scene.structures import STILL_MODELS, draw_surroundings
 from semisynth_gl.scene.sway import STILL, draw_sway
 from tests.test_crop import assert_equal
-from tests.test_pipeline import tiny
+from tests.test_pipeline import lean
 
 CAMERA = StereoCamera(200, 150, 220.0, 0.2, 95.0, 103.0, 70.0)
 FLOWS = ("flow", "flow_backward", "disparity_change")
@@ -32,7 +32,7 @@ MOVING = {"sequence": {"length": 3, "frame_s": 0.1}, "camera": {"sway_m": [0.02,
 
 def moving(**changes):
     """A small config with much motion: the camera's, and falling, drifting, spinning models."""
-    config = tiny(**MOVING)
+    config = lean(**MOVING)
     return config.model_copy(update={"outputs": ("visibility", *FLOWS)} | changes)
 
 

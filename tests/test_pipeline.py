@@ -49,6 +49,12 @@ def tiny(name="middlebury", **sections):
     return Config.model_validate(values)
 
 
+def lean(name="middlebury", **sections):
+    """Like `tiny`, with a tenth of the models: for what does not depend on how many there are."""
+    few = {"layers": [{"disparity_px": [2, 30], "count": 60}]}
+    return tiny(name, **{"particles": few, "models": {"complex": 0.3}} | sections)
+
+
 @pytest.mark.one_backend
 def test_the_left_views_truth_alone_is_the_same(backend):
     both = render_pair(tiny(), 0, 5, backend)

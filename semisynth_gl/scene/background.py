@@ -86,13 +86,23 @@ def draw_background(
         InputError: where the plane would have to be endless to do so.
     """
     indoor = rng.random() * (section.cuboid + section.plane) < section.cuboid
-    return _cuboid(section, disparity, camera, rng, sway) if indoor else _plane(section, camera, rng, sway)
+    return _cuboid(section, disparity, camera, rng, sway) if indoor else _plane(section, disparity, camera, rng, sway)
 
 
-def _plane(section: BackgroundSection, camera: StereoCamera, rng: np.random.Generator, sway: Sway) -> Background:
+def _plane(
+    section: BackgroundSection,
+    disparity: DisparitySection,
+    camera: StereoCamera,
+    rng: np.random.Generator,
+    sway: Sway,
+) -> Background:
     disparity_px = section.plane_disparity_px.draw(rng)
     check_reachable(camera, disparity_px, "background.plane_disparity_px")
     depth = float(camera.depth_m(disparity_px))
+    if sway.reach_m > 0 or sway.angle_rad > 0:
+        # With a large doffs the plane is not far, and the camera may come near it.
+        ahead = np.array([[0.0, 0.0, 1.0]])
+        depth = max(depth, float(smallest_offsets(camera, ahead, near_depth_m(camera, disparity), sway)[0]))
     corners = _corner_points(camera, depth)
     low, high = corners.min(axis=0), corners.max(axis=0)
     if sway.reach_m > 0 or sway.angle_rad > 0:
