@@ -223,13 +223,19 @@ def run(monkeypatch, *arguments):
     return exit_.value.code
 
 
-def test_the_command_prints_and_writes(monkeypatch, capsys, tmp_path):
-    if backend_fault("auto"):
-        pytest.skip("no OpenGL here")
+def test_the_command_prints_and_writes(monkeypatch, capsys, tmp_path, report):
+    asked = []
+
+    def measured(config, seed, backend, effort, _say):
+        asked.append((config, seed, backend, effort))
+        return report
+
+    monkeypatch.setattr("semisynth_gl.bench.accuracy.measure", measured)
     effort = ("--pairs", "1", "--rays", "500", "--repeats", "1")
     settings = [word for setting in SMALL for word in ("--set", setting)]
     files = ("--json", str(tmp_path / "a.json"), "--plot", str(tmp_path / "a.png"))
     assert run(monkeypatch, "bench", "accuracy", *effort, *settings, *files) == 0
+    assert asked == [(load_config("eth3d", SMALL), 0, "auto", Effort(pairs=1, rays=500, repeats=1))]
     assert "**pfm**" in capsys.readouterr().out
     assert json.loads((tmp_path / "a.json").read_text())["command"].startswith("semisynth-gl bench accuracy --pairs 1")
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")

@@ -28,6 +28,7 @@ def assert_equal(frame, whole, crop):
             np.testing.assert_array_equal(array, expected, err_msg=name)
 
 
+@pytest.mark.one_backend
 @pytest.mark.parametrize(
     "changes",
     [

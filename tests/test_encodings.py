@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from conftest import backend_fault
 from PIL import Image
-from test_pipeline import tiny
+from test_pipeline import lean, tiny
 
 from semisynth_gl import encodings as names
 from semisynth_gl.cli import main
@@ -147,7 +147,7 @@ def test_grey_is_no_colour(tmp_path):
 def shot():
     if backend_fault("auto"):
         pytest.skip("no OpenGL here")
-    return render_pair(tiny(), 0, 5)
+    return render_pair(lean(), 0, 5)
 
 
 def test_what_png16_cannot_say_is_invalid_everywhere(shot):
@@ -205,7 +205,7 @@ def test_a_dataset_reads_back_and_verifies_clean(shot, tmp_path, chosen):
     if chosen[0] in OF_CODECS:
         pytest.importorskip("imagecodecs")
     encodings = Encodings(*chosen)
-    config = tiny(files={"image": chosen[0], "disparity": chosen[1]})
+    config = lean(files={"image": chosen[0], "disparity": chosen[1]})
     config = config.model_copy(update={"outputs": ("visibility", "instances", "depth")})
     shares = []
     generate(config, tmp_path, 1, 5, listener=Listener(written=lambda pair: shares.append(pair.share_beyond)))
@@ -277,7 +277,7 @@ def test_a_missing_imagecodecs_is_told_before_anything_is_made(tmp_path, monkeyp
     monkeypatch.setattr(names, "import_module", refuse)
     message = r"needs the package imagecodecs.*pip install 'semisynth-gl\[codecs\]'"
     with pytest.raises(InputError, match=message):
-        generate(tiny(files={"image": encoding}), tmp_path / "out", 1, 0)
+        generate(lean(files={"image": encoding}), tmp_path / "out", 1, 0)
     assert not (tmp_path / "out").exists()
     (tmp_path / "i").write_bytes(b"qoif" + bytes(7) + b"\x01")
     for call in (

@@ -6,11 +6,14 @@ import json
 import os
 import subprocess
 import sys
+from importlib import import_module
+from importlib.util import find_spec
 from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import backend_fault
 from test_pipeline import tiny
 
 from semisynth_gl.camera import Crop, StereoCamera
@@ -358,7 +361,7 @@ def scores(batch):
 
 def forked():
     """What loaders of 0 to 3 workers yield; those with workers first, since no process forks after it has drawn."""
-    options = {"batch_size": 2, "pairs": 7, "first": 1, "backend": os.environ.get("STREAM_BACKEND", "auto")}
+    options = {"batch_size": 2, "pairs": 7, "first": 1}
     found = {}
     for workers in (3, 2, 1, 0):
         one = StereoStream(cheap(), SEED, **options)
@@ -375,10 +378,10 @@ def forked_epochs():
 
 def forked_resuming():
     """A loader's state, taken in the midst of its batches, resumed by another."""
-    stateful = pytest.importorskip("torchdata.stateful_dataloader")
+    stateful = import_module("torchdata.stateful_dataloader")
 
     def made():
-        one = StereoStream(cheap(), SEED, batch_size=2, pairs=17)
+        one = StereoStream(cheap(), SEED, batch_size=2, pairs=11)
         return stateful.StatefulDataLoader(one, batch_size=2, num_workers=2, multiprocessing_context="fork")
 
     batches, begun = made(), []
@@ -392,22 +395,34 @@ def forked_resuming():
     return begun, indices(resumed), indices(resumed)
 
 
-@pytest.mark.one_backend
-def test_forked_workers_yield_the_same_in_order(backend, monkeypatch):
-    monkeypatch.setenv("STREAM_BACKEND", backend)
-    found = fresh(forked)
+def every_forked():
+    """All of the above, in one process: most of the time goes into starting it."""
+    resumed = None if find_spec("torchdata") is None else forked_resuming()
+    # Last, since the loader without workers opens OpenGL.
+    return {"epochs": forked_epochs(), "resumed": resumed, "workers": forked()}
+
+
+@pytest.fixture(scope="module")
+def from_forked():
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    return fresh(every_forked)
+
+
+def test_forked_workers_yield_the_same_in_order(from_forked):
+    found = from_forked["workers"]
     assert found["0"][0] == [[1, 2], [3, 4], [5, 6], [7]]
     assert found["1"] == found["2"] == found["3"] == found["0"]
 
 
-def test_each_epoch_of_workers_that_stay_begins_at_first():
-    assert fresh(forked_epochs) == [[[0, 1], [2, 3], [4, 5]]] * 2
+def test_each_epoch_of_workers_that_stay_begins_at_first(from_forked):
+    assert from_forked["epochs"] == [[[0, 1], [2, 3], [4, 5]]] * 2
 
 
-def test_torchdatas_loader_resumes_workers():
+def test_torchdatas_loader_resumes_workers(from_forked):
     pytest.importorskip("torchdata.stateful_dataloader")
-    begun, left, again = fresh(forked_resuming)
-    assert begun + left == again == [*([each, each + 1] for each in range(0, 16, 2)), [16]]
+    begun, left, again = from_forked["resumed"]
+    assert begun + left == again == [*([each, each + 1] for each in range(0, 10, 2)), [10]]
 
 
 def open_files():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from conftest import backend_fault
 from PIL import Image
-from test_pipeline import tiny
+from test_pipeline import lean, tiny
 
 from semisynth_gl.cli import main
 from semisynth_gl.errors import InputError
@@ -27,7 +27,8 @@ ALL_OUTPUTS = ("visibility", "instances", "depth")
 
 
 def config_of(name, outputs=("visibility",)):
-    config = tiny(name)
+    # Faults are planted in Middlebury's, which rays are cast at for each.
+    config = lean(name) if name == "middlebury" else tiny(name)
     return config.model_copy(update={"outputs": outputs})
 
 
@@ -125,7 +126,7 @@ def test_of_imperfect_images_the_correlation_is_judged(dataset):
     for number in range(3):
         change_image(scene_of(dataset, number) / "im1.png", lambda image: (image // 2).astype(np.uint8))
     assert "images" not in checks(dataset)
-    change_image(scene_of(dataset, 0) / "im0.png", lambda image: image[:, ::-1])
+    change_image(scene_of(dataset, 0) / "im0.png", lambda image: image[::-1, ::-1])
     assert "images" in checks(dataset)
 
 
