@@ -411,6 +411,7 @@ def test_baseline_zero(open_renderer, square):
     assert (frame.visibility_left == OUTSIDE).all()
 
 
+@pytest.mark.one_backend
 @pytest.mark.parametrize("size", [(64, 64), (941, 489), (1, 1), (3000, 2000), (7680, 4320)])
 def test_image_sizes(open_renderer, square, size):
     width, height = size
@@ -427,6 +428,7 @@ def test_image_sizes(open_renderer, square, size):
     np.testing.assert_allclose(frame.disparity_left[::step, ::step], camera.disparity_px(depth), rtol=3e-6)
 
 
+@pytest.mark.one_backend
 @pytest.mark.parametrize("widths", [0.2, 20.0])
 def test_focal_lengths_from_a_fifth_to_twenty_image_widths(open_renderer, widths):
     scene, models = cluttered(seed=6)

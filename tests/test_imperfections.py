@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_pipeline import tiny
+from test_pipeline import lean
 
 from semisynth_gl import pipeline
 from semisynth_gl.checks import faults
@@ -55,8 +55,8 @@ def test_blur_spreads_a_point_evenly():
 
 
 def test_imperfections_touch_images_alone_and_are_recorded():
-    plain_config = tiny()
-    config = tiny(imperfections={"noise": [2, 6], "exposure_stops": [-0.5, 0.5]})
+    plain_config = lean()
+    config = lean(imperfections={"noise": [2, 6], "exposure_stops": [-0.5, 0.5]})
     plain = render_pair(plain_config, 3)
     with PairRenderer(config, 0) as pairs:
         first, again, other = pairs.render(3), pairs.render(3), pairs.render(4)
@@ -78,7 +78,7 @@ def test_vertical_disparity_without_its_truth_is_refused(key):
 
 
 def test_pairs_that_fail_are_drawn_again_from_sub_seeds(monkeypatch):
-    config = tiny()
+    config = lean()
     with PairRenderer(config, 0) as pairs:
         before = [pairs.render(index) for index in range(4)]
     assert all("redrawn" not in pair.provenance for pair in before)
@@ -99,7 +99,7 @@ def test_pairs_that_fail_are_drawn_again_from_sub_seeds(monkeypatch):
 
 
 def test_frames_of_a_redrawn_sequence_belong_together(monkeypatch):
-    config = tiny(sequence={"length": 3})
+    config = lean(sequence={"length": 3})
     seen = []
 
     def fussy(frame, _config):
@@ -114,13 +114,13 @@ def test_frames_of_a_redrawn_sequence_belong_together(monkeypatch):
 
 
 def test_giving_up_says_why():
-    config = tiny(checks={"min_brightness": 250.0, "attempts": 3})
+    config = lean(checks={"min_brightness": 250.0, "attempts": 3})
     with PairRenderer(config, 0) as pairs, pytest.raises(InputError, match=r"all 3 attempts.* too dark: mean"):
         pairs.render(0)
 
 
 def test_faults_are_found():
-    config = tiny()
+    config = lean()
     good = render_pair(config, 0)
     assert faults(good, config) == []
 
