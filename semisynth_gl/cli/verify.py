@@ -80,6 +80,7 @@ def _summary(index: Index, verdicts: list[Verdict], seconds: float) -> str:
         ("visibility_left_disagree_share", "masks disagree in {:.3%}"),
         ("invalid_share", "{:.3%} of the pixels without disparity"),
         ("oracle_largest_px", "rays within {:.1e} px"),
+        ("oracle_flow_largest_px", "flow of rays within {:.1e} px"),
     ):
         value = worst(name)
         if value is not None:
