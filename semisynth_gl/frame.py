@@ -15,7 +15,9 @@ OUTSIDE = 0
 Output = Literal["visibility", "instances", "depth", "flow", "flow_backward", "disparity_change"]
 OUTPUTS: tuple[Output, ...] = get_args(Output)
 DEFAULT_OUTPUTS: tuple[Output, ...] = ("visibility",)
-FLOW_OUTPUTS: frozenset[Output] = frozenset({"flow", "flow_backward", "disparity_change"})
+FUTURE_OUTPUTS: frozenset[Output] = frozenset({"flow", "disparity_change"})
+PAST_OUTPUTS: frozenset[Output] = frozenset({"flow_backward"})
+FLOW_OUTPUTS = FUTURE_OUTPUTS | PAST_OUTPUTS
 """Those that compare a pair with the one before or after it in time."""
 
 TruthOf = Literal["both", "left"]

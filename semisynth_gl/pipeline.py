@@ -23,7 +23,7 @@ from semisynth_gl.camera import Crop
 from semisynth_gl.checks import faults
 from semisynth_gl.config import Config
 from semisynth_gl.errors import InputError
-from semisynth_gl.frame import Frame
+from semisynth_gl.frame import FUTURE_OUTPUTS, PAST_OUTPUTS, Frame
 from semisynth_gl.geometry.model_library import ModelLibrary, build_library
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.imperfections import with_imperfections
@@ -236,16 +236,16 @@ class PairRenderer:
         if not self.config.imperfections.none():
             rng = generator(self.split.seed(self.seed), Purpose.IMPERFECTIONS, index)
             frame, provenance["imperfections"] = with_imperfections(frame, self.config.imperfections, rng)
-        if crop is not None and (frame.camera.width_px, frame.camera.height_px) != (crop.width_px, crop.height_px):
+        if crop is not None and frame.camera == sampled.scene.camera:  # it was drawn whole
             frame = frame.cropped(crop)
         _tell(done, "check")
         return Pair(index, frame, provenance)
 
     def _draw(self, sampled: SampledScene, done: Callable[[str], None] | None, crop: Crop | None = None) -> Frame:
         """Draw a scene, with its motion where an output needs it."""
-        outputs = set(self.config.outputs)
-        future = self.sampler.motion(sampled, +1) if outputs & {"flow", "disparity_change"} else None
-        past = self.sampler.motion(sampled, -1) if "flow_backward" in outputs else None
+        outputs = self.config.outputs
+        future = self.sampler.motion(sampled, +1) if FUTURE_OUTPUTS.intersection(outputs) else None
+        past = self.sampler.motion(sampled, -1) if PAST_OUTPUTS.intersection(outputs) else None
         return self._renderer.render(sampled.scene, done, crop, future=future, past=past)
 
     def _settle(self, number: int, done: Callable[[str], None] | None) -> tuple[_Settled, Frame, SampledScene]:

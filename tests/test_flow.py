@@ -296,8 +296,6 @@ def test_a_motion_leads_to_the_frame_that_is_rendered_next():
     for index, step in ((0, 1), (1, 1), (1, -1), (2, -1), (300, 1)):
         sampled, then = sampler.sample(index), sampler.sample(index + step)
         motion = sampler.motion(sampled, step)
-        if (index + step) // 3 != index // 3:
-            continue
         np.testing.assert_array_equal(motion.scene.world_from_model, then.scene.world_from_model)
         np.testing.assert_array_equal(motion.scene.camera_from_world, then.scene.camera_from_world)
         there = motion.instance >= 0
@@ -316,7 +314,7 @@ def test_motion_goes_on_beyond_both_ends_of_a_sequence():
         sampler = renderer.sampler
     first, last = sampler.sample(0), sampler.sample(2)
     before, after = sampler.motion(first, -1), sampler.motion(last, +1)
-    far = [sampler.motion(first, -step) for step in (400, 401)]
+    far = [sampler.motion(first, -step) for step in (400, 900)]
     for sampled, motion in ((first, before), (last, after)):
         still = sampled.slot < 0
         np.testing.assert_array_equal(motion.world_from_model[still], sampled.scene.world_from_model[still])
@@ -326,9 +324,10 @@ def test_motion_goes_on_beyond_both_ends_of_a_sequence():
     # Long before time 0 other models were there, as many, and not the same every time.
     assert (far[0].instance[first.slot >= 0] == -1).all()
     assert len(far[0].scene) > 0.5 * len(first.scene)
-    assert far[0].scene.model.tolist() != far[1].scene.model.tolist()[: len(far[0].scene.model)] or not np.allclose(
-        far[0].scene.world_from_model[-1], far[1].scene.world_from_model[-1]
-    )
+    # A slot's models of different generations have nothing to do with each other.
+    one, other = (motion.scene.model[int((first.slot < 0).sum()) :] for motion in far)
+    common = min(len(one), len(other))
+    assert (one[:common] == other[:common]).mean() < 0.5
 
 
 @settings(max_examples=60, deadline=None)

@@ -27,21 +27,6 @@ _OWN_DEPTH, _OWN_SURFACE, _THEN_DEPTH, _THEN_SURFACE = range(4)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Flow:
-    """What the pass finds for one eye and one other moment.
-
-    Attributes:
-        flow_px: (H, W, 2) float32, inf where there is none.
-        disparity_change_px: (H, W) float32, likewise.
-        visibility: (H, W) uint8, the values of `semisynth_gl.frame`.
-    """
-
-    flow_px: NDArray[np.float32]
-    disparity_change_px: NDArray[np.float32]
-    visibility: NDArray[np.uint8]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Moved:
     """A motion as the renderer needs it.
 
@@ -114,8 +99,8 @@ class FlowPass:
 
     def draw(
         self, placed: Placed, moved: Moved, eye: Eye, own: EyeTargets, models: ModelBuffers, crop: Crop | None
-    ) -> Flow:
-        """Find the flow of what one eye's targets show."""
+    ) -> FlowTargets:
+        """Find the flow of what one eye's targets show; return what holds it until the next call."""
         if self._then is None or self._targets is None:
             raise RuntimeError("the flow pass has no targets yet")
         scene, camera, then = placed.scene, placed.scene.camera, moved.then
@@ -144,11 +129,7 @@ class FlowPass:
             set_uniform(program, "near_m", scene.near_m)
             set_uniform(program, "traced_centre_px", (camera.cx_px(eye), camera.cy_px))
             vao.render(moderngl.TRIANGLES, 3)
-        return Flow(
-            self._targets.read_flow(crop),
-            self._targets.read_disparity_change(crop),
-            self._targets.read_visibility(crop),
-        )
+        return self._targets
 
     def _bind_moves(self, moved: Moved, offset_m: float) -> None:
         moves = moved.moves.copy()

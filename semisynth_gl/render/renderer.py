@@ -16,7 +16,17 @@ from numpy.typing import NDArray
 
 from semisynth_gl.camera import EYES, OTHER_EYE, Crop, Eye
 from semisynth_gl.errors import BackendError, ContextLostError, InputError
-from semisynth_gl.frame import DEFAULT_OUTPUTS, FLOW_OUTPUTS, OUTPUTS, TRUTHS, Frame, Output, TruthOf
+from semisynth_gl.frame import (
+    DEFAULT_OUTPUTS,
+    FLOW_OUTPUTS,
+    FUTURE_OUTPUTS,
+    OUTPUTS,
+    PAST_OUTPUTS,
+    TRUTHS,
+    Frame,
+    Output,
+    TruthOf,
+)
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.antialias import ColourTargets, parse_antialias
 from semisynth_gl.render.context import Backend, open_context
@@ -32,10 +42,7 @@ from semisynth_gl.scene.scene import Motion, Scene
 Wrap = Literal["mirror", "repeat"]
 RenderStage = Literal["draw", "visibility", "readback"]
 
-_NEEDS_MOTION: Mapping[str, frozenset[Output]] = {
-    "future": frozenset({"flow", "disparity_change"}),
-    "past": frozenset({"flow_backward"}),
-}
+_NEEDS_MOTION: Mapping[str, frozenset[Output]] = {"future": FUTURE_OUTPUTS, "past": PAST_OUTPUTS}
 _MOST_INSTANCE_IDS = 65535
 _UNKNOWN_ERROR = "GL_UNKNOWN_ERROR"
 
@@ -242,11 +249,12 @@ class Renderer:
         output = "flow_backward" if backward else "flow"
         moved = flow_pass.place(placed, motion, self._models)
         for eye in self._truth_eyes:
-            flow = flow_pass.draw(placed, moved, eye, self._targets[eye], self._models, crop)
+            drawn = flow_pass.draw(placed, moved, eye, self._targets[eye], self._models, crop)
             if output in self._outputs:
-                arrays |= {f"{output}_{eye}": flow.flow_px, f"{output}_visibility_{eye}": flow.visibility}
+                arrays[f"{output}_{eye}"] = drawn.read_flow(crop)
+                arrays[f"{output}_visibility_{eye}"] = drawn.read_visibility(crop)
             if not backward and "disparity_change" in self._outputs:
-                arrays[f"disparity_change_{eye}"] = flow.disparity_change_px
+                arrays[f"disparity_change_{eye}"] = drawn.read_disparity_change(crop)
         return arrays
 
     def release(self) -> None:

@@ -101,6 +101,7 @@ class StereoStream(IterableDataset[Any]):
         self._device = device
         self._dealing = Dealing(first, pairs, batch_size, len(self._frames))
         self._check()
+        self._part = split_of(config.splits, self._splits, split)
         self._identity = self._described()
         self._resumed: dict[str, Any] = {}
         self._yielded: int | None = None
@@ -193,10 +194,11 @@ class StereoStream(IterableDataset[Any]):
         if self._device == "cuda":
             gpus = gpus or (torch.cuda.current_device(),)
             reader = CudaReader(torch.device("cuda", gpus[0]))
-        split = split_of(self.config.splits, self._splits, self._split)
         device_index = egl_index_of_worker(gpus, consumer.worker)
         try:
-            renderer = PairRenderer(self.config, self.seed, self._backend, split, device_index, reader or read_array)
+            renderer = PairRenderer(
+                self.config, self.seed, self._backend, self._part, device_index, reader or read_array
+            )
         except BackendError as error:
             raise BackendError(f"{who} cannot render: {error}") from error
 
@@ -209,8 +211,7 @@ class StereoStream(IterableDataset[Any]):
             return None
         height, width = self._crop
         camera = self.config.camera
-        seed = split_of(self.config.splits, self._splits, self._split).seed(self.seed)
-        rng = generator(seed, Purpose.CROP, sequence)
+        rng = generator(self._part.seed(self.seed), Purpose.CROP, sequence)
         x, y = rng.integers(camera.width_px - width + 1), rng.integers(camera.height_px - height + 1)
         return Crop(int(x), int(y), width, height)
 
