@@ -1,0 +1,155 @@
+"""Make a small dataset of every packaged config, layout, encoding and output, and print a SHA-256 for each.
+
+Run it before and after a change that must not change any dataset, with the same driver:
+
+    python benchmarks/dataset_digests.py > before.txt
+    python benchmarks/dataset_digests.py --compare before.txt
+
+Each line has a name and two digests. The first digest covers all files of the pairs, the lists and the links, by name
+and content. The second digest covers index, card, Croissant file and records, less the seconds that a record counts; it
+may change where those files name versions.
+"""
+
+import argparse
+import hashlib
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+CONFIGS = (
+    "middlebury",
+    "kitti",
+    "eth3d",
+    "sceneflow",
+    "ablation-geometry-simple",
+    "ablation-geometry-complex",
+    "ablation-textures-photos",
+    "ablation-textures-procedural",
+    "ablation-textures-target",
+)
+LAYOUTS = ("middlebury", "middlebury-2014", "kitti", "eth3d", "sceneflow", "crestereo", "webdataset")
+# Layouts in which the config chooses the encodings.
+FREE_LAYOUTS = ("middlebury", "webdataset")
+ENCODINGS = (("png", "pfm", "flo"), ("qoi", "png16", "pfm"), ("jxl", "tiff", "png16"))
+OUTPUTS = ("visibility", "instances", "depth", "flow", "flow_backward", "disparity_change")
+DESCRIPTIONS = ("index.json", "README.md", "croissant.json")
+SMALL = ("--set", "camera.width_px=226", "--set", "camera.height_px=141", "--set", "textures.max_patches=64")
+MOVING = (
+    *("--outputs", ",".join(OUTPUTS), "--set", "sequence.length=2"),
+    *("--set", "camera.sway_m=[0.01,0.05]", "--set", "camera.sway_deg=[0.5,2]"),
+    *("--set", "structures.ground=0.5", "--set", "structures.panels=[1,3]"),
+)
+NOISE = ("--set", "imperfections.noise=[1,4]", "--set", "imperfections.gamma=[0.9,1.1]", "--set",
+         "imperfections.blur_px=[0,1]", "--set", "imperfections.exposure_stops=[-0.2,0.2]")  # fmt: skip
+
+
+def cases() -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Name each dataset, with the options of `semisynth-gl generate` that make it."""
+    for config in CONFIGS:
+        yield f"config/{config}", ("--config", config, "--pairs", "2")
+    for layout in LAYOUTS:
+        moving = ("--config", "sceneflow", "--pairs", "4", "--layout", layout, *MOVING)
+        yield f"layout/{layout}", moving
+        splits = ("--validation", "1", "--test", "1", "--set", "splits.models=true")
+        small = ("--config", "kitti", "--pairs", "3", "--layout", layout, "--shard-pairs", "2")
+        yield f"splits/{layout}", (*small, *splits)
+    for layout in FREE_LAYOUTS:
+        for image, disparity, flow in ENCODINGS:
+            files = [f"files.image={image}", f"files.disparity={disparity}", f"files.flow={flow}"]
+            options = [option for value in files for option in ("--set", value)]
+            moving = ("--config", "middlebury", "--pairs", "2", "--layout", layout, *MOVING)
+            yield f"encoding/{layout}/{image}-{disparity}-{flow}", (*moving, *options)
+    for output in ("none", *OUTPUTS):
+        sequence = ("--config", "eth3d", "--pairs", "2", "--set", "sequence.length=2")
+        yield f"output/{output}", (*sequence, "--outputs", output)
+    left = ("--config", "eth3d", "--pairs", "2", "--truth", "left")
+    yield "truth/left", (*left, "--outputs", "visibility,instances,depth")
+    for antialias in ("msaa4", "ssaa2"):
+        yield f"antialias/{antialias}", ("--config", "eth3d", "--pairs", "2", "--set", f"antialias={antialias}")
+    yield "anisotropy", ("--config", "eth3d", "--pairs", "2", "--set", "textures.anisotropy=4")
+    yield "imperfections", ("--config", "eth3d", "--pairs", "2", *NOISE)
+    dense = ("--set", "particles.density=dense", "--set", "textures.flat_share=0.2", "--set", "textures.wrap=repeat")
+    yield "dense", ("--config", "kitti", "--pairs", "2", *dense)
+
+
+def make_photographs(folder: Path) -> None:
+    """Write three pictures of smooth noise, for the configs that want the user's."""
+    folder.mkdir()
+    rng = np.random.default_rng(0)
+    for number in range(3):
+        coarse = rng.integers(0, 256, (40, 60, 3), dtype=np.uint8)
+        fine = rng.integers(-40, 41, (640, 960, 3))
+        picture = np.asarray(Image.fromarray(coarse).resize((960, 640), Image.Resampling.BICUBIC)) + fine
+        Image.fromarray(np.clip(picture, 0, 255).astype(np.uint8)).save(folder / f"{number}.png")
+
+
+def digests(folder: Path) -> tuple[str, str]:
+    """Digest a dataset's files: those of its pairs, and those that describe it."""
+    pairs, descriptions = hashlib.sha256(), hashlib.sha256()
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder).as_posix()
+        if path.is_symlink():
+            content = str(path.readlink()).encode()
+        elif path.is_file():
+            content = path.read_bytes()
+        else:
+            continue
+        described = name in DESCRIPTIONS or (name.startswith("shards/") and name.endswith(".json"))
+        if name.startswith("shards/") and name.endswith(".json"):
+            record = json.loads(content)
+            record.pop("seconds", None)
+            content = json.dumps(record).encode()
+        digest = descriptions if described else pairs
+        digest.update(f"{name} {len(content)}\n".encode() + content)
+    return pairs.hexdigest(), descriptions.hexdigest()
+
+
+def make(name: str, options: Sequence[str], folder: Path) -> str:
+    """Make one dataset below a folder that holds the photographs, and return its line."""
+    out = folder / name.replace("/", "-")
+    images = ("--images", "photographs") if name.endswith("textures-target") else ()
+    command = [sys.executable, "-m", "semisynth_gl", "generate", *options, *images, *SMALL, "--workers", "1"]
+    done = subprocess.run(
+        [*command, "--out", out.name, "--seed", "3"], cwd=folder, capture_output=True, text=True, check=False
+    )
+    if done.returncode:
+        raise SystemExit(f"{name}: {' '.join(command)}: exit code {done.returncode}\n{done.stderr}")
+    return f"{name} {' '.join(digests(out))}"
+
+
+def main() -> None:
+    """Print the lines; with --compare, only those whose first digest differs, and exit with 1 where there are any."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--compare", type=Path, metavar="FILE", help="lines of an earlier run")
+    parser.add_argument("--only", default="", metavar="TEXT", help="datasets whose name contains this")
+    arguments = parser.parse_args()
+    before = {}
+    if arguments.compare:
+        before = {line.split()[0]: line.split()[1:] for line in arguments.compare.read_text().splitlines()}
+    differing = 0
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        make_photographs(folder / "photographs")
+        for name, options in cases():
+            if arguments.only not in name:
+                continue
+            line = make(name, options, folder)
+            if not arguments.compare:
+                print(line, flush=True)
+                continue
+            earlier, now = before.get(name, ["none", "none"]), line.split()[1:]
+            differing += earlier[0] != now[0]
+            about = "" if earlier[1] == now[1] else ", other descriptions"
+            print(f"{'same' if earlier[0] == now[0] else 'DIFFERENT'}{about}: {name}", flush=True)
+    if differing:
+        raise SystemExit(1)
+
+
+if __name__ == "__main__":
+    main()
