@@ -18,7 +18,8 @@ from semisynth_gl.bench.machine import machine_facts
 from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.frame import Frame, Output
-from semisynth_gl.pipeline import PairRenderer
+from semisynth_gl.pairs.pipeline import PairRenderer
+from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.scene import Motion
 
@@ -58,7 +59,7 @@ def measure(name: str, pairs: int, pixels: int, seed: int) -> dict[str, Any]:
             height, width = pair.frame.disparity_left.shape
             x, y = rng.integers(0, width, pixels), rng.integers(0, height, pixels)
             for eye in EYES:
-                hits = oracle.cast(sampled.scene, renderer.sampler.models, eye, x.astype(float), y.astype(float))
+                hits = cast_rays(sampled.scene, renderer.sampler.models, eye, x.astype(float), y.astype(float))
                 disparity = getattr(pair.frame, f"disparity_{eye}")[y, x]
                 same = np.abs(disparity - oracle.disparity_px(sampled.scene.camera, hits)) < _SAME_PX
                 others += int((~same).sum())

@@ -16,7 +16,7 @@ import numpy as np
 
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.histogram import PixelCount, total_variation, wasserstein_px
-from semisynth_gl.pipeline import PairRenderer
+from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.target import target_of
 
 _SCALE = 1 / 8

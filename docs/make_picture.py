@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from semisynth_gl import load_config, render_pair
-from semisynth_gl.pipeline import PairRenderer
+from semisynth_gl.pairs.pipeline import PairRenderer
 
 
 def strip(panels: list[NDArray[np.uint8]], path: Path) -> None:

@@ -12,12 +12,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
+from semisynth_gl.dataset.reader import INDEX, Dataset, open_dataset
 from semisynth_gl.errors import InputError
 from semisynth_gl.metrics import Score, score
 from semisynth_gl.metrics.protocol import ProtocolName
 from semisynth_gl.metrics.score import mean_figures
 from semisynth_gl.metrics.truth import TruePair, Truth, find_truth
-from semisynth_gl.read.dataset import INDEX, Dataset, open_dataset
 
 COLUMNS = ("avgerr", "rms", "bad-1", "bad-2", "bad-4", "D1-all")
 _LARGEST_ERROR_PX = 4.0

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from semisynth_gl.bench.machine import machine_facts
 from semisynth_gl.config import load_config
+from semisynth_gl.dataset.reader import Dataset, open_dataset
 from semisynth_gl.errors import InputError, SemisynthError
 from semisynth_gl.histogram import PixelCount
-from semisynth_gl.read.dataset import Dataset, open_dataset
 from semisynth_gl.splits import SPLITS
 
 try:

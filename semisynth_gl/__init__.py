@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from semisynth_gl.errors import BackendError, InputError, SemisynthError
     from semisynth_gl.frame import Frame
     from semisynth_gl.geometry.mesh import Mesh, make_mesh
-    from semisynth_gl.pipeline import PairRenderer, render_pair
+    from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
     from semisynth_gl.render.renderer import Renderer
     from semisynth_gl.scene.scene import Motion, Scene, make_scene, move
 
@@ -25,7 +25,7 @@ _HOME = {
     "InputError": "errors",
     "Mesh": "geometry.mesh",
     "Motion": "scene.scene",
-    "PairRenderer": "pipeline",
+    "PairRenderer": "pairs.pipeline",
     "Renderer": "render.renderer",
     "Scene": "scene.scene",
     "SemisynthError": "errors",
@@ -34,7 +34,7 @@ _HOME = {
     "make_mesh": "geometry.mesh",
     "make_scene": "scene.scene",
     "move": "scene.scene",
-    "render_pair": "pipeline",
+    "render_pair": "pairs.pipeline",
 }
 
 __all__ = [

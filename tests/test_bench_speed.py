@@ -20,11 +20,11 @@ from semisynth_gl.bench.stages import Costs, limit_of, stage_rows
 from semisynth_gl.bench.workers import is_software, worker_threads
 from semisynth_gl.cli import main
 from semisynth_gl.config import load_config
-from semisynth_gl.generation import generate
+from semisynth_gl.dataset.shard import ShardWriter
+from semisynth_gl.generation.generate import generate
 from semisynth_gl.geometry.solid import is_solid
 from semisynth_gl.layouts.middlebury import SCENES
-from semisynth_gl.pipeline import PAIR_STAGES
-from semisynth_gl.write.shard import ShardWriter
+from semisynth_gl.pairs.pipeline import PAIR_STAGES
 
 SMALL = (
     "camera.width_px=96",
@@ -194,7 +194,7 @@ def test_the_stress_pair_has_what_was_asked_for(config):
 
 
 def test_stages_are_told_in_their_order(config, tmp_path):
-    from semisynth_gl.pipeline import PairRenderer
+    from semisynth_gl.pairs.pipeline import PairRenderer
 
     told = []
     job = shard_job(config, 0, "auto", 1, 1, tmp_path)

@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from semisynth_gl import cache, file_marks, remember
-from semisynth_gl.cache import Entry, cache_folder, cache_summary, read_entry, write_entry
+from semisynth_gl.cache import entries as cache
+from semisynth_gl.cache import file_marks
+from semisynth_gl.cache import lookup as remember
+from semisynth_gl.cache.entries import Entry, cache_folder, cache_summary, read_entry, write_entry
 from semisynth_gl.config.model import ModelsSection, ParticlesSection, TexturesSection
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry import model_library
@@ -437,7 +439,7 @@ def test_two_processes_at_once(photographs, folder):
         "for _ in range(20):\n"
         "    atlas = prepare_atlas(section, 0)\n"
         "    print(hashlib.sha256(atlas.layers).hexdigest())\n"
-        "    for path in __import__('semisynth_gl.cache').cache.cache_folder().iterdir():\n"
+        "    for path in __import__('semisynth_gl.cache.entries').cache.cache_folder().iterdir():\n"
         "        path.unlink(missing_ok=True)\n"
     )
     command = [sys.executable, "-c", script, str(photographs)]

@@ -643,7 +643,7 @@ def test_a_real_pair_becomes_a_config_that_renders(call, tmp_path, monkeypatch):
 
     from conftest import backend_fault
 
-    from semisynth_gl.pipeline import render_pair
+    from semisynth_gl.pairs.pipeline import render_pair
 
     if backend_fault("auto"):
         pytest.skip("no OpenGL here: the config was not rendered")

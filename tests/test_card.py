@@ -13,20 +13,20 @@ from ruamel.yaml import YAML
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Config
+from semisynth_gl.dataset.card import encode_card
+from semisynth_gl.dataset.croissant import encode_croissant
+from semisynth_gl.dataset.index import describe_dataset
+from semisynth_gl.dataset.plan import Plan, make_plan
+from semisynth_gl.dataset.tar import tar_end, tar_member
 from semisynth_gl.frame import OUTPUTS, Frame
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.geometry.silhouette import Silhouette
-from semisynth_gl.index import describe_dataset
 from semisynth_gl.layouts import find_layout, layout_names
-from semisynth_gl.pipeline import Sources
-from semisynth_gl.plan import Plan, make_plan
 from semisynth_gl.read.flow import decode_flo
+from semisynth_gl.scene.sources import Sources
 from semisynth_gl.splits import SplitName
 from semisynth_gl.textures.atlas import atlas_from_arrays
-from semisynth_gl.write.card import encode_card
-from semisynth_gl.write.croissant import encode_croissant
-from semisynth_gl.write.tar import tar_end, tar_member
 
 FOLDERS = [name for name in layout_names() if not find_layout(name).packed]
 ODD = 'my: "own" #1'

@@ -8,7 +8,7 @@ import pytest
 from semisynth_gl.camera import Crop, StereoCamera
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import Frame
-from semisynth_gl.pipeline import PairRenderer
+from semisynth_gl.pairs.pipeline import PairRenderer
 from tests.test_pipeline import lean
 
 CROPS = (Crop(0, 0, 24, 16), Crop(100, 61, 87, 64), Crop(60, 40, 1, 1), Crop(0, 0, 187, 125))

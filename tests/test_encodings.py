@@ -15,15 +15,15 @@ from test_pipeline import lean, tiny
 
 from semisynth_gl import encodings as names
 from semisynth_gl.cli import main
+from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.encodings import DISPARITY_ENCODINGS, IMAGE_ENCODINGS, Encodings
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import OUTSIDE, VISIBLE
-from semisynth_gl.generation import Listener, generate
+from semisynth_gl.generation.generate import Listener, generate
 from semisynth_gl.layouts import Key, find_layout
 from semisynth_gl.layouts.layout import share_beyond
 from semisynth_gl.layouts.middlebury import SCENES
-from semisynth_gl.pipeline import render_pair
-from semisynth_gl.read.dataset import open_dataset, read_index
+from semisynth_gl.pairs.pipeline import render_pair
 from semisynth_gl.read.encodings import DISPARITY_DECODERS, IMAGE_DECODERS, read_with
 from semisynth_gl.read.error import ReadError
 from semisynth_gl.verify.dataset import verify_dataset

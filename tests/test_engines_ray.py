@@ -16,7 +16,7 @@ from semisynth_gl.engines import cluster
 from semisynth_gl.engines.cluster import RayEngine
 from semisynth_gl.engines.task import Stop
 from semisynth_gl.errors import ContextLostError, InputError, WorkerError
-from semisynth_gl.generation import Listener, generate
+from semisynth_gl.generation.generate import Listener, generate
 
 ray = pytest.importorskip("ray")
 

@@ -13,11 +13,11 @@ from PIL import Image
 from test_report import config_of
 
 from semisynth_gl.cli import main
+from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.errors import InputError
-from semisynth_gl.generation import generate
+from semisynth_gl.generation.generate import generate
 from semisynth_gl.metrics.predictions import find_predictions
 from semisynth_gl.metrics.truth import find_truth, read_limits
-from semisynth_gl.read.dataset import open_dataset
 from semisynth_gl.read.disparity import read_disparity
 from semisynth_gl.read.error import ReadError
 from semisynth_gl.write.pfm import encode_pfm

@@ -10,7 +10,7 @@ import pytest
 from test_generation import PAIRS, SEED, command, digests
 from test_pipeline import tiny
 
-from semisynth_gl.generation import generate
+from semisynth_gl.generation.generate import generate
 
 MOMENTS = 50
 

@@ -14,8 +14,9 @@ from semisynth_gl.config.model import BackgroundSection, CameraSection, Disparit
 from semisynth_gl.config.range import Range
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
-from semisynth_gl.pipeline import PairRenderer
+from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.background import draw_background
+from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import near_depth_m
 from semisynth_gl.scene.rotation import rotation_about
 from semisynth_gl.scene.scene import Motion, make_scene, move
@@ -184,7 +185,7 @@ def test_flow_is_the_oracles_at_a_hundred_pixels_of_motion(backend):
             row, column = np.random.default_rng(index).integers(0, (pair.frame.left.shape[:2]), (4000, 2)).T
             x, y = column.astype(float), row.astype(float)
             for eye in EYES:
-                hits = oracle.cast(sampled.scene, models, eye, x, y)
+                hits = cast_rays(sampled.scene, models, eye, x, y)
                 # Where an edge passes the pixel's centre, either surface may be seen.
                 rendered = getattr(pair.frame, f"disparity_{eye}")[row, column]
                 same = np.abs(rendered - oracle.disparity_px(sampled.scene.camera, hits)) < 1e-3
@@ -353,7 +354,7 @@ def test_walls_keep_clear_of_a_camera_that_sways(seed, shift, turn, plane, doffs
             near_m=1e-3,
         )
         for eye in EYES:
-            hits = oracle.cast(scene, STILL_MODELS, eye, x, y)
+            hits = cast_rays(scene, STILL_MODELS, eye, x, y)
             assert np.isfinite(hits.depth_m).all()
             assert hits.depth_m.min() >= near_depth_m(camera, disparity)
 

@@ -17,15 +17,15 @@ from test_layouts import CAMERA, decode, encode, make_frame, write_tree
 from test_pipeline import tiny
 
 from semisynth_gl.config.model import FilesSection
+from semisynth_gl.dataset.places import Folder
+from semisynth_gl.dataset.plan import make_plan
+from semisynth_gl.dataset.reader import Index
 from semisynth_gl.encodings import FLOW_ENCODINGS, Encodings
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE, Frame
 from semisynth_gl.layouts import Key, find_layout, layout_names
 from semisynth_gl.layouts.kitti import flow_visibility_of
 from semisynth_gl.layouts.layout import BEYOND, FLOW_BACKWARD_BEYOND, FLOW_BEYOND
-from semisynth_gl.places import Folder
-from semisynth_gl.plan import make_plan
-from semisynth_gl.read.dataset import Index
 from semisynth_gl.read.encodings import FLOW_DECODERS
 from semisynth_gl.read.error import ReadError
 from semisynth_gl.read.png import decode_rgb16

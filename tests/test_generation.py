@@ -16,17 +16,18 @@ import pytest
 from conftest import backend_fault
 from test_pipeline import tiny
 
+from semisynth_gl.dataset.files import DatasetFiles
+from semisynth_gl.dataset.places import Folder
+from semisynth_gl.dataset.plan import make_plan
+from semisynth_gl.dataset.reader import open_dataset, read_index
+from semisynth_gl.dataset.shard import ShardBusyError, ShardWriter
 from semisynth_gl.engines.local import LocalEngine
 from semisynth_gl.errors import ContextLostError, InputError
-from semisynth_gl.generation import Listener, generate
+from semisynth_gl.generation.generate import Listener, generate
 from semisynth_gl.layouts import layout_names
-from semisynth_gl.pipeline import PairRenderer, prepare_sources
-from semisynth_gl.places import Folder
-from semisynth_gl.plan import make_plan
-from semisynth_gl.read.dataset import open_dataset, read_index
+from semisynth_gl.pairs.pipeline import PairRenderer
+from semisynth_gl.scene.sources import prepare_sources
 from semisynth_gl.verify.dataset import verify_dataset
-from semisynth_gl.write.dataset import DatasetFiles
-from semisynth_gl.write.shard import ShardBusyError, ShardWriter
 
 PAIRS = 7
 SEED = 5
@@ -177,7 +178,7 @@ def test_a_full_disk_costs_no_pair(undisturbed, config, tmp_path, monkeypatch):
             # In the middle of the pair's files.
             names = list(files)
             files = {name: files[name] for name in names}
-            monkeypatch.setattr("semisynth_gl.write.shard.json.dumps", fail)
+            monkeypatch.setattr("semisynth_gl.dataset.shard.json.dumps", fail)
         try:
             return whole(self, files, facts)
         finally:

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from conftest import noise_layers
 
-from semisynth_gl import oracle
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.geometry.complex import COMPLEX_KINDS
 from semisynth_gl.geometry.mesh import make_mesh, merged
 from semisynth_gl.geometry.simple import SIMPLE_KINDS
 from semisynth_gl.geometry.solid import is_solid, marked_solid
+from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.scene import make_scene
 
 KINDS = SIMPLE_KINDS | COMPLEX_KINDS
@@ -69,7 +69,7 @@ def test_rays_from_outside_meet_the_front_of_a_solid_model(name):
     camera = StereoCamera.centred(120, 120, 150.0, 0.1)
     scene = make_scene(camera, model=[0], world_from_model=[matrix], layer=[0])
     x, y = rng.uniform(10, 109, (2, 2000))
-    hits = oracle.cast(scene, [mesh], "left", x, y)
+    hits = cast_rays(scene, [mesh], "left", x, y)
     met = np.flatnonzero(np.isfinite(hits.depth_m))
     assert len(met) > 5
     corners = mesh.positions[mesh.triangles[hits.triangle[met]]].astype(float) @ matrix[:3, :3].T + matrix[:3, 3]

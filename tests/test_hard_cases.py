@@ -22,6 +22,7 @@ from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.geometry.simple import SIMPLE_KINDS
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.background import FACE, draw_background
+from semisynth_gl.scene.raycast import Hits, cast_rays
 from semisynth_gl.scene.rig import draw_camera
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import make_scene
@@ -71,7 +72,7 @@ def compare(frame, scene, models, eye="left", sample=None):
         pixels = np.random.default_rng(0).choice(pixels, sample, replace=False)
     row, column = np.divmod(pixels, width)
     x, y = column.astype(float), row.astype(float)
-    hits = oracle.cast(scene, models, eye, x, y)
+    hits = cast_rays(scene, models, eye, x, y)
     expected = oracle.disparity_px(scene.camera, hits)
     disparity = getattr(frame, f"disparity_{eye}")
     rendered = disparity[row, column].astype(float)
@@ -84,7 +85,7 @@ def compare(frame, scene, models, eye="left", sample=None):
     wrong = np.flatnonzero(error > EXACT_PX)
     # As fine as this, because triangles may be; all in one call, whose cost is the number of instances.
     dx, dy = (each.ravel() for each in np.meshgrid(*[np.linspace(-EDGE_PX, EDGE_PX, 9)] * 2))
-    beside = oracle.cast(scene, models, eye, np.add.outer(x[wrong], dx).ravel(), np.add.outer(y[wrong], dy).ravel())
+    beside = cast_rays(scene, models, eye, np.add.outer(x[wrong], dx).ravel(), np.add.outer(y[wrong], dy).ravel())
     at = np.repeat(wrong, len(dx))
     depth = oracle.depth_on_planes(scene, models, eye, x[at], y[at], beside)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -92,7 +93,7 @@ def compare(frame, scene, models, eye="left", sample=None):
     there |= np.isinf(rendered[at]) & np.isinf(beside.depth_m)
     displaced[wrong] = there.reshape(len(wrong), len(dx)).any(axis=1)
     # Seen at a grazing angle, a surface's disparity changes by tens of px from pixel to pixel.
-    own = oracle.Hits(hits.depth_m[wrong], hits.instance[wrong], hits.triangle[wrong])
+    own = Hits(hits.depth_m[wrong], hits.instance[wrong], hits.triangle[wrong])
     moved = [
         oracle.depth_on_planes(scene, models, eye, x[wrong] + right, y[wrong] + down, own)
         for right, down in ((STEP_PX, 0), (0, STEP_PX))
@@ -171,7 +172,7 @@ def test_clutter_of_all_kinds_agrees_with_the_oracle(open_renderer, seed):
     frame = open_renderer(models, noise_layers(1, 16), outputs=STILL).render(scene)
     assert_like_the_oracle(frame, scene, models, sample=20_000)
     y, x = (values.ravel().astype(float) for values in np.mgrid[:450:5, :600:5])
-    hits = oracle.cast(scene, models, "left", x, y)
+    hits = cast_rays(scene, models, "left", x, y)
     assert (frame.instances_left[::5, ::5].ravel() == hits.instance + 1).mean() >= 0.999
 
 
@@ -314,7 +315,7 @@ def test_fine_meshes_hide_what_is_behind_them(open_renderer, square, radius_px):
     models = [square, ball()]
     frame = open_renderer(models, noise_layers(1, 16)).render(scene)
     y, x = (values.ravel().astype(float) for values in np.mgrid[:150, :200])
-    hits = oracle.cast(scene, models, "left", x, y)
+    hits = cast_rays(scene, models, "left", x, y)
     visibility = oracle.visibility(scene, models, "left", x, y, hits)
     assert (visibility == OCCLUDED).sum() > 40
     assert (frame.visibility_left.ravel() != visibility).sum() <= 1
@@ -527,7 +528,7 @@ def test_the_peers_scene_is_as_exact_as_asked(open_renderer, shared_data):
     frame = open_renderer(models, noise_layers(1, 16), outputs=STILL).render(scene)
     covered = np.flatnonzero(np.isfinite(frame.disparity_left))
     row, column = np.divmod(rng.choice(covered, 20_000, replace=False), 1500)
-    hits = oracle.cast(scene, models, "left", column.astype(float), row.astype(float))
+    hits = cast_rays(scene, models, "left", column.astype(float), row.astype(float))
     error = np.abs(frame.disparity_left[row, column] - oracle.disparity_px(camera, hits))
     # Away from jumps of the disparity and from other objects, as the peers are judged.
     known = np.where(np.isfinite(frame.disparity_left), frame.disparity_left, 0)

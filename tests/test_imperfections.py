@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from test_pipeline import lean
 
-from semisynth_gl import pipeline
-from semisynth_gl.checks import faults
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.errors import InputError
-from semisynth_gl.imperfections import Imperfections, apply_imperfections
-from semisynth_gl.pipeline import PairRenderer, render_pair
+from semisynth_gl.pairs import pipeline
+from semisynth_gl.pairs.checks import faults
+from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
+from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
 
 NONE = Imperfections(blur_px=0.0, exposure_stops=0.0, noise=0.0, gamma=1.0)
 

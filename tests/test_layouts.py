@@ -24,11 +24,11 @@ from semisynth_gl.config.model import FilesSection
 from semisynth_gl.encodings import Encodings
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import OCCLUDED, OUTPUTS, OUTSIDE, VISIBLE, Frame
-from semisynth_gl.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.layouts import Key, find_layout, layout_names
 from semisynth_gl.layouts.kitti import decode_calibration, encode_calibration, objects_of, visibility_of
 from semisynth_gl.layouts.layout import ARRAYS, BEYOND, FLOW_BACKWARD_BEYOND, FLOW_BEYOND, FLOWS, share_beyond
 from semisynth_gl.layouts.middlebury_2014 import expose
+from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.read.error import ReadError
 from semisynth_gl.read.pfm import read_pfm
 from semisynth_gl.read.png import read_grey16, read_rgb

@@ -18,11 +18,12 @@ from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.geometry.silhouette import Silhouette, height_map, mean_silhouette
 from semisynth_gl.geometry.simple import cube, sphere
 from semisynth_gl.histogram import Histogram, PixelCount, mixed, total_variation, wasserstein_px
-from semisynth_gl.pipeline import PairRenderer
+from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.layers import Layers, expected_shares, reach, solve_coverage
 from semisynth_gl.scene.particles import Sizes, expected_cover, poisson_counts
 from semisynth_gl.scene.population import Population
+from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.structures import CURVED_PANEL, GROUND, STILL_MODELS
 from semisynth_gl.scene.target import target_of
@@ -399,7 +400,7 @@ def test_structures_stay_beyond_the_near_plane(street, index):
         assert depth.min() > scene.near_m
     x, y = np.meshgrid(np.linspace(-0.4, 1241.4, 60), np.linspace(-0.4, 374.4, 30))
     for eye in EYES:
-        seen = oracle.disparity_px(scene.camera, oracle.cast(scene, street.models, eye, x, y))
+        seen = oracle.disparity_px(scene.camera, cast_rays(scene, street.models, eye, x, y))
         assert np.isfinite(seen).all()
         assert seen.max() < 192
 

@@ -12,10 +12,10 @@ from hypothesis.extra import numpy as hnp
 from PIL import Image
 
 from semisynth_gl.camera import StereoCamera
+from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.errors import InputError, SemisynthError
 from semisynth_gl.frame import Frame
 from semisynth_gl.read.calib import read_calib
-from semisynth_gl.read.dataset import read_index
 from semisynth_gl.read.error import ReadError
 from semisynth_gl.read.json import read_json
 from semisynth_gl.read.pfm import decode_pfm, read_pfm

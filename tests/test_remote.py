@@ -7,9 +7,9 @@ import pytest
 from test_generation import PAIRS, SEED, command, digests, findings
 from test_pipeline import tiny
 
+from semisynth_gl.dataset.places import Remote
 from semisynth_gl.errors import InputError
-from semisynth_gl.generation import generate
-from semisynth_gl.places import Remote
+from semisynth_gl.generation.generate import generate
 
 BUCKET = "s3://datasets"
 
@@ -90,7 +90,7 @@ def test_a_protocol_without_its_package_is_told():
     code = (
         "import sys; sys.modules['fsspec'] = None\n"
         "from semisynth_gl.errors import InputError\n"
-        "from semisynth_gl.places import open_place\n"
+        "from semisynth_gl.dataset.places import open_place\n"
         "try:\n    open_place('s3://bucket/x')\n"
         "except InputError as error:\n    print(error)\n"
     )

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from conftest import backend_fault, facing, noise_layers
 
-from semisynth_gl import oracle
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.frame import FLOW_OUTPUTS, OUTPUTS
@@ -18,6 +17,7 @@ from semisynth_gl.render.context import open_context
 from semisynth_gl.render.devices import context_facts, egl_devices
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.render.shader_source import shader_source
+from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.scene import make_scene
 
 # Those that need no motion.
@@ -120,7 +120,7 @@ def test_models_that_only_reach_into_the_view_are_drawn(open_renderer, square):
     frame = open_renderer([square], noise_layers(1, 16), outputs=["instances"]).render(scene)
     y, x = (values.ravel().astype(float) for values in np.mgrid[:90, :120])
     for eye in ("left", "right"):
-        hits = oracle.cast(scene, [square], eye, x, y)
+        hits = cast_rays(scene, [square], eye, x, y)
         seen = getattr(frame, f"instances_{eye}").ravel()
         shown = np.bincount(hits.instance + 1, minlength=302)
         for instance in np.flatnonzero(shown > 12):
@@ -144,7 +144,7 @@ def test_a_tip_that_reaches_into_the_view_is_drawn(open_renderer, side):
     scene = make_scene(camera, model=[0], world_from_model=[matrix], layer=[0])
     frame = open_renderer([tip], noise_layers(1, 16), outputs=["instances"]).render(scene)
     y, x = (values.ravel().astype(float) for values in np.mgrid[:160, :200])
-    shown = (oracle.cast(scene, [tip], "left", x, y).instance == 0).sum()
+    shown = (cast_rays(scene, [tip], "left", x, y).instance == 0).sum()
     assert shown >= 2
     assert abs(int((frame.instances_left == 1).sum()) - shown) <= 1
 

@@ -23,12 +23,12 @@ from semisynth_gl import oracle
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.cli import main
 from semisynth_gl.config import Range
+from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import OCCLUDED
-from semisynth_gl.generation import generate
+from semisynth_gl.generation.generate import generate
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.histogram import total_variation, wasserstein_px
-from semisynth_gl.read.dataset import open_dataset, read_index
 from semisynth_gl.report import pictures
 from semisynth_gl.report.build import build_report
 from semisynth_gl.report.measure import PairMeasures, measure, spread, target_histogram
@@ -38,6 +38,7 @@ from semisynth_gl.report.pictures import make_picture, make_pictures, pack_float
 from semisynth_gl.report.plots import bars_of, histogram_svg, linear_ticks, log_ticks
 from semisynth_gl.report.redraws import read_redraws
 from semisynth_gl.report.surfaces import diameters_px, surfaces_at
+from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.scene import make_scene
 
 PAIRS = {"train": 4, "validation": 2}
@@ -118,7 +119,7 @@ def test_a_face_that_looks_at_the_camera_has_the_density_of_its_scale():
     x, y = grid()
     # The face spans 400 x 200 pixels and shows 5 and 2 patches of 64 texels along its edges.
     scene, models = one_face(facing(CAMERA, -100, -50, 400, 200, 2.0), (5.0, 2.0))
-    hits = oracle.cast(scene, models, "left", x, y)
+    hits = cast_rays(scene, models, "left", x, y)
     surfaces = surfaces_at(scene, models, 64, x, y, hits)
     np.testing.assert_allclose(surfaces.texels_per_pixel, 64 * np.sqrt(5 / 400 * 2 / 200), rtol=1e-6)
     rays = CAMERA.rays("left", x, y)
@@ -135,7 +136,7 @@ def test_a_turned_face_has_the_density_and_slant_of_its_plane(turn_deg):
     matrix[:3, 3] = (0, 0, 3) - matrix[:3, 0] / 2 - matrix[:3, 1] / 2
     # Three patches a metre along both edges.
     scene, models = one_face(matrix, (120.0, 120.0))
-    hits = oracle.cast(scene, models, "left", x, y)
+    hits = cast_rays(scene, models, "left", x, y)
     hit = hits.instance == 0
     assert hit.any()
     surfaces = surfaces_at(scene, models, 32, x, y, hits)
@@ -155,7 +156,7 @@ def test_density_is_what_neighbouring_rays_find_in_the_patch():
     matrix = np.eye(4)
     matrix[:3, 0], matrix[:3, 1], matrix[:3, 3] = (9, 1, -2), (-1, 8, 3), (-4, -4, 4)
     scene, models = one_face(matrix, (3.0, 7.0), uv=((0, 0), (1, 0.3), (1.5, 1.2), (0.5, 0.9)))
-    hits = oracle.cast(scene, models, "left", x, y)
+    hits = cast_rays(scene, models, "left", x, y)
     hit = hits.instance == 0
 
     def texels(x_px, y_px):

@@ -18,12 +18,12 @@ from test_pipeline import tiny
 
 from semisynth_gl.camera import Crop, StereoCamera
 from semisynth_gl.config import Config
+from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.engines.task import threads_each
 from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.frame import Frame
-from semisynth_gl.generation import generate
-from semisynth_gl.pipeline import Pair, PairRenderer
-from semisynth_gl.read.dataset import open_dataset
+from semisynth_gl.generation.generate import generate
+from semisynth_gl.pairs.pipeline import Pair, PairRenderer
 from semisynth_gl.render import context
 
 torch = pytest.importorskip("torch")

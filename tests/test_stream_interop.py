@@ -13,7 +13,7 @@ import pytest
 from semisynth_gl.camera import Crop
 from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.frame import OUTPUTS, Frame
-from semisynth_gl.pipeline import PairRenderer
+from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.readers import PixelBuffers
 
 torch = pytest.importorskip("torch")

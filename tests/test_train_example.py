@@ -19,10 +19,10 @@ from PIL import Image  # noqa: E402
 from stereo_network import Estimates, StereoNetwork, correlated, disparity_loss, warped  # noqa: E402
 
 from semisynth_gl.config import load_config  # noqa: E402
+from semisynth_gl.dataset.reader import open_dataset  # noqa: E402
 from semisynth_gl.errors import InputError  # noqa: E402
-from semisynth_gl.generation import generate  # noqa: E402
+from semisynth_gl.generation.generate import generate  # noqa: E402
 from semisynth_gl.metrics.truth import Truth  # noqa: E402
-from semisynth_gl.read.dataset import open_dataset  # noqa: E402
 from semisynth_gl.write.pfm import encode_pfm  # noqa: E402
 
 SMALL = [

@@ -12,10 +12,10 @@ from PIL import Image
 from test_pipeline import lean, tiny
 
 from semisynth_gl.cli import main
+from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.errors import InputError
-from semisynth_gl.generation import generate
+from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts.middlebury import SCENES
-from semisynth_gl.read.dataset import read_index
 from semisynth_gl.read.pfm import read_pfm
 from semisynth_gl.verify.consistency import match_views
 from semisynth_gl.verify.dataset import verify_dataset

@@ -11,12 +11,12 @@ from test_pipeline import tiny
 from test_verify import all_findings, change_disparity, change_image, checks, findings, swap
 
 from semisynth_gl.camera import StereoCamera
+from semisynth_gl.dataset.reader import open_dataset, read_index
+from semisynth_gl.dataset.stored import StoredFrame
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
-from semisynth_gl.generation import generate
+from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts.middlebury import SCENES
-from semisynth_gl.read.dataset import open_dataset, read_index
 from semisynth_gl.read.encodings import FLOW_DECODERS
-from semisynth_gl.read.stored import StoredFrame
 from semisynth_gl.verify.dataset import verify_dataset
 from semisynth_gl.verify.finding import Verdict
 from semisynth_gl.verify.flow import check_change

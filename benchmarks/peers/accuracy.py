@@ -11,6 +11,7 @@ from scene import PeerScene
 
 from semisynth_gl import oracle
 from semisynth_gl.read.pfm import read_pfm
+from semisynth_gl.scene.raycast import cast_rays
 
 # A pixel counts where nothing but one instance is seen this far around it, without a jump of disparity ...
 _FROM_EDGE_PX = 2
@@ -42,13 +43,13 @@ def cast_truth(scene: PeerScene, frames: Sequence[int], rays: int = 3000) -> Tru
     for frame in frames:
         drawn = own_scene(scene, frame)
         row, column = rng.integers(0, scene.height_px, rays), rng.integers(0, scene.width_px, rays)
-        hits = oracle.cast(drawn, models, "left", column.astype(np.float64), row.astype(np.float64))
+        hits = cast_rays(drawn, models, "left", column.astype(np.float64), row.astype(np.float64))
         disparity = oracle.disparity_px(drawn.camera, hits)
         kept = np.isfinite(disparity)
         for x, y in _AROUND:
-            near = oracle.cast(drawn, models, "left", column + _FROM_CREASE_PX * x, row + _FROM_CREASE_PX * y)
+            near = cast_rays(drawn, models, "left", column + _FROM_CREASE_PX * x, row + _FROM_CREASE_PX * y)
             kept &= (near.instance == hits.instance) & (near.triangle == hits.triangle)
-            far = oracle.cast(drawn, models, "left", column + _FROM_EDGE_PX * x, row + _FROM_EDGE_PX * y)
+            far = cast_rays(drawn, models, "left", column + _FROM_EDGE_PX * x, row + _FROM_EDGE_PX * y)
             kept &= far.instance == hits.instance
             kept &= np.abs(oracle.disparity_px(drawn.camera, far) - disparity) < _JUMP_PX * _FROM_EDGE_PX
         truth.row[frame], truth.column[frame] = row[kept], column[kept]

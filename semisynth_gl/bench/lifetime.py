@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from semisynth_gl.bench.shards import LAYOUT, SPLIT, do_all, shard_job
 from semisynth_gl.config import Config
+from semisynth_gl.dataset.plan import Shard
 from semisynth_gl.engines.task import Task, Watch
 from semisynth_gl.errors import SemisynthError
-from semisynth_gl.generation import ShardJob
-from semisynth_gl.pipeline import PairRenderer
-from semisynth_gl.plan import Shard
+from semisynth_gl.generation.generate import ShardJob
+from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.context import Backend
 
 _POLL_S = 0.002

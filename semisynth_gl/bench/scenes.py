@@ -12,6 +12,7 @@ from semisynth_gl.config import Config
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.render.variants import DEFAULT_WAY, DisparityVariants
+from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import Scene
 from semisynth_gl.textures.prepare import prepare_atlas
@@ -98,7 +99,7 @@ def check_pixels(
             far_from_edge = ~grown(outline | edges(disparity.astype(np.float64), _JUMP_PX), _FROM_EDGE_PX)
             row = rng.integers(0, scene.camera.height_px, rays)
             column = rng.integers(0, scene.camera.width_px, rays)
-            hits = oracle.cast(scene, bench.models, eye, column.astype(np.float64), row.astype(np.float64))
+            hits = cast_rays(scene, bench.models, eye, column.astype(np.float64), row.astype(np.float64))
             kept = far_from_edge[row, column]
             kept &= (hits.instance == instance[row, column]) & (hits.triangle == triangle[row, column])
             truth = oracle.disparity_px(scene.camera, hits)

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import NoReturn
 
 from semisynth_gl.config import Config
+from semisynth_gl.dataset.places import Folder
+from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.engines.local import LocalEngine
 from semisynth_gl.engines.task import Job, Result, Stop
 from semisynth_gl.errors import WorkerError
-from semisynth_gl.generation import ShardJob
-from semisynth_gl.places import Folder
-from semisynth_gl.plan import make_plan
+from semisynth_gl.generation.generate import ShardJob
 from semisynth_gl.render.context import Backend
 from semisynth_gl.splits import SplitName
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from semisynth_gl.pipeline import PAIR_STAGES
+from semisynth_gl.pairs.pipeline import PAIR_STAGES
 
 STAGE_TEXTS: Mapping[str, str] = {
     "sample": "what stands where",

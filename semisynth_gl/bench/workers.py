@@ -21,13 +21,13 @@ import numpy as np
 from semisynth_gl.bench.shards import SPLIT, do_all, shard_job
 from semisynth_gl.bench.stages import Costs, StageRow, stage_rows
 from semisynth_gl.config import Config
+from semisynth_gl.dataset.places import Folder
+from semisynth_gl.dataset.plan import Shard
+from semisynth_gl.dataset.shard import ShardWriter
 from semisynth_gl.engines.task import Task, Watch, cores, threads_each
-from semisynth_gl.generation import ShardJob
-from semisynth_gl.pipeline import PAIR_STAGES, PairRenderer
-from semisynth_gl.places import Folder
-from semisynth_gl.plan import Shard
+from semisynth_gl.generation.generate import ShardJob
+from semisynth_gl.pairs.pipeline import PAIR_STAGES, PairRenderer
 from semisynth_gl.render.context import Backend
-from semisynth_gl.write.shard import ShardWriter
 
 _THREADS = "LP_NUM_THREADS"
 # Of a number of workers, as many pairs each at least.

@@ -16,11 +16,11 @@ from semisynth_gl.engines.serial import SerialEngine
 from semisynth_gl.engines.task import Engine, cores
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import OUTPUTS, TRUTHS, TruthOf
-from semisynth_gl.generation import Generated, Listener, Written
-from semisynth_gl.generation import generate as make
+from semisynth_gl.generation.generate import Generated, Listener, Written
+from semisynth_gl.generation.generate import generate as make
 from semisynth_gl.layouts import layout_names
-from semisynth_gl.pipeline import Sources
 from semisynth_gl.render.context import Backend
+from semisynth_gl.scene.sources import Sources
 from semisynth_gl.splits import SplitName
 
 ENGINES = ("serial", "local", "ray")

@@ -9,7 +9,7 @@ from semisynth_gl.cli.options import read_config, scene_options
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.errors import InputError
 from semisynth_gl.histogram import total_variation, wasserstein_px
-from semisynth_gl.pipeline import PairRenderer
+from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.context import Backend
 from semisynth_gl.scene.target import target_of
 
@@ -34,7 +34,7 @@ def preview(
 ) -> None:
     """Draw a contact sheet: the first pairs of a dataset, and their histogram against the config's."""
     # Imported here: matplotlib takes longer to load than a pair to render.
-    from semisynth_gl.sheet import draw_sheet  # noqa: PLC0415
+    from semisynth_gl.report.contact_sheet import draw_sheet  # noqa: PLC0415
 
     config = read_config(config_name, images, models, settings)
     if out.suffix.lower() != ".png":

@@ -6,8 +6,8 @@ from pathlib import Path
 import click
 
 from semisynth_gl.cli.progress import Progress
+from semisynth_gl.dataset.reader import Index, read_index
 from semisynth_gl.errors import InputError
-from semisynth_gl.read.dataset import Index, read_index
 from semisynth_gl.splits import SPLITS, SplitName
 
 _MEGA = 1e6

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.cache import Entry
+from semisynth_gl.cache.entries import Entry
+from semisynth_gl.cache.lookup import all_versions, own_sources, remembered, versions
 from semisynth_gl.config.model import ModelsSection, ParticlesSection
 from semisynth_gl.errors import InputError, Skipped
 from semisynth_gl.geometry.complex import COMPLEX_KINDS
@@ -19,7 +20,6 @@ from semisynth_gl.geometry.silhouette import Silhouette, mean_silhouette
 from semisynth_gl.geometry.simple import SIMPLE_KINDS
 from semisynth_gl.geometry.solid import marked_solid
 from semisynth_gl.interrupts import interrupts_wait
-from semisynth_gl.remember import all_versions, own_sources, remembered, versions
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.splits import WHOLE, Split
 

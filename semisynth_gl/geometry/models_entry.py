@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from semisynth_gl.cache import Entry
+from semisynth_gl.cache.entries import Entry
 from semisynth_gl.errors import Skipped
 from semisynth_gl.geometry.mesh import Mesh
 

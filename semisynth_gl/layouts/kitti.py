@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Config
+from semisynth_gl.dataset.stored import StoredFrame
 from semisynth_gl.encodings import Encodings
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import FLOW_OUTPUTS, OCCLUDED, OUTSIDE, VISIBLE, Output
@@ -40,7 +41,6 @@ from semisynth_gl.layouts.layout import FLOWS, SHORT_NAMES, Key, Layout, Sample,
 from semisynth_gl.read.encodings import FLOW_DECODERS, disparity_decoder
 from semisynth_gl.read.error import ReadError
 from semisynth_gl.read.png import decode_grey
-from semisynth_gl.read.stored import StoredFrame
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.splits import SplitName
 from semisynth_gl.write.encodings import FLOW_ENCODERS, disparity_encoder

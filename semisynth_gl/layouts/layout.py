@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Config
+from semisynth_gl.dataset.stored import StoredFrame
 from semisynth_gl.encodings import Encodings
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import FLOW_OUTPUTS, OUTSIDE, Frame, Output, TruthOf
@@ -25,7 +26,6 @@ from semisynth_gl.read.error import ReadError
 from semisynth_gl.read.json import decode_json
 from semisynth_gl.read.pfm import decode_pfm
 from semisynth_gl.read.png import decode_grey, decode_grey16
-from semisynth_gl.read.stored import StoredFrame
 from semisynth_gl.splits import SplitName
 from semisynth_gl.write.calib import encode_calib
 from semisynth_gl.write.encodings import FLOW_ENCODERS, disparity_encoder, image_encoder

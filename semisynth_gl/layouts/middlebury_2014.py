@@ -61,7 +61,7 @@ class Middlebury2014(Layout):
 
 
 def expose(image: NDArray[np.uint8], stops: float) -> NDArray[np.uint8]:
-    """Multiply 8-bit values, of any shape, by 2 to the power of stops, as `semisynth_gl.imperfections` does."""
+    """Multiply 8-bit values, of any shape, by 2 to the power of stops, as `semisynth_gl.pairs.imperfections` does."""
     levels = np.rint(np.clip(np.arange(256, dtype=np.float32) * np.float32(2.0**stops), 0, 255)).astype(np.uint8)
     exposed: NDArray[np.uint8] = levels[image]
     return exposed

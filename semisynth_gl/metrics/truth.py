@@ -12,12 +12,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.dataset.places import Place
+from semisynth_gl.dataset.reader import INDEX, PLAN, Dataset, Index, open_dataset
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import VISIBLE
 from semisynth_gl.metrics.protocol import UNLIMITED, Limits, ProtocolName
-from semisynth_gl.places import Place
 from semisynth_gl.read.calib import Calibration
-from semisynth_gl.read.dataset import INDEX, PLAN, Dataset, Index, open_dataset
 from semisynth_gl.read.disparity import KITTI_PNG_SCALE, MAP_EXTENSIONS, read_disparity
 from semisynth_gl.read.error import ReadError, read_bytes
 from semisynth_gl.read.png import decode_grey, read_grey

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from matplotlib import colormaps
 
-from semisynth_gl.read.dataset import Dataset, Index
+from semisynth_gl.dataset.reader import Dataset, Index
 from semisynth_gl.report.measure import Measurement, PairMeasures, measure, spread
 from semisynth_gl.report.outliers import QUANTITIES, Outlier, find_outliers
 from semisynth_gl.report.page import ShownPair, write_page

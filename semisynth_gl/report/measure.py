@@ -12,14 +12,15 @@ from pydantic import ValidationError
 
 from semisynth_gl import oracle
 from semisynth_gl.config import Config
+from semisynth_gl.dataset.reader import Dataset, Index
+from semisynth_gl.dataset.remake import RemadeScenes
+from semisynth_gl.dataset.stored import StoredFrame
 from semisynth_gl.errors import InputError, SemisynthError
 from semisynth_gl.frame import OCCLUDED
 from semisynth_gl.histogram import Histogram, PixelCount
-from semisynth_gl.read.dataset import Dataset, Index
-from semisynth_gl.read.stored import StoredFrame
-from semisynth_gl.remake import RemadeScenes
 from semisynth_gl.report.redraws import PairKey
 from semisynth_gl.report.surfaces import diameters_px, surfaces_at
+from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.structures import STILL_MODELS
 from semisynth_gl.scene.target import target_of
 from semisynth_gl.splits import SplitName
@@ -261,7 +262,7 @@ class _RayCaster:
             self.faults["config and seed of the index give another camera than the pair's provenance has"] += 1
             return
         x_px, y_px = x.astype(np.float64), y.astype(np.float64)
-        hits = oracle.cast(scene, remade.models, "left", x_px, y_px)
+        hits = cast_rays(scene, remade.models, "left", x_px, y_px)
         found, stored = oracle.disparity_px(scene.camera, hits), frame.disparity_left[y, x].astype(np.float64)
         with np.errstate(invalid="ignore"):
             same = np.abs(found - stored) <= _ERROR_PX + frame.rounding_px(stored)

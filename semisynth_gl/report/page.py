@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from semisynth_gl.config.model import ImperfectionsSection
+from semisynth_gl.dataset.reader import Index
 from semisynth_gl.histogram import Histogram, total_variation, wasserstein_px
-from semisynth_gl.read.dataset import Index
 from semisynth_gl.report.measure import RAYS, Measurement, PairMeasures, Rays
 from semisynth_gl.report.outliers import QUANTITIES, Outlier
 from semisynth_gl.report.pictures import JPEG_QUALITY, Picture

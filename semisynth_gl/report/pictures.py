@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from semisynth_gl.read.stored import StoredFrame
+from semisynth_gl.dataset.stored import StoredFrame
 
 JPEG_QUALITY = 90
 MOST_BYTES = 22_000_000

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from semisynth_gl.read.dataset import Index, read_record
+from semisynth_gl.dataset.reader import Index, read_record
 from semisynth_gl.read.error import ReadError
 from semisynth_gl.splits import SplitName
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.oracle import Hits
+from semisynth_gl.scene.raycast import Hits
 from semisynth_gl.scene.scene import Scene
 
 

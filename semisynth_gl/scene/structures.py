@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl import oracle
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config.model import DisparitySection, StructuresSection
 from semisynth_gl.config.range import Range
@@ -18,6 +17,7 @@ from semisynth_gl.scene.background import (
     grid_px,
     smallest_offsets,
 )
+from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import check_reachable, near_depth_m
 from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.scene.sway import STILL, Sway
@@ -129,7 +129,7 @@ def draw_surroundings(
         scene = make_scene(
             camera, model=model, world_from_model=matrices, layer=[0] * len(model), near_m=near_m / BEYOND_NEAR
         )
-        hits = oracle.cast(scene, STILL_MODELS, "left", x, y)
+        hits = cast_rays(scene, STILL_MODELS, "left", x, y)
         seen_px = camera.disparity_px(hits.depth_m)
         for number in range(faces, len(model)):
             columns = np.linalg.norm(matrices[number][:3, :3], axis=0)

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Any
 
+from semisynth_gl.cache.lookup import own_sources, remembered, versions
 from semisynth_gl.config.model import TexturesSection
 from semisynth_gl.errors import InputError
-from semisynth_gl.remember import own_sources, remembered, versions
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.splits import WHOLE, Split
 from semisynth_gl.textures.atlas import Atlas

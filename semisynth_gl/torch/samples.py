@@ -6,7 +6,7 @@ from typing import Any
 import torch
 
 from semisynth_gl.frame import Frame
-from semisynth_gl.pipeline import Pair
+from semisynth_gl.pairs.pipeline import Pair
 
 Sample = dict[str, Any]
 """What a stream yields for a pair, before `transform`: see `to_sample`."""

@@ -16,10 +16,10 @@ from torch.utils.data import IterableDataset, get_worker_info
 
 from semisynth_gl.camera import Crop
 from semisynth_gl.config import Config
+from semisynth_gl.dataset.plan import PROGRAM, differences, few
 from semisynth_gl.engines.task import threads_each
 from semisynth_gl.errors import BackendError, InputError
-from semisynth_gl.pipeline import Pair, PairRenderer
-from semisynth_gl.plan import PROGRAM, differences, few
+from semisynth_gl.pairs.pipeline import Pair, PairRenderer
 from semisynth_gl.render.context import BACKENDS, Backend
 from semisynth_gl.render.devices import egl_index_of_worker
 from semisynth_gl.render.readers import read_array

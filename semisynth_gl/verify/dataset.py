@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from semisynth_gl.read.dataset import Index
-from semisynth_gl.read.stored import StoredFrame
+from semisynth_gl.dataset.reader import Index
+from semisynth_gl.dataset.stored import StoredFrame
 from semisynth_gl.splits import SplitName
 from semisynth_gl.verify.consistency import check_left_right, check_mask, match_views, one_surface, visible_pixels
 from semisynth_gl.verify.disparity import VIEWS, check_calibration, check_depth, check_disparity, check_instances

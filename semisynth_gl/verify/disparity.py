@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import StereoCamera
-from semisynth_gl.read.stored import StoredFrame
+from semisynth_gl.dataset.stored import StoredFrame
 from semisynth_gl.verify.finding import Verdict
 
 VIEWS = ("left", "right")

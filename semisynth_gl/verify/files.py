@@ -5,11 +5,11 @@ import json
 from pathlib import Path
 from typing import Any
 
+from semisynth_gl.dataset.places import PARTIAL
+from semisynth_gl.dataset.reader import INDEX, PLAN, RECORDS, Index
+from semisynth_gl.dataset.stored import StoredFrame
 from semisynth_gl.layouts.layout import ARRAYS
-from semisynth_gl.places import PARTIAL
-from semisynth_gl.read.dataset import INDEX, PLAN, RECORDS, Index
 from semisynth_gl.read.error import ReadError
-from semisynth_gl.read.stored import StoredFrame
 from semisynth_gl.verify.finding import Verdict
 from semisynth_gl.verify.shards import StoredShard
 

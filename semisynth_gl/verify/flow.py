@@ -5,8 +5,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.dataset.stored import StoredFrame
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
-from semisynth_gl.read.stored import StoredFrame
 from semisynth_gl.verify.compared import Compared, check_compared
 from semisynth_gl.verify.consistency import Match, one_surface
 from semisynth_gl.verify.disparity import LAST_VALID_PX, beside, beyond, count_of, first_of

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.dataset.stored import StoredFrame
 from semisynth_gl.frame import OCCLUDED, VISIBLE
-from semisynth_gl.read.stored import StoredFrame
 from semisynth_gl.verify.compared import Compared, check_compared
 from semisynth_gl.verify.consistency import HIDDEN_PX, SEEN_PX, judge_mask
 from semisynth_gl.verify.disparity import VIEWS

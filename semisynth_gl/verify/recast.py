@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from semisynth_gl import oracle
 from semisynth_gl.camera import EYES, Eye
+from semisynth_gl.dataset.reader import Index
+from semisynth_gl.dataset.remake import RemadeScenes
+from semisynth_gl.dataset.stored import StoredFrame
 from semisynth_gl.errors import InputError
-from semisynth_gl.read.dataset import Index
-from semisynth_gl.read.stored import StoredFrame
-from semisynth_gl.remake import RemadeScenes
+from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.scene import Motion
 from semisynth_gl.splits import SplitName
@@ -100,7 +101,7 @@ class Recaster:
         y: NDArray[np.float64],
     ) -> Found:
         scene, models = made.scene, self._remade.models
-        hits = oracle.cast(scene, models, eye, x, y)
+        hits = cast_rays(scene, models, eye, x, y)
         found = {"disparity": oracle.disparity_px(scene.camera, hits)[:, None]}
         for name, motion in motions.items():
             flows = oracle.flow(scene, models, motion, eye, x, y, hits)

@@ -8,8 +8,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Self, cast
 
+from semisynth_gl.dataset.reader import RECORDS, Index, read_record
 from semisynth_gl.errors import InputError
-from semisynth_gl.read.dataset import RECORDS, Index, read_record
 from semisynth_gl.read.error import ReadError
 from semisynth_gl.splits import SplitName
 from semisynth_gl.verify.finding import Verdict

@@ -14,21 +14,22 @@ from math import ceil
 from typing import Any, Literal, Self
 
 from semisynth_gl.config import Config
+from semisynth_gl.dataset.card import encode_card
+from semisynth_gl.dataset.croissant import encode_croissant
+from semisynth_gl.dataset.files import CARD, CROISSANT, DatasetFiles, begun, whole_record
+from semisynth_gl.dataset.index import describe_dataset
+from semisynth_gl.dataset.places import Place, open_place
+from semisynth_gl.dataset.plan import Plan, Shard, differences, few, make_plan
+from semisynth_gl.dataset.shard import ShardBusyError, ShardWriter
 from semisynth_gl.engines.serial import SerialEngine
 from semisynth_gl.engines.task import Engine, Stop, Task, Watch
 from semisynth_gl.errors import InputError
-from semisynth_gl.index import describe_dataset
 from semisynth_gl.layouts.layout import share_beyond
-from semisynth_gl.pipeline import Pair, PairRenderer, Sources, prepare_sources
-from semisynth_gl.places import Place, open_place
-from semisynth_gl.plan import Plan, Shard, differences, few, make_plan
+from semisynth_gl.pairs.pipeline import Pair, PairRenderer
 from semisynth_gl.render.context import Backend
 from semisynth_gl.render.devices import egl_index_of_worker
+from semisynth_gl.scene.sources import Sources, prepare_sources
 from semisynth_gl.splits import SplitName
-from semisynth_gl.write.card import encode_card
-from semisynth_gl.write.croissant import encode_croissant
-from semisynth_gl.write.dataset import CARD, CROISSANT, DatasetFiles, begun, whole_record
-from semisynth_gl.write.shard import ShardBusyError, ShardWriter
 
 _SECONDS_BETWEEN_LOOKS = 1.0
 # From so many on, a file system is slower with files than with tars of them.

@@ -3,11 +3,11 @@
 from pydantic import ValidationError
 
 from semisynth_gl.config import Config
+from semisynth_gl.dataset.reader import Index
+from semisynth_gl.dataset.stored import StoredFrame
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import build_library
-from semisynth_gl.read.dataset import Index
-from semisynth_gl.read.stored import StoredFrame
 from semisynth_gl.scene.sampler import SampledScene, SceneSampler
 from semisynth_gl.scene.scene import Motion, Scene
 from semisynth_gl.splits import SplitName, split_of

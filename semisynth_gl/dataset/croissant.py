@@ -11,9 +11,9 @@ from itertools import takewhile
 from pathlib import PurePosixPath
 from typing import Any
 
-from semisynth_gl.plan import Plan
+from semisynth_gl.dataset.files import plan_of
+from semisynth_gl.dataset.plan import Plan
 from semisynth_gl.splits import SplitName
-from semisynth_gl.write.dataset import plan_of
 
 _VERSION = "http://mlcommons.org/croissant/1.1"
 # Croissant's own: readers compare it key by key.
@@ -92,7 +92,7 @@ def encode_croissant(index: Mapping[str, Any]) -> bytes:
     Left out is what nobody told: when it was published, by whom, where it is, and how to cite it.
 
     Args:
-        index: as `semisynth_gl.index.describe_dataset` returns it.
+        index: as `semisynth_gl.dataset.index.describe_dataset` returns it.
 
     Returns:
         JSON-LD, readable, with a line break at the end.

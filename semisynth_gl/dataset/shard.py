@@ -15,10 +15,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from semisynth_gl.locks import lock
-from semisynth_gl.places import PARTIAL, Place, sync
-from semisynth_gl.plan import Shard
-from semisynth_gl.write.tar import tar_end, tar_member
+from semisynth_gl.dataset.locks import lock
+from semisynth_gl.dataset.places import PARTIAL, Place, sync
+from semisynth_gl.dataset.plan import Shard
+from semisynth_gl.dataset.tar import tar_end, tar_member
 
 RECORDS = "shards"
 """Folder of the records, and of the tars."""

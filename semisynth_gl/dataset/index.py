@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from semisynth_gl.dataset.plan import Plan
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.pipeline import Sources
-from semisynth_gl.plan import Plan
+from semisynth_gl.scene.sources import Sources
 from semisynth_gl.splits import SplitName
 from semisynth_gl.textures.photographs import builtin_licences
 from semisynth_gl.textures.prepare import images_of

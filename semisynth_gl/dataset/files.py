@@ -12,13 +12,13 @@ from typing import IO, Any
 from pydantic import ValidationError
 
 from semisynth_gl.config import Config
+from semisynth_gl.dataset.locks import lock, locked
+from semisynth_gl.dataset.places import PARTIAL, Place, empty
+from semisynth_gl.dataset.plan import PROGRAM, Plan, Shard, differences, few
+from semisynth_gl.dataset.shard import RECORDS
 from semisynth_gl.errors import InputError
 from semisynth_gl.layouts import layout_names
-from semisynth_gl.locks import lock, locked
-from semisynth_gl.places import PARTIAL, Place, empty
-from semisynth_gl.plan import PROGRAM, Plan, Shard, differences, few
 from semisynth_gl.splits import SplitName
-from semisynth_gl.write.shard import RECORDS
 
 INDEX = "index.json"
 CARD = "README.md"

@@ -6,77 +6,32 @@ config -> scene    `SceneSampler`: what stands where in pair i, from (config, se
        -> shard    `ShardWriter`: a fixed range of samples on disk, complete or absent
        -> dataset  `DatasetFiles`: shards, and an index last
 
-The first two arrows are here; `semisynth_gl.generation` has the others.
+The first two arrows are here; `semisynth_gl.generation.generate` has the others.
 """  # noqa: D415 - the drawing is the summary
 
-import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.metadata import version
 from types import TracebackType
 from typing import Any, Self
 
-import numpy as np
-from isal.isal_zlib import crc32
-
 from semisynth_gl.camera import Crop
-from semisynth_gl.checks import faults
 from semisynth_gl.config import Config
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import FUTURE_OUTPUTS, PAST_OUTPUTS, Frame
-from semisynth_gl.geometry.model_library import ModelLibrary, build_library
 from semisynth_gl.histogram import Histogram
-from semisynth_gl.imperfections import with_imperfections
+from semisynth_gl.pairs.checks import faults
+from semisynth_gl.pairs.imperfections import with_imperfections
 from semisynth_gl.render.context import Backend
 from semisynth_gl.render.readers import Reader, read_array
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.sampler import SampledScene, SceneSampler
+from semisynth_gl.scene.sources import prepare_sources
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.splits import WHOLE, Split
-from semisynth_gl.textures.atlas import Atlas
-from semisynth_gl.textures.prepare import prepare_atlas
 
 PAIR_STAGES = ("sample", "draw", "visibility", "readback", "check", "encode", "write")
-"""What a pair goes through, in order; the last two in `semisynth_gl.generation`."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Sources:
-    """What a split's pairs are made of.
-
-    Attributes:
-        atlas: its patches.
-        model_library: its models.
-    """
-
-    atlas: Atlas
-    model_library: ModelLibrary
-
-    def digests(self) -> dict[str, str]:
-        """Return what changes where any pixel of a patch or corner of a model does, in JSON's types."""
-        patches = json.dumps([asdict(patch) for patch in self.atlas.patches]).encode()
-        models = 0
-        for mesh in self.model_library.models:
-            for array in (mesh.positions, mesh.uv, mesh.triangles):
-                models = crc32(np.ascontiguousarray(array), models)
-        # What models cover decides how many of them a scene has.
-        silhouette = self.model_library.silhouette
-        for numbers in (np.array(silhouette.fill), silhouette.heights, self.model_library.chances):
-            models = crc32(numbers.tobytes(), models)
-        return {
-            "patches": f"{crc32(np.ascontiguousarray(self.atlas.layers), crc32(patches)):08x}",
-            "models": f"{models:08x}",
-        }
-
-
-def prepare_sources(config: Config, seed: int, split: Split = WHOLE) -> Sources:
-    """Cut the patches and build the models of a split, or find them in the cache.
-
-    Raises:
-        InputError: where images or models cannot be used, or are too few to hold some out.
-    """
-    library = build_library(config.models, config.particles, seed, split)
-    return Sources(prepare_atlas(config.textures, seed, split), library)
+"""What a pair goes through, in order; the last two in `semisynth_gl.generation.generate`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,12 +13,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
 
-from semisynth_gl.cache import Entry, cache_folder, read_entry, write_entry
+from semisynth_gl.cache.entries import Entry, cache_folder, read_entry, write_entry
+from semisynth_gl.cache.file_marks import Mark, glance, mark, renewed
 from semisynth_gl.errors import SemisynthError
-from semisynth_gl.file_marks import Mark, glance, mark, renewed
 
 _Result = TypeVar("_Result")
-_PACKAGE = Path(__file__).resolve().parent
+_PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def remembered(

@@ -7,15 +7,15 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, BinaryIO, overload
 
+from semisynth_gl.dataset.places import Place, open_place
+from semisynth_gl.dataset.stored import StoredFrame
 from semisynth_gl.encodings import DISPARITY_ENCODINGS, FLOW_ENCODINGS, IMAGE_ENCODINGS, Encodings
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import DEFAULT_OUTPUTS, OUTPUTS, Output, TruthOf
 from semisynth_gl.layouts import Key, Layout, find_layout, layout_names
 from semisynth_gl.layouts.layout import sequence_length
-from semisynth_gl.places import Place, open_place
 from semisynth_gl.read.error import ReadError
 from semisynth_gl.read.json import decode_json
-from semisynth_gl.read.stored import StoredFrame
 from semisynth_gl.splits import SPLITS, SplitName
 
 INDEX = "index.json"

@@ -11,11 +11,11 @@ from ruamel.yaml import YAML
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from semisynth_gl.config import Range
+from semisynth_gl.dataset.files import plan_of
+from semisynth_gl.dataset.plan import Plan
 from semisynth_gl.frame import FLOW_OUTPUTS, OCCLUDED, OUTSIDE, VISIBLE
-from semisynth_gl.plan import Plan
 from semisynth_gl.read.encodings import FLOW_DECODERS, disparity_decoder
 from semisynth_gl.splits import SplitName
-from semisynth_gl.write.dataset import plan_of
 
 # From Hugging Face's documentation of its hub, for data and for code; for any other licence it has "other" and a name.
 _LICENCES = frozenset(
@@ -107,7 +107,7 @@ def encode_card(index: Mapping[str, Any]) -> bytes:
     """Encode a dataset's README.md, which follows from its index alone.
 
     Args:
-        index: as `semisynth_gl.index.describe_dataset` returns it.
+        index: as `semisynth_gl.dataset.index.describe_dataset` returns it.
 
     Returns:
         YAML between two lines of dashes, and Markdown.
@@ -222,7 +222,7 @@ def _reading(plan: Plan, index: Mapping[str, Any]) -> str:
         "## Reading it",
         "",
         "```python",
-        "from semisynth_gl.read.dataset import open_dataset",
+        "from semisynth_gl.dataset.reader import open_dataset",
         "",
         'pair = open_dataset("path/to/this/folder")[0]',
         "pair.left, pair.right, pair.disparity_left",

@@ -1,0 +1,1 @@
+"""Shards as an engine's tasks."""
