@@ -8,7 +8,6 @@ import sys
 import time
 import zlib
 from base64 import b64decode
-from dataclasses import replace
 from html.parser import HTMLParser
 from xml.etree import ElementTree as ET
 
@@ -31,13 +30,12 @@ from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.report import pictures
 from semisynth_gl.report.build import build_report
-from semisynth_gl.report.measure import PairMeasures, measure, spread, target_histogram
-from semisynth_gl.report.outliers import QUANTITIES, find_outliers
-from semisynth_gl.report.page import _charts
+from semisynth_gl.report.measure import QUANTITIES, PairMeasures, find_outliers, measure, spread, target_histogram
+from semisynth_gl.report.page import render_page
 from semisynth_gl.report.pictures import make_picture, make_pictures, pack_floats
-from semisynth_gl.report.plots import bars_of, histogram_svg, linear_ticks, log_ticks
+from semisynth_gl.report.plots import Bars, count_bars, draw_histogram
+from semisynth_gl.report.rays import diameters_px, surfaces_at
 from semisynth_gl.report.redraws import read_redraws
-from semisynth_gl.report.surfaces import diameters_px, surfaces_at
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.scene import make_scene
 
@@ -209,7 +207,7 @@ def test_pairs_have_the_measures_of_their_files(dataset, measured):
 
 def test_rays_find_what_the_files_and_the_config_say(dataset, measured):
     rays = measured.rays
-    assert rays.faults == {}
+    assert measured.ray_faults == {}
     assert rays.pairs == len(measured.pairs)
     assert rays.agreeing > 0.99 * rays.cast
     assert rays.slant_deg.min() >= 0
@@ -230,9 +228,10 @@ def test_rays_find_what_the_files_and_the_config_say(dataset, measured):
 def test_scenes_that_are_others_are_left_out_with_the_reason(changed):
     path = changed / "train" / "MiddEval3" / "trainingF" / "middlebury-000001" / "pair.json"
     edit_json(path, lambda pair: pair["camera"].update(focal_px=99.0))
-    found = measure(open_dataset(changed), [0, 1], {})
-    assert found.rays.faults == {"config and seed of the index give another camera than the pair's provenance has": 1}
-    assert (found.rays.pairs, len(found.pairs)) == (1, 2)
+    measurement = measure(open_dataset(changed), [0, 1], {})
+    reason = "config and seed of the index give another camera than the pair's provenance has"
+    assert measurement.ray_faults == {reason: 1}
+    assert (measurement.rays.pairs, len(measurement.pairs)) == (1, 2)
 
 
 def test_scenes_of_other_sizes_do_not_pass_for_these(changed):
@@ -240,8 +239,8 @@ def test_scenes_of_other_sizes_do_not_pass_for_these(changed):
         index["config_values"]["particles"]["size_px"] = [60.0, 70.0]
 
     edit_json(changed / "index.json", larger)
-    [(reason, count)] = measure(open_dataset(changed), [0, 1], {}).rays.faults.items()
-    assert reason.startswith("the scene made again is another than the files show")
+    [(reason, count)] = measure(open_dataset(changed), [0, 1], {}).ray_faults.items()
+    assert reason.startswith("the rebuilt scene differs from the stored pair")
     assert count == 2
 
 
@@ -249,12 +248,12 @@ def test_a_config_of_another_version_leaves_out_target_and_scenes(changed):
     edit_json(changed / "index.json", lambda index: index["config_values"].update(of_the_future=1))
     made = build_report(read_index(changed), pairs=2, sample=2)
     assert made.measurement.target is None
-    [(reason, count)] = made.measurement.rays.faults.items()
+    [(reason, count)] = made.measurement.ray_faults.items()
     assert "cannot be made again" in reason
     assert "of_the_future" in reason
     assert count == 2
     assert "The target is not drawn" in made.page
-    assert made.page.count("Not drawn. The scenes could not be made again") == 3
+    assert made.page.count("Not drawn. The scenes could not be rebuilt") == 3
     assert "Median disparity of single pairs" in made.page
 
 
@@ -276,7 +275,7 @@ def test_other_layouts_can_be_reported(layout, tmp_path):
         pytest.skip("no OpenGL here")
     generate(config_of(), tmp_path / "set", 2, 0, layout=layout, shard_pairs=1)
     made = build_report(read_index(tmp_path / "set"), pairs=1, sample=1)
-    assert made.measurement.rays.faults == {}
+    assert made.measurement.ray_faults == {}
     assert made.measurement.rays.pairs == 1
     assert made.shown == 1
 
@@ -292,7 +291,7 @@ def test_a_dataset_at_an_address_can_be_reported(dataset, page, tmp_path, monkey
     finally:
         memory.rm("/bucket", recursive=True)
     assert [path.name for path in tmp_path.iterdir()] == ["far-away-report.html"]
-    assert "None is shown" in (tmp_path / "far-away-report.html").read_text("utf-8")
+    assert "This page shows no pairs" in (tmp_path / "far-away-report.html").read_text("utf-8")
 
 
 # What was drawn again.
@@ -310,9 +309,9 @@ def test_redraws_are_those_of_all_records(changed):
     edit_json(records[0], redraw)
     found = read_redraws(read_index(changed))
     assert (found.pairs, found.attempts) == (6, 2)
-    assert {key: len(reasons) for key, reasons in found.of_pair.items()} == {("train", 0): 2}
-    assert [(reason.name, reason.attempts) for reason in found.reasons] == [("too dark", 2), ("too little texture", 1)]
-    assert found.reasons[0].example == "too dark: mean 3.0 levels, at least 8 wanted"
+    assert {key: len(reasons) for key, reasons in found.messages.items()} == {("train", 0): 2}
+    assert [(fault.name, fault.attempts) for fault in found.faults] == [("too dark", 2), ("too little texture", 1)]
+    assert found.faults[0].example == "too dark: mean 3.0 levels, at least 8 wanted"
     assert read_redraws(read_index(changed), "validation").attempts == 0
     # Pair 0 is not in the sample of one.
     made = build_report(read_index(changed), pairs=0, sample=1)
@@ -348,36 +347,64 @@ def test_outliers_are_the_farthest_from_the_median():
 # Plots and pictures.
 
 
-def test_bars_hold_all_values_once():
-    values = np.r_[np.arange(100), np.nan]
-    bars = bars_of(values, bins=10)
-    np.testing.assert_allclose(bars.shares, 0.1)
-    np.testing.assert_allclose(bars.edges, np.linspace(0, 99, 11))
-    assert bars_of([5.0, 5.0]).shares.sum() == 1
-    logarithmic = bars_of([0.0, 1, 10, 100], bins=2, log=True)
-    np.testing.assert_allclose(logarithmic.edges, [1, 10, 100])
-    np.testing.assert_allclose(logarithmic.shares, [1 / 3, 2 / 3])
+def test_bars_count_all_values_once():
+    bars = count_bars(np.r_[np.arange(100), np.nan])
+    np.testing.assert_allclose(bars.shares, 0.05)
+    np.testing.assert_allclose(bars.edges, np.linspace(0, 99, 21))
+    assert count_bars([5.0, 5.0]).shares.sum() == 1
+    logarithmic = count_bars([0.0, 1, 10, 256], log=True)
+    np.testing.assert_allclose(logarithmic.edges, 2.0 ** np.arange(9))
+    np.testing.assert_allclose(logarithmic.shares, np.array([1, 0, 0, 1, 0, 0, 0, 1]) / 3)
 
 
-def test_ticks_are_round_and_inside():
-    assert linear_ticks(0, 90, 6) == [0, 20, 40, 60, 80]
-    assert linear_ticks(0.012, 0.049, 4) == [0.02, 0.03, 0.04]
-    assert log_ticks(0.9, 60) == [1, 2, 5, 10, 20, 50]
-    assert log_ticks(1e-3, 1e5) == [10.0**power for power in range(-3, 6)]
-    assert len(log_ticks(2.1, 3.9)) > 1
+def drawing(low, high, *, log=False, **options):
+    return ET.fromstring(draw_histogram("name", Bars(np.array([low, high]), np.ones(1), log), "x", **options))  # noqa: S314
+
+
+def all_of(svg, tag):
+    return list(svg.iter(f"{{http://www.w3.org/2000/svg}}{tag}"))
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "log", "expected"),
+    [
+        (0, 90, False, "0 20 40 60 80"),
+        (0.012, 0.049, False, "0.02 0.03 0.04"),
+        (0.9, 60, True, "1 2 5 10 20 50"),
+        (1e-3, 1e5, True, "0.001 0.01 0.1 1 10 100 1000 10000 100000"),
+        (2.1, 3.9, True, "2.5 3 3.5"),
+    ],
+)
+def test_ticks_are_round_and_inside(low, high, log, expected):
+    ticks = [text.text for text in all_of(drawing(low, high, log=log), "text") if text.text.replace(".", "").isdigit()]
+    assert ticks == expected.split()
 
 
 def test_the_heights_of_bars_are_the_shares():
-    bars = replace(bars_of([0.0, 4.0], bins=4), shares=np.array([0.5, 0.25, 0.0, 0.25]))
-    text = histogram_svg(bars, "a <title>", "px & more", outline=np.full(4, 0.25), marks=[(1, "<m>")])
+    bars = Bars(np.arange(5.0), np.array([0.5, 0.25, 0.0, 0.25]))
+    marks = [(1, "<m>"), (9, "outside")]
+    text = draw_histogram("name", bars, "px & more", outline=np.full(4, 0.25), marks=marks)
     svg = ET.fromstring(text)  # noqa: S314 - its own
-    heights = [float(bar.get("height")) for bar in svg.iter("rect")]
-    assert len(heights) == 3
-    assert heights[1] == pytest.approx(heights[0] / 2, abs=0.1)
-    [line] = svg.iter("polyline")
-    levels = {float(point.split(",")[1]) for point in line.get("points").split()}
-    assert levels == {float(list(svg.iter("rect"))[1].get("y"))}
-    assert svg.find("title").text == "a <title>"
+    groups = {name: [group for group in all_of(svg, "g") if group.get("class") == name] for name in ("bar", "mark")}
+    tooltips = {name: [all_of(group, "title")[0].text for group in found] for name, found in groups.items()}
+    assert tooltips == {"bar": ["0 to 1: 50 %", "1 to 2: 25 %", "3 to 4: 25 %"], "mark": ["<m>"]}
+    levels = [
+        [float(number) for number in re.findall(r"[\d.]+ ([\d.]+)", all_of(group, "path")[0].get("d"))]
+        for group in groups["bar"]
+    ]
+    heights = [max(level) - min(level) for level in levels]
+    np.testing.assert_allclose(heights, np.array([1, 0.5, 0.5]) * heights[0], atol=0.01)
+    [line] = [path.get("d") for path in all_of(svg, "path") if "var(--outline); stroke-width: 1.6" in path.get("style")]
+    assert {float(number) for number in re.findall(r"[\d.]+ ([\d.]+)", line)} == {min(levels[1])}
+    assert "px & more" in [label.text for label in all_of(svg, "text")]
+
+
+def test_drawings_of_a_page_share_no_ids():
+    first, second = (draw_histogram(name, count_bars([1.0, 2.0]), "px") for name in ("first", "second"))
+    ids = [set(re.findall(r'id="([^"]*)"', text)) for text in (first, second)]
+    assert ids[0]
+    assert not ids[0] & ids[1]
+    assert draw_histogram("first", count_bars([1.0, 2.0]), "px") == first
 
 
 def unpacked(data, height, width):
@@ -414,6 +441,10 @@ def test_pictures_are_reduced_until_they_fit(dataset, monkeypatch):
     reduced = make_pictures([0, 1], read)
     assert {picture.step for picture in reduced} == {2}
     assert sum(picture.size for picture in reduced) <= most
+    made = build_report(read_index(dataset), pairs=2, sample=2)
+    assert made.step == 2
+    assert "reduced to 1/2 of their size" in made.page
+    assert "every 2nd pixel" in made.page
 
 
 # The page as a file.
@@ -502,7 +533,15 @@ def test_the_command_refuses_what_it_cannot_do(dataset, changed, tmp_path, monke
     assert not (tmp_path / "report.html").exists()
 
 
-SIZES = "The config&#x27;s particles.size_px is"
+SIZES = "The config's particles.size_px is"
+
+
+def figure_of(index, measurement, title):
+    page = render_page(index, measurement, read_redraws(index), [], [], [])
+    [figure] = [
+        figure for figure in re.findall("<figure>.*?</figure>", page, re.DOTALL) if f"<h3>{title}</h3>" in figure
+    ]
+    return figure
 
 
 @pytest.mark.parametrize(
@@ -521,17 +560,16 @@ def test_sizes_are_marked_where_size_px_alone_decides(dataset, measured, particl
     index = read_index(dataset)
     assert index.config["particles"]["size_m"] is None
     index.config["particles"].update({"size_px": [50.0, 90.0], **particles})
-    size = list(_charts(index, measured))[4]
-    assert "<h3>Object size</h3>" in size
+    size = figure_of(index, measured, "Object size")
     assert (SIZES in size, "particles.size_px: " in size) == (marked, marked)
 
 
 def test_texture_is_said_to_be_of_what_is_stored(dataset, measured):
     index = read_index(dataset)
-    assert "as checks.min_texture (dashed) takes it." in list(_charts(index, measured))[-1]
+    assert "as checks.min_texture (dashed) takes it." in figure_of(index, measured, "Texture")
     for imperfections in ({"noise": 3.0}, {"of_the_future": 1}):
         index.config["imperfections"].update(imperfections)
-        assert "of the images as stored, with their imperfections" in list(_charts(index, measured))[-1]
+        assert "of the images as stored, with their imperfections" in figure_of(index, measured, "Texture")
 
 
 # The page in a browser.

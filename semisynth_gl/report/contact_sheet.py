@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from semisynth_gl.frame import Frame
 from semisynth_gl.histogram import Histogram, PixelCount, total_variation
+from semisynth_gl.report.plots import COLOUR_MAP
 
-# Perceptually uniform, and dark where things are far.
-_COLOUR_MAP = "inferno"
 _INVALID = "#4060c0"
 _WIDTH_IN = 16.0
 
@@ -39,7 +38,7 @@ def draw_sheet(frames: Sequence[Frame], target: Histogram, title: str) -> Figure
         axes[0].imshow(frame.left)
         axes[1].imshow(frame.right)
         shown = axes[2].imshow(
-            np.ma.masked_invalid(frame.disparity_left), cmap=_COLOUR_MAP, vmin=0, vmax=largest, interpolation="nearest"
+            np.ma.masked_invalid(frame.disparity_left), cmap=COLOUR_MAP, vmin=0, vmax=largest, interpolation="nearest"
         )
         axes[2].set_facecolor(_INVALID)
         bar = figure.colorbar(shown, ax=axes[2], pad=0.01, fraction=0.04)
