@@ -1,4 +1,4 @@
-"""The contact sheet: pairs with their disparity, and its histogram against the wanted one."""
+"""The contact sheet: pairs with their disparity, and its histogram against the target."""
 
 from collections.abc import Sequence
 
@@ -17,12 +17,12 @@ _WIDTH_IN = 16.0
 
 
 def draw_sheet(frames: Sequence[Frame], target: Histogram, title: str) -> Figure:
-    """Draw a row per pair (left, right, left disparity with its scale in px) above the histogram of all of them.
+    """Draw a row for each pair (left, right, left disparity with its scale in px) above the histogram of all pairs.
 
     Args:
-        frames: at least one.
-        target: the wanted distribution.
-        title: shown on top.
+        frames: the pairs, at least one.
+        target: distribution that the config asks for.
+        title: title of the sheet.
     """
     first = frames[0].camera
     row_in = (_WIDTH_IN / 3.15) * first.height_px / first.width_px

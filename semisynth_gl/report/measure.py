@@ -104,7 +104,7 @@ def target_histogram(index: Index) -> Histogram:
         config = Config.model_validate(index.config)
     except ValidationError as error:
         reason = "; ".join(str(error).splitlines()[:3])
-        raise InputError(f"the config in the index is not one of this version: {reason}") from None
+        raise InputError(f"the config in the index is not a config of this version: {reason}") from None
     return target_of(config.disparity, config.camera)
 
 

@@ -119,7 +119,7 @@ def render_page(
 
 
 def _viewed(pair: ShownPair) -> dict[str, Any]:
-    """Return what report.js needs of a pair beside its images and arrays."""
+    """Return the values that report.js takes for a pair, without images and arrays."""
     measures, picture = pair.measures, pair.picture
     caption = [f"{measures.name}: median disparity {measures.median_px:.4g} px"]
     if measures.occluded is not None:

@@ -96,7 +96,7 @@ class RayCaster:
         agreeing |= exact == stored
         if agreeing.mean() < _LEAST_AGREEING:
             raise InputError(
-                "the rebuilt scene differs from the stored pair, which another version made, or other models"
+                "the rebuilt scene differs from the stored pair: the dataset is of another version, or the models changed"
             )
         surfaces = surfaces_at(scene, scenes.models, scenes.config.textures.patch_px, x_px, y_px, hits)
         hit = agreeing & (hits.instance >= 0)
@@ -126,7 +126,7 @@ def objects_among(scene: Scene, instances: NDArray[np.int64]) -> NDArray[np.int6
     """Return the instances that are objects: all but those that stand still as background, ground or panel.
 
     Args:
-        scene: what stands where.
+        scene: the scene.
         instances: (N,) int64, indices of instances of the scene.
     """
     return instances[scene.model[instances] >= len(STILL_MODELS)]
@@ -164,8 +164,8 @@ def surfaces_at(
     stretching, of s patches per metre, this is patch_px s Z / (f sqrt(|n . r|)) with n of length 1.
 
     Args:
-        scene: what stands where.
-        models: the meshes that ``scene.model`` counts.
+        scene: the scene.
+        models: the meshes that ``scene.model`` indexes.
         patch_px: side of a patch in texels.
         x_px: (R,) float64, columns of the rays in the left view.
         y_px: (R,) float64, rows.
@@ -203,8 +203,8 @@ def diameters_px(scene: Scene, models: Sequence[Mesh], instances: NDArray[np.int
     of its three scales, seen at the depth of its centre.
 
     Args:
-        scene: what stands where.
-        models: the meshes that ``scene.model`` counts.
+        scene: the scene.
+        models: the meshes that ``scene.model`` indexes.
         instances: (N,) int64, indices of instances of the scene.
     """
     view_from_model = scene.camera_from_world @ scene.world_from_model[instances]

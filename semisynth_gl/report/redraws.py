@@ -33,8 +33,8 @@ class Redraws:
     Attributes:
         pairs: number of pairs in the records.
         attempts: number of failed attempts.
-        messages: the messages of each pair's failed attempts, for pairs that have failed attempts; for a sequence
-            under its first frame.
+        messages: the messages about the failed attempts of a pair; pairs without failed attempts are absent. The
+            first frame of a sequence stands for all its frames.
         faults: all kinds of faults, the most frequent first.
         unread: messages about unreadable records.
     """
