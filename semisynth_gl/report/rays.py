@@ -96,7 +96,7 @@ class RayCaster:
         agreeing |= exact == stored
         if agreeing.mean() < _LEAST_AGREEING:
             raise InputError(
-                "the rebuilt scene differs from the stored pair: the dataset is of another version, or the models changed"
+                "the rebuilt scene differs from the stored pair: another version made the dataset, or models changed"
             )
         surfaces = surfaces_at(scene, scenes.models, scenes.config.textures.patch_px, x_px, y_px, hits)
         hit = agreeing & (hits.instance >= 0)
