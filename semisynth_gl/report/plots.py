@@ -40,21 +40,13 @@ _STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "font.family": _FONT,
     "font.size": 12,
-    "axes.labelsize": 12,
-    "axes.labelcolor": _SOFT,
-    "axes.edgecolor": _SOFT,
     "axes.facecolor": "none",
-    "axes.spines.left": False,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
     "axes.axisbelow": True,
     "grid.color": _LINE,
-    "xtick.color": _SOFT,
-    "xtick.labelsize": 12,
     "xtick.major.size": 3,
-    "ytick.color": _SOFT,
-    "ytick.labelsize": 12,
     "ytick.major.size": 0,
+    **dict.fromkeys(("axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color"), _SOFT),
+    **dict.fromkeys(("axes.spines.left", "axes.spines.right", "axes.spines.top"), False),
 }
 
 
