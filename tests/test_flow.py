@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from semisynth_gl import oracle
 from semisynth_gl.camera import EYES, Crop, StereoCamera
+from semisynth_gl.config import Range
 from semisynth_gl.config.model import BackgroundSection, CameraSection, DisparitySection, StructuresSection
-from semisynth_gl.config.range import Range
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.pairs.pipeline import PairRenderer

@@ -22,7 +22,6 @@ from semisynth_gl.report.redraws import PairKey
 from semisynth_gl.report.surfaces import diameters_px, surfaces_at
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.structures import STILL_MODELS
-from semisynth_gl.scene.target import target_of
 from semisynth_gl.splits import SplitName
 from semisynth_gl.textures.crops import texture_measure
 
@@ -134,7 +133,7 @@ def target_histogram(index: Index) -> Histogram:
     except ValidationError as error:
         reason = "; ".join(str(error).splitlines()[:3])
         raise InputError(f"the config in the index is not one of this version: {reason}") from None
-    return target_of(config.disparity, config.camera)
+    return config.wanted_histogram()
 
 
 def measure(

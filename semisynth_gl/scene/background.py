@@ -8,8 +8,8 @@ import pyrr
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import EYES, StereoCamera
+from semisynth_gl.config import Range
 from semisynth_gl.config.model import BackgroundSection, DisparitySection
-from semisynth_gl.config.range import Range
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.scene.rig import check_reachable, near_depth_m

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import StereoCamera
-from semisynth_gl.config.model import LayerSection, ParticlesSection
+from semisynth_gl.config.model import DepthLayerSection, ParticlesSection
 from semisynth_gl.geometry.stretch import draw_scales
 from semisynth_gl.scene.rotation import rotation_about, rotation_of
 
@@ -212,12 +212,14 @@ def poisson_counts(mean: Floats, quantile: Floats) -> NDArray[np.int64]:
     return counts
 
 
-def stated_sizes(layer: LayerSection, section: ParticlesSection) -> Sizes:
+def stated_sizes(layer: DepthLayerSection, section: ParticlesSection) -> Sizes:
     """Return the sizes of a layer that the config states."""
     return sizes_of(section) if layer.size_px is None else Sizes(layer.size_px.low, layer.size_px.high)
 
 
-def stated_batches(layers: Sequence[LayerSection], section: ParticlesSection, rng: np.random.Generator) -> list[Batch]:
+def stated_batches(
+    layers: Sequence[DepthLayerSection], section: ParticlesSection, rng: np.random.Generator
+) -> list[Batch]:
     """Layers as the config states them, each count drawn from its range and rounded."""
     return [
         Batch(each.disparity_px.low, each.disparity_px.high, round(each.count.draw(rng)), stated_sizes(each, section))

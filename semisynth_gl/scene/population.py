@@ -42,7 +42,6 @@ from semisynth_gl.scene.particles import (
 from semisynth_gl.scene.rig import check_reachable, draw_camera, near_depth_m
 from semisynth_gl.scene.structures import draw_surroundings
 from semisynth_gl.scene.sway import draw_sway
-from semisynth_gl.scene.target import target_of
 from semisynth_gl.seeds import Purpose, generator
 
 Floats = NDArray[np.float64]
@@ -110,7 +109,7 @@ class Population:
         self._config = config
         self._seed = seed
         self._silhouette = silhouette
-        self.target = merged(target_of(config.disparity, config.camera))
+        self.target = merged(config.wanted_histogram())
         self._layers = layers_of(self.target, config.disparity.min_px, config.disparity.max_px)
         self._first_quantile = generator(seed, Purpose.COUNTS).random(len(self._layers))
 
@@ -157,7 +156,7 @@ class Population:
         """
         if self._config.particles.layers is not None:
             return None
-        return Histogram.of(self.target.edges_px, self._aim.achieved)
+        return Histogram.from_counts(self.target.edges_px, self._aim.achieved)
 
     @cached_property
     def _aim(self) -> _Aim:

@@ -3,8 +3,8 @@
 import numpy as np
 
 from semisynth_gl.camera import StereoCamera
+from semisynth_gl.config import Range
 from semisynth_gl.config.model import CameraSection, DisparitySection
-from semisynth_gl.config.range import Range
 from semisynth_gl.errors import InputError
 
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import StereoCamera
+from semisynth_gl.config import Range
 from semisynth_gl.config.model import DisparitySection, StructuresSection
-from semisynth_gl.config.range import Range
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.scene.background import (
     BEYOND_NEAR,

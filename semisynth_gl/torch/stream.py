@@ -24,7 +24,7 @@ from semisynth_gl.render.context import BACKENDS, Backend
 from semisynth_gl.render.devices import egl_index_of_worker
 from semisynth_gl.render.readers import read_array
 from semisynth_gl.seeds import Purpose, generator
-from semisynth_gl.splits import SPLITS, SplitName, split_of
+from semisynth_gl.splits import SPLITS, SplitName
 from semisynth_gl.torch.dealing import Consumer, Dealing
 from semisynth_gl.torch.interop import CudaReader
 from semisynth_gl.torch.samples import Sample, to_sample
@@ -101,7 +101,7 @@ class StereoStream(IterableDataset[Any]):
         self._device = device
         self._dealing = Dealing(first, pairs, batch_size, len(self._frames))
         self._check()
-        self._part = split_of(config.splits, self._splits, split)
+        self._part = config.splits.split(split, self._splits)
         self._identity = self._described()
         self._resumed: dict[str, Any] = {}
         self._yielded: int | None = None
