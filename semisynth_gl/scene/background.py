@@ -12,8 +12,7 @@ from semisynth_gl.config import Range
 from semisynth_gl.config.model import BackgroundSection, DisparitySection
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
-from semisynth_gl.scene.rig import check_reachable, near_depth_m
-from semisynth_gl.scene.sway import STILL, Sway
+from semisynth_gl.scene.rig import STILL, Sway, check_reachable, near_depth_m
 
 _FACE_CELLS = 8
 

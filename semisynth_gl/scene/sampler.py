@@ -14,10 +14,9 @@ from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.scene.background import Background, draw_background
 from semisynth_gl.scene.particles import Particles, Release, Slots, draw_release, draw_slots, particles_at
 from semisynth_gl.scene.population import Population
-from semisynth_gl.scene.rig import draw_camera, near_depth_m
+from semisynth_gl.scene.rig import Sway, draw_camera, draw_sway, near_depth_m
 from semisynth_gl.scene.scene import Motion, Scene
 from semisynth_gl.scene.structures import STILL_MODELS, Surroundings, draw_surroundings
-from semisynth_gl.scene.sway import Sway, draw_sway
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 

@@ -18,9 +18,8 @@ from semisynth_gl.scene.background import (
     smallest_offsets,
 )
 from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.rig import check_reachable, near_depth_m
+from semisynth_gl.scene.rig import STILL, Sway, check_reachable, near_depth_m
 from semisynth_gl.scene.scene import make_scene
-from semisynth_gl.scene.sway import STILL, Sway
 
 Floats = NDArray[np.float64]
 
