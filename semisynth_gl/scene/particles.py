@@ -212,8 +212,8 @@ def poisson_counts(mean: Floats, quantile: Floats) -> NDArray[np.int64]:
 
     Particles that are thrown independently are Poisson in number. The sum stands here since scipy takes long to import.
     """
-    most = int(mean.max(initial=0.0) + 12 * mean.max(initial=0.0) ** 0.5 + 24)
-    number = np.arange(most)
+    largest = mean.max(initial=0.0)
+    number = np.arange(int(largest + 12 * largest**0.5 + 24))
     log_mean = np.log(np.maximum(mean, np.finfo(np.float64).tiny))[:, None]
     logarithm = number * log_mean - mean[:, None] - np.concatenate([[0.0], np.cumsum(np.log(number[1:]))])
     below = np.cumsum(np.exp(logarithm), axis=1)

@@ -17,7 +17,6 @@ from semisynth_gl.config.model import Config
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.silhouette import Silhouette
 from semisynth_gl.histogram import Histogram
-from semisynth_gl.scene.background import draw_background
 from semisynth_gl.scene.depth_layers import (
     MOST_LAYERS,
     DepthLayers,
@@ -35,8 +34,8 @@ from semisynth_gl.scene.particles import (
     stated_batches,
     stated_sizes,
 )
-from semisynth_gl.scene.rig import check_reachable, draw_camera, draw_sway, near_depth_m
-from semisynth_gl.scene.structures import draw_surroundings
+from semisynth_gl.scene.rig import check_reachable, near_depth_m
+from semisynth_gl.scene.structures import draw_stage
 from semisynth_gl.seeds import Purpose, generator
 
 Floats = NDArray[np.float64]
@@ -225,14 +224,12 @@ class Population:
     @cached_property
     def _pilots(self) -> list[tuple[StereoCamera, Floats]]:
         """Cameras of the pilot scenes, and disparities over their views without particles."""
-        config, pilots = self._config, []
-        for number in range(_PILOTS):
-            rng = [generator(self._seed, Purpose.PILOTS, number, part) for part in range(4)]
-            camera, sway = draw_camera(config.camera, rng[0]), draw_sway(config.camera, rng[3])
-            background = draw_background(config.background, config.disparity, camera, rng[1], sway)
-            still = draw_surroundings(config.structures, config.disparity, camera, background, rng[2], sway)
-            pilots.append((camera, still.disparity_px))
-        return pilots
+        stages = [draw_stage(self._config, self._pilot_generators(number).__getitem__) for number in range(_PILOTS)]
+        return [(stage.camera, stage.still.disparity_px) for stage in stages]
+
+    def _pilot_generators(self, number: int) -> dict[Purpose, np.random.Generator]:
+        keys = (Purpose.CAMERA, Purpose.BACKGROUND, Purpose.STRUCTURES, Purpose.SWAY)
+        return {purpose: generator(self._seed, Purpose.PILOTS, number, key) for key, purpose in enumerate(keys)}
 
     def _views(self, pilots: Sequence[tuple[StereoCamera, Floats]], sizes: Sizes) -> _Views:
         """Work out the effect of particles on views, given as camera and disparities without particles."""
