@@ -31,7 +31,7 @@ torch = pytest.importorskip("torch")
 from torch.utils.data import DataLoader, get_worker_info  # noqa: E402 - torch is optional
 
 from semisynth_gl.torch import Hardware, Selection, StereoStream, TrainingProcess, stream  # noqa: E402
-from semisynth_gl.torch.dealing import Consumer, Dealing  # noqa: E402
+from semisynth_gl.torch.dealing import Dealing, Worker  # noqa: E402
 from semisynth_gl.torch.samples import to_sample  # noqa: E402
 
 TIMEOUT_S = 120
@@ -81,7 +81,7 @@ def fresh(function):
 def test_every_sample_goes_to_one_consumer(workers, ranks, batch, whole, samples):
     dealing = Dealing(10, samples, batch, whole)
     own = {
-        (rank, worker): list(dealing.numbers(Consumer(TrainingProcess(rank, ranks), worker, workers)))
+        (rank, worker): list(dealing.numbers(TrainingProcess(rank, ranks), Worker(worker, workers)))
         for rank in range(ranks)
         for worker in range(workers)
     }
@@ -100,7 +100,7 @@ def test_batches_of_all_ranks_come_in_order(workers, ranks):
     batch, steps = 4, 7
     dealing = Dealing(5, None, batch, 2)
     streams = {
-        (rank, worker): dealing.numbers(Consumer(TrainingProcess(rank, ranks), worker, workers))
+        (rank, worker): dealing.numbers(TrainingProcess(rank, ranks), Worker(worker, workers))
         for rank in range(ranks)
         for worker in range(workers)
     }
@@ -116,10 +116,10 @@ def test_batches_of_all_ranks_come_in_order(workers, ranks):
 
 
 def test_skipping_is_going_on():
-    dealing, consumer = Dealing(2, 40, 3, 2), Consumer(TrainingProcess(1, 2), 1, 2)
-    numbers = list(dealing.numbers(consumer))
+    dealing, consumer = Dealing(2, 40, 3, 2), (TrainingProcess(1, 2), Worker(1, 2))
+    numbers = list(dealing.numbers(*consumer))
     for skipped in range(len(numbers) + 2):
-        assert list(dealing.numbers(consumer, skipped)) == numbers[skipped:]
+        assert list(dealing.numbers(*consumer, skipped)) == numbers[skipped:]
 
 
 def test_tensors_have_torchs_order_of_axes_and_types_that_it_works_with():

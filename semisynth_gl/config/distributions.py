@@ -33,7 +33,6 @@ class UniformTarget(Section):
     """Every disparity has the same share of the pixels.
 
     Attributes:
-        form: ``uniform``.
         low_px: lowest disparity; by default ``disparity.min_px``.
         high_px: highest disparity; by default ``disparity.max_px``.
     """
@@ -50,11 +49,7 @@ class UniformTarget(Section):
 
 
 class UniformDepthTarget(Section):
-    """Every depth from that of ``disparity.max_px`` to that of ``disparity.min_px`` has the same share of the pixels.
-
-    Attributes:
-        form: ``uniform-depth``.
-    """
+    """Every depth between those of ``disparity.max_px`` and ``disparity.min_px`` has the same share of the pixels."""
 
     form: Literal["uniform-depth"]
 
@@ -63,7 +58,6 @@ class GammaTarget(Section):
     """A gamma distribution: one hump with a long tail of near things.
 
     Attributes:
-        form: ``gamma``.
         mean_px: mean of the distribution before the limits of the section ``disparity`` cut it.
         spread_px: standard deviation of the distribution before the limits cut it.
     """
@@ -92,7 +86,6 @@ class HistogramTarget(Section):
     """Shares of pixels in bins.
 
     Attributes:
-        form: ``histogram``.
         bin_px: width of a bin.
         first_px: lowest disparity of the first bin.
         shares: share of pixels per bin; the shares are scaled to a sum of 1.
@@ -129,7 +122,6 @@ class MixtureTarget(Section):
     """Several distributions, mixed by weights.
 
     Attributes:
-        form: ``mixture``.
         parts: the distributions with their weights.
     """
 

@@ -91,11 +91,7 @@ def draw_background(
 
 
 def _plane(
-    section: BackgroundSection,
-    disparity: DisparitySection,
-    camera: StereoCamera,
-    rng: np.random.Generator,
-    sway: Sway,
+    section: BackgroundSection, disparity: DisparitySection, camera: StereoCamera, rng: np.random.Generator, sway: Sway
 ) -> Background:
     disparity_px = section.plane_disparity_px.draw(rng)
     check_reachable(camera, disparity_px, "background.plane_disparity_px")
@@ -127,11 +123,7 @@ def _plane(
 
 
 def _cuboid(
-    section: BackgroundSection,
-    disparity: DisparitySection,
-    camera: StereoCamera,
-    rng: np.random.Generator,
-    sway: Sway,
+    section: BackgroundSection, disparity: DisparitySection, camera: StereoCamera, rng: np.random.Generator, sway: Sway
 ) -> Background:
     turn = np.deg2rad(section.wall_turn_deg)
     # Columns are the room's axes in the camera frame.

@@ -6,8 +6,8 @@ the aim of all scenes is shifted until the mean is the target.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,36 +55,21 @@ _LEAST_OF_AIM = 0.1
 _POPULATED = 0.5
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Views:
-    """The effect of particles in K layers on V views.
+class _Views(NamedTuple):
+    """The effect of particles in K layers on V views."""
 
-    Attributes:
-        bare: (V, K - 1) share of the view that shows less than each inner edge of the target without particles.
-        exceedances: (V, K, K - 1), see `exceedance`.
-        least: (V, K) smallest coverages.
-        cover: (V, K) coverage that one particle adds.
-    """
-
-    bare: Floats
-    exceedances: Floats
-    least: Floats
-    cover: Floats
+    bare: Floats  # (V, K - 1) share of the view that shows less than each inner edge of the target without particles
+    exceedances: Floats  # (V, K, K - 1), see `exceedance`
+    least: Floats  # (V, K) smallest coverages
+    cover: Floats  # (V, K) coverage that one particle adds
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Aim:
-    """The aim that each scene is solved for.
+class _Aim(NamedTuple):
+    """The aim that each scene is solved for."""
 
-    Attributes:
-        shares: (K,) float64 in the target's bins.
-        achieved: (K,) float64, mean shares of scenes that are solved for it.
-        sizes: sizes of the particles.
-    """
-
-    shares: Floats
-    achieved: Floats
-    sizes: Sizes
+    shares: Floats  # (K,) in the target's bins
+    achieved: Floats  # (K,) mean shares of scenes that are solved for it
+    sizes: Sizes  # of the particles
 
 
 class Population:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import count
 from math import lcm
-from typing import Self
+from typing import NamedTuple, Self
 
 import torch.distributed
 
@@ -93,34 +93,21 @@ class TrainingProcess:
         return cls()
 
 
-@dataclass(frozen=True, slots=True)
-class Consumer:
-    """A training process, or one of its loader's workers.
+class Worker(NamedTuple):
+    """A worker of a training process's loader; without workers, the process itself.
 
     Attributes:
-        process: the training process.
-        worker: number of the worker within its process; 0 where the loader has none.
-        workers: number of workers of each process; 1 where the loader has none.
+        number: number of the worker within its process.
+        total: number of workers of each process.
     """
 
-    process: TrainingProcess
-    worker: int = 0
-    workers: int = 1
-
-    @property
-    def turn(self) -> int:
-        """Number of its first block: all processes have their first batch before one has its second."""
-        return self.worker * self.process.world_size + self.process.rank
-
-    @property
-    def turns(self) -> int:
-        """Number of blocks from one of its blocks to its next one."""
-        return self.process.world_size * self.workers
+    number: int = 0
+    total: int = 1
 
 
 @dataclass(frozen=True, slots=True)
 class Dealing:
-    """Samples first, first + 1 ... in blocks, which go to the consumers in turn.
+    """Samples first, first + 1 ... in blocks, which go to the workers of all processes in turn.
 
     Attributes:
         first: number of the first sample.
@@ -139,11 +126,13 @@ class Dealing:
         """Number of samples in a block; the last block may have fewer."""
         return lcm(self.batch, self.frames)
 
-    def numbers(self, consumer: Consumer, skipped: int = 0) -> Iterator[int]:
-        """Yield the numbers of a consumer's samples, rising, without the first ``skipped`` ones."""
+    def numbers(self, process: TrainingProcess, worker: Worker, skipped: int = 0) -> Iterator[int]:
+        """Yield the numbers of a worker's samples, rising, without the first ``skipped`` ones."""
+        # All processes have their first batch before one has its second.
+        turn, turns = worker.number * process.world_size + process.rank, worker.total * process.world_size
         for number in count(skipped):
             block, within = divmod(number, self.block)
-            offset = (block * consumer.turns + consumer.turn) * self.block + within
+            offset = (block * turns + turn) * self.block + within
             if self.samples is not None and offset >= self.samples:
                 return
             yield self.first + offset

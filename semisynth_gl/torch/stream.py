@@ -24,14 +24,14 @@ from semisynth_gl.render.context import BACKENDS, Backend
 from semisynth_gl.render.devices import egl_index_of_worker
 from semisynth_gl.render.readers import read_array
 from semisynth_gl.seeds import Purpose, generator
-from semisynth_gl.torch.dealing import Consumer, Dealing, Selection, TrainingProcess
+from semisynth_gl.torch.dealing import Dealing, Selection, TrainingProcess, Worker
 from semisynth_gl.torch.interop import CudaReader
 from semisynth_gl.torch.samples import Sample, to_sample
 
 TensorDevice = Literal["cpu", "cuda"]
 
 _THREADS = "LP_NUM_THREADS"
-_WORKER = ("worker", "workers")
+_STATE = {"yielded", "worker", "workers", "stream"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +123,7 @@ class StereoStream(IterableDataset[Any]):
             "rank": self._process.rank,
             "world_size": self._process.world_size,
         }
-        self._resumed: dict[str, Any] = {}
+        self._resumed: tuple[int, Worker] | None = None
         self._yielded: int | None = None
 
     def __len__(self) -> int:
@@ -143,19 +143,18 @@ class StereoStream(IterableDataset[Any]):
         Raises:
             InputError: where the state is another worker's, or workers shall yield CUDA tensors.
         """
-        consumer = self._consumer()
-        resumed, self._resumed = self._resumed, {}
-        for name in _WORKER:
-            if resumed and resumed[name] != getattr(consumer, name):
-                raise InputError(
-                    f"the state that was loaded is of worker {resumed['worker']} of {resumed['workers']}, and this is "
-                    f"worker {consumer.worker} of {consumer.workers}: resume with the same number of workers through "
-                    "torchdata's StatefulDataLoader, or select first=steps * batch_size * world_size"
-                )
+        worker = _this_worker()
+        resumed, self._resumed = self._resumed, None
+        if resumed is not None and resumed[1] != worker:
+            raise InputError(
+                f"the state that was loaded is of worker {resumed[1].number} of {resumed[1].total}, and this is worker "
+                f"{worker.number} of {worker.total}: resume with the same number of workers through torchdata's "
+                "StatefulDataLoader, or select first=steps * batch_size * world_size"
+            )
         if self._hardware.device == "cuda" and get_worker_info() is not None:
             raise InputError("device='cuda' goes with num_workers=0 alone: tensors on a GPU do not leave their process")
-        self._yielded = resumed.get("yielded", 0)
-        return self._samples(consumer, self._yielded)
+        self._yielded = 0 if resumed is None else resumed[0]
+        return self._samples(worker, self._yielded)
 
     def state_dict(self) -> dict[str, Any]:
         """Return the position of this process in the stream, and the stream's arguments, in JSON's types.
@@ -170,9 +169,8 @@ class StereoStream(IterableDataset[Any]):
                 "this process has not begun to iterate over the stream: a loader's workers have copies of their own. "
                 "Ask torchdata's StatefulDataLoader for its state, or select first=steps * batch_size * world_size"
             )
-        consumer = self._consumer()
-        place = {name: getattr(consumer, name) for name in _WORKER}
-        return {"yielded": self._yielded, **place, "stream": self._identity}
+        number, total = _this_worker()
+        return {"yielded": self._yielded, "worker": number, "workers": total, "stream": self._identity}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Let the next iteration go on after the samples that the state has yielded.
@@ -183,20 +181,20 @@ class StereoStream(IterableDataset[Any]):
         Raises:
             InputError: where the state is no stream's, or of a stream that yields other samples.
         """
-        if not {"yielded", *_WORKER, "stream"} <= set(state):
+        if not set(state) >= _STATE:
             raise InputError(f"expected what state_dict() of a stream has returned, got the keys {sorted(state)}")
         changed = differences(state["stream"], self._identity)
         if changed:
             raise InputError(
                 f"the state is of a stream that yields other samples: {few(changed)}. Make the stream as it was"
             )
-        self._resumed = {name: state[name] for name in ("yielded", *_WORKER)}
         self._yielded = state["yielded"]
+        self._resumed = state["yielded"], Worker(state["worker"], state["workers"])
 
-    def _samples(self, consumer: Consumer, skipped: int) -> Iterator[Any]:
+    def _samples(self, worker: Worker, skipped: int) -> Iterator[Any]:
         length = self.config.sequence.length
-        with self._open_renderer(consumer) as render:
-            for yielded, number in enumerate(self._dealing.numbers(consumer, skipped), skipped + 1):
+        with self._open_renderer(worker) as render:
+            for yielded, number in enumerate(self._dealing.numbers(self._process, worker, skipped), skipped + 1):
                 sequence, frame = divmod(number, len(self._frames))
                 sample = to_sample(render(sequence * length + self._frames[frame], self._crop_for(sequence)))
                 result = sample if self._transform is None else self._transform(sample)
@@ -204,18 +202,18 @@ class StereoStream(IterableDataset[Any]):
                 yield result
 
     @contextmanager
-    def _open_renderer(self, consumer: Consumer) -> Iterator[Callable[[int, Crop | None], Pair]]:
+    def _open_renderer(self, worker: Worker) -> Iterator[Callable[[int, Crop | None], Pair]]:
         """Open this process's renderer; give a function that renders the pair of an index and a crop."""
         name = "the stream"
         if get_worker_info() is not None:
-            name = f"worker {consumer.worker} of {consumer.workers}"
-            os.environ.setdefault(_THREADS, str(threads_each(consumer.workers)))
+            name = f"worker {worker.number} of {worker.total}"
+            os.environ.setdefault(_THREADS, str(threads_each(worker.total)))
         gpus, backend = self._hardware.gpus, self._hardware.backend
         reader: CudaReader | None = None
         if self._hardware.device == "cuda":
             gpus = gpus or (torch.cuda.current_device(),)
             reader = CudaReader(torch.device("cuda", gpus[0]))
-        device_index = egl_index_of_worker(tuple(gpus), consumer.worker)
+        device_index = egl_index_of_worker(tuple(gpus), worker.number)
         try:
             renderer = PairRenderer(self.config, self.seed, backend, self._split, device_index, reader or read_array)
         except BackendError as error:
@@ -232,10 +230,6 @@ class StereoStream(IterableDataset[Any]):
         rng = generator(self._split.seed(self.seed), Purpose.CROP, sequence)
         x, y = rng.integers(camera.width_px - width + 1), rng.integers(camera.height_px - height + 1)
         return Crop(int(x), int(y), width, height)
-
-    def _consumer(self) -> Consumer:
-        info = get_worker_info()
-        return Consumer(self._process) if info is None else Consumer(self._process, info.id, info.num_workers)
 
     def _check(self) -> None:
         camera, hardware = self.config.camera, self._hardware
@@ -262,3 +256,8 @@ class StereoStream(IterableDataset[Any]):
                 f"device='cuda' needs EGL and a GPU that torch finds, got backend={hardware.backend!r} and "
                 f"torch.cuda.is_available() {torch.cuda.is_available()}: leave device out"
             )
+
+
+def _this_worker() -> Worker:
+    info = get_worker_info()
+    return Worker() if info is None else Worker(info.id, info.num_workers)
