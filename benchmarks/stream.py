@@ -31,7 +31,7 @@ from semisynth_gl.dataset.reader import read_index, read_record
 from semisynth_gl.engines.local import LocalEngine
 from semisynth_gl.engines.task import cores
 from semisynth_gl.generation.generate import generate
-from semisynth_gl.torch import StereoStream
+from semisynth_gl.torch import Selection, StereoStream
 
 _CROP = 256, 512
 _TIMEOUT_S = 300.0
@@ -88,7 +88,7 @@ def _pairs_of(way: Way, config: Config, seed: int, tars: list[str], pairs: int) 
         dataset = dataset.map(partial(_decoded, crop=way.crop)).repeat(_READINGS)
     else:
         dataset = StereoStream(
-            config, seed, pairs=pairs, crop=_CROP if way.crop else None, checked=way.source == "stream"
+            config, seed, Selection(pairs=pairs), crop=_CROP if way.crop else None, checked=way.source == "stream"
         )  # fmt: skip
     # Forked processes start sooner; this one never opens OpenGL.
     return DataLoader(

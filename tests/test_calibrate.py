@@ -365,7 +365,7 @@ def test_several_rigs_give_ranges(tmp_path):
 )
 def test_far_pixels_make_a_scene_an_outdoor_one(disparities, scenes):
     ranges = ranges_of([plain_rig(1000, 0.4, (640, 480))])
-    found = measured_range(Histogram.of(disparities, [1.0]))
+    found = measured_range(Histogram.from_counts(disparities, [1.0]))
     assert background_of(ranges, found).scenes == scenes
 
 
@@ -451,7 +451,7 @@ def test_a_sparse_map_counts_as_much_as_a_dense_one(tmp_path):
 @settings(max_examples=150, deadline=None)
 @given(low=st.floats(0.05, 500), span=st.floats(0.05, 900))
 def test_bins_are_of_one_round_width_and_hold_the_range(low, span):
-    for found in (chosen_range(low, low + span), measured_range(Histogram.of([low, low + span], [1.0]))):
+    for found in (chosen_range(low, low + span), measured_range(Histogram.from_counts([low, low + span], [1.0]))):
         edges = found.target.edges_px
         assert 14 <= len(found.target.shares) <= 22
         np.testing.assert_allclose(np.diff(edges), found.bin_px, rtol=1e-5)
@@ -483,7 +483,7 @@ def test_nothing_of_a_config_lies_beyond_infinity(doffs_px, wider_px, beyond_px,
     farthest = max(-doffs_px, 0)
     low = farthest + beyond_px
     for found in (
-        measured_range(Histogram.of([low, low + span], [1.0]), doffs_px),
+        measured_range(Histogram.from_counts([low, low + span], [1.0]), doffs_px),
         chosen_range(None, low + span, doffs_px),
         chosen_range(low, low + span, doffs_px),
     ):
@@ -507,7 +507,7 @@ def test_nothing_of_a_config_lies_beyond_infinity(doffs_px, wider_px, beyond_px,
 
 def test_the_far_plane_of_a_negative_doffs_is_before_infinity():
     rigs = [Rig(StereoCamera.centred(640, 480, 500.0, 0.2, each), "x") for each in (-5.0, 2.0)]
-    found = measured_range(Histogram.of([6.0, 46.0], [1.0]), -5.0)
+    found = measured_range(Histogram.from_counts([6.0, 46.0], [1.0]), -5.0)
     text = document("x", rigs, found, scale=None, disparity_from="here", images=["a"], images_from="there")
     assert found.min_px == 6
     assert "plane_disparity_px: [5.1, 5.7]" in text
@@ -515,12 +515,12 @@ def test_the_far_plane_of_a_negative_doffs_is_before_infinity():
     assert camera.doffs_px == Range(-5, 2)
     assert chosen_range(None, 55, -5.0).min_px == 6
     # 5.2 would be right of 5.15 in two digits and lose what is before infinity.
-    assert 5.15 < measured_range(Histogram.of([5.19, 46.0], [1.0]), -5.15).min_px < 5.25
+    assert 5.15 < measured_range(Histogram.from_counts([5.19, 46.0], [1.0]), -5.15).min_px < 5.25
 
 
 def test_what_lies_beyond_infinity_is_refused_with_its_numbers(call, tmp_path):
     with pytest.raises(InputError) as error:
-        measured_range(Histogram.of([4.0, 46.0], [1.0]), -5.0)
+        measured_range(Histogram.from_counts([4.0, 46.0], [1.0]), -5.0)
     refused(error, "a thousandth of the measured disparities lies below 4.042 px", "doffs = -5 px", "at 5 px")
     with pytest.raises(InputError, match=r"range of disparity begins at 5 px, but with doffs = -5 px .*--range-px"):
         chosen_range(5.0, 46.0, -5.0)

@@ -116,7 +116,7 @@ def measure(paths: Sequence[Path], sizes: Collection[Size], png_scale: float = K
         shares += counted.histogram.shares
         pixels += disparity.size
         valid += count
-    return Measured(Histogram.of(edges, shares), len(paths), pixels, valid)
+    return Measured(Histogram.from_counts(edges, shares), len(paths), pixels, valid)
 
 
 def _is_grey16(path: Path) -> bool:

@@ -8,7 +8,7 @@ from pathlib import Path
 from semisynth_gl.calibration.rig import Size, scaled_size
 from semisynth_gl.config.model import SplitsSection
 from semisynth_gl.errors import InputError
-from semisynth_gl.splits import SplitName, split_of
+from semisynth_gl.splits import SplitName
 from semisynth_gl.textures.images import ImageError, stored_size
 
 _SIZES_SHOWN = 3
@@ -70,7 +70,7 @@ def impossible_splits(images: int) -> list[str]:
         if failing and len(splits) > 1:
             break
         try:
-            split_of(SplitsSection(), ("train", *splits), "train").share(range(images), 0, "photographs", 0)
+            SplitsSection().split("train", splits).share(range(images), 0, "photographs", 0)
         except InputError:
             failing.append(name)
     return failing

@@ -98,7 +98,7 @@ def chosen_range(low_px: float | None, high_px: float, least_doffs_px: float = 0
     # The integral of x exp(-x / h), a gamma distribution of shape 2.
     hump = 1 - (1 + inside / _HUMP) * np.exp(-inside / _HUMP)
     cumulative = _EVEN_PART * inside + (1 - _EVEN_PART) * hump / hump[-1]
-    return DisparityRange(low, high_px, bin_px, Histogram.of(edges, np.diff(cumulative)))
+    return DisparityRange(low, high_px, bin_px, Histogram.from_counts(edges, np.diff(cumulative)))
 
 
 def _bins(low: float, high: float) -> tuple[NDArray[np.float64], float]:

@@ -11,7 +11,6 @@ from semisynth_gl.errors import InputError
 from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.context import Backend
-from semisynth_gl.scene.target import target_of
 
 
 @click.command()
@@ -50,7 +49,7 @@ def preview(
         expected = renderer.expected_histogram()
         title = f"{config.name}, seed {seed}, pairs 0 to {pairs - 1}, {renderer.renderer_name}"
     png = io.BytesIO()
-    wanted = target_of(config.disparity, config.camera)
+    wanted = config.wanted_histogram()
     draw_sheet(frames, wanted, title).savefig(png, format="png")
     partial = out.with_name(f".{out.name}.partial")
     try:

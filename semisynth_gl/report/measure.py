@@ -18,7 +18,6 @@ from semisynth_gl.frame import OCCLUDED
 from semisynth_gl.histogram import Histogram, PixelCount
 from semisynth_gl.report.rays import RayCaster, Rays
 from semisynth_gl.report.redraws import PairKey
-from semisynth_gl.scene.target import target_of
 from semisynth_gl.splits import SplitName
 from semisynth_gl.textures.crops import texture_measure
 
@@ -105,7 +104,7 @@ def target_histogram(index: Index) -> Histogram:
     except ValidationError as error:
         reason = "; ".join(str(error).splitlines()[:3])
         raise InputError(f"the config in the index is not a config of this version: {reason}") from None
-    return target_of(config.disparity, config.camera)
+    return config.wanted_histogram()
 
 
 def measure(
