@@ -12,7 +12,7 @@ from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.calibration.target import DisparityRange, chosen_range, measured_range
 from semisynth_gl.errors import InputError
 from semisynth_gl.read.disparity import KITTI_PNG_SCALE
-from semisynth_gl.textures.images import find_images
+from semisynth_gl.textures.image_files import find_images
 
 
 @dataclass(frozen=True, slots=True, eq=False)

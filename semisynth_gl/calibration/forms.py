@@ -15,7 +15,7 @@ from ruamel.yaml.nodes import MappingNode
 from semisynth_gl.calibration.rig import Projections, Rig, Size, rectified
 from semisynth_gl.errors import InputError
 from semisynth_gl.read.error import ReadError, read_bytes
-from semisynth_gl.textures.images import find_files
+from semisynth_gl.textures.image_files import find_files
 
 FORMS = (
     "calib.txt of Middlebury and ETH3D (cam0=[...], cam1=[...], baseline=...)",

@@ -12,7 +12,7 @@ from semisynth_gl.calibration.rig import Size
 from semisynth_gl.errors import InputError
 from semisynth_gl.histogram import Histogram, PixelCount
 from semisynth_gl.read.disparity import KITTI_PNG_SCALE, MAP_EXTENSIONS, read_disparity
-from semisynth_gl.textures.images import find_files
+from semisynth_gl.textures.image_files import find_files
 
 # Fine enough for any quantile, and for bins of any round width from 1 px.
 _FINE_PX = 1 / 16

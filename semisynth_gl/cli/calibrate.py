@@ -15,7 +15,7 @@ from semisynth_gl.calibration.rig import Rig, Size, plain_rig
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.errors import InputError
 from semisynth_gl.read.disparity import KITTI_PNG_SCALE
-from semisynth_gl.textures.atlas import TextureReport
+from semisynth_gl.textures.crop_report import TextureReport
 from semisynth_gl.textures.prepare import prepare_atlas
 
 _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
@@ -149,7 +149,7 @@ def _summary(found: Calibrated, name: str, report: TextureReport, out: Path) -> 
         f"disparity        {disparity.min_px:g} to {disparity.max_px:g} px, mean {disparity.target.mean_px:.2f} px",
         f"                 {found.disparity_from}",
         f"scenes           {found.background.scenes} ({found.background.far_share:.1%} of the pixels beyond 20 m)",
-        f"photographs      {len(found.images)}, which give {report.crops_kept} patches",
+        f"photographs      {len(found.images)}, which give {report.total('kept')} patches",
     ]
     if found.fitting and found.fitting < len(found.images):
         lines.append(f"                 {len(found.images) - found.fitting} have another size than the rig's images")
