@@ -58,7 +58,7 @@ def build(
         max_patches=max_patches,
         sequence=sequence,
     )
-    return build_atlas(images, section, AtlasLimits(max_layers, max_frames), np.random.default_rng(seed)).atlas
+    return build_atlas(images, section, AtlasLimits(max_layers, max_frames), np.random.default_rng(seed))[0]
 
 
 def check_consistent(atlas: Atlas, images_given: int) -> None:

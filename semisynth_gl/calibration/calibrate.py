@@ -10,7 +10,7 @@ from pathlib import Path
 
 from semisynth_gl.calibration.disparity_range import DisparityRange, DisparitySource, disparity_range, farthest_px
 from semisynth_gl.calibration.photographs import check_sizes
-from semisynth_gl.calibration.rig import Rig, RigRanges, rig_ranges
+from semisynth_gl.calibration.rig import Rig, Size, median_size, rig_ranges
 from semisynth_gl.textures.image_files import find_images, printable
 
 _WIDTH = 100
@@ -49,31 +49,28 @@ class ConfigFacts:
     fitting_count: int = 0
 
     @property
-    def ranges(self) -> RigRanges:
-        """The ranges over the rigs."""
+    def size(self) -> Size:
+        """Size of the images."""
+        return median_size(self.rigs)
+
+    @property
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """The ranges over the rigs, see `rig_ranges`."""
         return rig_ranges(self.rigs)
 
     @property
     def far_share(self) -> float:
         """Share of the wanted pixels that are farther than 20 m: near 0 px but for doffs."""
-        focal_px, baseline_m = (math.sqrt(low * high) for low, high in (self.ranges.focal_px, self.ranges.baseline_m))
-        far_px = focal_px * baseline_m / _INDOOR_M - self.ranges.doffs_mean_px
+        ranges = self.ranges
+        focal_px, baseline_m = (math.sqrt(math.prod(ranges[key])) for key in ("focal_px", "baseline_m"))
+        far_px = focal_px * baseline_m / _INDOOR_M - sum(ranges["doffs_px"]) / 2
         return float(self.disparity.target.cumulative(far_px))
 
     @property
-    def indoor(self) -> bool:
-        """True where indoor scenes suit the far share."""
-        return self.far_share <= _OUTDOOR_FROM
-
-    @property
-    def outdoor(self) -> bool:
-        """True where outdoor scenes suit the far share."""
-        return self.far_share > _INDOOR_AT_MOST
-
-    @property
-    def scenes(self) -> str:
-        """``indoor``, ``outdoor`` or both."""
-        return " and ".join(kind for kind in ("indoor", "outdoor") if getattr(self, kind))
+    def scenes(self) -> tuple[str, ...]:
+        """The scenes that suit the far share: ``indoor``, ``outdoor`` or both."""
+        suitable = {"indoor": self.far_share <= _OUTDOOR_FROM, "outdoor": self.far_share > _INDOOR_AT_MOST}
+        return tuple(kind for kind in suitable if suitable[kind])
 
 
 def config_facts(
@@ -119,18 +116,16 @@ def config_text(name: str, facts: ConfigFacts) -> str:
         facts: rigs, disparities and photographs.
     """
     ranges, disparity = facts.ranges, facts.disparity
-    width_px, height_px = ranges.size
+    width_px, height_px = facts.size
+    shown = {key: _range(ends) for key, ends in ranges.items()}
+    shown["doffs_px"] = f"{shown['doffs_px']:<20} # cx of the right camera minus cx of the left one"
     lines = [*_comment(f"{name}: written by semisynth-gl calibrate."), f"name: {_quoted(name)}", ""]
     lines += _comment(_camera_origin(facts))
     lines += [
         "camera:",
         f"  width_px: {width_px}",
         f"  height_px: {height_px}",
-        f"  focal_px: {_range(ranges.focal_px)}",
-        f"  baseline_m: {_range(ranges.baseline_m)}",
-        f"  cx_left_px: {_range(ranges.cx_left_px)}",
-        f"  doffs_px: {_range(ranges.doffs_px):<20} # cx of the right camera minus cx of the left one",
-        f"  cy_px: {_range(ranges.cy_px)}",
+        *(f"  {key}: {text}" for key, text in shown.items()),
         "",
     ]
     lines += _comment(disparity.origin)
@@ -148,18 +143,27 @@ def config_text(name: str, facts: ConfigFacts) -> str:
         "",
     ]
     lines += _comment(
-        f"{facts.far_share:.1%} of the wanted pixels are farther than {_INDOOR_M:g} m: {facts.scenes} scenes."
+        f"{facts.far_share:.1%} of the wanted pixels are farther than {_INDOOR_M:g} m: {' and '.join(facts.scenes)} "
+        "scenes."
     )
-    lines += ["background:", f"  cuboid: {facts.indoor:d}", f"  plane: {facts.outdoor:d}"]
-    if facts.indoor:
+    indoor, outdoor = "indoor" in facts.scenes, "outdoor" in facts.scenes
+    lines += ["background:", f"  cuboid: {indoor:d}", f"  plane: {outdoor:d}"]
+    if indoor:
         deep_px = float(f"{disparity.target.quantile(_WALL_UP_TO) - disparity.min_px:.2g}")
         walls = _range((disparity.min_px, disparity.min_px + deep_px))
         lines.append(f"  wall_disparity_px: {walls:<11} # the back wall: the farthest {_WALL_UP_TO:.0%} of the pixels")
-        turn = _wall_turn_deg(ranges, disparity)
+        # Turned by a, a wall at the disparity d has (d + doffs) (1 + tan(a) x / f) at x from the middle of the image.
+        # At this turn its disparity at the side of the image differs from that in the middle by a bin.
+        steepest = width_px / 2 / ranges["focal_px"][0]
+        far_px = max(disparity.min_px + sum(ranges["doffs_px"]) / 2, disparity.bin_px)
+        turn = float(f"{math.degrees(math.atan(disparity.bin_px / far_px / steepest)):.2g}")
         if turn < _WALL_TURN_DEG:
             lines.append(f"  wall_turn_deg: {turn:<15g} # more would spread a wall over several bins of the target")
-    if facts.outdoor:
-        planes = _range(_plane_px(ranges, disparity))
+    if outdoor:
+        # Below min_px, and above the disparity of infinity for the least doffs.
+        farthest = farthest_px(ranges["doffs_px"][0])
+        low, high = (farthest + float(f"{part * (disparity.min_px - farthest):.2g}") for part in _PLANE_OF_MIN)
+        planes = _range((low, high))
         lines.append(f"  plane_disparity_px: {planes:<10} # the far plane: between infinity and min_px")
     sizes = (round(_SMALLEST_OF_WIDTH * width_px), round(_LARGEST_OF_WIDTH * width_px))
     lines += [
@@ -175,23 +179,6 @@ def config_text(name: str, facts: ConfigFacts) -> str:
         *(f"    - {_quoted(path)}" for path in facts.images),
     ]
     return "\n".join(lines) + "\n"
-
-
-def _plane_px(ranges: RigRanges, disparity: DisparityRange) -> tuple[float, float]:
-    """Return the range of the far plane: below min_px, and above the disparity of infinity for the least doffs."""
-    farthest = farthest_px(ranges.doffs_px[0])
-    low, high = (farthest + float(f"{part * (disparity.min_px - farthest):.2g}") for part in _PLANE_OF_MIN)
-    return low, high
-
-
-def _wall_turn_deg(ranges: RigRanges, disparity: DisparityRange) -> float:
-    """Return the turn by which a back wall's disparity differs by a bin between the middle of the image and its side.
-
-    Turned by a, a wall at the disparity d has (d + doffs) (1 + tan(a) x / f) at x from the middle.
-    """
-    steepest = ranges.size[0] / 2 / ranges.focal_px[0]
-    far_px = max(disparity.min_px + ranges.doffs_mean_px, disparity.bin_px)
-    return float(f"{math.degrees(math.atan(disparity.bin_px / far_px / steepest)):.2g}")
 
 
 def config_name(stem: str) -> str:

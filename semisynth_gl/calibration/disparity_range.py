@@ -133,12 +133,8 @@ def measured_range(histogram: Histogram, least_doffs_px: float = 0.0) -> Dispari
         InputError: where disparities lie beyond infinity.
     """
     low, high = histogram.quantile(_LOWEST), histogram.quantile(_HIGHEST)
-    _check_before_infinity(
-        low,
-        least_doffs_px,
-        "a thousandth of the measured disparities lies below",
-        "give disparity maps of these rigs, or calibrate rigs whose doffs differ one by one",
-    )
+    advice = "give disparity maps of these rigs, or calibrate rigs whose doffs differ one by one"
+    _check_before_infinity(low, least_doffs_px, "a thousandth of the measured disparities lies below", advice)
     first = _rounded_down(low, farthest_px(least_doffs_px))
     edges, bin_px = _bins(first, high * _HEADROOM)
     return DisparityRange(first, float(edges[-1]), bin_px, histogram.rebinned(edges))
@@ -157,18 +153,13 @@ def chosen_range(low_px: float | None, high_px: float, least_doffs_px: float = 0
     """
     farthest = farthest_px(least_doffs_px)
     if farthest > 0:
-        _check_before_infinity(
-            high_px,
-            least_doffs_px,
-            "the range of disparity ends at",
-            "give the range of this rig with --range-px LOW HIGH",
-        )
+        advice = "give the range of this rig with --range-px LOW HIGH"
+        _check_before_infinity(high_px, least_doffs_px, "the range of disparity ends at", advice)
     low = farthest + _LOW_OF_HIGH * (high_px - farthest) if low_px is None else low_px
     if not 0 < low < high_px < math.inf:
         raise InputError(f"the range of disparity is {low:g} to {high_px:g} px: expected two numbers above 0 that rise")
-    _check_before_infinity(
-        low, least_doffs_px, "the range of disparity begins at", "give one that begins above with --range-px LOW HIGH"
-    )
+    advice = "give one that begins above with --range-px LOW HIGH"
+    _check_before_infinity(low, least_doffs_px, "the range of disparity begins at", advice)
     edges, bin_px = _bins(low, high_px)
     inside = np.clip((np.clip(edges, low, high_px) - low) / (high_px - low), 0, 1)
     # The integral of x exp(-x / h), a gamma distribution of shape 2.
@@ -178,7 +169,7 @@ def chosen_range(low_px: float | None, high_px: float, least_doffs_px: float = 0
 
 
 def _bins(low: float, high: float) -> tuple[NDArray[np.float64], float]:
-    """Edges of 15 to 22 bins of one round width that begin where a range does and cover it."""
+    """Return the edges and the round width of 15 to 22 bins from the lower end of a range to beyond its upper end."""
     least = (high - low) / (_MOST_BINS - 1)  # rounding the end may add a bin
     power = 10.0 ** math.floor(math.log10(least))
     bin_px = next(step * power for step in (*_STEPS, 10.0) if step * power >= least)
@@ -186,11 +177,11 @@ def _bins(low: float, high: float) -> tuple[NDArray[np.float64], float]:
     return np.round(low + np.arange(math.ceil((high - low) / bin_px) + 1) * bin_px, 9), bin_px
 
 
-def _check_before_infinity(low_px: float, least_doffs_px: float, what: str, how: str) -> None:
+def _check_before_infinity(low_px: float, least_doffs_px: float, what: str, advice: str) -> None:
     if low_px + least_doffs_px <= 0:
         raise InputError(
             f"{what} {low_px:g} px, but with doffs = {least_doffs_px:g} px (cx_right - cx_left) a disparity at "
-            f"{-least_doffs_px:g} px is infinitely far, and less is nowhere: expected more; {how}"
+            f"{-least_doffs_px:g} px is infinitely far, and less is nowhere: expected more; {advice}"
         )
 
 

@@ -1,6 +1,6 @@
 """Rectified rigs: the checks that all formats of calibrations share, and the ranges over several rigs."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -171,50 +171,28 @@ def rectified(projections: Projections, size: Size | None) -> Rig:
     return Rig(camera, source, projections.bounds)
 
 
-@dataclass(frozen=True, slots=True)
-class RigRanges:
-    """The least and the largest value of each quantity over several rigs.
+def median_size(rigs: Sequence[Rig]) -> Size:
+    """Return the median of the widths and of the heights of the images of one or more rigs."""
+    return Size(*(sorted(sides)[len(rigs) // 2] for sides in zip(*(rig.size for rig in rigs), strict=True)))
 
-    Attributes:
-        size: size of the images; of several sizes the median of the widths and of the heights, to which principal
-            points are moved with the centre.
-        focal_px: focal length.
-        baseline_m: baseline.
-        cx_left_px: x of the left principal point.
-        doffs_px: cx_right - cx_left.
-        cy_px: y of both principal points.
+
+def rig_ranges(rigs: Sequence[Rig]) -> dict[str, tuple[float, float]]:
+    """Return the least and the largest value over one or more rigs, by key of the config's section ``camera``.
+
+    Principal points keep their distance to the centre of an image of `median_size`.
     """
-
-    size: Size
-    focal_px: tuple[float, float]
-    baseline_m: tuple[float, float]
-    cx_left_px: tuple[float, float]
-    doffs_px: tuple[float, float]
-    cy_px: tuple[float, float]
-
-    @property
-    def doffs_mean_px(self) -> float:
-        """The middle of the range of doffs."""
-        return sum(self.doffs_px) / 2
-
-
-def rig_ranges(rigs: Sequence[Rig]) -> RigRanges:
-    """Return the range of each quantity over one or more rigs."""
-    cameras = [rig.camera for rig in rigs]
-    width_px, height_px = (sorted(sides)[len(rigs) // 2] for sides in zip(*(rig.size for rig in rigs), strict=True))
-
-    def ends(values: Iterable[float]) -> tuple[float, float]:
-        ordered = sorted(values)
-        return ordered[0], ordered[-1]
-
-    return RigRanges(
-        size=Size(width_px, height_px),
-        focal_px=ends(camera.focal_px for camera in cameras),
-        baseline_m=ends(camera.baseline_m for camera in cameras),
-        cx_left_px=ends(camera.cx_left_px + (width_px - camera.width_px) / 2 for camera in cameras),
-        doffs_px=ends(camera.doffs_px for camera in cameras),
-        cy_px=ends(camera.cy_px + (height_px - camera.height_px) / 2 for camera in cameras),
-    )
+    size = median_size(rigs)
+    values = [
+        {
+            "focal_px": camera.focal_px,
+            "baseline_m": camera.baseline_m,
+            "cx_left_px": camera.cx_left_px + (size.width_px - camera.width_px) / 2,
+            "doffs_px": camera.doffs_px,
+            "cy_px": camera.cy_px + (size.height_px - camera.height_px) / 2,
+        }
+        for camera in (rig.camera for rig in rigs)
+    ]
+    return {key: (min(value[key] for value in values), max(value[key] for value in values)) for key in values[0]}
 
 
 def _check_pinhole(source: str, name: str, matrix: NDArray[np.float64]) -> None:

@@ -8,9 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from ruamel.yaml import YAML
-from ruamel.yaml.constructor import SafeConstructor
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
-from ruamel.yaml.nodes import MappingNode
 
 from semisynth_gl.calibration.rig import DisparityBounds, Projections, Rig, Size, rectified
 from semisynth_gl.errors import InputError
@@ -28,6 +26,7 @@ FORMATS = (
 _EXPECTED = f"expected {'; '.join(FORMATS)}"
 _EXTENSIONS = (".txt", ".yaml", ".yml")
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_MIDDLEBURY = re.compile(r"^[ \t]*(\w+)[ \t]*=[ \t]*(.*?)[ \t\r]*$", re.MULTILINE)
 _KITTI = re.compile(rf"^(P_rect_0[0-3]|P[0-3]|S_rect_0[0-3])\s*:\s*({_NUMBER}(?:[ \t]+{_NUMBER})*)\s*$", re.MULTILINE)
 _KITTI_PAIRS = (("P_rect_02", "P_rect_03"), ("P_rect_00", "P_rect_01"), ("P2", "P3"), ("P0", "P1"))
 _OPENCV_PAIRS = (("P1", "P2"), ("LEFT.P", "RIGHT.P"))
@@ -73,7 +72,9 @@ def read_rigs(sources: Sequence[str | Path], *, size: Size | None = None, unit_m
             f"{len(cameras)} of {len(paths)} calibrations are of one camera ({names}): expected two, the left one "
             "first, or the right camera's alone"
         )
-    return [rectified(pair, size) for pair in (pairs or [_paired(cameras)])]
+    if cameras:
+        pairs = [_paired(cameras)]
+    return [rectified(pair, size) for pair in pairs]
 
 
 class _Camera(NamedTuple):
@@ -108,7 +109,7 @@ def _read(path: Path, unit_m: float | None) -> Projections | _Camera:
     except UnicodeDecodeError:
         raise ReadError(path, f"is not text; {_EXPECTED}") from None
     calibration: Projections | _Camera
-    if re.search(r"^\s*cam0\s*=", text, re.MULTILINE):
+    if any(key == "cam0" for key, _ in _MIDDLEBURY.findall(text)):
         calibration = _middlebury(path, text)
     elif _KITTI.search(text):
         calibration = _kitti(path, text)
@@ -124,11 +125,7 @@ def _read(path: Path, unit_m: float | None) -> Projections | _Camera:
 
 
 def _middlebury(path: Path, text: str) -> Projections:
-    values: dict[str, str] = {}
-    for line in text.splitlines():
-        key, equals, value = line.partition("=")
-        if equals:
-            values[key.strip()] = value.strip()
+    values: dict[str, str] = dict(_MIDDLEBURY.findall(text))
     missing = [key for key in ("cam0", "cam1", "baseline") if key not in values]
     if missing:
         raise ReadError(
@@ -148,7 +145,7 @@ def _middlebury(path: Path, text: str) -> Projections:
         raise ReadError(
             path, f"doffs is {number('doffs'):g}, but cx of cam1 minus cx of cam0 is {doffs_px:g}: one of them is wrong"
         )
-    size = (int(number("width")), int(number("height"))) if "width" in values and "height" in values else None
+    size = (number("width"), number("height")) if "width" in values and "height" in values else None
     ndisp, vmin, vmax = (number(key) if key in values else None for key in ("ndisp", "vmin", "vmax"))
     return Projections(left, right, _checked_size(path, size), str(path), DisparityBounds(ndisp, vmin, vmax))
 
@@ -174,9 +171,8 @@ def _kitti(path: Path, text: str) -> Projections:
     sizes = [values.get(key.replace("P", "S", 1)) for key in pair]
     if sizes[0] != sizes[1] or (sizes[0] is not None and len(sizes[0]) != 2):
         raise ReadError(path, f"the rectified sizes are {sizes[0]} and {sizes[1]}: expected one width and height")
-    size = (int(sizes[0][0]), int(sizes[0][1])) if sizes[0] else None
     left, right = (np.reshape(values[key], (3, 4)) for key in pair)
-    return Projections(left, right, _checked_size(path, size), str(path))
+    return Projections(left, right, _checked_size(path, sizes[0]), str(path))
 
 
 def _opencv(path: Path, values: Mapping[str, Any], keys: tuple[str, str], unit_m: float | None) -> Projections:
@@ -230,19 +226,19 @@ def _matrix(path: Path, key: str, node: Any) -> NDArray[np.float64]:  # noqa: AN
 def _size(path: Path, values: Mapping[str, Any]) -> Size | None:
     for width, height in _SIZES:
         if width in values and height in values:
-            return _checked_size(path, (values[width], values[height]))
+            return _checked_size(path, [values[width], values[height]])
     for key in _SIZE_PAIRS:
         value = values.get(key)
         if isinstance(value, Mapping) and "width" in value and "height" in value:
-            return _checked_size(path, (value["width"], value["height"]))
+            return _checked_size(path, [value["width"], value["height"]])
         if isinstance(value, list) and len(value) == 2:
-            return _checked_size(path, (value[0], value[1]))
+            return _checked_size(path, value)
     return None
 
 
-def _checked_size(path: Path, size: tuple[Any, Any] | None) -> Size | None:
+def _checked_size(path: Path, size: Sequence[Any] | None) -> Size | None:
     # OpenCV writes 0 0 for an unknown size.
-    if size is None or size == (0, 0):
+    if size is None or list(size) == [0, 0]:
         return None
     try:
         width_px, height_px = int(size[0]), int(size[1])
@@ -253,25 +249,11 @@ def _checked_size(path: Path, size: tuple[Any, Any] | None) -> Size | None:
     return Size(width_px, height_px)
 
 
-class _Constructor(SafeConstructor):
-    """A safe constructor with the one tag that OpenCV writes."""
-
-
-def _opencv_matrix(constructor: SafeConstructor, node: MappingNode) -> dict[Any, Any]:
-    matrix: dict[Any, Any] = SafeConstructor.construct_mapping(constructor, node, deep=True)
-    return matrix
-
-
-_Constructor.add_constructor("tag:yaml.org,2002:opencv-matrix", _opencv_matrix)
-
-
 def _yaml(path: Path, text: str) -> Mapping[str, Any]:
-    yaml = YAML(typ="safe", pure=True)
-    yaml.Constructor = _Constructor
-    # OpenCV's first line is no directive of YAML: it has a colon in place of the space.
-    text = re.sub(r"\A%YAML:[^\n]*\n", "", text)
+    # OpenCV's first line is no directive of YAML: it has a colon in place of the space. Its matrices are mappings.
+    text = re.sub(r"\A%YAML:[^\n]*\n|!!opencv-matrix\b", "", text)
     try:
-        values = yaml.load(text)
+        values = YAML(typ="safe", pure=True).load(text)
     except (YAMLError, ValueError, TypeError, RecursionError) as error:
         detail = str(error)
         if isinstance(error, MarkedYAMLError) and (mark := error.problem_mark or error.context_mark):

@@ -135,13 +135,13 @@ def _size(text: str | None) -> Size | None:
 def _summary(facts: ConfigFacts, name: str, report: TextureReport, out: Path) -> list[str]:
     ranges, disparity, count = facts.ranges, facts.disparity, facts.photograph_count
     lines = [
-        f"image size       {ranges.size}",
-        f"focal length     {_shown_range(ranges.focal_px, 'px')}",
-        f"baseline         {_shown_range(ranges.baseline_m, 'm')}",
-        f"doffs            {_shown_range(ranges.doffs_px, 'px')}",
+        f"image size       {facts.size}",
+        f"focal length     {_shown_range(ranges['focal_px'], 'px')}",
+        f"baseline         {_shown_range(ranges['baseline_m'], 'm')}",
+        f"doffs            {_shown_range(ranges['doffs_px'], 'px')}",
         f"disparity        {disparity.min_px:g} to {disparity.max_px:g} px, mean {disparity.target.mean_px:.2f} px",
         f"                 {disparity.origin}",
-        f"scenes           {facts.scenes} ({facts.far_share:.1%} of the pixels beyond 20 m)",
+        f"scenes           {' and '.join(facts.scenes)} ({facts.far_share:.1%} of the pixels beyond 20 m)",
         f"photographs      {count}, which give {report.total('kept')} patches",
     ]
     if 0 < facts.fitting_count < count:

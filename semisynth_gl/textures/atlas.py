@@ -82,19 +82,8 @@ def atlas_from_arrays(patches: Sequence[NDArray[Any]], sources: Sequence[str] | 
         Patch(source, 0, 0, side, layer, 1, texture_measure(patch))
         for layer, (source, patch) in enumerate(zip(sources, patches, strict=True))
     )
-    report = TextureReport(
-        images_used=len(patches),
-        images_unused=0,
-        too_small=(),
-        images_skipped=(),
-        images_not_opened=0,
-        counts=tuple(CropCount(source, side, kept=1) for source in sources),
-        examples=(),
-        patch_px=side,
-        min_texture=0.0,
-        flat_share=0.0,
-        longest_clip=1,
-    )
+    counts = tuple(CropCount(source, side, kept=1) for source in sources)
+    report = TextureReport(images_used=len(patches), counts=counts, patch_px=side)
     return Atlas(opaque_layers([patch[np.newaxis] for patch in patches]), described, report)
 
 

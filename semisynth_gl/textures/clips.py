@@ -106,13 +106,7 @@ class MeasuredCrop:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatchFrames:
-    """The pixels of a crop that may become a patch.
-
-    Attributes:
-        square: the square; of several frames that of the first one.
-        texture: its `texture_measure`, the least over the frames.
-        frames: (F, P, P, 3) uint8 RGB.
-    """
+    """The pixels of a crop that may become a patch, (F, P, P, 3) uint8 RGB; for the rest see `MeasuredCrop`."""
 
     square: Square
     texture: float

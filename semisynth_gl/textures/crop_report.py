@@ -74,7 +74,7 @@ class CropCount:
     surplus: int = 0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TextureReport:
     """The fate of all images and of their crops. Each frame of an image sequence counts as an image.
 
@@ -96,16 +96,16 @@ class TextureReport:
     """
 
     images_used: int
-    images_unused: int
-    too_small: tuple[str, ...]
-    images_skipped: tuple[Skipped, ...]
-    images_not_opened: int
+    images_unused: int = 0
+    too_small: tuple[str, ...] = ()
+    images_skipped: tuple[Skipped, ...] = ()
+    images_not_opened: int = 0
     counts: tuple[CropCount, ...]
-    examples: tuple[JudgedCrop, ...]
+    examples: tuple[JudgedCrop, ...] = ()
     patch_px: int
-    min_texture: float
-    flat_share: float
-    longest_clip: int
+    min_texture: float = 0.0
+    flat_share: float = 0.0
+    longest_clip: int = 1
 
     def total(self, outcome: Outcome) -> int:
         """Return the number of crops with an outcome, over all images."""

@@ -31,7 +31,7 @@ def find_images(sources: Sequence[str | Path]) -> list[Path]:
         InputError: where a source matches no image.
     """
     for source in sources:
-        if next(_expand(str(Path(source).expanduser()), image_extensions()), None) is None:
+        if next(_expand(source, image_extensions()), None) is None:
             raise InputError(
                 f"no image matches {str(source)!r}: expected an image file, a folder with images "
                 f"(.jpg, .png, .tif, .webp, ...) in it, or a glob such as 'photos/**/*.jpg'"
@@ -49,7 +49,7 @@ def find_files(sources: Sequence[str | Path], extensions: Collection[str]) -> li
     Returns:
         The files, sorted by name, each once; a source that matches nothing adds none.
     """
-    real_paths = dict(chain.from_iterable(_expand(str(Path(source).expanduser()), extensions) for source in sources))
+    real_paths = dict(chain.from_iterable(_expand(source, extensions) for source in sources))
     unique: dict[str, str] = {}
     # Of several paths to one file the shortest gives its name: a link back up makes endless longer ones.
     for path in sorted(real_paths, key=lambda path: (path.count("/"), path)):
@@ -111,7 +111,8 @@ _Paths = Iterator[tuple[str, str]]
 """The path of each file under the source, and its real path."""
 
 
-def _expand(source: str, extensions: Collection[str]) -> _Paths:
+def _expand(source: str | Path, extensions: Collection[str]) -> _Paths:
+    source = str(Path(source).expanduser())
     # An existing path comes before a glob: "[" and "*" may stand in a real file name.
     if os.path.isfile(source):  # noqa: PTH113
         yield source, os.path.realpath(source)

@@ -23,6 +23,14 @@ OUT_OF_MEMORY = "does not fit into memory"
 # Pillow opens these formats but does not decode them, or starts another program to do so (Ghostscript for EPS).
 _FORMATS_WITHOUT_PIXELS = frozenset({"BUFR", "GRIB", "HDF5", "MPEG", "EPS", "WMF"})
 
+_REASONS: dict[type[Exception], str] = {
+    FileNotFoundError: "does not exist",
+    IsADirectoryError: "is a folder",
+    PermissionError: "must not be read (permission denied)",
+    UnidentifiedImageError: "is not an image that Pillow can read",
+    MemoryError: OUT_OF_MEMORY,
+}
+
 
 class ImageError(InputError):
     """An image file that cannot be used.
@@ -128,22 +136,12 @@ def _check_size(path: Path, width: int, height: int) -> None:
         raise ImageError(path, f"has {width} x {height} pixels, more than the limit of {MAX_PIXELS}")
 
 
-def _reason(error: Exception) -> str:  # noqa: PLR0911  # one line for each kind
-    match error:
-        case FileNotFoundError():
-            return "does not exist"
-        case IsADirectoryError():
-            return "is a folder"
-        case PermissionError():
-            return "must not be read (permission denied)"
-        case UnidentifiedImageError():
-            return "is not an image that Pillow can read"
-        case Image.DecompressionBombError():
-            return f"has more pixels than are decoded: {error}".split(", could")[0]
-        case MemoryError():
-            return OUT_OF_MEMORY
+def _reason(error: Exception) -> str:
+    if isinstance(error, Image.DecompressionBombError):
+        return f"has more pixels than are decoded: {error}".split(", could")[0]
     detail = " ".join(str(error).split()) or type(error).__name__
-    return f"is truncated or damaged ({detail})"
+    known = (reason for kind, reason in _REASONS.items() if isinstance(error, kind))
+    return next(known, f"is truncated or damaged ({detail})")
 
 
 def _grey_levels(path: Path, values: NDArray[Any]) -> NDArray[np.uint8]:

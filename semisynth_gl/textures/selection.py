@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import chain, zip_longest
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -32,21 +31,9 @@ times as long as from 128."""
 _REASONS_SHOWN = 5
 
 
-class BuiltAtlas(NamedTuple):
-    """An atlas, and the images that it was built from.
-
-    Attributes:
-        atlas: the atlas.
-        opened: images that were opened; no other one has a part in the atlas.
-    """
-
-    atlas: Atlas
-    opened: list[Path]
-
-
 def build_atlas(
     images: Sequence[Path], section: TexturesSection, limits: AtlasLimits, rng: np.random.Generator
-) -> BuiltAtlas:
+) -> tuple[Atlas, list[Path]]:
     """Crop squares out of images and keep those with texture that are sharp and unlike each other.
 
     Images are opened one at a time in random order. Each offers its good crops in random order, scales taking turns; a
@@ -73,7 +60,8 @@ def build_atlas(
         rng: source of every random choice.
 
     Returns:
-        The atlas, its patches ordered by image, side, row and column, and the images that were opened.
+        The atlas, its patches ordered by image, side, row and column; and the images that were opened: no other one
+        has a part in the atlas.
 
     Raises:
         InputError: where there is no patch.
@@ -136,7 +124,7 @@ def build_atlas(
         raise InputError(_no_patch_message(len(images), report))
     # The headers of all successive frames are read.
     unopened = set() if section.sequence else {path for index in pending for path in clips[index]}
-    return BuiltAtlas(_assemble(chosen, report), [path for path in images if path not in unopened])
+    return _assemble(chosen, report), [path for path in images if path not in unopened]
 
 
 class _Quota:

@@ -78,9 +78,8 @@ class _Page:
     """Tiles and texts with their places, collected from top to bottom; the height is known at the end."""
 
     y_px: int = _MARGIN_PX
-    _tiles: list[tuple[int, int, Image.Image]] = field(default_factory=list)
+    _tiles: list[tuple[int, int, Image.Image, bool]] = field(default_factory=list)
     _texts: list[tuple[int, int, str, int, tuple[int, int, int]]] = field(default_factory=list)
-    _frames: list[tuple[int, int]] = field(default_factory=list)
 
     def feed(self, height_px: int) -> None:
         self.y_px += height_px
@@ -93,17 +92,15 @@ class _Page:
     def tile(self, x_px: int, pixels: NDArray[np.uint8], *, down_px: int = 0, framed: bool = False) -> None:
         image = Image.fromarray(pixels)
         image.thumbnail((_TILE_PX, _TILE_PX), Image.Resampling.BOX)
-        self._tiles.append((x_px, self.y_px + down_px, image))
-        if framed:
-            self._frames.append((x_px, self.y_px + down_px))
+        self._tiles.append((x_px, self.y_px + down_px, image, framed))
 
     def draw(self) -> Image.Image:
         sheet = Image.new("RGB", (_WIDTH_PX, self.y_px + _MARGIN_PX), _PAPER)
         draw = ImageDraw.Draw(sheet)
-        for x, y, image in self._tiles:
+        for x, y, image, framed in self._tiles:
             sheet.paste(image, (x, y))
-        for x, y in self._frames:
-            draw.rectangle((x, y, x + _TILE_PX - 1, y + _TILE_PX - 1), outline=_FLAT_FRAME, width=3)
+            if framed:
+                draw.rectangle((x, y, x + _TILE_PX - 1, y + _TILE_PX - 1), outline=_FLAT_FRAME, width=3)
         for x, y, text, size, colour in self._texts:
             stroke = int(colour == _ON_TILE)  # so that it can be read on any patch
             font = ImageFont.load_default(size)
@@ -144,13 +141,11 @@ def _draw_groups(page: _Page, atlas: Atlas) -> None:
 
 
 def _kept_line(counts: Sequence[CropCount], scales: Mapping[int, str]) -> str:
-    kept = {side: count_crops(counts, "kept", side) for side in scales}
-    parts = ", ".join(f"{number} at {scales[side]}" for side, number in kept.items() if number)
-    flat = count_crops(counts, "kept_flat")
-    total = sum(kept.values())
-    return f"{total} {'patch' if total == 1 else 'patches'}" + (f": {parts}" if parts else "") + (
-        f"; {flat} flat" if flat else ""
-    )  # fmt: skip
+    total, flat = count_crops(counts, "kept"), count_crops(counts, "kept_flat")
+    kept = {name: count_crops(counts, "kept", side) for side, name in scales.items()}
+    parts = ", ".join(f"{number} at {name}" for name, number in kept.items() if number)
+    text = f"{total} {'patch' if total == 1 else 'patches'}" + (f": {parts}" if parts else "")
+    return f"{text}; {flat} flat" if flat else text
 
 
 def _rejected_line(counts: Sequence[CropCount]) -> str:
