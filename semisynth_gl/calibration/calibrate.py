@@ -117,15 +117,15 @@ def config_text(name: str, facts: ConfigFacts) -> str:
     """
     ranges, disparity = facts.ranges, facts.disparity
     width_px, height_px = facts.size
-    shown = {key: _range(ends) for key, ends in ranges.items()}
-    shown["doffs_px"] = f"{shown['doffs_px']:<20} # cx of the right camera minus cx of the left one"
+    camera = {key: _range(ends) for key, ends in ranges.items()}
+    camera["doffs_px"] = f"{camera['doffs_px']:<20} # cx of the right camera minus cx of the left one"
     lines = [*_comment(f"{name}: written by semisynth-gl calibrate."), f"name: {_quoted(name)}", ""]
     lines += _comment(_camera_origin(facts))
     lines += [
         "camera:",
         f"  width_px: {width_px}",
         f"  height_px: {height_px}",
-        *(f"  {key}: {text}" for key, text in shown.items()),
+        *(f"  {key}: {text}" for key, text in camera.items()),
         "",
     ]
     lines += _comment(disparity.origin)
@@ -221,6 +221,6 @@ def _number(value: float) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Return any text as a YAML string: JSON's, but YAML has an escape of its own beyond 16 bits."""
+    """Return any text as a YAML string: JSON's, except for YAML's escape for code points beyond 16 bits."""
     quoted = json.dumps(text, ensure_ascii=False)
     return "".join(letter if letter.isprintable() else f"\\U{ord(letter):08X}" for letter in quoted)

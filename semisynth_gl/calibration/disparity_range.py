@@ -48,7 +48,7 @@ class DisparityRange:
 
 @dataclass(frozen=True, slots=True)
 class DisparitySource:
-    """The user's answer to how large disparities are; without any, the calibrations' bounds are taken.
+    """The user's maps or range of disparities; where both are missing, the bounds of the calibrations are taken.
 
     Attributes:
         maps: files, folders and globs of disparity maps, to measure the histogram from.
@@ -101,12 +101,12 @@ def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[floa
         largest += named[:1]
     if not largest:
         raise InputError(
-            f"nothing tells how large disparities are: {rigs[0].source} has no ndisp; give disparity maps with "
+            f"the size of disparities is not known: {rigs[0].source} has no ndisp; give disparity maps with "
             "--disparity, or the range with --range-px LOW HIGH"
         )
     high_px, name, source = max(largest)
     least = [rig.bounds.vmin_px for rig in rigs if rig.bounds.vmin_px is not None and rig.bounds.vmin_px > 0]
-    # Only where every rig has one does the least of them stand for all.
+    # The least vmin stands for all rigs only where every rig has one.
     low_px = min(least) if len(least) == len(rigs) else None
     upper, lower = f"{name} of the calibration", "vmin of the calibration"
     if len(rigs) > 1:

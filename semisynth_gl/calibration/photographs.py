@@ -79,7 +79,7 @@ def _scale_that_fits(sizes: Counter[Size], calibrated: Sequence[Size]) -> float 
     fitting = {
         scale: sum(sizes[size] for size in {rig_size.scaled(scale) for rig_size in calibrated}) for scale in candidates
     }
-    # Of several that fit as many, a round one: sizes are rounded, so that many other scales fit, too.
+    # Of several equally good scales a round one: sizes are rounded, so that many scales fit.
     best = max(
         fitting, key=lambda scale: (fitting[scale], scale == 1 or scale in _ROUND_SCALES, -len(f"{scale:.6g}"), scale)
     )

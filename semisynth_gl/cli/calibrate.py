@@ -33,18 +33,18 @@ _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
     "--calib",
     multiple=True,
     metavar="FILE_OR_GLOB",
-    help="Of the rectified rig: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, stereo YAML of OpenCV "
-    "or ROS. May be repeated: ROS's left and right, or several rigs.",
+    help="Calibration of the rectified rig: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, stereo "
+    "YAML of OpenCV or ROS. May be repeated: ROS's left and right, or several rigs.",
 )
 @click.option("--focal-px", type=click.FloatRange(min=0, min_open=True), help="Instead of --calib, with the next two.")
 @click.option("--baseline-m", type=float, help="Distance of the cameras.")
-@click.option("--size", metavar="WIDTHxHEIGHT", help="Of the images, where no calibration says so; such as 1280x720.")
+@click.option("--size", metavar="WIDTHxHEIGHT", help="Size of the images, for a calibration without one: 1280x720.")
 @click.option(
     "--scale",
     type=click.FloatRange(min=0, min_open=True, max=16),
-    help="Of images and maps against the calibrated size; 0.25 for quarter size.",
+    help="Scale of images and maps against the calibrated size; 0.25 for quarter size.",
 )
-@click.option("--unit", type=click.Choice(list(_UNITS)), help="Of the translation in an OpenCV file; else metres.")
+@click.option("--unit", type=click.Choice(list(_UNITS)), help="Unit of the translation in an OpenCV file, else metres.")
 @click.option(
     "--disparity",
     "maps",
@@ -62,7 +62,7 @@ _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 @click.option("--range-px", type=(float, float), help="Least and largest disparity, where there are no maps.")
 @click.option("--other-camera", is_flag=True, help="The photographs are not the rig's: they may have any size.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="YAML to write.")
-@click.option("--overwrite", is_flag=True, help="Replace --out where it is there.")
+@click.option("--overwrite", is_flag=True, help="Replace --out if it exists.")
 def calibrate(
     images: tuple[str, ...],
     calib: tuple[str, ...],

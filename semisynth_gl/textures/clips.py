@@ -120,9 +120,9 @@ class ClipSurvey:
     Attributes:
         frames: the readable frames.
         skipped: the other frames, and why.
-        good: crops that are neither flat nor blurred, by side, row and column, as are the next ones.
+        good: crops that are neither flat nor blurred; this list and the next two are ordered by side, row and column.
         flat: crops with less texture than ``min_texture`` in any frame.
-        blurred: other crops, less sharp than ``min_sharpness`` in any frame.
+        blurred: crops with enough texture, but less sharp than ``min_sharpness`` in any frame.
         still: the decoded image of a clip of one frame, so that it is not read again.
     """
 
@@ -193,11 +193,11 @@ def survey_clip(clip: Clip, names: Mapping[Path, str], section: TexturesSection)
 
 
 def _measure(crop: MeasuredCrop, pixels: NDArray[np.uint8], section: TexturesSection) -> None:
-    """Update the measures of a crop by those of a further frame; a rejected crop needs no further measure."""
+    """Update the measures of a crop by a further frame, unless the crop is rejected already."""
     crop.texture = min(crop.texture, texture_measure(pixels))
     if crop.texture < section.min_texture or crop.sharpness < section.min_sharpness:
         return
     crop.sharpness = min(crop.sharpness, sharpness_measure(pixels))
-    # Successive clips of one video show much the same: they are not compared.
+    # Successive clips of a video show much the same, so clips are not compared.
     if section.min_difference and not section.sequence and crop.sharpness >= section.min_sharpness:
         crop.fingerprint = fingerprint(pixels)

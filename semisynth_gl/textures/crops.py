@@ -1,4 +1,4 @@
-"""Crops: squares of an image, how they become patches, what they measure, and which of them look alike."""
+"""Crops: squares of an image, cut and reduced to patches, their measures, and the duplicates among them."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from semisynth_gl.errors import InputError
 FINGERPRINT_NORM = 1000
 """Length of a fingerprint, up to rounding."""
 
-# Along each side of a patch: texture and fingerprints are measured in these cells.
+# Cells along each side of a patch in which texture and fingerprints are measured.
 _GRID_CELLS = 8
 _FINGERPRINT_LENGTH = 2 * _GRID_CELLS * (_GRID_CELLS - 1)
 
@@ -89,8 +89,8 @@ def cut_crop(image: NDArray[np.uint8], box: CropBox, patch_px: int) -> NDArray[n
     """Cut a square out of an image and bring it to the size of a patch.
 
     A square of ``patch_px`` is copied bit for bit. A larger one is averaged over areas: for whole factors each patch
-    pixel is the mean of its factor x factor image pixels, rounded; for others it also holds a part of the image pixels
-    that it covers in part.
+    pixel is the mean of its factor x factor image pixels, rounded; for other factors, image pixels on the border
+    between two patch pixels have a part in both.
 
     Args:
         image: (H, W, 3) uint8 RGB.
@@ -159,7 +159,7 @@ def sharpness_measure(patch: NDArray[np.uint8]) -> float:
         patch: (P, P, 3) uint8 RGB, P at least 8; rows and columns beyond the last multiple of 8 do not count.
 
     Returns:
-        0.25 for what is smooth, such as a gradient; 0.26 to 0.33 after a Gaussian blur of 2 pixels; 0.34 to 1.5 for
+        0.25 for a smooth patch such as a gradient; 0.26 to 0.33 after a Gaussian blur of 2 pixels; 0.34 to 1.5 for
         sharp photographs; 4 for white noise; infinite where the third octave has no contrast that could be blurred.
     """
     rows, columns = (extent // 8 * 8 for extent in patch.shape[:2])
@@ -178,11 +178,11 @@ def sharpness_measure(patch: NDArray[np.uint8]) -> float:
 
 
 def fingerprint(patch: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Return what near-identical patches share: how luminance changes between neighbouring cells of an 8 x 8 grid.
+    """Return the changes of luminance between neighbouring cells of an 8 x 8 grid, which near-identical patches share.
 
     The difference of two patches is 1 - a b / `FINGERPRINT_NORM`^2, one minus the correlation of these changes: 0 for
-    equal patches and for such that differ in brightness or contrast, about 0.01 for one compressed hard by JPEG or
-    shifted by a pixel of 128, rarely below 0.1 for squares of different photographs, and about 1 for unrelated ones.
+    equal patches, also where brightness or contrast differ, about 0.01 for a patch compressed hard by JPEG or shifted
+    by a pixel of 128, rarely below 0.1 for squares of different photographs, and about 1 for unrelated ones.
 
     Args:
         patch: (P, P, 3) uint8 RGB, P at least 16.
@@ -245,13 +245,13 @@ class DuplicateFinder:
 
 
 def _luminance(image: NDArray[np.uint8]) -> NDArray[np.int32]:
-    """Luminance of (H, W, 3) RGB in thousandths of a level, (H, W)."""
+    """Return the luminance (H, W) of (H, W, 3) RGB in thousandths of a level."""
     red, green, blue = (image[..., channel].astype(np.int32) for channel in range(3))
     return 299 * red + 587 * green + 114 * blue
 
 
 def _cells(extent: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First pixel and size of each cell along a side."""
+    """Return the first pixel and the size of each cell along a side."""
     cells = max(1, min(_GRID_CELLS, extent // 2))
     starts = np.arange(cells, dtype=np.int64) * extent // cells
     return starts, np.diff(np.append(starts, extent))

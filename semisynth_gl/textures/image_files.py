@@ -40,7 +40,7 @@ def find_images(sources: Sequence[str | Path]) -> list[Path]:
 
 
 def find_files(sources: Sequence[str | Path], extensions: Collection[str]) -> list[Path]:
-    """Return files of any kind, found as `find_images` finds images.
+    """Return files of any kind; sources are the same as for `find_images`.
 
     Args:
         sources: files, folders and globs.
@@ -51,7 +51,7 @@ def find_files(sources: Sequence[str | Path], extensions: Collection[str]) -> li
     """
     real_paths = dict(chain.from_iterable(_expand(source, extensions) for source in sources))
     unique: dict[str, str] = {}
-    # Of several paths to one file the shortest gives its name: a link back up makes endless longer ones.
+    # Of several paths to a file the shortest gives its name: a link back up makes endless longer ones.
     for path in sorted(real_paths, key=lambda path: (path.count("/"), path)):
         unique.setdefault(real_paths[path], path)
     return [Path(path) for path in sorted(unique.values())]

@@ -140,8 +140,8 @@ def _reason(error: Exception) -> str:
     if isinstance(error, Image.DecompressionBombError):
         return f"has more pixels than are decoded: {error}".split(", could")[0]
     detail = " ".join(str(error).split()) or type(error).__name__
-    known = (reason for kind, reason in _REASONS.items() if isinstance(error, kind))
-    return next(known, f"is truncated or damaged ({detail})")
+    reasons = (reason for kind, reason in _REASONS.items() if isinstance(error, kind))
+    return next(reasons, f"is truncated or damaged ({detail})")
 
 
 def _grey_levels(path: Path, values: NDArray[Any]) -> NDArray[np.uint8]:

@@ -118,8 +118,8 @@ def _checks(rng: np.random.Generator, side_px: int) -> _Field:
     cell_px = rng.uniform(4, max(8, side_px / 6))
     rows, columns = (np.floor(axis / cell_px).astype(np.int64) for axis in (along, across))
     # Every check has its own level: a plain chess board repeats, and a matcher cannot tell its cells apart.
-    own = rng.random((256, 256))[rows % 256, columns % 256]
-    return 0.5 * ((rows + columns) % 2) + 0.5 * own
+    levels = rng.random((256, 256))[rows % 256, columns % 256]
+    return 0.5 * ((rows + columns) % 2) + 0.5 * levels
 
 
 def _gradient(rng: np.random.Generator, side_px: int) -> _Field:
@@ -130,8 +130,8 @@ def _gradient(rng: np.random.Generator, side_px: int) -> _Field:
     field = (along - along.min()) / np.ptp(along)
     bands = int(rng.integers(6, 40))
     banded = np.floor(field * bands)
-    own = rng.random(bands + 1)
-    mixed: _Field = 0.7 * field + 0.3 * own[banded.astype(np.int64)]
+    levels = rng.random(bands + 1)
+    mixed: _Field = 0.7 * field + 0.3 * levels[banded.astype(np.int64)]
     return mixed
 
 

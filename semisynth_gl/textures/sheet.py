@@ -199,9 +199,9 @@ def _read_squares(report: TextureReport, files: Mapping[str, Path]) -> dict[Squa
             if square is not None:
                 squares[square.source].add(square)
     pixels: dict[Square, NDArray[np.uint8]] = {}
-    for source, own in squares.items():
+    for source, image_squares in squares.items():
         image = read_image(files[source])
-        pixels |= {square: cut_crop(image, square.box, report.patch_px) for square in own}
+        pixels |= {square: cut_crop(image, square.box, report.patch_px) for square in image_squares}
     return pixels
 
 
