@@ -22,7 +22,7 @@ from semisynth_gl.geometry import model_library
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.interrupts import interrupts_wait
-from semisynth_gl.textures import prepare, selection
+from semisynth_gl.textures import clips, prepare
 from semisynth_gl.textures.images import OUT_OF_MEMORY, ImageError, read_image
 from semisynth_gl.textures.prepare import prepare_atlas
 
@@ -229,7 +229,7 @@ def test_what_changes_while_it_is_read_is_not_kept(photographs, folder, monkeypa
         save(path, 55)
         return image
 
-    monkeypatch.setattr(selection, "read_image", read_and_change)
+    monkeypatch.setattr(clips, "read_image", read_and_change)
     prepare_atlas(textures(photographs), 0)
     assert not folder.exists()
 
@@ -240,9 +240,9 @@ def test_what_may_go_otherwise_the_next_time_is_not_kept(photographs, built, mon
 
     section = textures(photographs, max_patches=24)
     with monkeypatch.context() as patch:
-        patch.setattr(selection, "read_image", lambda path: fail(path) if path.name == "1.png" else read_image(path))
+        patch.setattr(clips, "read_image", lambda path: fail(path) if path.name == "1.png" else read_image(path))
         assert len(prepare_atlas(section, 0).report.images_skipped) == 1
-        patch.setattr(selection, "read_image", fail)
+        patch.setattr(clips, "read_image", fail)
         with pytest.raises(InputError):
             prepare_atlas(section, 1)
     assert prepare_atlas(section, 0).report.images_skipped == ()

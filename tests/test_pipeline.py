@@ -10,7 +10,7 @@ from semisynth_gl.config import Config, load_config, packaged_configs
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
-from semisynth_gl.textures.photographs import builtin_photographs
+from semisynth_gl.textures.image_files import builtin_photographs
 
 SCALE = 1 / 8
 

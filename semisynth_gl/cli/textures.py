@@ -8,11 +8,9 @@ import click
 from semisynth_gl.cli.options import read_config
 from semisynth_gl.config import packaged_configs
 from semisynth_gl.errors import InputError
-from semisynth_gl.textures.atlas import TextureReport
-from semisynth_gl.textures.prepare import images_of, prepare_atlas
-from semisynth_gl.textures.selection import names_of
-
-_COLUMNS = ("flat", "blurred", "duplicate", "surplus")
+from semisynth_gl.textures.crop_report import REJECTIONS, TextureReport, count_crops
+from semisynth_gl.textures.image_files import printable, relative_names
+from semisynth_gl.textures.prepare import prepare_atlas, split_images
 
 
 @click.command()
@@ -51,14 +49,14 @@ def textures(config_name: str, images: tuple[str, ...], seed: int, settings: tup
         raise InputError(f"--out {out}: expected a name that ends in .png")
     if not out.absolute().parent.is_dir():
         raise InputError(f"--out {out}: the folder {out.absolute().parent} does not exist")
-    files = images_of(section, seed)
     atlas = prepare_atlas(section, seed)
     report = atlas.report
+    kept = report.total("kept")
     shown = ", ".join(section.images) if section.source == "images" else section.source
-    title = f"{report.crops_kept} patches of {report.patch_px} x {report.patch_px} pixels: {shown}"
-    named = {name: path for path, name in names_of(files).items()} if files else {}
+    title = f"{kept} patches of {report.patch_px} x {report.patch_px} pixels: {shown}"
+    files = {name: path for path, name in relative_names(split_images(section, seed)).items()}
     png = io.BytesIO()
-    draw_texture_sheet(atlas, named, title).save(png, format="png")
+    draw_texture_sheet(atlas, files, title).save(png, format="png")
     partial = out.with_name(f".{out.name}.partial")
     try:
         partial.write_bytes(png.getvalue())
@@ -68,23 +66,21 @@ def textures(config_name: str, images: tuple[str, ...], seed: int, settings: tup
     for line in _table(report):
         click.echo(line)
     click.echo(report.summary())
-    click.echo(f"{report.crops_kept} patches in {out}")
+    click.echo(f"{kept} patches in {out}")
 
 
 def _table(report: TextureReport) -> list[str]:
-    """A line for each image: how many of its crops became patches, by scale, and how many were left out and why."""
-    from semisynth_gl.textures.sheet import grouped_counts, printable, scale_names  # noqa: PLC0415 - as above
-
-    scales = scale_names(report)
-    groups = {printable(name): counts for name, counts in grouped_counts(report).items()}
+    """Return a line for each image: the numbers of its patches by scale, and of its rejected crops by reason."""
+    scales = report.scale_names
+    groups = {printable(name): counts for name, counts in report.grouped_counts.items()}
     wide = max(len("image"), *map(len, groups)) if groups else len("image")
-    heads = ["patches", *(f"at {name}" for name in scales.values()), *_COLUMNS]
+    heads = ["patches", *(f"at {name}" for name in scales.values()), *REJECTIONS]
     lines = [f"{'image':<{wide}}  " + "  ".join(f"{head:>9}" for head in heads)]
     for name, counts in (*groups.items(), ("all", report.counts)):
         numbers = [
-            sum(count.kept for count in counts),
-            *(sum(count.kept for count in counts if count.side_px == side) for side in scales),
-            *(sum(getattr(count, column) for count in counts) for column in _COLUMNS),
+            count_crops(counts, "kept"),
+            *(count_crops(counts, "kept", side) for side in scales),
+            *(count_crops(counts, outcome) for outcome in REJECTIONS),
         ]
         lines.append(f"{name:<{wide}}  " + "  ".join(f"{number:>9}" for number in numbers))
     return lines

@@ -1,6 +1,5 @@
-"""Disparity maps, true or guessed, dense or sparse: finding, reading and counting them."""
+"""Disparity maps, true or predicted, dense or sparse: finding, reading and counting them."""
 
-import struct
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,25 +11,25 @@ from semisynth_gl.calibration.rig import Size
 from semisynth_gl.errors import InputError
 from semisynth_gl.histogram import Histogram, PixelCount
 from semisynth_gl.read.disparity import KITTI_PNG_SCALE, MAP_EXTENSIONS, read_disparity
-from semisynth_gl.textures.images import find_files
+from semisynth_gl.textures.image_files import find_files
 
 # Fine enough for any quantile, and for bins of any round width from 1 px.
 _FINE_PX = 1 / 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measured:
-    """What the maps say together, each counting the same whatever its number of values.
+class MeasuredMaps:
+    """The disparities of several maps, each counting the same whatever its number of values.
 
     Attributes:
-        histogram: in fine bins, from 0.
-        maps: how many.
-        pixels: how many they have, all together.
-        valid: how many of these have a disparity.
+        paths: the maps.
+        histogram: mean of the maps' histograms, in fine bins, from 0.
+        pixels: number of pixels of all maps.
+        valid: number of pixels with a disparity.
     """
 
+    paths: Sequence[Path]
     histogram: Histogram
-    maps: int
     pixels: int
     valid: int
 
@@ -40,10 +39,13 @@ def find_maps(sources: Sequence[str | Path]) -> list[Path]:
 
     In folders and globs, PNG files of other kinds are passed over: images and masks lie beside disparity maps.
 
+    Args:
+        sources: files, folders and globs.
+
     Raises:
-        InputError: where a source matches none.
+        InputError: where a source matches no map.
     """
-    found: list[Path] = []
+    paths: dict[Path, None] = {}
     for source in sources:
         maps = find_files([source], MAP_EXTENSIONS)
         if not Path(source).expanduser().is_file():
@@ -53,38 +55,39 @@ def find_maps(sources: Sequence[str | Path]) -> list[Path]:
                 f"--disparity {source}: no disparity map there: expected .pfm, .npy or 16-bit grey .png, or a folder "
                 "or glob of them"
             )
-        found += [path for path in maps if path not in found]
-    return found
+        paths |= dict.fromkeys(maps)
+    return list(paths)
 
 
 def read_map(path: Path, png_scale: float = KITTI_PNG_SCALE) -> NDArray[np.float32]:
     """Read a disparity map.
 
     Args:
-        path: .pfm (inf, nan, 0 and below say that there is no value), .npy (likewise) or 16-bit grey .png (0 does).
+        path: .pfm or .npy, in which inf, nan, 0 and negative numbers stand for no value, or 16-bit grey .png, in which
+            0 does.
         png_scale: levels of a PNG per pixel of disparity.
 
     Returns:
         (H, W) float32, px, nan where there is no value.
 
     Raises:
-        ReadError: where it is none of these, or not one value per pixel.
+        ReadError: where the file has another format, or not one value per pixel.
     """
     values = read_disparity(path, png_scale)
     return np.where(np.isfinite(values) & (values > 0), values, np.float32(np.nan))
 
 
-def measure(paths: Sequence[Path], sizes: Collection[Size], png_scale: float = KITTI_PNG_SCALE) -> Measured:
+def measure_maps(paths: Sequence[Path], sizes: Collection[Size], png_scale: float = KITTI_PNG_SCALE) -> MeasuredMaps:
     """Count the disparities of all maps.
 
     Args:
-        paths: at least one.
-        sizes: that maps may have, width and height of the rigs' images.
-        png_scale: see `read_map`.
+        paths: the maps, at least one.
+        sizes: sizes that maps may have, those of the rigs' images.
+        png_scale: levels of a PNG per pixel of disparity.
 
     Raises:
         InputError: with the numbers, where a map has another size, no value at all, or values beyond its width.
-        ReadError: where one cannot be read.
+        ReadError: where a map cannot be read.
     """
     widest = max(width for width, _ in sizes)
     edges = np.arange(round(widest / _FINE_PX) + 1) * _FINE_PX
@@ -92,31 +95,29 @@ def measure(paths: Sequence[Path], sizes: Collection[Size], png_scale: float = K
     pixels = valid = 0
     for path in paths:
         disparity = read_map(path, png_scale)
-        height, width = disparity.shape
-        if (width, height) not in sizes:
-            wanted = " or ".join(f"{w} x {h}" for w, h in sorted(set(sizes)))
+        size = Size(*disparity.shape[::-1])
+        if size not in sizes:
+            wanted = " or ".join(map(str, sorted(set(sizes))))
             raise InputError(
-                f"{path}: has {width} x {height} pixels, but the calibration is for {wanted}. Disparities count pixels "
-                "of their own size: give maps of the calibration's size, or --scale if all of them are reduced alike"
+                f"{path}: has {size} pixels, but the calibration is for {wanted}. Disparities count pixels of their "
+                "own size: give maps of the calibration's size, or --scale if all of them are reduced alike"
             )
         has_value = np.isfinite(disparity)
         count = int(has_value.sum())
         if count == 0:
-            raise InputError(
-                f"{path}: holds no disparity: all of its {width} x {height} values are 0 or below, inf or nan"
-            )
+            raise InputError(f"{path}: holds no disparity: all of its {size} values are 0 or below, inf or nan")
         largest = float(disparity[has_value].max())
-        if largest > width:
+        if largest > size.width_px:
             raise InputError(
-                f"{path}: holds disparities up to {largest:g} px in an image {width} px wide: expected pixels. Of a "
-                f"PNG with other levels than {png_scale:g} per pixel, say how many with --png-scale"
+                f"{path}: holds disparities up to {largest:g} px in an image {size.width_px} px wide: expected pixels. "
+                f"For a PNG with other levels than {png_scale:g} per pixel, give their number with --png-scale"
             )
         counted = PixelCount(edges)
         counted.add(disparity)
         shares += counted.histogram.shares
         pixels += disparity.size
         valid += count
-    return Measured(Histogram.from_counts(edges, shares), len(paths), pixels, valid)
+    return MeasuredMaps(paths, Histogram.from_counts(edges, shares), pixels, valid)
 
 
 def _is_grey16(path: Path) -> bool:
@@ -125,4 +126,5 @@ def _is_grey16(path: Path) -> bool:
             head = file.read(26)
     except OSError:
         return False
-    return len(head) == 26 and head[12:16] == b"IHDR" and struct.unpack(">BB", head[24:26]) == (16, 0)
+    # Depth 16 and colour type 0 end PNG's first chunk.
+    return head[12:16] == b"IHDR" and head[24:] == bytes([16, 0])
