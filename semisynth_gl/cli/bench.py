@@ -4,14 +4,15 @@ import io
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from semisynth_gl.cli.options import Command
+from semisynth_gl.cli.options import Command, check_output, option_group
 from semisynth_gl.config import load_config
-from semisynth_gl.errors import InputError
+from semisynth_gl.listener import Listener
 from semisynth_gl.render.context import BACKENDS, Backend
 
 if TYPE_CHECKING:
@@ -23,9 +24,38 @@ def bench() -> None:
     """Measure, on this machine, what the choices cost and gain."""
 
 
-def _shared_options(config: str) -> Callable[[Command], Command]:
-    """Add --config, --set, --seed, --backend, --json and --plot."""
-    options = [
+@dataclass(frozen=True, slots=True)
+class _BenchOptions:
+    """The options of both measurements."""
+
+    config_name: str
+    settings: tuple[str, ...]
+    seed: int
+    backend: Backend
+    json_path: Path | None
+    plot_path: Path | None
+
+    def check(self) -> None:
+        """Refuse files that cannot be written before anything is measured."""
+        check_output("--json", self.json_path)
+        check_output("--plot", self.plot_path, ".png")
+
+    def save(self, report: dict[str, Any], draw_plot: Callable[[dict[str, Any]], "Figure"]) -> None:
+        """Write the report to the files that the options name."""
+        report["command"] = " ".join(["semisynth-gl", *sys.argv[1:]])
+        if self.json_path is not None:
+            self.json_path.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+        if self.plot_path is not None:
+            png = io.BytesIO()
+            draw_plot(report).savefig(png, format="png")
+            self.plot_path.write_bytes(png.getvalue())
+
+
+def _bench_options(config: str) -> Callable[[Command], Command]:
+    """Add the options of both measurements, with a default config."""
+    return option_group(
+        "options",
+        _BenchOptions,
         click.option(
             "--config", "config_name", default=config, show_default=True, help="Whose scenes: a name or a YAML file."
         ),
@@ -40,18 +70,18 @@ def _shared_options(config: str) -> Callable[[Command], Command]:
         click.option(
             "--plot", "plot_path", type=click.Path(path_type=Path), help="Also draw it: a name that ends in .png."
         ),
-    ]
+    )
 
-    def add(command: Command) -> Command:
-        for option in reversed(options):
-            command = option(command)
-        return command
 
-    return add
+class _Parts(Listener):
+    """Shows each part of a measurement as it begins."""
+
+    def on_message(self, text: str) -> None:
+        click.echo(f"{text} ...", err=True)
 
 
 @bench.command()
-@_shared_options("eth3d")
+@_bench_options("eth3d")
 @click.option("--pairs", type=click.IntRange(min=1), default=3, show_default=True, help="How many pairs.")
 @click.option(
     "--rays", type=click.IntRange(min=1), default=20_000, show_default=True, help="Rays cast for each eye of a pair."
@@ -60,12 +90,7 @@ def _shared_options(config: str) -> Callable[[Command], Command]:
     "--repeats", type=click.IntRange(min=1), default=7, show_default=True, help="Times each alternative is timed."
 )
 def accuracy(
-    config_name: str,
-    settings: tuple[str, ...],
-    seed: int,
-    backend: Backend,
-    json_path: Path | None,
-    plot_path: Path | None,
+    options: _BenchOptions,
     pairs: int,
     rays: int,
     repeats: int,
@@ -78,10 +103,10 @@ def accuracy(
     from semisynth_gl.bench.accuracy import Effort, measure, table  # noqa: PLC0415
     from semisynth_gl.bench.plot import draw_plot  # noqa: PLC0415
 
-    _check_places(json_path, plot_path)
-    config = load_config(config_name, settings)
-    report = measure(config, seed, backend, Effort(pairs, rays, repeats), _say)
-    _save(report, json_path, plot_path, draw_plot)
+    options.check()
+    config = load_config(options.config_name, options.settings)
+    report = measure(config, options.seed, options.backend, Effort(pairs, rays, repeats), _Parts())
+    options.save(report, draw_plot)
     machine, (width, height) = report["machine"], report["sizes_px"][0]
     click.echo(
         f"{config.name}, {width} x {height} px, {pairs} pairs, {report['pixels_compared']} pixels against the oracle; "
@@ -104,7 +129,7 @@ def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[i
 
 
 @bench.command()
-@_shared_options("middlebury")
+@_bench_options("middlebury")
 @click.option(
     "--pairs",
     type=click.IntRange(min=1),
@@ -134,12 +159,7 @@ def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[i
 )
 @click.option("--no-stress", is_flag=True, help="Leave out the pair of 10,000 instances and 5 million triangles.")
 def speed(
-    config_name: str,
-    settings: tuple[str, ...],
-    seed: int,
-    backend: Backend,
-    json_path: Path | None,
-    plot_path: Path | None,
+    options: _BenchOptions,
     pairs: int,
     repeats: int,
     workers: tuple[int, ...],
@@ -155,43 +175,14 @@ def speed(
     from semisynth_gl.bench.speed import Effort, measure, table  # noqa: PLC0415
     from semisynth_gl.bench.speed_plot import draw_plot  # noqa: PLC0415
 
-    _check_places(json_path, plot_path)
-    config = load_config(config_name, settings)
+    options.check()
+    config = load_config(options.config_name, options.settings)
     effort = Effort(pairs, repeats, workers, memory_pairs, stress=not no_stress)
-    report = measure(config, seed, backend, effort, _say)
-    _save(report, json_path, plot_path, draw_plot)
+    report = measure(config, options.seed, options.backend, effort, _Parts())
+    options.save(report, draw_plot)
     machine, (width, height) = report["machine"], report["size_px"]
     click.echo(
         f"{config.name}, {width} x {height} px; {machine['renderer']}, {machine['opengl']}; {machine['processor']}, "
         f"{machine['usable_cores']} cores; Python {machine['python']}; {machine['date']}\n"
     )
     click.echo(table(report))
-
-
-def _say(part: str) -> None:
-    click.echo(f"{part} ...", err=True)
-
-
-def _check_places(json_path: Path | None, plot_path: Path | None) -> None:
-    """Refuse what cannot be written before anything is measured."""
-    for option, path in (("--json", json_path), ("--plot", plot_path)):
-        if path is not None and not path.absolute().parent.is_dir():
-            raise InputError(f"{option} {path}: the folder {path.absolute().parent} does not exist")
-    if plot_path is not None and plot_path.suffix.lower() != ".png":
-        raise InputError(f"--plot {plot_path}: expected a name that ends in .png")
-
-
-def _save(
-    report: dict[str, Any],
-    json_path: Path | None,
-    plot_path: Path | None,
-    draw_plot: Callable[[dict[str, Any]], "Figure"],
-) -> None:
-    """Write the report where it was asked for."""
-    report["command"] = " ".join(["semisynth-gl", *sys.argv[1:]])
-    if json_path is not None:
-        json_path.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-    if plot_path is not None:
-        png = io.BytesIO()
-        draw_plot(report).savefig(png, format="png")
-        plot_path.write_bytes(png.getvalue())

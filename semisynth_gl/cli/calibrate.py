@@ -1,6 +1,5 @@
 """``semisynth-gl calibrate``."""
 
-import os
 import re
 import shlex
 from pathlib import Path
@@ -12,6 +11,7 @@ from semisynth_gl.calibration.document import shown_range
 from semisynth_gl.calibration.forms import read_rigs
 from semisynth_gl.calibration.photographs import impossible_splits
 from semisynth_gl.calibration.rig import Rig, Size, plain_rig
+from semisynth_gl.cli.options import check_output, write_output
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.errors import InputError
 from semisynth_gl.read.disparity import KITTI_PNG_SCALE
@@ -79,10 +79,7 @@ def calibrate(
     overwrite: bool,  # noqa: FBT001
 ) -> None:
     """Write a config for a rig: its camera, the disparities that it sees, and the photographs to cut patches from."""
-    if out.suffix.lower() not in (".yaml", ".yml"):
-        raise InputError(f"--out {out}: expected a name that ends in .yaml")
-    if not out.absolute().parent.is_dir():
-        raise InputError(f"--out {out}: the folder {out.absolute().parent} does not exist")
+    check_output("--out", out, ".yaml", ".yml")
     if out.exists() and not overwrite:
         raise InputError(f"--out {out}: is there already; choose another name, or replace it with --overwrite")
     if maps and range_px is not None:
@@ -104,13 +101,7 @@ def calibrate(
         raise InputError(f"--out {out}: not written, since what was found makes no valid config:\n{error}") from None
     # The patches of the dataset to come: what cannot be used is told now, and the cache has them then.
     report = prepare_atlas(config.textures, 0).report
-    # Under a name of its own, so that runs beside this one do not meet.
-    partial = out.with_name(f".{out.name}.{os.getpid()}.partial")
-    try:
-        partial.write_text(found.text, encoding="utf-8")
-        partial.replace(out)
-    finally:
-        partial.unlink(missing_ok=True)
+    write_output(out, found.text.encode("utf-8"))
     for line in _summary(found, config.name, report, out):
         click.echo(line)
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from semisynth_gl.cli.options import check_output
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.errors import InputError
 from semisynth_gl.metrics.evaluate import REGIONS, Evaluated, evaluate_pair, report_of
@@ -62,7 +63,7 @@ def evaluate(
     protocol = PROTOCOLS[protocol_name or found.protocol]
     evaluated: list[Evaluated] = []
     with Progress() as progress:
-        progress.begin(len(predictions))
+        progress.on_total(len(predictions))
         for pair in found.pairs:
             if pair.name not in predictions:
                 continue
@@ -93,8 +94,7 @@ def _check_outputs(json_path: Path | None, maps: Path | None, pred: Path, found:
     Raises:
         InputError: with the reason.
     """
-    if json_path is not None and not json_path.absolute().parent.is_dir():
-        raise InputError(f"--json {json_path}: the folder {json_path.absolute().parent} does not exist")
+    check_output("--json", json_path)
     if maps is None:
         return
     if maps.exists() and not maps.is_dir():

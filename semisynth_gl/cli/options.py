@@ -1,65 +1,110 @@
-"""Options that several commands share."""
+"""Options that several commands share, and the files that options name."""
 
+import os
 from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import wraps
+from pathlib import Path
 from typing import Any
 
 import click
 
 from semisynth_gl.config import Config, load_config, packaged_configs
-from semisynth_gl.render.context import BACKENDS
+from semisynth_gl.errors import InputError
+from semisynth_gl.render.context import BACKENDS, Backend
 
 Command = Callable[..., Any]
 
 
-def scene_options(command: Command) -> Command:
-    """Add --config, --seed, --images, --models, --set and --backend."""
-    options = [
-        click.option(
-            "--config",
-            "config_name",
-            required=True,
-            metavar="NAME_OR_PATH",
-            help=f"A YAML file, or a packaged config: {', '.join(packaged_configs())}.",
-        ),
-        click.option(
-            "--images",
-            multiple=True,
-            metavar="PATH_OR_GLOB",
-            help="Photographs to cut patches from: a file, folder or glob. May be repeated.",
-        ),
-        click.option(
-            "--models",
-            multiple=True,
-            metavar="DIR",
-            help="A folder of 3D models to add to those that are built in. May be repeated.",
-        ),
-        click.option(
-            "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Another seed, another dataset."
-        ),
-        click.option(
-            "--set",
-            "settings",
-            multiple=True,
-            metavar="dotted.key=value",
-            help="Override a key of the config, for example camera.width_px=640. May be repeated.",
-        ),
-        click.option(
-            "--backend",
-            type=click.Choice(BACKENDS),
-            default="auto",
-            show_default=True,
-            help="egl: a GPU, or llvmpipe; osmesa: Mesa's off-screen renderer; auto: the first that works.",
-        ),
-    ]
-    for option in reversed(options):
-        command = option(command)
-    return command
+def option_group(name: str, group: type, *options: Callable[[Command], Command]) -> Callable[[Command], Command]:
+    """Return a decorator that adds options to a command and gives it their values as one argument.
+
+    Args:
+        name: the name of the command's parameter.
+        group: a dataclass with a field for the value of each option.
+        options: click's options, in the order of the help.
+    """
+    names = [field.name for field in fields(group)]
+
+    def decorate(command: Command) -> Command:
+        @wraps(command)
+        def grouped(**values: Any) -> Any:  # noqa: ANN401 - click's
+            values[name] = group(**{field: values.pop(field) for field in names})
+            return command(**values)
+
+        for option in reversed(options):
+            option(grouped)
+        return grouped
+
+    return decorate
+
+
+CONFIG_OPTION = click.option(
+    "--config",
+    "config_name",
+    required=True,
+    metavar="NAME_OR_PATH",
+    help=f"A YAML file, or a packaged config: {', '.join(packaged_configs())}.",
+)
+IMAGES_OPTION = click.option(
+    "--images",
+    multiple=True,
+    metavar="PATH_OR_GLOB",
+    help="Photographs to cut patches from: a file, folder or glob. May be repeated.",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class SceneOptions:
+    """The options that decide what pairs show, and how they are rendered."""
+
+    config_name: str
+    images: tuple[str, ...]
+    models: tuple[str, ...]
+    seed: int
+    settings: tuple[str, ...]
+    backend: Backend
+
+    def config(self, *settings: str) -> Config:
+        """Load the config that the options describe, with further settings."""
+        return read_config(self.config_name, self.images, self.models, (*self.settings, *settings))
+
+
+scene_options = option_group(
+    "scene",
+    SceneOptions,
+    CONFIG_OPTION,
+    IMAGES_OPTION,
+    click.option(
+        "--models",
+        multiple=True,
+        metavar="DIR",
+        help="A folder of 3D models to add to those that are built in. May be repeated.",
+    ),
+    click.option(
+        "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Another seed, another dataset."
+    ),
+    click.option(
+        "--set",
+        "settings",
+        multiple=True,
+        metavar="dotted.key=value",
+        help="Override a key of the config, for example camera.width_px=640. May be repeated.",
+    ),
+    click.option(
+        "--backend",
+        type=click.Choice(BACKENDS),
+        default="auto",
+        show_default=True,
+        help="egl: a GPU, or llvmpipe; osmesa: Mesa's off-screen renderer; auto: the first that works.",
+    ),
+)
 
 
 def read_config(
     config_name: str, images: tuple[str, ...], models: tuple[str, ...], settings: tuple[str, ...]
 ) -> Config:
-    """Load the config that the options describe."""
+    """Load the config that the options --config, --images, --models and --set describe."""
     overrides = list(settings)
     config = load_config(config_name, overrides)
     if images:
@@ -73,3 +118,32 @@ def _quoted(values: tuple[str, ...]) -> str:
     """Write strings as a YAML list."""
     quoted = ("'" + value.replace("'", "''") + "'" for value in values)
     return f"[{', '.join(quoted)}]"
+
+
+def check_output(option: str, path: Path | None, *endings: str) -> None:
+    """Refuse a file that cannot be written, before anything is computed.
+
+    Args:
+        option: the option that names the file.
+        path: the file; None where the option is not given.
+        endings: the endings that the name may have; none for any.
+
+    Raises:
+        InputError: where the name ends otherwise, or its folder does not exist.
+    """
+    if path is None:
+        return
+    if endings and path.suffix.lower() not in endings:
+        raise InputError(f"{option} {path}: expected a name that ends in {endings[0]}")
+    if not path.absolute().parent.is_dir():
+        raise InputError(f"{option} {path}: the folder {path.absolute().parent} does not exist")
+
+
+def write_output(path: Path, data: bytes) -> None:
+    """Write a file under a name of this process, then rename it: the file is complete, or as it was before."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        partial.write_bytes(data)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)

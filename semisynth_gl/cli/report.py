@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from semisynth_gl.cli.options import check_output, write_output
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.dataset.reader import Index, read_index
 from semisynth_gl.errors import InputError
@@ -48,15 +49,9 @@ def report(directory: str, out: Path | None, pairs: int, sample: int, split: Spl
     start = time.monotonic()
     total = sum(count for name, count in index.pairs.items() if split in (None, name))
     with Progress() as progress:
-        progress.begin(min(total, max(sample, pairs)))
-        made = build_report(index, pairs=pairs, sample=sample, split=split, advance=progress.advance)
+        made = build_report(index, pairs=pairs, sample=sample, split=split, listener=progress)
     data = made.page.encode("utf-8")
-    partial = out.with_name(f".{out.name}.partial")
-    try:
-        partial.write_bytes(data)
-        partial.replace(out)
-    finally:
-        partial.unlink(missing_ok=True)
+    write_output(out, data)
     size = f" at 1/{made.step} of their size" if made.step > 1 else ""
     click.echo(
         f"{out}: {len(made.measurement.pairs)} of {total} pairs measured, {made.shown} shown{size}, "
@@ -74,10 +69,7 @@ def _place_of(index: Index, directory: str, out: Path | None) -> Path:
     if out is None:
         name = local.resolve().name if local is not None else directory.rstrip("/").rpartition("/")[2]
         out = Path(f"{name}-report.html")
-    if out.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"--out {out}: expected a name that ends in .html")
-    if not out.absolute().parent.is_dir():
-        raise InputError(f"--out {out}: the folder {out.absolute().parent} does not exist")
+    check_output("--out", out, ".html", ".htm")
     if local is not None and out.resolve().is_relative_to(local.resolve()):
         raise InputError(
             f"--out {out}: lies in the dataset's folder, where verify would take it for a foreign file; name a file "

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import read_config
+from semisynth_gl.cli.options import IMAGES_OPTION, check_output, read_config, write_output
 from semisynth_gl.config import packaged_configs
-from semisynth_gl.errors import InputError
 from semisynth_gl.textures.atlas import TextureReport
 from semisynth_gl.textures.prepare import images_of, prepare_atlas
 from semisynth_gl.textures.selection import names_of
@@ -24,12 +23,7 @@ _COLUMNS = ("flat", "blurred", "duplicate", "surplus")
     metavar="NAME_OR_PATH",
     help=f"Its section textures counts: a YAML file, or a packaged config: {', '.join(packaged_configs())}.",
 )
-@click.option(
-    "--images",
-    multiple=True,
-    metavar="PATH_OR_GLOB",
-    help="Photographs to cut patches from: a file, folder or glob. May be repeated.",
-)
+@IMAGES_OPTION
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="As of the dataset.")
 @click.option(
     "--set",
@@ -47,10 +41,7 @@ def textures(config_name: str, images: tuple[str, ...], seed: int, settings: tup
     from semisynth_gl.textures.sheet import draw_texture_sheet  # noqa: PLC0415
 
     section = read_config(config_name, images, (), settings).textures
-    if out.suffix.lower() != ".png":
-        raise InputError(f"--out {out}: expected a name that ends in .png")
-    if not out.absolute().parent.is_dir():
-        raise InputError(f"--out {out}: the folder {out.absolute().parent} does not exist")
+    check_output("--out", out, ".png")
     files = images_of(section, seed)
     atlas = prepare_atlas(section, seed)
     report = atlas.report
@@ -59,12 +50,7 @@ def textures(config_name: str, images: tuple[str, ...], seed: int, settings: tup
     named = {name: path for path, name in names_of(files).items()} if files else {}
     png = io.BytesIO()
     draw_texture_sheet(atlas, named, title).save(png, format="png")
-    partial = out.with_name(f".{out.name}.partial")
-    try:
-        partial.write_bytes(png.getvalue())
-        partial.replace(out)
-    finally:
-        partial.unlink(missing_ok=True)
+    write_output(out, png.getvalue())
     for line in _table(report):
         click.echo(line)
     click.echo(report.summary())

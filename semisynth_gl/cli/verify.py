@@ -8,9 +8,9 @@ from pathlib import Path
 
 import click
 
+from semisynth_gl.cli.options import check_output
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.dataset.reader import Index, read_index
-from semisynth_gl.errors import InputError
 from semisynth_gl.verify.dataset import verify_dataset
 from semisynth_gl.verify.finding import Verdict
 
@@ -33,13 +33,12 @@ def verify(
     One line per finding: scene, check, what was expected and what came. Exit code 1 where there is any.
     """
     index = read_index(directory)
-    if json_path is not None and not json_path.absolute().parent.is_dir():
-        raise InputError(f"--json {json_path}: the folder {json_path.absolute().parent} does not exist")
+    check_output("--json", json_path)
     pairs = sum(index.pairs.values())
     start = time.monotonic()
     verdicts = []
     with Progress() as progress:
-        progress.begin(pairs)
+        progress.on_total(pairs)
         for number, verdict in enumerate(verify_dataset(index, pixels if oracle else 0)):
             verdicts.append(verdict)
             for finding in verdict.findings:

@@ -1,12 +1,12 @@
 """From a dataset to its page: what is sampled, measured, listed and shown."""
 
-from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 
 from matplotlib import colormaps
 
 from semisynth_gl.dataset.reader import Dataset, Index
+from semisynth_gl.listener import Listener
 from semisynth_gl.report.measure import Measurement, PairMeasures, measure, spread
 from semisynth_gl.report.outliers import QUANTITIES, Outlier, find_outliers
 from semisynth_gl.report.page import ShownPair, write_page
@@ -43,7 +43,7 @@ def build_report(
     pairs: int,
     sample: int,
     split: SplitName | None = None,
-    advance: Callable[[], None] = lambda: None,
+    listener: Listener | None = None,
 ) -> Report:
     """Measure a dataset and write its page. Equal datasets give equal pages.
 
@@ -52,7 +52,7 @@ def build_report(
         pairs: how many pairs to show, 0 or more, beside outliers.
         sample: how many to measure, 1 or more; at least those that are shown.
         split: of this split alone.
-        advance: called after each measured pair.
+        listener: hears the number of pairs to measure, and each of them.
 
     Raises:
         InputError: where the dataset is not finished, has no such split, or no pair of it can be read.
@@ -60,7 +60,7 @@ def build_report(
     with closing(Dataset(index, split)) as dataset:
         redraws = read_redraws(index, split)
         positions = spread(len(dataset), max(sample, pairs))
-        measurement = measure(dataset, positions, redraws.of_pair, advance)
+        measurement = measure(dataset, positions, redraws.of_pair, listener)
         outliers = [each for quantity in QUANTITIES for each in find_outliers(measurement.pairs, quantity)]
         chosen = _chosen(measurement.pairs, pairs, outliers)
         pictures = make_pictures([pair.position for pair, _ in chosen], dataset.__getitem__)

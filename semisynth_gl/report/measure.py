@@ -1,7 +1,7 @@
 """A sample of a dataset's pairs, measured: from their files, and with rays through their scenes made again."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import sqrt
 from typing import cast
@@ -18,6 +18,7 @@ from semisynth_gl.dataset.stored import StoredFrame
 from semisynth_gl.errors import InputError, SemisynthError
 from semisynth_gl.frame import OCCLUDED
 from semisynth_gl.histogram import Histogram, PixelCount
+from semisynth_gl.listener import FinishedPair, Listener
 from semisynth_gl.report.redraws import PairKey
 from semisynth_gl.report.surfaces import diameters_px, surfaces_at
 from semisynth_gl.scene.raycast import cast_rays
@@ -141,7 +142,7 @@ def measure(
     dataset: Dataset,
     positions: Sequence[int],
     redraws: Mapping[PairKey, Sequence[str]],
-    advance: Callable[[], None] = lambda: None,
+    listener: Listener | None = None,
 ) -> Measurement:
     """Read pairs and measure them.
 
@@ -149,12 +150,14 @@ def measure(
         dataset: the dataset, or a split of it.
         positions: which pairs.
         redraws: what was wrong with failed attempts, by pair.
-        advance: called after each pair.
+        listener: hears the number of pairs, and each measured pair.
 
     Raises:
         InputError: where no pair can be read.
     """
     index = dataset.about
+    listener = listener or Listener()
+    listener.on_total(len(positions))
     target, fault = None, None
     try:
         target = target_histogram(index)
@@ -178,7 +181,7 @@ def measure(
             depths.append(frame.camera.depth_m(disparity[np.isfinite(disparity)]))
             if position in with_rays:
                 caster.cast(frame, x, y)
-        advance()
+        listener.on_pair(FinishedPair(*dataset.pair(position)))
     if not pairs:
         raise InputError(
             f"{index.place.address}: no pair could be read; of the first: {(unread or ['there is none'])[0]}"
