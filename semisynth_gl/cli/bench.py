@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from semisynth_gl.cli.options import Command, check_output, option_group
+from semisynth_gl.cli.options import COUNT, NATURAL, PATH, Command, check_output, option, option_group
 from semisynth_gl.config import load_config
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.context import BACKENDS, Backend
@@ -56,20 +56,12 @@ def _bench_options(config: str) -> Callable[[Command], Command]:
     return option_group(
         "options",
         _BenchOptions,
-        click.option(
-            "--config", "config_name", default=config, show_default=True, help="Whose scenes: a name or a YAML file."
-        ),
-        click.option(
-            "--set", "settings", multiple=True, metavar="dotted.key=value", help="Override a key of the config."
-        ),
-        click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Other scenes."),
-        click.option(
-            "--backend", type=click.Choice(BACKENDS), default="auto", show_default=True, help="As for generate."
-        ),
-        click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write everything here."),
-        click.option(
-            "--plot", "plot_path", type=click.Path(path_type=Path), help="Also draw it: a name that ends in .png."
-        ),
+        option("--config", "config_name", default=config, help="Whose scenes: a name or a YAML file."),
+        option("--set", "settings", multiple=True, metavar="dotted.key=value", help="Override a key of the config."),
+        option("--seed", type=NATURAL, default=0, help="Other scenes."),
+        option("--backend", type=click.Choice(BACKENDS), default="auto", help="As for generate."),
+        option("--json", "json_path", type=PATH, help="Also write everything here."),
+        option("--plot", "plot_path", type=PATH, help="Also draw it: a name that ends in .png."),
     )
 
 
@@ -82,19 +74,10 @@ class _Parts(Listener):
 
 @bench.command()
 @_bench_options("eth3d")
-@click.option("--pairs", type=click.IntRange(min=1), default=3, show_default=True, help="How many pairs.")
-@click.option(
-    "--rays", type=click.IntRange(min=1), default=20_000, show_default=True, help="Rays cast for each eye of a pair."
-)
-@click.option(
-    "--repeats", type=click.IntRange(min=1), default=7, show_default=True, help="Times each alternative is timed."
-)
-def accuracy(
-    options: _BenchOptions,
-    pairs: int,
-    rays: int,
-    repeats: int,
-) -> None:
+@option("--pairs", type=COUNT, default=3, help="How many pairs.")
+@option("--rays", type=COUNT, default=20_000, help="Rays cast for each eye of a pair.")
+@option("--repeats", type=COUNT, default=7, help="Times each alternative is timed.")
+def accuracy(options: _BenchOptions, pairs: int, rays: int, repeats: int) -> None:
     """Compare ways to get the disparity, to store it and to antialias: error against a float64 oracle, time, bytes.
 
     Four tables. The default of each is bold; a star marks what no other way beats.
@@ -130,34 +113,15 @@ def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[i
 
 @bench.command()
 @_bench_options("middlebury")
-@click.option(
-    "--pairs",
-    type=click.IntRange(min=1),
-    default=8,
-    show_default=True,
-    help="Pairs that each number of workers makes in a round; at least four each.",
+@option(
+    "--pairs", type=COUNT, default=8, help="Pairs that each number of workers makes in a round; at least four each."
 )
-@click.option(
-    "--repeats",
-    type=click.IntRange(min=1),
-    default=3,
-    show_default=True,
-    help="Times each alternative is timed; workers and starts half as often.",
+@option("--repeats", type=COUNT, default=3, help="Times each alternative is timed; workers and starts half as often.")
+@option(
+    "--workers", callback=_numbers, metavar="N,N", help="Numbers of workers.  [default: powers of two up to the cores]"
 )
-@click.option(
-    "--workers",
-    callback=_numbers,
-    metavar="N,N",
-    help="Numbers of workers.  [default: powers of two up to the cores]",
-)
-@click.option(
-    "--memory-pairs",
-    type=click.IntRange(min=1),
-    default=40,
-    show_default=True,
-    help="Pairs that memory is followed over.",
-)
-@click.option("--no-stress", is_flag=True, help="Leave out the pair of 10,000 instances and 5 million triangles.")
+@option("--memory-pairs", type=COUNT, default=40, help="Pairs that memory is followed over.")
+@option("--no-stress", is_flag=True, help="Leave out the pair of 10,000 instances and 5 million triangles.")
 def speed(
     options: _BenchOptions,
     pairs: int,

@@ -11,7 +11,7 @@ from semisynth_gl.calibration.document import shown_range
 from semisynth_gl.calibration.forms import read_rigs
 from semisynth_gl.calibration.photographs import impossible_splits
 from semisynth_gl.calibration.rig import Rig, Size, plain_rig
-from semisynth_gl.cli.options import check_output, write_output
+from semisynth_gl.cli.options import PATH, check_output, option, write_output
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.errors import InputError
 from semisynth_gl.read.disparity import KITTI_PNG_SCALE
@@ -22,47 +22,46 @@ _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
 @click.command()
-@click.option(
+@option(
     "--images",
     multiple=True,
     required=True,
     metavar="PATH_OR_GLOB",
     help="Photographs to cut patches from: a file, folder or glob. May be repeated.",
 )
-@click.option(
+@option(
     "--calib",
     multiple=True,
     metavar="FILE_OR_GLOB",
     help="Of the rectified rig: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, stereo YAML of OpenCV "
     "or ROS. May be repeated: ROS's left and right, or several rigs.",
 )
-@click.option("--focal-px", type=click.FloatRange(min=0, min_open=True), help="Instead of --calib, with the next two.")
-@click.option("--baseline-m", type=float, help="Distance of the cameras.")
-@click.option("--size", metavar="WIDTHxHEIGHT", help="Of the images, where no calibration says so; such as 1280x720.")
-@click.option(
+@option("--focal-px", type=click.FloatRange(min=0, min_open=True), help="Instead of --calib, with the next two.")
+@option("--baseline-m", type=float, help="Distance of the cameras.")
+@option("--size", metavar="WIDTHxHEIGHT", help="Of the images, where no calibration says so; such as 1280x720.")
+@option(
     "--scale",
     type=click.FloatRange(min=0, min_open=True, max=16),
     help="Of images and maps against the calibrated size; 0.25 for quarter size.",
 )
-@click.option("--unit", type=click.Choice(list(_UNITS)), help="Of the translation in an OpenCV file; else metres.")
-@click.option(
+@option("--unit", type=click.Choice(list(_UNITS)), help="Of the translation in an OpenCV file; else metres.")
+@option(
     "--disparity",
     "maps",
     multiple=True,
     metavar="PATH_OR_GLOB",
     help="Disparity maps, true or predicted, to measure the histogram: .pfm, .npy, 16-bit .png. May be repeated.",
 )
-@click.option(
+@option(
     "--png-scale",
     type=click.FloatRange(min=0, min_open=True),
     default=KITTI_PNG_SCALE,
-    show_default=True,
     help="Levels of a 16-bit PNG per pixel of disparity.",
 )
-@click.option("--range-px", type=(float, float), help="Least and largest disparity, where there are no maps.")
-@click.option("--other-camera", is_flag=True, help="The photographs are not the rig's: they may have any size.")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="YAML to write.")
-@click.option("--overwrite", is_flag=True, help="Replace --out where it is there.")
+@option("--range-px", type=(float, float), help="Least and largest disparity, where there are no maps.")
+@option("--other-camera", is_flag=True, help="The photographs are not the rig's: they may have any size.")
+@option("--out", type=PATH, required=True, help="YAML to write.")
+@option("--overwrite", is_flag=True, help="Replace --out where it is there.")
 def calibrate(
     images: tuple[str, ...],
     calib: tuple[str, ...],

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import check_output
+from semisynth_gl.cli.options import PATH, check_output, option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.errors import InputError
 from semisynth_gl.metrics.evaluate import REGIONS, Evaluated, evaluate_pair, report_of
@@ -18,30 +18,25 @@ from semisynth_gl.write.png import encode_png
 
 
 @click.command()
-@click.option("--pred", type=click.Path(path_type=Path), required=True, help="Folder of predictions.")
-@click.option(
+@option("--pred", type=PATH, required=True, help="Folder of predictions.")
+@option(
     "--gt",
     "truth",
     required=True,
     metavar="DIR_OR_ADDRESS",
     help="Their truth: a dataset of this program, or a folder of Middlebury, ETH3D or KITTI.",
 )
-@click.option(
+@option(
     "--protocol",
     "protocol_name",
     type=click.Choice(PROTOCOL_NAMES),
     help="Whose definitions to use; by default those of the benchmark whose form --gt has.",
 )
-@click.option(
-    "--mask",
-    "masks",
-    type=click.Path(path_type=Path),
-    help="Folder of masks, 255 where not occluded, instead of --gt's.",
-)
-@click.option("--split", type=click.Choice(SPLITS), help="Of this split of --gt alone.")
-@click.option("--partial", is_flag=True, help="Evaluate what is there, though predictions are missing.")
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write all figures here, unrounded.")
-@click.option("--maps", type=click.Path(path_type=Path), help="Also write an error map per pair into this folder.")
+@option("--mask", "masks", type=PATH, help="Folder of masks, 255 where not occluded, instead of --gt's.")
+@option("--split", type=click.Choice(SPLITS), help="Of this split of --gt alone.")
+@option("--partial", is_flag=True, help="Evaluate what is there, though predictions are missing.")
+@option("--json", "json_path", type=PATH, help="Also write all figures here, unrounded.")
+@option("--maps", type=PATH, help="Also write an error map per pair into this folder.")
 def evaluate(
     pred: Path,
     truth: str,

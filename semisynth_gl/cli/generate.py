@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import click
 
-from semisynth_gl.cli.options import SceneOptions, option_group, scene_options
+from semisynth_gl.cli.options import COUNT, NATURAL, SceneOptions, option, option_group, scene_options
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.config import Config
 from semisynth_gl.engines.local import LocalEngine
@@ -61,31 +61,30 @@ class _DatasetOptions:
 _dataset_options = option_group(
     "dataset",
     _DatasetOptions,
-    click.option(
+    option(
         "--out",
         metavar="DIR_OR_ADDRESS",
         help="Folder to write to, or an address such as s3://bucket/name.  [default: out/ and the config's name]",
     ),
-    click.option(
+    option(
         "--layout",
         metavar="NAME",
         help=f"Names of files: {', '.join(layout_names())}.  [default: middlebury; webdataset from 10,000 pairs on]",
     ),
-    click.option("--outputs", metavar="a,b", help=f"Beside images and disparities: {', '.join(OUTPUTS)}; or none."),
-    click.option(
+    option("--outputs", metavar="a,b", help=f"Beside images and disparities: {', '.join(OUTPUTS)}; or none."),
+    option(
         "--truth", type=click.Choice(TRUTHS), help="Views to write disparity and outputs of.  [default: the config's]"
     ),
-    click.option(
-        "--pairs", type=click.IntRange(min=0), default=24, show_default=True, help="How many pairs to train on."
-    ),
-    click.option(
+    option("--pairs", type=NATURAL, default=24, help="How many pairs to train on."),
+    option(
         "--validation",
-        type=click.IntRange(min=0),
+        type=NATURAL,
         default=0,
+        show_default=False,
         metavar="N",
         help="How many besides, of other photographs.",
     ),
-    click.option("--test", type=click.IntRange(min=0), default=0, metavar="N", help="Likewise, of others again."),
+    option("--test", type=NATURAL, default=0, show_default=False, metavar="N", help="Likewise, of others again."),
 )
 
 
@@ -132,35 +131,32 @@ class _WorkerOptions:
 _worker_options = option_group(
     "workers",
     _WorkerOptions,
-    click.option(
+    option(
         "--engine",
         metavar="|".join(ENGINES),
         help="What makes the shards: this process, processes of this machine, or a Ray cluster.  [default: local, "
         "where there is work for several workers]",
     ),
-    click.option(
+    option(
         "--workers",
-        type=click.IntRange(min=1),
+        type=COUNT,
         metavar="N",
         help="Processes of the engine local; the files are the same whatever their number.  [default: a core each, at "
         f"most one for {_PAIRS_PER_WORKER} pairs]",
     ),
-    click.option("--gpus", metavar="A,B", help="CUDA's numbers of the GPUs that workers take turns on."),
-    click.option(
+    option("--gpus", metavar="A,B", help="CUDA's numbers of the GPUs that workers take turns on."),
+    option(
         "--gpu-share",
         type=click.FloatRange(min=0),
         default=0.0,
         metavar="X",
         help="GPUs, or part of one, of a Ray task.",
     ),
-    click.option(
-        "--ray-address", metavar="ADDRESS", help="A running cluster.  [default: $RAY_ADDRESS, else a local one]"
-    ),
-    click.option(
+    option("--ray-address", metavar="ADDRESS", help="A running cluster.  [default: $RAY_ADDRESS, else a local one]"),
+    option(
         "--timeout",
         type=click.FloatRange(min=0, min_open=True),
         default=600.0,
-        show_default=True,
         metavar="SECONDS",
         help="A worker of the engine local that takes longer for a pair, or to start, is replaced.",
     ),
@@ -171,11 +167,11 @@ _worker_options = option_group(
 @scene_options
 @_dataset_options
 @_worker_options
-@click.option(
-    "--shard-pairs", type=click.IntRange(min=1), metavar="N", help="Pairs in a shard.  [default: about 1 GB]"
+@option(
+    "--shard-pairs", type=COUNT, metavar="N", help="Pairs in a shard.  [default: about 1 GB]"
 )  # fmt: skip
-@click.option("--shards", metavar="A-B", help="Make these alone, counted from 0: a share of the work for each machine.")
-@click.option("--overwrite", is_flag=True, help="Replace the dataset that is in the folder.")
+@option("--shards", metavar="A-B", help="Make these alone, counted from 0: a share of the work for each machine.")
+@option("--overwrite", is_flag=True, help="Replace the dataset that is in the folder.")
 def generate(
     scene: SceneOptions,
     dataset: _DatasetOptions,

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,11 @@ from semisynth_gl.errors import InputError
 from semisynth_gl.render.context import BACKENDS, Backend
 
 Command = Callable[..., Any]
+
+option = partial(click.option, show_default=True)
+NATURAL = click.IntRange(min=0)
+COUNT = click.IntRange(min=1)
+PATH = click.Path(path_type=Path)
 
 
 def option_group(name: str, group: type, *options: Callable[[Command], Command]) -> Callable[[Command], Command]:
@@ -32,21 +37,14 @@ def option_group(name: str, group: type, *options: Callable[[Command], Command])
             values[name] = group(**{field: values.pop(field) for field in names})
             return command(**values)
 
-        for option in reversed(options):
-            option(grouped)
+        for add_option in reversed(options):
+            add_option(grouped)
         return grouped
 
     return decorate
 
 
-CONFIG_OPTION = click.option(
-    "--config",
-    "config_name",
-    required=True,
-    metavar="NAME_OR_PATH",
-    help=f"A YAML file, or a packaged config: {', '.join(packaged_configs())}.",
-)
-IMAGES_OPTION = click.option(
+IMAGES_OPTION = option(
     "--images",
     multiple=True,
     metavar="PATH_OR_GLOB",
@@ -73,29 +71,32 @@ class SceneOptions:
 scene_options = option_group(
     "scene",
     SceneOptions,
-    CONFIG_OPTION,
+    option(
+        "--config",
+        "config_name",
+        required=True,
+        metavar="NAME_OR_PATH",
+        help=f"A YAML file, or a packaged config: {', '.join(packaged_configs())}.",
+    ),
     IMAGES_OPTION,
-    click.option(
+    option(
         "--models",
         multiple=True,
         metavar="DIR",
         help="A folder of 3D models to add to those that are built in. May be repeated.",
     ),
-    click.option(
-        "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Another seed, another dataset."
-    ),
-    click.option(
+    option("--seed", type=NATURAL, default=0, help="Another seed, another dataset."),
+    option(
         "--set",
         "settings",
         multiple=True,
         metavar="dotted.key=value",
         help="Override a key of the config, for example camera.width_px=640. May be repeated.",
     ),
-    click.option(
+    option(
         "--backend",
         type=click.Choice(BACKENDS),
         default="auto",
-        show_default=True,
         help="egl: a GPU, or llvmpipe; osmesa: Mesa's off-screen renderer; auto: the first that works.",
     ),
 )

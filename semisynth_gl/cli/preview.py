@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import SceneOptions, check_output, scene_options, write_output
+from semisynth_gl.cli.options import PATH, SceneOptions, check_output, option, scene_options, write_output
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.pairs.pipeline import PairRenderer
@@ -14,17 +14,9 @@ from semisynth_gl.scene.target import target_of
 
 @click.command()
 @scene_options
-@click.option(
-    "--out", type=click.Path(path_type=Path), default=Path("preview.png"), show_default=True, help="PNG to write."
-)
-@click.option(
-    "--pairs", type=click.IntRange(min=1, max=64), default=4, show_default=True, help="How many pairs to show."
-)
-def preview(
-    scene: SceneOptions,
-    out: Path,
-    pairs: int,
-) -> None:
+@option("--out", type=PATH, default=Path("preview.png"), help="PNG to write.")
+@option("--pairs", type=click.IntRange(min=1, max=64), default=4, help="How many pairs to show.")
+def preview(scene: SceneOptions, out: Path, pairs: int) -> None:
     """Draw a contact sheet: the first pairs of a dataset, and their histogram against the config's."""
     # Imported here: matplotlib takes longer to load than a pair to render.
     from semisynth_gl.report.contact_sheet import draw_sheet  # noqa: PLC0415

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import check_output, write_output
+from semisynth_gl.cli.options import COUNT, PATH, check_output, option, write_output
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.dataset.reader import Index, read_index
 from semisynth_gl.errors import InputError
@@ -16,26 +16,19 @@ _MEGA = 1e6
 
 @click.command()
 @click.argument("directory", metavar="DIR_OR_ADDRESS")
-@click.option(
+@option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="HTML file to write; by default the dataset's name and -report.html, in the current folder.",
 )
-@click.option(
+@option(
     "--pairs",
     type=click.IntRange(min=0, max=64),
     default=12,
-    show_default=True,
     help="How many pairs to show, evenly spread; outliers come on top.",
 )
-@click.option(
-    "--sample",
-    type=click.IntRange(min=1),
-    default=200,
-    show_default=True,
-    help="How many pairs to measure, evenly spread.",
-)
-@click.option("--split", type=click.Choice(SPLITS), help="Of this split alone.")
+@option("--sample", type=COUNT, default=200, help="How many pairs to measure, evenly spread.")
+@option("--split", type=click.Choice(SPLITS), help="Of this split alone.")
 def report(directory: str, out: Path | None, pairs: int, sample: int, split: SplitName | None) -> None:
     """Write one HTML page about a dataset: pairs, distributions, outliers and what made it.
 

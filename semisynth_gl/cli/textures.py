@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import IMAGES_OPTION, check_output, read_config, write_output
+from semisynth_gl.cli.options import IMAGES_OPTION, NATURAL, PATH, check_output, option, read_config, write_output
 from semisynth_gl.config import packaged_configs
 from semisynth_gl.textures.atlas import TextureReport
 from semisynth_gl.textures.prepare import images_of, prepare_atlas
@@ -15,26 +15,23 @@ _COLUMNS = ("flat", "blurred", "duplicate", "surplus")
 
 
 @click.command()
-@click.option(
+@option(
     "--config",
     "config_name",
     default="middlebury",
-    show_default=True,
     metavar="NAME_OR_PATH",
     help=f"Its section textures counts: a YAML file, or a packaged config: {', '.join(packaged_configs())}.",
 )
 @IMAGES_OPTION
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="As of the dataset.")
-@click.option(
+@option("--seed", type=NATURAL, default=0, help="As of the dataset.")
+@option(
     "--set",
     "settings",
     multiple=True,
     metavar="dotted.key=value",
     help="Override a key of the config, for example textures.flat_share=0.1. May be repeated.",
 )
-@click.option(
-    "--out", type=click.Path(path_type=Path), default=Path("textures.png"), show_default=True, help="PNG to write."
-)
+@option("--out", type=PATH, default=Path("textures.png"), help="PNG to write.")
 def textures(config_name: str, images: tuple[str, ...], seed: int, settings: tuple[str, ...], out: Path) -> None:
     """Draw the patches that a dataset shows, count them, and tell what was left out of the photographs and why."""
     # Imported here: no other command draws text.

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import check_output
+from semisynth_gl.cli.options import COUNT, PATH, check_output, option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.dataset.reader import Index, read_index
 from semisynth_gl.verify.dataset import verify_dataset
@@ -17,11 +17,9 @@ from semisynth_gl.verify.finding import Verdict
 
 @click.command()
 @click.argument("directory", metavar="DIR_OR_ADDRESS")
-@click.option("--oracle", is_flag=True, help="Also make each scene again and compare with float64 rays.")
-@click.option(
-    "--pixels", type=click.IntRange(min=1), default=500, show_default=True, help="Rays per pair, with --oracle."
-)
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write findings and measures here.")
+@option("--oracle", is_flag=True, help="Also make each scene again and compare with float64 rays.")
+@option("--pixels", type=COUNT, default=500, help="Rays per pair, with --oracle.")
+@option("--json", "json_path", type=PATH, help="Also write findings and measures here.")
 def verify(
     directory: str,
     oracle: bool,  # noqa: FBT001 - click passes flags so
