@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from semisynth_gl.cli.options import COUNT, NATURAL, PATH, Command, check_output, option, option_group
+from semisynth_gl.cli.options import COUNT, NATURAL, Command, OutputFile, option, option_group
 from semisynth_gl.config import load_config
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.context import BACKENDS, Backend
@@ -35,11 +35,6 @@ class _BenchOptions:
     json_path: Path | None
     plot_path: Path | None
 
-    def check(self) -> None:
-        """Refuse files that cannot be written before anything is measured."""
-        check_output("--json", self.json_path)
-        check_output("--plot", self.plot_path, ".png")
-
     def save(self, report: dict[str, Any], draw_plot: Callable[[dict[str, Any]], "Figure"]) -> None:
         """Write the report to the files that the options name."""
         report["command"] = " ".join(["semisynth-gl", *sys.argv[1:]])
@@ -60,8 +55,8 @@ def _bench_options(config: str) -> Callable[[Command], Command]:
         option("--set", "settings", multiple=True, metavar="dotted.key=value", help="Override a key of the config."),
         option("--seed", type=NATURAL, default=0, help="Other scenes."),
         option("--backend", type=click.Choice(BACKENDS), default="auto", help="As for generate."),
-        option("--json", "json_path", type=PATH, help="Also write everything here."),
-        option("--plot", "plot_path", type=PATH, help="Also draw it: a name that ends in .png."),
+        option("--json", "json_path", type=OutputFile(), help="Also write everything here."),
+        option("--plot", "plot_path", type=OutputFile(".png"), help="Also draw it: a name that ends in .png."),
     )
 
 
@@ -86,7 +81,6 @@ def accuracy(options: _BenchOptions, pairs: int, rays: int, repeats: int) -> Non
     from semisynth_gl.bench.accuracy import Effort, measure, table  # noqa: PLC0415
     from semisynth_gl.bench.plot import draw_plot  # noqa: PLC0415
 
-    options.check()
     config = load_config(options.config_name, options.settings)
     report = measure(config, options.seed, options.backend, Effort(pairs, rays, repeats), _Parts())
     options.save(report, draw_plot)
@@ -139,7 +133,6 @@ def speed(
     from semisynth_gl.bench.speed import Effort, measure, table  # noqa: PLC0415
     from semisynth_gl.bench.speed_plot import draw_plot  # noqa: PLC0415
 
-    options.check()
     config = load_config(options.config_name, options.settings)
     effort = Effort(pairs, repeats, workers, memory_pairs, stress=not no_stress)
     report = measure(config, options.seed, options.backend, effort, _Parts())

@@ -11,7 +11,7 @@ from semisynth_gl.calibration.document import shown_range
 from semisynth_gl.calibration.forms import read_rigs
 from semisynth_gl.calibration.photographs import impossible_splits
 from semisynth_gl.calibration.rig import Rig, Size, plain_rig
-from semisynth_gl.cli.options import PATH, check_output, option, write_output
+from semisynth_gl.cli.options import OutputFile, option, write_output
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.errors import InputError
 from semisynth_gl.read.disparity import KITTI_PNG_SCALE
@@ -60,7 +60,7 @@ _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 )
 @option("--range-px", type=(float, float), help="Least and largest disparity, where there are no maps.")
 @option("--other-camera", is_flag=True, help="The photographs are not the rig's: they may have any size.")
-@option("--out", type=PATH, required=True, help="YAML to write.")
+@option("--out", type=OutputFile(".yaml", ".yml"), required=True, help="YAML to write.")
 @option("--overwrite", is_flag=True, help="Replace --out where it is there.")
 def calibrate(
     images: tuple[str, ...],
@@ -78,13 +78,12 @@ def calibrate(
     overwrite: bool,  # noqa: FBT001
 ) -> None:
     """Write a config for a rig: its camera, the disparities that it sees, and the photographs to cut patches from."""
-    check_output("--out", out, ".yaml", ".yml")
     if out.exists() and not overwrite:
         raise InputError(f"--out {out}: is there already; choose another name, or replace it with --overwrite")
     if maps and range_px is not None:
         raise InputError("--range-px says what --disparity measures: give one of them")
     rigs = _rigs(calib, focal_px, baseline_m, _size(size), None if unit is None else _UNITS[unit])
-    found = calibrated_config(
+    calibrated = calibrated_config(
         out.stem,
         rigs,
         images,
@@ -95,13 +94,13 @@ def calibrate(
         other_camera=other_camera,
     )
     try:
-        config = parse_config(found.text, str(out))
+        config = parse_config(calibrated.text, str(out))
     except InputError as error:
         raise InputError(f"--out {out}: not written, since what was found makes no valid config:\n{error}") from None
-    # The patches of the dataset to come: what cannot be used is told now, and the cache has them then.
+    # The patches of the dataset to come: unusable photographs are reported now, and the cache has the patches later.
     report = prepare_atlas(config.textures, 0).report
-    write_output(out, found.text.encode("utf-8"))
-    for line in _summary(found, config.name, report, out):
+    write_output(out, calibrated.text.encode("utf-8"))
+    for line in _summary(calibrated, config.name, report, out):
         click.echo(line)
 
 
@@ -129,23 +128,24 @@ def _size(text: str | None) -> Size | None:
     return int(sides[1]), int(sides[2])
 
 
-def _summary(found: Calibrated, name: str, report: TextureReport, out: Path) -> list[str]:
-    ranges, disparity = found.ranges, found.disparity
+def _summary(calibrated: Calibrated, name: str, report: TextureReport, out: Path) -> list[str]:
+    ranges, disparity, background = calibrated.ranges, calibrated.disparity, calibrated.background
+    photographs = len(calibrated.images)
     lines = [
         f"image size       {ranges.size[0]} x {ranges.size[1]}",
         f"focal length     {shown_range(ranges.focal_px, 'px')}",
         f"baseline         {shown_range(ranges.baseline_m, 'm')}",
         f"doffs            {shown_range(ranges.doffs_px, 'px')}",
         f"disparity        {disparity.min_px:g} to {disparity.max_px:g} px, mean {disparity.target.mean_px:.2f} px",
-        f"                 {found.disparity_from}",
-        f"scenes           {found.background.scenes} ({found.background.far_share:.1%} of the pixels beyond 20 m)",
-        f"photographs      {len(found.images)}, which give {report.crops_kept} patches",
+        f"                 {calibrated.disparity_from}",
+        f"scenes           {background.scenes} ({background.far_share:.1%} of the pixels beyond 20 m)",
+        f"photographs      {photographs}, which give {report.crops_kept} patches",
     ]
-    if found.fitting and found.fitting < len(found.images):
-        lines.append(f"                 {len(found.images) - found.fitting} have another size than the rig's images")
-    lost = impossible_splits(len(found.images))
-    if lost:
-        lines.append(f"                 too few to hold some out for {' or '.join(lost)}")
+    if calibrated.fitting and calibrated.fitting < photographs:
+        lines.append(f"                 {photographs - calibrated.fitting} have another size than the rig's images")
+    impossible = impossible_splits(photographs)
+    if impossible:
+        lines.append(f"                 too few to hold some out for {' or '.join(impossible)}")
     data = shlex.quote(f"data/{name}")
     return [
         *lines,

@@ -149,6 +149,7 @@ _worker_options = option_group(
         "--gpu-share",
         type=click.FloatRange(min=0),
         default=0.0,
+        show_default=False,
         metavar="X",
         help="GPUs, or part of one, of a Ray task.",
     ),

@@ -18,7 +18,28 @@ Command = Callable[..., Any]
 option = partial(click.option, show_default=True)
 NATURAL = click.IntRange(min=0)
 COUNT = click.IntRange(min=1)
-PATH = click.Path(path_type=Path)
+
+
+class OutputFile(click.Path):
+    """The type of an option that names a file to write; the folder must exist.
+
+    Args:
+        endings: the endings that the name may have; none for any.
+    """
+
+    def __init__(self, *endings: str) -> None:
+        super().__init__(path_type=Path)
+        self._endings = endings
+
+    def convert(self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Return the path, or refuse a file that cannot be written, before anything is computed."""
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
+        name = param.opts[0] if param is not None else "file"
+        if self._endings and path.suffix.lower() not in self._endings:
+            raise InputError(f"{name} {path}: expected a name that ends in {self._endings[0]}")
+        if not path.absolute().parent.is_dir():
+            raise InputError(f"{name} {path}: the folder {path.absolute().parent} does not exist")
+        return path
 
 
 def option_group(name: str, group: type, *options: Callable[[Command], Command]) -> Callable[[Command], Command]:
@@ -119,25 +140,6 @@ def _quoted(values: tuple[str, ...]) -> str:
     """Write strings as a YAML list."""
     quoted = ("'" + value.replace("'", "''") + "'" for value in values)
     return f"[{', '.join(quoted)}]"
-
-
-def check_output(option: str, path: Path | None, *endings: str) -> None:
-    """Refuse a file that cannot be written, before anything is computed.
-
-    Args:
-        option: the option that names the file.
-        path: the file; None where the option is not given.
-        endings: the endings that the name may have; none for any.
-
-    Raises:
-        InputError: where the name ends otherwise, or its folder does not exist.
-    """
-    if path is None:
-        return
-    if endings and path.suffix.lower() not in endings:
-        raise InputError(f"{option} {path}: expected a name that ends in {endings[0]}")
-    if not path.absolute().parent.is_dir():
-        raise InputError(f"{option} {path}: the folder {path.absolute().parent} does not exist")
 
 
 def write_output(path: Path, data: bytes) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import PATH, SceneOptions, check_output, option, scene_options, write_output
+from semisynth_gl.cli.options import OutputFile, SceneOptions, option, scene_options, write_output
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.pairs.pipeline import PairRenderer
@@ -14,7 +14,7 @@ from semisynth_gl.scene.target import target_of
 
 @click.command()
 @scene_options
-@option("--out", type=PATH, default=Path("preview.png"), help="PNG to write.")
+@option("--out", type=OutputFile(".png"), default=Path("preview.png"), help="PNG to write.")
 @option("--pairs", type=click.IntRange(min=1, max=64), default=4, help="How many pairs to show.")
 def preview(scene: SceneOptions, out: Path, pairs: int) -> None:
     """Draw a contact sheet: the first pairs of a dataset, and their histogram against the config's."""
@@ -22,7 +22,6 @@ def preview(scene: SceneOptions, out: Path, pairs: int) -> None:
     from semisynth_gl.report.contact_sheet import draw_sheet  # noqa: PLC0415
 
     config = scene.config()
-    check_output("--out", out, ".png")
     with PairRenderer(config, scene.seed, scene.backend) as renderer, Progress() as progress:
         progress.on_total(pairs)
         frames = []

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import COUNT, PATH, check_output, option, write_output
+from semisynth_gl.cli.options import COUNT, OutputFile, option, write_output
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.dataset.reader import Index, read_index
 from semisynth_gl.errors import InputError
@@ -18,7 +18,7 @@ _MEGA = 1e6
 @click.argument("directory", metavar="DIR_OR_ADDRESS")
 @option(
     "--out",
-    type=PATH,
+    type=OutputFile(".html", ".htm"),
     help="HTML file to write; by default the dataset's name and -report.html, in the current folder.",
 )
 @option(
@@ -42,27 +42,22 @@ def report(directory: str, out: Path | None, pairs: int, sample: int, split: Spl
     start = time.monotonic()
     total = sum(count for name, count in index.pairs.items() if split in (None, name))
     with Progress() as progress:
-        made = build_report(index, pairs=pairs, sample=sample, split=split, listener=progress)
-    data = made.page.encode("utf-8")
+        built = build_report(index, pairs=pairs, sample=sample, split=split, listener=progress)
+    data = built.page.encode("utf-8")
     write_output(out, data)
-    size = f" at 1/{made.step} of their size" if made.step > 1 else ""
+    size = f" at 1/{built.step} of their size" if built.step > 1 else ""
     click.echo(
-        f"{out}: {len(made.measurement.pairs)} of {total} pairs measured, {made.shown} shown{size}, "
+        f"{out}: {len(built.measurement.pairs)} of {total} pairs measured, {built.shown} shown{size}, "
         f"{len(data) / _MEGA:.1f} MB, {time.monotonic() - start:.0f} s"
     )
 
 
 def _place_of(index: Index, directory: str, out: Path | None) -> Path:
-    """Return where the page goes.
-
-    Raises:
-        InputError: where it cannot go there.
-    """
+    """Return the page's file; refuse a file in the dataset's folder."""
     local = index.place.local
     if out is None:
         name = local.resolve().name if local is not None else directory.rstrip("/").rpartition("/")[2]
         out = Path(f"{name}-report.html")
-    check_output("--out", out, ".html", ".htm")
     if local is not None and out.resolve().is_relative_to(local.resolve()):
         raise InputError(
             f"--out {out}: lies in the dataset's folder, where verify would take it for a foreign file; name a file "

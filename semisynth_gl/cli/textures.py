@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import IMAGES_OPTION, NATURAL, PATH, check_output, option, read_config, write_output
+from semisynth_gl.cli.options import IMAGES_OPTION, NATURAL, OutputFile, option, read_config, write_output
 from semisynth_gl.config import packaged_configs
 from semisynth_gl.textures.atlas import TextureReport
 from semisynth_gl.textures.prepare import images_of, prepare_atlas
@@ -31,14 +31,13 @@ _COLUMNS = ("flat", "blurred", "duplicate", "surplus")
     metavar="dotted.key=value",
     help="Override a key of the config, for example textures.flat_share=0.1. May be repeated.",
 )
-@option("--out", type=PATH, default=Path("textures.png"), help="PNG to write.")
+@option("--out", type=OutputFile(".png"), default=Path("textures.png"), help="PNG to write.")
 def textures(config_name: str, images: tuple[str, ...], seed: int, settings: tuple[str, ...], out: Path) -> None:
     """Draw the patches that a dataset shows, count them, and tell what was left out of the photographs and why."""
     # Imported here: no other command draws text.
     from semisynth_gl.textures.sheet import draw_texture_sheet  # noqa: PLC0415
 
     section = read_config(config_name, images, (), settings).textures
-    check_output("--out", out, ".png")
     files = images_of(section, seed)
     atlas = prepare_atlas(section, seed)
     report = atlas.report

@@ -210,7 +210,10 @@ def _connected(ray: Any, address: str | None) -> Iterator[None]:  # noqa: ANN401
         )
     where = address or os.environ.get("RAY_ADDRESS") or "auto"
     try:
-        _knock(where)
+        host, _, port = where.rpartition(":")
+        if port.isdigit():
+            # Ray itself would try for minutes to reach an address where nothing listens.
+            create_connection((host.strip("[]"), int(port)), _KNOCK_S).close()
         with interrupts_kept():
             ray.init(address, log_to_driver=False, logging_level=logging.CRITICAL, include_dashboard=False)
     except (OSError, RuntimeError, ValueError) as error:
@@ -222,10 +225,3 @@ def _connected(ray: Any, address: str | None) -> Iterator[None]:  # noqa: ANN401
         yield
     finally:
         ray.shutdown()
-
-
-def _knock(address: str) -> None:
-    """Raise an OSError where nothing listens at an address: Ray itself would try for minutes."""
-    host, _, port = address.rpartition(":")
-    if port.isdigit():
-        create_connection((host.strip("[]"), int(port)), _KNOCK_S).close()
