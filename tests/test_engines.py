@@ -14,8 +14,7 @@ from pathlib import Path
 import pytest
 from recorder import Recorder
 
-from semisynth_gl.engines.local import LocalEngine
-from semisynth_gl.engines.serial import SerialEngine
+from semisynth_gl.engines.local import LocalEngine, SerialEngine
 from semisynth_gl.errors import ContextLostError, InputError, WorkerError
 from semisynth_gl.listener import Listener
 

@@ -10,8 +10,7 @@ import click
 from semisynth_gl.cli.options import COUNT, NATURAL, SceneOptions, option, option_group, scene_options
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.config import Config
-from semisynth_gl.engines.local import LocalEngine
-from semisynth_gl.engines.serial import SerialEngine
+from semisynth_gl.engines.local import LocalEngine, SerialEngine
 from semisynth_gl.engines.task import Engine, cores
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import OUTPUTS, TRUTHS, TruthOf

@@ -1,23 +1,23 @@
-"""An engine of worker processes on this machine."""
+"""The engines of this machine: one works in this process, the other in worker processes."""
 
 import atexit
 import signal
 from collections import Counter, deque
 from collections.abc import Generator, Iterable, Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from itertools import islice
 from multiprocessing import get_context
 from multiprocessing.connection import wait
 from time import monotonic
 from typing import Any, Generic
 
-from semisynth_gl.engines.task import Call, Job, Result, threads_each
+from semisynth_gl.engines.task import Call, Job, Result, Task, threads_each
 from semisynth_gl.engines.worker import CLOSE, STOP, Broken, Failed, Finished, work
-from semisynth_gl.errors import WorkerError
+from semisynth_gl.errors import ContextLostError, WorkerError
 from semisynth_gl.interrupts import interrupts_blocked
 from semisynth_gl.listener import Listener
 
-# A task that ends one worker more than this is given up.
+# How often a task is repeated after a loss of its context or worker.
 _RETRIES = 2
 
 # After an error, the other workers may finish their tasks for so long.
@@ -28,6 +28,38 @@ _LAST_BREATH_S = 1.0
 
 # How soon the wish to stop is noticed.
 _TICK_S = 0.1
+
+
+class SerialEngine:
+    """Does one task after the other in this process; the first task opens the job."""
+
+    def run(
+        self, job: Job[Result], tasks: Iterable[int], listener: Listener
+    ) -> Generator[tuple[int, Result], None, None]:
+        """Do all tasks; see `Engine.run`.
+
+        Raises:
+            ContextLostError: where a task loses its context in every attempt.
+        """
+        task: Task[Result] | None = None
+        with ExitStack() as resources:
+            for number in tasks:
+                if listener.stopping:
+                    return
+                for attempt in range(_RETRIES + 1):
+                    try:
+                        task = task or resources.enter_context(job.open(0))
+                        result = task(number, listener)
+                        break
+                    except ContextLostError as error:
+                        if attempt == _RETRIES:
+                            raise
+                        listener.on_message(f"{error}: task {number} is done again")
+                        task = None
+                        # Closing may stumble over the same loss.
+                        with suppress(ContextLostError):
+                            resources.close()
+                yield number, result
 
 
 class LocalEngine:

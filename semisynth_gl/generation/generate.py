@@ -18,7 +18,7 @@ from semisynth_gl.dataset.files import CARD, CROISSANT, DatasetFiles, begun
 from semisynth_gl.dataset.index import describe_dataset
 from semisynth_gl.dataset.places import Place, open_place
 from semisynth_gl.dataset.plan import Plan, Shard, make_plan
-from semisynth_gl.engines.serial import SerialEngine
+from semisynth_gl.engines.local import SerialEngine
 from semisynth_gl.engines.task import Engine
 from semisynth_gl.errors import InputError
 from semisynth_gl.generation.shard_job import ShardJob
