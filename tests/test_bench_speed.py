@@ -3,24 +3,22 @@
 import json
 import os
 import sys
-import time
 
 import numpy as np
 import pytest
 from conftest import backend_fault
+from recorder import Recorder
 
 from semisynth_gl.bench import scaling
 from semisynth_gl.bench.lifetime import line_slope
 from semisynth_gl.bench.scaling import ball, measure_stress
 from semisynth_gl.bench.scenes import sample_scenes
-from semisynth_gl.bench.shards import shard_job
 from semisynth_gl.bench.speed import Effort, limit_text, measure, table, usual_workers
 from semisynth_gl.bench.speed_plot import draw_plot
 from semisynth_gl.bench.stages import Costs, limit_of, stage_rows
 from semisynth_gl.bench.workers import is_software, worker_threads
 from semisynth_gl.cli import main
 from semisynth_gl.config import load_config
-from semisynth_gl.dataset.shard import ShardWriter
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.geometry.solid import is_solid
 from semisynth_gl.layouts.middlebury import SCENES
@@ -71,6 +69,7 @@ def test_the_report_is_whole_and_json(report):
     assert report["workers"]["rows"][0]["ratio"] == 1
     assert [row["pairs"] for row in report["workers"]["rows"]] == [4, 8]
     assert set(report["scaling"]) == {"instances", "outside", "triangles", "resolution", "antialias", "outputs"}
+    assert all(row["seconds"] > 0 for row in report["stages"]["rows"])
     for part in report["scaling"].values():
         assert part["baseline"] in names(part)
         assert all(row["seconds_per_pair"] > 0 for row in part["rows"])
@@ -193,16 +192,17 @@ def test_the_stress_pair_has_what_was_asked_for(config):
     assert row.triangles >= 3000
 
 
-def test_stages_are_told_in_their_order(config, tmp_path):
+def test_a_renderer_reports_its_stages_in_their_order(config):
     from semisynth_gl.pairs.pipeline import PairRenderer
 
-    told = []
-    job = shard_job(config, 0, "auto", 1, 1, tmp_path)
-    with PairRenderer(config, 0) as renderer, ShardWriter(job.place, job.plan.shards[0], packed=False, folder="") as to:
-        pair = renderer.render(0, told.append)
-        job.write(pair, to, time.perf_counter(), told.append)
+    recorder = Recorder()
+    with PairRenderer(config, 0) as renderer:
+        renderer.listener = recorder
+        pair = renderer.render(0)
+        renderer.listener = None
         plain = renderer.render(0)
-    assert tuple(dict.fromkeys(told)) == PAIR_STAGES
+    # Encoding and writing follow the renderer.
+    assert (*dict.fromkeys(recorder.stages), "encode", "write") == PAIR_STAGES
     np.testing.assert_array_equal(pair.frame.left, plain.frame.left)
     np.testing.assert_array_equal(pair.frame.visibility_right, plain.frame.visibility_right)
 

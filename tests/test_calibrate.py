@@ -701,13 +701,14 @@ def test_runs_beside_each_other_keep_to_their_own_file(call, tmp_path, monkeypat
     )  # fmt: skip
     photographs(tmp_path / "photos", 1, (300, 300))
     names = []
-    written = Path.write_text
+    write = Path.write_bytes
 
-    def write_text(path, *rest, **named):
-        names.append(path.name)
-        return written(path, *rest, **named)
+    def write_bytes(path, data):
+        if "lab.yaml" in path.name:
+            names.append(path.name)
+        return write(path, data)
 
-    monkeypatch.setattr(Path, "write_text", write_text)
+    monkeypatch.setattr(Path, "write_bytes", write_bytes)
     for process in (11, 12):
         monkeypatch.setattr(os, "getpid", lambda process=process: process)
         assert call(*given)[0] == 0

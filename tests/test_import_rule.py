@@ -26,6 +26,7 @@ ROOMS_WITHOUT_OPENGL = (
     "geometry",
     "interrupts",
     "layouts",
+    "listener",
     "metrics",
     "oracle",
     "read",

@@ -3,7 +3,7 @@
 config -> scenes -> {ways, stores, images} -> report, a dictionary of JSON's types -> table, plot
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from math import isfinite
 from typing import Any
@@ -25,6 +25,7 @@ from semisynth_gl.bench.stores import (
 from semisynth_gl.bench.ways import WayRow, measure_ways
 from semisynth_gl.camera import EYES
 from semisynth_gl.config import Config
+from semisynth_gl.listener import Listener
 from semisynth_gl.render.context import Backend
 from semisynth_gl.render.variants import DEFAULT_WAY, DisparityVariants
 
@@ -45,7 +46,7 @@ class Effort:
 
 
 def measure(
-    config: Config, seed: int, backend: Backend, effort: Effort, said: Callable[[str], None] = lambda _: None
+    config: Config, seed: int, backend: Backend, effort: Effort, listener: Listener | None = None
 ) -> dict[str, Any]:
     """Measure everything.
 
@@ -54,7 +55,7 @@ def measure(
         seed: of scenes and of the choice of pixels.
         backend: "auto", "egl" or "osmesa".
         effort: how much.
-        said: takes a line at the start of each stage.
+        listener: hears a message at the start of each part.
 
     Returns:
         What was measured on, and under "get", "store", "images_store" and "antialias" the default and a row per
@@ -63,20 +64,21 @@ def measure(
     Raises:
         SemisynthError: where the config or OpenGL cannot be used.
     """
-    said(f"making {effort.pairs} scenes of {config.name}")
+    listener = listener or Listener()
+    listener.on_message(f"making {effort.pairs} scenes of {config.name}")
     bench = sample_scenes(config, seed, effort.pairs)
     with DisparityVariants(bench.models, backend) as variants:
-        said(f"casting {effort.rays} rays for each eye of each pair")
+        listener.on_message(f"casting {effort.rays} rays for each eye of each pair")
         checked, outlines = check_pixels(bench, variants, effort.rays, np.random.default_rng(seed))
-        said("ways to get the disparity")
+        listener.on_message("ways to get the disparity")
         ways = measure_ways(bench, variants, checked, effort.repeats)
         maps = [variants.disparity(scene, eye, DEFAULT_WAY) for scene in bench.scenes for eye in EYES]
         driver, ways_left_out = variants.facts, variants.left_out
-    said("ways to store it")
+    listener.on_message("ways to store it")
     kept = measure_stores(maps, effort.repeats)
-    said("ways to store images")
+    listener.on_message("ways to store images")
     images, images_left_out = measure_image_stores(default_images(bench, backend), effort.repeats)
-    said("ways to antialias")
+    listener.on_message("ways to antialias")
     # Each turn opens a renderer anew: fewer of them do.
     modes, modes_left_out = measure_modes(bench, outlines, backend, max(1, effort.repeats // 2))
     disparity = np.concatenate([one[np.isfinite(one)] for one in maps])

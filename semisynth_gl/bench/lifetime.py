@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from semisynth_gl.bench.shards import LAYOUT, SPLIT, do_all, shard_job
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.plan import Shard
-from semisynth_gl.engines.task import Task, Watch
+from semisynth_gl.engines.task import Task
 from semisynth_gl.errors import SemisynthError
-from semisynth_gl.generation.generate import ShardJob
+from semisynth_gl.generation.shard_job import ShardJob
+from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.context import Backend
 
@@ -89,10 +90,10 @@ class _PairsThenLook:
         plan = self.job.plan
         shards = plan.shards
         with PairRenderer(plan.config, plan.seed, self.job.backend, plan.split(SPLIT)) as renderer:
-            yield lambda number, watch: self._look(renderer, shards[number], watch)
+            yield lambda number, listener: self._look(renderer, shards[number], listener)
 
-    def _look(self, renderer: PairRenderer, shard: Shard, watch: Watch) -> _Held:
-        self.job.make(lambda *_: renderer, shard, watch)
+    def _look(self, renderer: PairRenderer, shard: Shard, listener: Listener) -> _Held:
+        self.job.make(shard, lambda _: renderer, listener)
         shutil.rmtree(self.job.place.path(""))
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
         return _Held(pages * os.sysconf("SC_PAGE_SIZE"), renderer.count_objects())

@@ -3,7 +3,7 @@
 config -> {workers and stages, scaling, stress, memory, start} -> report, a dictionary of JSON's types -> table, plot
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ from semisynth_gl.bench.stages import limit_of
 from semisynth_gl.bench.workers import measure_workers
 from semisynth_gl.config import Config
 from semisynth_gl.engines.task import cores
+from semisynth_gl.listener import Listener
 from semisynth_gl.render.context import Backend
 
 # Pairs whose scenes the ways to antialias and the outputs are measured on.
@@ -48,7 +49,7 @@ def usual_workers() -> tuple[int, ...]:
 
 
 def measure(
-    config: Config, seed: int, backend: Backend, effort: Effort, said: Callable[[str], None] = lambda _: None
+    config: Config, seed: int, backend: Backend, effort: Effort, listener: Listener | None = None
 ) -> dict[str, Any]:
     """Measure everything.
 
@@ -57,7 +58,7 @@ def measure(
         seed: of the pairs, and of where the balls of the made-up scenes are.
         backend: "auto", "egl" or "osmesa".
         effort: how much.
-        said: takes a line at the start of each part.
+        listener: hears a message at the start of each part.
 
     Returns:
         What was measured on, and under "stages", "limit", "workers", "scaling", "stress", "memory" and "start" what
@@ -66,19 +67,20 @@ def measure(
     Raises:
         SemisynthError: where the config or OpenGL cannot be used.
     """
+    listener = listener or Listener()
     rounds = (effort.repeats + 1) // 2
     counts = effort.workers or usual_workers()
-    said(f"scenes of {config.name}")
+    listener.on_message(f"scenes of {config.name}")
     bench = sample_scenes(config, seed, _SCENES)
-    said(f"stages, and {', '.join(map(str, counts))} workers, in {rounds} rounds")
+    listener.on_message(f"stages, and {', '.join(map(str, counts))} workers, in {rounds} rounds")
     ends = measure_workers(config, seed, backend, counts, effort.pairs, rounds)
-    said("instances, triangles, pixels, antialiasing, outputs")
+    listener.on_message("instances, triangles, pixels, antialiasing, outputs")
     scaling = measure_scaling(bench, seed, backend, effort.repeats)
-    said("many instances and triangles")
+    listener.on_message("many instances and triangles")
     stress = asdict(measure_stress(bench, seed, backend)) if effort.stress else None
-    said(f"memory over {effort.memory_pairs} pairs")
+    listener.on_message(f"memory over {effort.memory_pairs} pairs")
     memory = measure_memory(config, seed, backend, effort.memory_pairs)
-    said("start")
+    listener.on_message("start")
     start = measure_start(config, seed, backend, rounds)
     camera = bench.scenes[0].camera
     most = max(ends.workers, key=lambda row: row.workers)

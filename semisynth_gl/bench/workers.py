@@ -8,7 +8,7 @@ import shutil
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import ceil
@@ -24,8 +24,9 @@ from semisynth_gl.config import Config
 from semisynth_gl.dataset.places import Folder
 from semisynth_gl.dataset.plan import Shard
 from semisynth_gl.dataset.shard import ShardWriter
-from semisynth_gl.engines.task import Task, Watch, cores, threads_each
-from semisynth_gl.generation.generate import ShardJob
+from semisynth_gl.engines.task import Task, cores, threads_each
+from semisynth_gl.generation.shard_job import ShardJob
+from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.pipeline import PAIR_STAGES, PairRenderer
 from semisynth_gl.render.context import Backend
 
@@ -99,25 +100,30 @@ class _WholePairs:
         shards = plan.shards
         with PairRenderer(plan.config, plan.seed, job.backend, plan.split(SPLIT)) as renderer:
             # Buffers are made and shaders compiled with the first pair.
-            job.make(lambda *_: renderer, shards[0], _Unwatched())
+            job.make(shards[0], lambda _: renderer, Listener())
             self.opened.wait()
             start = time.perf_counter()
 
-            def make(number: int, watch: Watch) -> _Done:
+            def make(number: int, listener: Listener) -> _Done:
                 shard = shards[number]
-                job.make(lambda *_: renderer, shard, watch)
+                job.make(shard, lambda _: renderer, listener)
                 return _Done(worker, shard.end - shard.first, start, time.perf_counter())
 
             yield make
 
 
-class _Unwatched:
-    """What a worker's first pair is given, before there is a task."""
+class _StageClock(Listener):
+    """Adds up the time of each stage of a pair, on the clock and of the processor, s."""
 
-    stopping = False
+    def __init__(self) -> None:
+        self.seconds = dict.fromkeys(PAIR_STAGES, 0.0)
+        self.cpu_seconds = dict.fromkeys(PAIR_STAGES, 0.0)
+        self._last = time.perf_counter(), time.process_time()
 
-    def tell(self, message: object) -> None:
-        """Drop a message."""
+    def on_stage(self, stage: str) -> None:
+        last, self._last = self._last, (time.perf_counter(), time.process_time())
+        self.seconds[stage] += self._last[0] - last[0]
+        self.cpu_seconds[stage] += self._last[1] - last[1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,42 +152,33 @@ class StagedPairs:
         plan = self.job.plan
         shards = plan.shards
         with PairRenderer(plan.config, plan.seed, self.job.backend, plan.split(SPLIT)) as renderer:
-            self._write(renderer, shards[0])
+            self._write(renderer, shards[0], Listener())
             yield lambda number, _: self._staged(renderer, shards[number])
 
     def _staged(self, renderer: PairRenderer, shard: Shard) -> _Staged:
         start = time.perf_counter()
-        self._write(renderer, shard)
+        self._write(renderer, shard, Listener())
         whole = time.perf_counter() - start
-        seconds, processor = dict.fromkeys(PAIR_STAGES, 0.0), dict.fromkeys(PAIR_STAGES, 0.0)
         made: dict[str, int] = {}
-        last = [time.perf_counter(), time.process_time()]
-
-        def done(stage: str) -> None:
-            now = [time.perf_counter(), time.process_time()]
-            seconds[stage] += now[0] - last[0]
-            processor[stage] += now[1] - last[1]
-            last[:] = now
-
-        made["readback"], made["write"] = self._write(renderer, shard, done)
+        renderer.listener = clock = _StageClock()
+        made["readback"], made["write"] = self._write(renderer, shard, clock)
+        renderer.listener = None
         made["encode"] = made["write"]
-        costs = {stage: Costs(seconds[stage], processor[stage], made.get(stage)) for stage in PAIR_STAGES}
+        costs = {stage: Costs(clock.seconds[stage], clock.cpu_seconds[stage], made.get(stage)) for stage in PAIR_STAGES}
         return _Staged(costs, whole, renderer.facts)
 
-    def _write(
-        self, renderer: PairRenderer, shard: Shard, done: Callable[[str], None] | None = None
-    ) -> tuple[int, int]:
+    def _write(self, renderer: PairRenderer, shard: Shard, listener: Listener) -> tuple[int, int]:
         """Make a pair as `ShardJob.make` does; return the bytes of its arrays and of its files, which are removed."""
         plan, place = self.job.plan, self.job.place
-        tell = done or (lambda _: None)
-        start = time.perf_counter()
-        pair = renderer.render(shard.first, done)
+        pair = renderer.render(shard.first)
         with ShardWriter(place, shard, packed=plan.layout.packed, folder=plan.folder(SPLIT)) as writer:
-            tell("write")
-            self.job.write(pair, writer, start, tell)
+            listener.on_stage("write")
+            files, facts = self.job.encode(pair, SPLIT)
+            listener.on_stage("encode")
+            writer.add(files, facts)
             record = writer.finish({"split": SPLIT, "first": shard.first, "end": shard.end})
         # Beginning and end of a shard are part of writing, and take the less the more pairs it has.
-        tell("write")
+        listener.on_stage("write")
         shutil.rmtree(place.path(""))
         arrays = (getattr(pair.frame, name) for name in pair.frame.__slots__)
         return sum(array.nbytes for array in arrays if isinstance(array, np.ndarray)), record["bytes"]

@@ -1,6 +1,5 @@
 """``semisynth-gl calibrate``."""
 
-import os
 import re
 import shlex
 from pathlib import Path
@@ -12,6 +11,7 @@ from semisynth_gl.calibration.disparity_range import DisparitySource
 from semisynth_gl.calibration.photographs import impossible_splits
 from semisynth_gl.calibration.rig import Rig, Size, plain_rig
 from semisynth_gl.calibration.rig_files import read_rigs
+from semisynth_gl.cli.options import OutputFile, option, write_output
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.errors import InputError
 from semisynth_gl.read.disparity import KITTI_PNG_SCALE
@@ -22,47 +22,46 @@ _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
 @click.command()
-@click.option(
+@option(
     "--images",
     multiple=True,
     required=True,
     metavar="PATH_OR_GLOB",
     help="Photographs to cut patches from: a file, folder or glob. May be repeated.",
 )
-@click.option(
+@option(
     "--calib",
     multiple=True,
     metavar="FILE_OR_GLOB",
     help="Calibration of the rectified rig: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, stereo "
     "YAML of OpenCV or ROS. May be repeated: ROS's left and right, or several rigs.",
 )
-@click.option("--focal-px", type=click.FloatRange(min=0, min_open=True), help="Instead of --calib, with the next two.")
-@click.option("--baseline-m", type=float, help="Distance of the cameras.")
-@click.option("--size", metavar="WIDTHxHEIGHT", help="Size of the images, for a calibration without one: 1280x720.")
-@click.option(
+@option("--focal-px", type=click.FloatRange(min=0, min_open=True), help="Instead of --calib, with the next two.")
+@option("--baseline-m", type=float, help="Distance of the cameras.")
+@option("--size", metavar="WIDTHxHEIGHT", help="Size of the images, for a calibration without one: 1280x720.")
+@option(
     "--scale",
     type=click.FloatRange(min=0, min_open=True, max=16),
     help="Scale of images and maps against the calibrated size; 0.25 for quarter size.",
 )
-@click.option("--unit", type=click.Choice(list(_UNITS)), help="Unit of the translation in an OpenCV file, else metres.")
-@click.option(
+@option("--unit", type=click.Choice(list(_UNITS)), help="Unit of the translation in an OpenCV file, else metres.")
+@option(
     "--disparity",
     "maps",
     multiple=True,
     metavar="PATH_OR_GLOB",
     help="Disparity maps, true or predicted, to measure the histogram: .pfm, .npy, 16-bit .png. May be repeated.",
 )
-@click.option(
+@option(
     "--png-scale",
     type=click.FloatRange(min=0, min_open=True),
     default=KITTI_PNG_SCALE,
-    show_default=True,
     help="Levels of a 16-bit PNG per pixel of disparity.",
 )
-@click.option("--range-px", type=(float, float), help="Least and largest disparity, where there are no maps.")
-@click.option("--other-camera", is_flag=True, help="The photographs are not the rig's: they may have any size.")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="YAML to write.")
-@click.option("--overwrite", is_flag=True, help="Replace --out if it exists.")
+@option("--range-px", type=(float, float), help="Least and largest disparity, where there are no maps.")
+@option("--other-camera", is_flag=True, help="The photographs are not the rig's: they may have any size.")
+@option("--out", type=OutputFile(".yaml", ".yml"), required=True, help="YAML to write.")
+@option("--overwrite", is_flag=True, help="Replace --out if it exists.")
 def calibrate(
     images: tuple[str, ...],
     calib: tuple[str, ...],
@@ -79,10 +78,6 @@ def calibrate(
     overwrite: bool,  # noqa: FBT001
 ) -> None:
     """Write a config for a rig: its camera, the disparities that it sees, and the photographs to cut patches from."""
-    if out.suffix.lower() not in (".yaml", ".yml"):
-        raise InputError(f"--out {out}: expected a name that ends in .yaml")
-    if not out.absolute().parent.is_dir():
-        raise InputError(f"--out {out}: the folder {out.absolute().parent} does not exist")
     if out.exists() and not overwrite:
         raise InputError(f"--out {out}: is there already; choose another name, or replace it with --overwrite")
     if maps and range_px is not None:
@@ -97,13 +92,7 @@ def calibrate(
         raise InputError(f"--out {out}: not written, since the numbers make no valid config:\n{error}") from None
     # The patches of the dataset to come: unusable photographs are reported now, and the cache keeps the patches.
     report = prepare_atlas(config.textures, 0).report
-    # Under a name of its own, so that runs beside this one do not meet.
-    partial = out.with_name(f".{out.name}.{os.getpid()}.partial")
-    try:
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(out)
-    finally:
-        partial.unlink(missing_ok=True)
+    write_output(out, text.encode("utf-8"))
     for line in _summary(facts, config.name, report, out):
         click.echo(line)
 

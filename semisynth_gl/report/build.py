@@ -1,12 +1,13 @@
 """From a dataset to its page: sample, measure, list and show."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
 from matplotlib import colormaps
 
 from semisynth_gl.dataset.reader import Dataset, Index
+from semisynth_gl.listener import Listener
 from semisynth_gl.report.measure import (
     QUANTITIES,
     Measurement,
@@ -49,7 +50,7 @@ def build_report(
     pairs: int,
     sample: int,
     split: SplitName | None = None,
-    advance: Callable[[], None] = lambda: None,
+    listener: Listener | None = None,
 ) -> Report:
     """Measure a dataset and render its page. Equal datasets give equal pages.
 
@@ -58,7 +59,7 @@ def build_report(
         pairs: number of pairs to show, 0 or more; outliers come on top.
         sample: number of pairs to measure, 1 or more; all shown pairs are measured.
         split: one of the dataset's splits; None for all.
-        advance: called after each measured pair.
+        listener: hears the number of pairs to measure, and each measured pair.
 
     Raises:
         InputError: where the dataset is not finished, has no such split, or no pair of it can be read.
@@ -66,7 +67,7 @@ def build_report(
     with closing(Dataset(index, split)) as dataset:
         redraws = read_redraws(index, split)
         positions = spread(len(dataset), max(sample, pairs))
-        measurement = measure(dataset, positions, redraws.messages, advance)
+        measurement = measure(dataset, positions, redraws.messages, listener)
         outliers = [outlier for quantity in QUANTITIES for outlier in find_outliers(measurement.pairs, quantity)]
         chosen = _choose(measurement.pairs, pairs, outliers)
         pictures = make_pictures([pair.position for pair, _ in chosen], dataset.__getitem__)

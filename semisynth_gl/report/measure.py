@@ -16,6 +16,7 @@ from semisynth_gl.dataset.stored import StoredFrame
 from semisynth_gl.errors import InputError, SemisynthError
 from semisynth_gl.frame import OCCLUDED
 from semisynth_gl.histogram import Histogram, PixelCount
+from semisynth_gl.listener import FinishedPair, Listener
 from semisynth_gl.report.rays import RayCaster, Rays
 from semisynth_gl.report.redraws import PairKey
 from semisynth_gl.splits import SplitName
@@ -111,7 +112,7 @@ def measure(
     dataset: Dataset,
     positions: Sequence[int],
     redraws: Mapping[PairKey, Sequence[str]],
-    advance: Callable[[], None] = lambda: None,
+    listener: Listener | None = None,
 ) -> Measurement:
     """Read pairs and measure them.
 
@@ -119,12 +120,14 @@ def measure(
         dataset: the dataset, or one of its splits.
         positions: numbers of the pairs to measure.
         redraws: faults of the failed attempts of pairs.
-        advance: called after each pair.
+        listener: hears the number of pairs, and each measured pair.
 
     Raises:
         InputError: where no pair can be read.
     """
     index = dataset.about
+    listener = listener or Listener()
+    listener.on_total(len(positions))
     target, fault = None, None
     try:
         target = target_histogram(index)
@@ -156,7 +159,7 @@ def measure(
                     rays.append(caster.cast(frame, x, y))
                 except InputError as error:
                     ray_faults[str(error)] += 1
-        advance()
+        listener.on_pair(FinishedPair(*dataset.pair(position)))
     if not pairs:
         raise InputError(
             f"{index.place.address}: no pair could be read; "
