@@ -15,7 +15,6 @@ from semisynth_gl.bench.scaling import ball, measure_stress
 from semisynth_gl.bench.scenes import sample_scenes
 from semisynth_gl.bench.shards import shard_job
 from semisynth_gl.bench.speed import Effort, limit_text, measure, table, usual_workers
-from semisynth_gl.bench.speed_plot import draw_plot
 from semisynth_gl.bench.stages import Costs, limit_of, stage_rows
 from semisynth_gl.bench.workers import is_software, worker_threads
 from semisynth_gl.cli import main
@@ -118,7 +117,6 @@ def test_the_table_has_every_row(report):
         assert f" {name} " in text
     assert "% of the limit" in text
     assert "Memory over 4 pairs" in text
-    assert draw_plot(report).axes
 
 
 def costs(**seconds):
@@ -216,17 +214,14 @@ def run(monkeypatch, *arguments):
 
 def test_the_command_prints_and_writes(monkeypatch, capsys, tmp_path, report):
     monkeypatch.setattr("semisynth_gl.bench.speed.measure", lambda *_: dict(report))
-    files = ("--json", str(tmp_path / "a.json"), "--plot", str(tmp_path / "a.png"))
-    assert run(monkeypatch, *files) == 0
+    assert run(monkeypatch, "--json", str(tmp_path / "a.json")) == 0
     assert "| processor " in capsys.readouterr().out
     assert json.loads((tmp_path / "a.json").read_text())["command"].startswith("semisynth-gl bench speed --json")
-    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (("--plot", "a.jpg"), "ends in .png"),
         (("--json", "nowhere/a.json"), "does not exist"),
         (("--workers", "1,x"), "whole numbers above 0"),
         (("--workers", "0"), "whole numbers above 0"),

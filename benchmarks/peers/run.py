@@ -24,7 +24,7 @@ import numpy as np
 from accuracy import cast_truth, errors_px
 from scene import PeerScene, library_meshes, make_scene, read_meshes
 
-from semisynth_gl.bench.machine import machine_facts
+from semisynth_gl.bench.summary import machine_facts
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]

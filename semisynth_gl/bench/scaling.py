@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.bench.scenes import BenchScenes
-from semisynth_gl.bench.timing import alternated, compared
+from semisynth_gl.bench.timing import alternated, compare_times
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.errors import BackendError
 from semisynth_gl.frame import DEFAULT_OUTPUTS
@@ -244,7 +244,7 @@ def _group(text: str, cases: Mapping[str, _Case], repeats: int, *, baseline: str
     seconds = alternated(calls, repeats)
     rows = {}
     for name, case in cases.items():
-        times = compared({name: seconds[name], baseline: seconds[baseline]}, baseline, len(case.scenes))[name]
+        times = compare_times({name: seconds[name], baseline: seconds[baseline]}, baseline, len(case.scenes))[name]
         camera = case.scenes[0].camera
         rows[name] = ScalingRow(
             name, float(np.mean([len(scene) for scene in case.scenes])), case.triangles,

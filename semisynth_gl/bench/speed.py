@@ -1,6 +1,6 @@
 """Pairs per second and what they depend on: stages, workers, scenes, memory, start.
 
-config -> {workers and stages, scaling, stress, memory, start} -> report, a dictionary of JSON's types -> table, plot
+config -> {workers and stages, scaling, stress, memory, start} -> report, a dictionary of JSON's types -> table
 """
 
 from collections.abc import Callable, Mapping
@@ -8,17 +8,16 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from semisynth_gl.bench.lifetime import measure_memory, measure_start
-from semisynth_gl.bench.machine import machine_facts
-from semisynth_gl.bench.markdown import markdown
 from semisynth_gl.bench.scaling import measure_scaling, measure_stress
 from semisynth_gl.bench.scenes import sample_scenes
 from semisynth_gl.bench.stages import limit_of
+from semisynth_gl.bench.summary import machine_facts, markdown
 from semisynth_gl.bench.workers import measure_workers
 from semisynth_gl.config import Config
 from semisynth_gl.engines.task import cores
 from semisynth_gl.render.context import Backend
 
-# Pairs whose scenes the ways to antialias and the outputs are measured on.
+# Number of scenes that antialiasing modes and outputs are measured on.
 _SCENES = 1
 
 
@@ -27,11 +26,11 @@ class Effort:
     """How much is measured.
 
     Attributes:
-        pairs: that each number of workers makes in a round, and whose stages are timed.
+        pairs: number of pairs that each number of workers makes in a round, and whose stages are timed.
         repeats: how often each alternative takes its turn; workers and starts half as often.
-        workers: numbers of workers.
-        memory_pairs: that memory is followed over.
-        stress: whether the pair of many instances and triangles is drawn.
+        workers: numbers of workers; empty for the usual ones.
+        memory_pairs: number of pairs that memory is followed over.
+        stress: the pair of many instances and triangles is drawn too.
     """
 
     pairs: int = 8
@@ -48,7 +47,7 @@ def usual_workers() -> tuple[int, ...]:
 
 
 def measure(
-    config: Config, seed: int, backend: Backend, effort: Effort, said: Callable[[str], None] = lambda _: None
+    config: Config, seed: int, backend: Backend, effort: Effort, progress: Callable[[str], None] = lambda _: None
 ) -> dict[str, Any]:
     """Measure everything.
 
@@ -57,28 +56,27 @@ def measure(
         seed: of the pairs, and of where the balls of the made-up scenes are.
         backend: "auto", "egl" or "osmesa".
         effort: how much.
-        said: takes a line at the start of each part.
+        progress: takes a line at the start of each part.
 
     Returns:
-        What was measured on, and under "stages", "limit", "workers", "scaling", "stress", "memory" and "start" what
-        was found.
+        The machine, and the measurements under "stages", "limit", "workers", "scaling", "stress", "memory" and "start".
 
     Raises:
         SemisynthError: where the config or OpenGL cannot be used.
     """
     rounds = (effort.repeats + 1) // 2
     counts = effort.workers or usual_workers()
-    said(f"scenes of {config.name}")
+    progress(f"scenes of {config.name}")
     bench = sample_scenes(config, seed, _SCENES)
-    said(f"stages, and {', '.join(map(str, counts))} workers, in {rounds} rounds")
+    progress(f"stages, and {', '.join(map(str, counts))} workers, in {rounds} rounds")
     ends = measure_workers(config, seed, backend, counts, effort.pairs, rounds)
-    said("instances, triangles, pixels, antialiasing, outputs")
+    progress("instances, triangles, pixels, antialiasing, outputs")
     scaling = measure_scaling(bench, seed, backend, effort.repeats)
-    said("many instances and triangles")
+    progress("many instances and triangles")
     stress = asdict(measure_stress(bench, seed, backend)) if effort.stress else None
-    said(f"memory over {effort.memory_pairs} pairs")
+    progress(f"memory over {effort.memory_pairs} pairs")
     memory = measure_memory(config, seed, backend, effort.memory_pairs)
-    said("start")
+    progress("start")
     start = measure_start(config, seed, backend, rounds)
     camera = bench.scenes[0].camera
     most = max(ends.workers, key=lambda row: row.workers)
@@ -103,8 +101,17 @@ def measure(
     }  # fmt: skip
 
 
+def headline(report: Mapping[str, Any]) -> str:
+    """Name the scenes and the machine of a report."""
+    machine, (width, height) = report["machine"], report["size_px"]
+    return (
+        f"{report['config']}, {width} x {height} px; {machine['renderer']}, {machine['opengl']}; "
+        f"{machine['processor']}, {machine['usable_cores']} cores; Python {machine['python']}; {machine['date']}"
+    )
+
+
 def table(report: Mapping[str, Any]) -> str:
-    """Lay a report out in Markdown: tables, and sentences for what has a row alone."""
+    """Lay a report out in Markdown: tables, and a sentence in place of a table with one row."""
     parts = [
         markdown(
             ("stage", "ms a pair", "ms of CPU", "share", "MB a pair", "pairs/s alone", "what it is"),

@@ -1,11 +1,10 @@
 """``semisynth-gl bench``: what the choices cost and gain on this machine."""
 
-import io
 import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -14,9 +13,6 @@ from semisynth_gl.config import load_config
 from semisynth_gl.errors import InputError
 from semisynth_gl.render.context import BACKENDS, Backend
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 @click.group()
 def bench() -> None:
@@ -24,7 +20,7 @@ def bench() -> None:
 
 
 def _shared_options(config: str) -> Callable[[Command], Command]:
-    """Add --config, --set, --seed, --backend, --json and --plot."""
+    """Add --config, --set, --seed, --backend and --json."""
     options = [
         click.option(
             "--config", "config_name", default=config, show_default=True, help="Whose scenes: a name or a YAML file."
@@ -37,9 +33,6 @@ def _shared_options(config: str) -> Callable[[Command], Command]:
             "--backend", type=click.Choice(BACKENDS), default="auto", show_default=True, help="As for generate."
         ),
         click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write everything here."),
-        click.option(
-            "--plot", "plot_path", type=click.Path(path_type=Path), help="Also draw it: a name that ends in .png."
-        ),
     ]
 
     def add(command: Command) -> Command:
@@ -65,29 +58,21 @@ def accuracy(
     seed: int,
     backend: Backend,
     json_path: Path | None,
-    plot_path: Path | None,
     pairs: int,
     rays: int,
     repeats: int,
 ) -> None:
-    """Compare ways to get the disparity, to store it and to antialias: error against a float64 oracle, time, bytes.
+    """Compare the disparity with float64 rays, and encodings and antialiasing modes with each other.
 
-    Four tables. The default of each is bold; a star marks what no other way beats.
+    The error of the disparity, then a table each of encodings of disparities, encodings of images and antialiasing
+    modes: time, bytes and error. The default is bold; a star marks alternatives that no other one dominates.
     """
-    # Imported here: matplotlib takes longer to load than other commands to run.
-    from semisynth_gl.bench.accuracy import Effort, measure, table  # noqa: PLC0415
-    from semisynth_gl.bench.plot import draw_plot  # noqa: PLC0415
+    from semisynth_gl.bench import accuracy as benchmark  # noqa: PLC0415 - other commands need no renderer
 
-    _check_places(json_path, plot_path)
+    _check_place(json_path)
     config = load_config(config_name, settings)
-    report = measure(config, seed, backend, Effort(pairs, rays, repeats), _say)
-    _save(report, json_path, plot_path, draw_plot)
-    machine, (width, height) = report["machine"], report["sizes_px"][0]
-    click.echo(
-        f"{config.name}, {width} x {height} px, {pairs} pairs, {report['pixels_compared']} pixels against the oracle; "
-        f"{machine['renderer']}, {machine['processor']}, {machine['cores']} cores\n"
-    )
-    click.echo(table(report))
+    report = benchmark.measure(config, seed, backend, benchmark.Effort(pairs, rays, repeats), _say)
+    _publish(report, benchmark.headline(report), benchmark.table(report), json_path)
 
 
 def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int, ...]:
@@ -139,7 +124,6 @@ def speed(
     seed: int,
     backend: Backend,
     json_path: Path | None,
-    plot_path: Path | None,
     pairs: int,
     repeats: int,
     workers: tuple[int, ...],
@@ -151,47 +135,28 @@ def speed(
     Each stage of a pair alone; workers, from start to end; instances, triangles, pixels, antialiasing and outputs;
     memory; the time to the first pair. Let the machine do nothing else meanwhile.
     """
-    # Imported here: matplotlib takes longer to load than other commands to run.
-    from semisynth_gl.bench.speed import Effort, measure, table  # noqa: PLC0415
-    from semisynth_gl.bench.speed_plot import draw_plot  # noqa: PLC0415
+    from semisynth_gl.bench import speed as benchmark  # noqa: PLC0415 - other commands need no renderer
 
-    _check_places(json_path, plot_path)
+    _check_place(json_path)
     config = load_config(config_name, settings)
-    effort = Effort(pairs, repeats, workers, memory_pairs, stress=not no_stress)
-    report = measure(config, seed, backend, effort, _say)
-    _save(report, json_path, plot_path, draw_plot)
-    machine, (width, height) = report["machine"], report["size_px"]
-    click.echo(
-        f"{config.name}, {width} x {height} px; {machine['renderer']}, {machine['opengl']}; {machine['processor']}, "
-        f"{machine['usable_cores']} cores; Python {machine['python']}; {machine['date']}\n"
-    )
-    click.echo(table(report))
+    effort = benchmark.Effort(pairs, repeats, workers, memory_pairs, stress=not no_stress)
+    report = benchmark.measure(config, seed, backend, effort, _say)
+    _publish(report, benchmark.headline(report), benchmark.table(report), json_path)
 
 
 def _say(part: str) -> None:
     click.echo(f"{part} ...", err=True)
 
 
-def _check_places(json_path: Path | None, plot_path: Path | None) -> None:
-    """Refuse what cannot be written before anything is measured."""
-    for option, path in (("--json", json_path), ("--plot", plot_path)):
-        if path is not None and not path.absolute().parent.is_dir():
-            raise InputError(f"{option} {path}: the folder {path.absolute().parent} does not exist")
-    if plot_path is not None and plot_path.suffix.lower() != ".png":
-        raise InputError(f"--plot {plot_path}: expected a name that ends in .png")
+def _check_place(json_path: Path | None) -> None:
+    """Refuse a file that cannot be written before anything is measured."""
+    if json_path is not None and not json_path.absolute().parent.is_dir():
+        raise InputError(f"--json {json_path}: the folder {json_path.absolute().parent} does not exist")
 
 
-def _save(
-    report: dict[str, Any],
-    json_path: Path | None,
-    plot_path: Path | None,
-    draw_plot: Callable[[dict[str, Any]], "Figure"],
-) -> None:
-    """Write the report where it was asked for."""
+def _publish(report: dict[str, Any], headline: str, table: str, json_path: Path | None) -> None:
+    """Write the report as JSON where a path is given, and print it."""
     report["command"] = " ".join(["semisynth-gl", *sys.argv[1:]])
     if json_path is not None:
         json_path.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-    if plot_path is not None:
-        png = io.BytesIO()
-        draw_plot(report).savefig(png, format="png")
-        plot_path.write_bytes(png.getvalue())
+    click.echo(f"{headline}\n\n{table}")

@@ -1,4 +1,4 @@
-"""Ways to antialias: PSNR against a reference of 64 samples a pixel, shift against the truth, and time."""
+"""Antialiasing modes: PSNR against a reference of 64 samples a pixel, shift against the truth, and time."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.bench.scenes import BenchScenes, grown
-from semisynth_gl.bench.timing import alternated, compared, front
+from semisynth_gl.bench.summary import front
+from semisynth_gl.bench.timing import alternated, compare_times
 from semisynth_gl.camera import EYES, Eye, StereoCamera
 from semisynth_gl.errors import BackendError
-from semisynth_gl.frame import Frame
 from semisynth_gl.render.context import Backend
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.background import FACE
@@ -29,11 +29,11 @@ MODE_TEXTS: Mapping[str, str] = {
     "ssaa8": "64 samples, averaged: the reference",
 }
 
-# The picture of the shift's scene: waves whole in a patch, (cycles along u, along v) of red, green and blue.
+# Patch of the scene that shifts are measured on: waves, (cycles along u, along v) of red, green and blue.
 _PATCH_PX = 256
 _WAVES = ((8, 0), (0, 7), (5, -6))
 _AMPLITUDE = 100.0
-# Its plane is normal . p = distance, and a square of that side, whose u and v run along x and y, lies on it.
+# A square whose u and v run along x and y lies on the plane normal . p = distance.
 _NORMAL = np.array([0.2, -0.15, 1.0])
 _DISTANCE_M = 2.0
 _SIDE_M = 8.0
@@ -42,19 +42,19 @@ _REPEATS = 8.0
 
 @dataclass(frozen=True, slots=True)
 class ModeRow:
-    """One way to antialias.
+    """Measurements of one antialiasing mode.
 
     Attributes:
-        name: of the mode.
-        text: what it does.
+        name: the mode's name.
+        text: its description.
         seconds_per_pair: both images drawn and read back, with both disparities, without visibility.
-        time_ratio: to the default's.
+        time_ratio: time relative to the default's.
         psnr_db: of all pixels against the reference; None for the reference itself.
         psnr_outline_db: of pixels within 1 px of another instance.
-        psnr_inside_db: of the other pixels: what it does to textures.
+        psnr_inside_db: of the other pixels, inside textures.
         shift_px: between image and truth, from a picture that is known in closed form.
         outline_shift_px: at outlines, between image and reference; None for the reference itself.
-        on_front: whether no other mode is both faster and nearer to the reference; False for the reference.
+        on_front: no other mode is both faster and nearer to the reference; False for the reference.
     """
 
     name: str
@@ -76,30 +76,31 @@ def measure_modes(
 
     Args:
         bench: the scenes.
-        outlines: of both eyes of each scene, the (H, W) bool mask of pixels that touch another instance.
+        outlines: (H, W) bool masks of both eyes of each scene, pixels that touch another instance.
         backend: "auto", "egl" or "osmesa".
-        repeats: how often each mode draws all scenes, in turns.
+        repeats: how often each mode draws all scenes, in turns; the reference draws them once.
 
     Returns:
-        A row per mode and one for the reference, and the modes left out with the driver's reason.
+        A row of each mode and one of the reference, and the driver's reason for each mode that is left out.
     """
     images, shifts, left_out = {}, {}, {}
     for mode in (*MODES, REFERENCE):
         try:
-            images[mode] = _eyes(_draw(bench, mode, backend))
+            with _open(bench, mode, backend) as renderer:
+                frames = [renderer.render(scene) for scene in bench.scenes]
+            images[mode] = [image for frame in frames for image in (frame.left, frame.right)]
             shifts[mode] = truth_shift_px(mode, backend)
         except BackendError as error:
             if mode in (DEFAULT_MODE, REFERENCE):
                 raise
             left_out[mode] = str(error)
-    # Each opens a context of its own, which takes longer than a pair, so that only the drawing is timed.
-    renderers_seconds = alternated_renderers(bench, [mode for mode in images if mode != REFERENCE], backend, repeats)
-    reference_seconds = alternated_renderers(bench, [REFERENCE], backend, 1)[REFERENCE]
-    times = compared(
-        renderers_seconds | {REFERENCE: np.full(repeats, reference_seconds[0])}, DEFAULT_MODE, len(bench.scenes)
+    seconds = _alternated_renderers(bench, [mode for mode in images if mode != REFERENCE], backend, repeats)
+    reference_seconds = _alternated_renderers(bench, [REFERENCE], backend, 1)[REFERENCE]
+    times = compare_times(
+        seconds | {REFERENCE: np.full(repeats, reference_seconds[0])}, DEFAULT_MODE, len(bench.scenes)
     )
     near = [grown(outline, 1) for outline in outlines]
-    measured = {mode: _compare(images[mode], images[REFERENCE], near) for mode in images if mode != REFERENCE}
+    measured = {mode: _quality(images[mode], images[REFERENCE], near) for mode in images if mode != REFERENCE}
     # A front has smaller values as the better ones: mean squared error rather than PSNR.
     best = front({mode: (times[mode].ratio, 10 ** (-psnr[0] / 10)) for mode, (psnr, _) in measured.items()})
     rows = []
@@ -115,10 +116,16 @@ def measure_modes(
     return rows, left_out
 
 
-def alternated_renderers(
+def _alternated_renderers(
     bench: BenchScenes, modes: Sequence[str], backend: Backend, repeats: int
 ) -> dict[str, NDArray[np.float64]]:
-    """Time modes in turns, each in a renderer of its own that has drawn a pair before; (repeats,) float64 seconds."""
+    """Time modes in turns, each in a renderer of its own that has drawn a pair before.
+
+    To open a context takes longer than to draw a pair, so only the drawing is timed.
+
+    Returns:
+        (repeats,) float64 seconds of each mode.
+    """
     seconds = {mode: np.zeros(repeats) for mode in modes}
     for number in range(repeats):
         for mode in modes:
@@ -147,9 +154,9 @@ def shift_px(
 
     Args:
         image: (N,) float64 values.
-        expected: (N,) the same without a shift.
-        along_x: (N,) change of ``expected`` per px along x.
-        along_y: (N,) likewise along y.
+        expected: (N,) float64 values without a shift.
+        along_x: (N,) float64 change of ``expected`` per px along x.
+        along_y: (N,) float64 change per px along y.
     """
     columns = np.stack([expected, np.ones_like(expected), along_x, along_y], axis=-1)
     (contrast, _, x, y), *_ = np.linalg.lstsq(columns, image, rcond=None)
@@ -157,10 +164,10 @@ def shift_px(
 
 
 def truth_shift_px(mode: str, backend: Backend) -> float:
-    """Shift between an image and the truth at the same pixel, px, the larger of both eyes'.
+    """Measure the shift between an image and the truth at the same pixel, px, the larger of both eyes'.
 
-    A slanted plane with a picture of waves is drawn; what each pixel must show follows from the ray through its centre,
-    whose point on the plane is what the disparity of that pixel means.
+    A slanted plane with a picture of waves is drawn. The ray through a pixel's centre meets the plane at the point
+    whose disparity the pixel has, and the colour of that point follows from the equation of the waves.
     """
     camera = StereoCamera(480, 320, 500.0, 0.1, 236.0, 247.0, 158.3)
     corner = np.array([-_SIDE_M / 2, -_SIDE_M / 2])
@@ -201,37 +208,22 @@ def _waves(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def _open(bench: BenchScenes, mode: str, backend: Backend) -> Renderer:
-    wrap = bench.config.textures.wrap
-    return Renderer(bench.models, bench.layers, wrap=wrap, outputs=(), antialias=mode, backend=backend)
+    return bench.open_renderer(backend, outputs=(), antialias=mode)
 
 
-def _render_all(renderer: Renderer, scenes: Sequence[Scene]) -> list[Frame]:
-    return [renderer.render(scene) for scene in scenes]
+def _render_all(renderer: Renderer, scenes: Sequence[Scene]) -> None:
+    for scene in scenes:
+        renderer.render(scene)
 
 
-def _draw(bench: BenchScenes, mode: str, backend: Backend) -> list[Frame]:
-    with _open(bench, mode, backend) as renderer:
-        return _render_all(renderer, bench.scenes)
-
-
-def _eyes(frames: Sequence[Frame]) -> list[NDArray[np.uint8]]:
-    return [image for frame in frames for image in (frame.left, frame.right)]
-
-
-def default_images(bench: BenchScenes, backend: Backend) -> list[NDArray[np.uint8]]:
-    """Draw both images of each pair as the program does unless told otherwise, one after the other."""
-    return _eyes(_draw(bench, DEFAULT_MODE, backend))
-
-
-def _compare(
+def _quality(
     images: Sequence[NDArray[np.uint8]], references: Sequence[NDArray[np.uint8]], outlines: Sequence[NDArray[np.bool_]]
 ) -> tuple[tuple[float, float | None, float | None], float | None]:
-    """PSNR of all pixels, at outlines and elsewhere, and the shift at outlines."""
-    image = np.concatenate([one.reshape(-1, 3) for one in images])
-    reference = np.concatenate([one.reshape(-1, 3) for one in references])
+    """Measure the PSNR of all pixels, at outlines and elsewhere, and the shift at outlines."""
+    image, reference = (np.concatenate([pixels.reshape(-1, 3) for pixels in part]) for part in (images, references))
     outline = np.concatenate([mask.ravel() for mask in outlines])
-    gradients = [np.gradient(one.astype(np.float64), axis=(0, 1)) for one in references]
-    y, x = (np.concatenate([gradient[axis].reshape(-1, 3)[:] for gradient in gradients])[outline] for axis in (0, 1))
+    gradients = [np.gradient(pixels.astype(np.float64), axis=(0, 1)) for pixels in references]
+    y, x = (np.concatenate([gradient[axis].reshape(-1, 3) for gradient in gradients])[outline] for axis in (0, 1))
     psnr = (
         psnr_db(image, reference),
         psnr_db(image[outline], reference[outline]) if outline.any() else None,
