@@ -148,8 +148,8 @@ def table(report: Mapping[str, Any]) -> str:
             for part in report["scaling"].values()
             for name, reason in part["left_out"].items()
         ),
-        *([stress_text(report["stress"])] if report["stress"] else []),
-        memory_text(report["memory"]),
+        *([_stress_text(report["stress"])] if report["stress"] else []),
+        _memory_text(report["memory"]),
         markdown(
             ("start with", "s to the first pair on disk", "s to the end"),
             [
@@ -163,27 +163,32 @@ def table(report: Mapping[str, Any]) -> str:
 
 
 def limit_text(report: Mapping[str, Any]) -> str:
-    """Say what limits and how near the run came."""
+    """Name the narrowest stage and the limit, and say how near to the limit several rounds came."""
     limit = report["limit"]
-    several = f"{limit['workers']} workers make" if limit["workers"] > 1 else "1 worker makes"
-    return (
+    workers = f"{limit['workers']} workers make" if limit["workers"] > 1 else "1 worker makes"
+    text = (
         f"The narrowest stage is {limit['narrowest_stage']}: alone, {limit['cores']} cores would do it for "
         f"{limit['narrowest_allows_per_second']:.3g} pairs/s. The limit is set by the {limit['by']}: "
-        f"{limit['allows_per_second']:.3g} pairs/s. {several} {limit['reached_per_second']:.3g} pairs/s from start to "
-        f"end, {100 * limit['share']:.0f} % of the limit (median of {len(limit['shares'])} rounds)."
+        f"{limit['allows_per_second']:.3g} pairs/s. {workers} {limit['reached_per_second']:.3g} pairs/s from start to "
+        f"end"
+    )
+    shares = [100 * share for share in limit["shares"]]
+    if len(shares) == 1:
+        return f"{text}. One round is too rough to compare that with the limit: measure with --repeats 3 or more."
+    return (
+        f"{text}, {100 * limit['share']:.0f} % of the limit (median of {len(shares)} rounds, from {min(shares):.0f} to "
+        f"{max(shares):.0f} %)."
     )
 
 
-def stress_text(row: Mapping[str, Any]) -> str:
-    """Say how long the pair of many instances and triangles took."""
+def _stress_text(row: Mapping[str, Any]) -> str:
     return (
         f"One pair with {row['instances']:.0f} instances and {row['triangles']:.0f} triangles in view: "
         f"{row['seconds_per_pair']:.1f} s."
     )
 
 
-def memory_text(memory: Mapping[str, Any]) -> str:
-    """Say what a process holds."""
+def _memory_text(memory: Mapping[str, Any]) -> str:
     constant = "as many as after the first" if memory["objects_constant"] else "another number than after the first"
     return (
         f"Memory over {memory['pairs']} pairs: {memory['rss_bytes'] / 1e6:.0f} MB resident at the end, at most "
