@@ -52,9 +52,11 @@ def config():
 def report(config):
     effort = Effort(pairs=PAIRS, repeats=1, workers=(2,), memory_pairs=4, stress=False)
     with pytest.MonkeyPatch.context() as patch:
-        # Each way opens a renderer of its own, which takes longer than all that it draws here.
+        # Each row opens a renderer of its own, which takes longer than to draw these scenes.
         patch.setattr(scaling, "ANTIALIAS_MODES", ("none",))
-        patch.setattr(scaling, "OUTPUT_WAYS", {name: scaling.OUTPUT_WAYS[name] for name in ("left disparity", USUAL)})
+        patch.setattr(
+            scaling, "OUTPUT_OPTIONS", {name: scaling.OUTPUT_OPTIONS[name] for name in ("left disparity", USUAL)}
+        )
         return measure(config, 3, "auto", effort)
 
 

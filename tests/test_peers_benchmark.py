@@ -119,7 +119,7 @@ def test_the_table_takes_each_peers_best_use_of_the_cores_and_compares_medians()
     assert rows[6][2] == "could not be run"
     assert "as a user would run it: fast, 4.50 times our time." in text
     assert "given our encoders: fast, 2.50 times our time." in text
-    assert text.endswith("Versions: 7.")
+    assert text.endswith("Versions: semisynth-gl: 7.")
 
 
 def test_missing_programs_are_named_with_their_packages(tmp_path, monkeypatch):

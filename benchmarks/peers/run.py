@@ -318,8 +318,12 @@ def table(report: Mapping[str, Any]) -> str:
         if ratios[our_encoders]:
             label = min(ratios[our_encoders], key=ratios[our_encoders].__getitem__)
             lines.append(f"Best peer {title}: {label}, {ratios[our_encoders][label]:.2f} times our time.")
-    versions = {peer["parallel"][0]["runs"][0][0]["version"]: None for peer in peers if peer["parallel"]}
-    return "\n".join([*lines, f"Versions: {'; '.join(versions)}."])
+    versions: dict[str, str] = {}
+    for peer in peers:
+        if peer["parallel"]:
+            versions.setdefault(peer["parallel"][0]["runs"][0][0]["version"], peer["peer"])
+    named = (f"{label}: {version}" for version, label in versions.items())
+    return "\n".join([*lines, "", f"Versions: {'; '.join(named)}."])
 
 
 def _best_seconds(peer: Mapping[str, Any], processes: int | None = None) -> float:

@@ -42,7 +42,7 @@ class Effort:
 
 
 def measure(
-    config: Config, seed: int, backend: Backend, effort: Effort, progress: Callable[[str], None] = lambda _: None
+    config: Config, seed: int, backend: Backend, effort: Effort, said: Callable[[str], None] = lambda _: None
 ) -> dict[str, Any]:
     """Measure everything.
 
@@ -51,7 +51,7 @@ def measure(
         seed: of scenes and of the choice of pixels.
         backend: "auto", "egl" or "osmesa".
         effort: how much.
-        progress: takes a line at the start of each stage.
+        said: takes a line at the start of each stage.
 
     Returns:
         The machine, the scenes, under "disparity" the renderer's error, and under "store", "images_store" and
@@ -60,22 +60,22 @@ def measure(
     Raises:
         SemisynthError: where the config or OpenGL cannot be used.
     """
-    progress(f"making {effort.pairs} scenes of {config.name}")
+    said(f"making {effort.pairs} scenes of {config.name}")
     bench = sample_scenes(config, seed, effort.pairs)
     with bench.open_renderer(backend, outputs=("instances",)) as renderer:
         frames, driver = [renderer.render(scene) for scene in bench.scenes], renderer.facts
-    progress(f"casting {effort.rays} rays for each eye of each pair")
+    said(f"casting {effort.rays} rays for each eye of each pair")
     truths, outlines = cast_truth(bench, frames, effort.rays, np.random.default_rng(seed))
     drawn = [getattr(frames[part.scene], f"disparity_{part.eye}")[part.row, part.column] for part in truths]
     error = error_stats(np.concatenate(drawn), np.concatenate([part.disparity_px for part in truths]))
-    progress("encodings of disparities")
+    said("encodings of disparities")
     maps = [getattr(frame, f"disparity_{eye}") for frame in frames for eye in EYES]
     stored = measure_encodings(maps, disparity_encodings(), DEFAULT_DISPARITY_ENCODING, effort.repeats)
-    progress("encodings of images")
+    said("encodings of images")
     images = [getattr(frame, eye) for frame in frames for eye in EYES]
     usable, left_out = image_encodings()
     stored_images = measure_encodings(images, usable, DEFAULT_IMAGE_ENCODING, effort.repeats)
-    progress("antialiasing")
+    said("antialiasing")
     # Each turn opens a renderer anew, which takes long: half as many turns.
     modes, modes_left_out = measure_modes(bench, outlines, backend, max(1, effort.repeats // 2))
     return {

@@ -47,7 +47,7 @@ def usual_workers() -> tuple[int, ...]:
 
 
 def measure(
-    config: Config, seed: int, backend: Backend, effort: Effort, progress: Callable[[str], None] = lambda _: None
+    config: Config, seed: int, backend: Backend, effort: Effort, said: Callable[[str], None] = lambda _: None
 ) -> dict[str, Any]:
     """Measure everything.
 
@@ -56,7 +56,7 @@ def measure(
         seed: of the pairs, and of where the balls of the made-up scenes are.
         backend: "auto", "egl" or "osmesa".
         effort: how much.
-        progress: takes a line at the start of each part.
+        said: takes a line at the start of each part.
 
     Returns:
         The machine, and the measurements under "stages", "limit", "workers", "scaling", "stress", "memory" and "start".
@@ -66,20 +66,20 @@ def measure(
     """
     rounds = (effort.repeats + 1) // 2
     counts = effort.workers or usual_workers()
-    progress(f"scenes of {config.name}")
+    said(f"scenes of {config.name}")
     bench = sample_scenes(config, seed, _SCENES)
-    progress(f"stages, and {', '.join(map(str, counts))} workers, in {rounds} rounds")
-    ends = measure_workers(config, seed, backend, counts, effort.pairs, rounds)
-    progress("instances, triangles, pixels, antialiasing, outputs")
+    said(f"stages, and {', '.join(map(str, counts))} workers, in {rounds} rounds")
+    throughput = measure_workers(config, seed, backend, counts, effort.pairs, rounds)
+    said("instances, triangles, pixels, antialiasing, outputs")
     scaling = measure_scaling(bench, seed, backend, effort.repeats)
-    progress("many instances and triangles")
+    said("many instances and triangles")
     stress = asdict(measure_stress(bench, seed, backend)) if effort.stress else None
-    progress(f"memory over {effort.memory_pairs} pairs")
+    said(f"memory over {effort.memory_pairs} pairs")
     memory = measure_memory(config, seed, backend, effort.memory_pairs)
-    progress("start")
+    said("start")
     start = measure_start(config, seed, backend, rounds)
     camera = bench.scenes[0].camera
-    most = max(ends.workers, key=lambda row: row.workers)
+    most = max(throughput.workers, key=lambda row: row.workers)
     return {
         "config": config.name,
         "config_sha256": config.digest(),
@@ -88,10 +88,10 @@ def measure(
         "pairs": effort.pairs,
         "repeats": effort.repeats,
         "rounds": rounds,
-        "machine": machine_facts() | {"usable_cores": cores()} | ends.facts,
-        "stages": {"pair_seconds": ends.pair_seconds, "rows": [asdict(row) for row in ends.stages]},
-        "limit": {"workers": most.workers} | limit_of(ends.stages, cores(), most.pairs_per_second, ends.shares),
-        "workers": {"rows": [asdict(row) for row in ends.workers]},
+        "machine": machine_facts() | {"usable_cores": cores()} | throughput.facts,
+        "stages": {"pair_seconds": throughput.pair_seconds, "rows": [asdict(row) for row in throughput.stages]},
+        "limit": {"workers": most.workers} | limit_of(throughput.stages, cores(), most.pairs_per_second, throughput.shares),
+        "workers": {"rows": [asdict(row) for row in throughput.workers]},
         "scaling": {
             name: part | {"rows": [asdict(row) for row in part["rows"]]} for name, part in scaling.items()
         },
