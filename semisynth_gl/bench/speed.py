@@ -80,6 +80,7 @@ def measure(
     start = measure_start(config, seed, backend, rounds)
     camera = bench.scenes[0].camera
     most = max(throughput.workers, key=lambda row: row.workers)
+    limit = limit_of(throughput.stages, cores(), most.pairs_per_second, throughput.shares)
     return {
         "config": config.name,
         "config_sha256": config.digest(),
@@ -90,7 +91,7 @@ def measure(
         "rounds": rounds,
         "machine": machine_facts() | {"usable_cores": cores()} | throughput.facts,
         "stages": {"pair_seconds": throughput.pair_seconds, "rows": [asdict(row) for row in throughput.stages]},
-        "limit": {"workers": most.workers} | limit_of(throughput.stages, cores(), most.pairs_per_second, throughput.shares),
+        "limit": {"workers": most.workers} | limit,
         "workers": {"rows": [asdict(row) for row in throughput.workers]},
         "scaling": {
             name: part | {"rows": [asdict(row) for row in part["rows"]]} for name, part in scaling.items()

@@ -94,8 +94,8 @@ def limit_of(
 ) -> dict[str, Any]:
     """Name the limit of a run, and how near to it the run came.
 
-    A pair goes through all stages: no run is faster than the narrowest stage allows alone, nor faster than the processor
-    can do its part of all stages. Where the processor draws, the processor's limit is always less.
+    A pair goes through all stages: no run is faster than the narrowest stage allows alone, nor faster than the
+    processor can do its part of all stages. Where the processor draws, the processor's limit is always less.
 
     Args:
         rows: result of `stage_rows`.
