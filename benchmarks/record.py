@@ -64,8 +64,7 @@ default's, taken turn by turn.
 
 Errors of the disparity are those against a float64 ray cast, away from edges. Encodings write both arrays of a pair in
 memory, with one thread. Antialiasing is timed on pairs with both disparities, without masks. PSNR is against 64 samples
-a pixel: of all pixels, of those within 1 px of another instance, and of the rest. The shift is measured on a slanted
-plane whose picture is known in closed form, and at outlines against the reference."""
+a pixel: of all pixels, of those within 1 px of another instance, and of the rest."""
 _SPEED = """\
 Stages: the driver finishes each one before the next begins. *pairs/s alone* is what a stage would allow if a pair were
 nothing else: cores divided by seconds of CPU; on a GPU 1 divided by seconds, for draw, visibility and readback. A run

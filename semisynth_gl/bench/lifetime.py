@@ -112,14 +112,10 @@ def measure_memory(config: Config, seed: int, backend: Backend, pairs: int) -> M
 
 def line_slope(values: NDArray[np.float64]) -> tuple[float, float]:
     """Fit a line through (N,) values at 0, 1, ... ; return its slope and the slope's standard error."""
-    count = len(values)
-    if count < 3:
+    if len(values) < 3:
         return 0.0, 0.0
-    steps = np.arange(count) - (count - 1) / 2
-    spread = float((steps**2).sum())
-    slope = float((steps * values).sum() / spread)
-    rest = values - values.mean() - slope * steps
-    return slope, float(np.sqrt((rest**2).sum() / (count - 2) / spread))
+    (slope, _), covariance = np.polyfit(np.arange(len(values)), values, 1, cov=True)
+    return float(slope), float(np.sqrt(covariance[0, 0]))
 
 
 def measure_start(config: Config, seed: int, backend: Backend, repeats: int) -> list[StartRow]:

@@ -15,8 +15,9 @@ from semisynth_gl.bench.timing import alternated, compare_times
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.errors import BackendError
 from semisynth_gl.frame import DEFAULT_OUTPUTS
-from semisynth_gl.geometry.mesh import Mesh, make_mesh
+from semisynth_gl.geometry.mesh import Mesh, without_degenerate
 from semisynth_gl.geometry.solid import marked_solid
+from semisynth_gl.geometry.surfaces import lathe
 from semisynth_gl.render.context import Backend
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.background import FACE
@@ -149,20 +150,10 @@ def measure_stress(
 
 def ball(rings: int) -> Mesh:
     """Make a closed ball of radius 1: n rings from pole to pole, 2 n around, 4 n (n - 1) triangles."""
-    around = 2 * rings
-    polar, azimuth = np.meshgrid(np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, around + 1), indexing="ij")
-    # Equal positions at the seam and the poles, so that the surface counts as closed.
-    azimuth_position = np.where(np.arange(around + 1) == around, 0.0, azimuth)
-    ring = np.sin(polar)
-    ring[[0, -1]] = 0.0
-    positions = np.stack([ring * np.cos(azimuth_position), ring * np.sin(azimuth_position), np.cos(polar)], axis=-1)
-    uv = np.stack([azimuth, polar], axis=-1)
-    first = (np.arange(rings)[:, None] * (around + 1) + np.arange(around)).reshape(rings, around)
-    right, below = first + 1, first + around + 1
-    upper = np.stack([first, below, right], axis=-1)[1:]
-    lower = np.stack([right, below, below + 1], axis=-1)[:-1]
-    triangles = np.concatenate([upper.reshape(-1, 3), lower.reshape(-1, 3)])
-    return make_mesh("ball", positions.reshape(-1, 3), uv.reshape(-1, 2), triangles)
+    latitude = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)
+    profile = np.stack([np.cos(latitude), np.sin(latitude)], axis=-1)
+    profile[[0, -1], 0] = 0.0
+    return without_degenerate(lathe(profile, 2 * rings))
 
 
 def _triangle_count(rings: int) -> int:
