@@ -53,7 +53,7 @@ def measure(
 
     Args:
         config: where the pairs are from.
-        seed: of the pairs, and of where the balls of the made-up scenes are.
+        seed: of the pairs, and of the balls' places in the scenes that grow.
         backend: "auto", "egl" or "osmesa".
         effort: how much.
         said: takes a line at the start of each part.

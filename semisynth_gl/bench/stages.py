@@ -28,12 +28,12 @@ class Costs:
     Attributes:
         seconds: from the stage's beginning to its end.
         cpu_seconds: of all threads of the process together.
-        made_bytes: size of the stage's result; None where the result stays with the driver or is small.
+        result_bytes: size of the stage's result; None where the result stays with the driver or is small.
     """
 
     seconds: float
     cpu_seconds: float
-    made_bytes: int | None
+    result_bytes: int | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,13 +75,13 @@ def stage_rows(pairs: Sequence[Mapping[str, Costs]], cores: int, *, software: bo
     total, total_processor = sum(seconds.values()), sum(processor.values())
     rows = []
     for stage in PAIR_STAGES:
-        made = [pair[stage].made_bytes for pair in pairs]
+        sizes = [pair[stage].result_bytes for pair in pairs]
         on_gpu = stage in _ON_THE_GPU and not software
         allows = _per_second(1, seconds[stage]) if on_gpu else _per_second(cores, processor[stage])
         rows.append(
             StageRow(
                 stage, STAGE_TEXTS[stage], seconds[stage], processor[stage], seconds[stage] / total,
-                float(np.mean([count for count in made if count is not None])) if None not in made else None, allows,
+                float(np.mean([count for count in sizes if count is not None])) if None not in sizes else None, allows,
             )
         )  # fmt: skip
     text = "all of the above" if software else "the processor's part of all of the above"
