@@ -24,7 +24,7 @@ import torch
 import webdataset
 from torch.utils.data import DataLoader
 
-from semisynth_gl.bench.machine import machine_facts
+from semisynth_gl.bench.summary import machine_facts
 from semisynth_gl.bench.workers import is_software
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.dataset.reader import read_index, read_record

@@ -20,7 +20,7 @@ import numpy as np
 import stereo_evaluation as evaluation
 from numpy.typing import NDArray
 
-from semisynth_gl.bench.machine import machine_facts
+from semisynth_gl.bench.summary import machine_facts
 from semisynth_gl.config import load_config
 from semisynth_gl.dataset.reader import Dataset, open_dataset
 from semisynth_gl.errors import InputError, SemisynthError

@@ -123,7 +123,7 @@ def make_scene(
     patches: int = 32,
     patch_px: int = 512,
 ) -> PeerScene:
-    """Make the scene's folder, in place of one that stands there; the same arguments make the same scene.
+    """Make the scene's folder anew; the same arguments make the same scene.
 
     Args:
         folder: where to.

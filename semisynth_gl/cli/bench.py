@@ -1,12 +1,11 @@
 """``semisynth-gl bench``: what the choices cost and gain on this machine."""
 
-import io
 import json
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -14,9 +13,6 @@ from semisynth_gl.cli.options import COUNT, NATURAL, Command, OutputFile, option
 from semisynth_gl.config import load_config
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.context import BACKENDS, Backend
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 @click.group()
@@ -33,17 +29,13 @@ class _BenchOptions:
     seed: int
     backend: Backend
     json_path: Path | None
-    plot_path: Path | None
 
-    def save(self, report: dict[str, Any], draw_plot: Callable[[dict[str, Any]], "Figure"]) -> None:
-        """Write the report to the files that the options name."""
+    def publish(self, report: dict[str, Any], headline: str, table: str) -> None:
+        """Write the report as JSON where a path is given, and print it."""
         report["command"] = " ".join(["semisynth-gl", *sys.argv[1:]])
         if self.json_path is not None:
             self.json_path.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-        if self.plot_path is not None:
-            png = io.BytesIO()
-            draw_plot(report).savefig(png, format="png")
-            self.plot_path.write_bytes(png.getvalue())
+        click.echo(f"{headline}\n\n{table}")
 
 
 def _bench_options(config: str) -> Callable[[Command], Command]:
@@ -56,7 +48,6 @@ def _bench_options(config: str) -> Callable[[Command], Command]:
         option("--seed", type=NATURAL, default=0, help="Other scenes."),
         option("--backend", type=click.Choice(BACKENDS), default="auto", help="As for generate."),
         option("--json", "json_path", type=OutputFile(), help="Also write everything here."),
-        option("--plot", "plot_path", type=OutputFile(".png"), help="Also draw it: a name that ends in .png."),
     )
 
 
@@ -73,23 +64,17 @@ class _Parts(Listener):
 @option("--rays", type=COUNT, default=20_000, help="Rays cast for each eye of a pair.")
 @option("--repeats", type=COUNT, default=7, help="Times each alternative is timed.")
 def accuracy(options: _BenchOptions, pairs: int, rays: int, repeats: int) -> None:
-    """Compare ways to get the disparity, to store it and to antialias: error against a float64 oracle, time, bytes.
+    """Compare the disparity with float64 rays, and encodings and antialiasing modes with each other.
 
-    Four tables. The default of each is bold; a star marks what no other way beats.
+    The error of the disparity, then a table each of encodings of disparities, encodings of images and antialiasing
+    modes: time, bytes and error. The default is bold; a star marks alternatives that no other one dominates.
     """
-    # Imported here: matplotlib takes longer to load than other commands to run.
-    from semisynth_gl.bench.accuracy import Effort, measure, table  # noqa: PLC0415
-    from semisynth_gl.bench.plot import draw_plot  # noqa: PLC0415
+    from semisynth_gl.bench import accuracy as benchmark  # noqa: PLC0415 - other commands need no renderer
 
     config = load_config(options.config_name, options.settings)
-    report = measure(config, options.seed, options.backend, Effort(pairs, rays, repeats), _Parts())
-    options.save(report, draw_plot)
-    machine, (width, height) = report["machine"], report["sizes_px"][0]
-    click.echo(
-        f"{config.name}, {width} x {height} px, {pairs} pairs, {report['pixels_compared']} pixels against the oracle; "
-        f"{machine['renderer']}, {machine['processor']}, {machine['cores']} cores\n"
-    )
-    click.echo(table(report))
+    effort = benchmark.Effort(pairs, rays, repeats)
+    report = benchmark.measure(config, options.seed, options.backend, effort, _Parts())
+    options.publish(report, benchmark.headline(report), benchmark.table(report))
 
 
 def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int, ...]:
@@ -129,17 +114,9 @@ def speed(
     Each stage of a pair alone; workers, from start to end; instances, triangles, pixels, antialiasing and outputs;
     memory; the time to the first pair. Let the machine do nothing else meanwhile.
     """
-    # Imported here: matplotlib takes longer to load than other commands to run.
-    from semisynth_gl.bench.speed import Effort, measure, table  # noqa: PLC0415
-    from semisynth_gl.bench.speed_plot import draw_plot  # noqa: PLC0415
+    from semisynth_gl.bench import speed as benchmark  # noqa: PLC0415 - other commands need no renderer
 
     config = load_config(options.config_name, options.settings)
-    effort = Effort(pairs, repeats, workers, memory_pairs, stress=not no_stress)
-    report = measure(config, options.seed, options.backend, effort, _Parts())
-    options.save(report, draw_plot)
-    machine, (width, height) = report["machine"], report["size_px"]
-    click.echo(
-        f"{config.name}, {width} x {height} px; {machine['renderer']}, {machine['opengl']}; {machine['processor']}, "
-        f"{machine['usable_cores']} cores; Python {machine['python']}; {machine['date']}\n"
-    )
-    click.echo(table(report))
+    effort = benchmark.Effort(pairs, repeats, workers, memory_pairs, stress=not no_stress)
+    report = benchmark.measure(config, options.seed, options.backend, effort, _Parts())
+    options.publish(report, benchmark.headline(report), benchmark.table(report))
