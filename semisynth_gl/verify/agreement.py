@@ -1,6 +1,7 @@
 """Statistics shared by several checks: vectors against their references, and masks against expected masks."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,113 +57,106 @@ class Targets:
         bottom = np.minimum(top + 1, array.shape[0] - 1)
         return np.stack([array[top, left], array[top, right], array[bottom, left], array[bottom, right]])
 
-    def compare(self, name: str, own: Floats, reference_name: str, other: Floats, error_px: float) -> "Correspondences":
-        """Compare the image's array (H, W, C) at the pixels with the other image's array (H, W, C) at the points."""
-        corners = self.corners(other)
-        across = (self.x - np.floor(self.x))[:, None]
-        with np.errstate(invalid="ignore"):
-            references = corners[0] * (1 - across) + corners[1] * across
-            if not self.on_rows:
-                down = (self.y - np.floor(self.y))[:, None]
-                references = references * (1 - down) + (corners[2] * (1 - across) + corners[3] * across) * down
-            one_surface = (np.ptp(corners, axis=0) < 1).all(axis=1)
-        vectors, pixels = own[self.row, self.column], np.stack([self.column, self.row], axis=1)
-        return Correspondences(name, reference_name, vectors, corners, references, one_surface, error_px, pixels)
 
+class Agreement:
+    """Vectors of an image's pixels against references: what another image's array has at the corresponding points.
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Correspondences:
-    """Vectors of N pixels, and their references: what another array has at the corresponding points.
+    Args:
+        names: of the array that is judged, and of its reference with the place, for messages.
+        own: (H, W, C) px, the array of the image.
+        other: (H, W, C) px, the array of the other image.
+        targets: N pixels and their points.
+        error_px: the largest difference that encodings cause.
+        scaled_from_px: shorter vectors are not judged by their relative difference.
 
     Attributes:
-        name: the array that is judged, for messages.
-        reference_name: the array and the place that it is compared with, for messages.
-        vectors: (N, C) px.
-        corners: (K, N, C) px, the other array in the K pixels around each point.
-        references: (N, C) px, the other array interpolated between these.
-        one_surface: (N,) bool, where the pixel and the K pixels show one surface.
-        error_px: the largest difference that encodings cause.
-        pixels: (N, 2) int64, column and row.
-        least_scaled_px: shorter vectors say little about a factor.
+        vectors: (N, C) px, the image's array at the pixels.
+        corners: (2 or 4, N, C) px, the other image's array around the points.
+        references: (N, C) px, the other image's array, interpolated at the points.
+        error_px: as given.
     """
 
-    name: str
-    reference_name: str
-    vectors: Floats
-    corners: Floats
-    references: Floats
-    one_surface: Where
-    error_px: float
-    pixels: NDArray[np.int64]
-    least_scaled_px: float = 1.0
+    def __init__(
+        self,
+        names: tuple[str, str],
+        own: Floats,
+        other: Floats,
+        targets: Targets,
+        error_px: float,
+        scaled_from_px: float = 1.0,
+    ) -> None:
+        self.vectors = own[targets.row, targets.column]
+        self.corners = targets.corners(other)
+        self.error_px = error_px
+        self._names, self._targets, self._scaled_from_px = names, targets, scaled_from_px
+        across, down = (targets.x - np.floor(targets.x))[:, None], (targets.y - np.floor(targets.y))[:, None]
+        lefts, rights = self.corners[::2], self.corners[1::2]
+        with np.errstate(invalid="ignore"):
+            above, *below = lefts * (1 - across) + rights * across
+            self.references: Floats = above * (1 - down) + below[0] * down if below else above
 
     @property
     def known(self) -> Where:
-        """Where both sides are finite, (N,) bool."""
-        return np.asarray(np.isfinite(self.vectors).all(axis=1) & np.isfinite(self.references).all(axis=1))
+        """Where vectors and references are finite, (N,) bool."""
+        return all_components(np.isfinite(self.vectors) & np.isfinite(self.references))
 
-    def select(self, where: Where) -> "Correspondences":
-        """Return the pixels of a mask (N,) bool."""
-        return replace(
-            self,
-            vectors=self.vectors[where],
-            corners=self.corners[:, where],
-            references=self.references[where],
-            one_surface=self.one_surface[where],
-            pixels=self.pixels[where],
-        )
+    @property
+    def close(self) -> Where:
+        """Where the pixels around the points have similar vectors, as on one surface, (N,) bool."""
+        with np.errstate(invalid="ignore"):
+            return all_components(np.ptp(self.corners, axis=0) < 1)
 
+    def check(self, check: str, measure: str, judged: Where, surface: Where, verdict: Verdict) -> None:
+        """Judge the vectors by the share of outliers, and by the median of the difference.
 
-def check_agreement(check: str, measure: str, pixels: Correspondences, verdict: Verdict) -> None:
-    """Judge vectors by the share of outliers, and by the median of the difference.
+        Outliers lie outside the range of the pixels around the point. A constant error shifts the median difference, a
+        wrong factor shifts the median of the relative difference.
 
-    Outliers lie outside the range of the pixels around the point. The median is taken on single surfaces: a constant
-    error shifts the median difference, a wrong factor shifts the median of the relative difference.
-
-    Args:
-        check: the name of the check.
-        measure: the first part of the measures' names.
-        pixels: the vectors; an unknown reference is an outlier.
-        verdict: takes findings and measures.
-    """
-    vectors, references = pixels.vectors, pixels.references
-    if len(vectors) < MIN_PIXELS:
-        return
-    bound = _OUTSIDE_PX + pixels.error_px
-    excess = np.maximum(pixels.corners.min(axis=0) - vectors, vectors - pixels.corners.max(axis=0))
-    outlier = ~(excess <= bound).all(axis=1)
-    share = float(outlier.mean())
-    verdict.measures[f"{measure}_outside_share"] = share
-    if share > _OUTSIDE_SHARE:
-        first = int(np.argmax(outlier))
-        verdict.add(
-            check,
-            f"{pixels.name}: {share:.2%} of {len(outlier)} visible pixels differ by more than {bound:.3g} px from "
-            f"{pixels.reference_name}, at most {_OUTSIDE_SHARE:.0%} may; the first, at "
-            f"{tuple(pixels.pixels[first].tolist())}, has {format_vector(vectors[first])} px instead of "
-            f"{format_vector(references[first])} px",
-        )
-    surface = pixels.one_surface
-    if surface.sum() < MIN_PIXELS:
-        return
-    difference = (vectors - references)[surface].astype(np.float64)
-    median = np.median(difference, axis=0)
-    vectors = vectors[surface].astype(np.float64)
-    squared = (vectors**2).sum(axis=1)
-    long = squared >= pixels.least_scaled_px**2
-    factor, factor_bound = 0.0, _MEDIAN_SHARE
-    if long.sum() >= MIN_PIXELS:
-        factor = float(np.median((difference * vectors).sum(axis=1)[long] / squared[long]))
-        factor_bound += pixels.error_px / float(np.sqrt(np.median(squared[long])))
-    bound = _MEDIAN_PX + pixels.error_px
-    verdict.measures[f"{measure}_median_px"] = float(np.abs(median).max())
-    verdict.measures[f"{measure}_median_share"] = factor
-    if np.abs(median).max() > bound or abs(factor) > factor_bound:
-        verdict.add(
-            check,
-            f"{pixels.name} differs from {pixels.reference_name} by {format_vector(median)} px ({factor:+.3%}) in the "
-            f"median of {len(difference)} pixels; at most {bound:.3g} px and {factor_bound:.2%} are allowed",
-        )
+        Args:
+            check: the name of the check.
+            measure: the first part of the measures' names.
+            judged: (N,) bool, the pixels to judge; an unknown reference is an outlier.
+            surface: (N,) bool, where pixel and point lie on one surface; medians are taken over these.
+            verdict: takes findings and measures.
+        """
+        if judged.sum() < MIN_PIXELS:
+            return
+        vectors, name, reference_name = self.vectors[judged], *self._names
+        low, high = self.corners.min(axis=0)[judged], self.corners.max(axis=0)[judged]
+        bound = _OUTSIDE_PX + self.error_px
+        outlier = ~all_components(np.maximum(low - vectors, vectors - high) <= bound)
+        share = float(outlier.mean())
+        verdict.measures[f"{measure}_outside_share"] = share
+        if share > _OUTSIDE_SHARE:
+            first = np.flatnonzero(judged)[np.argmax(outlier)]
+            verdict.add(
+                check,
+                f"{name}: {share:.2%} of {len(outlier)} visible pixels differ by more than {bound:.3g} px from "
+                f"{reference_name}, at most {_OUTSIDE_SHARE:.0%} may; the first, at ({self._targets.column[first]}, "
+                f"{self._targets.row[first]}), has {format_vector(self.vectors[first])} px instead of "
+                f"{format_vector(self.references[first])} px",
+            )
+        surface = judged & surface
+        if surface.sum() < MIN_PIXELS:
+            return
+        vectors = self.vectors[surface].astype(np.float64)
+        difference = vectors - self.references[surface]
+        median = np.array([np.median(component) for component in difference.T])
+        squared = dot(vectors, vectors)
+        scaled = squared >= self._scaled_from_px**2
+        factor, factor_bound = 0.0, _MEDIAN_SHARE
+        if scaled.sum() >= MIN_PIXELS:
+            factor = float(np.median(dot(difference, vectors)[scaled] / squared[scaled]))
+            factor_bound += self.error_px / float(np.sqrt(np.median(squared[scaled])))
+        bound = _MEDIAN_PX + self.error_px
+        verdict.measures[f"{measure}_median_px"] = float(np.abs(median).max())
+        verdict.measures[f"{measure}_median_share"] = factor
+        if np.abs(median).max() > bound or abs(factor) > factor_bound:
+            verdict.add(
+                check,
+                f"{name} differs from {reference_name} by {format_vector(median)} px ({factor:+.3%}) in the median of "
+                f"{len(difference)} pixels; at most {bound:.3g} px and {factor_bound:.2%} are allowed",
+            )
 
 
 def check_mask_values(check: str, name: str, mask: NDArray[np.uint8], verdict: Verdict) -> None:
@@ -216,3 +210,14 @@ def check_mask_agreement(
 def spread_evenly(indices: NDArray[np.intp], most: int) -> NDArray[np.intp]:
     """Return at most ``most`` of the indices (N,), evenly spread over all."""
     return indices[:: max(1, -(-len(indices) // most))]
+
+
+def all_components(where: Where) -> Where:
+    """Return where all components of (..., C) bool are set, (...); numpy's `all` is slow over so short an axis."""
+    return reduce(np.logical_and, np.moveaxis(where, -1, 0))
+
+
+def dot(first: Floats, second: Floats) -> NDArray[np.float64]:
+    """Return the dot products of vectors (..., C), (...) float64."""
+    products = (first[..., k].astype(np.float64) * second[..., k] for k in range(first.shape[-1]))
+    return reduce(np.add, products)

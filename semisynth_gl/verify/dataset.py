@@ -6,7 +6,7 @@ from semisynth_gl.camera import EYES
 from semisynth_gl.dataset.reader import Index
 from semisynth_gl.dataset.stored import StoredFrame
 from semisynth_gl.splits import SplitName
-from semisynth_gl.verify.files import StoredShard, check_index, check_origin, check_sizes, open_shards, read_pair
+from semisynth_gl.verify.files import check_index, check_origin, check_sizes, open_shards, read_pair
 from semisynth_gl.verify.flow_consistency import check_flow_views, check_frames
 from semisynth_gl.verify.oracle_check import OracleCheck
 from semisynth_gl.verify.photometry import check_images
@@ -53,7 +53,8 @@ def verify_dataset(index: Index, oracle_pixels: int = 0) -> Iterator[Verdict]:
     before: StoredFrame | None = None
     for shard in open_shards(index):
         for number in shard.numbers:
-            verdict = Verdict(_name(index, shard, number))
+            scene = index.key(shard.split, number).scene
+            verdict = Verdict(scene if len(index.pairs) == 1 else f"{shard.split} {scene}")
             if number == shard.numbers.start:
                 shard.check(verdict)
             frame = read_pair(index, shard, number, verdict)
@@ -66,11 +67,6 @@ def verify_dataset(index: Index, oracle_pixels: int = 0) -> Iterator[Verdict]:
             yield verdict
 
 
-def _name(index: Index, shard: StoredShard, number: int) -> str:
-    name = index.key(shard.split, number).scene
-    return name if len(index.pairs) == 1 else f"{shard.split} {name}"
-
-
 def _follows(frame: StoredFrame, before: StoredFrame, index: Index) -> bool:
     """Return whether a pair is the next frame of another pair's sequence, and of the same size."""
     length = int(index.number("sequence", "length") or 1)
@@ -78,7 +74,7 @@ def _follows(frame: StoredFrame, before: StoredFrame, index: Index) -> bool:
         frame.split == before.split
         and frame.index == before.index + 1
         and frame.index % max(length, 1) > 0
-        and view_of(frame, "left").image.shape == view_of(before, "left").image.shape
+        and view_of(frame, "left")["image"].shape == view_of(before, "left")["image"].shape
     )
 
 
@@ -105,19 +101,20 @@ def _check_frame(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
             check_flow(frame, channel, eye, verdict)
         check_change(frame, eye, largest_px, verdict)
     left, right = view_of(frame, "left"), view_of(frame, "right")
-    if left.disparity is None or right.disparity is None:
+    if "disparity" not in right:
         # The checks that follow compare the views with each other.
         return True
-    match = match_views(left.disparity, right.disparity, -1)
-    if left.visibility is not None:
-        check_visibility("visibility_left", left.visibility, match, verdict)
-    if right.visibility is not None:
-        match_right = match_views(right.disparity, left.disparity, +1)
-        check_visibility("visibility_right", right.visibility, match_right, verdict)
-    visible = visible_pixels(match, left.visibility)
-    check_left_right(left.disparity, right.disparity, match, visible, verdict)
+    disparity, right_disparity = left["disparity"], right["disparity"]
+    match = match_views(disparity, right_disparity, -1)
+    if "visibility" in left:
+        check_visibility("visibility_left", left["visibility"], match, verdict)
+    if "visibility" in right:
+        match_right = match_views(right_disparity, disparity, +1)
+        check_visibility("visibility_right", right["visibility"], match_right, verdict)
+    visible = visible_pixels(match, left.get("visibility"))
+    check_left_right(disparity, right_disparity, match, visible, verdict)
     check_flow_views(frame, match, visible, verdict)
     # Images that are not exact differ between the views as those of a real rig do.
     imperfect = index.imperfect or not frame.exact_images
-    check_images(left.image, right.image, match, one_surface(match, visible), verdict, imperfect=imperfect)
+    check_images(left["image"], right["image"], match, one_surface(match, visible), verdict, imperfect=imperfect)
     return True

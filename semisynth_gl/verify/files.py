@@ -16,7 +16,7 @@ from semisynth_gl.dataset.stored import StoredFrame
 from semisynth_gl.errors import InputError
 from semisynth_gl.read.error import ReadError
 from semisynth_gl.splits import SplitName
-from semisynth_gl.verify.single_view import View, view_of
+from semisynth_gl.verify.single_view import view_of
 from semisynth_gl.verify.verdict import Verdict
 
 _ABOUT = frozenset({INDEX, PLAN, "README.md", "croissant.json"})
@@ -33,21 +33,26 @@ class StoredShard:
         split: the split of its pairs.
         name: the shard's name.
         numbers: the numbers of its pairs in the split.
+
+    Attributes:
+        split: as given.
+        numbers: as given.
+        fault: why the shard's record could not be read, or None.
     """
 
     def __init__(self, index: Index, split: SplitName, name: str, numbers: range) -> None:
         self.split = split
-        self.name = name
+        self._name = name
         self.numbers = numbers
         self._index = index
         self._record: Mapping[str, Any] = {}
-        self._fault: str | None = None
+        self.fault: str | None = None
         self._samples: Mapping[int, Mapping[str, Any]] = {}
         try:
             self._record = read_record(index.place, name)
             self._samples = {sample.get("pair"): sample["files"] for sample in self._record["samples"]}
         except ReadError as error:
-            self._fault = f"{RECORDS}/{name}.json {error.reason}: the shard is not finished"
+            self.fault = f"{RECORDS}/{name}.json {error.reason}: the shard is not finished"
         self._tar: BinaryIO | None = None
 
     def close(self) -> None:
@@ -55,34 +60,29 @@ class StoredShard:
         if self._tar is not None:
             self._tar.close()
 
-    @property
-    def recorded(self) -> bool:
-        """Whether the shard has a record."""
-        return self._fault is None
-
     def check(self, verdict: Verdict) -> None:
         """Check the record against the index, and the tar's digest and list of members against the record."""
-        if self._fault is not None:
-            verdict.add("shard", self._fault)
+        if self.fault is not None:
+            verdict.add("shard", self.fault)
             return
         record = self._record
         listed = {
             entry.get("shard"): entry for entry in self._index.values.get("shards", ()) if isinstance(entry, dict)
         }
-        entry = listed.get(self.name)
+        entry = listed.get(self._name)
         if entry is not None:
             for key in ("bytes", "sha256", "first", "end"):
                 if entry.get(key) != record.get(key):
                     verdict.add(
                         "shard",
-                        f"{self.name}: {key} is {record.get(key)!r} in its record, {entry.get(key)!r} in the index",
+                        f"{self._name}: {key} is {record.get(key)!r} in its record, {entry.get(key)!r} in the index",
                     )
         elif self._index.fault is None:
-            verdict.add("shard", f"{self.name} is not in the index")
+            verdict.add("shard", f"{self._name} is not in the index")
         if list(self._samples) != list(self.numbers):
             verdict.add(
                 "shard",
-                f"{self.name}: expected the pairs {self.numbers.start} to {self.numbers.stop - 1}, its record lists "
+                f"{self._name}: expected the pairs {self.numbers.start} to {self.numbers.stop - 1}, its record lists "
                 f"{len(self._samples)}",
             )
         if "tar" in record:
@@ -153,11 +153,11 @@ class StoredShard:
             self._tar.seek(int(file["offset"]))
             data = self._tar.read(int(file["bytes"]))
         except FileNotFoundError:
-            raise ReadError(Path(name), f"is missing, with its shard {self.name}") from None
+            raise ReadError(Path(name), f"is missing, with its shard {self._name}") from None
         except (KeyError, TypeError, ValueError, OSError) as error:
-            raise ReadError(Path(name), f"cannot be read from its shard {self.name}: {error!r}") from None
+            raise ReadError(Path(name), f"cannot be read from its shard {self._name}: {error!r}") from None
         if len(data) < file["bytes"]:
-            raise ReadError(Path(name), f"is cut off by the end of its shard {self.name}")
+            raise ReadError(Path(name), f"is cut off by the end of its shard {self._name}")
         return data
 
 
@@ -259,7 +259,7 @@ def read_pair(index: Index, shard: StoredShard, number: int, verdict: Verdict) -
     Returns:
         The pair; None where it cannot be judged further.
     """
-    if index.layout.packed and not shard.recorded:
+    if index.layout.packed and shard.fault is not None:
         return None  # the shard has the finding
     expected = index.files(shard.split, number)
     listed = shard.listed(number)
@@ -294,12 +294,10 @@ def check_sizes(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
         verdict.add("size", f"the camera has {size[1]} x {size[0]}, the config {configured[1]} x {configured[0]}")
     fits = True
     for eye in EYES:
-        view = view_of(frame, eye)
-        for channel in View.__slots__:
-            array = getattr(view, channel)
-            if array is not None and array.shape[:2] != size:
+        for channel, array in view_of(frame, eye).items():
+            height, width = array.shape[:2]
+            if (height, width) != size:
                 fits = False
-                height, width = array.shape[:2]
                 verdict.add("size", f"{channel}_{eye} is {width} x {height}, the camera has {size[1]} x {size[0]}")
     return fits
 

@@ -1,7 +1,5 @@
 """Flow and change of disparity against those of the other view, and against the next frame of a sequence."""
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,14 +8,14 @@ from semisynth_gl.dataset.stored import StoredFrame
 from semisynth_gl.frame import OCCLUDED, VISIBLE
 from semisynth_gl.verify.agreement import (
     UNCERTAIN,
-    Correspondences,
+    Agreement,
     Targets,
-    check_agreement,
+    all_components,
     check_mask_agreement,
     spread_evenly,
 )
 from semisynth_gl.verify.photometry import check_flow_images
-from semisynth_gl.verify.single_view import OPPOSITE, FlowChannel, flow_and_mask, has_flow, view_of
+from semisynth_gl.verify.single_view import OPPOSITE, has_flow, view_of
 from semisynth_gl.verify.verdict import Verdict
 from semisynth_gl.verify.view_consistency import HIDDEN_PX, SEEN_PX, SMOOTH_PX, ViewMatch, one_surface
 
@@ -42,37 +40,36 @@ def check_flow_views(frame: StoredFrame, match: ViewMatch, visible: Where, verdi
     """
     left, right = view_of(frame, "left"), view_of(frame, "right")
     smooth = visible & match.smooth
-    for flow in (left.flow, left.flow_backward):
-        if flow is not None:
-            smooth &= _is_smooth(flow)
+    for channel in OPPOSITE.keys() & left.keys():
+        smooth &= _is_smooth(left[channel])
     row, column = np.divmod(spread_evenly(np.flatnonzero(smooth), _MAX_PIXELS), visible.shape[1])
     targets = Targets(row, column, match.position[row, column], row.astype(np.float64), on_rows=True)
     surface = one_surface(match, visible)[row, column]
 
     def check(check: str, measure: str, names: tuple[str, str], own: Values, other: Values, error_px: float) -> None:
         """Compare arrays (H, W, C) of the left view and of the right one."""
-        pixels = targets.compare(names[0], own, f"{names[1]} at x - d", other, error_px)
-        pixels = replace(pixels, one_surface=surface & pixels.one_surface)
-        check_agreement(check, measure, pixels.select(pixels.known), verdict)
+        agreement = Agreement((names[0], f"{names[1]} at x - d"), own, other, targets, error_px)
+        agreement.check(check, measure, agreement.known, surface & agreement.close, verdict)
 
+    change = left.get("disparity_change")
     for channel in OPPOSITE:
-        own, other = flow_and_mask(left, channel)[0], flow_and_mask(right, channel)[0]
+        own, other = left.get(channel), right.get(channel)
         if own is None or other is None:
             continue
         names = f"{channel}_left", f"{channel}_right"
-        if channel == "flow" and left.disparity_change is not None:
+        if channel == "flow" and change is not None:
             own = own.copy()
             with np.errstate(invalid="ignore"):
-                own[..., 0] -= left.disparity_change
+                own[..., 0] -= change
             names = f"{names[0]} less disparity_change_left", names[1]
         else:
             own, other = own[..., 1:], other[..., 1:]
             names = f"the v of {names[0]}", f"the v of {names[1]}"
         check("flow-views", f"{channel}_views", names, own, other, 2 * frame.flow_error_px)
-    if left.disparity_change is not None and right.disparity_change is not None:
+    right_change = right.get("disparity_change")
+    if change is not None and right_change is not None:
         names = "disparity_change_left", "disparity_change_right"
-        changes = left.disparity_change[..., None], right.disparity_change[..., None]
-        check("change", "disparity_change_views", names, *changes, 0.0)
+        check("change", "disparity_change_views", names, change[..., None], right_change[..., None], 0.0)
 
 
 def follow_flow(flow: Values, disparity: Values) -> Targets:
@@ -109,50 +106,50 @@ def check_frames(before: StoredFrame, after: StoredFrame, verdict: Verdict, *, i
 
 
 def _check_direction(
-    channel: FlowChannel, eye: Eye, start: StoredFrame, end: StoredFrame, verdict: Verdict, *, images: bool
+    channel: str, eye: Eye, start: StoredFrame, end: StoredFrame, verdict: Verdict, *, images: bool
 ) -> None:
     own, other = view_of(start, eye), view_of(end, eye)
-    flow, mask = flow_and_mask(own, channel)
-    if flow is None or mask is None or own.disparity is None or other.disparity is None:
+    if not own.keys() >= {channel, f"{channel}_visibility", "disparity"} or "disparity" not in other:
         return
+    flow, disparity, other_disparity = own[channel], own["disparity"], other["disparity"]
     name = f"{channel}_{eye}"
-    targets = follow_flow(flow, own.disparity)
-    values = mask[targets.row, targets.column]
+    targets = follow_flow(flow, disparity)
+    values = own[f"{channel}_visibility"][targets.row, targets.column]
     visible = values == VISIBLE
     with np.errstate(invalid="ignore"):
-        surface = np.ptp(targets.corners(other.disparity[..., None]), axis=0)[:, 0] < 1
+        surface = np.ptp(targets.corners(other_disparity[..., None]), axis=0)[:, 0] < 1
     agrees, hidden = np.ones_like(surface), np.zeros_like(surface)
-    comparisons: list[tuple[str, str, Correspondences]] = []
+    agreements: list[tuple[str, str, Agreement]] = []
 
-    flow_back = flow_and_mask(other, OPPOSITE[channel])[0]
+    flow_back = other.get(OPPOSITE[channel])
     if flow_back is not None:
         names = f"{name} of {start.name}", f"the reverse of {OPPOSITE[channel]}_{eye} of {end.name} at x + flow"
-        pixels = targets.compare(names[0], flow, names[1], -flow_back, 2 * start.flow_error_px)
-        comparisons.append(("flow-frames", f"{name}_frames", pixels))
-        surface &= pixels.one_surface
+        agreement = Agreement(names, flow, -flow_back, targets, 2 * start.flow_error_px)
+        agreements.append(("flow-frames", f"{name}_frames", agreement))
+        surface &= agreement.close
 
     # Both frames have the disparity at the later one: the earlier frame's change leads to it.
     forward = channel == "flow"
-    change = (own if forward else other).disparity_change
+    change = (own if forward else other).get("disparity_change")
     if change is not None:
         now, later = f"disparity_{eye}", f"disparity_{eye} plus disparity_change_{eye}"
         names = (later, now) if forward else (now, later)
         names = f"{names[0]} of {start.name}", f"{names[1]} of {end.name} at x + flow"
-        disparities = own.disparity + (change if forward else 0), other.disparity + (0 if forward else change)
+        disparities = (disparity + change, other_disparity) if forward else (disparity, other_disparity + change)
         error_px = start.disparity_error_px + end.disparity_error_px
-        pixels = targets.compare(names[0], disparities[0][..., None], names[1], disparities[1][..., None], error_px)
-        comparisons.append(("change", f"{name}_change", pixels))
+        agreement = Agreement(names, disparities[0][..., None], disparities[1][..., None], targets, error_px)
+        agreements.append(("change", f"{name}_change", agreement))
         with np.errstate(invalid="ignore"):
-            nearer = pixels.corners.min(axis=0) > pixels.vectors + HIDDEN_PX + error_px
-        hidden = (nearer & np.isfinite(pixels.references))[:, 0]
+            nearer = agreement.corners.min(axis=0) > agreement.vectors + HIDDEN_PX + error_px
+        hidden = (nearer & np.isfinite(agreement.references))[:, 0]
 
-    for check, measure, pixels in comparisons:
+    for check, measure, agreement in agreements:
         with np.errstate(invalid="ignore"):
-            agrees &= (np.abs(pixels.vectors - pixels.references) < SEEN_PX + pixels.error_px).all(axis=1)
+            difference = np.abs(agreement.vectors - agreement.references)
+        agrees &= all_components(difference < SEEN_PX + agreement.error_px)
         # Points nearer than the near plane, and values beyond an encoding, have no reference.
-        judged = visible & pixels.known
-        check_agreement(check, measure, replace(pixels, one_surface=surface).select(judged), verdict)
-    if comparisons:
+        agreement.check(check, measure, visible & agreement.known, surface, verdict)
+    if agreements:
         # Two surfaces of similar disparity are told apart by the flow back alone.
         seen = surface & agrees & (flow_back is not None)
         expected = np.where(hidden, OCCLUDED, np.where(seen, VISIBLE, UNCERTAIN)).astype(np.uint8)
@@ -160,7 +157,7 @@ def _check_direction(
         check_mask_agreement("flow-mask", f"{measure} of {start.name}", measure, values, expected, end.name, verdict)
     if images:
         label = f"{name} of {start.name} to {end.name}"
-        check_flow_images(label, name, (own.image, other.image), targets.select(visible & surface), verdict)
+        check_flow_images(label, name, (own["image"], other["image"]), targets.select(visible & surface), verdict)
 
 
 def _is_smooth(values: Values) -> Where:

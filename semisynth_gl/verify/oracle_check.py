@@ -75,21 +75,17 @@ class OracleCheck:
         motions = {
             name: self._scenes.motion(sampled, frames)
             for name, (frames, channels) in _MOTIONS.items()
-            if any(getattr(view_of(frame, eye), channel) is not None for channel in channels for eye in EYES)
+            if any(channel in view_of(frame, eye) for channel in channels for eye in EYES)
         }
         rng = np.random.default_rng((self._scenes.seed, frame.index))
-        largest: dict[str, float] = {}
         for eye in EYES:
-            disparity = view_of(frame, eye).disparity
-            if disparity is None:
+            if "disparity" not in view_of(frame, eye):
                 continue
-            height, width = disparity.shape
+            height, width = view_of(frame, eye)["disparity"].shape
             x = rng.integers(0, width, -(-pixels // 2)).astype(np.float64)
             y = rng.integers(0, height, -(-pixels // 2)).astype(np.float64)
             cast = partial(self._cast, sampled, eye)
-            for measure, error in _compare(frame, eye, (x, y), motions, cast, verdict).items():
-                largest[measure] = max(largest.get(measure, 0.0), error)
-        verdict.measures.update(largest)
+            _compare(frame, eye, (x, y), motions, cast, verdict)
 
     def _cast(
         self, sampled: SampledScene, eye: Eye, motions: Mapping[str, Motion], x: Values, y: Values
@@ -112,21 +108,24 @@ def _compare(
     motions: Mapping[str, Motion],
     cast: Callable[[Mapping[str, Motion], Values, Values], RayValues],
     verdict: Verdict,
-) -> dict[str, float]:
-    """Compare a view's arrays with rays; return the largest errors within the bounds, by measure."""
+) -> None:
+    """Compare a view's arrays with rays; the measures are the largest errors within the bounds."""
     x, y = pixels
-    largest: dict[str, float] = {}
     rays = cast(motions, x, y)
     for channel, expected in rays.items():
-        array = getattr(view_of(frame, eye), channel)
+        array = view_of(frame, eye).get(channel)
         if array is None:
             continue
         stored = array[y.astype(np.int64), x.astype(np.int64)].reshape(len(x), -1).astype(np.float64)
         bound = _bound_px(frame, channel, stored)
-        error = _difference(stored, _encodable(frame, channel, rays, stored)).max(axis=1)
+        encodable = _encodable(frame, channel, rays, stored)
+        with np.errstate(invalid="ignore"):
+            # Two inf agree.
+            error = np.where(stored == encodable, 0.0, np.abs(stored - encodable)).max(axis=1)
         wrong = np.flatnonzero(~(error <= bound))
         measure = _MEASURES[channel]
-        largest[measure] = max(largest.get(measure, 0.0), float(error[error <= bound].max(initial=0.0)))
+        largest = float(error[error <= bound].max(initial=0.0))
+        verdict.measures[measure] = max(verdict.measures.get(measure, 0.0), largest)
         if wrong.size:
             needed = {name: motion for name, motion in motions.items() if channel in _MOTIONS[name][1]}
             around = (np.add.outer(centre[wrong], step).ravel() for centre, step in zip(pixels, _AROUND, strict=True))
@@ -139,7 +138,6 @@ def _compare(
                 f"({x[first]:.0f}, {y[first]:.0f}) the ray gives {format_vector(expected[first])} px, "
                 f"the file has {format_vector(stored[first])} px",
             )
-    return largest
 
 
 def _bound_px(frame: StoredFrame, channel: str, stored: Values) -> Values:
@@ -166,10 +164,3 @@ def _encodable(frame: StoredFrame, channel: str, rays: RayValues, stored: Values
         source, largest_px = np.abs(rays[channel]).max(axis=1, keepdims=True), frame.flow_largest_px
     beyond = np.isinf(stored).all(axis=1, keepdims=True) & (source > largest_px)
     return np.where(beyond, np.inf, rays[channel])
-
-
-def _difference(stored: Values, expected: Values) -> Values:
-    """Return the absolute difference; 0 where both are inf, inf where one is."""
-    with np.errstate(invalid="ignore"):
-        difference: Values = np.where(stored == expected, 0.0, np.abs(stored - expected))
-    return difference

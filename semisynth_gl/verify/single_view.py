@@ -1,22 +1,22 @@
 """Checks of one view by itself: disparity, calibration, depth, instances, flow and change of disparity."""
 
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import fields
 from math import inf, isclose, isfinite
-from typing import Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.dataset.stored import StoredFrame
-from semisynth_gl.frame import OUTSIDE
-from semisynth_gl.verify.agreement import check_mask_values
+from semisynth_gl.frame import OUTSIDE, Frame
+from semisynth_gl.verify.agreement import all_components, check_mask_values, dot
 from semisynth_gl.verify.verdict import Verdict, count_pixels
 
 Where = NDArray[np.bool_]
-FlowChannel = Literal["flow", "flow_backward"]
 
-OPPOSITE: dict[FlowChannel, FlowChannel] = {"flow": "flow_backward", "flow_backward": "flow"}
+OPPOSITE: Mapping[str, str] = {"flow": "flow_backward", "flow_backward": "flow"}
 """The two channels of flow, each with that of the other direction."""
 # Bounds of flow; docs/verify.md derives them.
 _FLOW_PX = 1e-3
@@ -30,25 +30,11 @@ LAST_VALID_PX = 2.0
 """A surface that leaves the valid range passes through 0; between two pixels its disparity falls by at most this."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class View:
-    """The arrays of one view; `Frame` describes them. An array without a file is None."""
-
-    image: NDArray[np.uint8]
-    disparity: NDArray[np.float32] | None
-    visibility: NDArray[np.uint8] | None
-    instances: NDArray[np.uint16] | None
-    depth: NDArray[np.float32] | None
-    flow: NDArray[np.float32] | None
-    flow_visibility: NDArray[np.uint8] | None
-    flow_backward: NDArray[np.float32] | None
-    flow_backward_visibility: NDArray[np.uint8] | None
-    disparity_change: NDArray[np.float32] | None
-
-
-def view_of(frame: StoredFrame, eye: Eye) -> View:
-    """Return one view of a pair."""
-    return View(getattr(frame, eye), *(getattr(frame, f"{channel.name}_{eye}") for channel in fields(View)[1:]))
+def view_of(frame: StoredFrame, eye: Eye) -> Mapping[str, NDArray[Any]]:
+    """Return the arrays of one view by channel: ``image``, and those of `Frame` without the view's name."""
+    names = {field.name.removesuffix(eye).rstrip("_") or "image": field.name for field in fields(Frame)}
+    arrays = {channel: getattr(frame, name) for channel, name in names.items() if name.endswith(eye)}
+    return {channel: array for channel, array in arrays.items() if array is not None}
 
 
 def check_disparity(frame: StoredFrame, largest_px: float | None, verdict: Verdict) -> None:
@@ -61,7 +47,7 @@ def check_disparity(frame: StoredFrame, largest_px: float | None, verdict: Verdi
     """
     invalid = pixels = 0
     for eye in EYES:
-        disparity, name = view_of(frame, eye).disparity, f"disparity_{eye}"
+        disparity, name = view_of(frame, eye).get("disparity"), f"disparity_{eye}"
         if disparity is None:
             continue
         valid, infinite = np.isfinite(disparity), np.isposinf(disparity)
@@ -128,10 +114,10 @@ def check_calibration(frame: StoredFrame, verdict: Verdict) -> None:
     recorded = frame.provenance.get("camera")
     if isinstance(recorded, dict):
         for name in camera.__slots__:
-            ours, theirs = getattr(camera, name), recorded.get(name)
+            expected, value = recorded.get(name), getattr(camera, name)
             # Through millimetres and back the baseline may lose its last digit.
-            if not (isinstance(theirs, int | float) and isclose(ours, theirs, rel_tol=1e-12, abs_tol=1e-12)):
-                verdict.add("calib", f"{name} is {ours!r}, in the pair's provenance {theirs!r}")
+            if not (isinstance(expected, int | float) and isclose(value, expected, rel_tol=1e-12, abs_tol=1e-12)):
+                verdict.add("calib", f"{name} is {value!r}, in the pair's provenance {expected!r}")
     else:
         verdict.add("calib", "the pair's provenance has no camera to compare with")
     if calibration is None:
@@ -139,15 +125,15 @@ def check_calibration(frame: StoredFrame, verdict: Verdict) -> None:
     # Each number is written with all its digits; their difference is rounded once.
     if not isclose(calibration.doffs_px, camera.doffs_px, rel_tol=1e-9, abs_tol=1e-9):
         verdict.add("calib", f"doffs is {calibration.doffs_px!r}, cx1 - cx0 is {camera.doffs_px!r}")
-    disparity = view_of(frame, "left").disparity
-    valid = np.empty(0) if disparity is None else disparity[np.isfinite(disparity)]
+    disparity = view_of(frame, "left")["disparity"]
+    valid = disparity[np.isfinite(disparity)]
     if not valid.size:
         return
     least, largest = float(valid.min()), float(valid.max())
-    for name, written, came in (("vmin", calibration.vmin_px, least), ("vmax", calibration.vmax_px, largest)):
+    for name, written, stored in (("vmin", calibration.vmin_px, least), ("vmax", calibration.vmax_px, largest)):
         # The encoding rounds the file's disparities, six digits round those of calib.txt.
-        if abs(written - came) > float(frame.rounding_px(came)) + _SIX_DIGITS * max(1.0, abs(written), abs(came)):
-            verdict.add("calib", f"{name} is {written:g}, the left disparity's is {came:g} px")
+        if abs(written - stored) > float(frame.rounding_px(stored)) + _SIX_DIGITS * max(1.0, abs(written), abs(stored)):
+            verdict.add("calib", f"{name} is {written:g}, the left disparity's is {stored:g} px")
     if calibration.ndisp < largest * (1 - _SIX_DIGITS) - float(frame.rounding_px(largest)):
         verdict.add("calib", f"ndisp {calibration.ndisp} is below the largest disparity, {largest:g} px")
 
@@ -157,7 +143,7 @@ def check_depth(frame: StoredFrame, verdict: Verdict) -> None:
     camera = frame.camera
     for eye in EYES:
         view = view_of(frame, eye)
-        disparity, depth = view.disparity, view.depth
+        disparity, depth = view.get("disparity"), view.get("depth")
         if depth is None or disparity is None:
             continue
         seen = np.isfinite(depth) & (depth > 0)
@@ -178,27 +164,19 @@ def check_instances(frame: StoredFrame, verdict: Verdict) -> None:
     rows = frame.provenance.get("instances")
     for eye in EYES:
         view, name = view_of(frame, eye), f"instances_{eye}"
-        if view.instances is None or view.disparity is None:
+        ids, disparity = view.get("instances"), view.get("disparity")
+        if ids is None or disparity is None:
             continue
         if not isinstance(rows, list):
             verdict.add("instances", f"{name}: there are ids, but the pair's provenance has no list of instances")
-        elif int(view.instances.max()) > len(rows):
-            largest = int(view.instances.max())
-            verdict.add("instances", f"{name}: the largest id is {largest}, the provenance lists {len(rows)} instances")
-        nothing = (view.instances == 0) & np.isfinite(view.disparity)
-        verdict.add_pixels("instances", name, "is 0 in spite of a disparity", nothing)
-
-
-def flow_and_mask(view: View, channel: FlowChannel) -> tuple[NDArray[np.float32] | None, NDArray[np.uint8] | None]:
-    """Return a view's flow (H, W, 2) float32 px in one direction, and its mask (H, W) uint8; None without a file."""
-    if channel == "flow":
-        return view.flow, view.flow_visibility
-    return view.flow_backward, view.flow_backward_visibility
+        elif int(ids.max()) > len(rows):
+            verdict.add("instances", f"{name} reaches {ids.max()}, the provenance lists {len(rows)} instances")
+        verdict.add_pixels("instances", name, "is 0 in spite of a disparity", (ids == 0) & np.isfinite(disparity))
 
 
 def has_flow(flow: NDArray[np.float32]) -> Where:
     """Return where both components of flow (H, W, 2) are finite, (H, W) bool."""
-    return _both(np.isfinite(flow))
+    return all_components(np.isfinite(flow))
 
 
 def flow_bound_px(flow: NDArray[np.floating], encoding_px: float = 0.0) -> NDArray[np.float64]:
@@ -211,27 +189,26 @@ def flow_bound_px(flow: NDArray[np.floating], encoding_px: float = 0.0) -> NDArr
     Returns:
         (...) float64 px.
     """
-    squares = (flow[..., component].astype(np.float64) ** 2 for component in range(flow.shape[-1]))
-    return _FLOW_PX + _FLOW_SHARE * np.sqrt(sum(squares)) + encoding_px
+    return _FLOW_PX + _FLOW_SHARE * np.sqrt(dot(flow, flow)) + encoding_px
 
 
-def check_flow(frame: StoredFrame, channel: FlowChannel, eye: Eye, verdict: Verdict) -> None:
+def check_flow(frame: StoredFrame, channel: str, eye: Eye, verdict: Verdict) -> None:
     """Check a view's flow in one direction: no NaN, both components of a pixel or none, and the mask's zeros.
 
     A mask is 0 exactly where there is no flow, or the flow leads out of the image.
 
     Args:
         frame: the pair as it was read.
-        channel: the direction.
+        channel: "flow" or "flow_backward".
         eye: the view.
         verdict: takes findings and measures.
     """
-    flow, mask = flow_and_mask(view_of(frame, eye), channel)
-    name = f"{channel}_{eye}"
+    view, name = view_of(frame, eye), f"{channel}_{eye}"
+    flow, mask = view.get(channel), view.get(f"{channel}_visibility")
     if flow is None:
         return
     infinite = np.isposinf(flow)
-    verdict.add_pixels("flow", name, "is NaN or -inf", ~_both(np.isfinite(flow) | infinite))
+    verdict.add_pixels("flow", name, "is NaN or -inf", ~all_components(np.isfinite(flow) | infinite))
     verdict.add_pixels("flow", name, "is inf in one component alone", infinite[..., 0] != infinite[..., 1])
     missing = int((~has_flow(flow)).sum())
     beyond = count_beyond(frame, f"{channel}_beyond", eye, frame.flow_largest_px)
@@ -277,7 +254,7 @@ def check_change(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict
         verdict: takes findings and measures.
     """
     view = view_of(frame, eye)
-    change, disparity = view.disparity_change, view.disparity
+    change, disparity, flow = view.get("disparity_change"), view.get("disparity"), view.get("flow")
     if change is None or disparity is None:
         return
     name = f"disparity_change_{eye}"
@@ -293,9 +270,9 @@ def check_change(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict
         row, column = np.argwhere(impossible)[0]
         step = f", which goes from {disparity[row, column]:g} to {later[row, column]:g} px"
         verdict.add_pixels("change", name, "leads to an impossible disparity", impossible, step)
-    if view.flow is None:
+    if flow is None:
         return
-    flows = has_flow(view.flow)
+    flows = has_flow(flow)
     beyond = count_beyond(frame, "flow_beyond", eye, frame.flow_largest_px)
     if int((known & ~flows).sum()) > beyond:
         detail = f"; the provenance counts {beyond} with flow beyond the encoding"
@@ -306,12 +283,6 @@ def check_change(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict
         around = later[neighbours(missing) & known]
         if frame.camera.doffs_px <= 0 or (around.size and float(around.min()) > LAST_VALID_PX):
             verdict.add_pixels("change", name, "is inf in spite of disparity and flow", missing)
-
-
-def _both(where: Where) -> Where:
-    """Reduce (H, W, 2) bool to where both components are set, (H, W); faster by far than numpy's all(axis=2)."""
-    result: Where = where[..., 0] & where[..., 1]
-    return result
 
 
 def neighbours(where: Where) -> Where:

@@ -1,18 +1,12 @@
 """The two disparities against each other, and the visibility masks against both."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
-from semisynth_gl.verify.agreement import (
-    UNCERTAIN,
-    Targets,
-    check_agreement,
-    check_mask_agreement,
-    check_mask_values,
-)
+from semisynth_gl.verify.agreement import UNCERTAIN, Agreement, Targets, check_mask_agreement, check_mask_values
 from semisynth_gl.verify.verdict import Verdict, count_pixels
 
 Values = NDArray[np.float32]
@@ -127,8 +121,8 @@ def check_left_right(left: Values, right: Values, match: ViewMatch, visible: Whe
     row, column = np.nonzero(visible & match.smooth)
     targets = Targets(row, column, match.position[row, column], row.astype(np.float64), on_rows=True)
     names = "disparity_left", "disparity_right at x - d"
-    pixels = targets.compare(names[0], left[..., None], names[1], right[..., None], 0.0)
-    check_agreement("left-right", "left_right", replace(pixels, least_scaled_px=0.0), verdict)
+    agreement = Agreement(names, left[..., None], right[..., None], targets, 0.0, scaled_from_px=0.0)
+    agreement.check("left-right", "left_right", np.ones(len(row), bool), agreement.close, verdict)
 
 
 def check_visibility(name: str, mask: NDArray[np.uint8], match: ViewMatch, verdict: Verdict) -> None:
