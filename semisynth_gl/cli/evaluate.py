@@ -8,10 +8,9 @@ import click
 from semisynth_gl.cli.options import OutputFile, option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.errors import InputError
-from semisynth_gl.metrics.evaluate import REGIONS, Evaluated, evaluate_pair, report_of
-from semisynth_gl.metrics.predictions import find_predictions, require_all
+from semisynth_gl.metrics.evaluate import REGIONS, Evaluation, evaluate_pair, report_json, report_table
+from semisynth_gl.metrics.predictions import find_predictions, missing_predictions
 from semisynth_gl.metrics.protocol import PROTOCOL_NAMES, PROTOCOLS, ProtocolName
-from semisynth_gl.metrics.table import table_of
 from semisynth_gl.metrics.truth import TrueSet, find_truth
 from semisynth_gl.splits import SPLITS, SplitName
 from semisynth_gl.write.png import encode_png
@@ -57,9 +56,9 @@ def evaluate(
     if maps is not None:
         _check_maps(maps, pred, truth_set, truth)
     predictions = find_predictions(pred, truth_set.pairs)
-    missing = require_all(pred, truth_set.pairs, predictions, partial=partial)
+    missing = missing_predictions(pred, truth_set.pairs, predictions, partial=partial)
     protocol = PROTOCOLS[protocol_name or truth_set.protocol]
-    evaluated: list[Evaluated] = []
+    evaluations: list[Evaluation] = []
     with Progress() as progress:
         progress.on_total(len(predictions))
         for pair in truth_set.pairs:
@@ -67,20 +66,21 @@ def evaluate(
                 continue
             evaluation = evaluate_pair(pair, predictions[pair.name], protocol, draw=maps is not None)
             if maps is not None and evaluation.error_map is not None:
-                picture = maps / f"{evaluation.name}.png"
+                picture = maps / f"{pair.name}.png"
                 picture.parent.mkdir(parents=True, exist_ok=True)
                 picture.write_bytes(encode_png(evaluation.error_map))
-            evaluated.append(Evaluated(evaluation.name, evaluation.scores))
+            # Without the map: the maps of a large set would fill the memory.
+            evaluations.append(Evaluation(pair.name, evaluation.scores))
             progress.advance()
     if json_path is not None:
         paths = {name: prediction.path for name, prediction in predictions.items()}
-        text = json.dumps(report_of(evaluated, protocol, missing, paths), indent=1, allow_nan=False)
+        text = json.dumps(report_json(evaluations, protocol, missing, paths), indent=1, allow_nan=False)
         json_path.write_text(text + "\n", encoding="utf-8")
-    click.echo(f"{len(evaluated)} of {len(truth_set.pairs)} pairs by the definitions of {protocol.source}")
+    click.echo(f"{len(evaluations)} of {len(truth_set.pairs)} pairs by the definitions of {protocol.source}")
     for region in REGIONS:
-        if any((region,) in each.scores for each in evaluated):
+        if any((region,) in evaluation.scores for evaluation in evaluations):
             click.echo()
-            for line in table_of(evaluated, region, protocol):
+            for line in report_table(evaluations, region, protocol):
                 click.echo(line)
     if missing:
         click.echo(f"No prediction for {len(missing)} pairs: {', '.join(missing)}", err=True)

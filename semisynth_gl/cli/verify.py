@@ -12,7 +12,7 @@ from semisynth_gl.cli.options import COUNT, OutputFile, option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.dataset.reader import Index, read_index
 from semisynth_gl.verify.dataset import verify_dataset
-from semisynth_gl.verify.finding import Verdict
+from semisynth_gl.verify.verdict import Verdict
 
 
 @click.command()
