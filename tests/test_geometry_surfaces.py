@@ -5,8 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from semisynth_gl.errors import InputError
-from semisynth_gl.geometry.build import arc, circle, placed, rectangle, rod, rounded, smooth, turned
 from semisynth_gl.geometry.mesh import make_mesh, merged, normalised, without_degenerate
+from semisynth_gl.geometry.parts import arc, circle, placed, rectangle, rod, rounded, smooth, turned
 from semisynth_gl.geometry.surfaces import (
     BAND_STRETCH,
     box,

@@ -16,7 +16,7 @@ from semisynth_gl.camera import StereoCamera
 from semisynth_gl.errors import BackendError
 from semisynth_gl.frame import DEFAULT_OUTPUTS
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
-from semisynth_gl.geometry.solid import marked_solid
+from semisynth_gl.geometry.topology import marked_solid
 from semisynth_gl.render.context import Backend
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.background import FACE

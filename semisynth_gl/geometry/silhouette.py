@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from semisynth_gl.config.model import ParticlesSection
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.geometry.stretch import draw_scales
 
 # Views of all models together, so that few models are looked at more often; each is seen at least this often.
 _VIEWS_OF_ALL = 450
@@ -63,6 +62,20 @@ def mean_silhouette(
     wanted = (np.arange(_QUANTILES) + 0.5) / _QUANTILES * below[-1]
     # Rounding: two machines may sum in different order, and digests of models are compared.
     return Silhouette(round(float(fill), 9), np.round(height[order][np.searchsorted(below, wanted)], 9))
+
+
+def draw_scales(section: ParticlesSection, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Draw how models are stretched along their own three axes, (count, 3) float64, the largest factor of each 1.
+
+    Args:
+        section: its ``stretch`` and ``thinness`` count.
+        count: number of models.
+        rng: draws the factors.
+    """
+    scales = section.stretch.draw_many(rng, 3 * count).reshape(count, 3)
+    scales[:, 2] *= section.thinness.draw_log(rng, count)
+    scales /= scales.max(axis=1, keepdims=True)
+    return scales
 
 
 def height_map(mesh: Mesh, axes: NDArray[np.float64], cells: int) -> NDArray[np.float64]:

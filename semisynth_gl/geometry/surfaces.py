@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from semisynth_gl.errors import InputError
-from semisynth_gl.geometry.mesh import Mesh, make_mesh, merged, without_degenerate
+from semisynth_gl.geometry.mesh import Mesh, cross, lengths, make_mesh, merged, without_degenerate
 from semisynth_gl.geometry.unwrap import facing_axes
-from semisynth_gl.geometry.vectors import cross, lengths
 
 BAND_STRETCH = 1.1
 """How far a length around a lathed surface may be from its length in UV."""

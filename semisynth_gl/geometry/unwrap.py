@@ -6,8 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from semisynth_gl.geometry.mesh import Mesh, make_mesh
-from semisynth_gl.geometry.vectors import cross, lengths
+from semisynth_gl.geometry.mesh import Mesh, cross, lengths, make_mesh
 
 
 def facing_axes(normals: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

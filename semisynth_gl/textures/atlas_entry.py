@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from semisynth_gl.cache.entries import Entry
+from semisynth_gl.cache.store import Entry
 from semisynth_gl.errors import Skipped
 from semisynth_gl.textures.atlas import Atlas, CropCount, LeftOut, Patch, Square, TextureReport
 from semisynth_gl.textures.images import OUT_OF_MEMORY

@@ -1,9 +1,9 @@
-"""The atlas of a dataset, from whatever source its config names; made once and then found in the cache."""
+"""The atlas of a dataset, from whatever source its config names; built once and then loaded from the cache."""
 
 from pathlib import Path
 from typing import Any
 
-from semisynth_gl.cache.lookup import own_sources, remembered, versions
+from semisynth_gl.cache.lookup import cached, package_versions, source_digest
 from semisynth_gl.config.model import TexturesSection
 from semisynth_gl.errors import InputError
 from semisynth_gl.seeds import Purpose, generator
@@ -14,6 +14,9 @@ from semisynth_gl.textures.images import find_images
 from semisynth_gl.textures.photographs import builtin_photographs
 from semisynth_gl.textures.procedural import procedural_atlas
 from semisynth_gl.textures.selection import build_atlas, names_of
+
+SOURCES = ("textures", "seeds.py", "splits.py")
+"""The program's sources that decide an atlas: a change of any of them makes the cache build it anew."""
 
 # What `Split.share` is told to share out.
 _PHOTOGRAPHS = 0
@@ -33,7 +36,7 @@ def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> 
     images = images_of(section, seed, split)
     seed = split.seed(seed)
 
-    def make() -> tuple[Atlas, list[Path]]:
+    def build() -> tuple[Atlas, list[Path]]:
         rng = generator(seed, Purpose.ATLAS)
         if section.source == "procedural":
             return procedural_atlas(rng, section.max_patches, section.patch_px), []
@@ -53,22 +56,22 @@ def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> 
         )
         return atlas, opened
 
-    def decided_by() -> dict[str, Any]:
-        keys = {"source", "patch_px", "scales", "max_patches", "sequence"}
-        keys |= {"min_texture", "min_sharpness", "min_difference", "flat_share"}
+    def key() -> dict[str, Any]:
+        fields = {"source", "patch_px", "scales", "max_patches", "sequence"}
+        fields |= {"min_texture", "min_sharpness", "min_difference", "flat_share"}
         return {
-            "section": section.model_dump(mode="json", include=keys),
+            "section": section.model_dump(mode="json", include=fields),
             "seed": seed,
             "images": list(names_of(images).values()) if images else [],
-            "versions": versions("numpy", "Pillow"),
-            "program": own_sources("textures", "seeds.py"),
+            "versions": package_versions("numpy", "Pillow"),
+            "program": source_digest(SOURCES),
         }
 
-    return remembered(
+    return cached(
         "atlas",
-        decided_by,
+        key,
         files=images,
-        make=make,
+        build=build,
         pack=lambda atlas: packed_atlas(atlas, images),
         unpack=lambda entry: unpacked_atlas(entry, images),
     )

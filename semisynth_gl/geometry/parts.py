@@ -1,17 +1,13 @@
-"""What builders put surfaces together with: outlines, curves, rods, places."""
+"""Parts of models: outlines, curves, rods and balls, and their places."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import numpy as np
 import pyrr
 from numpy.typing import ArrayLike, NDArray
 
-from semisynth_gl.geometry.mesh import Mesh, make_mesh
+from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh
 from semisynth_gl.geometry.surfaces import lathe, sweep
-from semisynth_gl.geometry.vectors import cross
-
-Builder = Callable[[np.random.Generator], Mesh]
-"""Makes one model of its kind, normalised; all that varies comes from the generator."""
 
 
 def circle(radius: float, sides: int = 12, turn_rad: float = 0.0) -> NDArray[np.float64]:
@@ -29,6 +25,11 @@ def arc(radius: float, start_rad: float, stop_rad: float, count: int) -> NDArray
     """Points of a circle about the origin, both ends included; (count, 2), model units."""
     angle = np.linspace(start_rad, stop_rad, count)
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+
+
+def upright(curve: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Stand a plane curve of (P, 2) points up in the plane y = 0, its second axis along z; (P, 3)."""
+    return np.column_stack([curve[:, 0], np.zeros(len(curve)), curve[:, 1]])
 
 
 def smooth(points: ArrayLike, steps: int = 6) -> NDArray[np.float64]:
@@ -84,6 +85,19 @@ def rod(start: ArrayLike, stop: ArrayLike, radius: float, end_radius: float | No
     taper = radius if end_radius is None else end_radius
     axis = (last - first) / length
     return placed(lathe([(0, 0), (radius, 0), (taper, length), (0, length)], sides), rotation=onto(axis), at=first)
+
+
+def ball(radius: float, segments: int, rings: int) -> Mesh:
+    """A ball about the origin.
+
+    Args:
+        radius: model units.
+        segments: sides of the polygon that stands for the equator.
+        rings: circles of latitude, poles included.
+    """
+    profile = arc(radius, -np.pi / 2, np.pi / 2, rings)
+    profile[[0, -1], 0] = 0
+    return lathe(profile, segments)
 
 
 def wire(path: ArrayLike, radius: float, sides: int = 8, *, closed: bool = False) -> Mesh:
