@@ -102,7 +102,7 @@ def test_closed_frames_spread_their_twist() -> None:
 
 def test_sweep_of_a_bend_is_off_by_radius_over_bend() -> None:
     path = np.column_stack([arc(1, 0, np.pi / 2, 40), np.zeros(40)])
-    mesh = sweep(circle(0.2, 24), path, capped=False)
+    mesh = sweep(circle(0.2, 24), path)
     assert 1.15 < stretch(mesh).max() < 1 / (1 - 0.2) + 0.01
 
 
@@ -162,10 +162,11 @@ def test_turned_follows_the_right_hand() -> None:
     assert turned((0, 2, 0), np.pi / 2) @ (0, 0, 1) == pytest.approx([1, 0, 0], abs=1e-12)
 
 
-def test_placed_scales_uv_along() -> None:
-    mesh = placed(box((1, 1, 1)), (0, 0, 5), rotation=turned((1, 1, 0), 1.0), scale=3)
-    assert volume(mesh) == pytest.approx(27, rel=1e-5)
+def test_placed_keeps_size_and_texture() -> None:
+    mesh = placed(box((1, 2, 3)), (0, 0, 5), rotation=turned((1, 1, 0), 1.0))
+    assert volume(mesh) == pytest.approx(6, rel=1e-5)
     assert stretch(mesh).max() < 1 + 1e-5
+    assert (mesh.positions.min(axis=0) + mesh.positions.max(axis=0)) / 2 == pytest.approx([0, 0, 5], abs=1e-5)
 
 
 def test_smooth_passes_through_its_points() -> None:

@@ -1,7 +1,5 @@
 """Things that stand in rooms: tables, chairs, shelves, lamps, frames."""
 
-# ruff: noqa: RUF005  an array plus a tuple is a sum, not a concatenation
-
 import numpy as np
 
 from semisynth_gl.geometry.mesh import Mesh

@@ -1,7 +1,5 @@
 """Things from the workshop: gears, springs, chains, wheels, umbrellas, cables, knots."""
 
-# ruff: noqa: RUF005  an array plus a tuple is a sum, not a concatenation
-
 import numpy as np
 from numpy.typing import NDArray
 

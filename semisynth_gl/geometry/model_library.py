@@ -122,7 +122,7 @@ def _user_models(folders: Sequence[str]) -> tuple[Sequence[Mesh], Sequence[Skipp
         return (), ()
     with interrupts_wait():
         # Imported here: trimesh takes longer to load than all else together.
-        from semisynth_gl.geometry.user import load_models  # noqa: PLC0415
+        from semisynth_gl.geometry.model_files import load_models  # noqa: PLC0415
     return load_models([Path(folder).expanduser() for folder in folders])
 
 

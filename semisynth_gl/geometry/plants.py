@@ -1,7 +1,5 @@
 """Things that grow: potted plants, trees, cacti, grass, flowers."""
 
-# ruff: noqa: RUF005  an array plus a tuple is a sum, not a concatenation
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

@@ -1,7 +1,5 @@
 """Simple models: the solids of a geometry book, in varying proportions."""
 
-# ruff: noqa: RUF005  an array plus a tuple is a sum, not a concatenation
-
 from typing import Final
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Things that are built outdoors and in halls: stairs, ladders, fences, pipes, scaffolds, bridges."""
 
-# ruff: noqa: RUF005  an array plus a tuple is a sum, not a concatenation
-
 from itertools import pairwise
 
 import numpy as np

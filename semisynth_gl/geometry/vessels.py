@@ -1,7 +1,5 @@
 """Things that hold something: bottles, vases, mugs, glasses, bowls, baskets, cages."""
 
-# ruff: noqa: RUF005  an array plus a tuple is a sum, not a concatenation
-
 import numpy as np
 from numpy.typing import NDArray
 
