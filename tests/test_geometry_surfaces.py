@@ -12,7 +12,6 @@ from semisynth_gl.geometry.surfaces import (
     box,
     extruded,
     extruded_cells,
-    flat_faces,
     grid_surface,
     lathe,
     sweep,
@@ -136,12 +135,6 @@ def test_holes_in_cells_are_handles() -> None:
     solid[1::2, 1::2] = False
     mesh = extruded_cells(solid, np.arange(10.0), np.arange(8.0), 1)
     assert euler_characteristic(mesh) == 2 - 2 * 12
-
-
-def test_flat_faces_build_a_tetrahedron() -> None:
-    mesh = flat_faces([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
-    assert volume(mesh) == pytest.approx(1 / 6)
-    assert stretch(mesh).max() < 1 + 1e-5
 
 
 def test_rods_end_where_they_were_put() -> None:

@@ -3,7 +3,19 @@
 import numpy as np
 
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.geometry.parts import arc, around, ball, placed, rectangle, rod, smooth, turned, upright, wire
+from semisynth_gl.geometry.parts import (
+    arc,
+    around,
+    ball,
+    on_circle,
+    placed,
+    rectangle,
+    rod,
+    smooth,
+    turned,
+    upright,
+    wire,
+)
 from semisynth_gl.geometry.surfaces import box, extruded, extruded_cells, lathe, sweep
 
 
@@ -37,11 +49,9 @@ def chair(rng: np.random.Generator) -> list[Mesh]:
     x, y = width / 2 - leg, depth / 2 - leg
     parts = [box((width, depth, rng.uniform(0.02, 0.07)), (0, 0, seat))]
     parts += [rod((side * x, -y, 0), (side * x, -y, seat), leg) for side in (-1, 1)]
-    posts = [
-        np.array([[side * x, y + lean / 3, 0], [side * x, y, seat], [side * x, y + lean, seat + back]])
-        for side in (-1, 1)
-    ]
-    parts += [wire(smooth(post, 4), leg) for post in posts]
+    for side in (-1, 1):
+        post = [(side * x, y + lean / 3, 0), (side * x, y, seat), (side * x, y + lean, seat + back)]
+        parts.append(wire(smooth(post, 4), leg))
     low, high = (np.array([0, y + share * lean, seat + share * back]) for share in (0.35, 0.9))
     tilt = turned((1, 0, 0), -float(np.arctan2(lean, back)))
     style = rng.integers(3)
@@ -70,12 +80,10 @@ def bookcase(rng: np.random.Generator) -> list[Mesh]:
     height = shelves * gap
     parts = [box((board, depth, height), (side * (width + board) / 2, 0, height / 2)) for side in (-1, 1)]
     parts.append(box((width, 0.01, height), (0, depth / 2, height / 2)))
-    parts += [
-        box((width, depth - 0.02, board), (0, 0, level * (height - board) / shelves + board / 2))
-        for level in range(shelves + 1)
-    ]
-    for level in range(shelves):
-        floor, x = level * (height - board) / shelves + board, -width / 2 + 0.01
+    levels = np.arange(shelves + 1) * (height - board) / shelves
+    parts += [box((width, depth - 0.02, board), (0, 0, level + board / 2)) for level in levels]
+    for floor in levels[:-1] + board:
+        x = -width / 2 + 0.01
         while x < width / 2 - 0.08:
             book = np.array([rng.uniform(0.015, 0.05), depth * rng.uniform(0.55, 0.85), gap * rng.uniform(0.55, 0.85)])
             if rng.random() < 0.12:
@@ -90,11 +98,8 @@ def shelf(rng: np.random.Generator) -> list[Mesh]:
     """An open rack of boards on thin posts, with a few jars, tins and boxes on it."""
     width, depth, height = rng.uniform(0.6, 1.1), rng.uniform(0.25, 0.4), rng.uniform(0.8, 1.5)
     levels, post = int(rng.integers(2, 5)), rng.uniform(0.008, 0.02)
-    parts = [
-        rod((x * width / 2, y * depth / 2, 0), (x * width / 2, y * depth / 2, height), post)
-        for x in (-1, 1)
-        for y in (-1, 1)
-    ]
+    feet = [(x * width / 2, y * depth / 2) for x in (-1, 1) for y in (-1, 1)]
+    parts = [rod((*foot, 0), (*foot, height), post) for foot in feet]
     for level in np.linspace(0.12, 0.95, levels) * height:
         parts.append(box((width + 2 * post, depth + 2 * post, 0.018), (0, 0, level)))
         for x in np.arange(-width / 2 + 0.1, width / 2 - 0.05, 0.17):
@@ -136,8 +141,7 @@ def picture_frame(rng: np.random.Generator) -> list[Mesh]:
     """An empty frame, round or with corners, on an easel's two legs or none."""
     width, height, thick = rng.uniform(0.6, 1), rng.uniform(0.6, 1), rng.uniform(0.03, 0.08)
     rim = rng.uniform(0.06, 0.16)
-    angle = np.linspace(0, 2 * np.pi, 48, endpoint=False)
-    unit = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    unit = on_circle(1, np.linspace(0, 2 * np.pi, 48, endpoint=False))
     if rng.random() < 0.6:
         # on the square of side 2, so that straight sides stay straight and corners are hit
         unit /= np.abs(unit).max(axis=1, keepdims=True)

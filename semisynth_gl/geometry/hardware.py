@@ -1,10 +1,9 @@
 """Things from the workshop: gears, springs, chains, wheels, umbrellas, cables, knots."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.geometry.mesh import Mesh, cross, merged
-from semisynth_gl.geometry.parts import arc, around, circle, placed, rod, smooth, turned, upright, wire
+from semisynth_gl.geometry.parts import arc, around, circle, on_circle, placed, rod, smooth, turned, upright, wire
 from semisynth_gl.geometry.surfaces import box, extruded, grid_surface, lathe
 
 
@@ -14,7 +13,7 @@ def gear(rng: np.random.Generator) -> list[Mesh]:
     pitch = 2 * np.pi / teeth
     corners = (np.array([0.1, 0.4, 0.55, 0.85]) * pitch + np.arange(teeth)[:, None] * pitch).ravel()
     radius = np.tile([root, 1, 1, root], teeth)
-    unit = np.stack([np.cos(corners), np.sin(corners)], axis=1)
+    unit = on_circle(1, corners)
     if rng.random() < 0.5:
         return [extruded(unit * radius[:, None], thick, unit * rng.uniform(0.15, 0.6))]
     inner, hub = rng.uniform(0.75, 0.88) * root, rng.uniform(0.2, 0.3)
@@ -31,8 +30,7 @@ def torus_knot(rng: np.random.Generator) -> list[Mesh]:
     p, q = ((2, 3), (3, 2), (2, 5), (3, 4), (3, 5), (5, 2))[int(rng.integers(6))]
     minor = rng.uniform(0.3, 0.45)
     t = np.linspace(0, 2 * np.pi, 48 * max(p, q), endpoint=False)
-    ring = 1 + minor * np.cos(q * t)
-    path = np.stack([ring * np.cos(p * t), ring * np.sin(p * t), minor * np.sin(q * t)], axis=1)
+    path = np.column_stack([on_circle(1 + minor * np.cos(q * t), p * t), minor * np.sin(q * t)])
     return [wire(path, rng.uniform(0.05, 0.09), 12, closed=True)]
 
 
@@ -41,7 +39,7 @@ def spring(rng: np.random.Generator) -> list[Mesh]:
     turns, radius, pitch = rng.uniform(4, 11), rng.uniform(0.3, 0.6), rng.uniform(0.12, 0.25)
     t = np.linspace(0, turns, int(24 * turns))
     wide = radius * (1 + rng.choice([0.0, rng.uniform(-0.6, 0.6)]) * t / turns)
-    path = np.stack([wide * np.cos(2 * np.pi * t), wide * np.sin(2 * np.pi * t), pitch * t], axis=1)
+    path = np.column_stack([on_circle(wide, 2 * np.pi * t), pitch * t])
     return [wire(path, rng.uniform(0.02, 0.045), 10)]
 
 
@@ -107,17 +105,11 @@ def bolt(rng: np.random.Generator) -> list[Mesh]:
         profile += [(shank - depth, z), (shank, z + pitch / 2)]
     profile += [(shank, length), (0, length)]
     head = placed(extruded(circle(1.8 * shank, 6), rng.uniform(0.9, 1.4) * shank), (0, 0, length - 0.01))
-    nut = extruded(_on_hexagon(24) * 1.8 * shank, 1.5 * shank, circle(shank, 24))
+    angle = np.arange(24) * 2 * np.pi / 24
+    hexagon = on_circle(np.cos(np.pi / 6) / np.cos((angle % (np.pi / 3)) - np.pi / 6), angle)
+    nut = extruded(hexagon * 1.8 * shank, 1.5 * shank, circle(shank, 24))
     nut = placed(nut, (0, 0, rng.uniform(0.1, 0.6) * threaded), rotation=turned((0, 0, 1), 0.4))
     return [lathe(profile, 32), head, nut]
-
-
-def _on_hexagon(count: int) -> NDArray[np.float64]:
-    """Points of a regular hexagon of circumradius 1 at even angles; ``count`` is a multiple of six."""
-    angle = np.arange(count) * 2 * np.pi / count
-    reach = np.cos(np.pi / 6) / np.cos((angle % (np.pi / 3)) - np.pi / 6)
-    points: NDArray[np.float64] = reach[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return points
 
 
 def fan(rng: np.random.Generator) -> list[Mesh]:

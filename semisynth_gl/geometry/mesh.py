@@ -33,15 +33,15 @@ class Mesh:
     solid: bool = False
 
     def __post_init__(self) -> None:
-        for label, array, width in (("positions", self.positions, 3), ("uv", self.uv, 2)):
-            if array.ndim != 2 or array.shape[1] != width or array.dtype != np.float32:
-                raise InputError(
-                    f"mesh {self.name}: {label} must be (V, {width}) float32, got {array.shape} {array.dtype}"
-                )
-        if self.triangles.ndim != 2 or self.triangles.shape[1] != 3 or self.triangles.dtype != np.uint32:
-            raise InputError(
-                f"mesh {self.name}: triangles must be (T, 3) uint32, got {self.triangles.shape} {self.triangles.dtype}"
-            )
+        for label, rows, width, dtype in (
+            ("positions", "V", 3, np.float32),
+            ("uv", "V", 2, np.float32),
+            ("triangles", "T", 3, np.uint32),
+        ):
+            array, expected = getattr(self, label), np.dtype(dtype)
+            if array.ndim != 2 or array.shape[1] != width or array.dtype != expected:
+                given = f"{array.shape} {array.dtype}"
+                raise InputError(f"mesh {self.name}: {label} must be ({rows}, {width}) {expected}, got {given}")
         if len(self.uv) != len(self.positions):
             raise InputError(f"mesh {self.name}: {len(self.positions)} positions but {len(self.uv)} uv")
         if len(self.triangles) == 0:

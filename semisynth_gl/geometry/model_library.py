@@ -1,6 +1,5 @@
 """The models that a dataset draws from: built or read once from (config, seed), then loaded from the cache."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -117,17 +116,13 @@ def _unpacked(entry: Entry) -> ModelLibrary:
     )
 
 
-def _user_models(folders: Sequence[str]) -> tuple[Sequence[Mesh], Sequence[Skipped]]:
-    if not folders:
-        return (), ()
-    with interrupts_wait():
-        # Imported here: trimesh takes longer to load than all else together.
-        from semisynth_gl.geometry.model_files import load_models  # noqa: PLC0415
-    return load_models([Path(folder).expanduser() for folder in folders])
-
-
 def _build(section: ModelsSection, particles: ParticlesSection, seed: int, split: Split) -> ModelLibrary:
-    user, skipped = _user_models(section.folders)
+    user, skipped = list[Mesh](), list[Skipped]()
+    if section.folders:
+        with interrupts_wait():
+            # Imported here: trimesh takes longer to load than all else together.
+            from semisynth_gl.geometry.model_files import load_models  # noqa: PLC0415
+        user, skipped = load_models([Path(folder).expanduser() for folder in section.folders])
     kinds = [list(enumerate(family.items())) for family in (SIMPLE_KINDS, COMPLEX_KINDS)]
     if split.models and split.held_out:
         user = split.share(user, seed, "models of the user's", _USER) if user else user

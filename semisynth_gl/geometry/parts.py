@@ -12,7 +12,7 @@ from semisynth_gl.geometry.surfaces import lathe, sweep
 
 def circle(radius: float, sides: int = 12, turn_rad: float = 0.0) -> NDArray[np.float64]:
     """A regular polygon about the origin, anticlockwise; (sides, 2), model units."""
-    return _on_circle(radius, turn_rad + np.arange(sides) * (2 * np.pi / sides))
+    return on_circle(radius, turn_rad + np.arange(sides) * (2 * np.pi / sides))
 
 
 def rectangle(width: float, height: float) -> NDArray[np.float64]:
@@ -22,11 +22,12 @@ def rectangle(width: float, height: float) -> NDArray[np.float64]:
 
 def arc(radius: float, start_rad: float, stop_rad: float, count: int) -> NDArray[np.float64]:
     """Points of a circle about the origin, both ends included; (count, 2), model units."""
-    return _on_circle(radius, np.linspace(start_rad, stop_rad, count))
+    return on_circle(radius, np.linspace(start_rad, stop_rad, count))
 
 
-def _on_circle(radius: float, angle_rad: NDArray[np.floating]) -> NDArray[np.float64]:
-    return np.stack([radius * np.cos(angle_rad), radius * np.sin(angle_rad)], axis=1)
+def on_circle(radius: ArrayLike, angle_rad: ArrayLike) -> NDArray[np.float64]:
+    """Points in polar coordinates, (N,) each or a number; (N, 2), model units."""
+    return np.stack([np.multiply(radius, np.cos(angle_rad)), np.multiply(radius, np.sin(angle_rad))], axis=1)
 
 
 def upright(curve: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -37,10 +38,9 @@ def upright(curve: NDArray[np.float64]) -> NDArray[np.float64]:
 def smooth(points: ArrayLike, steps: int = 6) -> NDArray[np.float64]:
     """A Catmull-Rom curve through (N, D) points, with ``steps`` pieces between neighbours; (steps * (N - 1) + 1, D)."""
     given = np.asarray(points, np.float64)
-    before = np.concatenate([2 * given[:1] - given[1:2], given[:-2]]) if len(given) > 2 else 2 * given[:1] - given[1:2]
-    after = np.concatenate([given[2:], 2 * given[-1:] - given[-2:-1]])
+    extended = np.concatenate([2 * given[:1] - given[1:2], given, 2 * given[-1:] - given[-2:-1]])[:, None]
+    p, start, stop, q = extended[:-3], extended[1:-2], extended[2:-1], extended[3:]
     t = (np.arange(steps) / steps)[None, :, None]
-    p, q, start, stop = (corner[:, None] for corner in (before, after, given[:-1], given[1:]))
     from_start, to_stop = (stop - p) / 2, (q - start) / 2
     bend = 3 * (stop - start) - 2 * from_start - to_stop
     snap = 2 * (start - stop) + from_start + to_stop

@@ -12,15 +12,8 @@ GOLDEN_TURN_RAD = np.pi * (3 - np.sqrt(5))
 """Angle between one leaf and the next on many stems."""
 
 
-def leaf(length: float, width: float, droop_rad: float, rows: int = 9) -> Mesh:
-    """One thin leaf from the origin along +x, bent down by ``droop_rad`` over its length; a sheet with two sides.
-
-    Args:
-        length: along the midrib, model units.
-        width: at its widest, model units.
-        droop_rad: angle between the midrib's ends.
-        rows: cross-sections.
-    """
+def _leaf(length: float, width: float, droop_rad: float, rows: int = 9) -> Mesh:
+    """A thin leaf from the origin along +x, bent down by ``droop_rad`` over its length; a sheet with two sides."""
     share = np.linspace(0, 1, rows)
     outline = width / 2 * np.sin(np.pi * share**0.7) ** 0.8
     outline[0], outline[-1] = 0.02 * width, 0
@@ -61,7 +54,7 @@ def potted_plant(rng: np.random.Generator) -> list[Mesh]:
         for place in range(3, len(path), 2):
             turn = _facing(azimuth + place * GOLDEN_TURN_RAD, rng.uniform(0, 0.7))
             size = rng.uniform(0.7, 1)
-            parts.append(placed(leaf(size * long, size * wide, rng.uniform(0.4, 1.4)), path[place], rotation=turn))
+            parts.append(placed(_leaf(size * long, size * wide, rng.uniform(0.4, 1.4)), path[place], rotation=turn))
     return parts
 
 
@@ -119,7 +112,7 @@ def grass(rng: np.random.Generator) -> list[Mesh]:
     parts = []
     for blade in range(int(rng.integers(30, 70))):
         foot = 0.15 * np.sqrt(rng.random()) * np.array([np.cos(blade), np.sin(blade), 0])
-        strand = leaf(rng.uniform(0.6, 1.2), rng.uniform(0.015, 0.04), rng.uniform(0.2, 1.6), 7)
+        strand = _leaf(rng.uniform(0.6, 1.2), rng.uniform(0.015, 0.04), rng.uniform(0.2, 1.6), 7)
         parts.append(placed(strand, foot, rotation=_facing(rng.uniform(0, 2 * np.pi), rng.uniform(1, 1.5))))
     return parts
 
@@ -140,11 +133,11 @@ def flower(rng: np.random.Generator) -> list[Mesh]:
         parts.append(placed(lathe(disc, 20), head, rotation=tilt))
         for petal in range(petals):
             turn = tilt @ _facing(2 * np.pi * petal / petals, 0.25)
-            parts.append(placed(leaf(long, 5.0 * long / petals, 0.5), head + turn @ (0.04, 0, 0), rotation=turn))
+            parts.append(placed(_leaf(long, 5.0 * long / petals, 0.5), head + turn @ (0.04, 0, 0), rotation=turn))
         for side in (0.3, 0.5):
             turn = _facing(azimuth + 9 * side, 0.5)
             place = (0.3 * side * head * (1, 1, 0)) + (0, 0, side * tall)
-            parts.append(placed(leaf(0.3, 0.09, 1), place, rotation=turn))
+            parts.append(placed(_leaf(0.3, 0.09, 1), place, rotation=turn))
     parts.append(rod((0, 0, -0.02), (0, 0, 0.03), 0.06, sides=16))
     return parts
 

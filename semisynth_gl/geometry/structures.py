@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from semisynth_gl.geometry.mesh import Mesh, merged
-from semisynth_gl.geometry.parts import arc, placed, rectangle, rod, rounded, turned, wire
+from semisynth_gl.geometry.parts import arc, on_circle, placed, rectangle, rod, rounded, turned, wire
 from semisynth_gl.geometry.surfaces import box, extruded, lathe, sweep
 
 
@@ -39,8 +39,7 @@ def spiral_stairs(rng: np.random.Generator) -> list[Mesh]:
         foot = rotation @ np.array([0.95 * radius, 0, (i + 1) * rise])
         parts.append(rod(foot, foot + (0, 0, 0.75), 0.01, sides=6))
     t = np.linspace(0, steps - 1, 4 * steps)
-    rail = np.column_stack([0.95 * radius * np.cos(t * turn), 0.95 * radius * np.sin(t * turn), (t + 1) * rise + 0.75])
-    parts.append(wire(rail, 0.022))
+    parts.append(wire(np.column_stack([on_circle(0.95 * radius, t * turn), (t + 1) * rise + 0.75]), 0.022))
     return parts
 
 

@@ -208,23 +208,9 @@ def _planar_uv(points: NDArray[np.float64], normal: NDArray[np.float64]) -> NDAr
     return np.stack([points @ u[0], points @ v[0]], axis=1)
 
 
-def flat_faces(points: ArrayLike, loops: list[list[int]]) -> Mesh:
-    """Build a polyhedron from flat convex faces, which share no texture.
-
-    Args:
-        points: (V, 3) corners, model units.
-        loops: indices of each face's corners, anticlockwise seen from outside.
-    """
-    corners = np.asarray(points, np.float64)
-    uv, triangles, first = [], [], 0
-    for loop in loops:
-        face = corners[loop]
-        normal = cross(face[1] - face[0], face[2] - face[1])
-        normal /= np.linalg.norm(normal)
-        uv.append(_planar_uv(face, normal))
-        triangles += [[first, first + i, first + i + 1] for i in range(1, len(loop) - 1)]
-        first += len(loop)
-    return make_mesh("polyhedron", corners[np.concatenate(loops)], np.concatenate(uv), triangles)
+# The sides of a box, in the order -x, +x, -y, +y, -z, +z: corners anticlockwise seen from outside. The bits of a
+# corner's number stand for the upper end along x, y and z.
+_BOX_SIDES: Final = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 
 
 def box(size: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
@@ -236,8 +222,12 @@ def box(size: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
     """
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     corners = np.asarray(centre, np.float64) + signs * np.asarray(size, np.float64) / 2
-    loops = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-    return flat_faces(corners, loops)
+    sides = corners[np.array(_BOX_SIDES)]
+    normals = cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 1])
+    normals /= lengths(normals)[:, None]
+    uv = np.concatenate([_planar_uv(side, normal) for side, normal in zip(sides, normals, strict=True)])
+    first = np.arange(0, 24, 4)[:, None, None]
+    return make_mesh("box", sides.reshape(-1, 3), uv, first + np.array([[0, 1, 2], [0, 2, 3]]))
 
 
 def extruded(outline: ArrayLike, height: float, hole: ArrayLike | None = None) -> Mesh:

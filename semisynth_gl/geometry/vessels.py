@@ -115,10 +115,8 @@ def basket(rng: np.random.Generator) -> list[Mesh]:
     """A basket of upright rods and hoops, with a handle across; open between the rods."""
     low, high, height = rng.uniform(0.3, 0.45), rng.uniform(0.45, 0.6), rng.uniform(0.35, 0.6)
     parts = [lathe([(0, 0), (low + 0.02, 0), (low + 0.02, 0.03), (0, 0.03)], 32)]
-    parts += [
-        rod(turn @ (low, 0, 0.01), turn @ (high, 0, height), 0.011, sides=6)
-        for turn in around(int(rng.integers(12, 25)))
-    ]
+    turns = around(int(rng.integers(12, 25)))
+    parts += [rod(turn @ (low, 0, 0.01), turn @ (high, 0, height), 0.011, sides=6) for turn in turns]
     for share in np.linspace(0.15, 1, int(rng.integers(3, 6))):
         hoop = arc(0.012 if share < 1 else 0.022, 0, 2 * np.pi, 9)[:-1]
         parts.append(lathe(hoop + (low + share * (high - low), share * height), 36, closed=True))
