@@ -19,7 +19,7 @@ from semisynth_gl.bench.workers import is_software, worker_threads
 from semisynth_gl.cli import main
 from semisynth_gl.config import load_config
 from semisynth_gl.generation.generate import generate
-from semisynth_gl.geometry.solid import is_solid
+from semisynth_gl.geometry.topology import is_solid
 from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.pairs.pipeline import PAIR_STAGES
 

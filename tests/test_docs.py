@@ -6,8 +6,7 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from semisynth_gl.config import Config, load_config, packaged_configs
-from semisynth_gl.geometry.complex import COMPLEX_KINDS
-from semisynth_gl.geometry.simple import SIMPLE_KINDS
+from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.textures.image_files import builtin_photographs
 
 ROOT = Path(__file__).resolve().parents[1]

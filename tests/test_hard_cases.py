@@ -16,10 +16,9 @@ from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import load_config
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import FLOW_OUTPUTS, OCCLUDED, OUTPUTS, OUTSIDE, VISIBLE
-from semisynth_gl.geometry.complex import COMPLEX_KINDS
+from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_library import build_library
-from semisynth_gl.geometry.simple import SIMPLE_KINDS
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.background import FACE, draw_background
 from semisynth_gl.scene.raycast import Hits, cast_rays

@@ -13,10 +13,10 @@ from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import Range, load_config
 from semisynth_gl.config.model import ParticlesSection
 from semisynth_gl.errors import InputError
+from semisynth_gl.geometry.kinds import SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import make_mesh, normalised
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.geometry.silhouette import Silhouette, height_map, mean_silhouette
-from semisynth_gl.geometry.simple import cube, sphere
 from semisynth_gl.histogram import Histogram, PixelCount, mix_histograms, total_variation, wasserstein_px
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.background import FACE
@@ -221,12 +221,13 @@ def test_counts_are_poisson():
 
 def test_silhouettes_of_a_ball_and_a_cube():
     rng = np.random.default_rng(0)
-    ball = mean_silhouette([sphere(rng)], np.array([1.0]), RIGID, rng)
+    ball = mean_silhouette([SIMPLE_KINDS["sphere"](rng)], np.array([1.0]), RIGID, rng)
     assert ball.fill == pytest.approx(1, abs=0.02)
     # Over a disc, the height sqrt(1 - r^2) is uniform in its square.
     np.testing.assert_allclose(ball.heights**2, (np.arange(16) + 0.5) / 16, atol=0.05)
     # A convex body shows a quarter of its surface on average (Cauchy): 6 a^2 / 4 with a = 2 / sqrt(3).
-    assert mean_silhouette([cube(rng)], np.array([1.0]), RIGID, rng).fill == pytest.approx(2 / np.pi, rel=0.02)
+    cube = mean_silhouette([SIMPLE_KINDS["cube"](rng)], np.array([1.0]), RIGID, rng)
+    assert cube.fill == pytest.approx(2 / np.pi, rel=0.02)
 
 
 def test_a_height_map_shows_the_nearest_surface():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageFilter, ImageOps
 
-from semisynth_gl.cache.entries import Entry
+from semisynth_gl.cache.store import Entry
 from semisynth_gl.cli import main
 from semisynth_gl.config.model import TexturesSection
 from semisynth_gl.textures.image_files import find_files, find_images, printable, relative_names

@@ -5,8 +5,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from semisynth_gl.cache.entries import Entry
-from semisynth_gl.cache.lookup import own_sources, remembered, versions
+from semisynth_gl.cache.lookup import cached, package_versions, source_digest
+from semisynth_gl.cache.store import Entry
 from semisynth_gl.config.model import TexturesSection
 from semisynth_gl.errors import InputError, Skipped
 from semisynth_gl.seeds import Purpose, generator
@@ -19,6 +19,9 @@ from semisynth_gl.textures.image_files import builtin_photographs, find_images, 
 from semisynth_gl.textures.images import OUT_OF_MEMORY
 from semisynth_gl.textures.procedural import procedural_atlas
 from semisynth_gl.textures.selection import build_atlas
+
+SOURCES = ("textures", "seeds.py", "splits.py")
+"""The program's sources that decide an atlas: a change of any of them makes the cache build it anew."""
 
 # The items that `Split.share` deals out.
 _PHOTOGRAPHS = 0
@@ -41,26 +44,26 @@ def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> 
     images = split_images(section, seed, split)
     seed = split.seed(seed)
 
-    def make() -> tuple[Atlas, Sequence[Path]]:
+    def build() -> tuple[Atlas, Sequence[Path]]:
         rng = generator(seed, Purpose.ATLAS)
         if section.source == "procedural":
             return procedural_atlas(rng, section.max_patches, section.patch_px), []
         return build_atlas(images, section, AtlasLimits(), rng)
 
-    def decided_by() -> dict[str, Any]:
+    def key() -> dict[str, Any]:
         return {
             "section": section.model_dump(mode="json", exclude=_NOT_DECISIVE),
             "seed": seed,
             "images": list(relative_names(images).values()),
-            "versions": versions("numpy", "Pillow"),
-            "program": own_sources("textures", "seeds.py"),
+            "versions": package_versions("numpy", "Pillow"),
+            "program": source_digest(SOURCES),
         }
 
-    return remembered(
+    return cached(
         "atlas",
-        decided_by,
+        key,
         files=images,
-        make=make,
+        build=build,
         pack=lambda atlas: pack_atlas(atlas, images),
         unpack=lambda entry: unpack_atlas(entry, images),
     )

@@ -9,9 +9,9 @@ from geometry_measures import areas, jacobians, stretch, volume
 
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.model_files import load_models
 from semisynth_gl.geometry.surfaces import box
 from semisynth_gl.geometry.unwrap import STRETCH_BOUND
-from semisynth_gl.geometry.user import load_models
 
 MODELS = Path(__file__).parents[1].parent / "shared" / "data" / "models"
 needs_models = pytest.mark.skipif(not MODELS.is_dir(), reason="the folder of test models is not there")

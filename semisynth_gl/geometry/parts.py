@@ -1,23 +1,18 @@
-"""What builders put surfaces together with: outlines, curves, rods, places."""
+"""Parts of models: outlines, curves, rods and balls, and their places."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import numpy as np
 import pyrr
 from numpy.typing import ArrayLike, NDArray
 
-from semisynth_gl.geometry.mesh import Mesh, make_mesh
+from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh
 from semisynth_gl.geometry.surfaces import lathe, sweep
-from semisynth_gl.geometry.vectors import cross
-
-Builder = Callable[[np.random.Generator], Mesh]
-"""Makes one model of its kind, normalised; all that varies comes from the generator."""
 
 
 def circle(radius: float, sides: int = 12, turn_rad: float = 0.0) -> NDArray[np.float64]:
     """A regular polygon about the origin, anticlockwise; (sides, 2), model units."""
-    angle = turn_rad + np.arange(sides) * (2 * np.pi / sides)
-    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    return on_circle(radius, turn_rad + np.arange(sides) * (2 * np.pi / sides))
 
 
 def rectangle(width: float, height: float) -> NDArray[np.float64]:
@@ -27,17 +22,25 @@ def rectangle(width: float, height: float) -> NDArray[np.float64]:
 
 def arc(radius: float, start_rad: float, stop_rad: float, count: int) -> NDArray[np.float64]:
     """Points of a circle about the origin, both ends included; (count, 2), model units."""
-    angle = np.linspace(start_rad, stop_rad, count)
-    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    return on_circle(radius, np.linspace(start_rad, stop_rad, count))
+
+
+def on_circle(radius: ArrayLike, angle_rad: ArrayLike) -> NDArray[np.float64]:
+    """Points in polar coordinates, (N,) each or a number; (N, 2), model units."""
+    return np.stack([np.multiply(radius, np.cos(angle_rad)), np.multiply(radius, np.sin(angle_rad))], axis=1)
+
+
+def upright(curve: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Stand a plane curve of (P, 2) points up in the plane y = 0, its second axis along z; (P, 3)."""
+    return np.column_stack([curve[:, 0], np.zeros(len(curve)), curve[:, 1]])
 
 
 def smooth(points: ArrayLike, steps: int = 6) -> NDArray[np.float64]:
-    """A smooth curve through given points (Catmull-Rom); (steps * (N - 1) + 1, D) for (N, D) points."""
+    """A Catmull-Rom curve through (N, D) points, with ``steps`` pieces between neighbours; (steps * (N - 1) + 1, D)."""
     given = np.asarray(points, np.float64)
-    before = np.concatenate([2 * given[:1] - given[1:2], given[:-2]]) if len(given) > 2 else 2 * given[:1] - given[1:2]
-    after = np.concatenate([given[2:], 2 * given[-1:] - given[-2:-1]])
+    extended = np.concatenate([2 * given[:1] - given[1:2], given, 2 * given[-1:] - given[-2:-1]])[:, None]
+    p, start, stop, q = extended[:-3], extended[1:-2], extended[2:-1], extended[3:]
     t = (np.arange(steps) / steps)[None, :, None]
-    p, q, start, stop = (corner[:, None] for corner in (before, after, given[:-1], given[1:]))
     from_start, to_stop = (stop - p) / 2, (q - start) / 2
     bend = 3 * (stop - start) - 2 * from_start - to_stop
     snap = 2 * (start - stop) + from_start + to_stop
@@ -49,9 +52,9 @@ def rounded(corners: ArrayLike, radius: float, steps: int = 6) -> NDArray[np.flo
     """A polyline whose inner corners are replaced by arcs.
 
     Args:
-        corners: (N, 3), model units; neighbours at least two arcs' tangents apart.
+        corners: (N, 3), model units; neighbours are at least two tangents of an arc apart.
         radius: of the arcs, model units.
-        steps: straight pieces per arc.
+        steps: straight pieces of an arc.
     """
     given = np.asarray(corners, np.float64)
     points = [given[:1]]
@@ -70,14 +73,14 @@ def rounded(corners: ArrayLike, radius: float, steps: int = 6) -> NDArray[np.flo
 
 
 def rod(start: ArrayLike, stop: ArrayLike, radius: float, end_radius: float | None = None, sides: int = 8) -> Mesh:
-    """A straight round rod between two points, closed, thinner or thicker towards its end if asked to be.
+    """A straight round rod between two points, closed; a frustum where its ends differ in radius.
 
     Args:
         start: (3,), model units.
         stop: (3,), model units.
         radius: at the start, model units.
-        end_radius: at the stop; that of the start by default.
-        sides: of its polygon.
+        end_radius: at the stop; by default the radius at the start.
+        sides: of the polygon that stands for the circle.
     """
     first, last = np.asarray(start, np.float64), np.asarray(stop, np.float64)
     length = float(np.linalg.norm(last - first))
@@ -86,45 +89,55 @@ def rod(start: ArrayLike, stop: ArrayLike, radius: float, end_radius: float | No
     return placed(lathe([(0, 0), (radius, 0), (taper, length), (0, length)], sides), rotation=onto(axis), at=first)
 
 
+def ball(radius: float, segments: int, rings: int) -> Mesh:
+    """A ball about the origin.
+
+    Args:
+        radius: model units.
+        segments: sides of the polygon that stands for the equator.
+        rings: circles of latitude, poles included.
+    """
+    profile = arc(radius, -np.pi / 2, np.pi / 2, rings)
+    profile[[0, -1], 0] = 0
+    return lathe(profile, segments)
+
+
 def wire(path: ArrayLike, radius: float, sides: int = 8, *, closed: bool = False) -> Mesh:
     """A round wire along a curve, (P, 3)."""
     return sweep(circle(radius, sides), path, closed=closed)
 
 
 def turned(axis: ArrayLike, angle_rad: float) -> NDArray[np.float64]:
-    """(3, 3) rotation about an axis through the origin, by the right-hand rule, for column vectors."""
-    # pyrr's matrices are for row vectors
+    """Return the (3, 3) rotation about an axis through the origin, by the right-hand rule, for column vectors."""
+    # pyrr's matrices are for row vectors.
     rotation: NDArray[np.float64] = np.asarray(
         pyrr.matrix33.create_from_axis_rotation(np.asarray(axis, np.float64), angle_rad)
     )
     return rotation.T
 
 
-def placed(
-    mesh: Mesh, at: ArrayLike = (0.0, 0.0, 0.0), *, rotation: NDArray[np.float64] | None = None, scale: float = 1.0
-) -> Mesh:
-    """Scale a mesh, then rotate it, then move it; its UV scales along.
+def placed(mesh: Mesh, at: ArrayLike = (0.0, 0.0, 0.0), *, rotation: NDArray[np.float64] | None = None) -> Mesh:
+    """Rotate a mesh, then move it.
 
     Args:
-        mesh: what to place.
-        at: (3,) where its origin goes, model units.
+        mesh: the mesh.
+        at: (3,) new place of its origin, model units.
         rotation: (3, 3) for column vectors.
-        scale: factor.
     """
-    positions = mesh.positions.astype(np.float64) * scale
+    positions = mesh.positions.astype(np.float64)
     if rotation is not None:
-        # not by BLAS, which rounds equal points of a seam differently, and differently on every machine
+        # Not by BLAS, which rounds equal points of a seam differently, and differently on every machine.
         positions = np.einsum("ij,vj->vi", rotation, positions)
-    return make_mesh(mesh.name, positions + np.asarray(at), mesh.uv.astype(np.float64) * scale, mesh.triangles)
+    return make_mesh(mesh.name, positions + np.asarray(at), mesh.uv, mesh.triangles)
 
 
 def around(count: int, start_rad: float = 0.0) -> Iterable[NDArray[np.float64]]:
-    """Rotations about z that share out a full turn; ``count`` of (3, 3)."""
+    """Yield ``count`` rotations about z, (3, 3) each, evenly spread over a full turn."""
     return (turned((0, 0, 1), start_rad + 2 * np.pi * i / count) for i in range(count))
 
 
 def onto(axis: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A rotation that takes z onto a unit vector; (3, 3) for column vectors."""
+    """Return a rotation that takes z onto a unit vector; (3, 3) for column vectors."""
     sideways = np.eye(3)[np.argmin(np.abs(axis))]
     x = cross(sideways, axis)
     x /= np.linalg.norm(x)

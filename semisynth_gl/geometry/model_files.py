@@ -1,7 +1,7 @@
-"""The user's own models: every file that trimesh can read, as normalised meshes with UV in model units.
+"""Files of the user's models: any format that trimesh reads, as normalised meshes with UV in model units.
 
-What is kept of a file is its surface: positions, triangles, UV map. Materials, colours and textures are dropped, so
-colours that are not finite do no harm, while a single position that is not finite breaks the model.
+Only surfaces count: positions, triangles, UV maps. Materials, colours and textures are dropped, so that colours may be
+not finite, while a single position that is not finite breaks the model.
 """
 
 import logging
@@ -18,48 +18,48 @@ from semisynth_gl.errors import InputError, Skipped
 from semisynth_gl.geometry.mesh import Mesh, make_mesh, merged, normalised, without_degenerate
 from semisynth_gl.geometry.unwrap import project_uv
 
-# trimesh's messages go where the application sends its log, and not to standard error where it sends it nowhere
+# Keeps trimesh's messages off standard error where the application sets up no log.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 UV_LOSS = 0.5
-"""Share of a part's surface that may lack usable UV before the rest of its UV map is given up as well."""
+"""Largest share of a part's surface without usable UV; where it is larger, the part's UV map is not used at all."""
 
 PULL_LIMIT = 16
-"""A triangle on which the texture is drawn out this many times, compared with its part, counts as one without UV."""
+"""UV of a triangle is unusable where the texture is stretched this many times as much as on the rest of its part."""
 
 
 class _BrokenModelError(Exception):
-    """A model cannot be used; the message is a clause such as ``"has no triangles"``."""
+    """A model is unusable; the message is a clause such as ``"has no triangles"``."""
 
 
 def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
-    """Read every model in the given folders and below, in the order of the folders and of the paths in them.
+    """Read all models in folders and below, in the order of the folders and of the paths in each folder.
 
-    The parts of a file are joined as its nodes place them. Parts keep their UV map, scaled to model units; parts, and
-    single triangles, without a usable one are given one by `project_uv`. Files of other kinds are ignored. Nothing
-    is downloaded.
+    The parts of a file are joined as its nodes place them. Parts keep their UV map, scaled to model units; parts and
+    single triangles without usable UV get it from `project_uv`. Files of other formats are ignored. Nothing is
+    downloaded.
 
     Args:
         folders: folders, or single files.
 
     Returns:
-        The models, named by their paths relative to the folder, and the broken ones with the reason for each.
+        The models, named by their paths relative to the folder, and the broken files with a reason each.
 
     Raises:
-        InputError: where a folder does not exist, or none of them holds a model that can be used.
+        InputError: where a folder does not exist, or no file has a usable model.
     """
     meshes: list[Mesh] = []
     skipped: list[Skipped] = []
     for folder in folders:
         if not folder.exists():
             raise InputError(f"models: expected a folder or a file, but {folder} does not exist")
-        for path in _files(folder):
+        single = not folder.is_dir()
+        for path in [folder] if single else sorted(path for path in folder.rglob("*") if path.is_file()):
             suffix = _model_suffix(path)
-            if suffix is None and path != folder:
+            if suffix is None and not single:
                 continue
             try:
-                name = path.name if path == folder else path.relative_to(folder).as_posix()
-                meshes.append(_load_model(path, name, suffix))
+                meshes.append(_load_model(path, path.name if single else path.relative_to(folder).as_posix(), suffix))
             except _BrokenModelError as error:
                 skipped.append(Skipped(path, str(error)))
     if not meshes:
@@ -69,15 +69,8 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
     return meshes, skipped
 
 
-def _files(folder: Path) -> list[Path]:
-    """The files in a folder and below, sorted by path, or the path itself where it is a file."""
-    if not folder.is_dir():
-        return [folder]
-    return sorted(path for path in folder.rglob("*") if path.is_file())
-
-
 def _model_suffix(path: Path) -> str | None:
-    """The kind of model a file name promises, ``"obj"`` or ``"tar.gz"``; None where trimesh knows no such kind."""
+    """Return the format of a file's name, such as ``"obj"`` or ``"tar.gz"``; None where trimesh knows none."""
     known = set(trimesh_load.mesh_loaders) | set(trimesh_load.compressed_loaders) | trimesh.available_formats()
     fitting = [suffix for suffix in known if path.name.lower().endswith(f".{suffix}")]
     return max(fitting, key=len) if fitting else None
@@ -87,10 +80,10 @@ def _load_model(path: Path, name: str, suffix: str | None) -> Mesh:
     """Read one file.
 
     Raises:
-        _BrokenModelError: where that yields no usable mesh.
+        _BrokenModelError: where the file has no usable mesh.
     """
     if suffix not in trimesh.available_formats():
-        # trimesh lists the kinds whose packages are missing, but not among those it can read
+        # trimesh lists formats whose packages are missing, but not among its available formats.
         kind = path.suffix or path.name
         raise _BrokenModelError(
             f"is of a kind that trimesh cannot read ({kind})"
@@ -106,7 +99,7 @@ def _load_model(path: Path, name: str, suffix: str | None) -> Mesh:
             parts = list(_parts(scene))
         except _BrokenModelError:
             raise
-        except Exception as error:  # whatever a reader throws at a hostile file, that file is skipped
+        except Exception as error:  # a reader may throw anything at a hostile file
             clause = " ".join(f"{type(error).__name__}: {error}".split())[:120]
             raise _BrokenModelError(f"cannot be read ({clause})") from error
     if not parts:
@@ -119,7 +112,7 @@ _Part = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64] | None
 
 
 def _parts(scene: trimesh.Scene) -> Iterator[_Part]:
-    """The triangle meshes of a scene, each as often as a node places it, in the scene's frame.
+    """Yield the triangle meshes of a scene, once for each node that places them, in the scene's frame.
 
     Raises:
         _BrokenModelError: where values are not finite or indices are out of range.
@@ -133,8 +126,8 @@ def _parts(scene: trimesh.Scene) -> Iterator[_Part]:
         local = np.asarray(geometry.vertices, np.float64)
         triangles = np.asarray(geometry.faces, np.int64)
         if triangles.min() < 0 or triangles.max() >= len(local):
-            bad = triangles.min() if triangles.min() < 0 else triangles.max()
-            raise _BrokenModelError(f"has triangle index {bad} out of range, there are {len(local)} vertices")
+            index = triangles.min() if triangles.min() < 0 else triangles.max()
+            raise _BrokenModelError(f"has triangle index {index} out of range, there are {len(local)} vertices")
         _require_finite(local, "vertices")
         positions = local @ transform[:3, :3].T + transform[:3, 3]
         _require_finite(positions, "vertices once its nodes are placed")
@@ -143,7 +136,7 @@ def _parts(scene: trimesh.Scene) -> Iterator[_Part]:
         used, renumbered = np.unique(triangles, return_inverse=True)
         uv = getattr(geometry.visual, "uv", None)
         has_uv = uv is not None and np.shape(uv) == (len(local), 2)
-        # trimesh hands out v upwards for every kind of file
+        # trimesh returns v upwards for all formats.
         downwards = np.asarray(uv, np.float64)[used] * (1, -1) + np.array([0, 1]) if has_uv else None
         yield positions[used], renumbered.reshape(-1, 3), downwards
 
@@ -155,26 +148,26 @@ def _require_finite(positions: NDArray[np.float64], what: str) -> None:
 
 
 def _joined(name: str, parts: list[_Part]) -> Mesh:
-    """One normalised mesh from parts.
+    """Join parts to one normalised mesh.
 
     Raises:
-        _BrokenModelError: where they have no surface.
+        _BrokenModelError: where the parts have no surface.
     """
     # In float64, before anything is rounded: a model may stand far from its origin, or be of any size.
-    seen = np.concatenate([positions for positions, _, _ in parts])
-    low, high = seen.min(axis=0), seen.max(axis=0)
+    vertices = np.concatenate([positions for positions, _, _ in parts])
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
     centre = low / 2 + high / 2
     extent = float(np.abs(high / 2 - low / 2).max())
     if not extent > 0 or extent < 1e-9 * float(np.abs(centre).max()):
         raise _BrokenModelError("has no extent")
     try:
-        whole = [
+        meshes = [
             mesh
             for positions, triangles, uv in parts
             for mesh in _unwrapped(name, (positions - centre) / extent, triangles, uv)
         ]
-        # once more, since what was dropped may have held the bounding box open
-        return normalised(without_degenerate(normalised(merged(name, whole))))
+        # Normalised twice, since vertices without a triangle may have widened the bounding box.
+        return normalised(without_degenerate(normalised(merged(name, meshes))))
     except InputError as error:
         raise _BrokenModelError("has no triangle with an area") from error
 
@@ -182,15 +175,15 @@ def _joined(name: str, parts: list[_Part]) -> Mesh:
 def _unwrapped(
     name: str, positions: NDArray[np.float64], triangles: NDArray[np.int64], uv: NDArray[np.float64] | None
 ) -> list[Mesh]:
-    """A part with its UV map in model units where it has a usable one, projected elsewhere."""
+    """Return a part with its UV map in model units where the map is usable, and projected UV elsewhere."""
     if uv is None:
         return [project_uv(name, positions, triangles)]
-    area, uv_area, pulled = _texture_pull(positions[triangles], uv[triangles])
-    seen = (area > 0) & np.isfinite(pulled)
-    if area[seen].sum() <= UV_LOSS * area.sum():
+    area, uv_area, pull = _texture_pull(positions[triangles], uv[triangles])
+    mapped = (area > 0) & np.isfinite(pull)
+    if area[mapped].sum() <= UV_LOSS * area.sum():
         return [project_uv(name, positions, triangles)]
-    scale = _median_scale(area[seen], uv_area[seen])
-    usable = (area == 0) | (seen & (pulled < PULL_LIMIT * scale))
+    scale = _median_scale(area[mapped], uv_area[mapped])
+    usable = (area == 0) | (mapped & (pull < PULL_LIMIT * scale))
     if area[usable].sum() <= UV_LOSS * area.sum():
         return [project_uv(name, positions, triangles)]
     kept = make_mesh(name, positions, np.where(np.isfinite(uv), uv, 0) * scale, triangles[usable])
@@ -200,9 +193,9 @@ def _unwrapped(
 
 
 def _median_scale(area: NDArray[np.float64], uv_area: NDArray[np.float64]) -> float:
-    """Factor that brings UV to model units: on half of the surface the texture ends up finer, on half coarser.
+    """Return the factor from UV to model units: the texture is finer on half of the surface and coarser on the other.
 
-    The mean would leave it to a few triangles that fill much of the map: eyes, say, on a body of one colour.
+    A mean would be decided by a few triangles that fill much of the map, such as eyes on a body of one colour.
     """
     factor = np.sqrt(area / uv_area)
     order = np.argsort(factor, kind="stable")
@@ -213,7 +206,7 @@ def _median_scale(area: NDArray[np.float64], uv_area: NDArray[np.float64]) -> fl
 def _texture_pull(
     corners: NDArray[np.float64], uv: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """How far a texture is pulled over triangles.
+    """Measure how far a texture is pulled over triangles.
 
     Args:
         corners: (T, 3, 3), model units.
@@ -223,19 +216,18 @@ def _texture_pull(
         Twice the area, twice the UV area, and the largest ratio of a length to its length in UV over all directions;
         (T,) each. The ratio is infinite or NaN where the UV map has collapsed.
     """
-    surface, texture = (np.diff(points, axis=1) for points in (corners, uv))
-    # matrices of inner products of two edges; squared ratios of length are eigenvalues of inv(surface) @ texture
-    a, b, c = _inner_products(surface)
-    p, q, r = _inner_products(texture)
+    # Squared ratios are eigenvalues of inv(T) S; S and T hold inner products of two edges, on the surface and in UV.
+    a, b, c = _inner_products(np.diff(corners, axis=1))
+    p, q, r = _inner_products(np.diff(uv, axis=1))
     with np.errstate(all="ignore"):
         determinant, uv_determinant = a * c - b * b, p * r - q * q
         half_trace = (c * p - 2 * b * q + a * r) / 2
         root = np.sqrt(np.maximum(half_trace**2 - determinant * uv_determinant, 0))
-        pulled = np.sqrt((half_trace + root) / uv_determinant)
-        return np.sqrt(np.maximum(determinant, 0)), np.sqrt(np.maximum(uv_determinant, 0)), pulled
+        pull = np.sqrt((half_trace + root) / uv_determinant)
+        return np.sqrt(np.maximum(determinant, 0)), np.sqrt(np.maximum(uv_determinant, 0)), pull
 
 
 def _inner_products(edges: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """First with first, first with second, second with second edge of triangles, (T, 2, D); (T,) each."""
+    """Return the products first by first, first by second and second by second of edges, (T, 2, D); (T,) each."""
     first, second = edges[:, 0], edges[:, 1]
     return (first * first).sum(axis=1), (first * second).sum(axis=1), (second * second).sum(axis=1)

@@ -7,10 +7,9 @@ import pytest
 from conftest import noise_layers
 
 from semisynth_gl.camera import StereoCamera
-from semisynth_gl.geometry.complex import COMPLEX_KINDS
+from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import make_mesh, merged
-from semisynth_gl.geometry.simple import SIMPLE_KINDS
-from semisynth_gl.geometry.solid import is_solid, marked_solid
+from semisynth_gl.geometry.topology import is_solid, marked_solid
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.scene import make_scene
 
