@@ -7,7 +7,7 @@ flat in int patch_layer;
 flat in int scene_instance;
 
 #ifdef COLOUR
-uniform sampler2DArray atlas;
+layout(binding = 0) uniform sampler2DArray atlas;
 
 layout(location = COLOUR) out vec4 colour;
 
@@ -41,6 +41,7 @@ vec4 patch_colour() {
 #endif
 
 #ifdef DISPARITY
+#include "common_constants.glsl"
 #include "common_disparity.glsl"
 
 layout(location = DISPARITY) out float disparity_px;

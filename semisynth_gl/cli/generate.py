@@ -15,7 +15,7 @@ from semisynth_gl.engines.local import LocalEngine
 from semisynth_gl.engines.serial import SerialEngine
 from semisynth_gl.engines.task import Engine, cores
 from semisynth_gl.errors import InputError
-from semisynth_gl.frame import OUTPUTS, TRUTHS, TruthOf
+from semisynth_gl.frame import OUTPUTS, TRUTH_VIEWS, TruthViews
 from semisynth_gl.generation.generate import Generated, Listener, Written
 from semisynth_gl.generation.generate import generate as make
 from semisynth_gl.layouts import layout_names
@@ -44,7 +44,7 @@ _STOPPED = 2
     "webdataset from 10,000 pairs on]")  # fmt: skip
 @click.option("--outputs", metavar="a,b", help=f"Beside images and disparities: {', '.join(OUTPUTS)}; or none.")
 @click.option(
-    "--truth", type=click.Choice(TRUTHS), help="Views to write disparity and outputs of.  [default: the config's]"
+    "--truth", type=click.Choice(TRUTH_VIEWS), help="Views to write disparity and outputs of.  [default: the config's]"
 )
 @click.option("--pairs", type=click.IntRange(min=0), default=24, show_default=True, help="How many pairs to train on.")
 @click.option(
@@ -92,7 +92,7 @@ def generate(
     out: str | None,
     layout: str | None,
     outputs: str | None,
-    truth: TruthOf | None,
+    truth: TruthViews | None,
     pairs: int,
     validation: int,
     test: int,
@@ -214,7 +214,7 @@ def _warn_of_lost(shares: list[float], config: Config, result: Generated) -> Non
     """Say of how many pairs the encoding loses much; ``shares`` has those of its pixels."""
     much = [share for share in shares if share > _MUCH_BEYOND]
     if much:
-        encoding = result.plan.layout.chosen_encodings(config).disparity
+        encoding = result.plan.layout.encodings_for(config).disparity.name
         click.echo(
             f"in {len(much)} pairs more than {_MUCH_BEYOND:.0%} of the pixels have a disparity that {encoding} cannot "
             f"hold, at worst {max(much):.1%}: they are invalid (disparity_beyond counts them); "

@@ -6,11 +6,11 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS, Encodings
 from semisynth_gl.config.range import NotNegativeRange, PositiveRange, Range, RangeField
-from semisynth_gl.config.section import Count, Positive, Section, Weight, as_tuple
+from semisynth_gl.config.section import Count, Positive, Section, Weight, as_tuple, one_of
 from semisynth_gl.config.target import TargetSection, UniformTarget, check_reach
-from semisynth_gl.encodings import DisparityEncoding, Encodings, FlowEncoding, ImageEncoding
-from semisynth_gl.frame import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, Output, TruthOf
+from semisynth_gl.frame import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, OUTPUTS, TruthViews
 
 _EDGE_ON_DEG = 90
 
@@ -331,14 +331,14 @@ class FilesSection(Section):
             px and ends at 512 px.
     """
 
-    image: ImageEncoding = "png"
-    disparity: DisparityEncoding = "pfm"
-    flow: FlowEncoding = "flo"
+    image: Annotated[str, one_of(IMAGE_CODECS)] = "png"
+    disparity: Annotated[str, one_of(DISPARITY_CODECS)] = "pfm"
+    flow: Annotated[str, one_of(FLOW_CODECS)] = "flo"
 
     @property
     def encodings(self) -> Encodings:
-        """All of them, as the rooms that write and read take them."""
-        return Encodings(self.image, self.disparity, self.flow)
+        """The codecs of these names."""
+        return Encodings(IMAGE_CODECS[self.image], DISPARITY_CODECS[self.disparity], FLOW_CODECS[self.flow])
 
 
 class SplitsSection(Section):
@@ -413,8 +413,8 @@ class Config(Section):
     files: FilesSection = FilesSection()
     splits: SplitsSection = SplitsSection()
     licences: LicencesSection = LicencesSection()
-    outputs: Annotated[tuple[Output, ...], BeforeValidator(as_tuple)] = DEFAULT_OUTPUTS
-    truth: TruthOf = "both"
+    outputs: Annotated[tuple[Annotated[str, one_of(OUTPUTS)], ...], BeforeValidator(as_tuple)] = DEFAULT_OUTPUTS
+    truth: TruthViews = "both"
     antialias: Annotated[str, Field(pattern=ANTIALIAS_PATTERN)] = "none"
 
     @model_validator(mode="after")

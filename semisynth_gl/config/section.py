@@ -1,8 +1,9 @@
 """What all sections of a config share."""
 
+from collections.abc import Iterable
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 Weight = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -19,3 +20,15 @@ class Section(BaseModel):
 def as_tuple(value: Any) -> Any:  # noqa: ANN401 - a validator sees whatever the YAML holds
     """Make a list a tuple, and leave all else to what validates it."""
     return tuple(value) if isinstance(value, list) else value
+
+
+def one_of(names: Iterable[str]) -> AfterValidator:
+    """Return a validator that accepts these names alone."""
+    known = tuple(names)
+
+    def check(name: str) -> str:
+        if name not in known:
+            raise ValueError(f"expected one of {', '.join(known)}")
+        return name
+
+    return AfterValidator(check)

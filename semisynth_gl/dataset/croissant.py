@@ -134,14 +134,14 @@ def encode_croissant(index: Mapping[str, Any]) -> bytes:
 def _patterns(plan: Plan, split: SplitName) -> dict[str, str]:
     """Return a glob for each role's files, below the dataset's folder or inside a tar; the stars tell the pair."""
     layout = plan.layout
-    encodings = layout.chosen_encodings(plan.config)
+    encodings = layout.encodings_for(plan.config)
     length = plan.key(split, 0).sequence_length or 1
     indices = (*(length * number for number in _SAMPLES), min(1, length - 1))
     files = [layout.files(plan.key(split, index), encodings) for index in indices]
     folder = "" if layout.packed else plan.folder(split)
     return {
         role: folder + _pattern([each[role] for each in files])
-        for role in layout.roles(files[0], plan.config.outputs, plan.config.truth)
+        for role in layout.files(plan.key(split, 0), encodings, plan.config.outputs, plan.config.truth)
     }
 
 

@@ -13,20 +13,24 @@ from pydantic import ValidationError
 
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.locks import lock, locked
-from semisynth_gl.dataset.places import PARTIAL, Place, empty
-from semisynth_gl.dataset.plan import PROGRAM, Plan, Shard, differences, few
-from semisynth_gl.dataset.shard import RECORDS
+from semisynth_gl.dataset.places import Place, empty
+from semisynth_gl.dataset.plan import Plan, Shard, differences, few
+from semisynth_gl.dataset.schema import (
+    CARD,
+    CROISSANT,
+    INDEX,
+    LOCK,
+    PARTIAL,
+    PLAN,
+    PROGRAM,
+    RECORDS,
+    record_path,
+    tar_path,
+)
 from semisynth_gl.errors import InputError
 from semisynth_gl.layouts import layout_names
 from semisynth_gl.splits import SplitName
 
-INDEX = "index.json"
-CARD = "README.md"
-CROISSANT = "croissant.json"
-PLAN = f"{RECORDS}/plan.json"
-"""What a dataset was begun as: the first file that is written, and what tells an unfinished one."""
-
-_LOCK = f"{PARTIAL}/lock"
 _QUESTIONS = 16
 
 
@@ -147,7 +151,7 @@ class DatasetFiles:
         local = self.place.local
         for split in self.plan.splits:
             folder, keys, layout = self.plan.folder(split), self.plan.keys(split), self.plan.layout
-            encodings = layout.chosen_encodings(self.plan.config)
+            encodings = layout.encodings_for(self.plan.config)
             for path, data in layout.lists(keys, encodings).items():
                 self.place.write(f"{folder}{path}", data)
             if local is None:
@@ -235,7 +239,7 @@ class DatasetFiles:
             return
         try:
             self._lock = locked(
-                local / _LOCK,
+                local / LOCK,
                 lambda: not self._doomed and begun(self.place) is not None,
                 patient=not self._doomed,
             )
@@ -273,7 +277,7 @@ def begun(place: Place) -> dict[str, Any] | None:
 
 def whole_record(place: Place, shard: Shard) -> dict[str, Any] | None:
     """Return a shard's record, or None where the shard is not whole: a file is missing or has another size."""
-    record = _json(place, f"{RECORDS}/{shard.name}.json")
+    record = _json(place, record_path(shard.name))
     wanted = {"split": shard.split, "first": shard.first, "end": shard.end}
     if record is None or any(record.get(key) != value for key, value in wanted.items()):
         return None
@@ -303,14 +307,14 @@ def _files_of(values: Mapping[str, Any]) -> set[str]:
     own = {INDEX, CARD, CROISSANT, PLAN}
     plan = plan_of(values)
     layout = plan.layout
-    encodings = layout.chosen_encodings(plan.config)
+    encodings = layout.encodings_for(plan.config)
     for split in plan.splits:
         folder, keys = plan.folder(split), plan.keys(split)
         own |= {f"{folder}{path}" for path in (*layout.lists(keys, encodings), *layout.links(keys))}
         if not layout.packed:
             own |= {f"{folder}{path}" for key in keys for path in layout.files(key, encodings).values()}
     for shard in plan.shards:
-        own |= {f"{RECORDS}/{shard.name}.json", f"{RECORDS}/{shard.name}.tar"}
+        own |= {record_path(shard.name), tar_path(shard.name)}
     return own
 
 

@@ -12,10 +12,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
+from semisynth_gl.dataset.schema import PARTIAL
 from semisynth_gl.errors import InputError
-
-PARTIAL = ".partial"
-"""Folder of what is not whole yet."""
 
 
 class Place(ABC):

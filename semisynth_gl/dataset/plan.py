@@ -6,14 +6,15 @@ from importlib.metadata import version
 from math import ceil
 from typing import Any
 
+from semisynth_gl.codecs import Encodings
+from semisynth_gl.codecs.pfm import FlowPfm
 from semisynth_gl.config import Config
-from semisynth_gl.encodings import FlowEncoding
+from semisynth_gl.dataset.schema import PROGRAM, shard_name
 from semisynth_gl.errors import InputError
+from semisynth_gl.frame import CHANNELS, Channel
 from semisynth_gl.layouts import Key, Layout, find_layout
-from semisynth_gl.layouts.layout import sequence_length
+from semisynth_gl.layouts.key import sequence_length
 from semisynth_gl.splits import SPLITS, Split, SplitName, split_of
-
-PROGRAM = "semisynth-gl"
 
 # About 1 GB is the habit for shards; a small dataset is cut finer so that workers can share it.
 _SHARD_BYTES = 1_000_000_000
@@ -22,7 +23,6 @@ _FEWEST_SHARDS = 8
 _IMAGE_BYTES_PER_PIXEL = 1.8
 _MASK_BYTES_PER_PIXEL = 0.05
 _FLOAT_BYTES = 4
-_FLOW_BYTES_PER_PIXEL: Mapping[FlowEncoding, float] = {"flo": 8, "pfm": 12, "png16": 4}
 _KEYS_SHOWN = 8
 
 
@@ -79,8 +79,7 @@ class Plan:
 
     def folder(self, split: SplitName) -> str:
         """Return the folder of a split's files below the dataset's, "" or ending in a slash."""
-        folder = self.layout.folder(split, self.splits)
-        return f"{folder}/" if folder else ""
+        return self.layout.folder(split, self.splits)
 
     def key(self, split: SplitName, index: int) -> Key:
         """Return what the names of a pair's files depend on."""
@@ -102,7 +101,7 @@ class Plan:
         return [
             Shard(
                 at,
-                f"{PROGRAM.removesuffix('-gl')}-{self.config.name}-{split}-{number:06d}",
+                shard_name(self.config.name, split, number),
                 split,
                 first,
                 min(first + self.shard_pairs, self.pairs[split]),
@@ -151,8 +150,8 @@ def make_plan(
     files = type(config.files)()
     if layout.encodings is not None and config.files != files:
         raise InputError(
-            f"the layout {layout_name} has encodings of its own ({layout.encodings.image}, "
-            f"{layout.encodings.disparity}, {layout.encodings.flow}): leave files.image, files.disparity and "
+            f"the layout {layout_name} has encodings of its own ({layout.encodings.image.name}, "
+            f"{layout.encodings.disparity.name}, {layout.encodings.flow.name}): leave files.image, files.disparity and "
             "files.flow out of the config"
         )
     length = sequence_length(config.outputs, config.sequence.length)
@@ -161,7 +160,7 @@ def make_plan(
             f"the layout {layout_name} has names for {layout.most_frames} frames of a sequence with flow, got "
             f"sequence.length {length}: set it to {layout.most_frames} or less, or choose another with --layout"
         )
-    layout.chosen_encodings(config).check()
+    layout.encodings_for(config).check_installed()
     lacking = [output for output in sorted(layout.needs) if output not in config.outputs]
     if lacking:
         config = config.model_copy(update={"outputs": (*config.outputs, *lacking)})
@@ -171,24 +170,26 @@ def make_plan(
 
 
 def _shard_pairs(config: Config, layout: Layout, pairs: int) -> int:
-    views = 2 if config.truth == "both" else 1
-    encodings = layout.chosen_encodings(config)
-    disparity = _FLOAT_BYTES if encodings.disparity == "pfm" else _FLOAT_BYTES / 2
-    flow = _FLOW_BYTES_PER_PIXEL[encodings.flow] + _MASK_BYTES_PER_PIXEL
-    per_pixel = 2 * _IMAGE_BYTES_PER_PIXEL + views * (
-        disparity
-        + _MASK_BYTES_PER_PIXEL * ("visibility" in config.outputs)
-        + _MASK_BYTES_PER_PIXEL * ("instances" in config.outputs)
-        + _FLOAT_BYTES * ("depth" in config.outputs)
-        + flow * ("flow" in config.outputs)
-        + flow * ("flow_backward" in config.outputs)
-        + _FLOAT_BYTES * ("disparity_change" in config.outputs)
-    )
+    encodings = layout.encodings_for(config)
+    per_pixel = 2 * _IMAGE_BYTES_PER_PIXEL
+    for channel in CHANNELS.values():
+        if channel.name != "image" and (channel.output is None or channel.output in config.outputs):
+            per_pixel += (2 if config.truth == "both" else 1) * _bytes_per_pixel(channel, encodings)
     size = per_pixel * config.camera.width_px * config.camera.height_px
     wanted = max(1, min(round(_SHARD_BYTES / size), ceil(pairs / _FEWEST_SHARDS)))
     # A sequence that lies in two shards is set up twice.
     length = config.sequence.length
     return ceil(wanted / length) * length
+
+
+def _bytes_per_pixel(channel: Channel[Any], encodings: Encodings) -> float:
+    """Estimate the bytes of one pixel of a channel's file."""
+    codec = encodings.codec(channel.codec)
+    if channel.dtype.kind != "f":
+        return _MASK_BYTES_PER_PIXEL
+    components = 3 if isinstance(codec, FlowPfm) else channel.components
+    # What is not written as plain floats is counted in 16 bits, or deflated to as much.
+    return components * (_FLOAT_BYTES if codec.lossless and codec.name != "tiff" else _FLOAT_BYTES / 2)
 
 
 def differences(there: Mapping[str, Any], wanted: Mapping[str, Any], prefix: str = "") -> list[str]:

@@ -16,15 +16,16 @@ from typing import Any, Literal, Self
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.card import encode_card
 from semisynth_gl.dataset.croissant import encode_croissant
-from semisynth_gl.dataset.files import CARD, CROISSANT, DatasetFiles, begun, whole_record
+from semisynth_gl.dataset.files import DatasetFiles, begun, whole_record
 from semisynth_gl.dataset.index import describe_dataset
 from semisynth_gl.dataset.places import Place, open_place
 from semisynth_gl.dataset.plan import Plan, Shard, differences, few, make_plan
+from semisynth_gl.dataset.sample import encode_pair, share_beyond
+from semisynth_gl.dataset.schema import CARD, CROISSANT
 from semisynth_gl.dataset.shard import ShardBusyError, ShardWriter
 from semisynth_gl.engines.serial import SerialEngine
 from semisynth_gl.engines.task import Engine, Stop, Task, Watch
 from semisynth_gl.errors import InputError
-from semisynth_gl.layouts.layout import share_beyond
 from semisynth_gl.pairs.pipeline import Pair, PairRenderer
 from semisynth_gl.render.context import Backend
 from semisynth_gl.render.devices import egl_index_of_worker
@@ -141,11 +142,10 @@ class ShardJob:
             done: for measurements: called after encoding and after writing, with the stage's name.
         """
         config, layout = self.plan.config, self.plan.layout
-        encodings = layout.chosen_encodings(config)
+        encodings = layout.encodings_for(config)
         split = writer.shard.split
-        files = layout.encode(
-            self.plan.key(split, pair.index), pair.frame, pair.provenance, ceil(config.disparity.max_px), encodings
-        )
+        key, ndisp = self.plan.key(split, pair.index), ceil(config.disparity.max_px)
+        files = encode_pair(layout, key, pair.frame, pair.provenance, ndisp, encodings)
         done("encode")
         # All frames of a sequence tell of the same redraws.
         redrawn = pair.provenance.get("redrawn", []) if pair.provenance["frame"] == 0 else []
