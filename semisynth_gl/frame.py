@@ -150,6 +150,15 @@ class View(Mapping[str, NDArray[Any]]):
         codec="float",
         unit="m",
     )
+    normals = Channel(
+        np.float32,
+        "unit normal of the surface seen, towards the camera and in its frame (x right, y down, z forward), float32; 0 "
+        "where nothing is seen",
+        components=3,
+        output="normals",
+        reads_triangles=True,
+        codec="vector",
+    )
     flow = Channel(
         np.float32,
         "flow of the {view} view's pixels to the next frame",

@@ -12,11 +12,29 @@ layout(std430, binding = 1) readonly buffer Indices { uint index[]; };
 layout(std430, binding = 2) readonly buffer Neighbours { uint neighbour[]; };    // across the edge from corner k to k + 1
 layout(std430, binding = 3) readonly buffer Instances { Instance instances[]; };
 
-vec3 corner_of(Instance instance, uint triangle, int k) {
+// One corner of a triangle in model units; w is 1.
+vec4 position_of(Instance instance, uint triangle, int k) {
     uint at = 5u * (index[3u * (instance.model.x + triangle) + uint(k)] + instance.model.y);
-    vec4 position = vec4(vertex[at], vertex[at + 1u], vertex[at + 2u], 1.0);
+    return vec4(vertex[at], vertex[at + 1u], vertex[at + 2u], 1.0);
+}
+
+vec3 in_view(Instance instance, vec4 position) {
     return vec3(dot(instance.view_from_model_x, position), dot(instance.view_from_model_y, position),
                 dot(instance.view_from_model_z, position));
+}
+
+vec3 corner_of(Instance instance, uint triangle, int k) {
+    return in_view(instance, position_of(instance, triangle, k));
+}
+
+// The unit normal of a triangle's plane, towards the eye. Edges are taken in model units, where corners are exact: the
+// difference of two corners in view would round in steps of their distance from the eye.
+vec3 normal_of(Instance instance, uint triangle) {
+    vec4 a = position_of(instance, triangle, 0);
+    vec3 first = normalize(in_view(instance, position_of(instance, triangle, 1) - a));
+    vec3 second = normalize(in_view(instance, position_of(instance, triangle, 2) - a));
+    vec3 normal = normalize(cross(first, second));
+    return dot(normal, in_view(instance, a)) > 0.0 ? -normal : normal;
 }
 
 // 1 / Z of a triangle's plane at a pixel position.

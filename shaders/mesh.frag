@@ -1,6 +1,9 @@
 #version 450 core
 // COLOUR: from the patch atlas and nothing else, with up to ANISOTROPY samples. The rest is truth: DISPARITY, DEPTH
-// (planar), INSTANCES (ids from 1) and SURFACE (which triangle of which instance).
+// (planar), INSTANCES (ids from 1), NORMALS (of the triangle, towards the camera) and SURFACE (which triangle of which
+// instance).
+
+#include "common_constants.glsl"
 
 in vec2 patch_coordinate;
 flat in int patch_layer;
@@ -41,7 +44,6 @@ vec4 patch_colour() {
 #endif
 
 #ifdef DISPARITY
-#include "common_constants.glsl"
 #include "common_disparity.glsl"
 
 layout(location = DISPARITY) out float disparity_px;
@@ -53,6 +55,12 @@ layout(location = DEPTH) out float depth_m;
 
 #ifdef INSTANCES
 layout(location = INSTANCES) out uint instance_id;
+#endif
+
+#ifdef NORMALS
+#include "common_triangles.glsl"
+
+layout(location = NORMALS) out vec4 normal;
 #endif
 
 #ifdef SURFACE
@@ -72,6 +80,9 @@ void main() {
 #endif
 #ifdef INSTANCES
     instance_id = uint(scene_instance) + 1u;
+#endif
+#ifdef NORMALS
+    normal = vec4(normal_of(instances[scene_instance], uint(gl_PrimitiveID)), 0.0);
 #endif
 #ifdef SURFACE
     surface = uvec2(scene_instance, gl_PrimitiveID);

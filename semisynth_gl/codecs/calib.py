@@ -37,6 +37,7 @@ class MiddleburyCalib(Codec[Calibration]):
     suffix = ".txt"
     media_type = "text/plain"
     description = "Middlebury's calib.txt"
+    is_image = False
 
     def encode(self, value: Calibration) -> bytes:
         """Encode a calibration in Middlebury's order."""
@@ -96,6 +97,7 @@ class KittiCalib(Codec[StereoCamera]):
     suffix = ".txt"
     media_type = "text/plain"
     description = "KITTI's calib_cam_to_cam.txt"
+    is_image = False
 
     def encode(self, value: StereoCamera) -> bytes:
         """Encode a rectified pair of cameras."""

@@ -25,6 +25,7 @@ class Codec(ABC, Generic[Value]):
         nothing: how the format stores "no value".
         error_px: largest rounding error of a stored value, px.
         limit_px: largest magnitude of a stored value, px.
+        is_image: whether readers of images return the value unchanged.
         lossless: whether `decode` returns what `encode` was given, bit for bit.
     """
 
@@ -35,6 +36,7 @@ class Codec(ABC, Generic[Value]):
     nothing: ClassVar[str] = "inf"
     error_px: float = 0.0
     limit_px: float = inf
+    is_image: bool = True
     lossless: ClassVar[bool] = True
 
     @abstractmethod

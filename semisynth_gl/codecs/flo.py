@@ -23,6 +23,7 @@ class Flo(Codec[NDArray[np.float32]]):
     media_type = "https://vision.middlebury.edu/flow/code/flow-code/README.txt"
     description = "Middlebury's .flo, float32"
     nothing = "1e10"
+    is_image = False
 
     def encode(self, value: NDArray[np.float32]) -> bytes:
         """Encode a flow; both components become 1e10 where either is not finite, or above 1e9 as no reader takes it."""

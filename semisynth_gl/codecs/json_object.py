@@ -16,6 +16,7 @@ class JsonObject(Codec[Mapping[str, Any]]):
     suffix = ".json"
     media_type = "application/json"
     description = "JSON"
+    is_image = False
 
     def encode(self, value: Mapping[str, Any]) -> bytes:
         """Encode a mapping."""

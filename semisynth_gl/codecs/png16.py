@@ -64,6 +64,7 @@ class FlowPng16(Codec[NDArray[np.float32]]):
     lossless = False
     description = "16-bit RGB PNG of 64 u + 32768, 64 v + 32768 and 1"
     nothing = "0 in the third channel"
+    is_image = False
     error_px = 1 / 128
     limit_px = 32767 / 64
 

@@ -396,6 +396,8 @@ class Renderer:
             if targets.visibility is not None:
                 targets.visibility.limit(crop)
             targets.clear()
+            if any(channel.reads_triangles for channel in self._drawn_by("drawing")):
+                self._models.bind_triangles(placed, eye)
             self._draw_models(program, filled)
         if self._colour_targets is None or self._colour_program is None:
             return None
