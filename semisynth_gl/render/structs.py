@@ -1,6 +1,6 @@
 """The structs that numpy packs for shaders, and the check of each against the driver's own layout of it."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -70,7 +70,7 @@ class Block:
     array: str = ""
 
 
-BLOCKS: Mapping[str, Block] = {
+BLOCKS: dict[str, Block] = {
     "Constants": Block(0, CONSTANTS),
     "Camera64": Block(1, CAMERA_64),
     "Instances": Block(3, INSTANCE, "instances"),
