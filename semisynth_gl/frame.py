@@ -290,6 +290,17 @@ class Frame:
     left: View
     right: View
 
+    @classmethod
+    def from_arrays(cls, camera: StereoCamera, arrays: Mapping[str, NDArray[Any]]) -> "Frame":
+        """Build a frame from arrays by role, as `arrays` returns them."""
+        views: dict[Eye, View] = {
+            eye: View(
+                {name: arrays[channel.role(eye)] for name, channel in CHANNELS.items() if channel.role(eye) in arrays}
+            )
+            for eye in EYES
+        }
+        return cls(camera, views["left"], views["right"])
+
     def view(self, eye: Eye) -> View:
         """Return one eye's view."""
         return self.left if eye == "left" else self.right

@@ -65,8 +65,17 @@ def frame(index: int) -> Frame:
     truth = np.full((6, 8), index + 0.5, np.float32)
     image = np.full((6, 8, 3), index, np.uint8)
     flow = np.full((6, 8, 2), index + 0.5, np.float32)
-    still = (CAMERA, image, image + 100, truth, truth + 1, grey, grey, ids, ids, truth, truth)
-    return Frame(*still, *((flow, flow, grey, grey) * 2), truth, truth)
+    left, right = (
+        View(
+            {
+                **{"image": image + 100 * eye, "disparity": truth + eye, "visibility": grey, "instances": ids},
+                **{"depth": truth, "flow": flow, "flow_visibility": grey, "disparity_change": truth},
+                **{"flow_backward": flow, "flow_backward_visibility": grey},
+            }
+        )
+        for eye in (np.uint8(0), np.uint8(1))
+    )
+    return Frame(CAMERA, left, right)
 
 
 def write(plan: Plan, folder: Path | None = None) -> dict[str, Any]:
@@ -82,7 +91,7 @@ def write(plan: Plan, folder: Path | None = None) -> dict[str, Any]:
         for pair in range(shard.first, shard.end):
             files = plan.layout.encode(
                 plan.key(shard.split, pair), frame(pair), provenance | {"pair": pair}, 5,
-                plan.layout.chosen_encodings(plan.config),
+                plan.layout.encodings_for(plan.config),
             )  # fmt: skip
             files = {path: files[path] for path in paths(plan, shard.split, pair).values()}
             for name, data in files.items():
@@ -113,7 +122,7 @@ def write(plan: Plan, folder: Path | None = None) -> dict[str, Any]:
 def paths(plan: Plan, split: SplitName, pair: int) -> dict[str, str]:
     """Return the files that a pair has, by role, below the split's folder or inside the tar."""
     layout = plan.layout
-    every = layout.files(plan.key(split, pair), layout.chosen_encodings(plan.config))
+    every = layout.files(plan.key(split, pair), layout.encodings_for(plan.config))
     return layout.roles(every, plan.config.outputs, plan.config.truth)
 
 
@@ -167,10 +176,10 @@ def test_mlcroissant_reads_the_files_of_tars(tmp_path: Path, mlcroissant: Any) -
             assert {name for _, name, _ in role} == {split.encode()}
         for index in range(pairs):
             expected = frame(index)
-            assert np.array_equal(np.asarray(left[index][2]), expected.left)
-            assert np.array_equal(np.asarray(disparity[index][2]), expected.disparity_left)
-            assert np.array_equal(np.asarray(instances[index][2]), expected.instances_left)
-            assert np.array_equal(decode_flo(flow[index][2], Path()), expected.flow_left)
+            assert np.array_equal(np.asarray(left[index][2]), expected.left.image)
+            assert np.array_equal(np.asarray(disparity[index][2]), expected.left.disparity)
+            assert np.array_equal(np.asarray(instances[index][2]), expected.left.instances)
+            assert np.array_equal(Flo().decode(flow[index][2], Path()), expected.left.flow)
             assert json.loads(provenance[index][2])["pair"] == index
     urls = {record["splits/name"]: record["splits/url"] for record in dataset.records("splits")}
     assert urls == {"train": "cr:TrainingSplit", "validation": "cr:ValidationSplit", "test": "cr:TestSplit"}

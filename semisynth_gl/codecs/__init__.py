@@ -46,6 +46,11 @@ class Encodings:
     disparity: Codec[Any] = DISPARITY_CODECS["pfm"]
     flow: Codec[Any] = FLOW_CODECS["flo"]
 
+    @classmethod
+    def from_names(cls, image: str = "png", disparity: str = "pfm", flow: str = "flo") -> "Encodings":
+        """Return the codecs that a config names; raises KeyError for an unknown name."""
+        return cls(IMAGE_CODECS[image], DISPARITY_CODECS[disparity], FLOW_CODECS[flow])
+
     def codec(self, name: str) -> Codec[Any]:
         """Return the codec that a channel names: ``image``, ``disparity`` or ``flow``, or one that is always the same.
 

@@ -338,7 +338,7 @@ class FilesSection(Section):
     @property
     def encodings(self) -> Encodings:
         """The codecs of these names."""
-        return Encodings(IMAGE_CODECS[self.image], DISPARITY_CODECS[self.disparity], FLOW_CODECS[self.flow])
+        return Encodings.from_names(self.image, self.disparity, self.flow)
 
 
 class SplitsSection(Section):

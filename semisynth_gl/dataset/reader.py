@@ -7,7 +7,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, BinaryIO, overload
 
-from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS, Encodings
+from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.dataset.places import Place, open_place
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file
@@ -61,7 +61,7 @@ class Index:
         image = files.get("image", default.image.name)
         disparity, flow = files.get("disparity", default.disparity.name), files.get("flow", default.flow.name)
         try:
-            return Encodings(IMAGE_CODECS[image], DISPARITY_CODECS[disparity], FLOW_CODECS[flow])
+            return Encodings.from_names(image, disparity, flow)
         except (KeyError, TypeError):
             raise InputError(
                 f"{self.place.address}: expected encodings that this version knows in {INDEX}, got files.image "

@@ -13,7 +13,7 @@ from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.codecs import Codec, Encodings
 from semisynth_gl.codecs.calib import Calibration
 from semisynth_gl.errors import InputError, ReadError
-from semisynth_gl.frame import CHANNELS, ROLES, Channel, Frame, View
+from semisynth_gl.frame import CHANNELS, ROLES, Channel, Frame
 from semisynth_gl.layouts import Key, Layout
 from semisynth_gl.layouts.roles import Sample, mask_from_not_occluded, not_occluded_role
 
@@ -105,19 +105,19 @@ def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) ->
             truth of all points.
     """
     path = Path(key.name)
-    views = {}
-    for eye in EYES:
-        arrays = {channel.name: values[role] for role, (of, channel) in ROLES.items() if of == eye and role in values}
-        for channel in CHANNELS.values():
-            visible = values.get(not_occluded_role(channel, eye)) if channel.mask else None
-            if visible is not None and channel.mask is not None and channel.name in arrays:
-                arrays[channel.mask] = mask_from_not_occluded(arrays[channel.name], visible, channel, eye, path)
-        views[eye] = View(arrays)
+    arrays = {role: value for role, value in values.items() if role in ROLES}
+    for role, (eye, channel) in ROLES.items():
+        visible = values.get(not_occluded_role(channel, eye)) if channel.mask is not None else None
+        if channel.mask is not None and visible is not None and role in arrays:
+            mask = CHANNELS[channel.mask].role(eye)
+            arrays[mask] = mask_from_not_occluded(arrays[role], visible, channel, eye, path)
     calibration, provenance = values.get("calibration"), values["provenance"]
+    camera = _camera(provenance, path) if calibration is None else calibration.camera
+    frame = Frame.from_arrays(camera, arrays)
     return StoredFrame(
-        _camera(provenance, path) if calibration is None else calibration.camera,
-        views["left"],
-        views["right"],
+        camera,
+        frame.left,
+        frame.right,
         name=key.name,
         split=key.split,
         index=key.index,
