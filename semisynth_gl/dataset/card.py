@@ -11,7 +11,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from semisynth_gl.config import Range
-from semisynth_gl.dataset.files import plan_of
+from semisynth_gl.dataset.files import plan_from_values
 from semisynth_gl.dataset.plan import Plan
 from semisynth_gl.frame import FLOW_OUTPUTS
 from semisynth_gl.splits import SplitName
@@ -60,7 +60,7 @@ def encode_card(index: Mapping[str, Any]) -> bytes:
     Returns:
         YAML between two lines of dashes, and Markdown.
     """
-    plan = plan_of(index)
+    plan = plan_from_values(index)
     sections = (
         _introduction(plan),
         _splits(plan, index),

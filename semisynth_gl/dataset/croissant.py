@@ -13,7 +13,7 @@ from pathlib import PurePosixPath
 from typing import Any
 
 from semisynth_gl.codecs import Codec
-from semisynth_gl.dataset.files import plan_of
+from semisynth_gl.dataset.files import plan_from_values
 from semisynth_gl.dataset.plan import Plan
 from semisynth_gl.splits import SplitName
 
@@ -98,7 +98,7 @@ def encode_croissant(index: Mapping[str, Any]) -> bytes:
     Returns:
         JSON-LD, readable, with a line break at the end.
     """
-    plan = plan_of(index)
+    plan = plan_from_values(index)
     tars = _tars(index)
     file_sets = [file_set for split in plan.splits for file_set in _file_sets(plan, split)]
     width, height = plan.config.camera.width_px, plan.config.camera.height_px

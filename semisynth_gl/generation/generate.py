@@ -16,10 +16,10 @@ from typing import Any, Literal, Self
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.card import encode_card
 from semisynth_gl.dataset.croissant import encode_croissant
-from semisynth_gl.dataset.files import DatasetFiles, begun, whole_record
+from semisynth_gl.dataset.files import DatasetFiles, complete_record, read_beginning
 from semisynth_gl.dataset.index import describe_dataset
 from semisynth_gl.dataset.places import Place, open_place
-from semisynth_gl.dataset.plan import Plan, Shard, differences, few, make_plan
+from semisynth_gl.dataset.plan import Plan, Shard, abbreviate, differences, make_plan
 from semisynth_gl.dataset.sample import encode_pair, share_beyond
 from semisynth_gl.dataset.schema import CARD, CROISSANT
 from semisynth_gl.dataset.shard import ShardBusyError, ShardWriter
@@ -116,7 +116,7 @@ class ShardJob:
             return Made("busy")
         with writer:
             # Another run may have ended it while this one was about to begin.
-            if whole_record(self.place, shard) is not None:
+            if complete_record(self.place, shard) is not None:
                 return Made("whole")
             for entry in writer.samples:
                 watch.tell(
@@ -199,7 +199,7 @@ class _Renderers:
             if changed:
                 raise InputError(
                     f"this process finds other photographs or models than the one that began the dataset: "
-                    f"{few(changed)}. Give all machines the same files, and the same versions of all packages"
+                    f"{abbreviate(changed)}. Give all machines the same files, and the same versions of all packages"
                 )
             watch.tell(Opened(self._renderer.renderer_name))
         return self._renderer
@@ -280,7 +280,7 @@ def generate(
     listener = listener or Listener()
     place = open_place(out)
     counts: Mapping[SplitName, int] = pairs if isinstance(pairs, Mapping) else {"train": pairs}
-    there = {} if overwrite else begun(place) or {}
+    there = {} if overwrite else read_beginning(place) or {}
     layout = layout or there.get("layout") or ("middlebury" if sum(counts.values()) < _MANY_PAIRS else "webdataset")
     plan = make_plan(config, seed, layout, counts, shard_pairs or there.get("shard_pairs"))
     wanted = _chosen(plan.shards, shards)
