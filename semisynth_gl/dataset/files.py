@@ -198,8 +198,8 @@ class DatasetFiles:
                  if count < pairs[name]]  # fmt: skip
         if fewer:
             raise InputError(
-                f"{self.place.address}: holds a dataset of more pairs: {abbreviate(fewer)}. Ask for as many or more to go "
-                "on with it, choose another folder with --out, or give --overwrite to replace it"
+                f"{self.place.address}: holds a dataset of more pairs: {abbreviate(fewer)}. Ask for as many or more to "
+                "go on with it, choose another folder with --out, or give --overwrite to replace it"
             )
 
     def _check_sources(self, beginning: Mapping[str, Any], sources: Mapping[str, Any]) -> None:
