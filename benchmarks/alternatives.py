@@ -86,7 +86,7 @@ def measure(config: Config, seed: int, backend: Backend, effort: Effort) -> dict
     truths, _ = cast_truth(bench, frames, effort.rays, np.random.default_rng(seed))
     with DisparityVariants(bench.models, backend) as variants:
         rows, refused = measure_variants(bench, variants, truths, effort.repeats), variants.left_out
-    maps = [getattr(frame, f"disparity_{eye}") for frame in frames for eye in EYES]
+    maps = [frame.view(eye).disparity for frame in frames for eye in EYES]
     images = [getattr(frame, eye) for frame in frames for eye in EYES]
     offered, left_out = image_encodings()
     stored = measure_encodings(

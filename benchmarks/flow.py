@@ -56,11 +56,11 @@ def measure(name: str, pairs: int, pixels: int, seed: int) -> dict[str, Any]:
             pair = renderer.render(index)
             sampled = renderer.sampler.sample(index, len(pair.provenance.get("redrawn", ())))
             rng = np.random.default_rng(index)
-            height, width = pair.frame.disparity_left.shape
+            height, width = pair.frame.left.disparity.shape
             x, y = rng.integers(0, width, pixels), rng.integers(0, height, pixels)
             for eye in EYES:
                 hits = cast_rays(sampled.scene, renderer.sampler.models, eye, x.astype(float), y.astype(float))
-                disparity = getattr(pair.frame, f"disparity_{eye}")[y, x]
+                disparity = pair.frame.view(eye).disparity[y, x]
                 same = np.abs(disparity - oracle.disparity_px(sampled.scene.camera, hits)) < _SAME_PX
                 others += int((~same).sum())
                 for output, step in (("flow", 1), ("flow_backward", -1)):
@@ -68,16 +68,16 @@ def measure(name: str, pairs: int, pixels: int, seed: int) -> dict[str, Any]:
                     rays = oracle.flow(
                         sampled.scene, renderer.sampler.models, moved, eye, x.astype(float), y.astype(float), hits
                     )
-                    flow = getattr(pair.frame, f"{output}_{eye}")[y, x].astype(float)
+                    flow = pair.frame.view(eye)[output][y, x].astype(float)
                     seen = same & np.isfinite(rays.flow_px).all(axis=1) & np.isfinite(flow).all(axis=1)
                     motion.append(np.linalg.norm(rays.flow_px[seen], axis=1))
                     error.append(np.abs(flow[seen] - rays.flow_px[seen]).max(axis=1))
                     places = as_places(pair.frame, sampled, moved, eye, x[seen], y[seen], hits.instance[seen])
                     naive.append(np.abs(places - rays.flow_px[seen]).max(axis=1))
-                    alike.append((getattr(pair.frame, f"{output}_visibility_{eye}")[y, x] == rays.visibility)[same])
+                    alike.append((pair.frame.view(eye)[f"{output}_visibility"][y, x] == rays.visibility)[same])
                     if step == 1:
                         both = seen & np.isfinite(rays.disparity_change_px)
-                        got = getattr(pair.frame, f"disparity_change_{eye}")[y, x].astype(float)
+                        got = pair.frame.view(eye).disparity_change[y, x].astype(float)
                         change.append(np.abs(got[both] - rays.disparity_change_px[both]))
     found = {
         "motion_px": _quantiles(motion, 0.5, 0.95),
@@ -102,7 +102,7 @@ def as_places(
 ) -> Floats:
     """Work flow out the customary way, in float32: the difference of two places, each with a rounding of its size."""
     camera = frame.camera
-    depth = (camera.focal_baseline / (getattr(frame, f"disparity_{eye}")[y, x] + camera.doffs_px)).astype(np.float32)
+    depth = (camera.focal_baseline / (frame.view(eye).disparity[y, x] + camera.doffs_px)).astype(np.float32)
     point = (camera.rays(eye, x, y).astype(np.float32) * depth[:, None]).astype(np.float32)
     aside = np.array([camera.offset_m(eye), 0, 0])
     now = sampled.scene.camera_from_world @ sampled.scene.world_from_model[instance]

@@ -80,8 +80,8 @@ def measure(name: str, sections: dict[str, Any], pairs: int, seed: int) -> dict[
     with PairRenderer(config, seed) as renderer:
         for index in range(pairs):
             pair = renderer.render(index)
-            count.add(pair.frame.disparity_left)
-            medians.append(float(np.median(pair.frame.disparity_left)) / _SCALE)
+            count.add(pair.frame.left.disparity)
+            medians.append(float(np.median(pair.frame.left.disparity)) / _SCALE)
             objects.append(sum(pair.provenance["models"].values()))
     achieved = count.histogram
     return {

@@ -26,8 +26,8 @@ def strip(panels: list[NDArray[np.uint8]], path: Path) -> None:
 def draw_pair(path: Path) -> None:
     """Draw left, right and disparity."""
     frame = render_pair(load_config("sceneflow"), index=4)
-    shown = mpl.colormaps["inferno"](frame.disparity_left / 200)[..., :3]
-    strip([frame.left, frame.right, (255 * shown).astype(np.uint8)], path)
+    shown = mpl.colormaps["inferno"](frame.left.disparity / 200)[..., :3]
+    strip([frame.left.image, frame.right.image, (255 * shown).astype(np.uint8)], path)
 
 
 def draw_flow(path: Path) -> None:
@@ -35,12 +35,12 @@ def draw_flow(path: Path) -> None:
     config = load_config("sceneflow", ["camera.sway_m=0.05", "camera.sway_deg=1", "sequence.length=2"])
     with PairRenderer(config.model_copy(update={"outputs": ("flow",), "truth": "left"}), 1) as renderer:
         now, then = renderer.render(0).frame, renderer.render(1).frame
-    assert now.flow_left is not None  # noqa: S101 - the output was asked for
-    assert now.flow_visibility_left is not None  # noqa: S101
-    length = np.hypot(*np.moveaxis(now.flow_left, 2, 0))
-    angle = np.arctan2(now.flow_left[..., 1], now.flow_left[..., 0]) / (2 * np.pi) % 1
+    assert now.left.flow is not None  # noqa: S101 - the output was asked for
+    assert now.left.flow_visibility is not None  # noqa: S101
+    length = np.hypot(*np.moveaxis(now.left.flow, 2, 0))
+    angle = np.arctan2(now.left.flow[..., 1], now.left.flow[..., 0]) / (2 * np.pi) % 1
     shown = hsv_to_rgb(np.stack([angle, np.clip(length / 40, 0, 1), np.ones_like(length)], axis=2))
-    mask = np.repeat(now.flow_visibility_left[:, :, None], 3, axis=2)
+    mask = np.repeat(now.left.flow_visibility[:, :, None], 3, axis=2)
     strip([now.left, then.left, (255 * shown).astype(np.uint8), mask], path)
 
 

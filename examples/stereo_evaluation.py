@@ -99,7 +99,7 @@ def folder(path: Path) -> Judges:
 
 def _read_own(frames: Dataset, number: int, pair: TruePair) -> View:
     frame = frames[number]
-    return View(frame.left, frame.right, pair.read())
+    return View(frame.left.image, frame.right.image, pair.read())
 
 
 def _images(pair: TruePair) -> tuple[Path, Path]:

@@ -81,7 +81,7 @@ class Crops(data.Dataset[Sample]):
         turn, place = divmod(number, len(self.pairs))
         order = np.random.default_rng((self.seed, turn)).permutation(len(self.pairs))
         frame = self.pairs[int(order[place])]
-        height, width = frame.disparity_left.shape
+        height, width = frame.left.disparity.shape
         if height < self.crop[0] or width < self.crop[1]:
             raise InputError(
                 f"{self.pairs.about.place.address}: pairs have {width} x {height} pixels, expected at least --crop "
@@ -91,9 +91,9 @@ class Crops(data.Dataset[Sample]):
         top, left = (int(rng.integers(0, room + 1)) for room in (height - self.crop[0], width - self.crop[1]))
         window = slice(top, top + self.crop[0]), slice(left, left + self.crop[1])
         return {
-            "left": _image(frame.left[window]),
-            "right": _image(frame.right[window]),
-            "disparity_left": torch.from_numpy(np.array(frame.disparity_left[window], np.float32)),
+            "left": _image(frame.left.image[window]),
+            "right": _image(frame.right.image[window]),
+            "disparity_left": torch.from_numpy(np.array(frame.left.disparity[window], np.float32)),
         }
 
 

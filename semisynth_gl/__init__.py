@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from semisynth_gl.camera import Crop, StereoCamera
     from semisynth_gl.config import Config, load_config
+    from semisynth_gl.dataset.reader import open_dataset
     from semisynth_gl.errors import BackendError, InputError, SemisynthError
-    from semisynth_gl.frame import Frame
+    from semisynth_gl.frame import Frame, View
     from semisynth_gl.geometry.mesh import Mesh, make_mesh
     from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
     from semisynth_gl.render.renderer import Renderer
@@ -30,10 +31,12 @@ _HOME = {
     "Scene": "scene.scene",
     "SemisynthError": "errors",
     "StereoCamera": "camera",
+    "View": "frame",
     "load_config": "config",
     "make_mesh": "geometry.mesh",
     "make_scene": "scene.scene",
     "move": "scene.scene",
+    "open_dataset": "dataset.reader",
     "render_pair": "pairs.pipeline",
 }
 
@@ -50,10 +53,12 @@ __all__ = [
     "Scene",
     "SemisynthError",
     "StereoCamera",
+    "View",
     "load_config",
     "make_mesh",
     "make_scene",
     "move",
+    "open_dataset",
     "render_pair",
 ]
 

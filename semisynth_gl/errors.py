@@ -15,6 +15,20 @@ class InputError(SemisynthError):
     """An input of the user cannot be used: a config, a path, an image, a model, a scene."""
 
 
+class ReadError(SemisynthError):
+    """A file is missing, cut off, or not what its name says.
+
+    Args:
+        path: the file.
+        reason: a clause such as ``"ends after 12 of 4096 bytes"``.
+    """
+
+    def __init__(self, path: Path, reason: str) -> None:
+        super().__init__(f"{path}: {reason}")
+        self.path = path
+        self.reason = reason
+
+
 class BackendError(SemisynthError):
     """OpenGL is missing or too old, or refuses a request."""
 

@@ -1,90 +1,318 @@
-"""The renderer's answer: one stereo pair as arrays, top-left origin."""
+"""The renderer's answer: a stereo pair as arrays, top-left origin, and the table of its channels."""
 
-from dataclasses import dataclass, fields
-from typing import Literal, get_args
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from math import inf
+from typing import Any, Generic, Literal, Self, TypeVar, get_args, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import Crop, StereoCamera
+from semisynth_gl.camera import EYES, Crop, Eye, StereoCamera
+from semisynth_gl.errors import InputError
 
 VISIBLE = 255
 OCCLUDED = 128
 OUTSIDE = 0
 
-Output = Literal["visibility", "instances", "depth", "flow", "flow_backward", "disparity_change"]
-OUTPUTS: tuple[Output, ...] = get_args(Output)
-DEFAULT_OUTPUTS: tuple[Output, ...] = ("visibility",)
-FUTURE_OUTPUTS: frozenset[Output] = frozenset({"flow", "disparity_change"})
-PAST_OUTPUTS: frozenset[Output] = frozenset({"flow_backward"})
-FLOW_OUTPUTS = FUTURE_OUTPUTS | PAST_OUTPUTS
-"""Those that compare a pair with the one before or after it in time."""
+Moment = Literal["now", "next", "previous"]
+Pass = Literal["drawing", "visibility", "flow"]
 
-TruthOf = Literal["both", "left"]
-TRUTHS: tuple[TruthOf, ...] = get_args(TruthOf)
+TruthViews = Literal["both", "left"]
+TRUTH_VIEWS: tuple[TruthViews, ...] = get_args(TruthViews)
 
-# The ways to antialias colour. Drivers have powers of two as numbers of samples.
+# Drivers have powers of two as numbers of samples.
 ANTIALIAS_PATTERN = r"^(none|msaa(2|4|8|16|32)|ssaa[2-8])$"
+
+Value = TypeVar("Value", bound=np.generic)
+
+
+class Channel(Generic[Value]):
+    """One quantity of every pixel of a view: a row of the table that `View` is.
+
+    Attributes:
+        name: its name in `View`.
+        dtype: of its values.
+        components: values per pixel; the array is (H, W) for 1, else (H, W, components).
+        nothing: the value of a pixel that shows nothing, or for which the quantity does not exist.
+        output: the output that a user asks for to get it; None for a channel that every pair has.
+        moment: "next" or "previous" where it compares the scene with that frame, which needs the scene's motion.
+        drawn_by: the pass of the renderer that writes it.
+        attachment: the pass's attachment that holds it; by default called like the channel.
+        reads_triangles: whether that pass looks up the scene's triangles.
+        codec: see `semisynth_gl.codecs.Encodings.codec`.
+        mask: the channel that says whether the other view, or the other moment, shows the same point.
+        unit: of its values, "" for none.
+        meaning: what a value says, with ``{view}`` and ``{other}`` for the view's name and the other view's.
+    """
+
+    name: str
+
+    def __init__(
+        self,
+        dtype: type[Value],
+        meaning: str,
+        *,
+        codec: str,
+        components: int = 1,
+        nothing: float = 0,
+        output: str | None = None,
+        moment: Moment = "now",
+        drawn_by: Pass = "drawing",
+        attachment: str | None = None,
+        reads_triangles: bool = False,
+        mask: str | None = None,
+        unit: str = "",
+    ) -> None:
+        self.dtype = np.dtype(dtype)
+        self.meaning = meaning
+        self.codec = codec
+        self.components = components
+        self.nothing = nothing
+        self.output = output
+        self.moment = moment
+        self.drawn_by = drawn_by
+        self.reads_triangles = reads_triangles
+        self._attachment = attachment
+        self.mask = mask
+        self.unit = unit
+
+    def __set_name__(self, owner: type["View"], name: str) -> None:
+        self.name = name
+
+    @overload
+    def __get__(self, view: None, owner: type["View"]) -> Self: ...
+
+    @overload
+    def __get__(self, view: "View", owner: type["View"]) -> NDArray[Value]: ...
+
+    def __get__(self, view: "View | None", owner: type["View"]) -> Self | NDArray[Value]:
+        if view is None:
+            return self
+        array: NDArray[Value] | None = view.get(self.name)
+        if array is None:
+            hint = "truth of this view" if self.output is None else f"the output {self.output}, in this view,"
+            raise AttributeError(f"this view has no {self.name}: {hint} was not made")
+        return array
+
+    @property
+    def attachment(self) -> str:
+        """The name of the pass's attachment that holds the channel."""
+        return self._attachment or self.name
+
+    def role(self, eye: Eye) -> str:
+        """Return the name of one eye's array among both views': ``left`` for its image, else ``disparity_left``."""
+        return eye if self.name == "image" else f"{self.name}_{eye}"
+
+
+class View(Mapping[str, NDArray[Any]]):
+    """What one eye sees: arrays by the names of their channels, those that were made.
+
+    ``view.disparity`` and ``view["disparity"]`` are the same array; ``"flow" in view`` says whether there is flow.
+
+    Args:
+        channels: (H, W) or (H, W, C) arrays by name, as the table below has them.
+
+    Raises:
+        InputError: where a name is no channel's, or an array has another dtype or another number of components.
+    """
+
+    image = Channel(np.uint8, "{view} image, 8-bit RGB", components=3, attachment="colour", codec="image")
+    disparity = Channel(
+        np.float32,
+        "disparity of the {view} view's pixels",
+        nothing=inf,
+        codec="disparity",
+        mask="visibility",
+        unit="px",
+    )
+    visibility = Channel(
+        np.uint8,
+        f"8-bit: {VISIBLE} where the {{other}} view sees the point too, {OCCLUDED} where something hides it there, "
+        f"{OUTSIDE} where it is outside the {{other}} image or has no disparity",
+        nothing=OUTSIDE,
+        output="visibility",
+        drawn_by="visibility",
+        reads_triangles=True,
+        codec="grey8",
+    )
+    instances = Channel(
+        np.uint16,
+        "16-bit: k + 1 where instance k of the scene is seen, 0 where there is none",
+        output="instances",
+        codec="grey16",
+    )
+    depth = Channel(
+        np.float32,
+        "planar depth in metres, float32; inf where nothing is seen",
+        nothing=inf,
+        output="depth",
+        codec="float",
+        unit="m",
+    )
+    normals = Channel(
+        np.float32,
+        "unit normal of the surface seen, towards the camera and in its frame (x right, y down, z forward), float32; 0 "
+        "where nothing is seen",
+        components=3,
+        output="normals",
+        reads_triangles=True,
+        codec="vector",
+    )
+    flow = Channel(
+        np.float32,
+        "flow of the {view} view's pixels to the next frame",
+        components=2,
+        nothing=inf,
+        output="flow",
+        moment="next",
+        drawn_by="flow",
+        reads_triangles=True,
+        codec="flow",
+        mask="flow_visibility",
+        unit="px",
+    )
+    flow_visibility = Channel(
+        np.uint8,
+        f"8-bit: {VISIBLE} where the {{view}} view shows the point at the next frame too, {OCCLUDED} where it does "
+        f"not, {OUTSIDE} where the point has left the image or has no flow",
+        nothing=OUTSIDE,
+        output="flow",
+        moment="next",
+        drawn_by="flow",
+        reads_triangles=True,
+        codec="grey8",
+    )
+    flow_backward = Channel(
+        np.float32,
+        "flow of the {view} view's pixels to the previous frame",
+        components=2,
+        nothing=inf,
+        output="flow_backward",
+        moment="previous",
+        drawn_by="flow",
+        attachment="flow",
+        reads_triangles=True,
+        codec="flow",
+        mask="flow_backward_visibility",
+        unit="px",
+    )
+    flow_backward_visibility = Channel(
+        np.uint8,
+        f"8-bit: {VISIBLE} where the {{view}} view shows the point at the previous frame too, {OCCLUDED} where it does "
+        f"not, {OUTSIDE} where the point has left the image or has no flow",
+        nothing=OUTSIDE,
+        output="flow_backward",
+        moment="previous",
+        drawn_by="flow",
+        attachment="flow_visibility",
+        reads_triangles=True,
+        codec="grey8",
+    )
+    disparity_change = Channel(
+        np.float32,
+        "disparity of the point at the next frame minus the one here, float32 px; inf for none",
+        nothing=inf,
+        output="disparity_change",
+        moment="next",
+        drawn_by="flow",
+        reads_triangles=True,
+        codec="float",
+        unit="px",
+    )
+
+    def __init__(self, channels: Mapping[str, NDArray[Any]]) -> None:
+        self._arrays = dict(channels)
+        for name, array in self._arrays.items():
+            channel = CHANNELS.get(name)
+            if channel is None:
+                raise InputError(f"view: expected channels of {', '.join(CHANNELS)}, got {name}")
+            if not isinstance(array, np.ndarray):
+                continue  # a reader of the renderer's may hand out tensors
+            shape = array.shape[:2] if channel.components == 1 else (*array.shape[:2], channel.components)
+            if array.ndim < 2 or array.shape != shape or array.dtype != channel.dtype:
+                expected = "(H, W)" if channel.components == 1 else f"(H, W, {channel.components})"
+                raise InputError(f"view: {name} must be {expected} {channel.dtype}, got {array.shape} {array.dtype}")
+
+    __eq__ = object.__eq__
+    __hash__ = object.__hash__
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return self._arrays[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._arrays)
+
+    def __len__(self) -> int:
+        return len(self._arrays)
+
+    def with_channels(self, channels: Mapping[str, NDArray[Any]]) -> "View":
+        """Return a view with other arrays in the place of some of these."""
+        return View(self._arrays | dict(channels))
+
+
+CHANNELS: Mapping[str, Channel[Any]] = {
+    name: channel for name, channel in vars(View).items() if isinstance(channel, Channel)
+}
+"""All channels by name, in the order of the table."""
+
+OUTPUTS: tuple[str, ...] = tuple(
+    dict.fromkeys(channel.output for channel in CHANNELS.values() if channel.output is not None)
+)
+"""What a user may ask for beside images and disparities."""
+DEFAULT_OUTPUTS = ("visibility",)
+
+
+def outputs_at(*moments: Moment) -> frozenset[str]:
+    """Return the outputs that compare a pair with the one at another moment."""
+    return frozenset(channel.output for channel in CHANNELS.values() if channel.output and channel.moment in moments)
+
+
+FUTURE_OUTPUTS, PAST_OUTPUTS = outputs_at("next"), outputs_at("previous")
+FLOW_OUTPUTS = FUTURE_OUTPUTS | PAST_OUTPUTS
+"""The outputs that need a scene's motion."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
     """A rendered stereo pair with its truth.
 
-    What was not asked for is None.
+    Disparity is x_left - x_right in px, positive in both views; inf where nothing is seen or the rig makes it zero or
+    negative. Where truth was asked for in the left view alone, the right view has its image alone.
 
     Attributes:
         camera: the camera that took it.
-        left: (H, W, 3) uint8 RGB.
-        right: (H, W, 3) uint8 RGB.
-        disparity_left: (H, W) float32, px, positive; inf where nothing is seen or the rig makes it zero or negative.
-        disparity_right: (H, W) float32, likewise, in the right view's pixels; None, as the other truth of the right
-            view, where the left one's was asked for alone.
-        visibility_left: (H, W) uint8: `VISIBLE` where the right eye sees the same point, `OCCLUDED` where something
-            hides it there, `OUTSIDE` where it leaves the right image or has no valid disparity.
-        visibility_right: (H, W) uint8, likewise for the right view.
-        instances_left: (H, W) uint16: k + 1 where instance k of the scene is seen, 0 where nothing is.
-        instances_right: (H, W) uint16, likewise for the right view.
-        depth_left: (H, W) float32 planar depth, m; inf where nothing is seen.
-        depth_right: (H, W) float32, likewise for the right view.
-        flow_left: (H, W, 2) float32, px: where the point seen at a pixel is in the same view at the next frame, minus
-            the pixel; x right, y down. Both are inf where nothing is seen, or the point is nearer than the near plane
-            then, or behind it.
-        flow_right: (H, W, 2) float32, likewise for the right view.
-        flow_visibility_left: (H, W) uint8: `VISIBLE` where the left view sees the same point at the next frame too,
-            `OCCLUDED` where something hides it then or it is no longer there, `OUTSIDE` where it has left the image or
-            has no flow.
-        flow_visibility_right: (H, W) uint8, likewise for the right view.
-        flow_backward_left: (H, W, 2) float32, as `flow_left`, but to the previous frame.
-        flow_backward_right: (H, W, 2) float32, likewise for the right view.
-        flow_backward_visibility_left: (H, W) uint8, as `flow_visibility_left`, but at the previous frame.
-        flow_backward_visibility_right: (H, W) uint8, likewise for the right view.
-        disparity_change_left: (H, W) float32, px: the disparity of the point seen at a pixel at the next frame, minus
-            the one at this frame; inf where either is none.
-        disparity_change_right: (H, W) float32, likewise for the right view, in its own terms.
+        left: the left view.
+        right: the right view.
     """
 
     camera: StereoCamera
-    left: NDArray[np.uint8]
-    right: NDArray[np.uint8]
-    disparity_left: NDArray[np.float32]
-    disparity_right: NDArray[np.float32] | None = None
-    visibility_left: NDArray[np.uint8] | None = None
-    visibility_right: NDArray[np.uint8] | None = None
-    instances_left: NDArray[np.uint16] | None = None
-    instances_right: NDArray[np.uint16] | None = None
-    depth_left: NDArray[np.float32] | None = None
-    depth_right: NDArray[np.float32] | None = None
-    flow_left: NDArray[np.float32] | None = None
-    flow_right: NDArray[np.float32] | None = None
-    flow_visibility_left: NDArray[np.uint8] | None = None
-    flow_visibility_right: NDArray[np.uint8] | None = None
-    flow_backward_left: NDArray[np.float32] | None = None
-    flow_backward_right: NDArray[np.float32] | None = None
-    flow_backward_visibility_left: NDArray[np.uint8] | None = None
-    flow_backward_visibility_right: NDArray[np.uint8] | None = None
-    disparity_change_left: NDArray[np.float32] | None = None
-    disparity_change_right: NDArray[np.float32] | None = None
+    left: View
+    right: View
+
+    @classmethod
+    def from_arrays(cls, camera: StereoCamera, arrays: Mapping[str, NDArray[Any]]) -> "Frame":
+        """Build a frame from arrays by role, as `arrays` returns them."""
+        views: dict[Eye, View] = {
+            eye: View(
+                {name: arrays[channel.role(eye)] for name, channel in CHANNELS.items() if channel.role(eye) in arrays}
+            )
+            for eye in EYES
+        }
+        return cls(camera, views["left"], views["right"])
+
+    def view(self, eye: Eye) -> View:
+        """Return one eye's view."""
+        return self.left if eye == "left" else self.right
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return both views' arrays by role: ``left``, ``right``, ``disparity_left`` and so on."""
+        return {
+            CHANNELS[name].role(eye): self.view(eye)[name]
+            for name in CHANNELS
+            for eye in EYES
+            if name in self.view(eye)
+        }
 
     def cropped(self, crop: Crop) -> "Frame":
         """Return a crop of both views, in arrays of its own.
@@ -92,7 +320,14 @@ class Frame:
         Raises:
             InputError: where the crop reaches beyond the image.
         """
-        camera = self.camera.cropped(crop)
         part = slice(crop.y_px, crop.bottom_px), slice(crop.x_px, crop.right_px)
-        arrays = {each.name: getattr(self, each.name) for each in fields(Frame) if each.name != "camera"}
-        return Frame(camera, **{name: array[part].copy() for name, array in arrays.items() if array is not None})
+        left, right = (
+            View({name: array[part].copy() for name, array in view.items()}) for view in (self.left, self.right)
+        )
+        return Frame(self.camera.cropped(crop), left, right)
+
+
+ROLES: Mapping[str, tuple[Eye, Channel[Any]]] = {
+    channel.role(eye): (eye, channel) for channel in CHANNELS.values() for eye in EYES
+}
+"""Eye and channel of each array of a frame, by role."""

@@ -135,6 +135,33 @@ def flow(
     )
 
 
+def normals(scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits) -> NDArray[np.float64]:
+    """Work out the normals of the triangles that rays hit.
+
+    Args:
+        scene: what stands where.
+        models: the meshes that ``scene.model`` counts.
+        eye: whose rays they were; normals point to this eye's side.
+        hits: what they see.
+
+    Returns:
+        (R, 3) float64 unit vectors in the camera frame; 0 where a ray hits nothing.
+    """
+    result = np.zeros((len(hits.depth_m), 3))
+    for number in np.unique(hits.instance[hits.instance >= 0]):
+        rays = np.flatnonzero(hits.instance == number)
+        mesh = models[int(scene.model[number])]
+        view_from_model = scene.camera_from_world @ scene.world_from_model[number]
+        corners = mesh.positions.astype(np.float64)[mesh.triangles[hits.triangle[rays]]]
+        corners = corners @ view_from_model[:3, :3].T + view_from_model[:3, 3]
+        corners[..., 0] -= scene.camera.offset_m(eye)
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        away = (normal * corners[:, 0]).sum(axis=1, keepdims=True) > 0
+        result[rays] = np.where(away, -normal, normal)
+    return result
+
+
 def _place_among(corners: NDArray[np.float64], point: NDArray[np.float64]) -> NDArray[np.float64]:
     """Barycentric coordinates (R, 3) of points (R, 3) in the planes of triangles (R, 3, 3)."""
     edge_1, edge_2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

@@ -1,7 +1,6 @@
 // Disparity d = f B / Z - doffs, px; where it is not positive there is none.
 
-uniform float focal_baseline;  // px m
-uniform float doffs_px;
+// The includer includes common_constants.glsl before this file.
 
 const float INVALID = uintBitsToFloat(0x7F800000u);  // +inf
 

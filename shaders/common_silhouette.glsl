@@ -4,38 +4,11 @@
 // its triangles: from the one that the pixel shows, across shared edges, until the point is reached or the surface turns
 // away at its silhouette.
 
-struct Instance {
-    vec4 view_from_model_x;   // rows, relative to the eye whose view is followed
-    vec4 view_from_model_y;
-    vec4 view_from_model_z;
-    uvec4 model;              // first triangle, base vertex
-};
-
-layout(std430, binding = 0) readonly buffer Vertices { float vertex[]; };        // x y z u v of each
-layout(std430, binding = 1) readonly buffer Indices { uint index[]; };
-layout(std430, binding = 2) readonly buffer Neighbours { uint neighbour[]; };    // across the edge from corner k to k + 1
-layout(std430, binding = 3) readonly buffer Instances { Instance instances[]; };
-
-uniform float focal_px;
-uniform float near_m;
-uniform vec2 traced_centre_px;   // principal point of the eye whose view is followed
+#include "common_triangles.glsl"
 
 const uint NO_NEIGHBOUR = 0xFFFFFFFFu;
 const int MOST_STEPS = 512;  // triangles across a pixel; a finer mesh may be given up too early
 const float NOT_COVERED = -1.0;
-
-vec3 corner_of(Instance instance, uint triangle, int k) {
-    uint at = 5u * (index[3u * (instance.model.x + triangle) + uint(k)] + instance.model.y);
-    vec4 position = vec4(vertex[at], vertex[at + 1u], vertex[at + 2u], 1.0);
-    return vec3(dot(instance.view_from_model_x, position), dot(instance.view_from_model_y, position),
-                dot(instance.view_from_model_z, position));
-}
-
-// 1 / Z of a triangle's plane at a pixel position.
-float inverse_depth_at(vec3 a, vec3 b, vec3 c, vec2 pixel) {
-    vec3 normal = cross(b - a, c - a);
-    return dot(normal, vec3((pixel - traced_centre_px) / focal_px, 1.0)) / dot(normal, a);
-}
 
 // 1 / Z of the surface at the target position, or NOT_COVERED where it ends before.
 float surface_at(uvec2 surface, vec2 start, vec2 target) {
@@ -52,7 +25,7 @@ float surface_at(uvec2 surface, vec2 start, vec2 target) {
         for (int k = 0; k < 3; ++k) {
             corner[k] = corner_of(instance, triangle, k);
             in_front = in_front && corner[k].z >= near_m;
-            vec2 from_start = focal_px * corner[k].xy / corner[k].z + traced_centre_px - start;
+            vec2 from_start = focal_px * corner[k].xy / corner[k].z + centre_px - start;
             along_beside[k] = vec2(dot(from_start, way) / way_squared, from_start.y * way.x - from_start.x * way.y);
         }
         // A triangle that crosses the near plane has no outline on the image. Such are walls: they go on.

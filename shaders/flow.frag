@@ -4,13 +4,14 @@
 // Two draws of this pass: most pixels are decided by the depth map of the other moment alone; TRACE, for those that the
 // first discards, follows the surfaces around the point to it.
 
+#include "common_constants.glsl"
 #include "common_disparity.glsl"
 #include "common_silhouette.glsl"
 
-uniform sampler2D own_depth;       // m; inf where nothing is drawn
-uniform usampler2D own_surface;
-uniform sampler2D then_depth;      // its wrap must be clamped
-uniform usampler2D then_surface;
+layout(binding = 0) uniform sampler2D own_depth;       // m; inf where nothing is drawn
+layout(binding = 1) uniform usampler2D own_surface;
+layout(binding = 2) uniform sampler2D then_depth;      // its wrap must be clamped
+layout(binding = 3) uniform usampler2D then_surface;
 
 struct Move {
     vec4 turn_and_shift_x;   // rows of R - 1 and of the shift of the centre: a point at c + q goes to c + shift + R q
@@ -22,9 +23,9 @@ struct Move {
 
 layout(std430, binding = 4) readonly buffer Moves { Move moves[]; };
 
-layout(location = 0) out vec2 flow_px;
-layout(location = 1) out float disparity_change_px;
-layout(location = 2) out uint visibility;
+layout(location = FLOW) out vec2 flow_px;
+layout(location = DISPARITY_CHANGE) out float disparity_change_px;
+layout(location = FLOW_VISIBILITY) out uint visibility;
 
 const uint VISIBLE = 255u;
 const uint OCCLUDED = 128u;
@@ -54,7 +55,7 @@ void main() {
     // All lengths in units of the depth. The displacement is worked out as such, not as the difference of two places:
     // so its rounding errors are of its own size.
     float inverse_depth = 1.0 / depth_m;
-    vec3 ray = vec3((vec2(pixel) - traced_centre_px) / focal_px, 1.0);
+    vec3 ray = vec3((vec2(pixel) - centre_px) / focal_px, 1.0);
     vec4 from_centre = vec4(ray - move.centre.xyz * inverse_depth, inverse_depth);
     vec3 way = vec3(dot(move.turn_and_shift_x, from_centre), dot(move.turn_and_shift_y, from_centre),
                     dot(move.turn_and_shift_z, from_centre));

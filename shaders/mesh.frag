@@ -1,13 +1,16 @@
 #version 450 core
 // COLOUR: from the patch atlas and nothing else, with up to ANISOTROPY samples. The rest is truth: DISPARITY, DEPTH
-// (planar), INSTANCES (ids from 1) and SURFACE (which triangle of which instance).
+// (planar), INSTANCES (ids from 1), NORMALS (of the triangle, towards the camera) and SURFACE (which triangle of which
+// instance).
+
+#include "common_constants.glsl"
 
 in vec2 patch_coordinate;
 flat in int patch_layer;
 flat in int scene_instance;
 
 #ifdef COLOUR
-uniform sampler2DArray atlas;
+layout(binding = 0) uniform sampler2DArray atlas;
 
 layout(location = COLOUR) out vec4 colour;
 
@@ -54,6 +57,12 @@ layout(location = DEPTH) out float depth_m;
 layout(location = INSTANCES) out uint instance_id;
 #endif
 
+#ifdef NORMALS
+#include "common_triangles.glsl"
+
+layout(location = NORMALS) out vec4 normal;
+#endif
+
 #ifdef SURFACE
 layout(location = SURFACE) out uvec2 surface;  // instance, triangle
 #endif
@@ -71,6 +80,9 @@ void main() {
 #endif
 #ifdef INSTANCES
     instance_id = uint(scene_instance) + 1u;
+#endif
+#ifdef NORMALS
+    normal = vec4(normal_of(instances[scene_instance], uint(gl_PrimitiveID)), 0.0);
 #endif
 #ifdef SURFACE
     surface = uvec2(scene_instance, gl_PrimitiveID);

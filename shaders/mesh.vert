@@ -1,7 +1,7 @@
 #version 450 core
 // Places one instance of a model in one eye's view.
 
-uniform mat4 clip_from_view;
+#include "common_constants.glsl"
 
 layout(location = 0) in vec3 position;         // model units
 layout(location = 1) in vec2 uv;

@@ -1,18 +1,17 @@
 #version 450 core
 // The mean of the factor x factor pixels that supersampling drew for each pixel.
 
-uniform sampler2D fine;
-uniform int factor;
+layout(binding = 0) uniform sampler2D fine;
 
 layout(location = 0) out vec4 colour;
 
 void main() {
-    ivec2 corner = ivec2(gl_FragCoord.xy) * factor;
+    ivec2 corner = ivec2(gl_FragCoord.xy) * FACTOR;
     vec4 sum = vec4(0.0);
-    for (int y = 0; y < factor; ++y) {
-        for (int x = 0; x < factor; ++x) {
+    for (int y = 0; y < FACTOR; ++y) {
+        for (int x = 0; x < FACTOR; ++x) {
             sum += texelFetch(fine, corner + ivec2(x, y), 0);
         }
     }
-    colour = sum / float(factor * factor);
+    colour = sum / float(FACTOR * FACTOR);
 }

@@ -16,11 +16,12 @@ void main() {
 #endif
 }
 #elif defined(PLANE) || defined(PLANE64)
+#include "common_constants.glsl"
 #include "common_disparity.glsl"
 
 layout(location = 0) out float disparity_px;
 
-#include "common_silhouette.glsl"
+#include "common_triangles.glsl"
 
 #ifdef PLANE
 void main() {
@@ -35,10 +36,12 @@ void main() {
 #ifdef PLANE64
 layout(std430, binding = 4) readonly buffer Poses { dvec4 view_from_model_row[]; };  // three of each instance
 
-uniform double focal_px_64;
-uniform double focal_baseline_64;
-uniform double doffs_px_64;
-uniform dvec2 centre_px_64;
+layout(std140, binding = 1) uniform Camera64 {
+    dvec2 centre_px_64;
+    double focal_px_64;
+    double focal_baseline_64;
+    double doffs_px_64;
+};
 
 dvec3 corner_64(uint triangle, int k) {
     uvec4 model = instances[scene_instance].model;

@@ -1,7 +1,7 @@
 #version 450 core
 // mesh.vert without its texture, with planar depth as a varying. Only benchmarks/alternatives.py draws with it.
 
-uniform mat4 clip_from_view;
+#include "common_constants.glsl"
 
 layout(location = 0) in vec3 position;         // model units
 layout(location = 2) in vec4 view_from_model_x;

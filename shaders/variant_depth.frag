@@ -1,8 +1,9 @@
 #version 450 core
 // Disparity from a planar depth attachment, 0 where nothing was drawn. Only benchmarks/alternatives.py draws with it.
 
-uniform sampler2D depth_m;
+layout(binding = 0) uniform sampler2D depth_m;
 
+#include "common_constants.glsl"
 #include "common_disparity.glsl"
 
 layout(location = 0) out float disparity_px;

@@ -5,9 +5,10 @@
 // decided by the two disparity maps alone; TRACE 1 follows the surfaces beside a point, and TRACE 2 those above and
 // below it, which alone may show something thin that passes between two pixels.
 
-uniform sampler2D own_disparity;
-uniform sampler2D other_disparity;  // its wrap must be clamped
-uniform float other_from_own;       // -1 in the left view (x_right = x_left - d), +1 in the right one
+#include "common_constants.glsl"
+
+layout(binding = 0) uniform sampler2D own_disparity;
+layout(binding = 1) uniform sampler2D other_disparity;  // its wrap must be clamped
 
 layout(location = 0) out uint visibility;
 
@@ -23,8 +24,8 @@ const float STEEPEST = 2.0;
 #include "common_disparity.glsl"
 #include "common_silhouette.glsl"
 
-uniform usampler2D own_surface;
-uniform usampler2D other_surface;
+layout(binding = 2) uniform usampler2D own_surface;
+layout(binding = 3) uniform usampler2D other_surface;
 
 // How much nearer a surface must be to hide a point: what float32 leaves uncertain.
 const float ROUNDING_PX = 1e-3;

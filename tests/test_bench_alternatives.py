@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import backend_fault
+from semisynth_gl.encodings import IMAGE_ENCODINGS
 
 from semisynth_gl.bench.accuracy import Effort, table
 from semisynth_gl.bench.encodings import disparity_encodings
@@ -14,7 +15,6 @@ from semisynth_gl.bench.scenes import sample_scenes
 from semisynth_gl.bench.summary import error_stats
 from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import load_config
-from semisynth_gl.encodings import IMAGE_ENCODINGS
 from semisynth_gl.render.variants import RENDERERS_VARIANT, VARIANTS, DisparityVariants
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.scene import make_scene
@@ -97,7 +97,7 @@ def test_the_renderers_variant_draws_as_the_renderer_does(backend):
     with bench.open_renderer(backend) as renderer:
         frame = renderer.render(bench.scenes[0])
     for (eye, variant), disparity in drawn.items():
-        own = getattr(frame, f"disparity_{eye}")
+        own = frame.view(eye).disparity
         if variant == RENDERERS_VARIANT:
             np.testing.assert_array_equal(disparity, own)
         assert np.quantile(np.abs(disparity - own), 0.99) < 1e-3, variant

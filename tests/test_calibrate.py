@@ -34,9 +34,8 @@ from semisynth_gl.camera import StereoCamera
 from semisynth_gl.cli import main
 from semisynth_gl.config import Range, load_config
 from semisynth_gl.config.load import parse_config
-from semisynth_gl.errors import InputError, SemisynthError
+from semisynth_gl.errors import InputError, ReadError, SemisynthError
 from semisynth_gl.histogram import Histogram, PixelCount, total_variation
-from semisynth_gl.read.error import ReadError
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 CAMERA = StereoCamera(741, 500, 994.978, 0.193001, 311.193, 342.279, 254.877)
@@ -655,7 +654,7 @@ def test_a_real_pair_becomes_a_config_that_renders(call, tmp_path, monkeypatch):
         pytest.skip("no OpenGL here: the config was not rendered")
     small = load_config(tmp_path / "my rig.yaml", {"models.variants": 1, "models.complex": 0.0})
     frame = render_pair(small, index=0, seed=0)
-    seen = frame.disparity_left[np.isfinite(frame.disparity_left)]
+    seen = frame.left.disparity[np.isfinite(frame.left.disparity)]
     assert frame.left.shape == (500, 741, 3)
     assert seen.max() <= config.disparity.max_px
     assert abs(np.median(seen) - np.nanmedian(read_map(tmp_path / "disp0.pfm"))) < 20

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
+from semisynth_gl.dataset.tar import tar_end, tar_member
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Config
@@ -17,13 +18,11 @@ from semisynth_gl.dataset.card import encode_card
 from semisynth_gl.dataset.croissant import encode_croissant
 from semisynth_gl.dataset.index import describe_dataset
 from semisynth_gl.dataset.plan import Plan, make_plan
-from semisynth_gl.dataset.tar import tar_end, tar_member
 from semisynth_gl.frame import OUTPUTS, Frame
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.geometry.silhouette import Silhouette
 from semisynth_gl.layouts import find_layout, layout_names
-from semisynth_gl.read.flow import decode_flo
 from semisynth_gl.scene.sources import Sources
 from semisynth_gl.splits import SplitName
 from semisynth_gl.textures.atlas import atlas_from_arrays
@@ -65,8 +64,24 @@ def frame(index: int) -> Frame:
     truth = np.full((6, 8), index + 0.5, np.float32)
     image = np.full((6, 8, 3), index, np.uint8)
     flow = np.full((6, 8, 2), index + 0.5, np.float32)
-    still = (CAMERA, image, image + 100, truth, truth + 1, grey, grey, ids, ids, truth, truth)
-    return Frame(*still, *((flow, flow, grey, grey) * 2), truth, truth)
+    left, right = (
+        View(
+            {
+                "image": image + 100 * eye,
+                "disparity": truth + eye,
+                "visibility": grey,
+                "instances": ids,
+                "depth": truth,
+                "flow": flow,
+                "flow_visibility": grey,
+                "disparity_change": truth,
+                "flow_backward": flow,
+                "flow_backward_visibility": grey,
+            }
+        )
+        for eye in (np.uint8(0), np.uint8(1))
+    )
+    return Frame(CAMERA, left, right)
 
 
 def write(plan: Plan, folder: Path | None = None) -> dict[str, Any]:
@@ -82,7 +97,7 @@ def write(plan: Plan, folder: Path | None = None) -> dict[str, Any]:
         for pair in range(shard.first, shard.end):
             files = plan.layout.encode(
                 plan.key(shard.split, pair), frame(pair), provenance | {"pair": pair}, 5,
-                plan.layout.chosen_encodings(plan.config),
+                plan.layout.encodings_for(plan.config),
             )  # fmt: skip
             files = {path: files[path] for path in paths(plan, shard.split, pair).values()}
             for name, data in files.items():
@@ -113,7 +128,7 @@ def write(plan: Plan, folder: Path | None = None) -> dict[str, Any]:
 def paths(plan: Plan, split: SplitName, pair: int) -> dict[str, str]:
     """Return the files that a pair has, by role, below the split's folder or inside the tar."""
     layout = plan.layout
-    every = layout.files(plan.key(split, pair), layout.chosen_encodings(plan.config))
+    every = layout.files(plan.key(split, pair), layout.encodings_for(plan.config))
     return layout.roles(every, plan.config.outputs, plan.config.truth)
 
 
@@ -167,10 +182,10 @@ def test_mlcroissant_reads_the_files_of_tars(tmp_path: Path, mlcroissant: Any) -
             assert {name for _, name, _ in role} == {split.encode()}
         for index in range(pairs):
             expected = frame(index)
-            assert np.array_equal(np.asarray(left[index][2]), expected.left)
-            assert np.array_equal(np.asarray(disparity[index][2]), expected.disparity_left)
-            assert np.array_equal(np.asarray(instances[index][2]), expected.instances_left)
-            assert np.array_equal(decode_flo(flow[index][2], Path()), expected.flow_left)
+            assert np.array_equal(np.asarray(left[index][2]), expected.left.image)
+            assert np.array_equal(np.asarray(disparity[index][2]), expected.left.disparity)
+            assert np.array_equal(np.asarray(instances[index][2]), expected.left.instances)
+            assert np.array_equal(Flo().decode(flow[index][2], Path()), expected.left.flow)
             assert json.loads(provenance[index][2])["pair"] == index
     urls = {record["splits/name"]: record["splits/url"] for record in dataset.records("splits")}
     assert urls == {"train": "cr:TrainingSplit", "validation": "cr:ValidationSplit", "test": "cr:TestSplit"}

@@ -69,7 +69,7 @@ def test_a_crop_of_a_later_frame_is_of_the_attempt_that_passed(backend):
             assert_equal(renderer.render(pair.index, crop=CROPS[1]).frame, pair.frame, CROPS[1])
             unchecked = renderer.render(pair.index, crop=CROPS[1], checked=False)
             assert "redrawn" not in unchecked.provenance
-            assert (unchecked.frame.left != pair.frame.cropped(CROPS[1]).left).any()
+            assert (unchecked.frame.left.image != pair.frame.cropped(CROPS[1]).left.image).any()
 
 
 def test_a_cropped_camera_sees_a_point_at_the_same_disparity():

@@ -12,23 +12,22 @@ import pytest
 from conftest import backend_fault
 from PIL import Image
 from recorder import Recorder
+from semisynth_gl.encodings import DISPARITY_ENCODINGS, IMAGE_ENCODINGS, Encodings
+from semisynth_gl.read.encodings import DISPARITY_DECODERS, IMAGE_DECODERS, read_with
+from semisynth_gl.write.encodings import DISPARITY_ENCODERS, IMAGE_ENCODERS
 from test_pipeline import lean, tiny
 
 from semisynth_gl import encodings as names
 from semisynth_gl.cli import main
 from semisynth_gl.dataset.reader import open_dataset, read_index
-from semisynth_gl.encodings import DISPARITY_ENCODINGS, IMAGE_ENCODINGS, Encodings
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.frame import OUTSIDE, VISIBLE
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts import Key, find_layout
 from semisynth_gl.layouts.layout import share_beyond
 from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.pairs.pipeline import render_pair
-from semisynth_gl.read.encodings import DISPARITY_DECODERS, IMAGE_DECODERS, read_with
-from semisynth_gl.read.error import ReadError
 from semisynth_gl.verify.dataset import verify_dataset
-from semisynth_gl.write.encodings import DISPARITY_ENCODERS, IMAGE_ENCODERS
 
 SHAPES = [(1, 1), (1, 7), (9, 1), (30, 41)]
 OF_CODECS = {"qoi", "jxl"}
@@ -154,10 +153,10 @@ def shot():
 def test_what_png16_cannot_say_is_invalid_everywhere(shot):
     frame = shot
     limit = 255.998046875
-    grown = {side: getattr(frame, f"disparity_{side}") * np.float32(12) for side in ("left", "right")}
+    grown = {side: frame.view(side).disparity * np.float32(12) for side in ("left", "right")}
     frame = type(frame)(
-        frame.camera, frame.left, frame.right, grown["left"], grown["right"], frame.visibility_left,
-        frame.visibility_right,
+        frame.camera, frame.left.image, frame.right.image, grown["left"], grown["right"], frame.left.visibility,
+        frame.right.visibility,
     )  # fmt: skip
     beyond = {side: disparity >= limit for side, disparity in grown.items()}
     assert 0.01 < beyond["left"].mean() < 0.9
@@ -170,11 +169,11 @@ def test_what_png16_cannot_say_is_invalid_everywhere(shot):
         "pair": 0,
         "disparity_beyond": {side: int(where.sum()) for side, where in beyond.items()},
     }
-    np.testing.assert_array_equal(np.isinf(read.disparity_left), beyond["left"])
-    np.testing.assert_array_equal(np.isinf(read.disparity_right), beyond["right"])
-    assert (frame.visibility_left[beyond["left"]] == VISIBLE).any()
-    assert (read.visibility_left[beyond["left"]] == OUTSIDE).all()
-    np.testing.assert_array_equal(read.visibility_left[~beyond["left"]], frame.visibility_left[~beyond["left"]])
+    np.testing.assert_array_equal(np.isinf(read.left.disparity), beyond["left"])
+    np.testing.assert_array_equal(np.isinf(read.right.disparity), beyond["right"])
+    assert (frame.left.visibility[beyond["left"]] == VISIBLE).any()
+    assert (read.left.visibility[beyond["left"]] == OUTSIDE).all()
+    np.testing.assert_array_equal(read.left.visibility[~beyond["left"]], frame.left.visibility[~beyond["left"]])
     assert read.calibration.vmax_px < 256
     assert "disparity_beyond" not in there_and_back(frame, {"pair": 0}, Encodings()).provenance
 
@@ -217,15 +216,15 @@ def test_a_dataset_reads_back_and_verifies_clean(shot, tmp_path, chosen):
     index = read_index(tmp_path)
     assert index.encodings == encodings
     read = open_dataset(tmp_path)[0]
-    np.testing.assert_array_equal(read.left, shot.left)
-    np.testing.assert_array_equal(read.right, shot.right)
+    np.testing.assert_array_equal(read.left.image, shot.left.image)
+    np.testing.assert_array_equal(read.right.image, shot.right.image)
     np.testing.assert_allclose(
-        read.disparity_right, shot.disparity_right, rtol=0, atol=1 / 512 if chosen[1] == "png16" else 0
+        read.right.disparity, shot.right.disparity, rtol=0, atol=1 / 512 if chosen[1] == "png16" else 0
     )
     assert findings(tmp_path) == []
     # Ten times what is rounded.
     path = scene / encodings.disparity_names[0]
-    path.write_bytes(DISPARITY_ENCODERS[chosen[1]].encode(read.disparity_left + np.float32(0.02)))
+    path.write_bytes(DISPARITY_ENCODERS[chosen[1]].encode(read.left.disparity + np.float32(0.02)))
     assert any(": depth: left" in finding for finding in findings(tmp_path, 0))
 
 

@@ -13,16 +13,14 @@ from PIL import Image
 from test_report import config_of
 
 from semisynth_gl.cli import main
+from semisynth_gl.codecs.disparity_map import read_disparity_map
+from semisynth_gl.codecs.pfm import PFM
+from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.dataset.reader import open_dataset
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.metrics.predictions import find_predictions
 from semisynth_gl.metrics.truth import find_truth, read_limits
-from semisynth_gl.read.disparity import read_disparity
-from semisynth_gl.read.error import ReadError
-from semisynth_gl.write.pfm import encode_pfm
-from semisynth_gl.write.png import encode_png
-from semisynth_gl.write.png16 import encode_png16
 
 INF = np.float32(np.inf)
 SHAPE = 20, 30
@@ -90,7 +88,7 @@ def scenes(folder, names, *, isint=0, ndisp=64):
         truth[0] = INF
         mask = np.full(SHAPE, 255, np.uint8)
         mask[:, :6] = 128
-        write(folder / name / "disp0GT.pfm", encode_pfm(truth))
+        write(folder / name / "disp0GT.pfm", PFM.encode(truth))
         write(folder / name / "mask0nocc.png", encode_png(mask))
         write(folder / name / "calib.txt", f"cam0=[1 0 0; 0 1 0; 0 0 1]\nndisp={ndisp}\nisint={isint}\n".encode())
     return folder
@@ -101,12 +99,12 @@ def scenes(folder, names, *, isint=0, ndisp=64):
 
 def predictions(dataset, folder, change, save):
     for frame in open_dataset(dataset):
-        save(folder / f"{frame.split}/{frame.name}", change(frame.disparity_left))
+        save(folder / f"{frame.split}/{frame.name}", change(frame.left.disparity))
     return folder
 
 
 def save_pfm(path, values):
-    write(path.with_name(f"{path.name}.pfm"), encode_pfm(values.astype(np.float32)))
+    write(path.with_name(f"{path.name}.pfm"), PFM.encode(values.astype(np.float32)))
 
 
 def save_npy(path, values):
@@ -132,8 +130,8 @@ def test_truth_plus_one_is_one_off_in_every_split(middlebury, tmp_path, save):
         assert said["mean"][region]["coverage"] == 100
     pixels = said["images"][0]["pixels"]
     frame = open_dataset(middlebury)[0]
-    assert pixels["all"]["judged"] == frame.disparity_left.size
-    assert pixels["non-occluded"]["judged"] == int((frame.visibility_left == 255).sum())
+    assert pixels["all"]["judged"] == frame.left.disparity.size
+    assert pixels["non-occluded"]["judged"] == int((frame.left.visibility == 255).sum())
 
 
 def test_the_truth_itself_is_without_error(middlebury, kitti, crestereo, tmp_path):
@@ -147,7 +145,7 @@ def test_the_truth_itself_is_without_error(middlebury, kitti, crestereo, tmp_pat
 
 def test_a_packed_dataset_is_read_too(webdataset, tmp_path):
     (frame,) = open_dataset(webdataset)
-    save_pfm(tmp_path / "pred" / frame.name, frame.disparity_left + 2)
+    save_pfm(tmp_path / "pred" / frame.name, frame.left.disparity + 2)
     assert figures_of(tmp_path, "--pred", tmp_path / "pred", "--gt", webdataset)["mean"]["all"][
         "avgerr"
     ] == pytest.approx(2, abs=1e-5)
@@ -155,8 +153,8 @@ def test_a_packed_dataset_is_read_too(webdataset, tmp_path):
 
 def test_kitti_names_holes_and_objects(kitti, tmp_path):
     for number, frame in enumerate(open_dataset(kitti)):
-        guess = np.where(np.arange(frame.disparity_left.shape[1]) % 2, INF, frame.disparity_left + 8)
-        write(tmp_path / "pred" / f"{number:06d}_10.png", encode_png16(guess.astype(np.float32)))
+        guess = np.where(np.arange(frame.left.disparity.shape[1]) % 2, INF, frame.left.disparity + 8)
+        write(tmp_path / "pred" / f"{number:06d}_10.png", KITTI_DISPARITY.encode(guess.astype(np.float32)))
     said = figures_of(tmp_path, "--pred", tmp_path / "pred", "--gt", kitti)
     assert (said["unit"], said["average"]) == ("fraction", "pooled pixels")
     figures = said["mean"]["all"]
@@ -176,7 +174,7 @@ def test_kitti_names_holes_and_objects(kitti, tmp_path):
 
 def test_one_split_has_plain_names(middlebury, tmp_path):
     (frame,) = open_dataset(middlebury, "validation")
-    save_pfm(tmp_path / "pred" / frame.name, frame.disparity_left)
+    save_pfm(tmp_path / "pred" / frame.name, frame.left.disparity)
     said = figures_of(tmp_path, "--pred", tmp_path / "pred", "--gt", middlebury, "--split", "validation")
     assert [each["name"] for each in said["images"]] == [frame.name]
     # Over all splits the name is two pairs'.
@@ -190,9 +188,9 @@ def test_one_split_has_plain_names(middlebury, tmp_path):
 def test_middlebury_scenes_with_results_beside_the_truth(tmp_path):
     gt = scenes(tmp_path / "trainingF", ["Piano", "Playtable"])
     for name, off in (("Piano", 0.75), ("Playtable", 4.0)):
-        guess = read_disparity(gt / name / "disp0GT.pfm") + np.float32(off)
+        guess = read_disparity_map(gt / name / "disp0GT.pfm") + np.float32(off)
         guess[1, :3] = INF
-        write(gt / name / "disp0MINE.pfm", encode_pfm(guess))
+        write(gt / name / "disp0MINE.pfm", PFM.encode(guess))
     code, out, err = run("--pred", gt, "--gt", gt)
     assert code == 0
     assert "2 of 2 pairs" in err
@@ -215,9 +213,9 @@ def test_middlebury_scenes_with_results_beside_the_truth(tmp_path):
 def test_sizes_isint_and_ndisp_of_middlebury(tmp_path):
     gt = scenes(tmp_path / "gt", ["a"], isint=1, ndisp=9)
     half = np.full((SHAPE[0] // 2, SHAPE[1] // 2), 30.0, np.float32)
-    write(tmp_path / "pred" / "a.pfm", encode_pfm(half))
+    write(tmp_path / "pred" / "a.pfm", PFM.encode(half))
     said = figures_of(tmp_path, "--pred", tmp_path / "pred", "--gt", gt)
-    truth = read_disparity(gt / "a" / "disp0GT.pfm")
+    truth = read_disparity_map(gt / "a" / "disp0GT.pfm")
     assert said["mean"]["all"]["avgerr"] == pytest.approx(np.abs(10 - truth[1:]).mean(), rel=1e-5)
     write(tmp_path / "calib.txt", b"cam0=[1 0 0; 0 1 0; 0 0 1]\nbaseline=3\n")
     assert read_limits(tmp_path / "calib.txt").ndisp is None
@@ -232,7 +230,7 @@ def test_eth3d_is_known_by_its_folder_and_masks_may_be_given(tmp_path):
         path.unlink()
     pred = tmp_path / "low_res_two_view"
     for name in ("lakeside_1l", "forest_1s"):
-        write(pred / f"{name}.pfm", encode_pfm(read_disparity(gt / name / "disp0GT.pfm")))
+        write(pred / f"{name}.pfm", PFM.encode(read_disparity_map(gt / name / "disp0GT.pfm")))
         mask = np.zeros(SHAPE, np.uint8)
         mask[2, :5] = 255
         write(tmp_path / "masks" / name / "mask0nocc.png", encode_png(mask))
@@ -247,10 +245,10 @@ def test_eth3d_is_known_by_its_folder_and_masks_may_be_given(tmp_path):
 
 
 def test_a_folder_of_maps_is_truth_too(tmp_path):
-    write(tmp_path / "gt" / "a.png", encode_png16(ramp()))
+    write(tmp_path / "gt" / "a.png", KITTI_DISPARITY.encode(ramp()))
     np.save(tmp_path / "gt" / "b.npy", ramp())
     for name in "ab":
-        write(tmp_path / "pred" / f"{name}.pfm", encode_pfm(ramp() + 3))
+        write(tmp_path / "pred" / f"{name}.pfm", PFM.encode(ramp() + 3))
     said = figures_of(tmp_path, "--pred", tmp_path / "pred", "--gt", tmp_path / "gt", "--protocol", "kitti")
     assert [each["name"] for each in said["images"]] == ["a", "b"]
     assert said["mean"]["all"]["epe"] == pytest.approx(3, abs=1 / 256)
@@ -261,7 +259,7 @@ def test_an_empty_mask_leaves_a_pair_out_of_the_mean(tmp_path):
     gt = scenes(tmp_path / "gt", ["a", "b"])
     write(gt / "a" / "mask0nocc.png", encode_png(np.zeros(SHAPE, np.uint8)))
     for name in "ab":
-        write(tmp_path / "pred" / f"{name}.pfm", encode_pfm(ramp()))
+        write(tmp_path / "pred" / f"{name}.pfm", PFM.encode(ramp()))
     code, out, _ = run("--pred", tmp_path / "pred", "--gt", gt, "--json", tmp_path / "j.json")
     assert code == 0
     assert re.search(r"^a +nan", out.split("non-occluded")[1], re.MULTILINE)
@@ -275,9 +273,9 @@ def test_an_empty_mask_leaves_a_pair_out_of_the_mean(tmp_path):
 
 def test_error_maps_are_pictures_of_the_truths_size(tmp_path):
     gt = scenes(tmp_path / "gt", ["a"])
-    guess = read_disparity(gt / "a" / "disp0GT.pfm")
+    guess = read_disparity_map(gt / "a" / "disp0GT.pfm")
     guess[5:10] += 3
-    write(tmp_path / "pred" / "a.pfm", encode_pfm(guess))
+    write(tmp_path / "pred" / "a.pfm", PFM.encode(guess))
     figures_of(tmp_path, "--pred", tmp_path / "pred", "--gt", gt, "--maps", tmp_path / "maps" / "new")
     with Image.open(tmp_path / "maps" / "new" / "a.png") as picture:
         pixels = np.asarray(picture)
@@ -315,7 +313,7 @@ def refused(pred, gt, *more):
 def three(tmp_path):
     gt = scenes(tmp_path / "gt", ["a", "b", "c"])
     for name in "abc":
-        write(tmp_path / "pred" / f"{name}.pfm", encode_pfm(ramp()))
+        write(tmp_path / "pred" / f"{name}.pfm", PFM.encode(ramp()))
     return tmp_path / "pred", gt
 
 
@@ -338,7 +336,7 @@ def test_missing_predictions_are_named_and_may_be_passed_over(three):
 
 def test_other_sizes_are_refused_with_the_files(three):
     pred, gt = three
-    write(pred / "b.pfm", encode_pfm(np.ones((7, 9), np.float32)))
+    write(pred / "b.pfm", PFM.encode(np.ones((7, 9), np.float32)))
     said = refused(pred, gt)
     for words in (str(pred / "b.pfm"), "9 x 7", "30 x 20", "half or a quarter", "disp0GT.pfm"):
         assert words in said
@@ -350,12 +348,12 @@ def test_other_sizes_are_refused_with_the_files(three):
 @pytest.mark.parametrize("value", [np.inf, np.nan])
 def test_predictions_and_truths_without_any_disparity_are_refused(three, value):
     pred, gt = three
-    write(pred / "b.pfm", encode_pfm(np.full(SHAPE, value, np.float32)))
+    write(pred / "b.pfm", PFM.encode(np.full(SHAPE, value, np.float32)))
     said = refused(pred, gt, "--partial")
     assert f"{pred / 'b.pfm'}: has no disparity" in said
-    write(pred / "b.pfm", encode_pfm(np.zeros(SHAPE, np.float32)))
+    write(pred / "b.pfm", PFM.encode(np.zeros(SHAPE, np.float32)))
     assert "has no disparity" in refused(pred, gt, "--protocol", "kitti")
-    write(gt / "a" / "disp0GT.pfm", encode_pfm(np.full(SHAPE, INF, np.float32)))
+    write(gt / "a" / "disp0GT.pfm", PFM.encode(np.full(SHAPE, INF, np.float32)))
     said = refused(pred, gt)
     assert "the truth of a has no disparity" in said
 

@@ -69,14 +69,14 @@ def test_a_plane_that_moves_sideways_and_away_has_the_flow_of_the_formula(draw):
         # (X + 0.1) / 2.5 instead of X / 2, in pixels.
         u = (x - CAMERA.cx_px(eye)) * (2.0 / 2.5 - 1) + CAMERA.focal_px * 0.1 / 2.5
         v = (y - CAMERA.cy_px) * (2.0 / 2.5 - 1) - CAMERA.focal_px * 0.05 / 2.5
-        np.testing.assert_allclose(getattr(frame, f"flow_{eye}"), np.stack([u, v], 2), atol=3e-5)
-        np.testing.assert_array_equal(getattr(frame, f"flow_{eye}"), getattr(frame, f"flow_backward_{eye}"))
+        np.testing.assert_allclose(frame.view(eye).flow, np.stack([u, v], 2), atol=3e-5)
+        np.testing.assert_array_equal(frame.view(eye).flow, frame.view(eye).flow_backward)
         change = CAMERA.focal_baseline * (1 / 2.5 - 1 / 2.0)
-        np.testing.assert_allclose(getattr(frame, f"disparity_change_{eye}"), change, atol=5e-6)
+        np.testing.assert_allclose(frame.view(eye).disparity_change, change, atol=5e-6)
         inside = (x + u >= -0.5) & (x + u < 199.5) & (y + v >= -0.5) & (y + v < 149.5)
         expected = np.where(inside, VISIBLE, OUTSIDE)
         border = np.minimum(np.abs(x + u + 0.5), np.abs(x + u - 199.5)) < 1e-3
-        np.testing.assert_array_equal(getattr(frame, f"flow_visibility_{eye}")[~border], expected[~border])
+        np.testing.assert_array_equal(frame.view(eye).flow_visibility[~border], expected[~border])
 
 
 def test_a_camera_that_turns_sees_the_flow_of_a_homography(draw):
@@ -89,20 +89,20 @@ def test_a_camera_that_turns_sees_the_flow_of_a_homography(draw):
     then = CAMERA.rays("left", x, y) @ turn.T
     u = CAMERA.focal_px * then[..., 0] / then[..., 2] + CAMERA.cx_left_px - x
     v = CAMERA.focal_px * then[..., 1] / then[..., 2] + CAMERA.cy_px - y
-    np.testing.assert_allclose(frame.flow_left, np.stack([u, v], 2), atol=3e-5)
+    np.testing.assert_allclose(frame.left.flow, np.stack([u, v], 2), atol=3e-5)
     # The right eye stands aside of the axis, and so comes nearer or goes away.
     then = (CAMERA.rays("right", x, y) * 2 + (0.2, 0, 0)) @ turn.T - (0.2, 0, 0)
     u = CAMERA.focal_px * then[..., 0] / then[..., 2] + CAMERA.cx_right_px - x
-    np.testing.assert_allclose(frame.flow_right[..., 0], u, atol=3e-5)
+    np.testing.assert_allclose(frame.right.flow[..., 0], u, atol=3e-5)
 
 
 def test_what_stands_still_has_no_flow_at_all(draw):
     wall, card = facing(CAMERA, -400, -400, 1200, 1200, 2.0), facing(CAMERA, 50, 40, 60, 50, 1.0)
     frame = draw([wall, card], None)
-    assert (frame.flow_left == 0).all()
-    assert (frame.disparity_change_right[np.isfinite(frame.disparity_right)] == 0).all()
-    assert (frame.flow_visibility_left == VISIBLE).all()
-    assert (frame.flow_backward_visibility_right == VISIBLE).all()
+    assert (frame.left.flow == 0).all()
+    assert (frame.right.disparity_change[np.isfinite(frame.right.disparity)] == 0).all()
+    assert (frame.left.flow_visibility == VISIBLE).all()
+    assert (frame.right.flow_backward_visibility == VISIBLE).all()
 
 
 def test_what_is_hidden_gone_or_outside_then_is_marked(draw):
@@ -112,29 +112,29 @@ def test_what_is_hidden_gone_or_outside_then_is_marked(draw):
     expected = np.full((150, 200), VISIBLE)
     expected[55:105, 80:140] = OCCLUDED  # where the card is then,
     expected[40:90, 50:110] = VISIBLE  # but the card itself is seen on
-    np.testing.assert_array_equal(frame.flow_visibility_left, expected)
+    np.testing.assert_array_equal(frame.left.flow_visibility, expected)
 
     frame = draw([wall, card], [wall, shifted(card, x=120 * metre)])
     expected = np.full((150, 200), VISIBLE)
     expected[40:90, 170:200] = OCCLUDED
     expected[40:90, 80:110] = OUTSIDE  # the card's own right half leaves the image
-    np.testing.assert_array_equal(frame.flow_visibility_left, expected)
+    np.testing.assert_array_equal(frame.left.flow_visibility, expected)
 
     frame = draw([wall, card], None, instance=[0, -1])
     expected = np.full((150, 200), VISIBLE)
     expected[40:90, 50:110] = OCCLUDED
-    np.testing.assert_array_equal(frame.flow_visibility_left, expected)
-    assert (frame.flow_left == 0).all()
+    np.testing.assert_array_equal(frame.left.flow_visibility, expected)
+    assert (frame.left.flow == 0).all()
 
 
 def test_points_behind_the_near_plane_then_have_no_flow(draw):
     wall, card = facing(CAMERA, -400, -400, 1200, 1200, 2.0), facing(CAMERA, 50, 40, 60, 50, 1.0)
     for depth in (0.4, -1.0):
         frame = draw([wall, card], [wall, shifted(card, z=depth - 1.0)], near_m=0.5)
-        assert np.isposinf(frame.flow_left[40:90, 50:110]).all()
-        assert np.isposinf(frame.disparity_change_left[40:90, 50:110]).all()
-        assert (frame.flow_visibility_left[40:90, 50:110] == OUTSIDE).all()
-        assert (frame.flow_left[:, :50] == 0).all()
+        assert np.isposinf(frame.left.flow[40:90, 50:110]).all()
+        assert np.isposinf(frame.left.disparity_change[40:90, 50:110]).all()
+        assert (frame.left.flow_visibility[40:90, 50:110] == OUTSIDE).all()
+        assert (frame.left.flow[:, :50] == 0).all()
 
 
 def test_where_nothing_is_seen_there_is_no_flow(draw):
@@ -142,18 +142,18 @@ def test_where_nothing_is_seen_there_is_no_flow(draw):
     frame = draw([card], [shifted(card, x=0.05)])
     nothing = np.ones((150, 200), bool)
     nothing[40:90, 50:110] = False
-    assert np.isposinf(frame.flow_left[nothing]).all()
-    assert np.isposinf(frame.disparity_change_left[nothing]).all()
-    assert (frame.flow_visibility_left[nothing] == OUTSIDE).all()
-    np.testing.assert_allclose(frame.flow_left[~nothing], [[11.0, 0.0]] * 3000, atol=1e-5)
+    assert np.isposinf(frame.left.flow[nothing]).all()
+    assert np.isposinf(frame.left.disparity_change[nothing]).all()
+    assert (frame.left.flow_visibility[nothing] == OUTSIDE).all()
+    np.testing.assert_allclose(frame.left.flow[~nothing], [[11.0, 0.0]] * 3000, atol=1e-5)
 
 
 def test_disparities_that_the_rig_makes_negative_have_no_change(draw):
     # f B = 44 px m and doffs = 8 px: beyond 5.5 m there is no disparity.
     near, far = facing(CAMERA, 0, 0, 100, 150, 5.0), facing(CAMERA, 100, 0, 100, 150, 6.0)
     frame = draw([near, far], [shifted(near, z=1.0), shifted(far, z=-1.0)])
-    assert np.isposinf(frame.disparity_change_left).all()
-    assert np.isfinite(frame.flow_left).all()
+    assert np.isposinf(frame.left.disparity_change).all()
+    assert np.isfinite(frame.left.flow).all()
 
 
 def test_a_model_flattened_by_its_matrix_has_flow(draw):
@@ -167,7 +167,7 @@ def test_a_model_flattened_by_its_matrix_has_flow(draw):
     corner = turned[:3, :3] @ np.linalg.pinv(wall[:3, :3])
     then = (CAMERA.rays("left", x, y) * 2 - wall[:3, 3]) @ corner.T + wall[:3, 3]
     u = CAMERA.focal_px * then[:, 0] / then[:, 2] + CAMERA.cx_left_px - x
-    np.testing.assert_allclose(frame.flow_left[..., 0].ravel(), u, atol=2e-4)
+    np.testing.assert_allclose(frame.left.flow[..., 0].ravel(), u, atol=2e-4)
 
 
 @pytest.mark.one_backend
@@ -185,14 +185,14 @@ def test_flow_is_the_oracles_at_a_hundred_pixels_of_motion(backend):
             for eye in EYES:
                 hits = cast_rays(sampled.scene, models, eye, x, y)
                 # Where an edge passes the pixel's centre, either surface may be seen.
-                rendered = getattr(pair.frame, f"disparity_{eye}")[row, column]
+                rendered = pair.frame.view(eye).disparity[row, column]
                 same = np.abs(rendered - oracle.disparity_px(sampled.scene.camera, hits)) < 1e-3
                 assert same.mean() > 0.995
                 for name, step in (("flow", 1), ("flow_backward", -1)):
                     expected = oracle.flow(
                         sampled.scene, models, renderer.sampler.motion(sampled, step), eye, x, y, hits
                     )
-                    flow = getattr(pair.frame, f"{name}_{eye}")[row, column]
+                    flow = pair.frame.view(eye)[name][row, column]
                     seen = np.isfinite(expected.flow_px).all(axis=1) & same
                     assert np.array_equal(np.isfinite(flow).all(axis=1)[same], seen[same])
                     errors.append(np.abs(flow[seen] - expected.flow_px[seen]).max(axis=1))
@@ -200,7 +200,7 @@ def test_flow_is_the_oracles_at_a_hundred_pixels_of_motion(backend):
                     visibility = getattr(pair.frame, f"{name}_visibility_{eye}")[row, column]
                     alike.append((visibility == expected.visibility)[same])
                     if name == "flow":
-                        change = getattr(pair.frame, f"disparity_change_{eye}")[row, column]
+                        change = pair.frame.view(eye).disparity_change[row, column]
                         both = np.isfinite(expected.disparity_change_px) & same
                         assert np.array_equal(np.isfinite(change)[same], both[same])
                         assert np.abs(change[both] - expected.disparity_change_px[both]).max() < 2e-4
@@ -218,8 +218,8 @@ def test_flow_to_the_next_frame_is_undone_by_its_flow_back(backend):
         now, then = renderer.render(0).frame, renderer.render(1).frame
     x, y = pixels(now.camera)
     for eye in EYES:
-        flow, back = getattr(now, f"flow_{eye}"), getattr(then, f"flow_backward_{eye}")
-        visible = getattr(now, f"flow_visibility_{eye}") == VISIBLE
+        flow, back = now.view(eye).flow, then.view(eye).flow_backward
+        visible = now.view(eye).flow_visibility == VISIBLE
         assert 0.5 < visible.mean() < 0.99
         column = np.rint(x + np.where(visible, flow[..., 0], 0)).astype(int)
         row = np.rint(y + np.where(visible, flow[..., 1], 0)).astype(int)
@@ -228,8 +228,8 @@ def test_flow_to_the_next_frame_is_undone_by_its_flow_back(backend):
         # The nearest pixel is up to half a pixel away, where flow differs by what changes within that.
         assert np.median(apart) < 0.1
         assert np.percentile(apart, 80) < 0.3
-        change = getattr(now, f"disparity_change_{eye}")
-        d_now, d_then = getattr(now, f"disparity_{eye}"), getattr(then, f"disparity_{eye}")
+        change = now.view(eye).disparity_change
+        d_now, d_then = now.view(eye).disparity, then.view(eye).disparity
         difference = d_then[row.clip(0, y.shape[0] - 1), column.clip(0, x.shape[1] - 1)] - d_now - change
         assert np.median(np.abs(difference[visible])) < 0.05
 
@@ -250,10 +250,10 @@ def test_flow_alone_needs_no_other_output_and_changes_none(backend):
     for output in FLOWS:
         with PairRenderer(moving(outputs=(output,), truth="left"), 1, backend) as renderer:
             frame = renderer.render(0).frame
-        np.testing.assert_array_equal(frame.left, every.left)
-        np.testing.assert_array_equal(frame.disparity_left, every.disparity_left)
-        assert frame.visibility_left is None
-        assert frame.depth_left is None
+        np.testing.assert_array_equal(frame.left.image, every.left.image)
+        np.testing.assert_array_equal(frame.left.disparity, every.left.disparity)
+        assert frame.left.visibility is None
+        assert frame.left.depth is None
         for other in FLOWS:
             array = getattr(frame, f"{other}_left")
             if other != output:
@@ -408,7 +408,7 @@ def test_flow_of_many_sizes_leaves_nothing_behind(open_renderer, square):
             scene = make_scene(camera, model=[0] * count, world_from_model=[wall] * count, layer=[0] * count)
             motion = move(scene, world_from_model=[shifted(wall, 0.02)] * count)
             frame = renderer.render(scene, future=motion, past=motion)
-            np.testing.assert_allclose(frame.flow_left[..., 0], 1.0, atol=1e-5)
+            np.testing.assert_allclose(frame.left.flow[..., 0], 1.0, atol=1e-5)
         return renderer.count_objects()
 
     assert counted() == counted()

@@ -13,25 +13,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from pydantic import ValidationError
+from semisynth_gl.encodings import FLOW_ENCODINGS, Encodings
+from semisynth_gl.read.encodings import FLOW_DECODERS
+from semisynth_gl.write.encodings import FLOW_ENCODERS
+from semisynth_gl.write.flow import beyond_flow_png16
 from test_layouts import CAMERA, decode, encode, make_frame, write_tree
 from test_pipeline import tiny
 
+from semisynth_gl.codecs.png import RGB16
 from semisynth_gl.config.model import FilesSection
 from semisynth_gl.dataset.places import Folder
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import Index
-from semisynth_gl.encodings import FLOW_ENCODINGS, Encodings
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE, Frame
 from semisynth_gl.layouts import Key, find_layout, layout_names
 from semisynth_gl.layouts.kitti import flow_visibility_of
 from semisynth_gl.layouts.layout import BEYOND, FLOW_BACKWARD_BEYOND, FLOW_BEYOND
-from semisynth_gl.read.encodings import FLOW_DECODERS
-from semisynth_gl.read.error import ReadError
-from semisynth_gl.read.png import decode_rgb16
-from semisynth_gl.write.encodings import FLOW_ENCODERS
-from semisynth_gl.write.flow import beyond_flow_png16
-from semisynth_gl.write.png import encode_png
 
 INF = np.float32(np.inf)
 PATH = Path("the-file")
@@ -143,7 +141,7 @@ def test_opencvs_files_are_read(tmp_path):
     levels = np.random.default_rng(1).integers(0, 65536, (23, 31, 3)).astype(np.uint16)
     for each in (cv2.IMWRITE_PNG_ALL_FILTERS, cv2.IMWRITE_PNG_FILTER_PAETH, cv2.IMWRITE_PNG_FILTER_AVG):
         png = cv2.imencode(".png", levels[..., ::-1], [cv2.IMWRITE_PNG_FILTER, each])[1].tobytes()
-        came = decode_rgb16(png, PATH)
+        came = RGB16.decode(png, PATH)
         assert came.dtype == np.uint16
         np.testing.assert_array_equal(came, levels)
 
@@ -206,7 +204,7 @@ def test_a_damaged_png_is_named():
     good = encode_png(levels)
     for data in (good[:200] + bytes([good[200] ^ 1]) + good[201:], good[:300] + good[-12:]):
         with pytest.raises(ReadError, match="cannot be decoded"):
-            decode_rgb16(data, PATH)
+            RGB16.decode(data, PATH)
 
 
 # What the encodings cannot say
@@ -214,11 +212,11 @@ def test_a_damaged_png_is_named():
 
 def test_what_png16_cannot_say_is_invalid_everywhere():
     frame = make_frame(1, FLOW_OUTPUTS)
-    flow = frame.flow_left.copy()
+    flow = frame.left.flow.copy()
     flow[0, :3], flow[5, 5] = (600, 0), (0, -513)
-    mask = frame.flow_visibility_left.copy()
+    mask = frame.left.flow_visibility.copy()
     mask[5, 5] = OCCLUDED
-    disparity = frame.disparity_left.copy()
+    disparity = frame.left.disparity.copy()
     disparity[7, 7] = 300
     arrays = {name: getattr(frame, name) for name in Frame.__dataclass_fields__}
     frame = Frame(**arrays | {"flow_left": flow, "flow_visibility_left": mask, "disparity_left": disparity})
@@ -230,15 +228,15 @@ def test_what_png16_cannot_say_is_invalid_everywhere():
         assert stored.provenance[FLOW_BEYOND] == {"left": 4, "right": 0}
         assert stored.provenance[FLOW_BACKWARD_BEYOND] == {"left": 0, "right": 0}
         assert stored.provenance[BEYOND] == {"left": 1, "right": 0}
-        assert np.isinf(stored.flow_left[lost]).all()
-        assert (stored.flow_visibility_left[lost] == OUTSIDE).all()
-        np.testing.assert_array_equal(stored.flow_visibility_left[~lost], mask[~lost])
-        assert np.isinf(stored.disparity_left[7, 7])
-        assert np.isinf(stored.disparity_change_left[7, 7])
-        assert np.isfinite(frame.disparity_change_left[7, 7])
-        assert (stored.flow_error_px, stored.flow_largest_px) == (1 / 128, 511.984375)
+        assert np.isinf(stored.left.flow[lost]).all()
+        assert (stored.left.flow_visibility[lost] == OUTSIDE).all()
+        np.testing.assert_array_equal(stored.left.flow_visibility[~lost], mask[~lost])
+        assert np.isinf(stored.left.disparity[7, 7])
+        assert np.isinf(stored.left.disparity_change[7, 7])
+        assert np.isfinite(frame.left.disparity_change[7, 7])
+        assert (stored.encodings.flow.error_px, stored.encodings.flow.limit_px) == (1 / 128, 511.984375)
     plain = decode(find_layout("middlebury"), 1, encode(find_layout("middlebury"), 1, frame=frame))
-    np.testing.assert_array_equal(plain.flow_left, flow)
+    np.testing.assert_array_equal(plain.left.flow, flow)
     assert FLOW_BEYOND not in plain.provenance
     # Without flow there is nothing to count.
     bare = decode(find_layout("kitti"), 1, encode(find_layout("kitti"), 1, frame=make_frame(1, ("visibility",))))
@@ -271,8 +269,8 @@ def test_kittis_masks_follow_from_its_flow():
 def test_sequences_come_back(name, length):
     layout, frame = find_layout(name), make_frame(5)
     stored = decode(layout, 5, encode(layout, 5, frame=frame, length=length), length=length)
-    np.testing.assert_array_equal(stored.flow_visibility_right, frame.flow_visibility_right)
-    np.testing.assert_array_equal(stored.disparity_change_left, frame.disparity_change_left)
+    np.testing.assert_array_equal(stored.right.flow_visibility, frame.right.flow_visibility)
+    np.testing.assert_array_equal(stored.left.disparity_change, frame.left.disparity_change)
     assert (stored.index, stored.name) == (5, "lab-000005")
 
 
@@ -407,7 +405,7 @@ def test_loaders_of_kitti_pair_flow_with_its_frames(tmp_path, folder):
     found = kitti_flow(root / folder)
     assert [(pair_of(one), pair_of(two)) for one, two, _ in found] == [(0, 1), (3, 4), (6, 7)]
     for one, _, flow in found:
-        made = make_frame(pair_of(one)).flow_left
+        made = make_frame(pair_of(one)).left.flow
         valid = np.isfinite(made)
         np.testing.assert_array_equal(np.isfinite(flow_in(flow)), valid)
         assert np.abs(flow_in(flow)[valid] - made[valid]).max() <= 1 / 128

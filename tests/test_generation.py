@@ -82,13 +82,13 @@ def test_every_layout_reads_back_and_verifies_clean(config, tmp_path, layout):
     dataset = open_dataset(tmp_path / "o")
     assert len(dataset) == 2
     read = dataset[1]
-    if read.exact_images:
+    if read.encodings.image.lossless:
         np.testing.assert_array_equal(read.left, frame.left)
         np.testing.assert_array_equal(read.right, frame.right)
     for side in ("left", "right"):
-        came, made = getattr(read, f"disparity_{side}"), getattr(frame, f"disparity_{side}")
-        np.testing.assert_allclose(came, made, rtol=0, atol=read.disparity_error_px)
-        assert (getattr(read, f"visibility_{side}") != getattr(frame, f"visibility_{side}")).mean() < 1e-3
+        came, made = read.view(side).disparity, frame.view(side).disparity
+        np.testing.assert_allclose(came, made, rtol=0, atol=read.encodings.disparity.error_px)
+        assert (read.view(side).visibility != frame.view(side).visibility).mean() < 1e-3
     assert read.camera == frame.camera or layout.startswith(("middlebury", "eth3d"))
     assert read.camera.focal_px == frame.camera.focal_px
     with pytest.raises(IndexError):

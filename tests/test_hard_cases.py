@@ -65,7 +65,7 @@ class Comparison:
 
 
 def compare(frame, scene, models, eye="left", sample=None):
-    height, width = frame.disparity_left.shape
+    height, width = frame.left.disparity.shape
     pixels = np.arange(height * width)
     if sample is not None:
         pixels = np.random.default_rng(0).choice(pixels, sample, replace=False)
@@ -73,7 +73,7 @@ def compare(frame, scene, models, eye="left", sample=None):
     x, y = column.astype(float), row.astype(float)
     hits = cast_rays(scene, models, eye, x, y)
     expected = oracle.disparity_px(scene.camera, hits)
-    disparity = getattr(frame, f"disparity_{eye}")
+    disparity = frame.view(eye).disparity
     rendered = disparity[row, column].astype(float)
     with np.errstate(invalid="ignore"):
         error = np.where(np.isinf(rendered) & np.isinf(expected), 0, np.abs(rendered - expected))
@@ -107,7 +107,7 @@ def compare(frame, scene, models, eye="left", sample=None):
             np.pad(visibility.reshape(height, width), 1, mode="edge"), (3, 3)
         )
         inside = (around.max((2, 3)) == around.min((2, 3))).ravel()
-    seen_alike = getattr(frame, f"visibility_{eye}")[row, column] == visibility
+    seen_alike = frame.view(eye).visibility[row, column] == visibility
     smooth = window.max((1, 2)) - window.min((1, 2)) < 2
     found = Comparison(error, expected + scene.camera.doffs_px, smooth, displaced, seen_alike, inside)
     if ERRORS_FOLDER:
@@ -175,7 +175,7 @@ def test_clutter_of_all_kinds_agrees_with_the_oracle(open_renderer, seed):
     assert_like_the_oracle(frame, scene, models, sample=20_000)
     y, x = (values.ravel().astype(float) for values in np.mgrid[:450:5, :600:5])
     hits = cast_rays(scene, models, "left", x, y)
-    assert (frame.instances_left[::5, ::5].ravel() == hits.instance + 1).mean() >= 0.999
+    assert (frame.left.instances[::5, ::5].ravel() == hits.instance + 1).mean() >= 0.999
 
 
 @pytest.mark.one_backend
@@ -197,8 +197,8 @@ def test_near_and_far_in_one_frame(open_renderer, square):
     matrices = [facing(camera, -100, -100, 400, 350, 10_000.0), facing(camera, 60, 0, 30, 150, 0.05)]
     scene = make_scene(camera, model=[0, 0], world_from_model=matrices, layer=[0, 0], near_m=0.01)
     frame = open_renderer([square], noise_layers(1, 16)).render(scene)
-    np.testing.assert_allclose(frame.disparity_left[:, 60:90], 220.0, atol=1e-4)
-    np.testing.assert_allclose(frame.disparity_left[:, :60], 220 * 0.05 / 1e4, rtol=1e-6)
+    np.testing.assert_allclose(frame.left.disparity[:, 60:90], 220.0, atol=1e-4)
+    np.testing.assert_allclose(frame.left.disparity[:, :60], 220 * 0.05 / 1e4, rtol=1e-6)
 
 
 @pytest.mark.parametrize("first", [0, 1])
@@ -207,8 +207,8 @@ def test_parallel_surfaces_a_relative_1e_5_apart(open_renderer, square, first):
     order = [planes[first], planes[1 - first]]
     scene = make_scene(CAMERA, model=[0, 0], world_from_model=order, layer=[0, 0])
     frame = open_renderer([square], noise_layers(1, 16), outputs=STILL).render(scene)
-    assert (frame.instances_left == 1 + first).all()
-    assert (frame.instances_right == 1 + first).all()
+    assert (frame.left.instances == 1 + first).all()
+    assert (frame.right.instances == 1 + first).all()
 
 
 def test_a_whole_scene_a_million_metres_away(open_renderer):
@@ -227,7 +227,7 @@ def test_a_whole_scene_a_million_metres_away(open_renderer):
         )
     )
     # float64 keeps 1e-10 m at that distance.
-    error = np.abs(here.disparity_left - there.disparity_left)
+    error = np.abs(here.left.disparity - there.left.disparity)
     assert np.quantile(error, 0.999) <= 1e-5
     assert (error > 1e-3).mean() <= 1e-4
 
@@ -258,11 +258,11 @@ def test_triangles_through_and_behind_the_camera_plane(open_renderer):
     soup = make_mesh("soup", positions, np.zeros((60, 2)), np.arange(60).reshape(-1, 3))
     scene = one(0, np.eye(4), near_m=0.05)
     frame = open_renderer([soup], noise_layers(1, 16)).render(scene)
-    assert np.isfinite(frame.disparity_left).mean() > 0.3
-    assert not np.isnan(frame.disparity_left).any()
+    assert np.isfinite(frame.left.disparity).mean() > 0.3
+    assert not np.isnan(frame.left.disparity).any()
     for eye in EYES:
         found = compare(frame, scene, [soup], eye)
-        disparity = getattr(frame, f"disparity_{eye}").ravel()
+        disparity = frame.view(eye).disparity.ravel()
         relative = found.error / np.where(np.isfinite(disparity), np.maximum(disparity, 1), 1)
         assert np.quantile(relative[found.smooth], 0.999) <= 1e-5
         assert (relative > 1e-3).mean() <= 2e-3
@@ -274,7 +274,7 @@ def test_slivers_zero_area_and_duplicate_triangles(open_renderer):
     mesh = make_mesh("degenerate", positions, np.zeros((7, 2)), triangles)
     scene = one(0, placed(np.eye(3), 1.0, [0, 0, 2.5]))
     frame = open_renderer([mesh], noise_layers(1, 16)).render(scene)
-    assert not np.isnan(frame.disparity_left).any()
+    assert not np.isnan(frame.left.disparity).any()
     # The sliver stands on other triangles, so its outline is an edge without a jump; where more than two triangles meet
     # at an edge, as duplicates do, a surface is not followed beyond it.
     assert_like_the_oracle(frame, scene, [mesh], smooth_exact=0.998, exact_share=0.998, seen=0.997)
@@ -303,7 +303,7 @@ def test_no_pixel_inside_a_fine_mesh_shows_what_lies_behind(open_renderer, squar
     a, b, c = (rays**2).sum(-1), rays @ centre, centre @ centre - 0.595**2
     inside = b * b - a * c > 0
     assert inside.sum() > 100_000
-    assert (frame.instances_left[inside] == 2).all()
+    assert (frame.left.instances[inside] == 2).all()
 
 
 @pytest.mark.one_backend
@@ -320,7 +320,7 @@ def test_fine_meshes_hide_what_is_behind_them(open_renderer, square, radius_px):
     hits = cast_rays(scene, models, "left", x, y)
     visibility = oracle.visibility(scene, models, "left", x, y, hits)
     assert (visibility == OCCLUDED).sum() > 40
-    assert (frame.visibility_left.ravel() != visibility).sum() <= 1
+    assert (frame.left.visibility.ravel() != visibility).sum() <= 1
 
 
 @pytest.mark.one_backend
@@ -343,10 +343,10 @@ def test_rods_thinner_than_a_pixel_are_whole_or_absent_never_mixed(open_renderer
     frame = open_renderer([wall, rod], noise_layers(1, 16), outputs=STILL).render(scene)
     depth = scene.world_from_model[:, 2, 3]
     for eye in EYES:
-        ids = getattr(frame, f"instances_{eye}")
+        ids = frame.view(eye).instances
         assert (ids > 1).sum() > 500
         expected = CAMERA.disparity_px(depth[ids.astype(int) - 1])
-        np.testing.assert_allclose(getattr(frame, f"disparity_{eye}"), expected, atol=1e-4)
+        np.testing.assert_allclose(frame.view(eye).disparity, expected, atol=1e-4)
         found = compare(frame, scene, [wall, rod], eye)
         assert ((found.error <= EXACT_PX) | found.displaced).all()
         # A rod that no pixel near a point shows cannot be known to hide it.
@@ -359,9 +359,9 @@ def test_models_smaller_than_a_pixel(open_renderer, square):
     matrices += [placed(np.eye(3), 1e-3, [*rng.uniform(-0.5, 0.5, 2), 2.0]) for _ in range(3000)]
     scene = make_scene(CAMERA, model=np.zeros(3001), world_from_model=matrices, layer=np.zeros(3001))
     frame = open_renderer([square], noise_layers(1, 16), outputs=STILL).render(scene)
-    assert (frame.instances_left > 1).sum() > 10
-    expected = np.where(frame.instances_left > 1, CAMERA.disparity_px(2.0), CAMERA.disparity_px(4.0))
-    np.testing.assert_allclose(frame.disparity_left, expected, atol=1e-4)
+    assert (frame.left.instances > 1).sum() > 10
+    expected = np.where(frame.left.instances > 1, CAMERA.disparity_px(2.0), CAMERA.disparity_px(4.0))
+    np.testing.assert_allclose(frame.left.disparity, expected, atol=1e-4)
 
 
 def test_coplanar_faces_have_one_winner_in_both_eyes(open_renderer, square):
@@ -373,7 +373,7 @@ def test_coplanar_faces_have_one_winner_in_both_eyes(open_renderer, square):
     frames = [renderer.render(scene) for _ in range(2)]
     for frame in frames:
         for eye in EYES:
-            assert set(np.unique(getattr(frame, f"instances_{eye}"))) <= {0, 1}
+            assert set(np.unique(frame.view(eye).instances)) <= {0, 1}
             assert set(np.unique(getattr(frame, eye))) <= {0, 50}
 
 
@@ -400,18 +400,18 @@ def test_disparity_wider_than_the_image(open_renderer, square):
     camera = StereoCamera.centred(100, 50, 300.0, 1.0)
     scene = one(0, facing(camera, -500, -50, 1200, 150, 2.0), camera=camera)
     frame = open_renderer([square], noise_layers(1, 16)).render(scene)
-    np.testing.assert_allclose(frame.disparity_left, 150.0, atol=1e-4)
-    assert (frame.visibility_left == OUTSIDE).all()
-    assert (frame.visibility_right == OUTSIDE).all()
+    np.testing.assert_allclose(frame.left.disparity, 150.0, atol=1e-4)
+    assert (frame.left.visibility == OUTSIDE).all()
+    assert (frame.right.visibility == OUTSIDE).all()
 
 
 def test_baseline_zero(open_renderer, square):
     camera = StereoCamera.centred(60, 40, 50.0, 0.0)
     scene = one(0, facing(camera, 0, 0, 60, 40, 2.0), camera=camera)
     frame = open_renderer([square], noise_layers(1, 16)).render(scene)
-    np.testing.assert_array_equal(frame.left, frame.right)
-    assert np.isposinf(frame.disparity_left).all()
-    assert (frame.visibility_left == OUTSIDE).all()
+    np.testing.assert_array_equal(frame.left.image, frame.right.image)
+    assert np.isposinf(frame.left.disparity).all()
+    assert (frame.left.visibility == OUTSIDE).all()
 
 
 @pytest.mark.one_backend
@@ -428,7 +428,7 @@ def test_image_sizes(open_renderer, square, size):
     normal = np.cross(matrix[:3, 0], matrix[:3, 1])
     depth = (normal @ matrix[:3, 3]) / (camera.rays("left", x, y) @ normal)
     assert frame.left.shape == (height, width, 3)
-    np.testing.assert_allclose(frame.disparity_left[::step, ::step], camera.disparity_px(depth), rtol=3e-6)
+    np.testing.assert_allclose(frame.left.disparity[::step, ::step], camera.disparity_px(depth), rtol=3e-6)
 
 
 @pytest.mark.one_backend
@@ -470,17 +470,17 @@ def test_walls_leave_no_gap_where_they_meet(open_renderer, index):
     assert room.kind == "cuboid"
     scene = make_scene(camera, model=[0] * 6, world_from_model=room.world_from_face, layer=[0] * 6)
     frame = open_renderer([FACE], noise_layers(1, 16)).render(scene)
-    assert np.isfinite(frame.disparity_left).all()
-    assert np.isfinite(frame.disparity_right).all()
+    assert np.isfinite(frame.left.disparity).all()
+    assert np.isfinite(frame.right.disparity).all()
 
 
 def test_no_instances(open_renderer, square):
     frame = open_renderer([square], noise_layers(1, 16), outputs=STILL).render(
         make_scene(CAMERA, model=[], world_from_model=np.zeros((0, 4, 4)), layer=[])
     )
-    assert np.isposinf(frame.disparity_left).all()
-    assert (frame.instances_left == 0).all()
-    assert np.isposinf(frame.depth_left).all()
+    assert np.isposinf(frame.left.disparity).all()
+    assert (frame.left.instances == 0).all()
+    assert np.isposinf(frame.left.depth).all()
 
 
 @pytest.mark.parametrize("side", [1, 8192])
@@ -493,7 +493,7 @@ def test_patches_from_one_texel_to_8192(open_renderer, square, side):
     matrix = facing(camera, -begin, -begin, side, side, 2.0) if side > 1 else facing(camera, -10, -10, 400, 400, 2.0)
     frame = open_renderer([square], layers).render(one(0, matrix, camera=camera))
     expected = (np.arange(begin, begin + 300) % 251) if side > 1 else np.zeros(300)
-    np.testing.assert_array_equal(frame.left[..., 0], np.broadcast_to(expected, (20, 300)))
+    np.testing.assert_array_equal(frame.left.image[..., 0], np.broadcast_to(expected, (20, 300)))
 
 
 def test_a_singular_transform_draws_nothing_and_harms_nothing(open_renderer, square):
@@ -501,8 +501,8 @@ def test_a_singular_transform_draws_nothing_and_harms_nothing(open_renderer, squ
     matrices[1][:3, 3] = 0, 0, 2
     scene = make_scene(CAMERA, model=[0, 0], world_from_model=matrices, layer=[0, 0])
     frame = open_renderer([square], noise_layers(1, 16), outputs=STILL).render(scene)
-    assert (frame.instances_left == 1).all()
-    assert (frame.visibility_left[:, 60:] == VISIBLE).all()
+    assert (frame.left.instances == 1).all()
+    assert (frame.left.visibility[:, 60:] == VISIBLE).all()
 
 
 def test_values_that_are_not_finite_are_refused():
@@ -528,18 +528,18 @@ def test_the_peers_scene_is_as_exact_as_asked(open_renderer, shared_data):
         camera, model=rng.integers(0, len(models), count), world_from_model=matrices, layer=np.zeros(count)
     )
     frame = open_renderer(models, noise_layers(1, 16), outputs=STILL).render(scene)
-    covered = np.flatnonzero(np.isfinite(frame.disparity_left))
+    covered = np.flatnonzero(np.isfinite(frame.left.disparity))
     row, column = np.divmod(rng.choice(covered, 20_000, replace=False), 1500)
     hits = cast_rays(scene, models, "left", column.astype(float), row.astype(float))
-    error = np.abs(frame.disparity_left[row, column] - oracle.disparity_px(camera, hits))
+    error = np.abs(frame.left.disparity[row, column] - oracle.disparity_px(camera, hits))
     # Away from jumps of the disparity and from other objects, as the peers are judged.
-    known = np.where(np.isfinite(frame.disparity_left), frame.disparity_left, 0)
+    known = np.where(np.isfinite(frame.left.disparity), frame.left.disparity, 0)
     around = np.lib.stride_tricks.sliding_window_view(np.pad(known, 3), (7, 7))[row, column]
-    objects = np.lib.stride_tricks.sliding_window_view(np.pad(frame.instances_left, 3), (7, 7))[row, column]
+    objects = np.lib.stride_tricks.sliding_window_view(np.pad(frame.left.instances, 3), (7, 7))[row, column]
     smooth = (np.ptp(around, axis=(1, 2)) < 2.25) & (np.ptp(objects, axis=(1, 2)) == 0)
     assert smooth.sum() > 8000
     assert np.quantile(error[smooth], 0.99) <= 3e-5
     assert np.median(error[smooth]) <= 1e-5
     assert error[smooth].max() <= 1e-3
-    assert (frame.instances_left[row, column] == hits.instance + 1).mean() >= 0.9995
-    assert OCCLUDED in frame.visibility_left
+    assert (frame.left.instances[row, column] == hits.instance + 1).mean() >= 0.9995
+    assert OCCLUDED in frame.left.visibility

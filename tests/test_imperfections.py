@@ -60,9 +60,9 @@ def test_imperfections_touch_images_alone_and_are_recorded():
     plain = render_pair(plain_config, 3)
     with PairRenderer(config, 0) as pairs:
         first, again, other = pairs.render(3), pairs.render(3), pairs.render(4)
-    np.testing.assert_array_equal(first.frame.disparity_left, plain.disparity_left)
-    assert not np.array_equal(first.frame.left, plain.left)
-    np.testing.assert_array_equal(first.frame.left, again.frame.left)
+    np.testing.assert_array_equal(first.frame.left.disparity, plain.left.disparity)
+    assert not np.array_equal(first.frame.left.image, plain.left.image)
+    np.testing.assert_array_equal(first.frame.left.image, again.frame.left.image)
     with PairRenderer(config, 1) as pairs:
         assert pairs.render(3).provenance["imperfections"] != first.provenance["imperfections"]
     drawn = first.provenance["imperfections"]
@@ -82,19 +82,19 @@ def test_pairs_that_fail_are_drawn_again_from_sub_seeds(monkeypatch):
     with PairRenderer(config, 0) as pairs:
         before = [pairs.render(index) for index in range(4)]
     assert all("redrawn" not in pair.provenance for pair in before)
-    marked = before[2].frame.left
+    marked = before[2].frame.left.image
 
     def fussy(frame, _config):
-        return ["too something: 3 of 4"] if np.array_equal(frame.left, marked) else []
+        return ["too something: 3 of 4"] if np.array_equal(frame.left.image, marked) else []
 
     monkeypatch.setattr(pipeline, "faults", fussy)
     with PairRenderer(config, 0) as pairs:
         after = [pairs.render(index) for index in range(4)]
         alone = pairs.render(2)
     for index in (0, 1, 3):
-        np.testing.assert_array_equal(before[index].frame.left, after[index].frame.left)
-    assert not np.array_equal(after[2].frame.left, marked)
-    np.testing.assert_array_equal(after[2].frame.left, alone.frame.left)
+        np.testing.assert_array_equal(before[index].frame.left.image, after[index].frame.left.image)
+    assert not np.array_equal(after[2].frame.left.image, marked)
+    np.testing.assert_array_equal(after[2].frame.left.image, alone.frame.left.image)
     assert after[2].provenance["redrawn"] == ["too something: 3 of 4"]
 
 
@@ -128,12 +128,12 @@ def test_faults_are_found():
         fields = {name: getattr(good, name) for name in good.__slots__} | arrays
         return faults(type(good)(**fields), config)
 
-    assert "too dark" in with_arrays(left=good.left // 64)[0]
-    assert "too little texture" in with_arrays(right=np.full_like(good.right, 128))[0]
-    holes = good.disparity_left.copy()
+    assert "too dark" in with_arrays(left=good.left.image // 64)[0]
+    assert "too little texture" in with_arrays(right=np.full_like(good.right.image, 128))[0]
+    holes = good.left.disparity.copy()
     holes[:, : holes.shape[1] * 2 // 3] = np.inf
     assert "too few pixels with truth: 0.3" in with_arrays(disparity_left=holes)[0]
-    cut = good.disparity_right.copy()
+    cut = good.right.disparity.copy()
     cut[3, 4] = config.disparity.max_px
     assert "cut by the near plane" in with_arrays(disparity_right=cut)[0]
     assert isinstance(config, Config)

@@ -17,21 +17,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 from pydantic import ValidationError
+from semisynth_gl.encodings import Encodings
 
 from semisynth_gl.camera import StereoCamera
+from semisynth_gl.codecs.pfm import PFM
+from semisynth_gl.codecs.png import GREY16, RGB8
 from semisynth_gl.config import load_config
 from semisynth_gl.config.model import FilesSection
-from semisynth_gl.encodings import Encodings
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.frame import OCCLUDED, OUTPUTS, OUTSIDE, VISIBLE, Frame
 from semisynth_gl.layouts import Key, find_layout, layout_names
-from semisynth_gl.layouts.kitti import decode_calibration, encode_calibration, objects_of, visibility_of
-from semisynth_gl.layouts.layout import ARRAYS, BEYOND, FLOW_BACKWARD_BEYOND, FLOW_BEYOND, FLOWS, share_beyond
+from semisynth_gl.layouts.layout import ARRAYS, share_beyond
 from semisynth_gl.layouts.middlebury_2014 import expose
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
-from semisynth_gl.read.error import ReadError
-from semisynth_gl.read.pfm import read_pfm
-from semisynth_gl.read.png import read_grey16, read_rgb
 from semisynth_gl.splits import SPLITS
 
 CAMERA = StereoCamera.centred(48, 32, 60.0, 0.25, 1.5)
@@ -78,12 +76,20 @@ def flow_of(rng):
 def make_frame(index, outputs=OUTPUTS, truth="both"):
     rng = np.random.default_rng(index)
     held = {
-        f"{kind}_{side}".removeprefix("_"): array
+        View.image.role(side) if kind == "image" else f"{kind}_{side}": array
         for side in ("left", "right")
         for kind, array in view(rng, index, side).items()
     }
-    wanted = find_layout("middlebury").roles(dict.fromkeys(held, ""), outputs, truth)
-    return Frame(CAMERA, **{name: held[name] for name in wanted})
+    return Frame.from_arrays(
+        CAMERA, {role: array for role, array in held.items() if is_asked_for(role, outputs, truth)}
+    )
+
+
+def is_asked_for(role, outputs, truth):
+    side, channel = ROLES[role]
+    return (channel.output is None or channel.output in outputs) and (
+        truth == "both" or side == "left" or channel is View.image
+    )
 
 
 def make_provenance(index):
@@ -113,15 +119,17 @@ def make_provenance(index):
 def encode(layout, index, split="train", frame=None, encodings=None, length=None):
     key = Key("lab", split, index, length)
     frame = make_frame(index) if frame is None else frame
-    return layout.encode(key, frame, make_provenance(index), 256, encodings or layout.encodings or Encodings())
+    return encode_pair(layout, key, frame, make_provenance(index), 256, encodings or layout.encodings or Encodings())
 
 
 def decode(layout, index, files, split="train", encodings=None, length=None):
     encodings = encodings or layout.encodings or Encodings()
     key = Key("lab", split, index, length)
     names = {path: role for role, path in layout.files(key, encodings).items()}
-    values = {names[path]: layout.decode_file(names[path], data, Path(path), encodings) for path, data in files.items()}
-    return layout.assemble(key, values, encodings)
+    values = {
+        names[path]: decode_file(layout, names[path], data, Path(path), encodings) for path, data in files.items()
+    }
+    return assemble_frame(key, values, encodings)
 
 
 def write_tree(name, root, pairs=PAIRS, splits=("train",), length=None):
@@ -160,14 +168,14 @@ def matched(left, right, disparity, disparity_right=None):
     """Number of the pair that all files of a loader's sample belong to."""
     images = [np.asarray(Image.open(path).convert("RGB"))[4, 4] for path in (left, right)]
     assert [image[1] > 128 for image in images] == [False, True], (left, right)
-    found = {round(int(image[0]) / 8) for image in images} | {int(read_disparity(disparity)[4, 4] - 1)}
+    found = {round(int(image[0]) / 8) for image in images} | {int(disparity_by_opencv(disparity)[4, 4] - 1)}
     if disparity_right is not None:
-        found.add(int(read_disparity(disparity_right)[4, 4] - 101))
+        found.add(int(disparity_by_opencv(disparity_right)[4, 4] - 101))
     assert len(found) == 1, (left, right, disparity, disparity_right)
     return found.pop()
 
 
-def read_disparity(path):
+def disparity_by_opencv(path):
     """By OpenCV."""
     stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if stored.dtype == np.uint16:
@@ -182,40 +190,38 @@ def read_disparity(path):
 @pytest.mark.parametrize("outputs", [OUTPUTS, ()], ids=["all", "none"])
 @pytest.mark.parametrize(
     ("name", "encodings"),
-    [(name, None) for name in layout_names()] + [(name, Encodings(*rest)) for name, *rest in OTHER_ENCODINGS],
+    [(name, None) for name in layout_names()] + [(name, encodings_of(*rest)) for name, *rest in OTHER_ENCODINGS],
 )
 def test_what_is_written_comes_back(name, encodings, outputs, truth):
-    if encodings and encodings.image == "qoi":
+    if encodings and encodings.image.name == "qoi":
         pytest.importorskip("imagecodecs")
     layout = find_layout(name)
     frame = make_frame(6, outputs, truth)
     files = encode(layout, 6, frame=frame, encodings=encodings)
-    every = layout.files(Key("lab", "train", 6), encodings or layout.encodings or Encodings())
-    assert set(files) == set(layout.roles(every, outputs, truth).values())
+    encoded = encodings or layout.encodings or Encodings()
+    assert set(files) == set(layout.files(Key("lab", "train", 6), encoded, outputs, truth).values())
     stored = decode(layout, 6, files, encodings=encodings)
     none = {"left": 0} if truth == "left" else {"left": 0, "right": 0}
-    counted = {BEYOND: none} if stored.disparity_largest_px < np.inf else {}
-    if stored.flow_largest_px < np.inf and outputs:
-        counted |= {FLOW_BEYOND: none, FLOW_BACKWARD_BEYOND: none}
+    counted = {"disparity_beyond": none} if stored.encodings.disparity.limit_px < np.inf else {}
+    if stored.encodings.flow.limit_px < np.inf and outputs:
+        counted |= {"flow_beyond": none, "flow_backward_beyond": none}
     assert stored.provenance == make_provenance(6) | counted
     assert (stored.split, stored.index, stored.name) == ("train", 6, "lab-000006")
     for each in fields(CAMERA):
         assert getattr(stored.camera, each.name) == pytest.approx(getattr(CAMERA, each.name), abs=1e-12)
-    for array in ARRAYS:
-        was, is_ = getattr(frame, array), getattr(stored, array)
-        if was is None:
-            assert is_ is None, array
-            continue
+    assert set(stored.arrays()) == set(frame.arrays())
+    for array, was in frame.arrays().items():
+        is_ = stored.arrays()[array]
         assert is_.dtype == was.dtype, array
-        if array in FLOWS:
+        if ROLES[array][1].codec == "flow":
             np.testing.assert_array_equal(np.isinf(is_), np.isinf(was))
             valid = np.isfinite(was)
-            assert np.abs(is_[valid] - was[valid]).max() <= stored.flow_error_px
+            assert np.abs(is_[valid] - was[valid]).max() <= stored.encodings.flow.error_px
         elif array in ("disparity_left", "disparity_right"):
             np.testing.assert_array_equal(np.isinf(is_), np.isinf(was))
             valid = np.isfinite(was)
             assert (np.abs(is_[valid] - was[valid]) <= stored.rounding_px(was[valid])).all()
-        elif array in ("left", "right") and not layout.exact_images:
+        elif array in ("left", "right") and not stored.encodings.image.lossless:
             assert np.abs(is_.astype(int) - was).max() <= 4
         else:
             np.testing.assert_array_equal(is_, was, err_msg=array)
@@ -234,21 +240,22 @@ def test_a_disparity_is_rounded_or_counted_and_never_wrapped(lengths):
     height, width = disparity.shape
     image, mask = np.zeros((height, width, 3), np.uint8), np.full((height, width), OUTSIDE, np.uint8)
     camera = StereoCamera.centred(width, height, 60.0, 0.25)
-    frame = Frame(camera, image, image, disparity, disparity, mask, mask)
+    view = View({"image": image, "disparity": disparity, "visibility": mask})
+    frame = Frame(camera, view, view)
     for name in layout_names():
         layout = find_layout(name)
         stored = decode(layout, 0, encode(layout, 0, frame=frame))
-        is_ = stored.disparity_left
-        limit = stored.disparity_largest_px + stored.disparity_error_px
+        is_ = stored.left.disparity
+        limit = stored.encodings.disparity.limit_px + stored.encodings.disparity.error_px
         beyond = np.isfinite(disparity) & (disparity >= limit)
         if np.isfinite(limit):
-            assert stored.provenance[BEYOND] == {"left": beyond.sum(), "right": beyond.sum()}
+            assert stored.provenance["disparity_beyond"] == {"left": beyond.sum(), "right": beyond.sum()}
         assert share_beyond(frame, layout.encodings or Encodings()) == beyond.mean()
         np.testing.assert_array_equal(np.isinf(is_), np.isinf(disparity) | beyond)
         valid = np.isfinite(is_)
         assert (is_[valid] > 0).all()
         assert (np.abs(is_[valid] - disparity[valid]) <= stored.rounding_px(disparity[valid])).all()
-        np.testing.assert_array_equal(stored.disparity_right, is_)
+        np.testing.assert_array_equal(stored.right.disparity, is_)
 
 
 @pytest.mark.parametrize("name", layout_names())
@@ -259,7 +266,7 @@ def test_broken_files_are_named(name):
     for path, data in encode(layout, 0).items():
         for broken in (b"", data[: len(data) // 2], data[:-2], b"\x80abc" * 50):
             with pytest.raises(ReadError):
-                layout.decode_file(names[path], broken, Path(path), encodings)
+                decode_file(layout, names[path], broken, Path(path), encodings)
 
 
 # Names
@@ -276,7 +283,7 @@ def test_names_never_collide_and_stay_inside(name):
             keys = [Key("lab", split, index, length) for index in (*range(8), 2999, 3000, 3001, 999_999)]
             paths = [path for key in keys for path in layout.files(key, encodings).values()]
             # A shard is of one split.
-            prefix = f"{split}:" if layout.packed else f"{folder}/" if folder else ""
+            prefix = f"{split}:" if layout.packed else folder
             for path in (*paths, *layout.lists(keys, encodings)):
                 assert f"{prefix}{path}" not in seen
                 seen[f"{prefix}{path}"] = split
@@ -299,7 +306,7 @@ def test_what_loaders_replace_in_paths_stands_there_once():
         for split in SPLITS:
             files = layout.files(Key("left", split, 3), layout.encodings or Encodings())
             folder = layout.folder(split, SPLITS)
-            yield from (f"{folder}/{files[role]}" for role in roles)
+            yield from (f"{folder}{files[role]}" for role in roles)
 
     for path in (*paths("sceneflow", ("left", "disparity_left")), *paths("crestereo", ("left", "disparity_left"))):
         assert path.count("left") == 1
@@ -313,8 +320,8 @@ def test_what_loaders_replace_in_paths_stands_there_once():
 
 
 def test_an_encoding_of_a_layout_is_no_choice_of_a_config():
-    assert Encodings("jpg", "png16-32").image_names == ("im0.jpg", "im1.jpg")
-    assert Encodings("jpg", "png16-32").disparity_suffix == ".png"
+    encodings = find_layout("crestereo").encodings
+    assert (encodings.image.name, encodings.disparity.name) == ("jpg", "png16-32")
     for values in ({"image": "jpg"}, {"disparity": "png16-32"}):
         with pytest.raises(ValidationError):
             FilesSection(**values)
@@ -357,32 +364,34 @@ def test_other_exposures_are_those_of_the_imperfections():
 def test_kittis_objects_leave_out_the_background():
     rows = [{"model": "face"}] * 6 + [{"model": f"model-{k}"} for k in range(600)]
     ids = np.array([[0, 1, 6, 7, 8, 255, 256, 257, 511, 606]], np.uint16)
-    assert objects_of(ids, rows).tolist() == [[0, 0, 0, 7, 8, 255, 1, 2, 1, 96]]
-    assert objects_of(ids, rows).dtype == np.uint8
+    assert number_objects(ids, rows).tolist() == [[0, 0, 0, 7, 8, 255, 1, 2, 1, 96]]
+    assert number_objects(ids, rows).dtype == np.uint8
 
 
 def test_kittis_masks_follow_from_its_disparities():
     disparity = np.array([[0.25, 1.75, 1.75, 1.25, INF]], np.float32)
     seen = np.array([[INF, INF, INF, 1.25, INF]], np.float32)
     path = Path("pair")
-    assert visibility_of(disparity, seen, "left", path).tolist() == [[128, 0, 128, 255, 0]]
-    assert visibility_of(disparity[:, ::-1], seen[:, ::-1], "right", path).tolist() == [[0, 255, 128, 0, 128]]
+    assert mask_from_not_occluded(disparity, seen, View.disparity, "left", path).tolist() == [[128, 0, 128, 255, 0]]
+    assert mask_from_not_occluded(disparity[:, ::-1], seen[:, ::-1], View.disparity, "right", path).tolist() == [
+        [0, 255, 128, 0, 128]
+    ]
     for wrong, message in (
-        (seen + 1, "1 pixels in disp_noc_0 are not those in disp_occ_0"),
+        (seen + 1, "1 pixels in not_occluded_left are not those in disparity_left"),
         (seen[:, 1:], "has shape"),
     ):
         with pytest.raises(ReadError, match=message):
-            visibility_of(disparity, wrong, "left", path)
+            mask_from_not_occluded(disparity, wrong, View.disparity, "left", path)
 
 
 def test_kittis_calibration_is_the_camera():
-    came = decode_calibration(encode_calibration(CAMERA), Path("c.txt"))
+    came = KITTI_CALIB.decode(KITTI_CALIB.encode(CAMERA), Path("c.txt"))
     assert came.baseline_m == pytest.approx(CAMERA.baseline_m)
     assert (came.focal_px, came.cx_left_px, came.cx_right_px) == (60.0, CAMERA.cx_left_px, CAMERA.cx_right_px)
-    text = encode_calibration(CAMERA).decode()
+    text = KITTI_CALIB.encode(CAMERA).decode()
     for wrong in (text.replace("P_rect_03", "P_rect_04"), text.replace("P_rect_02: 60", "P_rect_02: 61"), text[:-1]):
         with pytest.raises(ReadError):
-            decode_calibration(wrong.encode(), Path("c.txt"))
+            KITTI_CALIB.decode(wrong.encode(), Path("c.txt"))
 
 
 def test_the_json_of_a_webdataset_never_changes_its_types():
@@ -397,7 +406,7 @@ def test_the_json_of_a_webdataset_never_changes_its_types():
     assert values[0]["seed"] == 2**62 + 1
     for data in (b"{}", b'{"provenance": 3}', b'{"provenance": "["}'):
         with pytest.raises(ReadError):
-            layout.decode_file("provenance", data, Path("0.json"), Encodings())
+            decode_file(layout, "provenance", data, Path("0.json"), Encodings())
 
 
 # Loaders, as LAYOUTS' facts have them: what each finds must be all pairs, each with its own files
@@ -573,7 +582,7 @@ def raft_middlebury_2014(root):
         assert (scene / "mask0nocc.png").exists()
         for ending in ("E", "L", ""):
             lists.setdefault(ending, []).append(tuple(str(scene / each) for each in ("im0.png", f"im1{ending}.png")))
-            assert read_rgb(scene / f"im1{ending}.png").shape == (CAMERA.height_px, CAMERA.width_px, 3)
+            assert RGB8.read(scene / f"im1{ending}.png").shape == (CAMERA.height_px, CAMERA.width_px, 3)
     assert len(lists["E"]) == len(lists["L"])
     return [(*pair, str(Path(pair[0]).parent / "disp0.pfm")) for pair in lists[""]]
 
@@ -664,10 +673,10 @@ def test_webdataset_and_hugging_face_iterate_the_tars(tmp_path, monkeypatch):
     for index, sample in enumerate(samples):
         endings = {ending for ending in sample if not ending.startswith("__")}
         stored = decode(layout, index, {f"{index:08d}.{ending}": sample[ending] for ending in endings})
-        np.testing.assert_array_equal(stored.disparity_right, make_frame(index).disparity_right)
+        np.testing.assert_array_equal(stored.right.disparity, make_frame(index).right.disparity)
         assert stored.provenance == make_provenance(index)
     decoded = next(iter(webdataset.WebDataset(tars, shardshuffle=False).decode("rgb8", only=["left.png"])))
-    np.testing.assert_array_equal(decoded["left.png"], make_frame(0).left)
+    np.testing.assert_array_equal(decoded["left.png"], make_frame(0).left.image)
     loaded = datasets.load_dataset(
         "webdataset", data_files={"train": tars}, split="train", cache_dir=str(tmp_path / "cache")
     )
@@ -678,9 +687,9 @@ def test_webdataset_and_hugging_face_iterate_the_tars(tmp_path, monkeypatch):
         assert row["__key__"] == f"{index:08d}"
         assert row["json"]["pair"] == index
         assert json.loads(row["json"]["provenance"]) == make_provenance(index)
-        np.testing.assert_array_equal(np.asarray(row["right.png"]), make_frame(index).right)
+        np.testing.assert_array_equal(np.asarray(row["right.png"]), make_frame(index).right.image)
         disparity = cv2.imdecode(np.frombuffer(row["disp0.pfm"], np.uint8), cv2.IMREAD_UNCHANGED)
-        np.testing.assert_array_equal(disparity, make_frame(index).disparity_left)
+        np.testing.assert_array_equal(disparity, make_frame(index).left.disparity)
 
 
 def test_torch_loads_tars_and_trees_in_worker_processes(tmp_path):
@@ -698,8 +707,8 @@ def test_torch_loads_tars_and_trees_in_worker_processes(tmp_path):
     def of_tree(paths):
         return {
             "pair": matched(*paths),
-            "left": read_rgb(Path(paths[0])).copy(),
-            "disparity": read_grey16(Path(paths[2])) / np.float32(256),
+            "left": RGB8.read(Path(paths[0])).copy(),
+            "disparity": GREY16.read(Path(paths[2])) / np.float32(256),
         }
 
     class Tree(data.Dataset):
@@ -714,9 +723,9 @@ def test_torch_loads_tars_and_trees_in_worker_processes(tmp_path):
         for batch in data.DataLoader(dataset, batch_size=2, num_workers=2):
             for pair, left, disparity in zip(batch["pair"], batch["left"], batch["disparity"], strict=True):
                 frame = make_frame(int(pair))
-                np.testing.assert_array_equal(left.numpy(), frame.left)
-                valid = np.isfinite(frame.disparity_left)
-                assert np.abs(disparity.numpy()[valid] - frame.disparity_left[valid]).max() <= 1 / 512
+                np.testing.assert_array_equal(left.numpy(), frame.left.image)
+                valid = np.isfinite(frame.left.disparity)
+                assert np.abs(disparity.numpy()[valid] - frame.left.disparity[valid]).max() <= 1 / 512
                 seen.append(int(pair))
         assert sorted(seen) == list(range(pairs))
 
@@ -725,4 +734,4 @@ def test_pfm_is_read_strictly(tmp_path):
     root = write_tree("eth3d", tmp_path, 1)
     path = root / "two_view_training_gt" / "lab-000000" / "disp0GT.pfm"
     assert path.read_bytes().startswith(b"Pf\n48 32\n-1.0\n")
-    np.testing.assert_array_equal(read_pfm(path), make_frame(0).disparity_left)
+    np.testing.assert_array_equal(PFM.read(path), make_frame(0).left.disparity)

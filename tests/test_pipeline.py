@@ -63,8 +63,8 @@ def test_the_left_views_truth_alone_is_the_same(backend):
     left = render_pair(config, 0, 5, backend)
     for name in ("left", "right", "disparity_left", "visibility_left"):
         np.testing.assert_array_equal(getattr(left, name), getattr(both, name))
-    assert left.disparity_right is None
-    assert left.visibility_right is None
+    assert left.right.disparity is None
+    assert left.right.visibility is None
 
 
 @pytest.mark.one_backend
@@ -75,7 +75,7 @@ def test_pair_17_alone_is_pair_17_of_20(backend):
     alone = render_pair(config, 17, seed=1, backend=backend)
     for name in ("left", "right", "disparity_left", "disparity_right", "visibility_left", "visibility_right"):
         np.testing.assert_array_equal(getattr(alone, name), getattr(frames[17], name))
-    assert not np.array_equal(alone.left, frames[16].left)
+    assert not np.array_equal(alone.left.image, frames[16].left.image)
 
 
 @pytest.mark.one_backend
@@ -88,12 +88,12 @@ def test_packaged_configs_render_dense_valid_truth(name, backend, request):
     with PairRenderer(config, 0, backend) as pairs:
         for index in range(2):
             frame = pairs.render(index).frame
-            for disparity in (frame.disparity_left, frame.disparity_right):
+            for disparity in (frame.left.disparity, frame.right.disparity):
                 assert np.isfinite(disparity).all()
                 assert disparity.min() > 0
                 assert disparity.max() <= config.disparity.max_px * (1 + 1e-6)
-            assert (frame.visibility_left == VISIBLE).mean() > 0.3
-            assert set(np.unique(frame.visibility_left)) <= {OUTSIDE, OCCLUDED, VISIBLE}
+            assert (frame.left.visibility == VISIBLE).mean() > 0.3
+            assert set(np.unique(frame.left.visibility)) <= {OUTSIDE, OCCLUDED, VISIBLE}
             assert frame.left.std() > 10
 
 
@@ -101,13 +101,13 @@ def test_both_views_agree_where_both_see(backend):
     """Warping the right disparity to the left view by the left disparity gives the left disparity again."""
     with PairRenderer(tiny("sceneflow"), 2, backend) as pairs:
         frame = pairs.render(0).frame
-    height, width = frame.disparity_left.shape
+    height, width = frame.left.disparity.shape
     y, x = np.mgrid[:height, :width]
-    there = x - frame.disparity_left
-    visible = (frame.visibility_left == VISIBLE) & (there >= 0) & (there <= width - 2)
+    there = x - frame.left.disparity
+    visible = (frame.left.visibility == VISIBLE) & (there >= 0) & (there <= width - 2)
     low = np.floor(there[visible]).astype(int)
-    seen = np.stack([frame.disparity_right[y[visible], low], frame.disparity_right[y[visible], low + 1]])
-    nearest = np.abs(seen - frame.disparity_left[visible]).min(axis=0)
+    seen = np.stack([frame.right.disparity[y[visible], low], frame.right.disparity[y[visible], low + 1]])
+    nearest = np.abs(seen - frame.left.disparity[visible]).min(axis=0)
     assert np.mean(nearest < 0.5) > 0.97
 
 

@@ -366,7 +366,7 @@ def test_rendered_histograms_follow_their_targets(name, sections):
     count, medians = PixelCount(wanted.edges_px), []
     with PairRenderer(config, 0) as pairs:
         for index in range(16):
-            disparity = pairs.render(index).frame.disparity_left
+            disparity = pairs.render(index).frame.left.disparity
             count.add(disparity)
             medians.append(np.median(disparity))
     assert total_variation(wanted, count.histogram) < 0.09

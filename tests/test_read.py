@@ -12,17 +12,12 @@ from hypothesis.extra import numpy as hnp
 from PIL import Image
 
 from semisynth_gl.camera import StereoCamera
+from semisynth_gl.codecs.calib import MIDDLEBURY_CALIB
+from semisynth_gl.codecs.json_object import JSON_OBJECT
+from semisynth_gl.codecs.pfm import PFM
+from semisynth_gl.codecs.png import RGB8
 from semisynth_gl.dataset.reader import read_index
-from semisynth_gl.errors import InputError, SemisynthError
-from semisynth_gl.frame import Frame
-from semisynth_gl.read.calib import read_calib
-from semisynth_gl.read.error import ReadError
-from semisynth_gl.read.json import read_json
-from semisynth_gl.read.pfm import decode_pfm, read_pfm
-from semisynth_gl.read.png import read_grey, read_grey16, read_rgb
-from semisynth_gl.write.calib import encode_calib
-from semisynth_gl.write.pfm import encode_pfm
-from semisynth_gl.write.png import encode_png
+from semisynth_gl.errors import InputError, ReadError, SemisynthError
 
 CAMERA = StereoCamera(37, 21, 1164.25, 0.193001, 17.5, 48.586, 10.25)
 sides = st.integers(1, 20)
@@ -33,34 +28,27 @@ def scene(tmp_path):
     rng = np.random.default_rng(0)
     disparity = rng.uniform(1, 90, (2, 21, 37)).astype(np.float32)
     disparity[0, 0, 0] = np.inf
-    frame = Frame(
-        CAMERA,
-        *rng.integers(0, 256, (2, 21, 37, 3), dtype=np.uint8),
-        *disparity,
-        *rng.choice(np.array([0, 128, 255], np.uint8), (2, 21, 37)),
-    )
-    (tmp_path / "calib.txt").write_bytes(encode_calib(frame, 100))
-    return tmp_path, frame
+    del disparity
 
 
 @settings(deadline=None)
 @given(hnp.arrays(np.float32, st.tuples(sides, sides), elements=st.floats(0, 1e4, width=32) | st.just(np.inf)))
 def test_pfm_is_the_inverse_of_writing(image):
-    np.testing.assert_array_equal(decode_pfm(encode_pfm(image), "x"), image)
+    np.testing.assert_array_equal(PFM.decode(PFM.encode(image), "x"), image)
 
 
 def test_pfm_of_opencv_is_read(tmp_path):
     image = np.random.default_rng(0).random((5, 7), np.float32)
     cv2.imwrite(str(tmp_path / "x.pfm"), image)
-    np.testing.assert_array_equal(read_pfm(tmp_path / "x.pfm", any_scale=True), image)
+    np.testing.assert_array_equal(PFM.read(tmp_path / "x.pfm", any_scale=True), image)
 
 
 def test_pfm_of_others_is_read_when_asked(tmp_path):
     path = tmp_path / "x.pfm"
     path.write_bytes(b"Pf 2 1\r\n0.003922\r\n" + struct.pack(">2f", 1.5, 2.5))
-    assert read_pfm(path, any_scale=True).tolist() == [[1.5, 2.5]]
+    assert PFM.read(path, any_scale=True).tolist() == [[1.5, 2.5]]
     with pytest.raises(ReadError, match="header"):
-        read_pfm(path)
+        PFM.read(path)
 
 
 @pytest.mark.parametrize(
@@ -79,7 +67,7 @@ def test_pfm_of_others_is_read_when_asked(tmp_path):
 def test_wrong_pfm_is_named(tmp_path, data, words):
     (tmp_path / "d.pfm").write_bytes(data)
     with pytest.raises(SemisynthError, match=f"d.pfm: .*{words}"):
-        read_pfm(tmp_path / "d.pfm")
+        PFM.read(tmp_path / "d.pfm")
 
 
 def test_png_of_each_kind(tmp_path):
@@ -115,12 +103,12 @@ def test_wrong_png_is_named(tmp_path):
     ):
         path.write_bytes(data)
         with pytest.raises(ReadError, match=words):
-            read_rgb(path)
+            RGB8.read(path)
     Image.fromarray(np.arange(256, dtype=np.uint8)[None]).convert("P").save(path)
     with pytest.raises(ReadError, match="got 8-bit palette"):
-        read_rgb(path)
+        RGB8.read(path)
     with pytest.raises(ReadError, match="is missing"):
-        read_rgb(tmp_path / "none.png")
+        RGB8.read(tmp_path / "none.png")
 
 
 @pytest.mark.parametrize(
@@ -142,7 +130,7 @@ def test_wrong_calibration_is_named(scene, old, new, words):
     assert old in text
     path.write_text(text.replace(old, new))
     with pytest.raises(ReadError, match=words):
-        read_calib(path)
+        MIDDLEBURY_CALIB.read(path)
 
 
 def test_what_is_no_dataset_is_refused(tmp_path):
@@ -163,6 +151,6 @@ def test_json_must_hold_an_object(tmp_path):
     (tmp_path / "a.json").write_text("{")
     (tmp_path / "b.json").write_text("3")
     with pytest.raises(ReadError, match="not JSON"):
-        read_json(tmp_path / "a.json")
+        JSON_OBJECT.read(tmp_path / "a.json")
     with pytest.raises(ReadError, match="got int"):
-        read_json(tmp_path / "b.json")
+        JSON_OBJECT.read(tmp_path / "b.json")

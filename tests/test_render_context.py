@@ -80,9 +80,9 @@ def test_two_renderers_draw_in_turn_and_outlive_each_other(backend, square):
     with Renderer([square], dark, backend=backend) as one:
         alone = frame_bytes(one.render(scene))
         with Renderer([square], light, backend=backend) as two:
-            assert set(np.unique(two.render(scene).left)) == {200}
+            assert set(np.unique(two.render(scene).left.image)) == {200}
             assert frame_bytes(one.render(scene)) == alone
-            assert set(np.unique(two.render(scene).left)) == {200}
+            assert set(np.unique(two.render(scene).left.image)) == {200}
         assert frame_bytes(one.render(scene)) == alone
         one.render(make_scene(StereoCamera.centred(9, 9, 9.0, 0.1), model=[], world_from_model=[], layer=[]))
 
@@ -121,7 +121,7 @@ def test_models_that_only_reach_into_the_view_are_drawn(open_renderer, square):
     y, x = (values.ravel().astype(float) for values in np.mgrid[:90, :120])
     for eye in ("left", "right"):
         hits = cast_rays(scene, [square], eye, x, y)
-        seen = getattr(frame, f"instances_{eye}").ravel()
+        seen = frame.view(eye).instances.ravel()
         shown = np.bincount(hits.instance + 1, minlength=302)
         for instance in np.flatnonzero(shown > 12):
             assert (seen == instance).sum() > 0.5 * shown[instance]
@@ -146,7 +146,7 @@ def test_a_tip_that_reaches_into_the_view_is_drawn(open_renderer, side):
     y, x = (values.ravel().astype(float) for values in np.mgrid[:160, :200])
     shown = (cast_rays(scene, [tip], "left", x, y).instance == 0).sum()
     assert shown >= 2
-    assert abs(int((frame.instances_left == 1).sum()) - shown) <= 1
+    assert abs(int((frame.left.instances == 1).sum()) - shown) <= 1
 
 
 def test_instances_without_end_are_drawn(open_renderer, square):
@@ -157,8 +157,8 @@ def test_instances_without_end_are_drawn(open_renderer, square):
     frame = open_renderer([square], noise_layers(1, 16)).render(
         make_scene(camera, model=np.zeros(count), world_from_model=matrices, layer=np.zeros(count))
     )
-    np.testing.assert_allclose(frame.disparity_left[30:34, 30:34], 6.4, rtol=1e-6)
-    assert np.isfinite(frame.disparity_left).sum() == 32
+    np.testing.assert_allclose(frame.left.disparity[30:34, 30:34], 6.4, rtol=1e-6)
+    assert np.isfinite(frame.left.disparity).sum() == 32
 
 
 def test_outputs_are_made_only_when_asked_for(open_renderer, square):
@@ -168,13 +168,13 @@ def test_outputs_are_made_only_when_asked_for(open_renderer, square):
     bare = open_renderer([square], noise_layers(1, 16), outputs=()).render(scene)
     full = open_renderer([square], noise_layers(1, 16), outputs=STILL).render(scene)
     for eye in ("left", "right"):
-        assert [getattr(bare, f"{name}_{eye}") for name in STILL] == [None, None, None]
-        np.testing.assert_array_equal(getattr(bare, f"disparity_{eye}"), getattr(full, f"disparity_{eye}"))
+        assert [bare.view(eye)[name] for name in STILL] == [None, None, None]
+        np.testing.assert_array_equal(bare.view(eye).disparity, full.view(eye).disparity)
         np.testing.assert_array_equal(getattr(bare, eye), getattr(full, eye))
     expected = np.ones((30, 40), np.uint16)
     expected[5:14, 10:18] = 2
-    np.testing.assert_array_equal(full.instances_left, expected)
-    np.testing.assert_allclose(full.depth_left, np.where(expected == 2, 1.0, 2.0), rtol=1e-6)
+    np.testing.assert_array_equal(full.left.instances, expected)
+    np.testing.assert_allclose(full.left.depth, np.where(expected == 2, 1.0, 2.0), rtol=1e-6)
 
 
 def test_more_instances_than_ids_are_refused(open_renderer, square):
@@ -238,7 +238,7 @@ def test_an_image_beyond_the_drivers_limit_is_refused(open_renderer, square):
         renderer.render(scene)
     small = StereoCamera.centred(8, 8, 8.0, 0.1)
     frame = renderer.render(make_scene(small, model=[0], world_from_model=[facing(small, 0, 0, 8, 8, 1.0)], layer=[0]))
-    assert np.isfinite(frame.disparity_left).all()
+    assert np.isfinite(frame.left.disparity).all()
 
 
 def test_indices_out_of_range_are_refused(open_renderer, square):

@@ -33,7 +33,7 @@ def test_a_patch_at_one_texel_per_pixel_comes_out_bit_for_bit(open_renderer, squ
     for depth in (0.731, 7.77, 1234.5):
         matrix = facing(camera, -700, -900, repeats * SIDE, repeats * SIDE, depth)
         frame = renderer.render(make_scene(camera, model=[0], world_from_model=[matrix], layer=[2], uv_scale=repeats))
-        np.testing.assert_array_equal(frame.left, expected, err_msg=f"at {depth} m")
+        np.testing.assert_array_equal(frame.left.image, expected, err_msg=f"at {depth} m")
 
 
 def test_anisotropy_keeps_detail_at_grazing_angles(open_renderer, square):
@@ -43,11 +43,12 @@ def test_anisotropy_keeps_detail_at_grazing_angles(open_renderer, square):
     matrix = np.eye(4)
     matrix[:3, 0], matrix[:3, 1], matrix[:3, 3] = (8, 0, 0), (0, 1.2, -7), (-4, -0.3, 8)
     scene = make_scene(camera, model=[0], world_from_model=[matrix], layer=[0], uv_scale=[[4, 4]])
-    reference = open_renderer([square], layers, outputs=(), antialias="ssaa8", anisotropy=16).render(scene).left
+    reference = open_renderer([square], layers, outputs=(), antialias="ssaa8", anisotropy=16).render(scene).left.image
     error = [
         np.sqrt(
             np.mean(
-                (open_renderer([square], layers, outputs=(), anisotropy=a).render(scene).left - 1.0 * reference) ** 2
+                (open_renderer([square], layers, outputs=(), anisotropy=a).render(scene).left.image - 1.0 * reference)
+                ** 2
             )
         )
         for a in (1, 4, 16)
@@ -63,13 +64,13 @@ def test_whole_disparities_shift_the_same_pixels_in_the_right_view(open_renderer
     frame = open_renderer([square], layers).render(
         make_scene(camera, model=[0], world_from_model=[matrix], layer=[0], uv_scale=30)
     )
-    np.testing.assert_array_equal(frame.left[:, 16:], frame.right[:, :-16])
-    np.testing.assert_allclose(frame.disparity_left, 16, atol=1e-5)
-    np.testing.assert_allclose(frame.disparity_right, 16, atol=1e-5)
-    assert (frame.visibility_left[:, 16:] == VISIBLE).all()
-    assert (frame.visibility_left[:, :16] == OUTSIDE).all()
-    assert (frame.visibility_right[:, :-16] == VISIBLE).all()
-    assert (frame.visibility_right[:, -16:] == OUTSIDE).all()
+    np.testing.assert_array_equal(frame.left.image[:, 16:], frame.right.image[:, :-16])
+    np.testing.assert_allclose(frame.left.disparity, 16, atol=1e-5)
+    np.testing.assert_allclose(frame.right.disparity, 16, atol=1e-5)
+    assert (frame.left.visibility[:, 16:] == VISIBLE).all()
+    assert (frame.left.visibility[:, :16] == OUTSIDE).all()
+    assert (frame.right.visibility[:, :-16] == VISIBLE).all()
+    assert (frame.right.visibility[:, -16:] == OUTSIDE).all()
 
 
 @pytest.mark.parametrize("normal", [(0, 0, 1), (0.5, 0, 1), (-0.8, 0.3, 1), (0.2, -3.0, 1)])
@@ -86,7 +87,7 @@ def test_planes_have_their_analytic_disparity(open_renderer, square, normal, dof
         make_scene(camera, model=[0], world_from_model=[matrix], layer=[0])
     )
     y, x = np.mgrid[:480, :640].astype(float)
-    for eye, disparity in (("left", frame.disparity_left), ("right", frame.disparity_right)):
+    for eye, disparity in (("left", frame.left.disparity), ("right", frame.right.disparity)):
         along = camera.rays(eye, x, y) @ normal
         # A sloping plane is seen only in front of its horizon, and where its quad reaches; both are far out here.
         depth = np.where(
@@ -118,7 +119,7 @@ def test_a_sphere_has_its_analytic_disparity(open_renderer):
         make_scene(camera, model=[0], world_from_model=[matrix], layer=[0])
     )
     y, x = np.mgrid[:300, :400].astype(float)
-    for eye, disparity in (("left", frame.disparity_left), ("right", frame.disparity_right)):
+    for eye, disparity in (("left", frame.left.disparity), ("right", frame.right.disparity)):
         rays = camera.rays(eye, x, y)
         offset = centre - [camera.offset_m(eye), 0, 0]
         a, b, c = (rays**2).sum(-1), rays @ offset, offset @ offset - radius**2
@@ -142,15 +143,15 @@ def test_the_nearer_of_two_surfaces_is_seen_and_hides_the_other(open_renderer, s
     )
     expected = np.full((100, 300), 5.0)
     expected[:, 100:180] = 20.0
-    np.testing.assert_allclose(frame.disparity_left, expected, atol=1e-4)
+    np.testing.assert_allclose(frame.left.disparity, expected, atol=1e-4)
     right = np.full((100, 300), 5.0)
     right[:, 80:160] = 20.0
-    np.testing.assert_allclose(frame.disparity_right, right, atol=1e-4)
+    np.testing.assert_allclose(frame.right.disparity, right, atol=1e-4)
     # Left pixel x of the wall is at x - 5 on the right, where the board covers 80 to 159: x from 85 to 164.
     visibility = np.full((100, 300), VISIBLE)
     visibility[:, 85:100] = OCCLUDED
     visibility[:, :5] = OUTSIDE
-    np.testing.assert_array_equal(frame.visibility_left, visibility)
+    np.testing.assert_array_equal(frame.left.visibility, visibility)
 
 
 def test_steep_planes_are_visible_in_both_views(open_renderer, square):
@@ -161,17 +162,17 @@ def test_steep_planes_are_visible_in_both_views(open_renderer, square):
     frame = open_renderer([square], noise_layers(1, SIDE)).render(
         make_scene(camera, model=[0], world_from_model=[matrix], layer=[0])
     )
-    row = frame.disparity_left[50]
+    row = frame.left.disparity[50]
     seen = np.isfinite(row)
     assert seen.sum() > 150
     np.testing.assert_allclose(np.diff(row[seen]), 0.4, atol=1e-4)
     x = np.arange(300)[seen] - row[seen]
     inside = (x > 0) & (x < 299)
     assert inside.sum() > 100
-    assert (frame.visibility_left[50][seen][inside] == VISIBLE).all()
-    other = frame.disparity_right[50]
+    assert (frame.left.visibility[50][seen][inside] == VISIBLE).all()
+    other = frame.right.disparity[50]
     both = np.isfinite(other) & (np.arange(300) + np.where(np.isfinite(other), other, 0) < 299)
-    assert (frame.visibility_right[50][both] == VISIBLE).all()
+    assert (frame.right.visibility[50][both] == VISIBLE).all()
 
 
 def test_zero_and_negative_disparities_are_invalid_never_clamped(open_renderer, square):
@@ -180,9 +181,9 @@ def test_zero_and_negative_disparities_are_invalid_never_clamped(open_renderer, 
     for depth, valid in ((0.99, True), (1.0, False), (1.01, False)):
         matrix = facing(camera, -100, -100, 300, 300, depth)
         frame = renderer.render(make_scene(camera, model=[0], world_from_model=[matrix], layer=[0]))
-        assert np.isfinite(frame.disparity_left).all() == valid
-        assert np.isposinf(frame.disparity_left).all() != valid
-        assert valid or (frame.visibility_left == OUTSIDE).all()
+        assert np.isfinite(frame.left.disparity).all() == valid
+        assert np.isposinf(frame.left.disparity).all() != valid
+        assert valid or (frame.left.visibility == OUTSIDE).all()
 
 
 def test_nothing_seen_is_invalid_and_black(open_renderer, square):
@@ -192,10 +193,10 @@ def test_nothing_seen_is_invalid_and_black(open_renderer, square):
     behind = make_scene(camera, model=[0], world_from_model=[facing(camera, 0, 0, 33, 21, -2.0)], layer=[0])
     for scene in (empty, behind):
         frame = renderer.render(scene)
-        assert np.isposinf(frame.disparity_left).all()
-        assert np.isposinf(frame.disparity_right).all()
+        assert np.isposinf(frame.left.disparity).all()
+        assert np.isposinf(frame.right.disparity).all()
         assert not frame.left.any()
-        assert (frame.visibility_right == OUTSIDE).all()
+        assert (frame.right.visibility == OUTSIDE).all()
 
 
 def test_a_camera_a_million_metres_away_sees_the_same(open_renderer, square):
@@ -210,8 +211,8 @@ def test_a_camera_a_million_metres_away_sees_the_same(open_renderer, square):
             camera, model=[0], world_from_model=[shift @ matrix], layer=[0], camera_from_world=np.linalg.inv(shift)
         )
     )
-    assert np.isfinite(here.disparity_left).sum() == 9000
-    np.testing.assert_allclose(there.disparity_left, here.disparity_left, atol=1e-5)
+    assert np.isfinite(here.left.disparity).sum() == 9000
+    np.testing.assert_allclose(there.left.disparity, here.left.disparity, atol=1e-5)
 
 
 def test_near_and_far_a_factor_of_a_million_apart(open_renderer, square):
@@ -225,5 +226,5 @@ def test_near_and_far_a_factor_of_a_million_apart(open_renderer, square):
                 camera, model=[0, 0, 0], world_from_model=[*(walls[k] for k in order), post], layer=[0] * 3, near_m=0.01
             )
         )
-        np.testing.assert_allclose(frame.disparity_left[:, 90:110], 200 * 0.1 / 0.05, rtol=1e-6)
-        np.testing.assert_allclose(frame.disparity_left[:, :90], 200 * 0.1 / 9_999.0, rtol=1e-6)
+        np.testing.assert_allclose(frame.left.disparity[:, 90:110], 200 * 0.1 / 0.05, rtol=1e-6)
+        np.testing.assert_allclose(frame.left.disparity[:, :90], 200 * 0.1 / 9_999.0, rtol=1e-6)

@@ -184,7 +184,7 @@ def test_size_is_the_bounding_spheres_diameter_before_stretching(square):
 
 
 def test_the_histogram_counts_every_pixel(dataset, measured):
-    files = [pair.disparity_left for pair in open_dataset(dataset)]
+    files = [pair.left.disparity for pair in open_dataset(dataset)]
     values = np.concatenate([each[np.isfinite(each)] for each in files]).astype(np.float64)
     shares = np.histogram(values, measured.disparity.edges_px)[0] / values.size
     np.testing.assert_allclose(measured.disparity.shares, shares, atol=1e-12)
@@ -199,8 +199,8 @@ def test_pairs_have_the_measures_of_their_files(dataset, measured):
         f"{split} middlebury-{number:06d}" for split, count in PAIRS.items() for number in range(count)
     ]
     for pair, frame in zip(measured.pairs, open_dataset(dataset), strict=True):
-        assert pair.median_px == np.median(frame.disparity_left)
-        assert pair.occluded == (frame.visibility_left == OCCLUDED).mean()
+        assert pair.median_px == np.median(frame.left.disparity)
+        assert pair.occluded == (frame.left.visibility == OCCLUDED).mean()
         assert pair.invalid == 0
     assert len({pair.median_px for pair in measured.pairs}) == len(measured.pairs)
 
@@ -426,9 +426,9 @@ def test_a_reduced_picture_keeps_stored_disparities(dataset, step):
     frame = open_dataset(dataset)[0]
     picture = make_picture(frame, step)
     disparity = unpacked(b64decode(picture.disparity), picture.height_px, picture.width_px)
-    np.testing.assert_array_equal(disparity, frame.disparity_left[step // 2 :: step, step // 2 :: step])
+    np.testing.assert_array_equal(disparity, frame.left.disparity[step // 2 :: step, step // 2 :: step])
     mask = np.frombuffer(zlib.decompress(b64decode(picture.visibility)), np.uint8)
-    np.testing.assert_array_equal(mask, frame.visibility_left[step // 2 :: step, step // 2 :: step].ravel())
+    np.testing.assert_array_equal(mask, frame.left.visibility[step // 2 :: step, step // 2 :: step].ravel())
     assert b64decode(picture.left)[:2] == b64decode(picture.right)[:2] == b"\xff\xd8"
 
 
@@ -679,15 +679,15 @@ def test_the_page_opens_from_disk_without_the_network(opened):
 def test_the_cursor_reads_the_stored_disparity(opened, dataset):
     frame = shown_frame(dataset)
     words = {255: "visible in", 128: "hidden in", 0: "outside"}
-    height, width = frame.disparity_left.shape
+    height, width = frame.left.disparity.shape
     for x, y in ((0, 0), (width - 1, height - 1), (90, 41), (30, 100)):
         text = point_at(opened, x, y)
         assert f"x {x}, y {y}" in text
         disparity = np.float32(re.search(r"disparity (\S+) px", text)[1])
-        assert disparity == frame.disparity_left[y, x], (x, y)
+        assert disparity == frame.left.disparity[y, x], (x, y)
         depth = frame.camera.depth_m(float(disparity))
         assert float(re.search(r"depth (\S+) m", text)[1]) == pytest.approx(depth, rel=1e-3)
-        assert words[frame.visibility_left[y, x]] in text
+        assert words[frame.left.visibility[y, x]] in text
 
 
 def test_the_keyboard_moves_the_cursor_and_the_pair(opened, dataset):
@@ -695,14 +695,14 @@ def test_the_keyboard_moves_the_cursor_and_the_pair(opened, dataset):
 
     stage = element(opened, "stage")
     frame = shown_frame(dataset)
-    height, width = frame.disparity_left.shape
+    height, width = frame.left.disparity.shape
     stage.send_keys(Keys.ARROW_RIGHT, Keys.SHIFT, Keys.ARROW_DOWN)
     text = element(opened, "readout").text
     assert f"x {width // 2 + 1}, y {height // 2 + 10}" in text
     stage.send_keys("n")
     wait(opened, lambda: attribute(opened, "pair") == "1")
     disparity = np.float32(re.search(r"disparity (\S+) px", element(opened, "readout").text)[1])
-    assert disparity == shown_frame(dataset, 1).disparity_left[height // 2 + 10, width // 2 + 1]
+    assert disparity == shown_frame(dataset, 1).left.disparity[height // 2 + 10, width // 2 + 1]
 
 
 def test_flicker_and_hold_change_the_image(opened, dataset):
@@ -735,10 +735,10 @@ def test_the_warped_right_image_is_the_left_one(opened, dataset):
     left = pixels(opened)[..., :3].astype(int)
     opened.find_element("css selector", "[name=image][value=warped]").click()
     warped = pixels(opened)[..., :3].astype(int)
-    visible = shown_frame(dataset).visibility_left == 255
+    visible = shown_frame(dataset).left.visibility == 255
     right = np.asarray(shown_frame(dataset).right, int)
     assert np.abs(warped - left)[visible].mean() < np.abs(right - left)[visible].mean() / 2
-    hidden = shown_frame(dataset).visibility_left != 255
+    hidden = shown_frame(dataset).left.visibility != 255
     assert (warped[hidden] == 119).all()
 
 
@@ -747,14 +747,14 @@ def test_overlays_show_disparity_and_masks(opened, dataset):
     assert not pixels(opened, "overlay").any()
     opened.find_element("css selector", "[name=overlay][value=occlusion]").click()
     alpha = pixels(opened, "overlay")[..., 3]
-    np.testing.assert_array_equal(alpha > 0, frame.visibility_left != 255)
+    np.testing.assert_array_equal(alpha > 0, frame.left.visibility != 255)
     opened.find_element("css selector", "[name=overlay][value=disparity]").click()
     colours = pixels(opened, "overlay")
     assert (colours[..., 3] > 0).all()
     brightness = colours[..., :3].astype(float).sum(axis=-1)
-    assert np.corrcoef(brightness.ravel(), frame.disparity_left.ravel())[0, 1] > 0.9
+    assert np.corrcoef(brightness.ravel(), frame.left.disparity.ravel())[0, 1] > 0.9
     low, high = (float(re.search(r"[\d.]+", element(opened, f"scale-{end}").text)[0]) for end in ("low", "high"))
-    np.testing.assert_allclose([low, high], np.quantile(frame.disparity_left, [0.01, 0.99]), atol=0.051)
+    np.testing.assert_allclose([low, high], np.quantile(frame.left.disparity, [0.01, 0.99]), atol=0.051)
     opened.find_element("css selector", "[name=overlay][value=invalid]").click()
     assert not pixels(opened, "overlay").any()
 

@@ -18,12 +18,12 @@ from click.testing import CliRunner  # noqa: E402
 from PIL import Image  # noqa: E402
 from stereo_network import Estimates, StereoNetwork, correlated, disparity_loss, warped  # noqa: E402
 
+from semisynth_gl.codecs.pfm import PFM  # noqa: E402
 from semisynth_gl.config import load_config  # noqa: E402
 from semisynth_gl.dataset.reader import open_dataset  # noqa: E402
 from semisynth_gl.errors import InputError  # noqa: E402
 from semisynth_gl.generation.generate import generate  # noqa: E402
 from semisynth_gl.metrics.truth import Truth  # noqa: E402
-from semisynth_gl.write.pfm import encode_pfm  # noqa: E402
 
 SMALL = [
     "camera.width_px=96",
@@ -165,7 +165,7 @@ def test_crops_agree_with_the_pairs_and_repeat(dataset):
     assert all(torch.equal(crops[i][name], again[i][name]) for i in (6, 2) for name in crops[i])
     first = crops[0]
     assert (first["left"].shape, first["left"].dtype) == ((3, 32, 48), torch.uint8)
-    whole = [pair.disparity_left for pair in pairs]
+    whole = [pair.left.disparity for pair in pairs]
     windows = [np.lib.stride_tricks.sliding_window_view(each, (32, 48)) for each in whole]
     assert any((window == first["disparity_left"].numpy()).all(axis=(-1, -2)).any() for window in windows)
     # Each pair comes once before one comes again.
@@ -248,7 +248,7 @@ def test_motorcycle_is_as_documented():
 
 def scene(folder, size=(6, 8), image=(6, 8)):
     folder.mkdir(parents=True)
-    (folder / "disp0GT.pfm").write_bytes(encode_pfm(np.full(size, 3, np.float32)))
+    (folder / "disp0GT.pfm").write_bytes(PFM.encode(np.full(size, 3, np.float32)))
     for name in ("im0.png", "im1.png"):
         Image.fromarray(np.zeros(image, np.uint8)).save(folder / name)
 

@@ -12,15 +12,13 @@ from PIL import Image
 from test_pipeline import lean, tiny
 
 from semisynth_gl.cli import main
+from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.errors import InputError
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts.middlebury import SCENES
-from semisynth_gl.read.pfm import read_pfm
 from semisynth_gl.verify.dataset import verify_dataset
 from semisynth_gl.verify.view_consistency import match_views
-from semisynth_gl.write.pfm import encode_pfm
-from semisynth_gl.write.png import encode_png
 
 BENCHMARKS = ("middlebury", "kitti", "eth3d", "sceneflow")
 ALL_OUTPUTS = ("visibility", "instances", "depth")
@@ -78,12 +76,12 @@ def change_image(path, change):
 
 
 def change_disparity(path, change):
-    path.write_bytes(encode_pfm(np.asarray(change(read_pfm(path)), np.float32)))
+    path.write_bytes(PFM.encode(np.asarray(change(PFM.read(path)), np.float32)))
 
 
 def fit_calibration(scene):
     """Make vmin and vmax those of the disparity, so that they do not give a fault away."""
-    disparity = read_pfm(scene / "disp0GT.pfm")
+    disparity = PFM.read(scene / "disp0GT.pfm")
     path = scene / "calib.txt"
     text = re.sub("vmin=.*", f"vmin={disparity.min():g}", path.read_text())
     path.write_text(re.sub("vmax=.*", f"vmax={disparity.max():g}", text))

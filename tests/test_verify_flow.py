@@ -7,21 +7,21 @@ import numpy as np
 import pytest
 from conftest import backend_fault
 from PIL import Image
+from semisynth_gl.read.encodings import FLOW_DECODERS
+from semisynth_gl.write.encodings import FLOW_ENCODERS
 from test_pipeline import tiny
 from test_verify import all_findings, change_disparity, change_image, checks, findings, swap
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.dataset.reader import open_dataset, read_index
-from semisynth_gl.dataset.stored import StoredFrame
+from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts.middlebury import SCENES
-from semisynth_gl.read.encodings import FLOW_DECODERS
 from semisynth_gl.verify.dataset import verify_dataset
 from semisynth_gl.verify.oracle_check import OracleCheck
 from semisynth_gl.verify.single_view import check_change
 from semisynth_gl.verify.verdict import Verdict
-from semisynth_gl.write.encodings import FLOW_ENCODERS
 
 # Much motion: the camera's own, and of models that fall, drift and spin.
 SEQUENCE = {
@@ -414,5 +414,5 @@ def test_images_that_differ_by_design_are_not_compared(copy, change):
 def test_what_is_read_back_is_what_was_checked(datasets):
     """The faults above are planted in files that hold what they should."""
     frames = list(open_dataset(datasets / "flo"))
-    assert all(np.isfinite(frame.flow_left).all(axis=2).mean() > 0.9 for frame in frames)
-    assert float(np.median(np.abs(frames[0].flow_left))) > 1
+    assert all(np.isfinite(frame.left.flow).all(axis=2).mean() > 0.9 for frame in frames)
+    assert float(np.median(np.abs(frames[0].left.flow))) > 1

@@ -10,7 +10,7 @@ from peer_semisynth_gl import own_models, own_scene
 from scene import PeerScene
 
 from semisynth_gl import oracle
-from semisynth_gl.read.pfm import read_pfm
+from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.scene.raycast import cast_rays
 
 # A pixel counts where nothing but one instance is seen this far around it, without a jump of disparity ...
@@ -57,17 +57,17 @@ def cast_truth(scene: PeerScene, frames: Sequence[int], rays: int = 3000) -> Tru
     return truth
 
 
-def read_disparity(folder: Path) -> np.ndarray:
+def read_disparity_map(folder: Path) -> np.ndarray:
     """Read the left disparity that a peer wrote into a pair's folder, PFM or EXR."""
     [path] = (path for path in folder.glob("disp*") if "right" not in path.name)
-    return read_exr(path) if path.suffix == ".exr" else read_pfm(path)
+    return read_exr(path) if path.suffix == ".exr" else PFM.read(path)
 
 
 def errors_px(out: Path, truth: Truth) -> dict[str, float]:
     """Compare a peer's pairs with the truth: median, 99.9 % and worst absolute error of disparity."""
     parts = []
     for frame, disparity in truth.disparity_px.items():
-        drawn = read_disparity(out / f"{frame:06d}")[truth.row[frame], truth.column[frame]]
+        drawn = read_disparity_map(out / f"{frame:06d}")[truth.row[frame], truth.column[frame]]
         parts.append(np.abs(drawn.astype(np.float64) - disparity))
     error = np.concatenate(parts)
     return {

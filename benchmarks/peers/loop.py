@@ -65,15 +65,15 @@ def write_arrays(
         disparity: (H, W) float32.
         our_encoders: see `Options`.
     """
-    from semisynth_gl.write.pfm import encode_pfm  # noqa: PLC0415 - found once the path above is set
+    from semisynth_gl.codecs.pfm import PFM  # noqa: PLC0415 - found once the path above is set
 
     if our_encoders:
-        from semisynth_gl.write.png import encode_png as encode  # noqa: PLC0415
+        pass
     else:
         encode = _pillow_png
     (folder / "left.png").write_bytes(encode(left))
     (folder / "right.png").write_bytes(encode(right))
-    (folder / "disp.pfm").write_bytes(encode_pfm(disparity))
+    (folder / "disp.pfm").write_bytes(PFM.encode(disparity))
 
 
 def run(open_peer: Callable[[PeerScene, Options], Peer]) -> None:

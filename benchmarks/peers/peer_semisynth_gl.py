@@ -12,12 +12,12 @@ from PIL import Image
 from scene import NEAR_M, PeerScene
 
 from semisynth_gl.camera import StereoCamera
+from semisynth_gl.codecs.pfm import PFM
+from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.geometry.topology import marked_solid
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.scene import Scene, make_scene
-from semisynth_gl.write.pfm import encode_pfm
-from semisynth_gl.write.png import encode_png
 
 
 def own_models(scene: PeerScene) -> list[Mesh]:
@@ -62,11 +62,11 @@ class SemisynthGl:
     def write_pair(self, frame: int, folder: Path) -> None:
         """See `loop.Peer`."""
         pair = self._renderer.render(own_scene(self._scene, frame))
-        write_arrays(folder, pair.left, pair.right, pair.disparity_left, our_encoders=True)
+        write_arrays(folder, pair.left, pair.right, pair.left.disparity, our_encoders=True)
         if self._all:
-            (folder / "disp_right.pfm").write_bytes(encode_pfm(pair.disparity_right))
-            (folder / "visibility_left.png").write_bytes(encode_png(pair.visibility_left))
-            (folder / "visibility_right.png").write_bytes(encode_png(pair.visibility_right))
+            (folder / "disp_right.pfm").write_bytes(PFM.encode(pair.right.disparity))
+            (folder / "visibility_left.png").write_bytes(GREY8.encode(pair.left.visibility))
+            (folder / "visibility_right.png").write_bytes(GREY8.encode(pair.right.visibility))
 
 
 if __name__ == "__main__":

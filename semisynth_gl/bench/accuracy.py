@@ -68,10 +68,10 @@ def measure(
         frames, driver = [renderer.render(scene) for scene in bench.scenes], renderer.facts
     listener.on_message(f"casting {effort.rays} rays for each eye of each pair")
     truths, outlines = cast_truth(bench, frames, effort.rays, np.random.default_rng(seed))
-    drawn = [getattr(frames[part.scene], f"disparity_{part.eye}")[part.row, part.column] for part in truths]
+    drawn = [frames[part.scene].view(part.eye).disparity[part.row, part.column] for part in truths]
     error = error_stats(np.concatenate(drawn), np.concatenate([part.disparity_px for part in truths]))
     listener.on_message("encodings of disparities")
-    maps = [getattr(frame, f"disparity_{eye}") for frame in frames for eye in EYES]
+    maps = [frame.view(eye).disparity for frame in frames for eye in EYES]
     stored = measure_encodings(maps, disparity_encodings(), DEFAULT_DISPARITY_ENCODING, effort.repeats)
     listener.on_message("encodings of images")
     images = [getattr(frame, eye) for frame in frames for eye in EYES]
@@ -94,7 +94,7 @@ def scene_facts(
     bench: BenchScenes, seed: int, effort: Effort, frames: Sequence[Frame], truths: Sequence[Truth]
 ) -> dict[str, Any]:
     """Describe what was measured: the scenes, their sizes and disparities, the pixels compared with the oracle."""
-    disparity = np.concatenate([getattr(frame, f"disparity_{eye}").ravel() for frame in frames for eye in EYES])
+    disparity = np.concatenate([frame.view(eye).disparity.ravel() for frame in frames for eye in EYES])
     disparity = disparity[np.isfinite(disparity)]
     return {
         "config": bench.config.name,

@@ -72,7 +72,7 @@ def measure_modes(
         try:
             with _open(bench, mode, backend) as renderer:
                 frames = [renderer.render(scene) for scene in bench.scenes]
-            images[mode] = [image for frame in frames for image in (frame.left, frame.right)]
+            images[mode] = [image for frame in frames for image in (frame.left.image, frame.right.image)]
         except BackendError as error:
             if mode in (DEFAULT_MODE, REFERENCE):
                 raise

@@ -1,9 +1,9 @@
 """Encodings of disparities and of images, measured by a round trip: time to write and to read, bytes, error.
 
-The encodings are those that the program offers, with the encoders that write them and the decoders that verify uses.
+The encodings are the codecs that a config may choose.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,24 +14,12 @@ from numpy.typing import NDArray
 
 from semisynth_gl.bench.summary import ErrorStats, error_stats, front
 from semisynth_gl.bench.timing import alternated, compare_times
-from semisynth_gl.encodings import DISPARITY_ENCODINGS, IMAGE_ENCODINGS, DisparityEncoding, Encodings, ImageEncoding
+from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS, Codec, Encodings
 from semisynth_gl.errors import InputError
-from semisynth_gl.read.encodings import DISPARITY_DECODERS, IMAGE_DECODERS
-from semisynth_gl.write.encodings import DISPARITY_ENCODERS, IMAGE_ENCODERS
 
-DEFAULT_DISPARITY_ENCODING = Encodings().disparity
-DEFAULT_IMAGE_ENCODING = Encodings().image
+DEFAULT_DISPARITY_ENCODING = Encodings().disparity.name
+DEFAULT_IMAGE_ENCODING = Encodings().image.name
 
-_DISPARITY_TEXTS: Mapping[DisparityEncoding, str] = {
-    "pfm": "float32, PFM",
-    "png16": "16-bit PNG, x256, 0 for no truth",
-    "tiff": "float32, TIFF, floating point predictor, deflate",
-}
-_IMAGE_TEXTS: Mapping[ImageEncoding, str] = {
-    "png": "PNG, one filter, ISA-L's deflate",
-    "qoi": "QOI, libqoi",
-    "jxl": "lossless JPEG XL, libjxl, effort 1",
-}
 # Decoders want the name of a file for their messages.
 _MEMORY = Path("memory")
 
@@ -82,26 +70,25 @@ class EncodingRow:
 
 def disparity_encodings() -> list[Encoding]:
     """List the encodings of disparity that a config may choose."""
-    return [
-        Encoding(
-            name, _DISPARITY_TEXTS[name], DISPARITY_ENCODERS[name].encode, _whole_file(DISPARITY_DECODERS[name].decode)
-        )
-        for name in DISPARITY_ENCODINGS
-    ]
+    return [_codec_encoding(codec) for codec in DISPARITY_CODECS.values()]
 
 
 def image_encodings() -> tuple[list[Encoding], dict[str, str]]:
     """List the encodings of images that a config may choose and, by name, why others cannot be measured here."""
     usable: list[Encoding] = []
     left_out: dict[str, str] = {}
-    for name in IMAGE_ENCODINGS:
+    for name, codec in IMAGE_CODECS.items():
         try:
-            Encodings(image=name).check()
+            codec.check_installed()
         except InputError as error:
             left_out[name] = str(error)
-            continue
-        usable.append(Encoding(name, _IMAGE_TEXTS[name], IMAGE_ENCODERS[name], _whole_file(IMAGE_DECODERS[name])))
+        else:
+            usable.append(_codec_encoding(codec))
     return usable, left_out
+
+
+def _codec_encoding(codec: Codec[Any]) -> Encoding:
+    return Encoding(codec.name, codec.description, codec.encode, _whole_file(codec.decode))
 
 
 def measure_encodings(

@@ -148,7 +148,7 @@ def _start(config: Config, seed: int, backend: Backend, scratch: Path) -> tuple[
         caches[name] = str(scratch / "driver")
     plan = shard_job(config, seed, backend, 1, 1, out).plan
     # The file of a pair that appears last.
-    last_file = out / plan.layout.files(plan.key(SPLIT, 0), plan.layout.chosen_encodings(config))["provenance"]
+    last_file = out / plan.layout.files(plan.key(SPLIT, 0), plan.layout.encodings_for(config))["provenance"]
     first_pair = None
     start = time.perf_counter()
     with subprocess.Popen(command, env=os.environ | caches, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as run:  # noqa: S603 - this program

@@ -102,8 +102,8 @@ def cast_truth(
     truths, outlines = [], []
     for number, (scene, frame) in enumerate(zip(bench.scenes, frames, strict=True)):
         for eye in EYES:
-            instance = getattr(frame, f"instances_{eye}").astype(np.int64) - 1
-            disparity = getattr(frame, f"disparity_{eye}")
+            instance = frame.view(eye).instances.astype(np.int64) - 1
+            disparity = frame.view(eye).disparity
             outline = edges(instance.astype(np.float64), 0.5)
             outlines.append(outline)
             far_from_edge = ~grown(outline | edges(disparity.astype(np.float64), _JUMP_PX), _FROM_EDGE_PX)

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.calibration.rig import Size
+from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, read_disparity_map
+from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.errors import InputError
 from semisynth_gl.histogram import Histogram, PixelCount
-from semisynth_gl.read.disparity import KITTI_PNG_SCALE, MAP_EXTENSIONS, read_disparity
 from semisynth_gl.textures.image_files import find_files
 
 # Fine enough for any quantile, and for bins of any round width from 1 px.
@@ -59,7 +60,7 @@ def find_maps(sources: Sequence[str | Path]) -> list[Path]:
     return list(paths)
 
 
-def read_map(path: Path, png_scale: float = KITTI_PNG_SCALE) -> NDArray[np.float32]:
+def read_map(path: Path, png_scale: float = KITTI_DISPARITY.steps) -> NDArray[np.float32]:
     """Read a disparity map.
 
     Args:
@@ -73,11 +74,13 @@ def read_map(path: Path, png_scale: float = KITTI_PNG_SCALE) -> NDArray[np.float
     Raises:
         ReadError: where the file has another format, or not one value per pixel.
     """
-    values = read_disparity(path, png_scale)
+    values = read_disparity_map(path, png_scale)
     return np.where(np.isfinite(values) & (values > 0), values, np.float32(np.nan))
 
 
-def measure_maps(paths: Sequence[Path], sizes: Collection[Size], png_scale: float = KITTI_PNG_SCALE) -> MeasuredMaps:
+def measure_maps(
+    paths: Sequence[Path], sizes: Collection[Size], png_scale: float = KITTI_DISPARITY.steps
+) -> MeasuredMaps:
     """Count the disparities of all maps.
 
     Args:

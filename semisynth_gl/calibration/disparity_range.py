@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from semisynth_gl.calibration.disparity_maps import find_maps, measure_maps
 from semisynth_gl.calibration.rig import Rig
+from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.errors import InputError
 from semisynth_gl.histogram import Histogram
-from semisynth_gl.read.disparity import KITTI_PNG_SCALE
 
 # Predictions and lidar have a few values that are far off.
 _LOWEST, _HIGHEST = 0.001, 0.999
@@ -57,7 +57,7 @@ class DisparitySource:
     """
 
     maps: Sequence[str] = ()
-    png_scale: float = KITTI_PNG_SCALE
+    png_scale: float = KITTI_DISPARITY.steps
     range_px: tuple[float, float] | None = None
 
 

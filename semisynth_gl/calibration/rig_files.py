@@ -11,8 +11,8 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from semisynth_gl.calibration.rig import DisparityBounds, Projections, Rig, Size, rectified
-from semisynth_gl.errors import InputError
-from semisynth_gl.read.error import ReadError, read_bytes
+from semisynth_gl.codecs import read_bytes
+from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.textures.image_files import find_files
 
 FORMATS = (

@@ -12,9 +12,9 @@ from semisynth_gl.calibration.photographs import impossible_splits
 from semisynth_gl.calibration.rig import Rig, Size, plain_rig
 from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.cli.options import OutputFile, option, write_output
+from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.errors import InputError
-from semisynth_gl.read.disparity import KITTI_PNG_SCALE
 from semisynth_gl.textures.crop_report import TextureReport
 from semisynth_gl.textures.prepare import prepare_atlas
 
@@ -55,7 +55,7 @@ _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 @option(
     "--png-scale",
     type=click.FloatRange(min=0, min_open=True),
-    default=KITTI_PNG_SCALE,
+    default=KITTI_DISPARITY.steps,
     help="Levels of a 16-bit PNG per pixel of disparity.",
 )
 @option("--range-px", type=(float, float), help="Least and largest disparity, where there are no maps.")

@@ -86,7 +86,7 @@ def plane_error_px(backend: Backend) -> float:
         frame = renderer.render(make_scene(camera, model=[0], world_from_model=[matrix], layer=[0]))
     y, x = np.mgrid[:240, :320]
     worst = 0.0
-    rendered: dict[Eye, NDArray[np.float32] | None] = {"left": frame.disparity_left, "right": frame.disparity_right}
+    rendered: dict[Eye, NDArray[np.float32] | None] = {"left": frame.left.disparity, "right": frame.right.disparity}
     for eye, disparity in rendered.items():
         if disparity is None:
             raise RuntimeError("truth of both views was asked for")

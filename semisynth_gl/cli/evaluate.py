@@ -7,13 +7,13 @@ import click
 
 from semisynth_gl.cli.options import OutputFile, option
 from semisynth_gl.cli.progress import Progress
+from semisynth_gl.codecs.png import RGB8
 from semisynth_gl.errors import InputError
 from semisynth_gl.metrics.evaluate import REGIONS, Evaluation, evaluate_pair, report_json, report_table
 from semisynth_gl.metrics.predictions import find_predictions, missing_predictions
 from semisynth_gl.metrics.protocol import PROTOCOL_NAMES, PROTOCOLS, ProtocolName
 from semisynth_gl.metrics.truth import TrueSet, find_truth
 from semisynth_gl.splits import SPLITS, SplitName
-from semisynth_gl.write.png import encode_png
 
 _PATH = click.Path(path_type=Path)
 
@@ -68,7 +68,7 @@ def evaluate(
             if maps is not None and evaluation.error_map is not None:
                 picture = maps / f"{pair.name}.png"
                 picture.parent.mkdir(parents=True, exist_ok=True)
-                picture.write_bytes(encode_png(evaluation.error_map))
+                picture.write_bytes(RGB8.encode(evaluation.error_map))
             # Without the map: the maps of a large set would fill the memory.
             evaluations.append(Evaluation(pair.name, evaluation.scores))
             progress.advance()

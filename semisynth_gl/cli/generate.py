@@ -13,7 +13,7 @@ from semisynth_gl.config import Config
 from semisynth_gl.engines.local import LocalEngine, SerialEngine
 from semisynth_gl.engines.task import Engine, cores
 from semisynth_gl.errors import InputError
-from semisynth_gl.frame import OUTPUTS, TRUTHS, TruthOf
+from semisynth_gl.frame import OUTPUTS, TRUTH_VIEWS, TruthViews
 from semisynth_gl.generation.generate import GenerationResult
 from semisynth_gl.generation.generate import generate as generate_dataset
 from semisynth_gl.interrupts import interrupts_stop
@@ -38,7 +38,7 @@ class _DatasetOptions:
     out: str | None
     layout: str | None
     outputs: str | None
-    truth: TruthOf | None
+    truth: TruthViews | None
     pairs: int
     validation: int
     test: int
@@ -72,7 +72,9 @@ _dataset_options = option_group(
     ),
     option("--outputs", metavar="a,b", help=f"Beside images and disparities: {', '.join(OUTPUTS)}; or none."),
     option(
-        "--truth", type=click.Choice(TRUTHS), help="Views to write disparity and outputs of.  [default: the config's]"
+        "--truth",
+        type=click.Choice(TRUTH_VIEWS),
+        help="Views to write disparity and outputs of.  [default: the config's]",
     ),
     option("--pairs", type=NATURAL, default=24, help="How many pairs to train on."),
     option(
@@ -236,7 +238,7 @@ class _GenerationProgress(Progress):
             count = len(self._redrawn)
             self.on_message(f"{count} times a pair failed its checks and was drawn again (see the shards' records)")
         if self._shares_beyond:
-            encoding = result.plan.layout.chosen_encodings(config).disparity
+            encoding = result.plan.layout.encodings_for(config).disparity.name
             self.on_message(
                 f"in {len(self._shares_beyond)} pairs more than {_LARGE_SHARE_BEYOND:.0%} of the pixels have a "
                 f"disparity that {encoding} cannot hold, at worst {max(self._shares_beyond):.1%}: they are invalid "

@@ -1,5 +1,6 @@
 """The base class of all sections of a config, and the types of their values."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -24,6 +25,18 @@ def _list_as_tuple(value: Any) -> Any:  # noqa: ANN401 - a validator gets any YA
 
 # YAML has lists, and a frozen section has tuples.
 FROM_LIST = BeforeValidator(_list_as_tuple)
+
+
+def one_of(names: Iterable[str]) -> AfterValidator:
+    """Return a validator that accepts these names alone."""
+    known = tuple(names)
+
+    def check(name: str) -> str:
+        if name not in known:
+            raise ValueError(f"expected one of {', '.join(known)}")
+        return name
+
+    return AfterValidator(check)
 
 
 @dataclass(frozen=True, slots=True)

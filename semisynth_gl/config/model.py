@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS, Encodings
 from semisynth_gl.config.distributions import TargetSection, UniformTarget, check_target, wanted_histogram
 from semisynth_gl.config.fields import (
     FROM_LIST,
@@ -19,9 +20,9 @@ from semisynth_gl.config.fields import (
     RangeField,
     Section,
     Weight,
+    one_of,
 )
-from semisynth_gl.encodings import DisparityEncoding, Encodings, FlowEncoding, ImageEncoding
-from semisynth_gl.frame import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, Output, TruthOf
+from semisynth_gl.frame import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, OUTPUTS, TruthViews
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.splits import Split, SplitName
 
@@ -352,14 +353,14 @@ class FilesSection(Section):
             px and ends at 512 px.
     """
 
-    image: ImageEncoding = "png"
-    disparity: DisparityEncoding = "pfm"
-    flow: FlowEncoding = "flo"
+    image: Annotated[str, one_of(IMAGE_CODECS)] = "png"
+    disparity: Annotated[str, one_of(DISPARITY_CODECS)] = "pfm"
+    flow: Annotated[str, one_of(FLOW_CODECS)] = "flo"
 
     @property
     def encodings(self) -> Encodings:
-        """All of them, as the rooms that write and read take them."""
-        return Encodings(self.image, self.disparity, self.flow)
+        """The codecs of these names."""
+        return Encodings.from_names(self.image, self.disparity, self.flow)
 
 
 class SplitsSection(Section):
@@ -432,8 +433,8 @@ class Config(Section):
     files: FilesSection = FilesSection()
     splits: SplitsSection = SplitsSection()
     licences: LicencesSection = LicencesSection()
-    outputs: Annotated[tuple[Output, ...], FROM_LIST] = DEFAULT_OUTPUTS
-    truth: TruthOf = "both"
+    outputs: Annotated[tuple[Annotated[str, one_of(OUTPUTS)], ...], FROM_LIST] = DEFAULT_OUTPUTS
+    truth: TruthViews = "both"
     antialias: Annotated[str, Field(pattern=ANTIALIAS_PATTERN)] = "none"
 
     @model_validator(mode="after")

@@ -11,10 +11,9 @@ from ruamel.yaml import YAML
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from semisynth_gl.config import Range
-from semisynth_gl.dataset.files import plan_of
+from semisynth_gl.dataset.files import plan_from_values
 from semisynth_gl.dataset.plan import Plan
-from semisynth_gl.frame import FLOW_OUTPUTS, OCCLUDED, OUTSIDE, VISIBLE
-from semisynth_gl.read.encodings import FLOW_DECODERS, disparity_decoder
+from semisynth_gl.frame import FLOW_OUTPUTS
 from semisynth_gl.splits import SplitName
 
 # From Hugging Face's documentation of its hub, for data and for code; for any other licence it has "other" and a name.
@@ -35,57 +34,6 @@ _FIRST_SIZE = 1000
 _UNITS = ("kB", "MB", "GB", "TB")
 _UNIT = 1000
 
-_MEANINGS: Mapping[str, str] = {
-    "left": "left image, 8-bit RGB",
-    "right": "right image, 8-bit RGB",
-    "right_under": "right image a stop darker",
-    "right_over": "right image a stop brighter",
-    "disparity_left": "disparity of the left view's pixels",
-    "disparity_right": "disparity of the right view's pixels",
-    "not_occluded_left": "the same, where the right view sees the point too",
-    "not_occluded_right": "the same, where the left view sees the point too",
-    "visibility_left": (
-        f"8-bit: {VISIBLE} where the right view sees the point too, {OCCLUDED} where something hides it there, "
-        f"{OUTSIDE} where it is outside the right image or has no disparity"
-    ),
-    "visibility_right": f"likewise for the right view: {VISIBLE}, {OCCLUDED}, {OUTSIDE}",
-    "objects": "8-bit: 0 in the background, 1 to 255 elsewhere; of the left view",
-    "instances_left": "16-bit: number of the instance seen, 0 where there is none",
-    "instances_right": "likewise for the right view",
-    "depth_left": "planar depth in metres, float32; inf where nothing is seen",
-    "depth_right": "likewise for the right view",
-    "flow_left": "flow of the left view's pixels to the next frame",
-    "flow_right": "flow of the right view's pixels to the next frame",
-    "flow_not_occluded_left": "the same of the left view, where its next frame shows the point too",
-    "flow_not_occluded_right": "the same of the right view, where its next frame shows the point too",
-    "flow_visibility_left": (
-        f"8-bit: {VISIBLE} where the left view shows the point at the next frame too, {OCCLUDED} where it does not, "
-        f"{OUTSIDE} where the point has left the image or has no flow"
-    ),
-    "flow_visibility_right": f"likewise for the right view: {VISIBLE}, {OCCLUDED}, {OUTSIDE}",
-    "flow_backward_left": "flow of the left view's pixels to the previous frame",
-    "flow_backward_right": "flow of the right view's pixels to the previous frame",
-    "flow_backward_not_occluded_left": "the same of the left view, where its previous frame shows the point too",
-    "flow_backward_not_occluded_right": "the same of the right view, where its previous frame shows the point too",
-    "flow_backward_visibility_left": f"as the mask of flow to the next frame: {VISIBLE}, {OCCLUDED}, {OUTSIDE}",
-    "flow_backward_visibility_right": f"likewise for the right view: {VISIBLE}, {OCCLUDED}, {OUTSIDE}",
-    "disparity_change_left": "disparity of the point at the next frame minus the one here, float32 px; inf for none",
-    "disparity_change_right": "likewise for the right view",
-    "calibration": "the cameras, as Middlebury's calib.txt has them",
-    "calib_cam_to_cam": "the cameras, as KITTI's calib_cam_to_cam.txt has them",
-    "provenance": "what made the pair: seeds, camera, and every instance in the scene",
-}
-_HOLDS: Mapping[str, str] = {
-    "pfm": "PFM, float32",
-    "tiff": "TIFF, float32, lossless",
-    "png16": "16-bit PNG that counts 1/256 px",
-    "png16-32": "16-bit PNG that counts 1/32 px",
-}
-_FLOW_HOLDS: Mapping[str, str] = {
-    "flo": "Middlebury's .flo, float32; 1e10 says",
-    "pfm": "PFM of three channels, u, v and 0, float32; inf says",
-    "png16": "16-bit RGB PNG of 64 u + 32768, 64 v + 32768 and 1; 0 in the third channel says",
-}
 _CAVEATS: Mapping[str, str] = {
     "kitti": (
         "In KITTI 2015, `disp_occ_1` and `disp_noc_1` are the next frame's disparity. Here they are the right view's, "
@@ -98,7 +46,7 @@ _CAVEATS: Mapping[str, str] = {
     "crestereo": "Images are JPEG, as in CREStereo's dataset: they have lost a little.",
     "webdataset": (
         "The packages `datasets` and `webdataset` give PFM as bytes, and the latter's decoders `rgb8` and `pil` "
-        "destroy 16-bit PNG: decode these with `semisynth_gl.read`."
+        "destroy 16-bit PNG: read these with `semisynth_gl.open_dataset`."
     ),
 }
 
@@ -112,7 +60,7 @@ def encode_card(index: Mapping[str, Any]) -> bytes:
     Returns:
         YAML between two lines of dashes, and Markdown.
     """
-    plan = plan_of(index)
+    plan = plan_from_values(index)
     sections = (
         _introduction(plan),
         _splits(plan, index),
@@ -222,10 +170,10 @@ def _reading(plan: Plan, index: Mapping[str, Any]) -> str:
         "## Reading it",
         "",
         "```python",
-        "from semisynth_gl.dataset.reader import open_dataset",
+        "from semisynth_gl import open_dataset",
         "",
         'pair = open_dataset("path/to/this/folder")[0]',
-        "pair.left, pair.right, pair.disparity_left",
+        "pair.left, pair.right, pair.left.disparity",
         "```",
     ]
     if plan.layout.packed:
@@ -247,30 +195,28 @@ def _reading(plan: Plan, index: Mapping[str, Any]) -> str:
 def _files(plan: Plan) -> str:
     layout, config = plan.layout, plan.config
     split = plan.splits[0]
-    files = layout.files(plan.key(split, 0), layout.chosen_encodings(config))
+    encodings = layout.encodings_for(config)
     folder = "" if layout.packed else plan.folder(split)
     rows = [
-        (role, f"`{folder}{path}`", _MEANINGS.get(role, role.replace("_", " ")))
-        for role, path in layout.roles(files, config.outputs, config.truth).items()
+        (role, f"`{folder}{path}`", layout.role(role).meaning)
+        for role, path in layout.files(plan.key(split, 0), encodings, config.outputs, config.truth).items()
     ]
     where = f"in the tar of its shard, if it is of {split}" if layout.packed else f"if it is of {split}"
     return f"## What a pair holds\n\nPair 0, {where}:\n\n" + _table(("role", "file", "what it is"), rows)
 
 
 def _disparity(plan: Plan) -> str:
-    encodings = plan.layout.chosen_encodings(plan.config)
-    decoder = disparity_decoder(encodings.disparity)
-    invalid = "0" if encodings.disparity.startswith("png16") else "inf"
+    codec = plan.layout.encodings_for(plan.config).disparity
     sentences = [
         "A disparity d is x_left - x_right, in pixels, and positive in both views.",
         "What the left view has at column x is at column x - d of the right one.",
         "What the right view has at column x is at column x + d of the left one.",
-        f"It is stored as {_HOLDS[encodings.disparity]}; {invalid} says that there is none.",
+        f"It is stored as {codec.description}; {codec.nothing} says that there is none.",
     ]
-    if decoder.error_px:
-        sentences.append(f"Rounding puts it off by at most {decoder.error_px:g} px.")
-    if isfinite(decoder.largest_px):
-        sentences.append(f"Above {decoder.largest_px:g} px it cannot be stored: such pixels have none.")
+    if codec.error_px:
+        sentences.append(f"Rounding puts it off by at most {codec.error_px:g} px.")
+    if isfinite(codec.limit_px):
+        sentences.append(f"Above {codec.limit_px:g} px it cannot be stored: such pixels have none.")
     return "## Disparity\n\n" + " ".join(sentences)
 
 
@@ -282,20 +228,17 @@ def _flow(plan: Plan) -> str:
     if not _has_flow(plan):
         return ""
     length, frame_s = plan.config.sequence.length, plan.config.sequence.frame_s
-    encoding = plan.layout.chosen_encodings(plan.config).flow
-    decoder = FLOW_DECODERS[encoding]
+    codec = plan.layout.encodings_for(plan.config).flow
     sentences = [
         f"Pairs {length} i to {length} i + {length - 1} of a split are the frames of a sequence, {frame_s:g} s apart.",
         "Flow (u, v) is where the point seen at a pixel is in the same view at another frame, minus the pixel.",
         "It is in pixels, u to the right and v downwards.",
-        f"It is stored as {_FLOW_HOLDS[encoding]} that there is none.",
+        f"It is stored as {codec.description}; {codec.nothing} says that there is none.",
     ]
-    if decoder.error_px:
-        sentences.append(f"Rounding puts it off by at most {decoder.error_px:g} px.")
-    if isfinite(decoder.largest_px):
-        sentences.append(
-            f"Beyond {decoder.largest_px:g} px in any direction it cannot be stored: such pixels have none."
-        )
+    if codec.error_px:
+        sentences.append(f"Rounding puts it off by at most {codec.error_px:g} px.")
+    if isfinite(codec.limit_px):
+        sentences.append(f"Beyond {codec.limit_px:g} px in any direction it cannot be stored: such pixels have none.")
     return "## Flow\n\n" + " ".join(sentences)
 
 

@@ -7,11 +7,13 @@ file's content. Records of one key belong together.
 import json
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import PurePosixPath
 from typing import Any
 
-from semisynth_gl.dataset.files import plan_of
+from semisynth_gl.codecs import Codec
+from semisynth_gl.dataset.files import plan_from_values
 from semisynth_gl.dataset.plan import Plan
 from semisynth_gl.splits import SplitName
 
@@ -65,25 +67,24 @@ _SPLITS: Mapping[SplitName, str] = {
     "validation": "cr:ValidationSplit",
     "test": "cr:TestSplit",
 }
-_IMAGE_FORMATS: Mapping[str, str] = {
-    ".png": "image/png",
-    ".jpg": "image/jpeg",
-    ".jxl": "image/jxl",
-    ".tiff": "image/tiff",
-    # What has no media type is named by its specification, as Croissant asks.
-    ".qoi": "https://qoiformat.org/qoi-specification.pdf",
-    ".pfm": "https://netpbm.sourceforge.net/doc/pfm.html",
-}
-_OTHER_FORMATS: Mapping[str, str] = {
-    ".json": "application/json",
-    ".txt": "text/plain",
-    ".flo": "https://vision.middlebury.edu/flow/code/flow-code/README.txt",
-}
-_ANY_FORMAT = "application/octet-stream"
 _UNKNOWN = "unknown"
 _DIGITS = "0123456789"
 # Of sequences, or of pairs that are named by themselves: names differ wherever those of any two pairs can.
 _SAMPLES = (0, 1, 3, 123_456)
+
+
+@dataclass(frozen=True, slots=True)
+class _FileSet:
+    """The files of one role and split; the stars of the pattern tell the pair."""
+
+    split: SplitName
+    role: str
+    pattern: str
+    codec: Codec[Any]
+
+    @property
+    def id(self) -> str:
+        return f"{self.split}-{self.role}-files"
 
 
 def encode_croissant(index: Mapping[str, Any]) -> bytes:
@@ -97,9 +98,9 @@ def encode_croissant(index: Mapping[str, Any]) -> bytes:
     Returns:
         JSON-LD, readable, with a line break at the end.
     """
-    plan = plan_of(index)
+    plan = plan_from_values(index)
     tars = _tars(index)
-    patterns = {split: _patterns(plan, split) for split in plan.splits}
+    file_sets = [file_set for split in plan.splits for file_set in _file_sets(plan, split)]
     width, height = plan.config.camera.width_px, plan.config.camera.height_px
     licence = plan.config.licences.dataset
     described: dict[str, Any] = {
@@ -117,32 +118,27 @@ def encode_croissant(index: Mapping[str, Any]) -> bytes:
     }
     if licence != _UNKNOWN:
         described["license"] = licence
-    described["distribution"] = [_file_object(shard) for shard in index["shards"] if "tar" in shard] + [
-        _file_set(split, role, pattern, tars.get(split, ()))
-        for split, roles in patterns.items()
-        for role, pattern in roles.items()
-    ]
     several = len(plan.splits) > 1
-    described["recordSet"] = ([_splits(plan.splits)] if several else []) + [
-        _record_set(split, role, pattern, several=several)
-        for split, roles in patterns.items()
-        for role, pattern in roles.items()
-    ]
+    described["distribution"] = [_file_object(shard) for shard in index["shards"] if "tar" in shard]
+    described["distribution"] += [_describe_file_set(each, tars.get(each.split, ())) for each in file_sets]
+    described["recordSet"] = [_splits(plan.splits)] if several else []
+    described["recordSet"] += [_record_set(each, several=several) for each in file_sets]
     return (json.dumps(described, indent=1) + "\n").encode()
 
 
-def _patterns(plan: Plan, split: SplitName) -> dict[str, str]:
-    """Return a glob for each role's files, below the dataset's folder or inside a tar; the stars tell the pair."""
+def _file_sets(plan: Plan, split: SplitName) -> list[_FileSet]:
+    """Return a file set for each role's files, below the dataset's folder or inside a tar."""
     layout = plan.layout
-    encodings = layout.chosen_encodings(plan.config)
+    encodings = layout.encodings_for(plan.config)
     length = plan.key(split, 0).sequence_length or 1
     indices = (*(length * number for number in _SAMPLES), min(1, length - 1))
-    files = [layout.files(plan.key(split, index), encodings) for index in indices]
+    config = plan.config
+    pairs = [layout.files(plan.key(split, index), encodings, config.outputs, config.truth) for index in indices]
     folder = "" if layout.packed else plan.folder(split)
-    return {
-        role: folder + _pattern([each[role] for each in files])
-        for role in layout.roles(files[0], plan.config.outputs, plan.config.truth)
-    }
+    return [
+        _FileSet(split, role, folder + _pattern([files[role] for files in pairs]), layout.role(role).codec(encodings))
+        for role in pairs[0]
+    ]
 
 
 def _pattern(paths: Sequence[str]) -> str:
@@ -183,22 +179,22 @@ def _file_object(shard: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _file_set(split: SplitName, role: str, pattern: str, tars: Sequence[str]) -> dict[str, Any]:
+def _describe_file_set(file_set: _FileSet, tars: Sequence[str]) -> dict[str, Any]:
     contained = {"containedIn": [{"@id": tar} for tar in tars]} if tars else {}
     return {
         "@type": "cr:FileSet",
-        "@id": _file_set_id(split, role),
-        "name": _file_set_id(split, role),
+        "@id": file_set.id,
+        "name": file_set.id,
         **contained,
-        "encodingFormat": _format(pattern),
-        "includes": pattern,
+        "encodingFormat": file_set.codec.media_type,
+        "includes": file_set.pattern,
     }
 
 
-def _record_set(split: SplitName, role: str, pattern: str, *, several: bool) -> dict[str, Any]:
-    name = f"{split}-{role}"
-    source = {"fileSet": {"@id": _file_set_id(split, role)}}
-    regexes = _key_regexes(pattern)
+def _record_set(file_set: _FileSet, *, several: bool) -> dict[str, Any]:
+    name, split = f"{file_set.split}-{file_set.role}", file_set.split
+    source = {"fileSet": {"@id": file_set.id}}
+    regexes = _key_regexes(file_set.pattern)
     # A pair's key in all roles is what stands for the stars, each a field. It does not reference the other record sets'
     # keys though it could: mlcroissant then joins what it has not read yet, and fails.
     keys = [
@@ -213,13 +209,10 @@ def _record_set(split: SplitName, role: str, pattern: str, *, several: bool) -> 
     of_split: dict[str, Any] = {"@type": "cr:Field", "@id": f"{name}/split", "dataType": "sc:Text", "value": split}
     if several:
         of_split["references"] = {"field": {"@id": "splits/name"}}
-    # Of flow, readers of images know no .flo, no PFM of three channels, and 8 of 16 bits.
-    is_flow = role.startswith("flow") and "visibility" not in role
-    is_image = PurePosixPath(pattern).suffix in _IMAGE_FORMATS and not is_flow
     content = {
         "@type": "cr:Field",
         "@id": f"{name}/content",
-        "dataType": "sc:ImageObject" if is_image else "sc:Text",
+        "dataType": "sc:ImageObject" if file_set.codec.is_image else "sc:Text",
         "source": source | {"extract": {"fileProperty": "content"}},
     }
     return {
@@ -258,12 +251,3 @@ def _splits(splits: Sequence[SplitName]) -> dict[str, Any]:
         ],
         "data": [{"splits/name": split, "splits/url": _SPLITS[split]} for split in splits],
     }
-
-
-def _file_set_id(split: SplitName, role: str) -> str:
-    return f"{split}-{role}-files"
-
-
-def _format(pattern: str) -> str:
-    suffix = PurePosixPath(pattern).suffix
-    return {**_IMAGE_FORMATS, **_OTHER_FORMATS}.get(suffix, _ANY_FORMAT)

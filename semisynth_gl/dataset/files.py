@@ -1,4 +1,4 @@
-"""A dataset on disk: what it was begun as, which shards are whole, and the index that says that all are."""
+"""A dataset's files as a run writes them: the plan first, shards in any order, the index last."""
 
 import json
 import shutil
@@ -12,40 +12,44 @@ from typing import IO, Any
 from pydantic import ValidationError
 
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.locks import lock, locked
-from semisynth_gl.dataset.places import PARTIAL, Place, empty
-from semisynth_gl.dataset.plan import PROGRAM, Plan, Shard, differences, few
-from semisynth_gl.dataset.shard import RECORDS
+from semisynth_gl.dataset.locks import lock, open_locked
+from semisynth_gl.dataset.places import Place, remove_entries
+from semisynth_gl.dataset.plan import Plan, Shard, abbreviate, differences
+from semisynth_gl.dataset.schema import (
+    CARD,
+    CROISSANT,
+    INDEX,
+    LOCK,
+    PARTIAL,
+    PLAN,
+    PROGRAM,
+    RECORDS,
+    record_path,
+    tar_path,
+)
 from semisynth_gl.errors import InputError
 from semisynth_gl.layouts import layout_names
 from semisynth_gl.splits import SplitName
 
-INDEX = "index.json"
-CARD = "README.md"
-CROISSANT = "croissant.json"
-PLAN = f"{RECORDS}/plan.json"
-"""What a dataset was begun as: the first file that is written, and what tells an unfinished one."""
-
-_LOCK = f"{PARTIAL}/lock"
 _QUESTIONS = 16
 
 
 class DatasetFiles:
-    """A dataset's files, begun or taken up again. Nothing on disk changes before `open`.
+    """The files of a dataset, new or resumed. Nothing on disk changes before `open`.
 
     Args:
-        place: where it lies.
-        plan: what it shall be.
+        place: the dataset's root.
+        plan: the dataset's plan.
         overwrite: replace an earlier dataset of this program. Other people's files are never deleted.
 
     Attributes:
-        place: where it lies.
-        plan: what it shall be.
-        complete: whether all of it is there already.
+        place: the dataset's root.
+        plan: the dataset's plan.
+        complete: whether the dataset is complete already.
 
     Raises:
-        InputError: where the place holds what is no dataset of this program, or one that was begun as another, with the
-            keys that differ, or where it is a file.
+        InputError: where the place is a file, holds files of others, or holds a dataset of another plan; the message
+            names the keys that differ.
     """
 
     def __init__(self, place: Place, plan: Plan, *, overwrite: bool) -> None:
@@ -56,90 +60,90 @@ class DatasetFiles:
         self._created = place.local is not None and not place.local.exists()
         if place.local is not None and place.local.exists() and not place.local.is_dir():
             raise InputError(f"{place.address}: expected a folder to write to, but it is a file")
-        self._there = begun(place)
-        self._doomed: list[str] = []
-        if self._there is None:
-            # Another run may have begun it since the look before: `open` takes up what that one began.
-            held = [name for name in _held(place) if name != PARTIAL]
-            if held and begun(place) is None:
+        self._beginning = read_beginning(place)
+        self._obsolete: list[str] = []
+        if self._beginning is None:
+            # Another run may have begun the dataset since the line above: `open` resumes it.
+            names = [name for name in _top_names(place) if name != PARTIAL]
+            if names and read_beginning(place) is None:
                 advice = "--overwrite replaces only what this program wrote. " if overwrite else ""
                 raise InputError(
-                    f"{place.address}: the folder is not empty (it holds {_some(held)}), and no dataset of this "
-                    f"program. {advice}Choose another with --out"
+                    f"{place.address}: the folder is not empty (it holds {abbreviate(names, 3)}), and no dataset of "
+                    f"this program. {advice}Choose another with --out"
                 )
         elif overwrite:
-            self._doomed = self._to_delete()
+            self._obsolete = self._deletable_names()
         else:
-            self._check_same(self._there)
+            self._check_same(self._beginning)
         self.complete = not overwrite and place.size(INDEX) is not None and not self.missing(plan.shards, quick=True)
 
     @property
     def replaces(self) -> bool:
         """Whether `open` will delete an earlier dataset."""
-        return bool(self._doomed)
+        return bool(self._obsolete)
 
     def open(self, sources: Mapping[SplitName, Mapping[str, str]]) -> None:
-        """Begin the dataset, or take it up.
+        """Begin the dataset, or resume it.
 
         Args:
             sources: digests of patches and models, by split.
 
         Raises:
-            InputError: where it cannot be written to, was begun with other sources, or shall be replaced while another
-                run writes to it.
+            InputError: where the place cannot be written to, the dataset was begun with other sources, or another run
+                writes to a dataset that is to be replaced.
         """
         values = self.plan.values() | {"sources": {split: dict(digests) for split, digests in sources.items()}}
         try:
             self._take_lock()
             if not self._overwrite:
-                self._there = begun(self.place)
-            if self._there is not None and not self._overwrite:
-                self._check_same(self._there)
-                self._check_sources(self._there, values["sources"])
-            if self._doomed and self.place.local is not None:
+                self._beginning = read_beginning(self.place)
+            if self._beginning is not None and not self._overwrite:
+                self._check_same(self._beginning)
+                self._check_sources(self._beginning, values["sources"])
+            if self._obsolete and self.place.local is not None:
                 # The index goes first: from here on the folder does not claim to be finished.
                 (self.place.local / INDEX).unlink(missing_ok=True)
-                empty(self.place.local, self._doomed)
-            for name in self._doomed if self.place.local is None else ():
+                remove_entries(self.place.local, self._obsolete)
+            for name in self._obsolete if self.place.local is None else ():
                 self.place.remove(name)
             if self.place.size(INDEX) is not None:
                 self.place.remove(INDEX)
-            if self._there is None or self._there != values:
+            if self._beginning is None or self._beginning != values:
                 self.place.write(PLAN, _encoded(values))
             if self._lock is not None:
                 lock(self._lock.fileno(), shared=True)
         except BlockingIOError:
-            raise self._held_by_another() from None
+            raise self._busy_error() from None
         except OSError as error:
             raise InputError(
                 f"{self.place.address}: the folder cannot be written to: {error.strerror or error}"
             ) from None
 
     def missing(self, shards: Iterable[Shard], *, quick: bool = False) -> list[Shard]:
-        """Return those shards that are not whole: without a record, or with files of another size than it says.
+        """Return the shards that are incomplete: without a record, or with files of another size than it says.
 
         Args:
-            shards: which to look at.
-            quick: stop at the first one.
+            shards: the shards to look at.
+            quick: stop at the first incomplete shard.
         """
         if self.place.local is not None or quick:
-            found = (shard for shard in shards if self.record(shard) is None)
-            return list(islice(found, 1 if quick else None))
+            missing = (shard for shard in shards if self.record(shard) is None)
+            return list(islice(missing, 1 if quick else None))
         # Stores answer each question late, and many at once.
         asked = list(shards)
         with ThreadPoolExecutor(_QUESTIONS) as pool:
             return [shard for shard, record in zip(asked, pool.map(self.record, asked), strict=True) if record is None]
 
     def record(self, shard: Shard) -> dict[str, Any] | None:
-        """Return a shard's record, or None where it is not whole."""
-        return whole_record(self.place, shard)
+        """Return a shard's record, or None where the shard is incomplete."""
+        return complete_record(self.place, shard)
 
     def finish(self, index: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
-        """Write what is about the dataset as a whole, the index last, which says that it is complete.
+        """Write the files about the whole dataset, last of all the index, which says that the dataset is complete.
 
         Args:
             index: in JSON's types.
-            files: card and the like, by path.
+            files: the contents of the card and its like, by path.
 
         Raises:
             OSError: where the disk refuses.
@@ -147,7 +151,7 @@ class DatasetFiles:
         local = self.place.local
         for split in self.plan.splits:
             folder, keys, layout = self.plan.folder(split), self.plan.keys(split), self.plan.layout
-            encodings = layout.chosen_encodings(self.plan.config)
+            encodings = layout.encodings_for(self.plan.config)
             for path, data in layout.lists(keys, encodings).items():
                 self.place.write(f"{folder}{path}", data)
             if local is None:
@@ -166,7 +170,7 @@ class DatasetFiles:
             shutil.rmtree(local / PARTIAL, ignore_errors=True)
 
     def close(self) -> None:
-        """Let go of the dataset. What was created and holds no pair is removed."""
+        """Unlock the dataset, and remove a folder that this run created and that holds no pair."""
         if self._created and self.place.local is not None and self._is_alone():
             with suppress(OSError):
                 local = self.place.local
@@ -177,82 +181,82 @@ class DatasetFiles:
             self._lock.close()
             self._lock = None
 
-    def _check_same(self, there: Mapping[str, Any]) -> None:
-        """Check that the dataset was begun as the plan says; it may have been smaller."""
-        wanted = self.plan.values()
-        compared = ("version", "config_values", "seed", "layout", "shard_pairs")
-        changed = differences({key: there.get(key) for key in compared}, {key: wanted[key] for key in compared})
-        pairs = there.get("pairs", {})
-        if set(pairs) != set(wanted["pairs"]):
-            changed += differences({"pairs": pairs}, {"pairs": wanted["pairs"]})
+    def _check_same(self, beginning: Mapping[str, Any]) -> None:
+        """Raise InputError where the dataset was begun with another plan; it may have been smaller."""
+        values = self.plan.values()
+        keys = ("version", "config_values", "seed", "layout", "shard_pairs")
+        changed = differences({key: beginning.get(key) for key in keys}, {key: values[key] for key in keys})
+        pairs = beginning.get("pairs", {})
+        if set(pairs) != set(values["pairs"]):
+            changed += differences({"pairs": pairs}, {"pairs": values["pairs"]})
         if changed:
             raise InputError(
-                f"{self.place.address}: holds a dataset that was begun with other values: {few(changed)}. Give the "
-                "same to go on with it, choose another folder with --out, or give --overwrite to replace it"
+                f"{self.place.address}: holds a dataset that was begun with other values: {abbreviate(changed)}. Give "
+                "the same to go on with it, choose another folder with --out, or give --overwrite to replace it"
             )
         fewer = [f"{name} ({pairs[name]} there, {count} now)" for name, count in self.plan.pairs.items()
                  if count < pairs[name]]  # fmt: skip
         if fewer:
             raise InputError(
-                f"{self.place.address}: holds a dataset of more pairs: {few(fewer)}. Ask for as many or more to go on "
-                "with it, choose another folder with --out, or give --overwrite to replace it"
+                f"{self.place.address}: holds a dataset of more pairs: {abbreviate(fewer)}. Ask for as many or more to "
+                "go on with it, choose another folder with --out, or give --overwrite to replace it"
             )
 
-    def _check_sources(self, there: Mapping[str, Any], sources: Mapping[str, Any]) -> None:
-        changed = differences(there.get("sources", {}), sources)
+    def _check_sources(self, beginning: Mapping[str, Any], sources: Mapping[str, Any]) -> None:
+        changed = differences(beginning.get("sources", {}), sources)
         if changed:
             raise InputError(
                 f"{self.place.address}: photographs or models are not those that the dataset was begun with: "
-                f"{few(changed)}. Give the same again, or choose another folder with --out"
+                f"{abbreviate(changed)}. Give the same again, or choose another folder with --out"
             )
 
-    def _to_delete(self) -> list[str]:
-        """Return what an earlier dataset consists of.
+    def _deletable_names(self) -> list[str]:
+        """Return the names of an earlier dataset's files and folders.
 
         Raises:
-            InputError: where anything else lies there too.
+            InputError: where files of others lie beside them.
         """
         files = self.place.names()
-        own = _files_of(self._there or {})
+        own = _own_names(self._beginning or {})
         foreign = [name for name in files if name not in own and not name.startswith(f"{PARTIAL}/")]
         local = self.place.local
         if foreign:
             raise InputError(
                 f"{self.place.address}: --overwrite replaces only what this program wrote, but the folder holds "
-                f"{_some(foreign)}. Choose another folder with --out, or remove these yourself"
+                f"{abbreviate(foreign, 3)}. Choose another folder with --out, or remove these yourself"
             )
         if local is None:
             return files
-        return [name for name in _held(self.place) if name != PARTIAL]
+        return [name for name in _top_names(self.place) if name != PARTIAL]
 
     def _take_lock(self) -> None:
-        """Lock the dataset: for this run alone where it is begun or replaced, else beside other runs.
+        """Lock the dataset: exclusively where this run begins or replaces it, else beside other runs.
 
-        Of two runs that begin it at once, one waits until the other has said what it shall be.
+        Of two runs that begin a dataset at once, one waits until the other has written the plan.
         """
         local = self.place.local
         if local is None:
             return
         try:
-            self._lock = locked(
-                local / _LOCK,
-                lambda: not self._doomed and begun(self.place) is not None,
-                patient=not self._doomed,
+            self._lock = open_locked(
+                local / LOCK,
+                lambda: not self._obsolete and read_beginning(self.place) is not None,
+                patient=not self._obsolete,
             )
         except BlockingIOError:
-            raise self._held_by_another() from None
-        if self._doomed:
-            # What is half done belongs to the dataset that goes.
-            empty(local / PARTIAL, [name for name in _names(local / PARTIAL) if name != "lock"])
+            raise self._busy_error() from None
+        if self._obsolete:
+            # Unfinished files belong to the dataset that is replaced.
+            remove_entries(local / PARTIAL, [name for name in _names(local / PARTIAL) if name != Path(LOCK).name])
 
-    def _held_by_another(self) -> InputError:
+    def _busy_error(self) -> InputError:
         return InputError(
             f"{self.place.address}: another run "
-            f"{'writes to' if self._doomed else 'is replacing'} this dataset: wait for its end, or stop it"
+            f"{'writes to' if self._obsolete else 'is replacing'} this dataset: wait for its end, or stop it"
         )
 
     def _is_alone(self) -> bool:
-        """Whether no other run works on the dataset; if so, none will until `close`."""
+        """Return whether no other run works on the dataset; if so, no other run will until `close`."""
         if self._lock is None:
             return True
         try:
@@ -262,8 +266,8 @@ class DatasetFiles:
         return True
 
 
-def begun(place: Place) -> dict[str, Any] | None:
-    """Return what a dataset was begun as, from its index or, where it is unfinished, its plan; None without either."""
+def read_beginning(place: Place) -> dict[str, Any] | None:
+    """Return the values that a dataset was begun with, from its index, else from its plan; None without either."""
     for name in (INDEX, PLAN):
         values = _json(place, name)
         if values is not None and values.get("program") == PROGRAM and values.get("layout") in layout_names():
@@ -271,11 +275,11 @@ def begun(place: Place) -> dict[str, Any] | None:
     return None
 
 
-def whole_record(place: Place, shard: Shard) -> dict[str, Any] | None:
-    """Return a shard's record, or None where the shard is not whole: a file is missing or has another size."""
-    record = _json(place, f"{RECORDS}/{shard.name}.json")
-    wanted = {"split": shard.split, "first": shard.first, "end": shard.end}
-    if record is None or any(record.get(key) != value for key, value in wanted.items()):
+def complete_record(place: Place, shard: Shard) -> dict[str, Any] | None:
+    """Return a shard's record, or None where the record or a file is missing, or a file has another size."""
+    record = _json(place, record_path(shard.name))
+    identity = {"split": shard.split, "first": shard.first, "end": shard.end}
+    if record is None or any(record.get(key) != value for key, value in identity.items()):
         return None
     sizes = (
         {record["tar"]: record["bytes"]}
@@ -285,11 +289,11 @@ def whole_record(place: Place, shard: Shard) -> dict[str, Any] | None:
     return record if all(place.size(name) == size for name, size in sizes.items()) else None
 
 
-def plan_of(values: Mapping[str, Any]) -> Plan:
-    """Return the plan that an index or an unfinished dataset's plan tells of.
+def plan_from_values(values: Mapping[str, Any]) -> Plan:
+    """Return the plan of a dataset from the values of its index or plan file.
 
     Raises:
-        InputError: where this version does not understand its config.
+        InputError: where this version does not understand the config.
     """
     try:
         config = Config.model_validate(values["config_values"])
@@ -298,19 +302,19 @@ def plan_of(values: Mapping[str, Any]) -> Plan:
         raise InputError(f"the dataset's plan is not this version's: {str(error).splitlines()[0]}") from None
 
 
-def _files_of(values: Mapping[str, Any]) -> set[str]:
-    """Name all files that a dataset may have."""
+def _own_names(values: Mapping[str, Any]) -> set[str]:
+    """Return the names of all files that a dataset may have."""
     own = {INDEX, CARD, CROISSANT, PLAN}
-    plan = plan_of(values)
+    plan = plan_from_values(values)
     layout = plan.layout
-    encodings = layout.chosen_encodings(plan.config)
+    encodings = layout.encodings_for(plan.config)
     for split in plan.splits:
         folder, keys = plan.folder(split), plan.keys(split)
         own |= {f"{folder}{path}" for path in (*layout.lists(keys, encodings), *layout.links(keys))}
         if not layout.packed:
             own |= {f"{folder}{path}" for key in keys for path in layout.files(key, encodings).values()}
     for shard in plan.shards:
-        own |= {f"{RECORDS}/{shard.name}.json", f"{RECORDS}/{shard.name}.tar"}
+        own |= {record_path(shard.name), tar_path(shard.name)}
     return own
 
 
@@ -326,8 +330,8 @@ def _encoded(values: Mapping[str, Any]) -> bytes:
     return (json.dumps(values, indent=1) + "\n").encode()
 
 
-def _held(place: Place) -> list[str]:
-    """Names of what lies in a place, at its top."""
+def _top_names(place: Place) -> list[str]:
+    """Return the names of the files and folders at the top of a place."""
     if place.local is not None:
         return _names(place.local)
     return sorted({name.partition("/")[0] for name in place.names()})
@@ -335,7 +339,3 @@ def _held(place: Place) -> list[str]:
 
 def _names(folder: Path) -> list[str]:
     return sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
-
-
-def _some(names: list[str]) -> str:
-    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

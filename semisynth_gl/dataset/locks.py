@@ -1,4 +1,4 @@
-"""Locks between runs that work on one folder. They go with the process that holds them, however it ends."""
+"""Locks between runs that work on one folder. A lock ends with its process, however that ends."""
 
 import fcntl
 import os
@@ -27,7 +27,7 @@ def lock(descriptor: int, *, shared: bool) -> None:
         return
 
 
-def locked(path: Path, shared: Callable[[], bool], *, patient: bool) -> BinaryIO:
+def open_locked(path: Path, shared: Callable[[], bool], *, patient: bool) -> BinaryIO:
     """Open and lock a file, which other runs may remove when they end.
 
     Args:

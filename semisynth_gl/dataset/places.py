@@ -1,6 +1,6 @@
-"""Where a dataset lies: a folder of this machine, or an address that fsspec knows (``s3://``, ``gs://``, ...).
+"""The root of a dataset: a folder of this machine, or an address that fsspec knows (``s3://``, ``gs://``, ...).
 
-In both, a file that is written is there whole or not at all. Names are paths below the place, with slashes.
+In both, a file appears when it is complete. Names are paths below the place, with slashes.
 """
 
 import os
@@ -12,17 +12,15 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
+from semisynth_gl.dataset.schema import PARTIAL
 from semisynth_gl.errors import InputError
-
-PARTIAL = ".partial"
-"""Folder of what is not whole yet."""
 
 
 class Place(ABC):
     """A dataset's root.
 
     Attributes:
-        address: how the user named it.
+        address: the place as the user named it.
     """
 
     address: str
@@ -30,15 +28,15 @@ class Place(ABC):
     @property
     @abstractmethod
     def local(self) -> Path | None:
-        """The folder, or None where it is none of this machine's."""
+        """The folder, or None for a place that is not on this machine."""
 
     @abstractmethod
     def read(self, name: str) -> bytes:
         """Read a file.
 
         Raises:
-            FileNotFoundError: where there is none.
-            OSError: where it cannot be read.
+            FileNotFoundError: where the file is missing.
+            OSError: where the file cannot be read.
         """
 
     @abstractmethod
@@ -55,15 +53,15 @@ class Place(ABC):
 
     @abstractmethod
     def write(self, name: str, data: bytes) -> None:
-        """Write a file, whole or not at all, in place of one that is there.
+        """Write or replace a file atomically.
 
         Raises:
-            OSError: where it cannot be written.
+            OSError: where the file cannot be written.
         """
 
     @abstractmethod
     def put(self, name: str, file: Path) -> None:
-        """Move a file of this machine there, whole or not at all; raises like `write`."""
+        """Move a file of this machine to the place atomically; raises like `write`."""
 
     @abstractmethod
     def remove(self, name: str) -> None:
@@ -193,17 +191,17 @@ class Remote(Place):
 
     def read(self, name: str) -> bytes:
         """Read a file."""
-        with self._told():
+        with self._clear_errors():
             return bytes(self._system.cat_file(self._at(name)))
 
     def open(self, name: str) -> BinaryIO:
         """Open a file for reading."""
-        with self._told():
+        with self._clear_errors():
             return cast("BinaryIO", self._system.open(self._at(name), "rb"))
 
     def size(self, name: str) -> int | None:
         """Return a file's size."""
-        with self._told():
+        with self._clear_errors():
             try:
                 return int(self._system.info(self._at(name))["size"])
             except FileNotFoundError:
@@ -211,7 +209,7 @@ class Remote(Place):
 
     def names(self, folder: str = "") -> list[str]:
         """Return the names of all files below a folder."""
-        with self._told():
+        with self._clear_errors():
             try:
                 found = self._system.find(self._at(folder))
             except FileNotFoundError:
@@ -220,20 +218,20 @@ class Remote(Place):
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file; object stores show it when it is whole."""
-        with self._told(writing=True):
+        with self._clear_errors(writing=True):
             self._make_parent(name)
             self._system.pipe_file(self._at(name), data)
 
     def put(self, name: str, file: Path) -> None:
         """Upload a file, and remove it here."""
-        with self._told(writing=True):
+        with self._clear_errors(writing=True):
             self._make_parent(name)
             self._system.put_file(str(file), self._at(name))
         file.unlink()
 
     def remove(self, name: str) -> None:
         """Remove a file."""
-        with self._told(), suppress(FileNotFoundError):
+        with self._clear_errors(), suppress(FileNotFoundError):
             self._system.rm_file(self._at(name))
 
     def path(self, name: str) -> Path:
@@ -249,8 +247,8 @@ class Remote(Place):
             self._system.makedirs(self._at(name).rpartition("/")[0], exist_ok=True)
 
     @contextmanager
-    def _told(self, *, writing: bool = False) -> Iterator[None]:
-        """Turn what the packages below raise for want of rights or of a bucket into a message."""
+    def _clear_errors(self, *, writing: bool = False) -> Iterator[None]:
+        """Turn errors of fsspec's packages about rights and buckets into InputError."""
         try:
             yield
         except OSError as error:
@@ -289,7 +287,7 @@ def sync(path: Path) -> None:
         os.close(descriptor)
 
 
-def empty(folder: Path, names: list[str]) -> None:
+def remove_entries(folder: Path, names: list[str]) -> None:
     """Remove files and folders of a folder by name."""
     for name in names:
         path = folder / name

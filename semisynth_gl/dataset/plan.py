@@ -1,4 +1,4 @@
-"""What a dataset shall be: which pairs, in which shards, under which names. Everything follows from it but pixels."""
+"""The plan of a dataset: its pairs, their shards and their names. Everything but the pixels follows from the plan."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,14 +6,15 @@ from importlib.metadata import version
 from math import ceil
 from typing import Any
 
+from semisynth_gl.codecs import Encodings
+from semisynth_gl.codecs.pfm import FlowPfm
 from semisynth_gl.config import Config
-from semisynth_gl.encodings import FlowEncoding
+from semisynth_gl.dataset.schema import PROGRAM, shard_name
 from semisynth_gl.errors import InputError
+from semisynth_gl.frame import CHANNELS, Channel
 from semisynth_gl.layouts import Key, Layout, find_layout
-from semisynth_gl.layouts.layout import sequence_length
+from semisynth_gl.layouts.key import sequence_length
 from semisynth_gl.splits import SPLITS, Split, SplitName
-
-PROGRAM = "semisynth-gl"
 
 # About 1 GB is the habit for shards; a small dataset is cut finer so that workers can share it.
 _SHARD_BYTES = 1_000_000_000
@@ -22,8 +23,6 @@ _FEWEST_SHARDS = 8
 _IMAGE_BYTES_PER_PIXEL = 1.8
 _MASK_BYTES_PER_PIXEL = 0.05
 _FLOAT_BYTES = 4
-_FLOW_BYTES_PER_PIXEL: Mapping[FlowEncoding, float] = {"flo": 8, "pfm": 12, "png16": 4}
-_KEYS_SHOWN = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +46,7 @@ class Shard:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What a dataset shall be.
+    """The plan of a dataset.
 
     Attributes:
         config: the configuration.
@@ -79,8 +78,7 @@ class Plan:
 
     def folder(self, split: SplitName) -> str:
         """Return the folder of a split's files below the dataset's, "" or ending in a slash."""
-        folder = self.layout.folder(split, self.splits)
-        return f"{folder}/" if folder else ""
+        return self.layout.folder(split, self.splits)
 
     def key(self, split: SplitName, index: int) -> Key:
         """Return what the names of a pair's files depend on."""
@@ -102,7 +100,7 @@ class Plan:
         return [
             Shard(
                 at,
-                f"{PROGRAM.removesuffix('-gl')}-{self.config.name}-{split}-{number:06d}",
+                shard_name(self.config.name, split, number),
                 split,
                 first,
                 min(first + self.shard_pairs, self.pairs[split]),
@@ -111,7 +109,7 @@ class Plan:
         ]
 
     def values(self) -> dict[str, Any]:
-        """Return what the plan says, in JSON's types."""
+        """Return the plan in JSON's types."""
         return {
             "program": PROGRAM,
             "version": version(PROGRAM),
@@ -143,16 +141,16 @@ def make_plan(
     layout = find_layout(layout_name)
     if seed < 0:
         raise InputError(f"a seed must be 0 or more, got {seed}")
-    wanted = {name: pairs[name] for name in SPLITS if pairs.get(name)}
-    if not wanted or min(wanted.values()) < 1:
+    counts = {name: pairs[name] for name in SPLITS if pairs.get(name)}
+    if not counts or min(counts.values()) < 1:
         raise InputError(f"expected at least one pair, got {dict(pairs)}")
     if shard_pairs is not None and shard_pairs < 1:
         raise InputError(f"a shard holds at least one pair, got --shard-pairs {shard_pairs}")
     files = type(config.files)()
     if layout.encodings is not None and config.files != files:
         raise InputError(
-            f"the layout {layout_name} has encodings of its own ({layout.encodings.image}, "
-            f"{layout.encodings.disparity}, {layout.encodings.flow}): leave files.image, files.disparity and "
+            f"the layout {layout_name} has encodings of its own ({layout.encodings.image.name}, "
+            f"{layout.encodings.disparity.name}, {layout.encodings.flow.name}): leave files.image, files.disparity and "
             "files.flow out of the config"
         )
     length = sequence_length(config.outputs, config.sequence.length)
@@ -161,57 +159,59 @@ def make_plan(
             f"the layout {layout_name} has names for {layout.most_frames} frames of a sequence with flow, got "
             f"sequence.length {length}: set it to {layout.most_frames} or less, or choose another with --layout"
         )
-    layout.chosen_encodings(config).check()
+    layout.encodings_for(config).check_installed()
     lacking = [output for output in sorted(layout.needs) if output not in config.outputs]
     if lacking:
         config = config.model_copy(update={"outputs": (*config.outputs, *lacking)})
     if shard_pairs is None:
-        shard_pairs = _shard_pairs(config, layout, max(wanted.values()))
-    return Plan(config, seed, layout_name, wanted, shard_pairs)
+        shard_pairs = _shard_pairs(config, layout, max(counts.values()))
+    return Plan(config, seed, layout_name, counts, shard_pairs)
 
 
 def _shard_pairs(config: Config, layout: Layout, pairs: int) -> int:
-    views = 2 if config.truth == "both" else 1
-    encodings = layout.chosen_encodings(config)
-    disparity = _FLOAT_BYTES if encodings.disparity == "pfm" else _FLOAT_BYTES / 2
-    flow = _FLOW_BYTES_PER_PIXEL[encodings.flow] + _MASK_BYTES_PER_PIXEL
-    per_pixel = 2 * _IMAGE_BYTES_PER_PIXEL + views * (
-        disparity
-        + _MASK_BYTES_PER_PIXEL * ("visibility" in config.outputs)
-        + _MASK_BYTES_PER_PIXEL * ("instances" in config.outputs)
-        + _FLOAT_BYTES * ("depth" in config.outputs)
-        + flow * ("flow" in config.outputs)
-        + flow * ("flow_backward" in config.outputs)
-        + _FLOAT_BYTES * ("disparity_change" in config.outputs)
-    )
+    encodings = layout.encodings_for(config)
+    per_pixel = 2 * _IMAGE_BYTES_PER_PIXEL
+    for channel in CHANNELS.values():
+        if channel.name != "image" and (channel.output is None or channel.output in config.outputs):
+            per_pixel += (2 if config.truth == "both" else 1) * _bytes_per_pixel(channel, encodings)
     size = per_pixel * config.camera.width_px * config.camera.height_px
-    wanted = max(1, min(round(_SHARD_BYTES / size), ceil(pairs / _FEWEST_SHARDS)))
+    number = max(1, min(round(_SHARD_BYTES / size), ceil(pairs / _FEWEST_SHARDS)))
     # A sequence that lies in two shards is set up twice.
     length = config.sequence.length
-    return ceil(wanted / length) * length
+    return ceil(number / length) * length
 
 
-def differences(there: Mapping[str, Any], wanted: Mapping[str, Any], prefix: str = "") -> list[str]:
-    """Name the values that differ between two mappings in JSON's types, by dotted key, with both values."""
-    found: list[str] = []
-    for key in dict.fromkeys((*there, *wanted)):
-        one, other = there.get(key, _ABSENT), wanted.get(key, _ABSENT)
-        if isinstance(one, Mapping) and isinstance(other, Mapping):
-            found += differences(one, other, f"{prefix}{key}.")
-        elif one != other:
-            found.append(f"{prefix}{key} ({_shown(one)} there, {_shown(other)} now)")
-    return found
+def _bytes_per_pixel(channel: Channel[Any], encodings: Encodings) -> float:
+    """Estimate the bytes of one pixel of a channel's file."""
+    codec = encodings.codec(channel.codec)
+    if channel.dtype.kind != "f":
+        return _MASK_BYTES_PER_PIXEL
+    components = 3 if isinstance(codec, FlowPfm) else channel.components
+    # Codecs that do not write plain floats count in 16 bits, or deflate to about as much.
+    return components * (_FLOAT_BYTES if codec.lossless and codec.name != "tiff" else _FLOAT_BYTES / 2)
 
 
-def few(names: Sequence[str]) -> str:
-    """Write a list, of many the first ones."""
-    more = f" and {len(names) - _KEYS_SHOWN} more" if len(names) > _KEYS_SHOWN else ""
-    return ", ".join(names[:_KEYS_SHOWN]) + more
+def differences(before: Mapping[str, Any], now: Mapping[str, Any], prefix: str = "") -> list[str]:
+    """Return the dotted keys at which two mappings in JSON's types differ, each with both values."""
+    texts: list[str] = []
+    for key in dict.fromkeys((*before, *now)):
+        old, new = before.get(key, _ABSENT), now.get(key, _ABSENT)
+        if isinstance(old, Mapping) and isinstance(new, Mapping):
+            texts += differences(old, new, f"{prefix}{key}.")
+        elif old != new:
+            texts.append(f"{prefix}{key} ({_shorten(old)} there, {_shorten(new)} now)")
+    return texts
+
+
+def abbreviate(names: Sequence[str], most: int = 8) -> str:
+    """Join names with commas; of more than ``most``, write the first ones and the number of the others."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 _ABSENT = object()
 
 
-def _shown(value: object) -> str:
+def _shorten(value: object) -> str:
     text = "nothing" if value is _ABSENT else repr(value)
     return text if len(text) <= 40 else f"{text[:37]}..."

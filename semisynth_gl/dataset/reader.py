@@ -7,21 +7,16 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, BinaryIO, overload
 
+from semisynth_gl.codecs import Encodings
+from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.dataset.places import Place, open_place
-from semisynth_gl.dataset.stored import StoredFrame
-from semisynth_gl.encodings import DISPARITY_ENCODINGS, FLOW_ENCODINGS, IMAGE_ENCODINGS, Encodings
-from semisynth_gl.errors import InputError
-from semisynth_gl.frame import DEFAULT_OUTPUTS, OUTPUTS, Output, TruthOf
+from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file
+from semisynth_gl.dataset.schema import INDEX, PLAN, PROGRAM, record_path, shard_name, tar_path
+from semisynth_gl.errors import InputError, ReadError
+from semisynth_gl.frame import DEFAULT_OUTPUTS, OUTPUTS, TruthViews
 from semisynth_gl.layouts import Key, Layout, find_layout, layout_names
-from semisynth_gl.layouts.layout import sequence_length
-from semisynth_gl.read.error import ReadError
-from semisynth_gl.read.json import decode_json
+from semisynth_gl.layouts.key import sequence_length
 from semisynth_gl.splits import SPLITS, SplitName
-
-INDEX = "index.json"
-RECORDS = "shards"
-PLAN = f"{RECORDS}/plan.json"
-_PROGRAM = "semisynth-gl"
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,23 +58,24 @@ class Index:
         default = Encodings()
         if not isinstance(files, dict):
             return default
-        image, disparity = files.get("image", default.image), files.get("disparity", default.disparity)
-        flow = files.get("flow", default.flow)
-        if image not in IMAGE_ENCODINGS or disparity not in DISPARITY_ENCODINGS or flow not in FLOW_ENCODINGS:
+        image = files.get("image", default.image.name)
+        disparity, flow = files.get("disparity", default.disparity.name), files.get("flow", default.flow.name)
+        try:
+            return Encodings.from_names(image, disparity, flow)
+        except (KeyError, TypeError):
             raise InputError(
                 f"{self.place.address}: expected encodings that this version knows in {INDEX}, got files.image "
                 f"{image!r}, files.disparity {disparity!r} and files.flow {flow!r}"
-            )
-        return Encodings(image, disparity, flow)
+            ) from None
 
     @property
-    def outputs(self) -> tuple[Output, ...]:
+    def outputs(self) -> tuple[str, ...]:
         """What there is beside images and disparities."""
         outputs = self.config.get("outputs")
         return tuple(name for name in OUTPUTS if name in outputs) if isinstance(outputs, list) else DEFAULT_OUTPUTS
 
     @property
-    def truth(self) -> TruthOf:
+    def truth(self) -> TruthViews:
         """Of which views there is truth."""
         return "left" if self.config.get("truth") == "left" else "both"
 
@@ -108,8 +104,7 @@ class Index:
 
     def folder(self, split: SplitName) -> str:
         """Return the folder of a split's files, "" or ending in a slash."""
-        folder = self.layout.folder(split, tuple(self.pairs))
-        return f"{folder}/" if folder else ""
+        return self.layout.folder(split, tuple(self.pairs))
 
     def key(self, split: SplitName, index: int) -> Key:
         """Return what the names of a pair's files depend on."""
@@ -119,7 +114,7 @@ class Index:
     def files(self, split: SplitName, index: int) -> dict[str, str]:
         """Return the path that each file of a pair should have, by role: below the dataset's, or inside a tar."""
         layout = self.layout
-        files = layout.roles(layout.files(self.key(split, index), self.encodings), self.outputs, self.truth)
+        files = layout.files(self.key(split, index), self.encodings, self.outputs, self.truth)
         folder = "" if layout.packed else self.folder(split)
         return {role: f"{folder}{path}" for role, path in files.items()}
 
@@ -127,7 +122,7 @@ class Index:
         """Return the names of all shards that it should have, by number."""
         each = int(self.values["shard_pairs"])
         return [
-            f"semisynth-{self.values['config']}-{split}-{number:06d}"
+            shard_name(self.values["config"], split, number)
             for split, pairs in self.pairs.items()
             for number in range(-(-pairs // each))
         ]
@@ -149,15 +144,15 @@ def read_index(address: str | PathLike[str]) -> Index:
     fault = None
     for name in (INDEX, PLAN):
         try:
-            values = decode_json(place.read(name), Path(name))
+            values = JSON_OBJECT.decode(place.read(name), Path(name))
         except (FileNotFoundError, NotADirectoryError):
             fault = fault or f"{INDEX} is missing"
             continue
         except ReadError as error:
             fault = f"{INDEX} {error.reason}"
             continue
-        if values.get("program") != _PROGRAM:
-            raise InputError(f"{address}: {name} is not of {_PROGRAM}: program is {values.get('program')!r}")
+        if values.get("program") != PROGRAM:
+            raise InputError(f"{address}: {name} is not of {PROGRAM}: program is {values.get('program')!r}")
         if values.get("layout") not in layout_names():
             raise InputError(
                 f"{address}: expected a layout of {', '.join(layout_names())} in {name}, got {values.get('layout')!r}"
@@ -226,7 +221,7 @@ class Dataset(Sequence[StoredFrame]):
             return [self[each] for each in range(*number.indices(len(self)))]
         split, pair = self._pairs[number]
         values = {role: self._decoded(split, pair, role, path) for role, path in self.about.files(split, pair).items()}
-        return self.about.layout.assemble(self.about.key(split, pair), values, self.about.encodings)
+        return assemble_frame(self.about.key(split, pair), values, self.about.encodings)
 
     def pair(self, number: int) -> tuple[SplitName, int]:
         """Return the split of a pair, and the pair's number there."""
@@ -235,12 +230,12 @@ class Dataset(Sequence[StoredFrame]):
     def _decoded(self, split: SplitName, pair: int, role: str, path: str) -> Any:  # noqa: ANN401 - by role
         about = self.about
         data = self._member(split, pair, path) if about.layout.packed else _read(about.place, path)
-        return about.layout.decode_file(role, data, about.place.path(path), about.encodings)
+        return decode_file(about.layout, role, data, about.place.path(path), about.encodings)
 
     def _member(self, split: SplitName, pair: int, name: str) -> bytes:
         """Read a file out of the tar of its shard, where the shard's record says that it begins."""
         each = int(self.about.values["shard_pairs"])
-        shard = f"semisynth-{self.about.values['config']}-{split}-{pair // each:06d}"
+        shard = shard_name(self.about.values["config"], split, pair // each)
         place = self.about.place
         if shard not in self._records:
             record = read_record(place, shard)
@@ -251,12 +246,12 @@ class Dataset(Sequence[StoredFrame]):
         try:
             file = self._records[shard]["samples"][pair % each]["files"][name]
         except (KeyError, IndexError, TypeError):
-            raise ReadError(place.path(f"{RECORDS}/{shard}.json"), f"has no entry of {name}") from None
+            raise ReadError(place.path(record_path(shard)), f"has no entry of {name}") from None
         tar = self._tars[shard]
         tar.seek(file["offset"])
         data = tar.read(file["bytes"])
         if len(data) < file["bytes"]:
-            raise ReadError(place.path(f"{RECORDS}/{shard}.tar"), f"ends before {name} does")
+            raise ReadError(place.path(tar_path(shard)), f"ends before {name} does")
         return data
 
     def close(self) -> None:
@@ -286,8 +281,8 @@ def read_record(place: Place, shard: str) -> dict[str, Any]:
     Raises:
         ReadError: where it is missing, cut off, or no record.
     """
-    name = f"{RECORDS}/{shard}.json"
-    record = decode_json(_read(place, name), place.path(name))
+    name = record_path(shard)
+    record = JSON_OBJECT.decode(_read(place, name), place.path(name))
     samples = record.get("samples")
     if not (isinstance(samples, list) and all(isinstance(sample, dict) and "files" in sample for sample in samples)):
         raise ReadError(place.path(name), "lists no samples")

@@ -4,7 +4,7 @@ from pydantic import ValidationError
 
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.reader import Index
-from semisynth_gl.dataset.stored import StoredFrame
+from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import build_library

@@ -6,6 +6,7 @@ the shard where the journal and the files agree no longer.
 
 import hashlib
 import json
+import tarfile
 import tempfile
 import zlib
 from collections.abc import Mapping
@@ -16,14 +17,15 @@ from types import TracebackType
 from typing import Any, Self
 
 from semisynth_gl.dataset.locks import lock
-from semisynth_gl.dataset.places import PARTIAL, Place, sync
+from semisynth_gl.dataset.places import Place, sync
 from semisynth_gl.dataset.plan import Shard
-from semisynth_gl.dataset.tar import tar_end, tar_member
-
-RECORDS = "shards"
-"""Folder of the records, and of the tars."""
+from semisynth_gl.dataset.schema import PARTIAL, journal_name, record_path, tar_path
 
 _ONLY_IN_JOURNAL = frozenset({"end", "crc32", "renderer", "seconds"})
+
+
+_BLOCK = tarfile.BLOCKSIZE
+_RECORD = tarfile.RECORDSIZE
 
 
 class ShardBusyError(Exception):
@@ -65,7 +67,7 @@ class ShardWriter:
             self._work = place.local / PARTIAL
             self._work.mkdir(parents=True, exist_ok=True)
         try:
-            self._journal = _locked(self._work / f"{name}.jsonl")
+            self._journal = _locked(self._work / journal_name(name))
         except BaseException:
             self._clean()
             raise
@@ -74,7 +76,7 @@ class ShardWriter:
         self.samples: list[dict[str, Any]] = []
         try:
             if packed:
-                self._tar = _reopened(self._tar_path, place, f"{RECORDS}/{name}.tar")
+                self._tar = _reopened(self._tar_path, place, tar_path(name))
             self._take_up()
         except BaseException:
             self.close()
@@ -135,8 +137,8 @@ class ShardWriter:
         record["samples"] = [
             {key: value for key, value in entry.items() if key not in _ONLY_IN_JOURNAL} for entry in self.samples
         ]
-        self._place.write(f"{RECORDS}/{self._name}.json", (json.dumps(record) + "\n").encode())
-        (self._work / f"{self._name}.jsonl").unlink(missing_ok=True)
+        self._place.write(record_path(self._name), (json.dumps(record) + "\n").encode())
+        (self._work / journal_name(self._name)).unlink(missing_ok=True)
         return record
 
     def _add_files(self, files: Mapping[str, bytes]) -> dict[str, Any]:
@@ -208,7 +210,7 @@ class ShardWriter:
         digest = hashlib.file_digest(tar, "sha256").hexdigest()
         tar.close()
         self._tar = None
-        name = f"{RECORDS}/{self._name}.tar"
+        name = tar_path(self._name)
         self._place.put(name, self._tar_path)
         return {"tar": name, "bytes": size, "sha256": digest}
 
@@ -246,6 +248,27 @@ class ShardWriter:
         self._tar.seek(begin)
         data = self._tar.read(entry["end"] - begin)
         return len(data) == entry["end"] - begin and zlib.crc32(data) == int(entry["crc32"])
+
+
+def tar_member(name: str, data: bytes) -> tuple[bytes, int]:
+    """Encode one file as tar has it: header and padded content; no time, no owner, rights 0644.
+
+    Args:
+        name: at most 100 characters, as the headers of 1988 hold them, which every reader knows.
+        data: the content.
+
+    Returns:
+        The bytes, and where in them the content begins.
+    """
+    info = tarfile.TarInfo(name)
+    info.size = len(data)
+    header = info.tobuf(tarfile.USTAR_FORMAT)
+    return b"".join((header, data, bytes(-len(data) % _BLOCK))), len(header)
+
+
+def tar_end(length: int) -> bytes:
+    """Return what ends an archive of so many bytes: at least two empty blocks, and as many as fill a record."""
+    return bytes(2 * _BLOCK + -(length + 2 * _BLOCK) % _RECORD)
 
 
 def _locked(path: Path) -> BufferedRandom:

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.card import encode_card
 from semisynth_gl.dataset.croissant import encode_croissant
-from semisynth_gl.dataset.files import CARD, CROISSANT, DatasetFiles, begun
+from semisynth_gl.dataset.files import DatasetFiles, read_beginning
 from semisynth_gl.dataset.index import describe_dataset
 from semisynth_gl.dataset.places import Place, open_place
 from semisynth_gl.dataset.plan import Plan, Shard, make_plan
+from semisynth_gl.dataset.schema import CARD, CROISSANT
 from semisynth_gl.engines.local import SerialEngine
 from semisynth_gl.engines.task import Engine
 from semisynth_gl.errors import InputError
@@ -90,7 +91,7 @@ def generate(
     listener = listener or Listener()
     place = open_place(out)
     counts: Mapping[SplitName, int] = pairs if isinstance(pairs, Mapping) else {"train": pairs}
-    earlier = {} if overwrite else begun(place) or {}
+    earlier = {} if overwrite else read_beginning(place) or {}
     layout = layout or earlier.get("layout") or ("middlebury" if sum(counts.values()) < _MANY_PAIRS else "webdataset")
     plan = make_plan(config, seed, layout, counts, shard_pairs or earlier.get("shard_pairs"))
     chosen = _chosen(plan.shards, shards)

@@ -8,13 +8,13 @@ from functools import partial
 from math import ceil
 from typing import Any, Literal
 
-from semisynth_gl.dataset.files import whole_record
+from semisynth_gl.dataset.files import complete_record
 from semisynth_gl.dataset.places import Place
-from semisynth_gl.dataset.plan import Plan, Shard, differences, few
+from semisynth_gl.dataset.plan import Plan, Shard, abbreviate, differences
+from semisynth_gl.dataset.sample import encode_pair, share_beyond
 from semisynth_gl.dataset.shard import ShardBusyError, ShardWriter
 from semisynth_gl.engines.task import Task
 from semisynth_gl.errors import InputError
-from semisynth_gl.layouts.layout import share_beyond
 from semisynth_gl.listener import FinishedPair, Listener
 from semisynth_gl.pairs.pipeline import Pair, PairRenderer
 from semisynth_gl.render.context import Backend
@@ -66,7 +66,7 @@ class ShardJob:
                     if changes:
                         raise InputError(
                             f"this process finds other photographs or models than the one that began the dataset: "
-                            f"{few(changes)}. Give all machines the same files, and the same versions of all packages"
+                            f"{abbreviate(changes)}. Give all machines the same files and the same versions of packages"
                         )
                     listener.on_renderer(renderer.renderer_name)
                 return renderer
@@ -101,7 +101,7 @@ class ShardJob:
             return "busy"
         with writer:
             # Another run may have completed the shard just before this run took it.
-            if whole_record(self.place, shard) is not None:
+            if complete_record(self.place, shard) is not None:
                 return "complete"
             for entry in writer.samples:
                 listener.on_pair(_finished_pair(shard.split, entry["pair"], entry, kept=True))
@@ -135,9 +135,9 @@ class ShardJob:
             The pair's files by path, and its facts for the record of its shard.
         """
         config, layout = self.plan.config, self.plan.layout
-        encodings = layout.chosen_encodings(config)
+        encodings = layout.encodings_for(config)
         key, most_px = self.plan.key(split, pair.index), ceil(config.disparity.max_px)
-        files = layout.encode(key, pair.frame, pair.provenance, most_px, encodings)
+        files = encode_pair(layout, key, pair.frame, pair.provenance, most_px, encodings)
         return files, {
             # All frames of a sequence carry the same redraws.
             "redrawn": pair.provenance.get("redrawn", []) if pair.provenance["frame"] == 0 else [],

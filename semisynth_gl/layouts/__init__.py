@@ -5,17 +5,18 @@ from importlib import import_module
 from pkgutil import iter_modules
 
 from semisynth_gl.errors import InputError
-from semisynth_gl.layouts.layout import Key, Layout
+from semisynth_gl.layouts.key import Key
+from semisynth_gl.layouts.layout import Layout
 
 __all__ = ["Key", "Layout", "find_layout", "layout_names"]
 
-_TYPES = "layout"
+_NO_LAYOUTS = ("key", "layout", "roles")
 
 
 @cache
 def layout_names() -> tuple[str, ...]:
     """Return the names of all layouts, sorted: those of this package's modules, with hyphens."""
-    return tuple(sorted(each.name.replace("_", "-") for each in iter_modules(__path__) if each.name != _TYPES))
+    return tuple(sorted(each.name.replace("_", "-") for each in iter_modules(__path__) if each.name not in _NO_LAYOUTS))
 
 
 def find_layout(name: str) -> Layout:

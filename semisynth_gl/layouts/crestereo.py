@@ -10,29 +10,39 @@ CREStereo has not: ``NNNNNN_left.mask.png``, ``NNNNNN_left.inst.png``, ``NNNNNN_
 
 from collections.abc import Mapping
 
+from semisynth_gl.codecs import Encodings
+from semisynth_gl.codecs.jpeg import Jpeg
+from semisynth_gl.codecs.png16 import CRESTEREO_DISPARITY
 from semisynth_gl.config import Config
-from semisynth_gl.encodings import Encodings
-from semisynth_gl.layouts.layout import Key, Layout
+from semisynth_gl.layouts.key import Key
+from semisynth_gl.layouts.layout import Layout, view_stems
 from semisynth_gl.splits import SplitName
 
 _FOLDERS = ("shapenet", "reflective", "tree", "hole")
+_NAMES: Mapping[str, str] = {
+    "image": "_{view}",
+    "disparity": "_{view}.disp",
+    "visibility": "_{view}.mask",
+    "instances": "_{view}.inst",
+    "flow_visibility": "_{view}.flow_mask",
+    "flow_backward_visibility": "_{view}.flow_backward_mask",
+}
 
 
 class CreStereo(Layout):
     """CREStereo: its own loader, torchvision's CREStereo."""
 
-    encodings = Encodings("jpg", "png16-32")
-    exact_images = False
+    encodings = Encodings(image=Jpeg(), disparity=CRESTEREO_DISPARITY)
     right_truth_for = "CREStereo and torchvision's loader for it"
 
-    def files(self, key: Key, encodings: Encodings) -> dict[str, str]:
-        """Return a pair's files, side by side."""
-        del encodings
+    def stems(self, key: Key) -> dict[str, str]:
+        """Return the names of a pair's files, side by side in one of four folders."""
         begin = f"CREStereo/{_FOLDERS[key.index % len(_FOLDERS)]}/{key.index:06d}"
-        return {role: f"{begin}{ending}" for role, ending in _ENDINGS.items()}
+        names = view_stems(_NAMES, "_{view}.{channel}") | {"provenance": ""}
+        return {role: f"{begin}{name}" for role, name in names.items()}
 
     def advice(self, pairs: int, config: Config, split: SplitName = "train") -> list[str]:
-        """Tell of too few pairs too."""
+        """Return what the base says, and that torchvision wants a pair in each folder."""
         sentences = super().advice(pairs, config, split)
         if pairs < len(_FOLDERS):
             sentences.append(
@@ -40,29 +50,5 @@ class CreStereo(Layout):
             )
         return sentences
 
-
-_ENDINGS: Mapping[str, str] = {
-    "left": "_left.jpg",
-    "right": "_right.jpg",
-    "disparity_left": "_left.disp.png",
-    "disparity_right": "_right.disp.png",
-    "visibility_left": "_left.mask.png",
-    "visibility_right": "_right.mask.png",
-    "instances_left": "_left.inst.png",
-    "instances_right": "_right.inst.png",
-    "depth_left": "_left.depth.pfm",
-    "depth_right": "_right.depth.pfm",
-    "flow_left": "_left.flow.flo",
-    "flow_right": "_right.flow.flo",
-    "flow_visibility_left": "_left.flow_mask.png",
-    "flow_visibility_right": "_right.flow_mask.png",
-    "flow_backward_left": "_left.flow_backward.flo",
-    "flow_backward_right": "_right.flow_backward.flo",
-    "flow_backward_visibility_left": "_left.flow_backward_mask.png",
-    "flow_backward_visibility_right": "_right.flow_backward_mask.png",
-    "disparity_change_left": "_left.disparity_change.pfm",
-    "disparity_change_right": "_right.disparity_change.pfm",
-    "provenance": ".json",
-}
 
 LAYOUT = CreStereo()

@@ -8,9 +8,10 @@ leads to both, for torchvision.
 
 from collections.abc import Sequence
 
-from semisynth_gl.encodings import Encodings
-from semisynth_gl.layouts.layout import Key, Layout
-from semisynth_gl.layouts.middlebury import flow_files
+from semisynth_gl.codecs import Encodings
+from semisynth_gl.layouts.key import Key
+from semisynth_gl.layouts.layout import Layout
+from semisynth_gl.layouts.middlebury import scene_stems
 
 SCENES = "two_view_training"
 TRUTH = "two_view_training_gt"
@@ -22,30 +23,17 @@ class Eth3d(Layout):
     needs = frozenset({"visibility"})
     encodings = Encodings()
 
-    def files(self, key: Key, encodings: Encodings) -> dict[str, str]:
+    def stems(self, key: Key) -> dict[str, str]:
         """Return the files of a scene's two folders."""
-        names = _FILES | {role: (TRUTH, name) for role, name in flow_files(encodings).items()}
-        return {role: f"{folder}/{key.scene}/{name}" for role, (folder, name) in names.items()}
+        now, flow = scene_stems({"disparity": "disp{n}GT"})
+        images = {"left": now["left"], "right": now["right"], "calibration": "calib"}
+        names = images | now | {"provenance": "pair"} | flow
+        return {role: f"{SCENES if role in images else TRUTH}/{key.name}/{name}" for role, name in names.items()}
 
     def links(self, keys: Sequence[Key]) -> dict[str, str]:
         """Return the links under which torchvision looks for the scenes."""
         del keys
         return {f"ETH3D/{folder}": f"../{folder}" for folder in (SCENES, TRUTH)}
 
-
-_FILES: dict[str, tuple[str, str]] = {
-    "left": (SCENES, "im0.png"),
-    "right": (SCENES, "im1.png"),
-    "calibration": (SCENES, "calib.txt"),
-    "disparity_left": (TRUTH, "disp0GT.pfm"),
-    "disparity_right": (TRUTH, "disp1GT.pfm"),
-    "visibility_left": (TRUTH, "mask0nocc.png"),
-    "visibility_right": (TRUTH, "mask1nocc.png"),
-    "instances_left": (TRUTH, "inst0.png"),
-    "instances_right": (TRUTH, "inst1.png"),
-    "depth_left": (TRUTH, "depth0.pfm"),
-    "depth_right": (TRUTH, "depth1.pfm"),
-    "provenance": (TRUTH, "pair.json"),
-}
 
 LAYOUT = Eth3d()

@@ -6,11 +6,14 @@ disparities and flow in another encoding end in its name. Names with 0 are the l
 leads to the same scenes.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+from semisynth_gl.camera import EYES
+from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config
-from semisynth_gl.encodings import Encodings
-from semisynth_gl.layouts.layout import Key, Layout
+from semisynth_gl.frame import ROLES
+from semisynth_gl.layouts.key import Key
+from semisynth_gl.layouts.layout import Layout, view_stems
 from semisynth_gl.splits import SplitName
 
 SCENES = "MiddEval3/trainingF"
@@ -18,6 +21,13 @@ SCENE_LIST = "MiddEval3/official_train.txt"
 
 # Half and quarter size are exact then.
 _SIZE_STEP = 4
+_NAMES: Mapping[str, str] = {
+    "image": "im{n}",
+    "visibility": "mask{n}nocc",
+    "instances": "inst{n}",
+    "flow_visibility": "flow_mask{n}",
+    "flow_backward_visibility": "flow_backward_mask{n}",
+}
 
 
 class Middlebury(Layout):
@@ -25,15 +35,16 @@ class Middlebury(Layout):
 
     right_truth_for = "HSM and torchvision's CarlaStereo"
 
-    def files(self, key: Key, encodings: Encodings) -> dict[str, str]:
+    def stems(self, key: Key) -> dict[str, str]:
         """Return the files of a scene's folder."""
-        folder = f"{SCENES}/{key.scene}"
-        return {role: f"{folder}/{name}" for role, name in scene_files(encodings).items()}
+        now, flow = scene_stems({"disparity": "disp{n}GT"})
+        names = now | flow | {"calibration": "calib", "provenance": "pair"}
+        return {role: f"{SCENES}/{key.name}/{name}" for role, name in names.items()}
 
     def lists(self, keys: Sequence[Key], encodings: Encodings) -> dict[str, bytes]:
         """Return official_train.txt: the scenes' names, a line each."""
         del encodings
-        return {SCENE_LIST: "".join(f"{key.scene}\n" for key in keys).encode()}
+        return {SCENE_LIST: "".join(f"{key.name}\n" for key in keys).encode()}
 
     def links(self, keys: Sequence[Key]) -> dict[str, str]:
         """Return the link under which torchvision's CarlaStereo looks for the scenes."""
@@ -41,7 +52,7 @@ class Middlebury(Layout):
         return {"carla-highres/trainingF": f"../{SCENES}"}
 
     def advice(self, pairs: int, config: Config, split: SplitName = "train") -> list[str]:
-        """Tell of sizes that cannot be halved twice too."""
+        """Return what the base says, and that sizes should be halved twice without a rest."""
         size = config.camera.width_px, config.camera.height_px
         sentences = super().advice(pairs, config, split)
         if any(length % _SIZE_STEP for length in size):
@@ -52,39 +63,18 @@ class Middlebury(Layout):
         return sentences
 
 
-def scene_files(encodings: Encodings) -> dict[str, str]:
-    """Return the names of files inside a scene's folder, by role."""
-    (left, right), (disparity_left, disparity_right) = encodings.image_names, encodings.disparity_names
-    return {
-        "left": left,
-        "right": right,
-        "disparity_left": disparity_left,
-        "disparity_right": disparity_right,
-        "visibility_left": "mask0nocc.png",
-        "visibility_right": "mask1nocc.png",
-        "instances_left": "inst0.png",
-        "instances_right": "inst1.png",
-        "depth_left": "depth0.pfm",
-        "depth_right": "depth1.pfm",
-        **flow_files(encodings),
-        "calibration": "calib.txt",
-        "provenance": "pair.json",
-    }
+def scene_stems(names: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the names of a frame's arrays in layouts that call the left view 0 and the right one 1.
 
+    Args:
+        names: the layout's own names by channel, beside those of Middlebury; see `view_stems`.
 
-def flow_files(encodings: Encodings) -> dict[str, str]:
-    """Return the names of files of flow in any layout that calls the left view 0 and the right one 1, by role."""
-    return {
-        f"{role}_{side}": name
-        for side, view in (("left", 0), ("right", 1))
-        for role, name in {
-            "flow": f"flow{view}{encodings.flow_suffix}",
-            "flow_visibility": f"flow_mask{view}.png",
-            "flow_backward": f"flow_backward{view}{encodings.flow_suffix}",
-            "flow_backward_visibility": f"flow_backward_mask{view}.png",
-            "disparity_change": f"disparity_change{view}.pfm",
-        }.items()
-    }
+    Returns:
+        Those of the pair's own moment, and those that compare it with another one, view by view.
+    """
+    stems = view_stems({**_NAMES, **names}, "{channel}{n}")
+    flow = [role for eye in EYES for role, (of, channel) in ROLES.items() if of == eye and channel.moment != "now"]
+    return {role: stem for role, stem in stems.items() if role not in flow}, {role: stems[role] for role in flow}
 
 
 LAYOUT = Middlebury()

@@ -23,44 +23,50 @@ output a folder is a sequence: sequence 0 is A/0000, sequence 1 is B/0000, and f
 
 from collections.abc import Collection, Mapping, Sequence
 
+from semisynth_gl.codecs import Encodings
+from semisynth_gl.codecs.pfm import FlowPfm
 from semisynth_gl.config import Config
-from semisynth_gl.encodings import Encodings
 from semisynth_gl.frame import FLOW_OUTPUTS
-from semisynth_gl.layouts.layout import SHORT_NAMES, Key, Layout, pair_lines
+from semisynth_gl.layouts.key import Key
+from semisynth_gl.layouts.layout import SHORT_SPLITS, Layout, pair_lines, view_stems
 from semisynth_gl.splits import SplitName
 
 ROOT = "SceneFlow/FlyingThings3D"
 
 _IMAGES = "frames_cleanpass"
-_FLOW = "optical_flow"
-_FLOW_MASKS = "optical_flow_visibility"
 _LETTERS = "ABC"
 _FRAMES = 1000
 _PARTS: Mapping[SplitName, str] = {"train": "TRAIN", "validation": "TEST", "test": "TEST"}
+# The tree, then the path below the pair's folder in it, which is *, where ** is the frame's number.
+_NAMES: Mapping[str, str] = {
+    "image": _IMAGES + "/*/{view}/**",
+    "flow": "optical_flow/*/into_future/{view}/OpticalFlowIntoFuture_**_{L}",
+    "flow_visibility": "optical_flow_visibility/*/into_future/{view}/**",
+    "flow_backward": "optical_flow/*/into_past/{view}/OpticalFlowIntoPast_**_{L}",
+    "flow_backward_visibility": "optical_flow_visibility/*/into_past/{view}/**",
+    "disparity_change": "disparity_change/*/into_future/{view}/**",
+}
 
 
 class SceneFlow(Layout):
     """FlyingThings3D: RAFT-Stereo, torchvision, PSMNet, HSM; by lists CasStereo, GwcNet, MobileStereoNet, AANet."""
 
-    encodings = Encodings(flow="pfm")
+    encodings = Encodings(flow=FlowPfm())
     most_frames = 10_000
     right_truth_for = "torchvision's SceneFlowStereo and HSM"
 
-    def files(self, key: Key, encodings: Encodings) -> dict[str, str]:
+    def stems(self, key: Key) -> dict[str, str]:
         """Return a pair's files, of the same name in many folders."""
-        del encodings
-        place, frame = _place(key)
-        return {
-            role: f"{ROOT}/{tree}/{place}/{folder}/{begin}{frame}{end}"
-            for role, (tree, folder, begin, end) in _TREES.items()
-        } | {"provenance": f"{ROOT}/pairs/{place}/{frame}.json"}
+        folder, frame = _place(key)
+        names = view_stems(_NAMES, "{channel}/*/{view}/**") | {"provenance": "pairs/*/**"}
+        return {role: f"{ROOT}/{name.replace('**', frame).replace('*', folder)}" for role, name in names.items()}
 
     def lists(self, keys: Sequence[Key], encodings: Encodings) -> dict[str, bytes]:
         """Return lists of the pairs: left image, right image and left disparity, as paths below the split's folder."""
         if not keys:
             return {}
         text = pair_lines(self.files(key, encodings) for key in keys)
-        name = SHORT_NAMES[keys[0].split]
+        name = SHORT_SPLITS[keys[0].split]
         return {f"filenames/sceneflow_{name}.txt": text, f"filenames/SceneFlow_finalpass_{name}.txt": text}
 
     def links(self, keys: Sequence[Key]) -> dict[str, str]:
@@ -83,7 +89,7 @@ class SceneFlow(Layout):
         )
 
     def advice(self, pairs: int, config: Config, split: SplitName = "train") -> list[str]:
-        """Tell of sequences that loaders of flow find no two frames in too."""
+        """Return what the base says, and that flow needs two frames of a sequence."""
         sentences = super().advice(pairs, config, split)
         if FLOW_OUTPUTS.intersection(config.outputs) and config.sequence.length == 1:
             sentences.append(
@@ -105,28 +111,5 @@ def _place(key: Key) -> tuple[str, str]:
 
 
 _USED = ("TRAIN", "TEST")
-# The tree, the folder below the pair's, and what stands around the frame's number.
-_TREES: Mapping[str, tuple[str, str, str, str]] = {
-    "left": (_IMAGES, "left", "", ".png"),
-    "right": (_IMAGES, "right", "", ".png"),
-    "disparity_left": ("disparity", "left", "", ".pfm"),
-    "disparity_right": ("disparity", "right", "", ".pfm"),
-    "visibility_left": ("visibility", "left", "", ".png"),
-    "visibility_right": ("visibility", "right", "", ".png"),
-    "instances_left": ("instances", "left", "", ".png"),
-    "instances_right": ("instances", "right", "", ".png"),
-    "depth_left": ("depth", "left", "", ".pfm"),
-    "depth_right": ("depth", "right", "", ".pfm"),
-    "flow_left": (_FLOW, "into_future/left", "OpticalFlowIntoFuture_", "_L.pfm"),
-    "flow_right": (_FLOW, "into_future/right", "OpticalFlowIntoFuture_", "_R.pfm"),
-    "flow_visibility_left": (_FLOW_MASKS, "into_future/left", "", ".png"),
-    "flow_visibility_right": (_FLOW_MASKS, "into_future/right", "", ".png"),
-    "flow_backward_left": (_FLOW, "into_past/left", "OpticalFlowIntoPast_", "_L.pfm"),
-    "flow_backward_right": (_FLOW, "into_past/right", "OpticalFlowIntoPast_", "_R.pfm"),
-    "flow_backward_visibility_left": (_FLOW_MASKS, "into_past/left", "", ".png"),
-    "flow_backward_visibility_right": (_FLOW_MASKS, "into_past/right", "", ".png"),
-    "disparity_change_left": ("disparity_change", "into_future/left", "", ".pfm"),
-    "disparity_change_right": ("disparity_change", "into_future/right", "", ".pfm"),
-}
 
 LAYOUT = SceneFlow()

@@ -9,14 +9,16 @@ every pair, as Hugging Face demands; ``provenance`` in it is all of the provenan
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from semisynth_gl.encodings import Encodings
-from semisynth_gl.layouts.layout import BEYOND, Key, Layout, Sample, encode_json
-from semisynth_gl.layouts.middlebury import flow_files
-from semisynth_gl.read.error import ReadError
-from semisynth_gl.read.json import decode_json
+from semisynth_gl.codecs.json_object import JSON_OBJECT
+from semisynth_gl.errors import ReadError
+from semisynth_gl.layouts.key import Key
+from semisynth_gl.layouts.layout import Layout
+from semisynth_gl.layouts.middlebury import scene_stems
+from semisynth_gl.layouts.roles import DISPARITY_BEYOND, ROLES, Role, Sample
 
 _CAMERA: Mapping[str, type[int] | type[float]] = {
     "width_px": int,
@@ -35,59 +37,43 @@ class WebDataset(Layout):
 
     packed = True
 
-    def files(self, key: Key, encodings: Encodings) -> dict[str, str]:
+    def stems(self, key: Key) -> dict[str, str]:
         """Return the names of a pair's files inside the tar; no dot in the key, which ends at the first one."""
-        endings = {
-            "left": f"left{encodings.image_suffix}",
-            "right": f"right{encodings.image_suffix}",
-            "disparity_left": f"disp0{encodings.disparity_suffix}",
-            "disparity_right": f"disp1{encodings.disparity_suffix}",
-            "visibility_left": "mask0.png",
-            "visibility_right": "mask1.png",
-            "instances_left": "inst0.png",
-            "instances_right": "inst1.png",
-            "depth_left": "depth0.pfm",
-            "depth_right": "depth1.pfm",
-            **flow_files(encodings),
-            "provenance": "json",
-        }
-        return {role: f"{key.index:08d}.{ending}" for role, ending in endings.items()}
+        now, flow = scene_stems({"image": "{view}", "disparity": "disp{n}", "visibility": "mask{n}"})
+        names = {role: f".{name}" for role, name in (now | flow).items()} | {"provenance": ""}
+        return {role: f"{key.index:08d}{name}" for role, name in names.items()}
 
-    def encode_file(self, role: str, sample: Sample) -> bytes | None:
-        """Return what a role's file holds; None where the frame lacks it."""
-        return encode_json(_facts(sample)) if role == "provenance" else super().encode_file(role, sample)
-
-    def decode_file(self, role: str, data: bytes, path: Path, encodings: Encodings) -> Any:  # noqa: ANN401 - by role
-        """Return what a role's file says; of the JSON, the provenance.
-
-        Raises:
-            ReadError: where it is cut off, or not what its role says.
-        """
-        if role != "provenance":
-            return super().decode_file(role, data, path, encodings)
-        text = decode_json(data, path).get("provenance")
-        if not isinstance(text, str):
-            raise ReadError(path, f"expected the provenance as text, got {type(text).__name__}")
-        return decode_json(text.encode(), path)
+    def role(self, name: str) -> Role:
+        """Return a role; the provenance stands inside an object of the same keys for every pair."""
+        return _FACTS if name == "provenance" else super().role(name)
 
 
 def _facts(sample: Sample) -> dict[str, Any]:
     """Return what every pair has, and the provenance as text: a key that only some pairs had would get lost."""
-    made, camera = sample.provenance, sample.frame.camera
-    beyond = made.get(BEYOND, {})
+    provenance, camera = sample.provenance, sample.frame.camera
+    beyond = provenance.get(DISPARITY_BEYOND, {})
     return {
-        "pair": int(made["pair"]),
+        "pair": int(provenance["pair"]),
         "split": sample.key.split,
-        **{name: str(made[name]) for name in ("config", "config_sha256", "version", "renderer", "backend")},
-        **{name: int(made[name]) for name in ("seed", "sequence", "frame")},
-        "near_m": float(made["near_m"]),
+        **{name: str(provenance[name]) for name in ("config", "config_sha256", "version", "renderer", "backend")},
+        **{name: int(provenance[name]) for name in ("seed", "sequence", "frame")},
+        "near_m": float(provenance["near_m"]),
         "camera": {name: kind(getattr(camera, name)) for name, kind in _CAMERA.items()},
         "ndisp": int(sample.ndisp),
-        "redrawn": len(made.get("redrawn", ())),
+        "redrawn": len(provenance.get("redrawn", ())),
         "beyond_left": int(beyond.get("left", 0)),
         "beyond_right": int(beyond.get("right", 0)),
-        "provenance": json.dumps(made),
+        "provenance": json.dumps(provenance),
     }
 
+
+def _provenance(facts: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    text = facts.get("provenance")
+    if not isinstance(text, str):
+        raise ReadError(path, f"expected the provenance as text, got {type(text).__name__}")
+    return JSON_OBJECT.decode(text.encode(), path)
+
+
+_FACTS = replace(ROLES["provenance"], value=_facts, unwrap=_provenance)
 
 LAYOUT = WebDataset()

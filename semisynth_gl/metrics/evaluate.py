@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.errors import InputError
+from semisynth_gl.codecs.disparity_map import read_disparity_map
+from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.metrics.error_map import draw_error_map
 from semisynth_gl.metrics.predictions import Prediction
 from semisynth_gl.metrics.protocol import Protocol
 from semisynth_gl.metrics.score import Score, mean_figures, tally
 from semisynth_gl.metrics.truth import TruePair
-from semisynth_gl.read.disparity import read_disparity
-from semisynth_gl.read.error import ReadError
 
 ALL, VISIBLE = "all", "non-occluded"
 REGIONS = (ALL, VISIBLE)
@@ -60,7 +59,7 @@ def evaluate_pair(pair: TruePair, prediction: Prediction, protocol: Protocol, *,
         InputError: where sizes do not fit, or the truth has no disparity.
     """
     truth = pair.read()
-    values = read_disparity(prediction.path, prediction.png_scale)
+    values = read_disparity_map(prediction.path, prediction.png_scale)
     try:
         comparison = protocol.compare(values, truth.disparity, truth.limits)
     except InputError as error:

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS
 from semisynth_gl.errors import InputError
 from semisynth_gl.metrics.truth import TruePair
-from semisynth_gl.read.disparity import MAP_EXTENSIONS
 
 _SHOWN = 8
 _SCENE_STEMS = ("disp0GT", "disp0")

@@ -12,16 +12,17 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.dataset.reader import INDEX, PLAN, Dataset, open_dataset
-from semisynth_gl.errors import InputError
+from semisynth_gl.codecs import read_bytes
+from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, read_disparity_map
+from semisynth_gl.codecs.png import GREY8
+from semisynth_gl.codecs.png16 import KITTI_DISPARITY, DisparityPng16
+from semisynth_gl.dataset.reader import Dataset, open_dataset
+from semisynth_gl.dataset.schema import INDEX, PLAN
+from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.frame import VISIBLE
 from semisynth_gl.metrics.protocol import UNLIMITED, Limits, ProtocolName
-from semisynth_gl.read.disparity import KITTI_PNG_SCALE, MAP_EXTENSIONS, read_disparity
-from semisynth_gl.read.error import ReadError, read_bytes
-from semisynth_gl.read.png import decode_grey, read_grey
 from semisynth_gl.splits import SplitName
 
-_CRESTEREO_PNG_SCALE = 32.0
 _PROTOCOL_OF_LAYOUT: Mapping[str, ProtocolName] = {"kitti": "kitti", "eth3d": "eth3d"}
 _OBJECTS_ROLE = "objects"
 _OCC, _NOC, _OBJECTS = "disp_occ_0", "disp_noc_0", "obj_map"
@@ -118,7 +119,8 @@ def find_truth(address: str, split: SplitName | None = None, masks: Path | None 
 
 def _dataset_truths(dataset: Dataset, only_split: SplitName | None) -> TrueSet:
     index = dataset.about
-    png_scale = _CRESTEREO_PNG_SCALE if index.encodings.disparity == "png16-32" else KITTI_PNG_SCALE
+    codec = index.encodings.disparity
+    png_steps = codec.steps if isinstance(codec, DisparityPng16) else KITTI_DISPARITY.steps
     several = len(index.pairs) > 1
     # The order of `Dataset`.
     keys = [
@@ -129,10 +131,10 @@ def _dataset_truths(dataset: Dataset, only_split: SplitName | None) -> TrueSet:
     ]
     pairs = []
     for place, (split, number) in enumerate(keys):
-        scene = index.key(split, number).scene
+        scene = index.key(split, number).name
         path = index.files(split, number)["disparity_left"]
-        stems = {f"{split}/{scene}": KITTI_PNG_SCALE} if several else {}
-        stems |= {scene: KITTI_PNG_SCALE} | _path_stems(PurePosixPath(path), png_scale)
+        stems: dict[str, float] = {f"{split}/{scene}": KITTI_DISPARITY.steps} if several else {}
+        stems |= {scene: KITTI_DISPARITY.steps} | _path_stems(PurePosixPath(path), png_steps)
         name = f"{split}/{scene}" if several and only_split is None else scene
         read = partial(_read_pair, dataset, place, split, number)
         pairs.append(TruePair(name, str(index.place.path(path)), stems, read))
@@ -141,7 +143,7 @@ def _dataset_truths(dataset: Dataset, only_split: SplitName | None) -> TrueSet:
 
 def _read_pair(dataset: Dataset, place: int, split: SplitName, number: int) -> Truth:
     index, frame = dataset.about, dataset[place]
-    disparity, visibility = frame.disparity_left, frame.visibility_left
+    disparity, visibility = frame.left.disparity, frame.left.get("visibility")
     # KITTI's map of objects is no array of a frame.
     name = index.files(split, number).get(_OBJECTS_ROLE)
     objects = None
@@ -151,7 +153,7 @@ def _read_pair(dataset: Dataset, place: int, split: SplitName, number: int) -> T
             data = index.place.read(name)
         except FileNotFoundError:
             raise ReadError(path, "is missing") from None
-        objects = _same_size(decode_grey(data, path), disparity, path, "its disparity")
+        objects = _same_size(GREY8.decode(data, path), disparity, path, "its disparity")
     if frame.calibration is not None:
         limits = Limits(frame.calibration.ndisp)
     else:
@@ -174,7 +176,7 @@ def _folder_truths(folder: Path) -> TrueSet:
             protocol = "eth3d"
     else:
         pairs = [
-            TruePair(path.stem, str(path), {path.stem: KITTI_PNG_SCALE}, partial(_read_map, path))
+            TruePair(path.stem, str(path), {path.stem: KITTI_DISPARITY.steps}, partial(_read_map, path))
             for path in sorted(folder.iterdir())
             if path.suffix.lower() in MAP_EXTENSIONS
         ]
@@ -194,41 +196,41 @@ def _folder_truths(folder: Path) -> TrueSet:
 
 
 def _kitti_pair(root: Path, path: Path) -> TruePair:
-    stems = {f"{_KITTI_RESULTS}/{path.stem}": KITTI_PNG_SCALE}
-    stems |= _path_stems(PurePosixPath(_OCC, path.name), KITTI_PNG_SCALE)
+    stems: dict[str, float] = {f"{_KITTI_RESULTS}/{path.stem}": KITTI_DISPARITY.steps}
+    stems |= _path_stems(PurePosixPath(_OCC, path.name), KITTI_DISPARITY.steps)
     return TruePair(path.stem, str(path), stems, partial(_read_kitti, root, path))
 
 
 def _read_kitti(root: Path, path: Path) -> Truth:
-    disparity = read_disparity(path)
+    disparity = read_disparity_map(path)
     not_occluded, objects = root / _NOC / path.name, root / _OBJECTS / path.name
     visible = object_map = None
     if not_occluded.is_file():
-        visible = np.isfinite(_same_size(read_disparity(not_occluded), disparity, not_occluded, path))
+        visible = np.isfinite(_same_size(read_disparity_map(not_occluded), disparity, not_occluded, path))
     if objects.is_file():
-        object_map = _same_size(read_grey(objects), disparity, objects, path)
+        object_map = _same_size(GREY8.read(objects), disparity, objects, path)
     return Truth(disparity, visible, object_map)
 
 
 def _scene_pair(folder: Path, path: Path) -> TruePair:
     name = path.absolute().parent.name
     if path.parent == folder:
-        stems = {name: KITTI_PNG_SCALE, path.stem: KITTI_PNG_SCALE}
+        stems: dict[str, float] = {name: KITTI_DISPARITY.steps, path.stem: KITTI_DISPARITY.steps}
     else:
         relative = PurePosixPath(path.relative_to(folder).as_posix())
-        stems = {name: KITTI_PNG_SCALE} | _path_stems(relative, KITTI_PNG_SCALE)
+        stems = _path_stems(relative, KITTI_DISPARITY.steps) | {name: KITTI_DISPARITY.steps}
     return TruePair(name, str(path), stems, partial(_read_scene, path))
 
 
 def _read_scene(path: Path) -> Truth:
-    disparity = read_disparity(path)
+    disparity = read_disparity_map(path)
     mask, calibration = path.with_name(f"{_MASK}.png"), path.with_name("calib.txt")
-    visible = _same_size(read_grey(mask), disparity, mask, path) == VISIBLE if mask.is_file() else None
+    visible = _same_size(GREY8.read(mask), disparity, mask, path) == VISIBLE if mask.is_file() else None
     return Truth(disparity, visible, limits=read_limits(calibration) if calibration.is_file() else UNLIMITED)
 
 
 def _read_map(path: Path) -> Truth:
-    return Truth(read_disparity(path))
+    return Truth(read_disparity_map(path))
 
 
 def read_limits(path: Path) -> Limits:
@@ -262,7 +264,7 @@ def _with_mask(pair: TruePair, masks: Path) -> TruePair:
 
 def _read_with_mask(pair: TruePair, mask: Path) -> Truth:
     truth = pair.read()
-    return replace(truth, visible=_same_size(read_grey(mask), truth.disparity, mask, pair.source) == VISIBLE)
+    return replace(truth, visible=_same_size(GREY8.read(mask), truth.disparity, mask, pair.source) == VISIBLE)
 
 
 def _same_size(
@@ -281,4 +283,4 @@ def _path_stems(path: PurePosixPath, png_scale: float) -> dict[str, float]:
     parts = (*path.parts[:-1], path.stem)
     stems = {"/".join(parts[first:]): png_scale for first in range(len(parts))}
     # "000000_left.disp" is also the disparity of "000000_left".
-    return stems | {path.name.partition(".")[0]: KITTI_PNG_SCALE} if "." in path.stem else stems
+    return stems | {path.name.partition(".")[0]: KITTI_DISPARITY.steps} if "." in path.stem else stems

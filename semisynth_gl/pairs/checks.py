@@ -13,14 +13,17 @@ _AT_NEAR_PLANE = 1e-5
 def faults(frame: Frame, config: Config) -> list[str]:
     """Say what is wrong with a pair, a clause each with its numbers; empty where nothing is."""
     section, found = config.checks, []
-    brightness = float(min(frame.left.mean(), frame.right.mean()))
+    brightness = float(min(frame.left.image.mean(), frame.right.image.mean()))
     if brightness < section.min_brightness:
         found.append(f"too dark: mean {brightness:.1f} levels, at least {section.min_brightness:g} wanted")
     # Every second pixel of every second row: a share of the time, and texture of a pixel's size is seen either way.
-    texture = min(texture_measure(np.ascontiguousarray(image[::2, ::2])) for image in (frame.left, frame.right))
+    texture = min(
+        texture_measure(np.ascontiguousarray(image[::2, ::2])) for image in (frame.left.image, frame.right.image)
+    )
     if texture < section.min_texture:
         found.append(f"too little texture: {texture:.2f} levels, at least {section.min_texture:g} wanted")
-    for disparity in (frame.disparity_left, frame.disparity_right):
+    for view in (frame.left, frame.right):
+        disparity = view.get("disparity")
         if disparity is None:
             continue
         valid = disparity[np.isfinite(disparity)]

@@ -4,7 +4,7 @@ In this order: the lens blurs, the exposure scales, the sensor adds noise, the t
 values as they are, since photographs come without the curve that made them.
 """
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -61,5 +61,8 @@ def with_imperfections(
 ) -> tuple[Frame, dict[str, Any]]:
     """Put imperfections on both images of a frame, each eye with its own; return them in JSON's types beside it."""
     drawn = {eye: draw_imperfections(section, rng) for eye in EYES}
-    left, right = (apply_imperfections(getattr(frame, eye), drawn[eye], rng) for eye in EYES)
-    return replace(frame, left=left, right=right), {eye: asdict(values) for eye, values in drawn.items()}
+    left, right = (
+        view.with_channels({"image": apply_imperfections(view.image, drawn[eye], rng)})
+        for eye, view in zip(EYES, (frame.left, frame.right), strict=True)
+    )
+    return Frame(frame.camera, left, right), {eye: asdict(values) for eye, values in drawn.items()}

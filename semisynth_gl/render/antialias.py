@@ -12,9 +12,9 @@ from semisynth_gl.camera import Crop
 from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.frame import ANTIALIAS_PATTERN
 from semisynth_gl.render.context import GraphicsContext
-from semisynth_gl.render.programs import link_program, set_uniform
+from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.readers import Reader
-from semisynth_gl.render.targets import take, window
+from semisynth_gl.render.targets import window
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,9 +85,7 @@ class ColourTargets:
         self._resolve = gl.framebuffer([self._resolved])
         self._program: moderngl.Program | None = None
         if antialias.kind == "ssaa":
-            self._program = link_program(context, "whole_image.vert", "resolve.frag", {})
-            set_uniform(self._program, "fine", 0)
-            set_uniform(self._program, "factor", factor)
+            self._program = link_program(context, "whole_image.vert", "resolve.frag", {"FACTOR": factor})
             self._vao = gl.vertex_array(self._program, [])
 
     def limit(self, region: Crop | None) -> None:
@@ -106,7 +104,8 @@ class ColourTargets:
             self._vao.render(moderngl.TRIANGLES, 3)
         else:
             self._gl.copy_framebuffer(self._resolve, self.fine)
-        return take(self._read, self._resolve, crop, 0, "f1", 3)
+        colour: NDArray[np.uint8] = self._read(self._resolve, window(crop, self._resolve.size), 0, "f1", 3)
+        return colour
 
     def release(self) -> None:
         """Free everything."""

@@ -8,21 +8,17 @@ from numpy.typing import NDArray
 
 from semisynth_gl.camera import Crop, Eye
 from semisynth_gl.errors import InputError
+from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.model_buffers import ModelBuffers, Placed
-from semisynth_gl.render.programs import link_program, set_uniform
-from semisynth_gl.render.projection import clip_from_view
+from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.readers import Reader
-from semisynth_gl.render.targets import EyeTargets, FlowTargets
+from semisynth_gl.render.structs import BLOCKS, MOVE
+from semisynth_gl.render.targets import FLOW, EyeTargets, FlowTargets
 from semisynth_gl.scene.scene import Motion
 
-# The struct Move of flow.frag, std430.
-_MOVE = np.dtype(
-    [("turn_and_shift", "<f4", (3, 4)), ("centre", "<f4", (3,)), ("", "<f4"), ("then", "<u4"), ("", "<u4", (3,))]
-)
-_MOVES = 4
 _FEWEST_MOVES = 256
-# Texture units.
+# Texture units of flow.frag.
 _OWN_DEPTH, _OWN_SURFACE, _THEN_DEPTH, _THEN_SURFACE = range(4)
 
 
@@ -32,7 +28,7 @@ class Moved:
 
     Attributes:
         then: the other moment's instances.
-        moves: (N,) of `_MOVE`, relative to the left eye.
+        moves: (N,) of `MOVE`, relative to the left eye.
     """
 
     then: Placed
@@ -44,23 +40,22 @@ class FlowPass:
 
     Args:
         context: the open context.
+        constants: its buffer of constants.
         read: what takes pixels.
     """
 
-    def __init__(self, context: GraphicsContext, read: Reader) -> None:
+    def __init__(self, context: GraphicsContext, constants: ConstantsBuffer, read: Reader) -> None:
         self._context = context
         self._read = read
         self._gl = context.gl
         self._draw_program = link_program(context, "mesh.vert", "mesh.frag", {"DEPTH": 0, "SURFACE": 1})
-        self._draws: list[tuple[moderngl.Program, moderngl.VertexArray]] = []
+        self._constants = constants
+        self._draws: list[moderngl.VertexArray] = []
+        locations = {name.upper(): number for number, name in enumerate(FLOW)}
         for defines in ({}, {"TRACE": 1}):
-            program = link_program(context, "whole_image.vert", "flow.frag", defines)
-            units = {"own_depth": _OWN_DEPTH, "own_surface": _OWN_SURFACE}
-            units |= {"then_depth": _THEN_DEPTH, "then_surface": _THEN_SURFACE}
-            for name, unit in units.items():
-                set_uniform(program, name, unit)
-            self._draws.append((program, context.gl.vertex_array(program, [])))
-        self._moves = context.gl.buffer(reserve=_FEWEST_MOVES * _MOVE.itemsize, dynamic=True)
+            program = link_program(context, "whole_image.vert", "flow.frag", locations | defines)
+            self._draws.append(context.gl.vertex_array(program, []))
+        self._moves = context.gl.buffer(reserve=_FEWEST_MOVES * MOVE.itemsize, dynamic=True)
         self._then: EyeTargets | None = None
         self._targets: FlowTargets | None = None
 
@@ -69,7 +64,7 @@ class FlowPass:
         then = EyeTargets(self._context, width_px, height_px, ("depth", "surface"), visibility=False)
         targets = FlowTargets(self._context, width_px, height_px, self._read)
         # moderngl binds the framebuffer in use again after making a new one, so the old ones go last.
-        targets.drawing.use()
+        targets.framebuffer.use()
         self.release()
         self._then, self._targets = then, targets
 
@@ -85,7 +80,7 @@ class FlowPass:
         if then.camera != now.camera:
             raise InputError(f"motion: expected the scene's camera, {now.camera}, got {then.camera}")
         view_from_model = then.camera_from_world @ motion.world_from_model
-        moves = np.zeros(len(now), _MOVE)
+        moves = np.zeros(len(now), MOVE)
         # The pseudo-inverse, since a flat model may be placed by a matrix that flattens it.
         turn = view_from_model[:, :3, :3] @ np.linalg.pinv(placed.view_from_model[:, :3, :3]) - np.eye(3)
         # What stays has no flow at all, not one of rounding errors.
@@ -108,27 +103,22 @@ class FlowPass:
         self._then.clear()
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">"
-        projection = clip_from_view(camera, eye, then.scene.near_m)
-        set_uniform(self._draw_program, "clip_from_view", tuple(projection.T.ravel().tolist()))
+        self._constants.write(camera, eye, then.scene.near_m)
         models.draw(self._draw_program, filled)
 
         self._bind_moves(moved, camera.offset_m(eye))
-        models.bind_for_tracing(then, eye)
-        own.use("depth", _OWN_DEPTH)
-        own.use("surface", _OWN_SURFACE)
-        self._then.use("depth", _THEN_DEPTH)
-        self._then.use("surface", _THEN_SURFACE)
+        models.bind_triangles(then, eye)
+        own.bind("depth", _OWN_DEPTH)
+        own.bind("surface", _OWN_SURFACE)
+        self._then.bind("depth", _THEN_DEPTH)
+        self._then.bind("surface", _THEN_SURFACE)
         self._targets.clear(crop)
         self._gl.enable_only(moderngl.DEPTH_TEST)
         # As in the visibility pass: what the first draw discards keeps the depth that the clearing gave it.
-        for number, (program, vao) in enumerate(self._draws):
+        self._constants.write(camera, eye, scene.near_m)
+        for number, draw in enumerate(self._draws):
             self._gl.depth_func = "1" if number == 0 else "!="
-            set_uniform(program, "focal_baseline", camera.focal_baseline)
-            set_uniform(program, "doffs_px", camera.doffs_px)
-            set_uniform(program, "focal_px", camera.focal_px)
-            set_uniform(program, "near_m", scene.near_m)
-            set_uniform(program, "traced_centre_px", (camera.cx_px(eye), camera.cy_px))
-            vao.render(moderngl.TRIANGLES, 3)
+            draw.render(moderngl.TRIANGLES, 3)
         return self._targets
 
     def _bind_moves(self, moved: Moved, offset_m: float) -> None:
@@ -140,7 +130,7 @@ class FlowPass:
             self._moves.orphan()
         if len(moves):
             self._moves.write(moves)
-        self._moves.bind_to_storage_buffer(_MOVES)
+        self._moves.bind_to_storage_buffer(BLOCKS["Moves"].binding)
 
     def release(self) -> None:
         """Free the targets."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -12,24 +13,10 @@ from semisynth_gl.errors import BackendError
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.topology import neighbours
 from semisynth_gl.render.projection import in_view
+from semisynth_gl.render.structs import COMMAND, DRAWN_INSTANCE, INSTANCE, VERTEX, check_attributes, members
 from semisynth_gl.scene.scene import Scene
 
-# The vertex and per-instance attributes of mesh.vert, in their order.
-_VERTEX_FORMAT = (("position", 3), ("uv", 2))
-_INSTANCE = np.dtype(
-    [("view_from_model", "<f4", (3, 4)), ("patch_from_uv", "<f4", (4,)), ("layer", "<i4"), ("instance", "<i4")]
-)
-_INSTANCE_FORMAT = (
-    *(("view_from_model_x", 4), ("view_from_model_y", 4), ("view_from_model_z", 4)),
-    *(("patch_from_uv", 4), ("layer", 1), ("instance", 1)),
-)
 _INTEGERS = ("layer", "instance")
-# OpenGL's DrawElementsIndirectCommand.
-_COMMAND = np.dtype(
-    [("count", "<u4"), ("instances", "<u4"), ("first_index", "<u4"), ("base_vertex", "<i4"), ("base_instance", "<u4")]
-)
-# The struct Instance of common_silhouette.glsl, std430.
-_TRACED = np.dtype([("view_from_model", "<f4", (3, 4)), ("model", "<u4", (4,))])
 _FEWEST_INSTANCES = 256
 
 
@@ -70,7 +57,7 @@ class ModelBuffers:
     Args:
         gl: the context.
         models: at least one.
-        traced: whether shaders will follow surfaces (`bind_for_tracing`).
+        traced: whether shaders will look up triangles (`bind_triangles`).
     """
 
     def __init__(self, gl: moderngl.Context, models: Sequence[Mesh], *, traced: bool) -> None:
@@ -80,11 +67,11 @@ class ModelBuffers:
         )
         self._indices = gl.buffer(np.concatenate([mesh.triangles.reshape(-1) for mesh in models]).astype("<u4"))
         self._neighbours = gl.buffer(np.concatenate([neighbours(mesh) for mesh in models])) if traced else None
-        self._traced = gl.buffer(reserve=_FEWEST_INSTANCES * _TRACED.itemsize, dynamic=True) if traced else None
+        self._traced = gl.buffer(reserve=_FEWEST_INSTANCES * INSTANCE.itemsize, dynamic=True) if traced else None
         index_counts = np.array([mesh.triangles.size for mesh in models])
         vertex_counts = np.array([len(mesh.positions) for mesh in models])
         self._radius = np.array([mesh.radius for mesh in models])
-        self._model_commands = np.zeros(len(models), _COMMAND)
+        self._model_commands = np.zeros(len(models), COMMAND)
         self._model_commands["count"] = index_counts
         self._model_commands["first_index"] = np.cumsum(index_counts) - index_counts
         self._model_commands["base_vertex"] = np.cumsum(vertex_counts) - vertex_counts
@@ -125,7 +112,7 @@ class ModelBuffers:
         fronts = int(fronts_only.sum())
         if len(seen) == 0:
             return Filled(0, 0)
-        instances = np.zeros(len(seen), _INSTANCE)
+        instances = np.zeros(len(seen), DRAWN_INSTANCE)
         instances["view_from_model"] = view_from_model[seen]
         instances["patch_from_uv"][:, :2] = scene.uv_scale[seen]
         instances["patch_from_uv"][:, 2:] = scene.uv_offset[seen]
@@ -160,12 +147,12 @@ class ModelBuffers:
                 self._commands, moderngl.TRIANGLES, filled.both_sides, first=filled.fronts
             )
 
-    def bind_for_tracing(self, placed: Placed, eye: Eye) -> None:
-        """Bind the buffers of common_silhouette.glsl, with all instances relative to one eye."""
+    def bind_triangles(self, placed: Placed, eye: Eye) -> None:
+        """Bind the buffers of common_triangles.glsl, with all instances relative to one eye."""
         if self._neighbours is None or self._traced is None:
             raise RuntimeError("these models were uploaded without their neighbours")
         scene = placed.scene
-        rows = np.zeros(len(scene), _TRACED)
+        rows = np.zeros(len(scene), INSTANCE)
         rows["view_from_model"] = placed.rows(eye)
         rows["model"][:, 0] = self._model_commands["first_index"][scene.model] // 3
         rows["model"][:, 1] = self._model_commands["base_vertex"][scene.model]
@@ -187,13 +174,13 @@ class ModelBuffers:
 
     def _make_room(self, capacity: int) -> None:
         self._capacity = capacity
-        self._instances = self._gl.buffer(reserve=capacity * _INSTANCE.itemsize, dynamic=True)
-        self._commands = self._gl.buffer(reserve=capacity * _COMMAND.itemsize, dynamic=True)
+        self._instances = self._gl.buffer(reserve=capacity * DRAWN_INSTANCE.itemsize, dynamic=True)
+        self._commands = self._gl.buffer(reserve=capacity * COMMAND.itemsize, dynamic=True)
 
     def _vao(self, program: moderngl.Program) -> moderngl.VertexArray:
         if program.glo not in self._vaos:
-            vertex, vertex_names = _format(program, _VERTEX_FORMAT, "")
-            instance, instance_names = _format(program, _INSTANCE_FORMAT, " /i")
+            vertex, vertex_names = _format(program, VERTEX, "")
+            instance, instance_names = _format(program, DRAWN_INSTANCE, " /i")
             self._vaos[program.glo] = self._gl.vertex_array(
                 program,
                 [(self._vertices, vertex, *vertex_names), (self._instances, instance, *instance_names)],
@@ -203,10 +190,11 @@ class ModelBuffers:
         return self._vaos[program.glo]
 
 
-def _format(program: moderngl.Program, attributes: Sequence[tuple[str, int]], suffix: str) -> tuple[str, list[str]]:
+def _format(program: moderngl.Program, dtype: np.dtype[Any], suffix: str) -> tuple[str, list[str]]:
     """Buffer format and names; an attribute that the compiler removed from a program is passed over."""
     parts, names = [], []
-    for name, count in attributes:
+    check_attributes(program, dtype, _INTEGERS)
+    for name, _, count in members(dtype):
         if program.get(name, None) is None:
             parts.append(f"{count}x4")
             continue

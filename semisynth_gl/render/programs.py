@@ -1,4 +1,4 @@
-"""Linked shader programs and their uniforms, with errors that say what is wrong."""
+"""Linked shader programs, with errors that say what is wrong."""
 
 from collections.abc import Mapping
 
@@ -7,27 +7,26 @@ import moderngl
 from semisynth_gl.errors import BackendError
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.shader_source import shader_source
+from semisynth_gl.render.structs import check_blocks
 
 
 def link_program(context: GraphicsContext, vertex: str, fragment: str, defines: Mapping[str, int]) -> moderngl.Program:
-    """Compile and link two files of shaders/; ``defines`` are for the fragment shader.
+    """Compile and link two files of shaders/, and check the blocks that numpy packs for them.
+
+    Args:
+        context: the open context.
+        vertex: name of the vertex shader's file.
+        fragment: name of the fragment shader's file.
+        defines: for the fragment shader.
 
     Raises:
-        BackendError: with the driver's message, where it refuses them.
+        BackendError: where the driver refuses the shaders, with its message, or lays out a block in another way.
     """
     try:
-        return context.gl.program(vertex_shader=shader_source(vertex), fragment_shader=shader_source(fragment, defines))
+        program = context.gl.program(
+            vertex_shader=shader_source(vertex), fragment_shader=shader_source(fragment, defines)
+        )
     except moderngl.Error as error:
         raise BackendError(f"{context.renderer} does not compile {vertex} and {fragment}: {error}") from error
-
-
-def set_uniform(program: moderngl.Program, name: str, value: float | tuple[float, ...]) -> None:
-    """Set a uniform; matrices are given column by column.
-
-    Raises:
-        KeyError: where the program has none of that name. The compiler also removes those that change nothing.
-    """
-    uniform = program.get(name, None)
-    if not isinstance(uniform, moderngl.Uniform):
-        raise KeyError(f"the shader program has no uniform {name}: misspelt, or without effect on its outputs")
-    uniform.value = value
+    check_blocks(context, program)
+    return program

@@ -17,33 +17,37 @@ from numpy.typing import NDArray
 from semisynth_gl.camera import EYES, OTHER_EYE, Crop, Eye
 from semisynth_gl.errors import BackendError, ContextLostError, InputError
 from semisynth_gl.frame import (
+    CHANNELS,
     DEFAULT_OUTPUTS,
     FLOW_OUTPUTS,
     FUTURE_OUTPUTS,
     OUTPUTS,
     PAST_OUTPUTS,
-    TRUTHS,
+    TRUTH_VIEWS,
+    Channel,
     Frame,
-    Output,
-    TruthOf,
+    Moment,
+    Pass,
+    TruthViews,
+    View,
 )
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.antialias import ColourTargets, parse_antialias
+from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import Backend, open_context
 from semisynth_gl.render.flow import FlowPass
 from semisynth_gl.render.model_buffers import Filled, ModelBuffers, Placed
-from semisynth_gl.render.programs import link_program, set_uniform
-from semisynth_gl.render.projection import clip_from_view
+from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.readers import Reader, read_array
-from semisynth_gl.render.targets import Attachment, EyeTargets
+from semisynth_gl.render.targets import EyeTargets
 from semisynth_gl.render.visibility import VisibilityPass
 from semisynth_gl.scene.scene import Motion, Scene
 
 Wrap = Literal["mirror", "repeat"]
 RenderStage = Literal["draw", "visibility", "readback"]
 
-_NEEDS_MOTION: Mapping[str, frozenset[Output]] = {"future": FUTURE_OUTPUTS, "past": PAST_OUTPUTS}
+_NEEDS_MOTION: Mapping[str, frozenset[str]] = {"future": FUTURE_OUTPUTS, "past": PAST_OUTPUTS}
 _MOST_INSTANCE_IDS = 65535
 _UNKNOWN_ERROR = "GL_UNKNOWN_ERROR"
 
@@ -56,8 +60,7 @@ class Renderer:
         layers: (L, P, P, 4) uint8 RGBA, the patch atlas that `Scene.layer` counts; row 0 is the top.
         wrap: what lies beyond a patch's border, its mirror image or itself again.
         anisotropy: most samples of a patch for a pixel that sees it at a grazing angle; 1 blurs there.
-        outputs: what to make beside images and disparities, of "visibility", "instances", "depth", "flow",
-            "flow_backward" and "disparity_change".
+        outputs: what to make beside images and disparities; see `semisynth_gl.frame.OUTPUTS`.
         truth: of which views disparity and outputs are made, "both" or "left".
         antialias: "none", "msaa4" (or what the driver has) or "ssaa2" to "ssaa8"; for colour only.
         backend: "auto", "egl" or "osmesa".
@@ -81,8 +84,8 @@ class Renderer:
         *,
         wrap: Wrap = "mirror",
         anisotropy: int = 1,
-        outputs: Collection[Output] = DEFAULT_OUTPUTS,
-        truth: TruthOf = "both",
+        outputs: Collection[str] = DEFAULT_OUTPUTS,
+        truth: TruthViews = "both",
         antialias: str = "none",
         backend: Backend = "auto",
         device_index: int = 0,
@@ -97,22 +100,25 @@ class Renderer:
         unknown = set(outputs) - set(OUTPUTS)
         if unknown:
             raise InputError(f"outputs: expected some of {', '.join(OUTPUTS)}, got {', '.join(sorted(unknown))}")
-        if truth not in TRUTHS:
-            raise InputError(f"truth: expected one of {', '.join(TRUTHS)}, got {truth}")
+        if truth not in TRUTH_VIEWS:
+            raise InputError(f"truth: expected one of {', '.join(TRUTH_VIEWS)}, got {truth}")
         if anisotropy not in range(1, 17):
             raise InputError(f"anisotropy must be a whole number from 1 to 16, got {anisotropy}")
         self.listener: Listener | None = None
         self._released = False
         self._read_pixels = read
         self._outputs = frozenset(outputs)
+        self._channels = [each for each in CHANNELS.values() if each.output is None or each.output in outputs]
         self._truth_eyes: tuple[Eye, ...] = EYES if truth == "both" else ("left",)
         self._antialias = parse_antialias(antialias)
-        self._attachments: dict[Eye, tuple[Attachment, ...]] = {eye: self._drawn(eye) for eye in EYES}
+        self._attachments: dict[Eye, tuple[str, ...]] = {eye: self._drawn(eye) for eye in EYES}
         self._context = open_context(backend, device_index)
         try:
             self._gl = self._context.gl
             self._atlas = self._upload_atlas(layers, wrap)
-            self._models = ModelBuffers(self._gl, models, traced=bool(self._outputs & ({"visibility"} | FLOW_OUTPUTS)))
+            reads_triangles = any(channel.reads_triangles for channel in self._channels)
+            self._models = ModelBuffers(self._gl, models, traced=reads_triangles)
+            self._constants = ConstantsBuffer(self._gl)
             self._link_programs(anisotropy)
         except BaseException:
             self._context.release()
@@ -219,46 +225,49 @@ class Renderer:
             for eye in self._truth_eyes:
                 self._visibility.draw(placed, eye, self._targets, self._models)
         finish("visibility")
-        arrays = self._read(colour, crop)
+        views = self._read(colour, crop)
         if self._flow is not None:
             for name, motion in motions.items():
                 if motion is not None and self._outputs & _NEEDS_MOTION[name]:
-                    arrays |= self._read_flow(self._flow, placed, motion, crop, backward=name == "past")
+                    self._read_flow(self._flow, placed, motion, crop, "next" if name == "future" else "previous", views)
         finish("readback")
-        return Frame(camera, **arrays)
+        return Frame(camera, View(views["left"]), View(views["right"]))
 
-    def _read(self, colour: dict[Eye, NDArray[np.uint8] | None], crop: Crop | None) -> dict[str, NDArray[Any]]:
-        """Copy out what `Frame` holds; ``colour`` has the images that were antialiased."""
-        arrays: dict[str, NDArray[Any]] = {}
+    def _read(self, colour: dict[Eye, NDArray[np.uint8] | None], crop: Crop | None) -> dict[Eye, dict[str, Any]]:
+        """Copy out the channels of the drawing and the visibility pass; ``colour`` has the antialiased images."""
+        views: dict[Eye, dict[str, Any]] = {}
         for eye in EYES:
             targets, antialiased = self._targets[eye], colour[eye]
-            arrays[eye] = targets.read_colour(crop) if antialiased is None else antialiased
-            if eye not in self._truth_eyes:
-                continue
-            arrays[f"disparity_{eye}"] = targets.read_disparity(crop)
-            if "visibility" in self._outputs:
-                arrays[f"visibility_{eye}"] = targets.read_visibility(crop)
-            if "instances" in self._outputs:
-                arrays[f"instances_{eye}"] = targets.read_instances(crop)
-            if "depth" in self._outputs:
-                arrays[f"depth_{eye}"] = targets.read_depth(crop)
-        return arrays
+            image = CHANNELS["image"]
+            views[eye] = {image.name: targets.read(image.attachment, crop) if antialiased is None else antialiased}
+            if eye in self._truth_eyes:
+                for channel in self._drawn_by("drawing"):
+                    if channel is not image:
+                        views[eye][channel.name] = targets.read(channel.attachment, crop)
+                if targets.visibility is not None:
+                    for channel in self._drawn_by("visibility"):
+                        views[eye][channel.name] = targets.visibility.read(channel.attachment, crop)
+        return views
 
     def _read_flow(
-        self, flow_pass: FlowPass, placed: Placed, motion: Motion, crop: Crop | None, *, backward: bool
-    ) -> dict[str, NDArray[Any]]:
-        """Draw the flow to one other moment, and copy it out."""
-        arrays: dict[str, NDArray[Any]] = {}
-        output = "flow_backward" if backward else "flow"
+        self,
+        flow_pass: FlowPass,
+        placed: Placed,
+        motion: Motion,
+        crop: Crop | None,
+        moment: Moment,
+        views: dict[Eye, dict[str, Any]],
+    ) -> None:
+        """Draw the flow to one other moment, and copy its channels out into the views."""
         moved = flow_pass.place(placed, motion, self._models)
         for eye in self._truth_eyes:
-            drawn = flow_pass.draw(placed, moved, eye, self._targets[eye], self._models, crop)
-            if output in self._outputs:
-                arrays[f"{output}_{eye}"] = drawn.read_flow(crop)
-                arrays[f"{output}_visibility_{eye}"] = drawn.read_visibility(crop)
-            if not backward and "disparity_change" in self._outputs:
-                arrays[f"disparity_change_{eye}"] = drawn.read_disparity_change(crop)
-        return arrays
+            targets = flow_pass.draw(placed, moved, eye, self._targets[eye], self._models, crop)
+            for channel in self._drawn_by("flow"):
+                if channel.moment == moment:
+                    views[eye][channel.name] = targets.read(channel.attachment, crop)
+
+    def _drawn_by(self, name: Pass) -> list[Channel[Any]]:
+        return [channel for channel in self._channels if channel.drawn_by == name]
 
     def release(self) -> None:
         """Free the context and all that it holds; a second call does nothing."""
@@ -291,22 +300,19 @@ class Renderer:
             self._context.unbound.mirror_beyond_border(atlas.glo)
         return atlas
 
-    def _drawn(self, eye: Eye) -> tuple[Attachment, ...]:
-        """What the drawing pass of an eye writes."""
-        names: list[Attachment] = []
-        if self._antialias.kind == "none":
-            names.append("colour")
+    def _drawn(self, eye: Eye) -> tuple[str, ...]:
+        """Return the attachments that the drawing pass of an eye writes."""
         own, visibility = eye in self._truth_eyes, "visibility" in self._outputs
-        if own or visibility:
-            names.append("disparity")
         flow = own and bool(self._outputs & FLOW_OUTPUTS)
-        if flow or (own and "depth" in self._outputs):
-            names.append("depth")
-        if own and "instances" in self._outputs:
-            names.append("instances")
-        if visibility or flow:
-            names.append("surface")
-        return tuple(names)
+        # What the visibility pass and the flow pass look up is drawn for them.
+        needed = {
+            "colour": self._antialias.kind == "none",
+            "disparity": own or visibility,
+            "depth": flow or (own and "depth" in self._outputs),
+            "surface": visibility or flow,
+        }
+        names = {channel.attachment: own for channel in self._drawn_by("drawing")} | needed
+        return tuple(name for name, drawn in names.items() if drawn)
 
     def _link_programs(self, anisotropy: int) -> None:
         self._draw_programs: dict[Eye, moderngl.Program] = {}
@@ -328,8 +334,10 @@ class Renderer:
             self._colour_program = link_program(
                 self._context, "mesh.vert", "mesh.frag", {"COLOUR": 0, "ANISOTROPY": anisotropy}
             )
-        self._visibility = VisibilityPass(self._context) if "visibility" in self._outputs else None
-        self._flow = FlowPass(self._context, self._read_pixels) if self._outputs & FLOW_OUTPUTS else None
+        self._visibility = VisibilityPass(self._context, self._constants) if "visibility" in self._outputs else None
+        self._flow = (
+            FlowPass(self._context, self._constants, self._read_pixels) if self._outputs & FLOW_OUTPUTS else None
+        )
 
     def _check(self, scene: Scene) -> None:
         ranges = (("model", scene.model, len(self._models)), ("layer", scene.layer, self._atlas.layers))
@@ -370,7 +378,7 @@ class Renderer:
         if self._flow is not None:
             self._flow.resize(width_px, height_px)
         # moderngl binds the framebuffer in use again after making a new one, so the old ones go last.
-        self._targets["left"].drawing.use()
+        self._targets["left"].framebuffer.use()
         for targets in outgrown:
             targets.release()
         if outgrown_colour is not None:
@@ -382,28 +390,29 @@ class Renderer:
         looked_up = self._visibility is not None and OTHER_EYE[eye] in self._truth_eyes
         part = crop and _drawn_part(placed.scene, eye, crop, looked_up=looked_up)
         scene, filled = placed.scene, self._models.fill(placed, eye, part)
-        projection = tuple(clip_from_view(scene.camera, eye, scene.near_m).T.ravel().tolist())
+        self._constants.write(scene.camera, eye, scene.near_m)
         self._atlas.use(0)
         program = self._draw_programs[eye]
         if self._attachments[eye]:
-            self._targets[eye].limit(part, crop)
-            self._targets[eye].clear()
-            if "disparity" in self._attachments[eye]:
-                set_uniform(program, "focal_baseline", scene.camera.focal_baseline)
-                set_uniform(program, "doffs_px", scene.camera.doffs_px)
-            self._draw_models(program, projection, filled)
+            targets = self._targets[eye]
+            targets.limit(part)
+            if targets.visibility is not None:
+                targets.visibility.limit(crop)
+            targets.clear()
+            if any(channel.reads_triangles for channel in self._drawn_by("drawing")):
+                self._models.bind_triangles(placed, eye)
+            self._draw_models(program, filled)
         if self._colour_targets is None or self._colour_program is None:
             return None
         self._colour_targets.limit(crop)
         self._colour_targets.fine.use()
         self._colour_targets.fine.clear(0.0, 0.0, 0.0, 0.0, depth=0.0)
-        self._draw_models(self._colour_program, projection, filled)
+        self._draw_models(self._colour_program, filled)
         return self._colour_targets.read_colour(crop)
 
-    def _draw_models(self, program: moderngl.Program, projection: tuple[float, ...], filled: Filled) -> None:
+    def _draw_models(self, program: moderngl.Program, filled: Filled) -> None:
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">"
-        set_uniform(program, "clip_from_view", projection)
         self._models.draw(program, filled)
 
 

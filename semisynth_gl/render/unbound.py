@@ -1,8 +1,8 @@
 """The few OpenGL calls that moderngl has no binding for, made through their addresses."""
 
 import ctypes
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 from semisynth_gl.errors import BackendError
 
@@ -16,12 +16,29 @@ _GL_COLOR, _GL_DEPTH = 0x1800, 0x1801
 _GL_TEXTURE_WRAP_S, _GL_TEXTURE_WRAP_T = 0x2802, 0x2803
 _GL_MIRRORED_REPEAT = 0x8370
 
+# Interfaces and properties of a linked program's resources.
+_GL_UNIFORM, _GL_UNIFORM_BLOCK, _GL_BUFFER_VARIABLE, _GL_SHADER_STORAGE_BLOCK = 0x92E1, 0x92E2, 0x92E5, 0x92E6
+_GL_OFFSET, _GL_BUFFER_DATA_SIZE, _GL_TOP_LEVEL_ARRAY_STRIDE = 0x92FC, 0x9303, 0x930D
+_GL_INVALID_INDEX = 0xFFFFFFFF
+
 # Kinds of objects, and the names among which they are looked for: drivers hand out small ones.
 _KINDS = ("Texture", "Buffer", "Framebuffer", "Renderbuffer", "Program", "VertexArray")
 _NAMES = 2048
 
 _UINT, _INT, _INTS = ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_int)
 _FLOATS, _UINTS = ctypes.POINTER(ctypes.c_float), ctypes.POINTER(ctypes.c_uint)
+
+
+class BlockLayout(NamedTuple):
+    """How the driver lays out a block of a program.
+
+    Attributes:
+        offsets: of its members, bytes.
+        size: of the block, or of one element of its array, bytes.
+    """
+
+    offsets: dict[str, int]
+    size: int
 
 
 class UnboundCalls:
@@ -50,6 +67,10 @@ class UnboundCalls:
         self._clear_unsigned = function("glClearBufferuiv", _UINT, _INT, _UINTS)
         self._texture_parameter = function("glTextureParameteri", _UINT, _UINT, _INT)
         self._reset_status = function("glGetGraphicsResetStatus", result=_UINT)
+        self._resource_index = function("glGetProgramResourceIndex", _UINT, _UINT, ctypes.c_char_p, result=_UINT)
+        self._resource = function(
+            "glGetProgramResourceiv", _UINT, _UINT, _UINT, _INT, _UINTS, _INT, ctypes.c_void_p, _INTS
+        )
         self._is_kind = {kind: function(f"glIs{kind}", _UINT, result=ctypes.c_ubyte) for kind in _KINDS}
 
     def use_zero_to_one_depth(self) -> None:
@@ -74,6 +95,33 @@ class UnboundCalls:
     def clear_depth(self, value: float) -> None:
         """Clear the depth buffer of the framebuffer in use."""
         self._clear_float(_GL_DEPTH, 0, ctypes.byref(ctypes.c_float(value)))
+
+    def block_layout(self, program: int, block: str, members: Sequence[str], array: str) -> BlockLayout | None:
+        """Return how the driver lays out a block of a linked program, or None where the program has no such block.
+
+        Args:
+            program: OpenGL's name of it.
+            block: the block's name.
+            members: names of its members, or of those of its array's elements.
+            array: the array that a storage block holds; "" for a uniform block.
+        """
+        kind, variables = (_GL_SHADER_STORAGE_BLOCK, _GL_BUFFER_VARIABLE) if array else (_GL_UNIFORM_BLOCK, _GL_UNIFORM)
+        index = self._resource_index(program, kind, block.encode())
+        if index == _GL_INVALID_INDEX:
+            return None
+        offsets, size = {}, self._property(program, kind, index, _GL_BUFFER_DATA_SIZE)
+        for member in members:
+            variable = self._resource_index(program, variables, (f"{array}[0].{member}" if array else member).encode())
+            if variable != _GL_INVALID_INDEX:
+                offsets[member] = self._property(program, variables, variable, _GL_OFFSET)
+                if array:
+                    size = self._property(program, variables, variable, _GL_TOP_LEVEL_ARRAY_STRIDE)
+        return BlockLayout(offsets, size)
+
+    def _property(self, program: int, interface: int, index: int, name: int) -> int:
+        value = ctypes.c_int(-1)
+        self._resource(program, interface, index, 1, ctypes.byref(ctypes.c_uint(name)), 1, None, ctypes.byref(value))
+        return value.value
 
     def is_lost(self) -> bool:
         """Whether the driver says that the context was lost: the GPU was reset, or taken away."""

@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from semisynth_gl.camera import Eye
 from semisynth_gl.errors import BackendError
 from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import Backend, open_context
 from semisynth_gl.render.model_buffers import ModelBuffers
-from semisynth_gl.render.programs import link_program, set_uniform
+from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.projection import clip_from_view
+from semisynth_gl.render.structs import BLOCKS, CAMERA_64
 from semisynth_gl.render.targets import EyeTargets
 from semisynth_gl.scene.scene import Scene
 
@@ -58,6 +60,8 @@ class DisparityVariants:
     def __init__(self, models: Sequence[Mesh], backend: Backend = "auto") -> None:
         self._context = open_context(backend)
         self._gl = self._context.gl
+        self._constants = ConstantsBuffer(self._gl)
+        self._camera_64 = self._gl.buffer(reserve=CAMERA_64.itemsize)
         self._models = ModelBuffers(self._gl, models, traced=True)
         self._poses = self._gl.buffer(reserve=1)
         self._targets: EyeTargets | None = None
@@ -80,7 +84,6 @@ class DisparityVariants:
                     self._programs[variant] = program
         self.usable = tuple(self._programs)
         self._from_depth = link_program(self._context, "whole_image.vert", "variant_depth.frag", {})
-        set_uniform(self._from_depth, "depth_m", 0)
         self._from_depth_vao = self._gl.vertex_array(self._from_depth, [])
 
     def __enter__(self) -> Self:
@@ -119,34 +122,25 @@ class DisparityVariants:
     def _from_shader(self, scene: Scene, eye: Eye, variant: Variant) -> NDArray[np.float32]:
         targets, program, camera = self._sized(scene), self._programs[variant], scene.camera
         if variant in ("linear", "w") and self._depth_m is not None:
-            self._depth_m.drawing.use()
-            self._depth_m.drawing.clear(0.0, 0.0, 0.0, 0.0, depth=0.0)
+            self._depth_m.framebuffer.use()
+            self._depth_m.framebuffer.clear(0.0, 0.0, 0.0, 0.0, depth=0.0)
             self._draw(scene, eye, program)
-            targets.drawing.use()
-            self._depth_m.use("depth", 0)
+            targets.framebuffer.use()
+            self._depth_m.bind("depth", 0)
             self._gl.enable_only(moderngl.NOTHING)
-            set_uniform(self._from_depth, "focal_baseline", camera.focal_baseline)
-            set_uniform(self._from_depth, "doffs_px", camera.doffs_px)
+            self._constants.write(camera, eye, scene.near_m)
             self._from_depth_vao.render(moderngl.TRIANGLES, 3)
-            return targets.read_disparity()
-        centre = camera.cx_px(eye), camera.cy_px
+            return np.asarray(targets.read("disparity"))
         if variant == "plane64":
             self._bind_poses(scene, eye)
-            set_uniform(program, "focal_baseline_64", camera.focal_baseline)
-            set_uniform(program, "doffs_px_64", camera.doffs_px)
-            set_uniform(program, "focal_px_64", camera.focal_px)
-            set_uniform(program, "centre_px_64", centre)
-        else:
-            set_uniform(program, "focal_baseline", camera.focal_baseline)
-            set_uniform(program, "doffs_px", camera.doffs_px)
-        if variant == "plane":
-            set_uniform(program, "focal_px", camera.focal_px)
-            set_uniform(program, "traced_centre_px", centre)
+            constants = (camera.cx_px(eye), camera.cy_px), camera.focal_px, camera.focal_baseline, camera.doffs_px, 0.0
+            self._camera_64.write(np.array(constants, CAMERA_64))
+            self._camera_64.bind_to_uniform_block(BLOCKS["Camera64"].binding)
         if variant in ("plane", "plane64"):
-            self._models.bind_for_tracing(self._models.place(scene), eye)
+            self._models.bind_triangles(self._models.place(scene), eye)
         targets.clear()
         self._draw(scene, eye, program)
-        return targets.read_disparity()
+        return np.asarray(targets.read("disparity"))
 
     def _from_depth_buffer(self, scene: Scene, eye: Eye, variant: Variant) -> NDArray[np.float32]:
         camera, bits = scene.camera, 32 if variant == "depth32f" else 24
@@ -178,9 +172,7 @@ class DisparityVariants:
         filled = self._models.fill(self._models.place(scene), eye)
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">" if projection is None else "<"
-        if projection is None:
-            projection = clip_from_view(scene.camera, eye, scene.near_m)
-        set_uniform(program, "clip_from_view", tuple(projection.T.ravel().tolist()))
+        self._constants.write(scene.camera, eye, scene.near_m, projection=projection)
         self._models.draw(program, filled)
 
     def _bind_poses(self, scene: Scene, eye: Eye) -> None:
@@ -192,11 +184,11 @@ class DisparityVariants:
 
     def _sized(self, scene: Scene) -> EyeTargets:
         size = scene.camera.width_px, scene.camera.height_px
-        if self._targets is None or self._targets.drawing.size != size:
+        if self._targets is None or self._targets.framebuffer.size != size:
             outgrown = [targets for targets in (self._targets, self._depth_m) if targets is not None]
             self._targets = EyeTargets(self._context, *size, ("disparity",), visibility=False)
             self._depth_m = EyeTargets(self._context, *size, ("depth",), visibility=False)
-            self._targets.drawing.use()
+            self._targets.framebuffer.use()
             for targets in outgrown:
                 targets.release()
         return self._targets

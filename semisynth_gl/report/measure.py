@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.reader import Dataset, Index
-from semisynth_gl.dataset.stored import StoredFrame
+from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.errors import InputError, SemisynthError
 from semisynth_gl.frame import OCCLUDED
 from semisynth_gl.histogram import Histogram, PixelCount
@@ -146,13 +146,13 @@ def measure(
             unread.append(str(error))
         else:
             count = count or PixelCount(_edges(index, target, frame))
-            count.add(frame.disparity_left)
+            count.add(frame.left.disparity)
             pairs.append(_measure_pair(index, position, frame, redraws))
-            height, width = frame.disparity_left.shape
+            height, width = frame.left.disparity.shape
             spacing_px = max(1, round(sqrt(height * width / RAYS)))
             columns, rows = (np.arange(spacing_px // 2, side, spacing_px) for side in (width, height))
             x, y = np.tile(columns, len(rows)), np.repeat(rows, len(columns))
-            disparity = frame.disparity_left[y, x].astype(np.float64)
+            disparity = frame.left.disparity[y, x].astype(np.float64)
             depths.append(frame.camera.depth_m(disparity[np.isfinite(disparity)]))
             if position in with_rays:
                 try:
@@ -182,7 +182,7 @@ def measure(
 def _edges(index: Index, target: Histogram | None, frame: StoredFrame) -> NDArray[np.float64]:
     """Return bins from 0 to the config's limit, or to the image's width without a limit, with the target's edges."""
     target_edges = [] if target is None else target.edges_px.tolist()
-    high = max([index.number("disparity", "max_px") or frame.disparity_left.shape[1], *target_edges])
+    high = max([index.number("disparity", "max_px") or frame.left.disparity.shape[1], *target_edges])
     low = min([0.0, *target_edges])
     return np.union1d(np.linspace(low, high, _BINS + 1), target_edges)
 
@@ -191,16 +191,16 @@ def _measure_pair(
     index: Index, position: int, frame: StoredFrame, redraws: Mapping[PairKey, Sequence[str]]
 ) -> PairMeasures:
     key = cast("SplitName", frame.split), frame.index
-    valid = frame.disparity_left[np.isfinite(frame.disparity_left)]
-    mask = frame.visibility_left
+    valid = frame.left.disparity[np.isfinite(frame.left.disparity)]
+    mask, images = frame.left.get("visibility"), (frame.left.image, frame.right.image)
     return PairMeasures(
         position=position,
         key=key,
         name=frame.name if len(index.pairs) == 1 else f"{frame.split} {frame.name}",
         median_px=float(np.median(valid)) if valid.size else float("nan"),
         occluded=None if mask is None else float((mask == OCCLUDED).mean()),
-        invalid=1 - valid.size / frame.disparity_left.size,
-        texture=min(texture_measure(np.ascontiguousarray(image[::2, ::2])) for image in (frame.left, frame.right)),
+        invalid=1 - valid.size / frame.left.disparity.size,
+        texture=min(texture_measure(np.ascontiguousarray(image[::2, ::2])) for image in images),
         redraws=len(redraws.get(key, ())),
     )
 

@@ -235,7 +235,7 @@ def _most_redrawn(
     """Return names, positions (None outside the sample) and messages of the pairs with the most failed attempts."""
     positions = {pair.key: pair.position for pair in measured}
     most = sorted(redraws.messages.items(), key=lambda item: -len(item[1]))[:_MOST_REDRAWN]
-    names = {key: index.key(*key).scene for key, _ in most}
+    names = {key: index.key(*key).name for key, _ in most}
     if len(index.pairs) > 1:
         names = {key: f"{key[0]} {name}" for key, name in names.items()}
     return [(names[key], positions.get(key), messages) for key, messages in most]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from semisynth_gl.dataset.stored import StoredFrame
+from semisynth_gl.dataset.sample import StoredFrame
 
 JPEG_QUALITY = 90
 MOST_BYTES = 22_000_000
@@ -87,16 +87,16 @@ def make_pictures(positions: Sequence[int], read: Callable[[int], StoredFrame]) 
 def make_picture(frame: StoredFrame, step: int) -> Picture:
     """Make a picture of every ``step``-th pixel of a pair."""
     grid = np.s_[step // 2 :: step, step // 2 :: step]
-    disparity = frame.disparity_left[grid]
-    valid = frame.disparity_left[np.isfinite(frame.disparity_left)]
+    disparity = frame.left.disparity[grid]
+    valid = frame.left.disparity[np.isfinite(frame.left.disparity)]
     low, high = map(float, np.quantile(valid, _COLOURED)) if valid.size else (None, None)
     height, width = disparity.shape
-    images = [Image.fromarray(image) for image in (frame.left, frame.right)]
+    images = [Image.fromarray(image) for image in (frame.left.image, frame.right.image)]
     thumbnail = images[0].copy()
     thumbnail.thumbnail((_THUMBNAIL_PX, _THUMBNAIL_PX))
     # The last rows and columns average incomplete squares; they go where the square lacks its middle.
     left, right = (image if step == 1 else image.reduce(step).crop((0, 0, width, height)) for image in images)
-    mask = frame.visibility_left
+    mask = frame.left.get("visibility")
     return Picture(
         step=step,
         width_px=width,

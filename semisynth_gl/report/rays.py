@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from semisynth_gl import oracle
 from semisynth_gl.dataset.reader import Index
 from semisynth_gl.dataset.remake import RemadeScenes
-from semisynth_gl.dataset.stored import StoredFrame
+from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.scene.raycast import Hits, cast_rays
@@ -90,7 +90,7 @@ class RayCaster:
             raise InputError("config and seed of the index give another camera than the pair's provenance has")
         x_px, y_px = x.astype(np.float64), y.astype(np.float64)
         hits = cast_rays(scene, scenes.models, "left", x_px, y_px)
-        exact, stored = oracle.disparity_px(scene.camera, hits), frame.disparity_left[y, x].astype(np.float64)
+        exact, stored = oracle.disparity_px(scene.camera, hits), frame.left.disparity[y, x].astype(np.float64)
         with np.errstate(invalid="ignore"):
             agreeing = np.abs(exact - stored) <= _ERROR_PX + frame.rounding_px(stored)
         agreeing |= exact == stored

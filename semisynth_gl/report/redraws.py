@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from semisynth_gl.dataset.reader import Index, read_record
-from semisynth_gl.read.error import ReadError
+from semisynth_gl.errors import ReadError
 from semisynth_gl.splits import SplitName
 
 PairKey = tuple[SplitName, int]

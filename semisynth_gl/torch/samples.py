@@ -1,11 +1,9 @@
 """A pair as a dictionary of tensors."""
 
-from dataclasses import fields
 from typing import Any
 
 import torch
 
-from semisynth_gl.frame import Frame
 from semisynth_gl.pairs.pipeline import Pair
 
 Sample = dict[str, Any]
@@ -19,13 +17,12 @@ def to_sample(pair: Pair) -> Sample:
 
     Returns:
         ``index``, int; ``camera``, a dictionary of floats (``focal_px``, ``baseline_m``, ``doffs_px`` and the principal
-        points; of a crop, the crop's); and each array of `Frame` that there is, under its name: images as (3, H, W)
+        points; of a crop, the crop's); and each array of `Frame.arrays`, under its role: images as (3, H, W)
         uint8, flow as (2, H, W) float32, ids as (H, W) int32, the rest as (H, W) of its own type.
     """
     frame = pair.frame
     camera = {name: float(getattr(frame.camera, name)) for name in _CAMERA}
-    arrays = {field.name: getattr(frame, field.name) for field in fields(Frame) if field.name != "camera"}
-    tensors = {name: _tensor(array) for name, array in arrays.items() if array is not None}
+    tensors = {role: _tensor(array) for role, array in frame.arrays().items()}
     return {"index": pair.index, "camera": camera, **tensors}
 
 

@@ -16,7 +16,8 @@ from torch.utils.data import IterableDataset, get_worker_info
 
 from semisynth_gl.camera import Crop
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.plan import PROGRAM, differences, few
+from semisynth_gl.dataset.plan import abbreviate, differences
+from semisynth_gl.dataset.schema import PROGRAM
 from semisynth_gl.engines.task import threads_each
 from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.pairs.pipeline import Pair, PairRenderer
@@ -186,7 +187,7 @@ class StereoStream(IterableDataset[Any]):
         changed = differences(state["stream"], self._identity)
         if changed:
             raise InputError(
-                f"the state is of a stream that yields other samples: {few(changed)}. Make the stream as it was"
+                f"the state is of a stream that yields other samples: {abbreviate(changed)}. Make the stream as it was"
             )
         self._yielded = state["yielded"]
         self._resumed = state["yielded"], Worker(state["worker"], state["workers"])

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from semisynth_gl.camera import EYES
 from semisynth_gl.dataset.reader import Index
-from semisynth_gl.dataset.stored import StoredFrame
+from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.splits import SplitName
 from semisynth_gl.verify.files import check_index, check_origin, check_sizes, open_shards, read_pair
 from semisynth_gl.verify.flow_consistency import check_flow_views, check_frames
@@ -18,7 +18,6 @@ from semisynth_gl.verify.single_view import (
     check_disparity,
     check_flow,
     check_instances,
-    view_of,
 )
 from semisynth_gl.verify.verdict import DATASET, Verdict
 from semisynth_gl.verify.view_consistency import (
@@ -53,7 +52,7 @@ def verify_dataset(index: Index, oracle_pixels: int = 0) -> Iterator[Verdict]:
     before: StoredFrame | None = None
     for shard in open_shards(index):
         for number in shard.numbers:
-            scene = index.key(shard.split, number).scene
+            scene = index.key(shard.split, number).name
             verdict = Verdict(scene if len(index.pairs) == 1 else f"{shard.split} {scene}")
             if number == shard.numbers.start:
                 shard.check(verdict)
@@ -74,7 +73,7 @@ def _follows(frame: StoredFrame, before: StoredFrame, index: Index) -> bool:
         frame.split == before.split
         and frame.index == before.index + 1
         and frame.index % max(length, 1) > 0
-        and view_of(frame, "left")["image"].shape == view_of(before, "left")["image"].shape
+        and frame.view("left")["image"].shape == before.view("left")["image"].shape
     )
 
 
@@ -82,7 +81,7 @@ def _same_textures(frame: StoredFrame, index: Index) -> bool:
     """Return whether a point looks alike in all frames of a sequence."""
     textures = index.config.get("textures")
     changing = isinstance(textures, dict) and bool(textures.get("sequence"))
-    return not (index.imperfect or changing) and frame.exact_images
+    return not (index.imperfect or changing) and frame.encodings.image.lossless
 
 
 def _check_frame(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
@@ -100,7 +99,7 @@ def _check_frame(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
         for channel in OPPOSITE:
             check_flow(frame, channel, eye, verdict)
         check_change(frame, eye, largest_px, verdict)
-    left, right = view_of(frame, "left"), view_of(frame, "right")
+    left, right = frame.view("left"), frame.view("right")
     if "disparity" not in right:
         # The checks that follow compare the views with each other.
         return True
@@ -115,6 +114,6 @@ def _check_frame(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
     check_left_right(disparity, right_disparity, match, visible, verdict)
     check_flow_views(frame, match, visible, verdict)
     # Images that are not exact differ between the views as those of a real rig do.
-    imperfect = index.imperfect or not frame.exact_images
+    imperfect = index.imperfect or not frame.encodings.image.lossless
     check_images(left["image"], right["image"], match, one_surface(match, visible), verdict, imperfect=imperfect)
     return True

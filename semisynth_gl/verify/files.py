@@ -10,16 +10,14 @@ from pathlib import Path
 from typing import Any, BinaryIO, cast
 
 from semisynth_gl.camera import EYES
-from semisynth_gl.dataset.places import PARTIAL
-from semisynth_gl.dataset.reader import INDEX, PLAN, RECORDS, Index, read_record
-from semisynth_gl.dataset.stored import StoredFrame
-from semisynth_gl.errors import InputError
-from semisynth_gl.read.error import ReadError
+from semisynth_gl.dataset.reader import Index, read_record
+from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file
+from semisynth_gl.dataset.schema import CARD, CROISSANT, INDEX, PARTIAL, PLAN, RECORDS, record_path
+from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.splits import SplitName
-from semisynth_gl.verify.single_view import view_of
 from semisynth_gl.verify.verdict import Verdict
 
-_ABOUT = frozenset({INDEX, PLAN, "README.md", "croissant.json"})
+_ABOUT = frozenset({INDEX, PLAN, CARD, CROISSANT})
 _SHOWN = 20
 # Without these roles a pair cannot be judged.
 _NEEDED = frozenset({"left", "right", "disparity_left", "provenance"})
@@ -52,7 +50,7 @@ class StoredShard:
             self._record = read_record(index.place, name)
             self._samples = {sample.get("pair"): sample["files"] for sample in self._record["samples"]}
         except ReadError as error:
-            self.fault = f"{RECORDS}/{name}.json {error.reason}: the shard is not finished"
+            self.fault = f"{record_path(name)} {error.reason}: the shard is not finished"
         self._tar: BinaryIO | None = None
 
     def close(self) -> None:
@@ -273,13 +271,13 @@ def read_pair(index: Index, shard: StoredShard, number: int, verdict: Verdict) -
         try:
             data = shard.read(number, name)
             shard.check_digest(number, name, data, verdict)
-            values[role] = index.layout.decode_file(role, data, Path(name), index.encodings)
+            values[role] = decode_file(index.layout, role, data, Path(name), index.encodings)
         except ReadError as error:
             verdict.add("files", f"{error.path} {error.reason}")
     if not values.keys() >= _NEEDED:
         return None
     try:
-        return index.layout.assemble(index.key(shard.split, number), values, index.encodings)
+        return assemble_frame(index.key(shard.split, number), values, index.encodings)
     except ReadError as error:
         verdict.add("files", f"{error.path} {error.reason}")
         return None
@@ -294,7 +292,7 @@ def check_sizes(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
         verdict.add("size", f"the camera has {size[1]} x {size[0]}, the config {configured[1]} x {configured[0]}")
     fits = True
     for eye in EYES:
-        for channel, array in view_of(frame, eye).items():
+        for channel, array in frame.view(eye).items():
             height, width = array.shape[:2]
             if (height, width) != size:
                 fits = False

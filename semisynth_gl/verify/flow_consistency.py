@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import EYES, Eye
-from semisynth_gl.dataset.stored import StoredFrame
+from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame import OCCLUDED, VISIBLE
 from semisynth_gl.verify.agreement import (
     UNCERTAIN,
@@ -15,7 +15,7 @@ from semisynth_gl.verify.agreement import (
     spread_evenly,
 )
 from semisynth_gl.verify.photometry import check_flow_images
-from semisynth_gl.verify.single_view import OPPOSITE, has_flow, view_of
+from semisynth_gl.verify.single_view import OPPOSITE, has_flow
 from semisynth_gl.verify.verdict import Verdict
 from semisynth_gl.verify.view_consistency import HIDDEN_PX, SEEN_PX, SMOOTH_PX, ViewMatch, one_surface
 
@@ -38,7 +38,7 @@ def check_flow_views(frame: StoredFrame, match: ViewMatch, visible: Where, verdi
         visible: (H, W) bool, where both views see the point.
         verdict: takes findings and measures.
     """
-    left, right = view_of(frame, "left"), view_of(frame, "right")
+    left, right = frame.view("left"), frame.view("right")
     smooth = visible & match.smooth
     for channel in OPPOSITE.keys() & left.keys():
         smooth &= _is_smooth(left[channel])
@@ -65,7 +65,7 @@ def check_flow_views(frame: StoredFrame, match: ViewMatch, visible: Where, verdi
         else:
             own, other = own[..., 1:], other[..., 1:]
             names = f"the v of {names[0]}", f"the v of {names[1]}"
-        check("flow-views", f"{channel}_views", names, own, other, 2 * frame.flow_error_px)
+        check("flow-views", f"{channel}_views", names, own, other, 2 * frame.encodings.flow.error_px)
     right_change = right.get("disparity_change")
     if change is not None and right_change is not None:
         names = "disparity_change_left", "disparity_change_right"
@@ -108,7 +108,7 @@ def check_frames(before: StoredFrame, after: StoredFrame, verdict: Verdict, *, i
 def _check_direction(
     channel: str, eye: Eye, start: StoredFrame, end: StoredFrame, verdict: Verdict, *, images: bool
 ) -> None:
-    own, other = view_of(start, eye), view_of(end, eye)
+    own, other = start.view(eye), end.view(eye)
     if not own.keys() >= {channel, f"{channel}_visibility", "disparity"} or "disparity" not in other:
         return
     flow, disparity, other_disparity = own[channel], own["disparity"], other["disparity"]
@@ -124,7 +124,7 @@ def _check_direction(
     flow_back = other.get(OPPOSITE[channel])
     if flow_back is not None:
         names = f"{name} of {start.name}", f"the reverse of {OPPOSITE[channel]}_{eye} of {end.name} at x + flow"
-        agreement = Agreement(names, flow, -flow_back, targets, 2 * start.flow_error_px)
+        agreement = Agreement(names, flow, -flow_back, targets, 2 * start.encodings.flow.error_px)
         agreements.append(("flow-frames", f"{name}_frames", agreement))
         surface &= agreement.close
 
@@ -136,7 +136,7 @@ def _check_direction(
         names = (later, now) if forward else (now, later)
         names = f"{names[0]} of {start.name}", f"{names[1]} of {end.name} at x + flow"
         disparities = (disparity + change, other_disparity) if forward else (disparity, other_disparity + change)
-        error_px = start.disparity_error_px + end.disparity_error_px
+        error_px = start.encodings.disparity.error_px + end.encodings.disparity.error_px
         agreement = Agreement(names, disparities[0][..., None], disparities[1][..., None], targets, error_px)
         agreements.append(("change", f"{name}_change", agreement))
         with np.errstate(invalid="ignore"):

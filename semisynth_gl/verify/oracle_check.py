@@ -10,13 +10,13 @@ from semisynth_gl import oracle
 from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.dataset.reader import Index
 from semisynth_gl.dataset.remake import RemadeScenes
-from semisynth_gl.dataset.stored import StoredFrame
+from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.errors import InputError
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.scene import Motion
 from semisynth_gl.splits import SplitName
-from semisynth_gl.verify.single_view import OPPOSITE, flow_bound_px, view_of
+from semisynth_gl.verify.single_view import OPPOSITE, flow_bound_px
 from semisynth_gl.verify.verdict import Verdict, format_vector
 
 Values = NDArray[np.float64]
@@ -75,13 +75,13 @@ class OracleCheck:
         motions = {
             name: self._scenes.motion(sampled, frames)
             for name, (frames, channels) in _MOTIONS.items()
-            if any(channel in view_of(frame, eye) for channel in channels for eye in EYES)
+            if any(channel in frame.view(eye) for channel in channels for eye in EYES)
         }
         rng = np.random.default_rng((self._scenes.seed, frame.index))
         for eye in EYES:
-            if "disparity" not in view_of(frame, eye):
+            if "disparity" not in frame.view(eye):
                 continue
-            height, width = view_of(frame, eye)["disparity"].shape
+            height, width = frame.view(eye)["disparity"].shape
             x = rng.integers(0, width, -(-pixels // 2)).astype(np.float64)
             y = rng.integers(0, height, -(-pixels // 2)).astype(np.float64)
             cast = partial(self._cast, sampled, eye)
@@ -113,7 +113,7 @@ def _compare(
     x, y = pixels
     rays = cast(motions, x, y)
     for channel, expected in rays.items():
-        array = view_of(frame, eye).get(channel)
+        array = frame.view(eye).get(channel)
         if array is None:
             continue
         stored = array[y.astype(np.int64), x.astype(np.int64)].reshape(len(x), -1).astype(np.float64)
@@ -145,7 +145,7 @@ def _bound_px(frame: StoredFrame, channel: str, stored: Values) -> Values:
     if channel == "disparity":
         return _ERROR_PX + frame.rounding_px(stored[:, 0])
     known = np.where(np.isfinite(stored), stored, 0.0)
-    return flow_bound_px(known, 0.0 if channel == "disparity_change" else frame.flow_error_px)
+    return flow_bound_px(known, 0.0 if channel == "disparity_change" else frame.encodings.flow.error_px)
 
 
 def _is_edge(frame: StoredFrame, channel: str, around: RayValues, stored: Values, bound: Values) -> NDArray[np.bool_]:
@@ -159,8 +159,8 @@ def _is_edge(frame: StoredFrame, channel: str, around: RayValues, stored: Values
 def _encodable(frame: StoredFrame, channel: str, rays: RayValues, stored: Values) -> Values:
     """Return the rays' values (R, C), inf where they are beyond the file's encoding and the file (R, C) has inf."""
     # Where the disparity is beyond the encoding, its change is missing too.
-    source, largest_px = rays["disparity"], frame.disparity_largest_px
+    source, largest_px = rays["disparity"], frame.encodings.disparity.limit_px
     if channel in OPPOSITE:
-        source, largest_px = np.abs(rays[channel]).max(axis=1, keepdims=True), frame.flow_largest_px
+        source, largest_px = np.abs(rays[channel]).max(axis=1, keepdims=True), frame.encodings.flow.limit_px
     beyond = np.isinf(stored).all(axis=1, keepdims=True) & (source > largest_px)
     return np.where(beyond, np.inf, rays[channel])

@@ -1,16 +1,14 @@
 """Checks of one view by itself: disparity, calibration, depth, instances, flow and change of disparity."""
 
 from collections.abc import Mapping
-from dataclasses import fields
 from math import inf, isclose, isfinite
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import EYES, Eye
-from semisynth_gl.dataset.stored import StoredFrame
-from semisynth_gl.frame import OUTSIDE, Frame
+from semisynth_gl.dataset.sample import StoredFrame
+from semisynth_gl.frame import OUTSIDE
 from semisynth_gl.verify.agreement import all_components, check_mask_values, dot
 from semisynth_gl.verify.verdict import Verdict, count_pixels
 
@@ -30,13 +28,6 @@ LAST_VALID_PX = 2.0
 """A surface that leaves the valid range passes through 0; between two pixels its disparity falls by at most this."""
 
 
-def view_of(frame: StoredFrame, eye: Eye) -> Mapping[str, NDArray[Any]]:
-    """Return the arrays of one view by channel: ``image``, and those of `Frame` without the view's name."""
-    names = {field.name.removesuffix(eye).rstrip("_") or "image": field.name for field in fields(Frame)}
-    arrays = {channel: getattr(frame, name) for channel, name in names.items() if name.endswith(eye)}
-    return {channel: array for channel, array in arrays.items() if array is not None}
-
-
 def check_disparity(frame: StoredFrame, largest_px: float | None, verdict: Verdict) -> None:
     """Check both disparities: no NaN, positive, inf only where the rig allows it.
 
@@ -47,7 +38,7 @@ def check_disparity(frame: StoredFrame, largest_px: float | None, verdict: Verdi
     """
     invalid = pixels = 0
     for eye in EYES:
-        disparity, name = view_of(frame, eye).get("disparity"), f"disparity_{eye}"
+        disparity, name = frame.view(eye).get("disparity"), f"disparity_{eye}"
         if disparity is None:
             continue
         valid, infinite = np.isfinite(disparity), np.isposinf(disparity)
@@ -76,7 +67,7 @@ def _check_infinite(
     beyond the encoding, only the number of inf can be judged.
     """
     name, doffs_px = f"disparity_{eye}", frame.camera.doffs_px
-    beyond = count_beyond(frame, "disparity_beyond", eye, frame.disparity_largest_px)
+    beyond = count_beyond(frame, "disparity_beyond", eye, frame.encodings.disparity.limit_px)
     if beyond:
         count = int(infinite.sum())
         if count < beyond or (doffs_px <= 0 and count != beyond):
@@ -125,7 +116,7 @@ def check_calibration(frame: StoredFrame, verdict: Verdict) -> None:
     # Each number is written with all its digits; their difference is rounded once.
     if not isclose(calibration.doffs_px, camera.doffs_px, rel_tol=1e-9, abs_tol=1e-9):
         verdict.add("calib", f"doffs is {calibration.doffs_px!r}, cx1 - cx0 is {camera.doffs_px!r}")
-    disparity = view_of(frame, "left")["disparity"]
+    disparity = frame.view("left")["disparity"]
     valid = disparity[np.isfinite(disparity)]
     if not valid.size:
         return
@@ -142,7 +133,7 @@ def check_depth(frame: StoredFrame, verdict: Verdict) -> None:
     """Check Z = f B / (d + doffs) where there are depth files, to the rounding of float32 and of the encoding."""
     camera = frame.camera
     for eye in EYES:
-        view = view_of(frame, eye)
+        view = frame.view(eye)
         disparity, depth = view.get("disparity"), view.get("depth")
         if depth is None or disparity is None:
             continue
@@ -150,7 +141,7 @@ def check_depth(frame: StoredFrame, verdict: Verdict) -> None:
         with np.errstate(divide="ignore", invalid="ignore"):
             expected = camera.focal_baseline / depth.astype(np.float64) - camera.doffs_px
             bound = _FLOAT32 * (np.abs(expected) + 2 * abs(camera.doffs_px)) + frame.rounding_px(disparity)
-            encodable = expected < frame.disparity_largest_px - bound
+            encodable = expected < frame.encodings.disparity.limit_px - bound
             missing = seen & (expected > bound) & encodable
             wrong = np.where(np.isfinite(disparity), ~(np.abs(disparity - expected) <= bound), missing)
         if wrong.any():
@@ -163,7 +154,7 @@ def check_instances(frame: StoredFrame, verdict: Verdict) -> None:
     """Check that instance ids count rows of pair.json's ``instances``, and that 0 stands where nothing is seen."""
     rows = frame.provenance.get("instances")
     for eye in EYES:
-        view, name = view_of(frame, eye), f"instances_{eye}"
+        view, name = frame.view(eye), f"instances_{eye}"
         ids, disparity = view.get("instances"), view.get("disparity")
         if ids is None or disparity is None:
             continue
@@ -203,7 +194,7 @@ def check_flow(frame: StoredFrame, channel: str, eye: Eye, verdict: Verdict) -> 
         eye: the view.
         verdict: takes findings and measures.
     """
-    view, name = view_of(frame, eye), f"{channel}_{eye}"
+    view, name = frame.view(eye), f"{channel}_{eye}"
     flow, mask = view.get(channel), view.get(f"{channel}_visibility")
     if flow is None:
         return
@@ -211,14 +202,14 @@ def check_flow(frame: StoredFrame, channel: str, eye: Eye, verdict: Verdict) -> 
     verdict.add_pixels("flow", name, "is NaN or -inf", ~all_components(np.isfinite(flow) | infinite))
     verdict.add_pixels("flow", name, "is inf in one component alone", infinite[..., 0] != infinite[..., 1])
     missing = int((~has_flow(flow)).sum())
-    beyond = count_beyond(frame, f"{channel}_beyond", eye, frame.flow_largest_px)
+    beyond = count_beyond(frame, f"{channel}_beyond", eye, frame.encodings.flow.limit_px)
     if missing < beyond:
         verdict.add(
             "flow", f"{name}: {missing} pixels without flow, the provenance counts {beyond} beyond the encoding"
         )
     verdict.measures[f"{name}_none_share"] = missing / infinite[..., 0].size
     if mask is not None:
-        _check_outside(f"{channel}_visibility_{eye}", flow, mask, frame.flow_error_px, verdict)
+        _check_outside(f"{channel}_visibility_{eye}", flow, mask, frame.encodings.flow.error_px, verdict)
 
 
 def _check_outside(
@@ -253,7 +244,7 @@ def check_change(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict
         largest_px: the largest disparity that the config allows, or None.
         verdict: takes findings and measures.
     """
-    view = view_of(frame, eye)
+    view = frame.view(eye)
     change, disparity, flow = view.get("disparity_change"), view.get("disparity"), view.get("flow")
     if change is None or disparity is None:
         return
@@ -273,7 +264,7 @@ def check_change(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict
     if flow is None:
         return
     flows = has_flow(flow)
-    beyond = count_beyond(frame, "flow_beyond", eye, frame.flow_largest_px)
+    beyond = count_beyond(frame, "flow_beyond", eye, frame.encodings.flow.limit_px)
     if int((known & ~flows).sum()) > beyond:
         detail = f"; the provenance counts {beyond} with flow beyond the encoding"
         verdict.add_pixels("change", name, "is finite without flow", known & ~flows, detail)

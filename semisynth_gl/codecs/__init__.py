@@ -1,0 +1,65 @@
+"""Codecs: one module and one class per file format, and the tables of the formats that a config may choose."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from semisynth_gl.codecs.codec import Codec, read_bytes
+from semisynth_gl.codecs.flo import Flo
+from semisynth_gl.codecs.jxl import Jxl
+from semisynth_gl.codecs.pfm import PFM, PFM3, FlowPfm
+from semisynth_gl.codecs.png import GREY8, GREY16, RGB8
+from semisynth_gl.codecs.png16 import KITTI_DISPARITY, FlowPng16
+from semisynth_gl.codecs.qoi import Qoi
+from semisynth_gl.codecs.tiff import Tiff
+
+__all__ = ["DISPARITY_CODECS", "FLOW_CODECS", "IMAGE_CODECS", "Codec", "Encodings", "read_bytes"]
+
+
+def _by_name(*codecs: Codec[Any]) -> Mapping[str, Codec[Any]]:
+    return {codec.name: codec for codec in codecs}
+
+
+IMAGE_CODECS = _by_name(RGB8, Qoi(), Jxl())
+"""Codecs of (H, W, 3) uint8 RGB for the config's ``files.image``."""
+
+DISPARITY_CODECS = _by_name(PFM, KITTI_DISPARITY, Tiff())
+"""Codecs of (H, W) float32 px for ``files.disparity``; all store inf as "no disparity"."""
+
+FLOW_CODECS = _by_name(Flo(), FlowPfm(), FlowPng16())
+"""Codecs of (H, W, 2) float32 px for ``files.flow``; all store inf as "no flow"."""
+
+_FIXED: Mapping[str, Codec[Any]] = {"grey8": GREY8, "grey16": GREY16, "float": PFM, "vector": PFM3}
+
+
+@dataclass(frozen=True, slots=True)
+class Encodings:
+    """The codecs of a dataset's files.
+
+    Attributes:
+        image: codec of both images.
+        disparity: codec of both disparities.
+        flow: codec of flow to the next and to the previous frame.
+    """
+
+    image: Codec[Any] = IMAGE_CODECS["png"]
+    disparity: Codec[Any] = DISPARITY_CODECS["pfm"]
+    flow: Codec[Any] = FLOW_CODECS["flo"]
+
+    @classmethod
+    def from_names(cls, image: str = "png", disparity: str = "pfm", flow: str = "flo") -> "Encodings":
+        """Return the codecs that a config names; raises KeyError for an unknown name."""
+        return cls(IMAGE_CODECS[image], DISPARITY_CODECS[disparity], FLOW_CODECS[flow])
+
+    def codec(self, name: str) -> Codec[Any]:
+        """Return the codec that a channel names: ``image``, ``disparity`` or ``flow``, or one that is always the same.
+
+        The fixed ones are ``grey8`` and ``grey16`` (PNG), ``float`` (PFM) and ``vector`` (PFM of three channels).
+        """
+        chosen: Mapping[str, Codec[Any]] = {"image": self.image, "disparity": self.disparity, "flow": self.flow}
+        return chosen[name] if name in chosen else _FIXED[name]
+
+    def check_installed(self) -> None:
+        """Raise InputError where a codec needs a package that is not installed."""
+        for codec in (self.image, self.disparity, self.flow):
+            codec.check_installed()

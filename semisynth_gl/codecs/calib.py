@@ -1,0 +1,156 @@
+"""The cameras as text: Middlebury's calib.txt and KITTI's calib_cam_to_cam.txt."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from semisynth_gl.camera import StereoCamera
+from semisynth_gl.codecs.codec import Codec
+from semisynth_gl.errors import InputError, ReadError
+
+# HSM counts lines instead of reading names (its ndisp is line 7), so the order matters.
+_KEYS = ("cam0", "cam1", "doffs", "baseline", "width", "height", "ndisp", "isint", "vmin", "vmax", "dyavg", "dymax")
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """The content of a calib.txt.
+
+    Attributes:
+        camera: both cameras; the baseline in metres.
+        doffs_px: the line of that name, which should be the camera's.
+        ndisp: an upper bound of the disparities, whole pixels.
+        vmin_px: smallest disparity of the left view.
+        vmax_px: largest disparity of the left view.
+    """
+
+    camera: StereoCamera
+    doffs_px: float
+    ndisp: int
+    vmin_px: float
+    vmax_px: float
+
+
+class MiddleburyCalib(Codec[Calibration]):
+    """Middlebury's calib.txt; the baseline in millimetres."""
+
+    name = "txt"
+    suffix = ".txt"
+    media_type = "text/plain"
+    description = "Middlebury's calib.txt"
+    is_image = False
+
+    def encode(self, value: Calibration) -> bytes:
+        """Encode a calibration in Middlebury's order."""
+        camera = value.camera
+        f, cy = float(camera.focal_px), float(camera.cy_px)
+        lines = [
+            f"cam0=[{f!r} 0 {float(camera.cx_left_px)!r}; 0 {f!r} {cy!r}; 0 0 1]",
+            f"cam1=[{f!r} 0 {float(camera.cx_right_px)!r}; 0 {f!r} {cy!r}; 0 0 1]",
+            f"doffs={float(value.doffs_px)!r}",
+            f"baseline={float(camera.baseline_m) * 1000!r}",
+            f"width={camera.width_px}",
+            f"height={camera.height_px}",
+            f"ndisp={value.ndisp}",
+            "isint=0",
+            f"vmin={value.vmin_px:g}",
+            f"vmax={value.vmax_px:g}",
+            "dyavg=0",
+            "dymax=0",
+        ]
+        return ("\n".join(lines) + "\n").encode()
+
+    def decode(self, data: bytes, path: Path) -> Calibration:
+        """Decode a calibration; raises ReadError too where lines are missing or in another order."""
+        text = _text(data, path)
+        lines = [line.partition("=") for line in text.splitlines()]
+        keys = tuple(key for key, _, _ in lines)
+        if keys != _KEYS:
+            raise ReadError(path, f"expected the lines {', '.join(_KEYS)} in this order, got {', '.join(keys)}")
+        if not text.endswith("\n"):
+            raise ReadError(path, f"the last line has no end, as if cut off: {text[-20:]!r}")
+        values = {key: value for key, _, value in lines}
+        try:
+            left, right = _matrix(values["cam0"]), _matrix(values["cam1"])
+            number = {key: float(values[key]) for key in ("doffs", "baseline", "vmin", "vmax")}
+            count = {key: int(values[key]) for key in ("width", "height", "ndisp")}
+        except ValueError as error:
+            raise ReadError(path, str(error)) from None
+        focal, cy = left[0], left[5]
+        for name, matrix in (("cam0", left), ("cam1", right)):
+            if matrix != [focal, 0.0, matrix[2], 0.0, focal, cy, 0.0, 0.0, 1.0]:
+                raise ReadError(
+                    path, f"{name} is not [f 0 cx; 0 f cy; 0 0 1] with the f and cy of cam0: {values[name]}"
+                )
+        try:
+            camera = StereoCamera(
+                count["width"], count["height"], focal, number["baseline"] / 1000, left[2], right[2], cy
+            )
+        except InputError as error:
+            raise ReadError(path, str(error)) from None
+        return Calibration(camera, number["doffs"], count["ndisp"], number["vmin"], number["vmax"])
+
+
+class KittiCalib(Codec[StereoCamera]):
+    """Size, rotation and projection of both colour cameras as KITTI's calib_cam_to_cam.txt has them; metres."""
+
+    name = "txt"
+    suffix = ".txt"
+    media_type = "text/plain"
+    description = "KITTI's calib_cam_to_cam.txt"
+    is_image = False
+
+    def encode(self, value: StereoCamera) -> bytes:
+        """Encode a rectified pair of cameras."""
+        f, cy = float(value.focal_px), float(value.cy_px)
+        lines = []
+        for number, cx, shift in (
+            ("02", float(value.cx_left_px), 0.0),
+            ("03", float(value.cx_right_px), -float(value.focal_baseline)),
+        ):
+            lines += [
+                f"S_rect_{number}: {value.width_px} {value.height_px}",
+                f"R_rect_{number}: 1 0 0 0 1 0 0 0 1",
+                f"P_rect_{number}: {f!r} 0 {cx!r} {shift!r} 0 {f!r} {cy!r} 0 0 0 1 0",
+            ]
+        return ("\n".join(lines) + "\n").encode()
+
+    def decode(self, data: bytes, path: Path) -> StereoCamera:
+        """Decode a rectified pair of cameras; see `Codec.decode`."""
+        text = _text(data, path)
+        try:
+            lines = {name: rest.split() for name, _, rest in (line.partition(":") for line in text.splitlines())}
+            size = [int(value) for value in lines["S_rect_02"]]
+            left, right = ([float(value) for value in lines[f"P_rect_{number}"]] for number in ("02", "03"))
+            f, cx_left, cy, cx_right, shift = left[0], left[2], left[6], right[2], right[3]
+            if not text.endswith("\n") or size != [int(value) for value in lines["S_rect_03"]]:
+                raise ReadError(path, "the last line has no end, or the two cameras are not of one size")
+            for number, came, expected in (
+                ("02", left, [f, 0, cx_left, 0, 0, f, cy, 0, 0, 0, 1, 0]),
+                ("03", right, [f, 0, cx_right, shift, 0, f, cy, 0, 0, 0, 1, 0]),
+            ):
+                if came != expected:
+                    raise ReadError(
+                        path, f"P_rect_{number} is {came}, expected {expected}: f and cy of P_rect_02, no skew"
+                    )
+            width, height = size
+            return StereoCamera(width, height, f, -shift / f, cx_left, cx_right, cy)
+        except (KeyError, IndexError, ValueError, ZeroDivisionError, InputError) as error:
+            raise ReadError(path, f"expected S_rect and P_rect of the cameras 02 and 03: {error!r}") from None
+
+
+MIDDLEBURY_CALIB, KITTI_CALIB = MiddleburyCalib(), KittiCalib()
+
+
+def _text(data: bytes, path: Path) -> str:
+    try:
+        return data.decode("ascii")
+    except UnicodeDecodeError:
+        raise ReadError(path, "is not text") from None
+
+
+def _matrix(text: str) -> list[float]:
+    """Return the nine numbers of ``[a b c; d e f; g h i]``, row by row."""
+    rows = [row.split() for row in text.strip().removeprefix("[").removesuffix("]").split(";")]
+    if [len(row) for row in rows] != [3, 3, 3]:
+        raise ValueError(f"expected a matrix [f 0 cx; 0 f cy; 0 0 1], got {text!r}")
+    return [float(value) for row in rows for value in row]

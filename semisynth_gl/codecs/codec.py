@@ -1,0 +1,126 @@
+"""The base of all codecs: one file format, in both directions, with its limits."""
+
+from abc import ABC, abstractmethod
+from importlib import import_module
+from math import inf
+from pathlib import Path
+from typing import Any, ClassVar, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.errors import InputError, ReadError
+
+Value = TypeVar("Value")
+
+
+class Codec(ABC, Generic[Value]):
+    """One file format: `encode` makes a file's bytes of a value, and `decode` makes the value of the bytes.
+
+    Attributes:
+        name: the codec's name in a config; also the ending of its files, unless `suffix` says otherwise.
+        suffix: the ending of its files, with the dot.
+        media_type: the format's media type, or the address of its specification where it has none.
+        description: the format in a few words.
+        nothing: how the format stores "no value".
+        error_px: largest rounding error of a stored value, px.
+        limit_px: largest magnitude of a stored value, px.
+        is_image: whether readers of images return the value unchanged.
+        lossless: whether `decode` returns what `encode` was given, bit for bit.
+    """
+
+    name: str
+    suffix: ClassVar[str]
+    media_type: ClassVar[str]
+    description: str
+    nothing: ClassVar[str] = "inf"
+    error_px: float = 0.0
+    limit_px: float = inf
+    is_image: bool = True
+    lossless: ClassVar[bool] = True
+
+    @abstractmethod
+    def encode(self, value: Value) -> bytes:
+        """Return the bytes of a file that holds the value.
+
+        Raises:
+            InputError: where the format needs a package that is not installed.
+        """
+
+    @abstractmethod
+    def decode(self, data: bytes, path: Path) -> Value:
+        """Return the value that a file holds.
+
+        Args:
+            data: the file's bytes.
+            path: the file's name, for messages.
+
+        Raises:
+            ReadError: where the bytes are cut off, or are not this format.
+            InputError: where the format needs a package that is not installed.
+        """
+
+    def exceeds_limit(self, value: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Return where the format cannot hold a finite value, (H, W) bool."""
+        return np.zeros(value.shape[:2], np.bool_)
+
+    def check_installed(self) -> None:
+        """Raise InputError where the format needs a package that is not installed."""
+
+    def read(self, path: Path) -> Value:
+        """Read and decode a file; raises ReadError where the file is missing, too."""
+        return self.decode(read_bytes(path), path)
+
+
+def read_bytes(path: Path) -> bytes:
+    """Return a file's bytes.
+
+    Raises:
+        ReadError: where the file is missing or the disk refuses.
+    """
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise ReadError(path, "is missing") from None
+    except OSError as error:
+        raise ReadError(path, f"cannot be read: {error.strerror}") from None
+
+
+def check_rgb(image: NDArray[Any], path: Path) -> NDArray[np.uint8]:
+    """Return a decoded image; raises ReadError where it is not (H, W, 3) uint8."""
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        raise ReadError(path, f"expected 8-bit RGB, got {image.dtype} of shape {image.shape}")
+    return image
+
+
+def check_size(data: bytes, header_bytes: int, pixel_bytes: int, width: int, height: int, path: Path) -> None:
+    """Raise ReadError where a header's size is empty, or other than the number of bytes that follow the header."""
+    if width < 1 or height < 1:
+        raise ReadError(path, f"expected a width and height of 1 or more, got {width} x {height}")
+    expected, present = pixel_bytes * width * height, len(data) - header_bytes
+    if present < expected:
+        raise ReadError(path, f"ends after {present} of {expected} bytes of {width} x {height} pixels")
+    if present > expected:
+        raise ReadError(path, f"has {present - expected} bytes after its {width} x {height} pixels")
+
+
+def check_numbers(values: NDArray[np.float32], path: Path) -> None:
+    """Raise ReadError where a pixel of (H, W, C) values is not a number; inf stands for "nothing"."""
+    wrong = int(np.isnan(values).any(axis=2).sum())
+    if wrong:
+        raise ReadError(path, f"expected a number, or inf for none, of each pixel, got NaN at {wrong} pixels")
+
+
+def import_imagecodecs(codec: str) -> Any:  # noqa: ANN401 - a module without types
+    """Import imagecodecs, which is an extra because its wheel of all codecs has 26 MB.
+
+    Raises:
+        InputError: where it is not installed; the message names the codec.
+    """
+    try:
+        return import_module("imagecodecs")
+    except ImportError as error:
+        raise InputError(
+            f"the encoding {codec} needs the package imagecodecs, which cannot be imported ({error}): "
+            "pip install 'semisynth-gl[codecs]', or choose another with files.image"
+        ) from None

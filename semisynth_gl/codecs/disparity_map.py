@@ -1,0 +1,54 @@
+"""Disparity maps from any source: PFM of any kind, NumPy's arrays, 16-bit PNG."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.codecs.codec import read_bytes
+from semisynth_gl.codecs.pfm import ANY_PFM
+from semisynth_gl.codecs.png import GREY16
+from semisynth_gl.codecs.png16 import KITTI_DISPARITY
+from semisynth_gl.errors import ReadError
+
+MAP_EXTENSIONS = (".pfm", ".npy", ".png")
+"""Endings of the names of disparity maps."""
+
+
+def read_disparity_map(path: Path, png_steps: float = KITTI_DISPARITY.steps) -> NDArray[np.float32]:
+    """Read a disparity map; which values mean "none" is for the caller to say.
+
+    Args:
+        path: .pfm, .npy or 16-bit grey .png; the file's first bytes tell the format.
+        png_steps: values of a PNG per pixel of disparity.
+
+    Returns:
+        (H, W) float32, px; inf where a PNG has 0.
+
+    Raises:
+        ReadError: where the file has another format, or not one value per pixel.
+    """
+    data = read_bytes(path)
+    if data.startswith(b"\x93NUMPY"):
+        return _read_npy(path)
+    if data.startswith(b"\x89PNG"):
+        counts = GREY16.decode(data, path)
+        return np.where(counts > 0, counts.astype(np.float32) / np.float32(png_steps), np.float32(np.inf))
+    return ANY_PFM.decode(data, path)
+
+
+def _read_npy(path: Path) -> NDArray[np.float32]:
+    try:
+        values = np.load(path, allow_pickle=False)
+    except (ValueError, OSError, EOFError, MemoryError) as error:
+        raise ReadError(path, f"cannot be read as an array: {error}") from None
+    shape = values.shape
+    if values.dtype.kind not in "fiu":
+        raise ReadError(path, f"expected numbers, got {values.dtype}")
+    # Networks keep axes of batch and channel.
+    while values.ndim > 2 and 1 in (values.shape[0], values.shape[-1]):
+        values = values[0] if values.shape[0] == 1 else values[..., 0]
+    if values.ndim != 2 or values.size == 0:
+        raise ReadError(path, f"expected one disparity per pixel, (H, W), got an array of shape {shape}")
+    with np.errstate(over="ignore"):
+        return np.asarray(values, np.float32)

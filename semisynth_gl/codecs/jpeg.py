@@ -1,0 +1,39 @@
+"""JPEG that loses as little as JPEG can, for CREStereo's loaders."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from semisynth_gl.codecs.codec import Codec, check_rgb
+from semisynth_gl.errors import ReadError
+
+_BEGIN, _END = b"\xff\xd8", b"\xff\xd9"
+
+
+class Jpeg(Codec[NDArray[np.uint8]]):
+    """JPEG of (H, W, 3) uint8 RGB: quality 100, colour at full size."""
+
+    name = "jpg"
+    suffix = ".jpg"
+    media_type = "image/jpeg"
+    description = "JPEG of quality 100"
+    lossless = False
+
+    def encode(self, value: NDArray[np.uint8]) -> bytes:
+        """Encode an image."""
+        data = io.BytesIO()
+        Image.fromarray(value).save(data, "JPEG", quality=100, subsampling="4:4:4")
+        return data.getvalue()
+
+    def decode(self, data: bytes, path: Path) -> NDArray[np.uint8]:
+        """Decode an image; see `Codec.decode`."""
+        if data[:2] == _BEGIN and not data.endswith(_END):
+            raise ReadError(path, "does not end as a JPEG does: cut off, or something follows")
+        try:
+            with Image.open(io.BytesIO(data), formats=["JPEG"]) as image:
+                return check_rgb(np.asarray(image), path)
+        except (RuntimeError, ValueError, LookupError, OSError, SyntaxError) as error:
+            raise ReadError(path, f"cannot be decoded: {error}") from None

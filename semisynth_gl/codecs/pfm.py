@@ -1,0 +1,89 @@
+"""PFM, the benchmarks' format for float disparity, and SceneFlow's for flow."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.codecs.codec import Codec, check_numbers, check_size
+from semisynth_gl.errors import ReadError
+
+# Every loader of the field reads the strict form: with CRLF OpenCV returns nothing.
+_STRICT = re.compile(rb"P[Ff]\n([0-9]{1,9}) ([0-9]{1,9})\n(-1\.0)\n")
+_TOLERANT = re.compile(rb"P[Ff]\s+([0-9]{1,9})\s+([0-9]{1,9})\s+([-+0-9.eE]{1,32})(?:\r\n|\s)")
+
+
+class Pfm(Codec[NDArray[np.float32]]):
+    """PFM of (H, W) or (H, W, 3) float32; inf stands for "nothing".
+
+    Args:
+        components: 1 or 3.
+        tolerant: decode other people's PFM too: big-endian, any scale (its magnitude is ignored, as benchmarks do) and
+            any white space in the header. Otherwise the header must be the type, ``W H`` and ``-1.0``, a line each.
+    """
+
+    name = "pfm"
+    suffix = ".pfm"
+    media_type = "https://netpbm.sourceforge.net/doc/pfm.html"
+    description = "PFM, float32"
+
+    def __init__(self, components: int = 1, *, tolerant: bool = False) -> None:
+        self._components = components
+        self.is_image = components == 1
+        self._type = "Pf" if components == 1 else "PF"
+        self._tolerant = tolerant
+
+    def encode(self, value: NDArray[np.float32]) -> bytes:
+        """Encode an image: little-endian, rows from bottom to top, as all readers of the field expect.
+
+        The scale is -1.0: its sign means little-endian, and OpenCV multiplies by its magnitude.
+        """
+        height, width = value.shape[:2]
+        header = f"{self._type}\n{width} {height}\n-1.0\n".encode()
+        return b"".join([header, np.ascontiguousarray(value[::-1], "<f4").data])
+
+    def decode(self, data: bytes, path: Path) -> NDArray[np.float32]:
+        """Decode an image, top row first; see `Codec.decode`."""
+        header = (_TOLERANT if self._tolerant else _STRICT).match(data)
+        if header is None or not data.startswith(self._type.encode()):
+            expected = f"{self._type}, width and height, scale" if self._tolerant else rf"{self._type}\nW H\n-1.0\n"
+            raise ReadError(path, f"expected a PFM header ({expected}), got {data[:24]!r}")
+        width, height = int(header[1]), int(header[2])
+        check_size(data, header.end(), 4 * self._components, width, height, path)
+        try:
+            little = float(header[3]) < 0
+        except ValueError:
+            raise ReadError(path, f"expected a number as the scale, got {header[3]!r}") from None
+        rows = np.frombuffer(data, "<f4" if little else ">f4", offset=header.end())
+        shape = (height, width) if self._components == 1 else (height, width, self._components)
+        return np.ascontiguousarray(rows.reshape(shape)[::-1], np.float32)
+
+
+class FlowPfm(Codec[NDArray[np.float32]]):
+    """SceneFlow's flow as PFM of three channels, (H, W, 2) float32 px: u, v and 0; inf stands for none."""
+
+    name = "pfm"
+    suffix = ".pfm"
+    media_type = Pfm.media_type
+    description = "PFM of three channels, u, v and 0, float32"
+    is_image = False
+
+    def encode(self, value: NDArray[np.float32]) -> bytes:
+        """Encode a flow."""
+        return PFM3.encode(np.concatenate([value, np.zeros_like(value[..., :1])], axis=2))
+
+    def decode(self, data: bytes, path: Path) -> NDArray[np.float32]:
+        """Decode a flow; raises ReadError too where the third channel is not 0 or a value is not a number."""
+        channels = PFM3.decode(data, path)
+        check_numbers(channels, path)
+        nonzero = int(np.count_nonzero(channels[..., 2]))
+        if nonzero:
+            raise ReadError(
+                path, f"expected u, v and 0 of each pixel, got a third value that is not 0 at {nonzero} pixels"
+            )
+        return np.ascontiguousarray(channels[..., :2])
+
+
+PFM, PFM3 = Pfm(), Pfm(3)
+ANY_PFM = Pfm(tolerant=True)

@@ -1,0 +1,103 @@
+"""Disparity and flow as 16-bit PNG that counts fractions of a pixel."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.codecs.codec import Codec
+from semisynth_gl.codecs.png import GREY16, RGB16
+
+_LARGEST = 65535
+_KITTI_STEPS = 256
+
+
+class DisparityPng16(Codec[NDArray[np.float32]]):
+    """Disparity as 16-bit grey PNG, (H, W) float32 px; 0 stands for inf.
+
+    Args:
+        steps: values per pixel of disparity.
+    """
+
+    suffix = ".png"
+    media_type = "image/png"
+    nothing = "0"
+    lossless = False
+
+    def __init__(self, steps: int) -> None:
+        self.steps = steps
+        self.name = "png16" if steps == _KITTI_STEPS else f"png16-{steps}"
+        self.error_px = 1 / (2 * steps)
+        self.limit_px = _LARGEST / steps
+        self.description = f"16-bit PNG that counts 1/{steps} px"
+
+    def encode(self, value: NDArray[np.float32]) -> bytes:
+        """Encode a disparity, rounded to a step; a value that is not positive, not finite or too large becomes 0.
+
+        A disparity below half a step is stored as one step, as KITTI's own tools do, since 0 stands for none.
+        """
+        valid = (value > 0) & (value < self._end_px)
+        counts = np.rint(np.where(valid, value * np.float32(self.steps), np.float32(0)))
+        return GREY16.encode(np.maximum(counts, valid).astype(np.uint16))
+
+    def decode(self, data: bytes, path: Path) -> NDArray[np.float32]:
+        """Decode a disparity; see `Codec.decode`."""
+        counts = GREY16.decode(data, path)
+        return np.where(counts > 0, counts / np.float32(self.steps), np.float32(np.inf))
+
+    def exceeds_limit(self, value: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Return where a finite disparity rounds to more than 16 bits hold, (H, W) bool."""
+        exceeding: NDArray[np.bool_] = np.isfinite(value) & (value >= self._end_px)
+        return exceeding
+
+    @property
+    def _end_px(self) -> np.float32:
+        return np.float32((_LARGEST + 0.5) / self.steps)
+
+
+class FlowPng16(Codec[NDArray[np.float32]]):
+    """KITTI's flow as 16-bit RGB PNG, (H, W, 2) float32 px: 64 u + 2^15, 64 v + 2^15 and 1; three zeros for inf."""
+
+    name = "png16"
+    suffix = ".png"
+    media_type = "image/png"
+    lossless = False
+    description = "16-bit RGB PNG of 64 u + 32768, 64 v + 32768 and 1"
+    nothing = "0 in the third channel"
+    is_image = False
+    error_px = 1 / 128
+    limit_px = 32767 / 64
+
+    _STEPS = 64
+    _ZERO = 2**15
+
+    def encode(self, value: NDArray[np.float32]) -> bytes:
+        """Encode a flow, rounded to 1/64 px; three zeros where either component is not finite or too large."""
+        counts = self._count(value)
+        valid = _fits(counts)[..., None]
+        return RGB16.encode(np.concatenate([np.where(valid, counts, 0), valid], axis=2).astype(np.uint16))
+
+    def decode(self, data: bytes, path: Path) -> NDArray[np.float32]:
+        """Decode a flow; see `Codec.decode`."""
+        channels = RGB16.decode(data, path)
+        flow = (channels[..., :2].astype(np.float32) - np.float32(self._ZERO)) / np.float32(self._STEPS)
+        return np.where(channels[..., 2:] > 0, flow, np.float32(np.inf))
+
+    def exceeds_limit(self, value: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Return where a finite flow lies below -512 px or from 512 px on, but for rounding, (H, W) bool."""
+        exceeding: NDArray[np.bool_] = np.isfinite(value).all(axis=2) & ~_fits(self._count(value))
+        return exceeding
+
+    def _count(self, flow: NDArray[np.float32]) -> NDArray[np.float64]:
+        # The sum is exact in float64, so it is rounded once.
+        counts: NDArray[np.float64] = np.rint(flow.astype(np.float64) * self._STEPS + self._ZERO)
+        return counts
+
+
+def _fits(counts: NDArray[np.float64]) -> NDArray[np.bool_]:
+    fits: NDArray[np.bool_] = np.all((counts >= 0) & (counts <= _LARGEST), axis=2)
+    return fits
+
+
+KITTI_DISPARITY = DisparityPng16(_KITTI_STEPS)
+CRESTEREO_DISPARITY = DisparityPng16(32)

@@ -1,0 +1,161 @@
+"""A pair as files in memory, encoded by the roles of a layout, and read back under the same names from any layout."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.camera import EYES, StereoCamera
+from semisynth_gl.codecs import Codec, Encodings
+from semisynth_gl.codecs.calib import Calibration
+from semisynth_gl.errors import InputError, ReadError
+from semisynth_gl.frame import CHANNELS, ROLES, Channel, Frame
+from semisynth_gl.layouts import Key, Layout
+from semisynth_gl.layouts.roles import Sample, mask_from_not_occluded, not_occluded_role
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredFrame(Frame):
+    """A pair read from files: the arrays of the files that there are, and what the files say of the pair.
+
+    Attributes:
+        name: the pair's, such as ``middlebury-000012``.
+        split: ``train``, ``validation`` or ``test``.
+        index: its number in the split.
+        provenance: what made it, in JSON's types.
+        calibration: Middlebury's calib.txt, in layouts that have one.
+        encodings: codecs of the files, which say what they round and cannot store.
+    """
+
+    name: str = ""
+    split: str = "train"
+    index: int = 0
+    provenance: dict[str, Any] = field(default_factory=dict)
+    calibration: Calibration | None = None
+    encodings: Encodings = field(default_factory=Encodings)
+
+    def rounding_px(self, disparity: NDArray[np.floating[Any]] | float) -> NDArray[np.float64]:
+        """Return the largest error that the codec puts on disparities, of the same shape, float64 px."""
+        error = self.encodings.disparity.error_px
+        # A disparity that would round to 0, which says that there is none, is raised to the smallest step.
+        return np.where(np.asarray(disparity) <= 2 * error, 2 * error, error)
+
+
+def encode_pair(
+    layout: Layout, key: Key, frame: Frame, provenance: Mapping[str, Any], ndisp: int, encodings: Encodings
+) -> dict[str, bytes]:
+    """Encode a pair as files.
+
+    Disparities that the codec cannot store become invalid, in the masks, in the changes of disparity and in the
+    calibration too; the provenance then counts them by view under ``disparity_beyond``. Likewise flow, under
+    ``flow_beyond`` and ``flow_backward_beyond``.
+
+    Args:
+        layout: names of the files.
+        key: the pair.
+        frame: images and truth; a channel that it lacks gets no file.
+        provenance: what made the pair, in JSON's types.
+        ndisp: an upper bound of its disparities, whole pixels.
+        encodings: see `Layout.encodings_for`.
+
+    Returns:
+        The files' bytes, by path.
+
+    Raises:
+        InputError: where a codec needs a package that is not installed.
+    """
+    for channel in CHANNELS.values():
+        codec = encodings.codec(channel.codec)
+        if channel.mask is not None and isfinite(codec.limit_px):
+            frame, counts = _invalidate(frame, channel, codec)
+            provenance = {**provenance, f"{channel.name}_beyond": counts} if counts else provenance
+    sample = Sample(key, frame, provenance, ndisp)
+    files = {}
+    for name, path in layout.files(key, encodings).items():
+        role = layout.role(name)
+        value = role.value(sample)
+        if value is not None:
+            files[path] = role.codec(encodings).encode(value)
+    return files
+
+
+def decode_file(layout: Layout, role: str, data: bytes, path: Path, encodings: Encodings) -> Any:  # noqa: ANN401 - by role
+    """Return the value of a role's file; the path is for messages.
+
+    Raises:
+        ReadError: where the file is cut off, or not what its role says.
+    """
+    return layout.role(role).unwrap(layout.role(role).codec(encodings).decode(data, path), path)
+
+
+def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) -> StoredFrame:
+    """Make a frame of the values of a pair's files.
+
+    Args:
+        key: the pair.
+        values: by role; at least both images, the left disparity and the provenance.
+        encodings: codecs of the files.
+
+    Raises:
+        ReadError: where the provenance has no camera, or the truth of points that are not occluded is not among the
+            truth of all points.
+    """
+    path = Path(key.name)
+    arrays = {role: value for role, value in values.items() if role in ROLES}
+    for role, (eye, channel) in ROLES.items():
+        visible = values.get(not_occluded_role(channel, eye)) if channel.mask is not None else None
+        if channel.mask is not None and visible is not None and role in arrays:
+            mask = CHANNELS[channel.mask].role(eye)
+            arrays[mask] = mask_from_not_occluded(arrays[role], visible, channel, eye, path)
+    calibration, provenance = values.get("calibration"), values["provenance"]
+    camera = _camera(provenance, path) if calibration is None else calibration.camera
+    frame = Frame.from_arrays(camera, arrays)
+    return StoredFrame(
+        camera,
+        frame.left,
+        frame.right,
+        name=key.name,
+        split=key.split,
+        index=key.index,
+        provenance=provenance,
+        calibration=calibration,
+        encodings=encodings,
+    )
+
+
+def share_beyond(frame: Frame, encodings: Encodings) -> float:
+    """Return the share of pixels whose disparity the codec cannot store, in the view that has more of them."""
+    codec = encodings.disparity
+    if not isfinite(codec.limit_px):
+        return 0.0
+    views = [view.disparity for view in (frame.left, frame.right) if "disparity" in view]
+    return max(float(codec.exceeds_limit(disparity).mean()) for disparity in views)
+
+
+def _camera(provenance: Mapping[str, Any], path: Path) -> StereoCamera:
+    # The provenance has more of the camera than it takes to make one.
+    try:
+        return StereoCamera(**{each.name: provenance["camera"][each.name] for each in fields(StereoCamera)})
+    except (KeyError, TypeError, InputError) as error:
+        raise ReadError(path, f"its provenance has no camera that can be used: {error!r}") from None
+
+
+def _invalidate(frame: Frame, channel: Channel[Any], codec: Codec[Any]) -> tuple[Frame, dict[str, int]]:
+    """Make values that a codec cannot store invalid, and count their pixels in each view that has the channel."""
+    affected = {channel.name, channel.mask, "disparity_change" if channel.name == "disparity" else None}
+    views, counts = {eye: frame.view(eye) for eye in EYES}, {}
+    for eye, view in views.items():
+        if channel.name not in view:
+            continue
+        exceeding = codec.exceeds_limit(view[channel.name])
+        counts[eye] = int(exceeding.sum())
+        if counts[eye]:
+            arrays = {name: array.copy() for name, array in view.items() if name in affected}
+            for name, array in arrays.items():
+                array[exceeding] = CHANNELS[name].nothing
+            views[eye] = view.with_channels(arrays)
+    return Frame(frame.camera, views["left"], views["right"]), {str(eye): count for eye, count in counts.items()}

@@ -1,0 +1,46 @@
+"""What the names of a pair's files depend on."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from semisynth_gl.frame import FLOW_OUTPUTS
+from semisynth_gl.splits import SplitName
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """The identity of a pair in a dataset.
+
+    Attributes:
+        config: the config's name; letters, digits and hyphens.
+        split: the pair's split.
+        index: the pair's number in the split.
+        sequence_length: how many pairs make a sequence in a dataset with an output of `FLOW_OUTPUTS`, whose loaders
+            take names that follow each other for successive frames; None in any other dataset, where each pair has a
+            name of its own. See `sequence_length`.
+    """
+
+    config: str
+    split: SplitName
+    index: int
+    sequence_length: int | None = None
+
+    @property
+    def sequence(self) -> int:
+        """The number of its sequence in the split; its own number where it has a name of its own."""
+        return self.index // (self.sequence_length or 1)
+
+    @property
+    def frame(self) -> int:
+        """Its number in that sequence; 0 where it has a name of its own."""
+        return self.index % (self.sequence_length or 1)
+
+    @property
+    def name(self) -> str:
+        """A name for the pair: sorted by name is sorted by index up to a million pairs."""
+        return f"{self.config}-{self.index:06d}"
+
+
+def sequence_length(outputs: Collection[str], length: int) -> int | None:
+    """Return `Key.sequence_length` of a dataset with these outputs whose sequences have so many pairs."""
+    return length if FLOW_OUTPUTS.intersection(outputs) else None

@@ -1,0 +1,212 @@
+"""The roles of files: what a file of a pair holds, how it is encoded, and with which outputs there is one.
+
+A role is the name of an array of a frame (see `semisynth_gl.frame.ROLES`), or one of those in the table below.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.camera import EYES, Eye, StereoCamera
+from semisynth_gl.codecs import Codec, Encodings
+from semisynth_gl.codecs.calib import KITTI_CALIB, MIDDLEBURY_CALIB, Calibration
+from semisynth_gl.codecs.json_object import JSON_OBJECT
+from semisynth_gl.codecs.png import GREY8, RGB8
+from semisynth_gl.errors import ReadError
+from semisynth_gl.frame import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, Channel, Frame
+from semisynth_gl.frame import ROLES as FRAME_ROLES
+from semisynth_gl.layouts.key import Key
+from semisynth_gl.scene.background import FACE
+
+DISPARITY_BEYOND = "disparity_beyond"
+"""Key of a pair's provenance: how many pixels of each view have a disparity that the codec cannot store.
+
+Those of flow are ``flow_beyond`` and ``flow_backward_beyond``.
+"""
+
+_LARGEST_OBJECT = 255
+_STOPS: Mapping[str, int] = {"right_under": -1, "right_over": 1}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sample:
+    """A pair on its way into files.
+
+    Attributes:
+        key: which pair.
+        frame: images and truth; values that the codecs cannot store are invalid already.
+        provenance: what made the pair, in JSON's types.
+        ndisp: an upper bound of its disparities, whole pixels.
+    """
+
+    key: Key
+    frame: Frame
+    provenance: Mapping[str, Any]
+    ndisp: int
+
+
+@dataclass(frozen=True, slots=True)
+class Role:
+    """The content of one kind of file.
+
+    Attributes:
+        meaning: the content in a few words.
+        codec: from a dataset's encodings to the file's codec.
+        value: from a sample to the value that the codec encodes; None where the sample has none.
+        output: the output without which there is no such file; None for a file that every pair has.
+        eye: the view whose truth the file holds; None for images and for files about the pair.
+        unwrap: from a decoded value, and the file's path for messages, to what a reader of the pair gets.
+    """
+
+    meaning: str
+    codec: Callable[[Encodings], Codec[Any]]
+    value: Callable[[Sample], Any]
+    output: str | None = None
+    eye: Eye | None = None
+    unwrap: Callable[[Any, Path], Any] = lambda value, _: value
+
+
+def not_occluded_role(channel: Channel[Any], eye: Eye) -> str:
+    """Return the role of a channel's values less those of points that its mask does not call visible."""
+    return f"{channel.name.removeprefix('disparity')}_not_occluded_{eye}".removeprefix("_")
+
+
+def mask_from_not_occluded(
+    truth: NDArray[np.float32], not_occluded: NDArray[np.float32], channel: Channel[Any], eye: Eye, path: Path
+) -> NDArray[np.uint8]:
+    """Work out the mask of a disparity or flow from all of it, and from that of the points that the mask calls visible.
+
+    A hidden point is outside the other image where its position is, and else occluded. Where rounding puts the
+    position right on the image's border, either may have been rendered.
+
+    Args:
+        truth: (H, W) float32 px, or (H, W, 2) for flow; inf where there is none.
+        not_occluded: likewise.
+        channel: the channel of the truth.
+        eye: whose they are.
+        path: of the pair, for messages.
+
+    Returns:
+        (H, W) uint8, the values of `semisynth_gl.frame`.
+
+    Raises:
+        ReadError: where the sizes differ, or a value of the latter is not the former's.
+    """
+    roles = not_occluded_role(channel, eye), channel.role(eye)
+    if truth.shape != not_occluded.shape:
+        raise ReadError(path, f"{roles[1]} has shape {truth.shape[:2]}, {roles[0]} {not_occluded.shape[:2]}")
+    height, width = truth.shape[:2]
+    pixels, seen_pixels = truth.reshape(height, width, -1), not_occluded.reshape(height, width, -1)
+    seen = np.isfinite(seen_pixels).all(axis=2)
+    wrong = int((seen & (pixels != seen_pixels).any(axis=2)).sum())
+    if wrong:
+        raise ReadError(path, f"{wrong} pixels in {roles[0]} are not those in {roles[1]}")
+    shift = pixels.astype(np.float64)
+    if channel.components == 1 and eye == "left":
+        shift = -shift
+    outside = _is_outside(np.arange(width) + shift[..., 0], width)
+    if channel.components > 1:
+        outside |= _is_outside(np.arange(height)[:, None] + shift[..., 1], height)
+    hidden = np.where(outside, OUTSIDE, OCCLUDED)
+    return np.where(seen, VISIBLE, np.where(np.isfinite(pixels).all(axis=2), hidden, OUTSIDE)).astype(np.uint8)
+
+
+def number_objects(instances: NDArray[np.uint16], table: Sequence[Mapping[str, Any]]) -> NDArray[np.uint8]:
+    """Return KITTI's map of objects: 0 where the background or nothing is seen, else the instance's id, cut to 8 bits.
+
+    Args:
+        instances: (H, W) uint16 ids.
+        table: the provenance's table of instances; row k describes id k + 1.
+    """
+    ids = np.arange(len(table) + 1)
+    objects = 1 + (ids - 1) % _LARGEST_OBJECT
+    objects[0] = 0
+    objects[1:][[row["model"] == FACE.name for row in table]] = 0
+    mapped: NDArray[np.uint8] = objects.astype(np.uint8)[instances]
+    return mapped
+
+
+def expose(image: NDArray[np.uint8], stops: float) -> NDArray[np.uint8]:
+    """Multiply 8-bit values, of any shape, by 2 to the power of stops, as `semisynth_gl.pairs.imperfections` does."""
+    levels = np.rint(np.clip(np.arange(256, dtype=np.float32) * np.float32(2.0**stops), 0, 255)).astype(np.uint8)
+    exposed: NDArray[np.uint8] = levels[image]
+    return exposed
+
+
+def _is_outside(position: NDArray[np.float64], length: int) -> NDArray[np.bool_]:
+    outside: NDArray[np.bool_] = (position < -0.5) | (position >= length - 0.5)
+    return outside
+
+
+def _channel_role(eye: Eye, channel: Channel[Any]) -> Role:
+    def value(sample: Sample) -> NDArray[Any] | None:
+        return sample.frame.view(eye).get(channel.name)
+
+    meaning = channel.meaning.format(view=eye, other="right" if eye == "left" else "left")
+    truth_of = None if channel.name == "image" else eye
+    return Role(meaning, lambda encodings: encodings.codec(channel.codec), value, channel.output, truth_of)
+
+
+def _not_occluded(eye: Eye, channel: Channel[Any], mask: Channel[Any]) -> Role:
+    def value(sample: Sample) -> NDArray[np.float32] | None:
+        view = sample.frame.view(eye)
+        if channel.name not in view or mask.name not in view:
+            return None
+        seen = view[mask.name] == VISIBLE
+        return np.where(seen[..., None] if channel.components > 1 else seen, view[channel.name], np.float32(np.inf))
+
+    meaning = f"{channel.role(eye)}, where its mask says that the point is visible too"
+    return Role(meaning, lambda encodings: encodings.codec(channel.codec), value, mask.output, eye)
+
+
+def _objects(sample: Sample) -> NDArray[np.uint8] | None:
+    instances = sample.frame.left.get("instances")
+    return None if instances is None else number_objects(instances, sample.provenance["instances"])
+
+
+def _calibration(sample: Sample) -> Calibration:
+    disparity = sample.frame.left.disparity
+    valid = disparity[np.isfinite(disparity)]
+    vmin, vmax = (float(valid.min()), float(valid.max())) if valid.size else (0.0, 0.0)
+    camera = sample.frame.camera
+    return Calibration(camera, camera.doffs_px, sample.ndisp, vmin, vmax)
+
+
+def _camera(sample: Sample) -> StereoCamera:
+    return sample.frame.camera
+
+
+def _facts(sample: Sample) -> Mapping[str, Any]:
+    return sample.provenance
+
+
+def _fixed(meaning: str, codec: Codec[Any], value: Callable[[Sample], Any], output: str | None = None) -> Role:
+    """Return a role whose codec is always the same."""
+    return Role(meaning, lambda _: codec, value, output)
+
+
+def _exposed_right(stops: int) -> Role:
+    def value(sample: Sample) -> NDArray[np.uint8]:
+        return expose(sample.frame.right.image, stops)
+
+    return _fixed(f"right image a stop {'darker' if stops < 0 else 'brighter'}", RGB8, value)
+
+
+ROLES: Mapping[str, Role] = {
+    **{role: _channel_role(eye, channel) for role, (eye, channel) in FRAME_ROLES.items()},
+    **{
+        not_occluded_role(channel, eye): _not_occluded(eye, channel, CHANNELS[channel.mask])
+        for channel in CHANNELS.values()
+        if channel.mask is not None
+        for eye in EYES
+    },
+    **{name: _exposed_right(stops) for name, stops in _STOPS.items()},
+    "objects": _fixed("8-bit: 0 in the background, 1 to 255 elsewhere; of the left view", GREY8, _objects, "instances"),
+    "calibration": _fixed("the cameras, as Middlebury's calib.txt has them", MIDDLEBURY_CALIB, _calibration),
+    "calib_cam_to_cam": _fixed("the cameras, as KITTI's calib_cam_to_cam.txt has them", KITTI_CALIB, _camera),
+    "provenance": _fixed("what made the pair: seeds, camera, and every instance in the scene", JSON_OBJECT, _facts),
+}

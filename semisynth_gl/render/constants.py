@@ -1,0 +1,49 @@
+"""The uniform block of all shaders: camera and pass constants, packed once a pass."""
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.camera import Eye, StereoCamera
+from semisynth_gl.render.projection import clip_from_view
+from semisynth_gl.render.structs import BLOCKS, CONSTANTS
+
+
+class ConstantsBuffer:
+    """The uniform block's buffer.
+
+    Args:
+        gl: the context; the block stays bound in it.
+    """
+
+    def __init__(self, gl: moderngl.Context) -> None:
+        self._buffer = gl.buffer(reserve=CONSTANTS.itemsize, dynamic=True)
+        self._buffer.bind_to_uniform_block(BLOCKS["Constants"].binding)
+        self._packed: bytes = b""
+
+    def write(
+        self, camera: StereoCamera, eye: Eye, near_m: float, *, projection: NDArray[np.float64] | None = None
+    ) -> None:
+        """Set the constants of the passes that follow.
+
+        Args:
+            camera: the camera.
+            eye: the eye that draws, or whose surfaces are followed.
+            near_m: depth of the near plane.
+            projection: (4, 4) float64 in the place of `clip_from_view`.
+        """
+        values = np.zeros((), CONSTANTS)
+        matrix = clip_from_view(camera, eye, near_m) if projection is None else projection
+        values["clip_from_view"] = matrix.T
+        values["centre_px"] = camera.cx_px(eye), camera.cy_px
+        values["focal_px"] = camera.focal_px
+        values["focal_baseline"] = camera.focal_baseline
+        values["doffs_px"] = camera.doffs_px
+        values["near_m"] = near_m
+        # x_right = x_left - d: the surfaces that are followed are the other eye's.
+        values["other_from_own"] = -1 if eye == "right" else 1
+        packed = values.tobytes()
+        if packed != self._packed:
+            self._buffer.orphan()
+            self._buffer.write(packed)
+            self._packed = packed

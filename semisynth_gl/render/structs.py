@@ -1,0 +1,138 @@
+"""The structs that numpy packs for shaders, and the check of each against the driver's own layout of it."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import moderngl
+import numpy as np
+
+from semisynth_gl.errors import BackendError
+from semisynth_gl.render.context import GraphicsContext
+
+CONSTANTS = np.dtype(
+    [
+        ("clip_from_view", "<f4", (4, 4)),  # column by column
+        ("centre_px", "<f4", 2),
+        ("focal_px", "<f4"),
+        ("focal_baseline", "<f4"),
+        ("doffs_px", "<f4"),
+        ("near_m", "<f4"),
+        ("other_from_own", "<f4"),
+        ("", "<f4"),
+    ]
+)
+"""The uniform block of common_constants.glsl, std140."""
+
+INSTANCE = np.dtype([("view_from_model", "<f4", (3, 4)), ("model", "<u4", 4)])
+"""The struct of common_triangles.glsl, std430."""
+
+MOVE = np.dtype([("turn_and_shift", "<f4", (3, 4)), ("centre", "<f4", 3), ("", "<f4"), ("then", "<u4"), ("", "<u4", 3)])
+"""The struct of flow.frag, std430."""
+
+CAMERA_64 = np.dtype(
+    [
+        ("centre_px_64", "<f8", 2),
+        ("focal_px_64", "<f8"),
+        ("focal_baseline_64", "<f8"),
+        ("doffs_px_64", "<f8"),
+        ("", "<f8"),
+    ]
+)
+"""The uniform block of variant.frag, std140."""
+
+VERTEX = np.dtype([("position", "<f4", 3), ("uv", "<f4", 2)])
+"""The attributes of a vertex in mesh.vert."""
+
+DRAWN_INSTANCE = np.dtype(
+    [("view_from_model", "<f4", (3, 4)), ("patch_from_uv", "<f4", 4), ("layer", "<i4"), ("instance", "<i4")]
+)
+"""The attributes of an instance in mesh.vert."""
+
+COMMAND = np.dtype(
+    [("count", "<u4"), ("instances", "<u4"), ("first_index", "<u4"), ("base_vertex", "<i4"), ("base_instance", "<u4")]
+)
+"""OpenGL's DrawElementsIndirectCommand."""
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A block of shaders that numpy packs.
+
+    Attributes:
+        binding: of its buffer.
+        dtype: one element.
+        array: name of the array of elements that a storage block holds; "" for a uniform block of one element.
+    """
+
+    binding: int
+    dtype: np.dtype[np.void]
+    array: str = ""
+
+
+BLOCKS: dict[str, Block] = {
+    "Constants": Block(0, CONSTANTS),
+    "Camera64": Block(1, CAMERA_64),
+    "Instances": Block(3, INSTANCE, "instances"),
+    "Moves": Block(4, MOVE, "moves"),
+}
+"""All blocks by their names in GLSL."""
+
+
+def members(dtype: np.dtype[Any]) -> Iterator[tuple[str, int, int]]:
+    """Return name in GLSL, offset in bytes and number of components of each member of a struct.
+
+    A field of shape (3, 4) stands for three vec4, the rows of a matrix: its name with ``_x``, ``_y`` and ``_z``. Fields
+    without a name are padding.
+    """
+    for name, field in (dtype.fields or {}).items():
+        offset, shape = field[1], field[0].shape
+        if name.startswith("f") and name[1:].isdigit():
+            continue
+        if shape == (3, 4):
+            for row, axis in enumerate("xyz"):
+                yield f"{name}_{axis}", offset + row * 16, 4
+        else:
+            yield name, offset, int(np.prod(shape, dtype=int))
+
+
+def check_blocks(context: GraphicsContext, program: moderngl.Program) -> None:
+    """Compare the blocks of a linked program with the structs that numpy packs for them.
+
+    Raises:
+        BackendError: where the driver lays a block out otherwise, with both layouts.
+    """
+    for name, block in BLOCKS.items():
+        actual = context.unbound.block_layout(program.glo, name, [m for m, _, _ in members(block.dtype)], block.array)
+        if actual is None:
+            continue
+        expected = {member: offset for member, offset, _ in members(block.dtype)}
+        # A uniform block may end in padding that belongs to nobody; an array's elements must be equally far apart.
+        size_fits = actual.size == block.dtype.itemsize
+        if actual.offsets != expected or not size_fits:
+            raise BackendError(
+                f"{context.renderer} lays out the block {name} as {actual.offsets} in {actual.size} bytes, but the "
+                f"program packs {expected} in {block.dtype.itemsize} bytes"
+            )
+
+
+def check_attributes(program: moderngl.Program, dtype: np.dtype[Any], integers: tuple[str, ...]) -> None:
+    """Compare a program's vertex attributes with the struct that numpy packs for them.
+
+    Args:
+        program: linked; attributes that the compiler removed are passed over.
+        dtype: the struct.
+        integers: names of the members that are integers.
+
+    Raises:
+        BackendError: where an attribute has another type or number of components, with both.
+    """
+    for name, _, count in members(dtype):
+        attribute = program.get(name, None)
+        if isinstance(attribute, moderngl.Attribute):
+            expected = (count, "i" if name in integers else "f")
+            if (attribute.dimension, str(attribute.shape)) != expected:
+                raise BackendError(
+                    f"the shader takes {name} as {attribute.dimension} of {attribute.shape}, but the program packs "
+                    f"{expected[0]} of {expected[1]}"
+                )

@@ -1,0 +1,78 @@
+"""Surface normals against those of the triangles that float64 rays hit."""
+
+import numpy as np
+import pytest
+
+from semisynth_gl import load_config, open_dataset, oracle
+from semisynth_gl.camera import EYES
+from semisynth_gl.frame import View
+from semisynth_gl.generation.generate import generate
+from semisynth_gl.pairs.pipeline import PairRenderer
+from semisynth_gl.scene.raycast import cast_rays
+
+MOST_DEG = 0.01
+# How far from a pixel's centre rays must hit the same triangle: an edge that is nearer may be drawn on either side.
+OFF_EDGE_PX = 1 / 16
+
+
+def small(name, **settings):
+    sizes = {"camera.width_px": 226, "camera.height_px": 141, "textures.max_patches": 32}
+    return load_config(name, sizes | {"outputs": ["normals"]} | settings)
+
+
+def off_edges(scene, models, eye, x, y):
+    """Hits at pixels' centres, and where rays close around them hit the same triangle."""
+    hits = cast_rays(scene, models, eye, x, y)
+    same = np.ones(len(x), bool)
+    for right, down in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
+        beside = cast_rays(scene, models, eye, x + right * OFF_EDGE_PX, y + down * OFF_EDGE_PX)
+        same &= (beside.instance == hits.instance) & (beside.triangle == hits.triangle)
+    return hits, same
+
+
+@pytest.mark.parametrize("name", ["middlebury", "kitti"])
+def test_normals_are_those_of_the_triangles_that_rays_hit(name):
+    config = small(name, **{"structures.ground": 1.0, "structures.panels": [1, 3]})
+    with PairRenderer(config, 5) as renderer:
+        frame = renderer.render(0).frame
+        scene = renderer.sampler.sample(0).scene
+        row, column = np.divmod(np.random.default_rng(0).choice(226 * 141, 1200, replace=False), 226)
+        for eye in EYES:
+            hits, same = off_edges(scene, renderer.sampler.models, eye, column.astype(float), row.astype(float))
+            expected = oracle.normals(scene, renderer.sampler.models, eye, hits)
+            drawn = frame.view(eye).normals[row, column].astype(float)
+            seen = same & (hits.instance >= 0)
+            assert seen.mean() > 0.5
+            # The chord, since the cosine of so small an angle rounds to 1.
+            degrees = np.rad2deg(2 * np.arcsin(np.linalg.norm(drawn - expected, axis=1)[seen] / 2))
+            assert degrees.max() < MOST_DEG
+            assert np.abs(np.linalg.norm(drawn[seen], axis=1) - 1).max() < 1e-6
+            assert (drawn[same & (hits.instance < 0)] == 0).all()
+
+
+def test_normals_point_to_their_eye():
+    with PairRenderer(small("eth3d"), 1) as renderer:
+        frame = renderer.render(0).frame
+    row, column = np.mgrid[:141, :226].astype(float)
+    for eye in EYES:
+        rays = frame.camera.rays(eye, column, row)
+        assert (frame.view(eye).normals * rays).sum(axis=2).max() <= 1e-6
+
+
+def test_normals_come_back_from_every_layout(tmp_path):
+    config = small("eth3d")
+    with PairRenderer(config, 3) as renderer:
+        drawn = renderer.render(0).frame
+    for layout in ("middlebury", "sceneflow", "webdataset"):
+        generate(config, tmp_path / layout, 1, 3, layout=layout)
+        stored = open_dataset(tmp_path / layout)[0]
+        for eye in EYES:
+            np.testing.assert_array_equal(stored.view(eye).normals, drawn.view(eye).normals)
+
+
+def test_only_who_asks_gets_normals():
+    with PairRenderer(small("eth3d", outputs=["depth"]), 0) as renderer:
+        left = renderer.render(0).frame.left
+    assert View.normals.name not in left
+    with pytest.raises(AttributeError, match=r"no normals: the output normals, in this view, was not made"):
+        left.normals  # noqa: B018 - the access raises

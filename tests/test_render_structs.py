@@ -1,0 +1,51 @@
+"""The structs that numpy packs, against the driver's layouts of the shaders' blocks."""
+
+import numpy as np
+import pytest
+
+from semisynth_gl.errors import BackendError
+from semisynth_gl.render import structs
+from semisynth_gl.render.context import open_context
+from semisynth_gl.render.programs import link_program
+from semisynth_gl.render.structs import BLOCKS, Block, check_attributes, members
+
+FLOW = ("whole_image.vert", "flow.frag", {"FLOW": 0, "FLOW_VISIBILITY": 1, "DISPARITY_CHANGE": 2, "TRACE": 1})
+
+
+@pytest.fixture
+def context(backend):
+    opened = open_context(backend)
+    yield opened
+    opened.release()
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+def test_a_struct_that_is_packed_otherwise_is_an_error_with_both_layouts(context, name, monkeypatch):
+    block = BLOCKS[name]
+    wrong = np.dtype({
+        "names": list(block.dtype.fields),
+        "formats": [field[0] for field in block.dtype.fields.values()],
+        "offsets": [field[1] + 16 for field in block.dtype.fields.values()],
+        "itemsize": block.dtype.itemsize + 16,
+    })  # fmt: skip
+    monkeypatch.setitem(structs.BLOCKS, name, Block(block.binding, wrong, block.array))
+    shaders = ("variant.vert", "variant.frag", {"PLANE64": 1}) if name == "Camera64" else FLOW
+    with pytest.raises(BackendError, match=rf"lays out the block {name} as .* bytes, but the program packs .* bytes"):
+        link_program(context, *shaders)
+
+
+def test_members_are_named_as_in_glsl():
+    assert list(members(structs.INSTANCE)) == [
+        ("view_from_model_x", 0, 4),
+        ("view_from_model_y", 16, 4),
+        ("view_from_model_z", 32, 4),
+        ("model", 48, 4),
+    ]
+    assert [name for name, _, _ in members(structs.MOVE)][-2:] == ["centre", "then"]  # padding has no name
+
+
+def test_an_attribute_of_another_size_is_an_error(context):
+    program = link_program(context, "mesh.vert", "mesh.frag", {"COLOUR": 0, "ANISOTROPY": 1})
+    check_attributes(program, structs.VERTEX, ())
+    with pytest.raises(BackendError, match="takes uv as 2 of f, but the program packs 3 of f"):
+        check_attributes(program, np.dtype([("position", "<f4", 3), ("uv", "<f4", 3)]), ())
