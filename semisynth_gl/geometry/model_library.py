@@ -70,7 +70,7 @@ def build_library(section: ModelsSection, particles: ParticlesSection, seed: int
             "files": [[str(path.absolute()) for path in group] for group in files],
             "versions": versions("numpy", "pyrr"),
             "readers": all_versions() if folders else [],
-            "program": own_sources("geometry", "seeds.py", "config/range.py"),
+            "program": own_sources("geometry", "seeds.py", "config/fields.py"),
         }
 
     flat = [path for group in files for path in group]
