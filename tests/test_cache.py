@@ -263,7 +263,7 @@ def test_another_program_finds_nothing(photographs, built, tmp_path, monkeypatch
     (package / "textures").mkdir(parents=True)
     (package / "config").mkdir()
     shutil.copytree(package / "textures", package / "geometry")
-    for name in ("textures/a.py", "geometry/b.py", "seeds.py", "config/range.py"):
+    for name in ("textures/a.py", "geometry/b.py", "seeds.py", "config/fields.py"):
         (package / name).write_text("")
     monkeypatch.setattr(remember, "_PACKAGE", package)
     for change, expected in (
@@ -273,7 +273,7 @@ def test_another_program_finds_nothing(photographs, built, tmp_path, monkeypatch
         ("geometry/b.py", ["_built"]),
         ("seeds.py", ["build_atlas", "_built"]),
         ("geometry/c.py", ["_built"]),
-        ("config/range.py", ["_built"]),
+        ("config/fields.py", ["_built"]),
     ):
         built.clear()
         if change:
