@@ -1,1 +1,1 @@
-"""What stands where in pair i, from (config, seed, i) alone; pure numpy."""
+"""The scene of pair i, from (config, seed, i) alone; pure numpy."""

@@ -6,7 +6,7 @@ probability exp(-lambda) (a Boolean model). A pixel shows less than d px where n
     F(d) = F_background(d) * product over layers k of exp(-lambda_k S_k(d)),
 
 with S_k(d) the probability that a particle of layer k shows d px or more where it covers a pixel. Particles are deep,
-so S_k is no step: the lambdas are those that bring F nearest to the wanted F at the edges of all layers at once.
+so S_k is no step: the lambdas bring F nearest to the wanted F at the edges of all layers at once.
 """
 
 from dataclasses import dataclass

@@ -201,7 +201,7 @@ class Population:
         numbers = self._coverage(self.target.shares, views) / views.cover
         in_view = []
         for number, (camera, _) in zip(numbers, pilots, strict=True):
-            # Every particle shows more than -inf px, but for those that cross the near plane.
+            # Every particle shows more than -inf px, unless it crosses the near plane.
             drawn = self._exceedance(self._layers, np.array([-np.inf]), camera, sizes)[:, 0]
             in_view.append(float(number * drawn @ expected_in_view(camera, sizes, self._layers.middle_px)))
         return float(np.mean(in_view))

@@ -29,14 +29,14 @@ class SampledScene:
     """A scene with the origin of its instances.
 
     Attributes:
-        scene: the arrays that the renderer draws; the first instances are those that stand still.
+        scene: the arrays that the renderer draws; the instances that stand still come first.
         background: "cuboid" or "plane".
         sequence: number of the sequence.
         frame: number of the frame within the sequence.
         attempt: number of attempts of the sequence that failed before.
         patch: (N,) int64, the patch that each instance wears; a patch of video frames has an atlas layer per frame.
-        slot: (N,) int64, the particles' slot that each instance comes from; -1 for what stands still.
-        generation: (N,) int64, number of the model in its slot; -1 for what stands still.
+        slot: (N,) int64, the particles' slot that each instance comes from; -1 for instances that stand still.
+        generation: (N,) int64, number of the model in its slot; -1 for instances that stand still.
     """
 
     scene: Scene
@@ -107,7 +107,7 @@ class SceneSampler:
 
     @property
     def models(self) -> tuple[Mesh, ...]:
-        """The models that `Scene.model` counts: those that stand still, then the library."""
+        """The models that `Scene.model` counts: first the models of still things, then the library."""
         return (*STILL_MODELS, *self._model_library.models)
 
     def sample(self, index: int, attempt: int = 0) -> SampledScene:
@@ -171,7 +171,7 @@ class SceneSampler:
         ]
 
     def _sequence(self, draw: _Draw) -> tuple[Stage, Slots]:
-        """Draw what all frames of a sequence share; the latest sequence is kept."""
+        """Draw the stage and the slots that all frames of a sequence share; the latest sequence is kept."""
         if self._latest is None or self._latest[0] != draw:
             stage = draw_stage(self._config, draw.generator)
             rng = draw.generator(Purpose.PARTICLES, 0)

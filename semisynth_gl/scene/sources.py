@@ -32,7 +32,7 @@ class Sources:
         for mesh in self.model_library.models:
             for array in (mesh.positions, mesh.uv, mesh.triangles):
                 models = crc32(np.ascontiguousarray(array), models)
-        # What models cover decides how many of them a scene has.
+        # The number of particles depends on the silhouette.
         silhouette = self.model_library.silhouette
         for numbers in (np.array(silhouette.fill), silhouette.heights, self.model_library.chances):
             models = crc32(numbers.tobytes(), models)

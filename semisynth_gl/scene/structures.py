@@ -165,7 +165,7 @@ def draw_surroundings(
             columns = np.linalg.norm(matrices[number][:3, :3], axis=0)
             units.append((columns[0], columns[2]) if model[number] == _GROUND else (columns[0], columns[1]))
             seen_m = hits.depth_m[hits.instance == number]
-            # Of a hidden structure, its nearest vertex, or the near plane where that is farther.
+            # A hidden structure has the depth of its nearest vertex, or of the near plane where the plane is farther.
             vertices = STILL_MODELS[model[number]].positions.astype(np.float64)
             nearest_m = float((vertices @ matrices[number][2, :3] + matrices[number][2, 3]).min())
             depths.append(float(np.median(seen_m)) if seen_m.size else max(nearest_m, near_m))
