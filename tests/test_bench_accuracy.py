@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 from conftest import backend_fault
+from semisynth_gl.encodings import IMAGE_ENCODINGS
 
 from semisynth_gl import encodings
 from semisynth_gl.bench.accuracy import Effort, measure, table
@@ -17,7 +18,6 @@ from semisynth_gl.bench.ways import error_stats
 from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.cli import main
 from semisynth_gl.config import load_config
-from semisynth_gl.encodings import IMAGE_ENCODINGS
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.render.variants import DEFAULT_WAY, WAYS, DisparityVariants
 from semisynth_gl.scene.background import FACE

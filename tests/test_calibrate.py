@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
+from semisynth_gl.read.error import ReadError
 
 from semisynth_gl.calibration.calibrate import calibrated_config
 from semisynth_gl.calibration.document import background_of, document, name_of, ranges_of
@@ -27,7 +28,6 @@ from semisynth_gl.config import Range, load_config
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.errors import InputError, SemisynthError
 from semisynth_gl.histogram import Histogram, PixelCount, total_variation
-from semisynth_gl.read.error import ReadError
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 CAMERA = StereoCamera(741, 500, 994.978, 0.193001, 311.193, 342.279, 254.877)

@@ -10,6 +10,11 @@ import numpy as np
 import pytest
 from conftest import backend_fault
 from PIL import Image
+from semisynth_gl.read.disparity import read_disparity
+from semisynth_gl.read.error import ReadError
+from semisynth_gl.write.pfm import encode_pfm
+from semisynth_gl.write.png import encode_png
+from semisynth_gl.write.png16 import encode_png16
 from test_report import config_of
 
 from semisynth_gl.cli import main
@@ -18,11 +23,6 @@ from semisynth_gl.errors import InputError
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.metrics.predictions import find_predictions
 from semisynth_gl.metrics.truth import find_truth, read_limits
-from semisynth_gl.read.disparity import read_disparity
-from semisynth_gl.read.error import ReadError
-from semisynth_gl.write.pfm import encode_pfm
-from semisynth_gl.write.png import encode_png
-from semisynth_gl.write.png16 import encode_png16
 
 INF = np.float32(np.inf)
 SHAPE = 20, 30

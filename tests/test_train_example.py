@@ -16,6 +16,7 @@ import stereo_evaluation as evaluation  # noqa: E402 - found by the line above
 import train_stereo  # noqa: E402
 from click.testing import CliRunner  # noqa: E402
 from PIL import Image  # noqa: E402
+from semisynth_gl.write.pfm import encode_pfm  # noqa: E402
 from stereo_network import Estimates, StereoNetwork, correlated, disparity_loss, warped  # noqa: E402
 
 from semisynth_gl.config import load_config  # noqa: E402
@@ -23,7 +24,6 @@ from semisynth_gl.dataset.reader import open_dataset  # noqa: E402
 from semisynth_gl.errors import InputError  # noqa: E402
 from semisynth_gl.generation.generate import generate  # noqa: E402
 from semisynth_gl.metrics.truth import Truth  # noqa: E402
-from semisynth_gl.write.pfm import encode_pfm  # noqa: E402
 
 SMALL = [
     "camera.width_px=96",

@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 from conftest import backend_fault
 from PIL import Image
+from semisynth_gl.read.pfm import read_pfm
+from semisynth_gl.write.pfm import encode_pfm
+from semisynth_gl.write.png import encode_png
 from test_pipeline import lean, tiny
 
 from semisynth_gl.cli import main
@@ -16,11 +19,8 @@ from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.errors import InputError
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts.middlebury import SCENES
-from semisynth_gl.read.pfm import read_pfm
 from semisynth_gl.verify.consistency import match_views
 from semisynth_gl.verify.dataset import verify_dataset
-from semisynth_gl.write.pfm import encode_pfm
-from semisynth_gl.write.png import encode_png
 
 BENCHMARKS = ("middlebury", "kitti", "eth3d", "sceneflow")
 ALL_OUTPUTS = ("visibility", "instances", "depth")

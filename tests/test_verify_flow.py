@@ -7,21 +7,21 @@ import numpy as np
 import pytest
 from conftest import backend_fault
 from PIL import Image
+from semisynth_gl.dataset.stored import StoredFrame
+from semisynth_gl.read.encodings import FLOW_DECODERS
+from semisynth_gl.write.encodings import FLOW_ENCODERS
 from test_pipeline import tiny
 from test_verify import all_findings, change_disparity, change_image, checks, findings, swap
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.dataset.reader import open_dataset, read_index
-from semisynth_gl.dataset.stored import StoredFrame
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts.middlebury import SCENES
-from semisynth_gl.read.encodings import FLOW_DECODERS
 from semisynth_gl.verify.dataset import verify_dataset
 from semisynth_gl.verify.finding import Verdict
 from semisynth_gl.verify.flow import check_change
 from semisynth_gl.verify.recast import Recaster
-from semisynth_gl.write.encodings import FLOW_ENCODERS
 
 # Much motion: the camera's own, and of models that fall, drift and spin.
 SEQUENCE = {
