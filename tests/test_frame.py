@@ -120,11 +120,11 @@ def test_a_view_refuses_what_is_not_in_the_table(name, array, words):
         make_view(("image", "disparity")).with_channels({name: array})
 
 
-@pytest.mark.parametrize(
-    "duplicate",
-    [copy.copy, copy.deepcopy, lambda view: pickle.loads(pickle.dumps(view))],
-    ids=["copy", "deep", "pickle"],
-)
+def through_pickle(thing):
+    return pickle.loads(pickle.dumps(thing))  # noqa: S301 - the bytes are from the line itself
+
+
+@pytest.mark.parametrize("duplicate", [copy.copy, copy.deepcopy, through_pickle])
 def test_a_view_and_a_frame_pickle_and_copy(duplicate):
     view = make_view()
     frame = Frame(CAMERA, view, make_view(("image", "disparity"), seed=1))
