@@ -79,8 +79,8 @@ def test_a_view_has_its_channels_under_their_names():
     assert view.get("depth") is None
     with pytest.raises(KeyError, match="depth"):
         view["depth"]
-    with pytest.raises(AttributeError, match=r"no depth: the output depth, in this view, was not made"):
-        view.depth  # noqa: B018 - the access raises
+    with pytest.raises(AttributeError, match=r"no normals: the output normals, in this view, was not made"):
+        view.normals  # noqa: B018 - the access raises
     with pytest.raises(AttributeError, match="no disparity: truth of this view was not made"):
         view.disparity  # noqa: B018 - the access raises
 

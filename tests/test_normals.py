@@ -6,7 +6,6 @@ from test_pipeline import lean
 
 from semisynth_gl import open_dataset, oracle
 from semisynth_gl.camera import EYES
-from semisynth_gl.frame import View
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.raycast import cast_rays
@@ -16,11 +15,11 @@ MOST_DEG = 0.01
 OFF_EDGE_PX = 1 / 16
 
 
-def small(name="middlebury", outputs=("normals",), **sections):
-    """A config of simple models only."""
-    particles = {"layers": [{"disparity_px": [2, 20], "count": 15}]}
-    config = lean(name, models={"complex": 0.0}, particles=particles, **sections)
-    return config.model_copy(update={"outputs": outputs})
+def small(name="middlebury", **sections):
+    """A config of simple models and patches: normals depend on neither."""
+    sections |= {"models": {"complex": 0.0}, "textures": {"source": "procedural", "max_patches": 16}}
+    config = lean(name, particles={"layers": [{"disparity_px": [2, 20], "count": 15}]}, **sections)
+    return config.model_copy(update={"outputs": ("normals",)})
 
 
 def off_edges(scene, models, eye, x, y):
@@ -62,17 +61,8 @@ def test_normals_point_to_their_eye_and_come_back_from_files(tmp_path):
         normals = frame.view(eye).normals
         assert (np.linalg.norm(normals, axis=2) > 0.5).mean() > 0.9
         assert (normals * frame.camera.rays(eye, column, row)).sum(axis=2).max() <= 1e-6
-    # test_layouts.py has the other layouts.
-    for layout in ("middlebury", "webdataset"):
-        generate(small(), tmp_path / layout, 1, 3, layout=layout)
-        stored = open_dataset(tmp_path / layout)[0]
-        for eye in EYES:
-            np.testing.assert_array_equal(stored.view(eye).normals, frame.view(eye).normals)
-
-
-def test_only_who_asks_gets_normals():
-    with PairRenderer(small(outputs=("depth",)), 0) as renderer:
-        left = renderer.render(0).frame.left
-    assert View.normals.name not in left
-    with pytest.raises(AttributeError, match=r"no normals: the output normals, in this view, was not made"):
-        left.normals  # noqa: B018 - the access raises
+    # Other layouts take the same path through files in test_layouts.py.
+    generate(small(), tmp_path / "out", 1, 3, layout="webdataset")
+    stored = open_dataset(tmp_path / "out")[0]
+    for eye in EYES:
+        np.testing.assert_array_equal(stored.view(eye).normals, frame.view(eye).normals)

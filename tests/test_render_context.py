@@ -170,6 +170,10 @@ def test_outputs_are_made_only_when_asked_for(open_renderer, square):
         assert set(full.view(eye)) == {"image", "disparity", *STILL}
         np.testing.assert_array_equal(bare.view(eye).disparity, full.view(eye).disparity)
         np.testing.assert_array_equal(bare.view(eye).image, full.view(eye).image)
+    for name in STILL:
+        alone = open_renderer([square], noise_layers(1, 16), outputs=(name,)).render(scene)
+        assert set(alone.left) == set(alone.right) == {"image", "disparity", name}
+        np.testing.assert_array_equal(alone.right[name], full.right[name])
     expected = np.ones((30, 40), np.uint16)
     expected[5:14, 10:18] = 2
     np.testing.assert_array_equal(full.left.instances, expected)
