@@ -15,8 +15,8 @@ from semisynth_gl.bench.scenes import cast_truth, edges, grown, sample_scenes
 from semisynth_gl.bench.summary import front
 from semisynth_gl.bench.timing import alternated, compare_times
 from semisynth_gl.cli import main
+from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS
 from semisynth_gl.config import load_config
-from semisynth_gl.encodings import DISPARITY_ENCODINGS, IMAGE_ENCODINGS
 
 SMALL = (
     "camera.width_px=160",
@@ -43,8 +43,8 @@ def rows(report, part):
 
 
 def test_the_report_is_whole_and_json(report):
-    assert set(rows(report, "store")) == set(DISPARITY_ENCODINGS)
-    assert set(rows(report, "images_store")) | set(report["images_store"]["left_out"]) == set(IMAGE_ENCODINGS)
+    assert set(rows(report, "store")) == set(DISPARITY_CODECS)
+    assert set(rows(report, "images_store")) | set(report["images_store"]["left_out"]) == set(IMAGE_CODECS)
     assert all(row["lossless"] for row in rows(report, "images_store").values())
     assert set(rows(report, "antialias")) | set(report["antialias"]["left_out"]) == {*MODES, REFERENCE}
     assert json.loads(json.dumps(report, allow_nan=False))["pixels_compared"] > 1000

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import backend_fault
-from semisynth_gl.encodings import IMAGE_ENCODINGS
 
 from semisynth_gl.bench.accuracy import Effort, table
 from semisynth_gl.bench.encodings import disparity_encodings
 from semisynth_gl.bench.scenes import sample_scenes
 from semisynth_gl.bench.summary import error_stats
 from semisynth_gl.camera import EYES, StereoCamera
+from semisynth_gl.codecs import IMAGE_CODECS
 from semisynth_gl.config import load_config
 from semisynth_gl.render.variants import RENDERERS_VARIANT, VARIANTS, DisparityVariants
 from semisynth_gl.scene.background import FACE
@@ -54,7 +54,7 @@ def test_the_report_has_offered_and_other_alternatives(report):
     assert set(rows(report, "get")) | set(report["get"]["left_out"]) == set(VARIANTS)
     assert set(rows(report, "store")) >= LOSSLESS - {"blosc2"} | set(LARGEST_ERROR_PX) | {"half"}
     assert set(rows(report, "images_store")) | set(report["images_store"]["left_out"]) == {
-        *IMAGE_ENCODINGS, "png-pillow",
+        *IMAGE_CODECS, "png-pillow",
     }  # fmt: skip
     assert all(row["lossless"] for row in rows(report, "images_store").values())
     assert json.loads(json.dumps(report, allow_nan=False))["pixels_compared"] > 1000

@@ -12,13 +12,15 @@ import pytest
 from ruamel.yaml import YAML
 from semisynth_gl.dataset.tar import tar_end, tar_member
 
-from semisynth_gl.camera import StereoCamera
+from semisynth_gl.camera import EYES, StereoCamera
+from semisynth_gl.codecs.flo import Flo
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.card import encode_card
 from semisynth_gl.dataset.croissant import encode_croissant
 from semisynth_gl.dataset.index import describe_dataset
 from semisynth_gl.dataset.plan import Plan, make_plan
-from semisynth_gl.frame import OUTPUTS, Frame
+from semisynth_gl.dataset.sample import encode_pair
+from semisynth_gl.frame import OUTPUTS, Frame, View
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.geometry.silhouette import Silhouette
@@ -63,23 +65,25 @@ def frame(index: int) -> Frame:
     grey, ids = np.full((6, 8), 255, np.uint8), np.full((6, 8), index, np.uint16)
     truth = np.full((6, 8), index + 0.5, np.float32)
     image = np.full((6, 8, 3), index, np.uint8)
+    normals = np.full((6, 8, 3), (0, 0, -1), np.float32)
     flow = np.full((6, 8, 2), index + 0.5, np.float32)
     left, right = (
         View(
             {
-                "image": image + 100 * eye,
-                "disparity": truth + eye,
+                "image": image + np.uint8(100 * number),
+                "disparity": truth + np.float32(number),
                 "visibility": grey,
                 "instances": ids,
                 "depth": truth,
+                "normals": normals,
                 "flow": flow,
                 "flow_visibility": grey,
-                "disparity_change": truth,
                 "flow_backward": flow,
                 "flow_backward_visibility": grey,
+                "disparity_change": truth,
             }
         )
-        for eye in (np.uint8(0), np.uint8(1))
+        for number in range(len(EYES))
     )
     return Frame(CAMERA, left, right)
 
@@ -95,8 +99,8 @@ def write(plan: Plan, folder: Path | None = None) -> dict[str, Any]:
     for shard in plan.shards:
         content = b""
         for pair in range(shard.first, shard.end):
-            files = plan.layout.encode(
-                plan.key(shard.split, pair), frame(pair), provenance | {"pair": pair}, 5,
+            files = encode_pair(
+                plan.layout, plan.key(shard.split, pair), frame(pair), provenance | {"pair": pair}, 5,
                 plan.layout.encodings_for(plan.config),
             )  # fmt: skip
             files = {path: files[path] for path in paths(plan, shard.split, pair).values()}
@@ -104,7 +108,7 @@ def write(plan: Plan, folder: Path | None = None) -> dict[str, Any]:
                 if plan.layout.packed:
                     content += tar_member(name, data)[0]
                 elif folder:
-                    path = folder / plan.folder(shard.split) / name
+                    path = folder / f"{plan.folder(shard.split)}{name}"
                     path.parent.mkdir(parents=True, exist_ok=True)
                     path.write_bytes(data)
         content += tar_end(len(content))
@@ -128,8 +132,8 @@ def write(plan: Plan, folder: Path | None = None) -> dict[str, Any]:
 def paths(plan: Plan, split: SplitName, pair: int) -> dict[str, str]:
     """Return the files that a pair has, by role, below the split's folder or inside the tar."""
     layout = plan.layout
-    every = layout.files(plan.key(split, pair), layout.encodings_for(plan.config))
-    return layout.roles(every, plan.config.outputs, plan.config.truth)
+    encodings = layout.encodings_for(plan.config)
+    return layout.files(plan.key(split, pair), encodings, plan.config.outputs, plan.config.truth)
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from test_report import config_of
 from semisynth_gl.cli import main
 from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.pfm import PFM
+from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.errors import InputError, ReadError
@@ -89,7 +90,7 @@ def scenes(folder, names, *, isint=0, ndisp=64):
         mask = np.full(SHAPE, 255, np.uint8)
         mask[:, :6] = 128
         write(folder / name / "disp0GT.pfm", PFM.encode(truth))
-        write(folder / name / "mask0nocc.png", encode_png(mask))
+        write(folder / name / "mask0nocc.png", GREY8.encode(mask))
         write(folder / name / "calib.txt", f"cam0=[1 0 0; 0 1 0; 0 0 1]\nndisp={ndisp}\nisint={isint}\n".encode())
     return folder
 
@@ -233,7 +234,7 @@ def test_eth3d_is_known_by_its_folder_and_masks_may_be_given(tmp_path):
         write(pred / f"{name}.pfm", PFM.encode(read_disparity_map(gt / name / "disp0GT.pfm")))
         mask = np.zeros(SHAPE, np.uint8)
         mask[2, :5] = 255
-        write(tmp_path / "masks" / name / "mask0nocc.png", encode_png(mask))
+        write(tmp_path / "masks" / name / "mask0nocc.png", GREY8.encode(mask))
     said = figures_of(tmp_path, "--pred", pred, "--gt", gt)
     assert said["protocol"] == "eth3d"
     assert list(said["mean"]) == ["all"]
@@ -257,7 +258,7 @@ def test_a_folder_of_maps_is_truth_too(tmp_path):
 
 def test_an_empty_mask_leaves_a_pair_out_of_the_mean(tmp_path):
     gt = scenes(tmp_path / "gt", ["a", "b"])
-    write(gt / "a" / "mask0nocc.png", encode_png(np.zeros(SHAPE, np.uint8)))
+    write(gt / "a" / "mask0nocc.png", GREY8.encode(np.zeros(SHAPE, np.uint8)))
     for name in "ab":
         write(tmp_path / "pred" / f"{name}.pfm", PFM.encode(ramp()))
     code, out, _ = run("--pred", tmp_path / "pred", "--gt", gt, "--json", tmp_path / "j.json")
@@ -340,7 +341,7 @@ def test_other_sizes_are_refused_with_the_files(three):
     said = refused(pred, gt)
     for words in (str(pred / "b.pfm"), "9 x 7", "30 x 20", "half or a quarter", "disp0GT.pfm"):
         assert words in said
-    write(gt / "a" / "mask0nocc.png", encode_png(np.ones((7, 9), np.uint8)))
+    write(gt / "a" / "mask0nocc.png", GREY8.encode(np.ones((7, 9), np.uint8)))
     said = refused(pred, gt)
     assert "mask0nocc.png: has 9 x 7 pixels" in said
 

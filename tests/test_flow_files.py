@@ -13,23 +13,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from pydantic import ValidationError
-from semisynth_gl.encodings import FLOW_ENCODINGS, Encodings
-from semisynth_gl.read.encodings import FLOW_DECODERS
-from semisynth_gl.write.encodings import FLOW_ENCODERS
-from semisynth_gl.write.flow import beyond_flow_png16
 from test_layouts import CAMERA, decode, encode, make_frame, write_tree
 from test_pipeline import tiny
 
-from semisynth_gl.codecs.png import RGB16
+from semisynth_gl.codecs import FLOW_CODECS, Encodings
+from semisynth_gl.codecs.png import GREY16, RGB8, RGB16
 from semisynth_gl.config.model import FilesSection
 from semisynth_gl.dataset.places import Folder
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import Index
 from semisynth_gl.errors import InputError, ReadError
-from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE, Frame
+from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE, Frame, View
 from semisynth_gl.layouts import Key, find_layout, layout_names
-from semisynth_gl.layouts.kitti import flow_visibility_of
-from semisynth_gl.layouts.layout import BEYOND, FLOW_BACKWARD_BEYOND, FLOW_BEYOND
+from semisynth_gl.layouts.roles import mask_from_not_occluded
 
 INF = np.float32(np.inf)
 PATH = Path("the-file")
@@ -66,11 +62,12 @@ def config(length=1, **values):
 # Encodings
 
 
-def test_every_name_has_its_encoder_and_its_decoder():
-    assert set(FLOW_ENCODERS) == set(FLOW_DECODERS) == set(FLOW_ENCODINGS)
-    assert Encodings().flow == FilesSection().encodings.flow == "flo"
-    assert [Encodings(flow=name).flow_suffix for name in FLOW_ENCODINGS] == [".flo", ".pfm", ".png"]
-    with pytest.raises(ValidationError, match="'flo', 'pfm' or 'png16'"):
+def test_a_config_chooses_a_codec_by_its_name():
+    assert {name: codec.name for name, codec in FLOW_CODECS.items()} == {name: name for name in FLOW_CODECS}
+    assert Encodings().flow is FilesSection().encodings.flow is FLOW_CODECS["flo"]
+    assert [Encodings.from_names(flow=name).flow.suffix for name in FLOW_CODECS] == [".flo", ".pfm", ".png"]
+    assert [FilesSection(flow=name).encodings.flow for name in FLOW_CODECS] == list(FLOW_CODECS.values())
+    with pytest.raises(ValidationError, match="expected one of flo, pfm, png16 "):
         FilesSection(flow="exr")
 
 
@@ -78,7 +75,7 @@ def test_every_name_has_its_encoder_and_its_decoder():
 @settings(max_examples=40, deadline=None)
 @given(flow=flows(1e6))
 def test_flow_comes_back_bit_for_bit(encoding, flow):
-    came = FLOW_DECODERS[encoding].decode(FLOW_ENCODERS[encoding].encode(flow), PATH)
+    came = FLOW_CODECS[encoding].decode(FLOW_CODECS[encoding].encode(flow), PATH)
     assert came.dtype == np.float32
     np.testing.assert_array_equal(came, flow)
 
@@ -86,47 +83,47 @@ def test_flow_comes_back_bit_for_bit(encoding, flow):
 @settings(max_examples=40, deadline=None)
 @given(flow=flows(600.0))
 def test_a_png16_is_rounded_or_beyond_and_never_wrapped(flow):
-    encoder, decoder = FLOW_ENCODERS["png16"], FLOW_DECODERS["png16"]
-    came = decoder.decode(encoder.encode(flow), PATH)
+    codec = FLOW_CODECS["png16"]
+    came = codec.decode(codec.encode(flow), PATH)
     assert came.dtype == np.float32
     valid = np.isfinite(flow).all(axis=2)
-    beyond = encoder.beyond(flow)
+    beyond = codec.exceeds_limit(flow)
     assert not (beyond & ~valid).any()
     np.testing.assert_array_equal(np.isfinite(came).all(axis=2), valid & ~beyond)
     np.testing.assert_array_equal(np.isinf(came[..., 0]), np.isinf(came[..., 1]))
     kept = valid & ~beyond
-    assert np.abs(came[kept] - flow[kept]).max(initial=0) <= decoder.error_px
-    within = valid & (np.abs(flow).max(axis=2) <= decoder.largest_px)
+    assert np.abs(came[kept] - flow[kept]).max(initial=0) <= codec.error_px
+    within = valid & (np.abs(flow).max(axis=2) <= codec.limit_px)
     assert not (beyond & within).any()
 
 
 def test_a_png16_ends_where_16_bits_do():
     rows = (-512.01, -512.0078125, -512.0, 0.0, 1 / 64, 511.984375, 511.9921, 511.9922, 512.0, 1e30, np.inf, np.nan)
     flow = np.array([[(value, 1.0) for value in rows], [(1.0, value) for value in rows]], np.float32)
-    stored = by_opencv(FLOW_ENCODERS["png16"].encode(flow))[..., ::-1]
+    stored = by_opencv(FLOW_CODECS["png16"].encode(flow))[..., ::-1]
     first = [0, 0, 0, 32768, 32769, 65535, 65535, 0, 0, 0, 0, 0]
     valid = [0, 1, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0]
     assert stored[0, :, 0].tolist() == stored[1, :, 1].tolist() == first
     assert stored[0, :, 2].tolist() == stored[1, :, 2].tolist() == valid
     assert stored[0, :, 1].tolist() == stored[1, :, 0].tolist() == [32832 * each for each in valid]
-    lost = [*(value == 0 for value in valid[:10]), False, False]
-    assert beyond_flow_png16(flow).tolist() == [lost, lost]
+    beyond = [*(value == 0 for value in valid[:10]), False, False]
+    assert FLOW_CODECS["png16"].exceeds_limit(flow).tolist() == [beyond, beyond]
 
 
 def test_opencv_reads_what_is_written(tmp_path):
     flow = flow_of((13, 17))
     there = np.isfinite(flow).all(axis=2)
     path = tmp_path / "flow.flo"
-    path.write_bytes(FLOW_ENCODERS["flo"].encode(flow))
+    path.write_bytes(FLOW_CODECS["flo"].encode(flow))
     by_flo = cv2.readOpticalFlow(str(path))
     np.testing.assert_array_equal(by_flo[there], flow[there])
     assert (by_flo[~there] == np.float32(1e10)).all()
     assert path.read_bytes()[:12] == b"PIEH" + struct.pack("<ii", 17, 13)
     # OpenCV has colours as blue, green, red.
-    by_pfm = by_opencv(FLOW_ENCODERS["pfm"].encode(flow))[..., ::-1]
+    by_pfm = by_opencv(FLOW_CODECS["pfm"].encode(flow))[..., ::-1]
     np.testing.assert_array_equal(by_pfm[..., :2], flow)
     assert not by_pfm[..., 2].any()
-    by_png = by_opencv(FLOW_ENCODERS["png16"].encode(flow), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)[..., ::-1]
+    by_png = by_opencv(FLOW_CODECS["png16"].encode(flow), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)[..., ::-1]
     assert by_png.dtype == np.uint16
     np.testing.assert_array_equal(by_png[..., 2], there)
     assert not by_png[~there].any()
@@ -137,7 +134,7 @@ def test_opencvs_files_are_read(tmp_path):
     flow = flow_of((13, 17))
     path = tmp_path / "flow.flo"
     cv2.writeOpticalFlow(str(path), np.where(np.isfinite(flow), flow, np.float32(-1.5e9)))
-    np.testing.assert_array_equal(FLOW_DECODERS["flo"].decode(path.read_bytes(), PATH), flow)
+    np.testing.assert_array_equal(FLOW_CODECS["flo"].decode(path.read_bytes(), PATH), flow)
     levels = np.random.default_rng(1).integers(0, 65536, (23, 31, 3)).astype(np.uint16)
     for each in (cv2.IMWRITE_PNG_ALL_FILTERS, cv2.IMWRITE_PNG_FILTER_PAETH, cv2.IMWRITE_PNG_FILTER_AVG):
         png = cv2.imencode(".png", levels[..., ::-1], [cv2.IMWRITE_PNG_FILTER, each])[1].tobytes()
@@ -152,10 +149,10 @@ def test_torchvision_reads_what_is_written(tmp_path):
     there = np.isfinite(flow).all(axis=2)
     for encoding, read in (("flo", readers._read_flo), ("pfm", readers._read_pfm)):  # noqa: SLF001 - it has no others
         path = tmp_path / f"flow.{encoding}"
-        path.write_bytes(FLOW_ENCODERS[encoding].encode(flow))
+        path.write_bytes(FLOW_CODECS[encoding].encode(flow))
         np.testing.assert_array_equal(np.asarray(read(str(path))).transpose(1, 2, 0)[there], flow[there])
     path = tmp_path / "flow.png"
-    path.write_bytes(FLOW_ENCODERS["png16"].encode(flow))
+    path.write_bytes(FLOW_CODECS["png16"].encode(flow))
     came, valid = readers._read_16bits_png_with_flow_and_valid_mask(str(path))  # noqa: SLF001 - likewise
     np.testing.assert_array_equal(np.asarray(valid), there)
     assert np.abs(np.asarray(came).transpose(1, 2, 0)[there] - flow[there]).max() <= 1 / 128
@@ -188,20 +185,20 @@ def pfm(width, height, values, kind="PF"):
         ("pfm", pfm(1, 1, [0, 0, 1]), "third value that is not 0 at 1 pixels"),
         ("pfm", pfm(1, 1, [np.nan, 0, 0]), "got NaN at 1 pixels"),
         ("png16", b"", "expected a PNG"),
-        ("png16", encode_png(np.zeros((3, 4, 3), np.uint8)), "expected 16-bit RGB, got 8-bit RGB"),
-        ("png16", encode_png(np.zeros((3, 4), np.uint16)), "expected 16-bit RGB, got 16-bit grey"),
-        ("png16", encode_png(np.ones((3, 4, 3), np.uint16))[:-2], "does not end as a PNG does"),
-        ("png16", encode_png(np.ones((3, 4, 3), np.uint16)) + b"x", "does not end as a PNG does"),
+        ("png16", RGB8.encode(np.zeros((3, 4, 3), np.uint8)), "expected 16-bit RGB, got 8-bit RGB"),
+        ("png16", GREY16.encode(np.zeros((3, 4), np.uint16)), "expected 16-bit RGB, got 16-bit grey"),
+        ("png16", RGB16.encode(np.ones((3, 4, 3), np.uint16))[:-2], "does not end as a PNG does"),
+        ("png16", RGB16.encode(np.ones((3, 4, 3), np.uint16)) + b"x", "does not end as a PNG does"),
     ],
 )
 def test_wrong_files_are_named(encoding, data, words):
     with pytest.raises(ReadError, match=f"the-file: .*{words}"):
-        FLOW_DECODERS[encoding].decode(data, PATH)
+        FLOW_CODECS[encoding].decode(data, PATH)
 
 
 def test_a_damaged_png_is_named():
     levels = np.random.default_rng(0).integers(0, 65536, (40, 40, 3)).astype(np.uint16)
-    good = encode_png(levels)
+    good = RGB16.encode(levels)
     for data in (good[:200] + bytes([good[200] ^ 1]) + good[201:], good[:300] + good[-12:]):
         with pytest.raises(ReadError, match="cannot be decoded"):
             RGB16.decode(data, PATH)
@@ -218,47 +215,48 @@ def test_what_png16_cannot_say_is_invalid_everywhere():
     mask[5, 5] = OCCLUDED
     disparity = frame.left.disparity.copy()
     disparity[7, 7] = 300
-    arrays = {name: getattr(frame, name) for name in Frame.__dataclass_fields__}
-    frame = Frame(**arrays | {"flow_left": flow, "flow_visibility_left": mask, "disparity_left": disparity})
-    lost = beyond_flow_png16(flow)
-    assert lost.sum() == 4
-    for name, encodings in (("kitti", None), ("middlebury", Encodings(disparity="png16", flow="png16"))):
+    left = frame.left.with_channels({"flow": flow, "flow_visibility": mask, "disparity": disparity})
+    frame = Frame(frame.camera, left, frame.right)
+    beyond = FLOW_CODECS["png16"].exceeds_limit(flow)
+    assert beyond.sum() == 4
+    for name, encodings in (("kitti", None), ("middlebury", Encodings.from_names(disparity="png16", flow="png16"))):
         stored = decode(find_layout(name), 1, encode(find_layout(name), 1, frame=frame, encodings=encodings),
                         encodings=encodings)  # fmt: skip
-        assert stored.provenance[FLOW_BEYOND] == {"left": 4, "right": 0}
-        assert stored.provenance[FLOW_BACKWARD_BEYOND] == {"left": 0, "right": 0}
-        assert stored.provenance[BEYOND] == {"left": 1, "right": 0}
-        assert np.isinf(stored.left.flow[lost]).all()
-        assert (stored.left.flow_visibility[lost] == OUTSIDE).all()
-        np.testing.assert_array_equal(stored.left.flow_visibility[~lost], mask[~lost])
+        assert stored.provenance["flow_beyond"] == {"left": 4, "right": 0}
+        assert stored.provenance["flow_backward_beyond"] == {"left": 0, "right": 0}
+        assert stored.provenance["disparity_beyond"] == {"left": 1, "right": 0}
+        assert np.isinf(stored.left.flow[beyond]).all()
+        assert (stored.left.flow_visibility[beyond] == OUTSIDE).all()
+        np.testing.assert_array_equal(stored.left.flow_visibility[~beyond], mask[~beyond])
         assert np.isinf(stored.left.disparity[7, 7])
         assert np.isinf(stored.left.disparity_change[7, 7])
         assert np.isfinite(frame.left.disparity_change[7, 7])
         assert (stored.encodings.flow.error_px, stored.encodings.flow.limit_px) == (1 / 128, 511.984375)
     plain = decode(find_layout("middlebury"), 1, encode(find_layout("middlebury"), 1, frame=frame))
     np.testing.assert_array_equal(plain.left.flow, flow)
-    assert FLOW_BEYOND not in plain.provenance
+    assert "flow_beyond" not in plain.provenance
     # Without flow there is nothing to count.
     bare = decode(find_layout("kitti"), 1, encode(find_layout("kitti"), 1, frame=make_frame(1, ("visibility",))))
-    assert FLOW_BEYOND not in bare.provenance
+    assert "flow_beyond" not in bare.provenance
 
 
 def test_kittis_masks_follow_from_its_flow():
     flow = np.array([[(0, 0), (2, 0), (-2, 0), (0, -1), (0, 1), (0, 2), (INF, INF)]], np.float32)
     seen = np.full_like(flow, np.inf)
     seen[0, 0] = 0
-    mask = flow_visibility_of(flow, seen, "flow_left", PATH)
+    mask = mask_from_not_occluded(flow, seen, View.flow, "left", PATH)
     assert mask.tolist() == [[VISIBLE, OCCLUDED, OCCLUDED, OUTSIDE, OUTSIDE, OUTSIDE, OUTSIDE]]
     wide = np.array([[(-1, 0), (6, 0), (-1, 0)]], np.float32)
-    assert flow_visibility_of(wide, np.full_like(wide, np.inf), "flow_left", PATH).tolist() == [[0, 0, OCCLUDED]]
+    mask = mask_from_not_occluded(wide, np.full_like(wide, np.inf), View.flow, "left", PATH)
+    assert mask.tolist() == [[0, 0, OCCLUDED]]
     for wrong, words in (
-        (seen + 1, "1 pixels in flow_noc are not those in flow_occ"),
-        (seen[:, 1:], r"flow_occ has shape \(1, 7\), flow_noc \(1, 6\)"),
+        (seen + 1, "1 pixels in flow_not_occluded_left are not those in flow_left"),
+        (seen[:, 1:], r"flow_left has shape \(1, 7\), flow_not_occluded_left \(1, 6\)"),
     ):
         with pytest.raises(ReadError, match=words):
-            flow_visibility_of(flow, wrong, "flow_left", PATH)
-    with pytest.raises(ReadError, match="flow_backward_noc_right are not those in flow_backward_occ_right"):
-        flow_visibility_of(flow, seen + 1, "flow_backward_right", PATH)
+            mask_from_not_occluded(flow, wrong, View.flow, "left", PATH)
+    with pytest.raises(ReadError, match="flow_backward_not_occluded_right are not those in flow_backward_right"):
+        mask_from_not_occluded(flow, seen + 1, View.flow_backward, "right", PATH)
 
 
 # Names
@@ -319,7 +317,7 @@ def test_plan_and_index_name_pairs_alike(tmp_path, outputs, length):
 
 def test_an_index_tells_its_encoding_of_flow(tmp_path):
     plan = make_plan(config(files={"flow": "png16"}), 0, "webdataset", {"train": 1})
-    assert Index(Folder(tmp_path), plan.values()).encodings == Encodings(flow="png16")
+    assert Index(Folder(tmp_path), plan.values()).encodings == Encodings.from_names(flow="png16")
     values = plan.values()
     values["config_values"]["files"]["flow"] = "exr"
     with pytest.raises(InputError, match=r"files\.flow 'exr'"):
@@ -396,7 +394,7 @@ def test_loaders_of_things_pair_flow_with_its_frames(tmp_path, direction, array,
     assert sorted(firsts) == wanted
     for (_, two, flow), pair in zip(found, firsts, strict=True):
         assert pair_of(two) == pair + step
-        np.testing.assert_array_equal(flow_in(flow), getattr(make_frame(pair), array))
+        np.testing.assert_array_equal(flow_in(flow), make_frame(pair).arrays()[array])
 
 
 @pytest.mark.parametrize("folder", ["training", "KittiFlow/training"])

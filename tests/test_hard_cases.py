@@ -374,7 +374,7 @@ def test_coplanar_faces_have_one_winner_in_both_eyes(open_renderer, square):
     for frame in frames:
         for eye in EYES:
             assert set(np.unique(frame.view(eye).instances)) <= {0, 1}
-            assert set(np.unique(getattr(frame, eye))) <= {0, 50}
+            assert set(np.unique(frame.view(eye).image)) <= {0, 50}
 
 
 @pytest.mark.one_backend
@@ -427,7 +427,7 @@ def test_image_sizes(open_renderer, square, size):
     y, x = (values.astype(float) for values in np.mgrid[:height:step, :width:step])
     normal = np.cross(matrix[:3, 0], matrix[:3, 1])
     depth = (normal @ matrix[:3, 3]) / (camera.rays("left", x, y) @ normal)
-    assert frame.left.shape == (height, width, 3)
+    assert frame.left.image.shape == (height, width, 3)
     np.testing.assert_allclose(frame.left.disparity[::step, ::step], camera.disparity_px(depth), rtol=3e-6)
 
 

@@ -6,6 +6,7 @@ from test_pipeline import lean
 
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.errors import InputError
+from semisynth_gl.frame import Frame
 from semisynth_gl.pairs import pipeline
 from semisynth_gl.pairs.checks import faults
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
@@ -125,8 +126,7 @@ def test_faults_are_found():
     assert faults(good, config) == []
 
     def with_arrays(**arrays):
-        fields = {name: getattr(good, name) for name in good.__slots__} | arrays
-        return faults(type(good)(**fields), config)
+        return faults(Frame.from_arrays(good.camera, good.arrays() | arrays), config)
 
     assert "too dark" in with_arrays(left=good.left.image // 64)[0]
     assert "too little texture" in with_arrays(right=np.full_like(good.right.image, 128))[0]

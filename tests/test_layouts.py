@@ -17,18 +17,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 from pydantic import ValidationError
-from semisynth_gl.encodings import Encodings
 
-from semisynth_gl.camera import StereoCamera
+from semisynth_gl.camera import EYES, StereoCamera
+from semisynth_gl.codecs import Encodings
+from semisynth_gl.codecs.calib import KITTI_CALIB
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY16, RGB8
 from semisynth_gl.config import load_config
 from semisynth_gl.config.model import FilesSection
+from semisynth_gl.dataset.sample import assemble_frame, decode_file, encode_pair, share_beyond
 from semisynth_gl.errors import InputError, ReadError
-from semisynth_gl.frame import OCCLUDED, OUTPUTS, OUTSIDE, VISIBLE, Frame
+from semisynth_gl.frame import OCCLUDED, OUTPUTS, OUTSIDE, ROLES, VISIBLE, Frame, View
 from semisynth_gl.layouts import Key, find_layout, layout_names
-from semisynth_gl.layouts.layout import ARRAYS, share_beyond
-from semisynth_gl.layouts.middlebury_2014 import expose
+from semisynth_gl.layouts.roles import expose, mask_from_not_occluded, number_objects
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.splits import SPLITS
 
@@ -36,12 +37,14 @@ CAMERA = StereoCamera.centred(48, 32, 60.0, 0.25, 1.5)
 PAIRS = 7
 INF = np.float32(np.inf)
 OTHER_ENCODINGS = [
-    ("middlebury", "png", "png16", "png16"), ("webdataset", "png", "tiff", "pfm"), ("webdataset", "qoi", "png16", "flo")
-]  # fmt: skip
+    ("middlebury", Encodings.from_names("png", "png16", "png16")),
+    ("webdataset", Encodings.from_names("png", "tiff", "pfm")),
+    ("webdataset", Encodings.from_names("qoi", "png16", "flo")),
+]
 
 
-def view(rng, index, side):
-    """What one eye has, by kind; image ("") and disparity are marked with the pair's number at (4, 4)."""
+def make_view(rng, index, side):
+    """Every channel of one eye; image and disparity are marked with the pair's number at (4, 4)."""
     height, width = CAMERA.height_px, CAMERA.width_px
     image = rng.integers(0, 256, (height, width, 3), np.uint8)
     image[:8, :8] = index * 8, 0 if side == "left" else 255, 128
@@ -53,13 +56,16 @@ def view(rng, index, side):
     inside = np.isfinite(disparity) & (column >= -0.5) & (column < width - 0.5)
     mask = np.where(inside, rng.choice([VISIBLE, OCCLUDED], (height, width)), OUTSIDE).astype(np.uint8)
     depth = np.where(np.isfinite(disparity), CAMERA.depth_m(disparity), np.inf).astype(np.float32)
-    held = {"": image, "disparity": disparity, "visibility": mask, "depth": depth}
-    held["instances"] = rng.integers(0, 9, (height, width), np.uint16)
+    channels = {"image": image, "disparity": disparity, "visibility": mask, "depth": depth}
+    channels["instances"] = rng.integers(0, 9, (height, width), np.uint16)
     for kind in ("flow", "flow_backward"):
-        held[kind], held[f"{kind}_visibility"] = flow_of(rng)
+        channels[kind], channels[f"{kind}_visibility"] = flow_of(rng)
     change = rng.normal(0, 3, (height, width)).astype(np.float32)
-    held["disparity_change"] = np.where(np.isfinite(disparity), change, INF)
-    return held
+    channels["disparity_change"] = np.where(np.isfinite(disparity), change, INF)
+    normals = rng.normal(size=(height, width, 3))
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    channels["normals"] = np.where(np.isfinite(disparity)[..., None], normals, 0).astype(np.float32)
+    return View(channels)
 
 
 def flow_of(rng):
@@ -75,14 +81,8 @@ def flow_of(rng):
 
 def make_frame(index, outputs=OUTPUTS, truth="both"):
     rng = np.random.default_rng(index)
-    held = {
-        View.image.role(side) if kind == "image" else f"{kind}_{side}": array
-        for side in ("left", "right")
-        for kind, array in view(rng, index, side).items()
-    }
-    return Frame.from_arrays(
-        CAMERA, {role: array for role, array in held.items() if is_asked_for(role, outputs, truth)}
-    )
+    arrays = Frame(CAMERA, *(make_view(rng, index, side) for side in EYES)).arrays()
+    return Frame.from_arrays(CAMERA, {role: arrays[role] for role in arrays if is_asked_for(role, outputs, truth)})
 
 
 def is_asked_for(role, outputs, truth):
@@ -125,9 +125,9 @@ def encode(layout, index, split="train", frame=None, encodings=None, length=None
 def decode(layout, index, files, split="train", encodings=None, length=None):
     encodings = encodings or layout.encodings or Encodings()
     key = Key("lab", split, index, length)
-    names = {path: role for role, path in layout.files(key, encodings).items()}
+    roles = {path: role for role, path in layout.files(key, encodings).items()}
     values = {
-        names[path]: decode_file(layout, names[path], data, Path(path), encodings) for path, data in files.items()
+        roles[path]: decode_file(layout, roles[path], data, Path(path), encodings) for path, data in files.items()
     }
     return assemble_frame(key, values, encodings)
 
@@ -190,7 +190,7 @@ def disparity_by_opencv(path):
 @pytest.mark.parametrize("outputs", [OUTPUTS, ()], ids=["all", "none"])
 @pytest.mark.parametrize(
     ("name", "encodings"),
-    [(name, None) for name in layout_names()] + [(name, encodings_of(*rest)) for name, *rest in OTHER_ENCODINGS],
+    [*((name, None) for name in layout_names()), *OTHER_ENCODINGS],
 )
 def test_what_is_written_comes_back(name, encodings, outputs, truth):
     if encodings and encodings.image.name == "qoi":
@@ -258,6 +258,35 @@ def test_a_disparity_is_rounded_or_counted_and_never_wrapped(lengths):
         np.testing.assert_array_equal(stored.right.disparity, is_)
 
 
+def test_what_a_codec_cannot_store_is_invalid_everywhere():
+    frame = make_frame(3, ("visibility", "disparity_change"))
+    limit = 255.998046875
+    grown = {
+        eye: frame.view(eye).with_channels({"disparity": frame.view(eye).disparity * np.float32(12)}) for eye in EYES
+    }
+    frame = Frame(frame.camera, **grown)
+    beyond = {eye: np.isfinite(view.disparity) & (view.disparity >= limit) for eye, view in grown.items()}
+    assert 0.01 < beyond["left"].mean() < 0.9
+    assert (frame.left.visibility[beyond["left"]] == VISIBLE).any()
+    chosen, layout = Encodings.from_names(disparity="png16"), find_layout("middlebury")
+    assert share_beyond(frame, chosen) == max(where.mean() for where in beyond.values())
+    assert share_beyond(frame, Encodings()) == 0
+    stored = decode(layout, 3, encode(layout, 3, frame=frame, encodings=chosen), encodings=chosen)
+    counts = {eye: int(where.sum()) for eye, where in beyond.items()}
+    assert stored.provenance == make_provenance(3) | {"disparity_beyond": counts}
+    for eye, where in beyond.items():
+        was, came = frame.view(eye), stored.view(eye)
+        np.testing.assert_array_equal(np.isinf(came.disparity), np.isinf(was.disparity) | where)
+        assert (came.visibility[where] == OUTSIDE).all()
+        assert np.isinf(came.disparity_change[where]).all()
+        np.testing.assert_array_equal(came.visibility[~where], was.visibility[~where])
+        np.testing.assert_array_equal(came.disparity_change[~where], was.disparity_change[~where])
+    assert stored.calibration.vmax_px < 256
+    plain = decode(layout, 3, encode(layout, 3, frame=frame))
+    assert plain.provenance == make_provenance(3)
+    np.testing.assert_array_equal(plain.left.disparity, frame.left.disparity)
+
+
 @pytest.mark.parametrize("name", layout_names())
 def test_broken_files_are_named(name):
     layout = find_layout(name)
@@ -270,6 +299,28 @@ def test_broken_files_are_named(name):
 
 
 # Names
+
+
+def test_a_scene_has_middleburys_files():
+    frame = make_frame(3, ("visibility",))
+    files = encode(find_layout("middlebury"), 3, frame=frame)
+    assert {path.rpartition("/")[0] for path in files} == {"MiddEval3/trainingF/lab-000003"}
+    files = {path.rpartition("/")[2]: data for path, data in files.items()}
+    names = "im0.png im1.png disp0GT.pfm disp1GT.pfm mask0nocc.png mask1nocc.png calib.txt pair.json"
+    assert set(files) == set(names.split())
+    np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(files["im1.png"]))), frame.right.image)
+    mask = Image.open(io.BytesIO(files["mask0nocc.png"]))
+    assert mask.mode == "L"
+    assert set(np.unique(mask)) == {0, 128, 255}
+    assert json.loads(files["pair.json"]) == make_provenance(3)
+
+
+def test_names_sort_as_numbers():
+    keys = [Key("kitti", "train", index) for index in (2, 10, 999_999)]
+    names = [key.name for key in keys]
+    assert names == sorted(names) == ["kitti-000002", "kitti-000010", "kitti-999999"]
+    lists = find_layout("middlebury").lists(keys, Encodings())
+    assert lists == {"MiddEval3/official_train.txt": b"kitti-000002\nkitti-000010\nkitti-999999\n"}
 
 
 @pytest.mark.parametrize("name", layout_names())
@@ -372,16 +423,36 @@ def test_kittis_masks_follow_from_its_disparities():
     disparity = np.array([[0.25, 1.75, 1.75, 1.25, INF]], np.float32)
     seen = np.array([[INF, INF, INF, 1.25, INF]], np.float32)
     path = Path("pair")
-    assert mask_from_not_occluded(disparity, seen, View.disparity, "left", path).tolist() == [[128, 0, 128, 255, 0]]
-    assert mask_from_not_occluded(disparity[:, ::-1], seen[:, ::-1], View.disparity, "right", path).tolist() == [
-        [0, 255, 128, 0, 128]
-    ]
+    mask = mask_from_not_occluded(disparity, seen, View.disparity, "left", path)
+    assert mask.tolist() == [[128, 0, 128, 255, 0]]
+    mask = mask_from_not_occluded(disparity[:, ::-1], seen[:, ::-1], View.disparity, "right", path)
+    assert mask.tolist() == [[0, 255, 128, 0, 128]]
     for wrong, message in (
         (seen + 1, "1 pixels in not_occluded_left are not those in disparity_left"),
         (seen[:, 1:], "has shape"),
     ):
         with pytest.raises(ReadError, match=message):
             mask_from_not_occluded(disparity, wrong, View.disparity, "left", path)
+
+
+def test_middleburys_calibration_gives_the_same_depth():
+    camera = StereoCamera(48, 32, 1164.25, 0.193001, 17.5, 48.586, 10.25)
+    frame = make_frame(3)
+    frame = Frame(camera, frame.left, frame.right)
+    files = encode(find_layout("middlebury"), 3, frame=frame)
+    written = files["MiddEval3/trainingF/lab-000003/calib.txt"].decode().splitlines()
+    keys = [line.split("=")[0] for line in written]
+    assert " ".join(keys) == "cam0 cam1 doffs baseline width height ndisp isint vmin vmax dyavg dymax"
+    values = dict(line.split("=") for line in written)
+    rows = [[float(x) for x in row.split()] for row in values["cam0"].strip("[]").split(";")]
+    assert rows == [[1164.25, 0, 17.5], [0, 1164.25, 10.25], [0, 0, 1]]
+    disparity = camera.disparity_px(2.5)
+    depth_mm = float(values["baseline"]) * rows[0][0] / (disparity + float(values["doffs"]))
+    assert depth_mm == pytest.approx(2500, rel=1e-12)
+    assert written[6] == "ndisp=256"  # HSM reads line 7
+    valid = frame.left.disparity[np.isfinite(frame.left.disparity)]
+    assert float(values["vmin"]) == pytest.approx(valid.min(), rel=1e-5)
+    assert float(values["vmax"]) == pytest.approx(valid.max(), rel=1e-5)
 
 
 def test_kittis_calibration_is_the_camera():
@@ -639,7 +710,7 @@ def test_other_readers_see_the_same_kinds_of_images(name, tmp_path):
     imageio = pytest.importorskip("imageio.v3")
     layout = find_layout(name)
     encodings = layout.encodings or Encodings()
-    frame = make_frame(1)
+    arrays = make_frame(1).arrays()
     write_tree(name, tmp_path, 2)
     modes = {"left": {"RGB"}, "right": {"RGB"}, "visibility": {"L"}, "objects": {"L"}, "instances": {"I;16", "I"}}
     for role, path in layout.files(Key("lab", "train", 1), encodings).items():
@@ -654,10 +725,12 @@ def test_other_readers_see_the_same_kinds_of_images(name, tmp_path):
             if file.suffix == ".png":
                 by_opencv = by_opencv[..., ::-1] if by_opencv.ndim == 3 else by_opencv
                 np.testing.assert_array_equal(imageio.imread(file), by_opencv)
-                if role in ARRAYS and not role.startswith("disparity"):
-                    np.testing.assert_array_equal(by_opencv, getattr(frame, role))
+                if role in ROLES and not role.startswith("disparity"):
+                    np.testing.assert_array_equal(by_opencv, arrays[role])
         elif file.suffix == ".pfm":
-            np.testing.assert_array_equal(cv2.imread(str(file), cv2.IMREAD_UNCHANGED), getattr(frame, role))
+            by_opencv = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+            by_opencv = by_opencv[..., ::-1] if by_opencv.ndim == 3 else by_opencv
+            np.testing.assert_array_equal(by_opencv, arrays[role])
 
 
 def test_webdataset_and_hugging_face_iterate_the_tars(tmp_path, monkeypatch):

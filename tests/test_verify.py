@@ -13,6 +13,7 @@ from test_pipeline import lean, tiny
 
 from semisynth_gl.cli import main
 from semisynth_gl.codecs.pfm import PFM
+from semisynth_gl.codecs.png import GREY8, GREY16, RGB8
 from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.errors import InputError
 from semisynth_gl.generation.generate import generate
@@ -72,7 +73,8 @@ def checks(dataset, rays=0):
 
 def change_image(path, change):
     image = np.asarray(Image.open(path))
-    path.write_bytes(encode_png(np.ascontiguousarray(change(image))))
+    changed = np.ascontiguousarray(change(image))
+    path.write_bytes((GREY8 if changed.ndim == 2 else RGB8).encode(changed))
 
 
 def change_disparity(path, change):
@@ -315,7 +317,7 @@ def test_depth_and_instances_are_compared(dataset_of_all):
     change_disparity(scene_of(dataset_of_all, 0) / "depth0.pfm", lambda depth: depth * 1.0001)
     scene = scene_of(dataset_of_all, 1)
     ids = np.asarray(Image.open(scene / "inst1.png")).astype(np.uint16)
-    (scene / "inst1.png").write_bytes(encode_png(np.where(ids == 1, 60000, ids).astype(np.uint16)))
+    (scene / "inst1.png").write_bytes(GREY16.encode(np.where(ids == 1, 60000, ids).astype(np.uint16)))
     assert [(finding.scene[-1], finding.check) for finding in findings(dataset_of_all)] == [
         ("0", "depth"),
         ("1", "instances"),

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from conftest import backend_fault
 from PIL import Image
-from semisynth_gl.read.encodings import FLOW_DECODERS
-from semisynth_gl.write.encodings import FLOW_ENCODERS
 from test_pipeline import tiny
 from test_verify import all_findings, change_disparity, change_image, checks, findings, swap
 
 from semisynth_gl.camera import StereoCamera
+from semisynth_gl.codecs import FLOW_CODECS
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
@@ -73,12 +72,12 @@ class Copy:
 
     def flow(self, name, number=0):
         path = self.flow_path(name, number)
-        return FLOW_DECODERS[self.encoding].decode(path.read_bytes(), path)
+        return FLOW_CODECS[self.encoding].decode(path.read_bytes(), path)
 
     def change_flow(self, change, *names, number=0):
         for name in names:
             changed = np.ascontiguousarray(change(self.flow(name, number).copy()), np.float32)
-            self.flow_path(name, number).write_bytes(FLOW_ENCODERS[self.encoding].encode(changed))
+            self.flow_path(name, number).write_bytes(FLOW_CODECS[self.encoding].encode(changed))
 
     def change_mask(self, change, name="flow_mask0", number=0):
         change_image(self.scene(number) / f"{name}.png", change)

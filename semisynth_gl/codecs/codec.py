@@ -39,6 +39,12 @@ class Codec(ABC, Generic[Value]):
     is_image: bool = True
     lossless: ClassVar[bool] = True
 
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and vars(self) == vars(other)
+
+    def __hash__(self) -> int:
+        return hash((type(self), self.name))
+
     @abstractmethod
     def encode(self, value: Value) -> bytes:
         """Return the bytes of a file that holds the value.

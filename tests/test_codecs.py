@@ -1,0 +1,372 @@
+"""Codecs in both directions, against other people's readers and writers; test_flow_files.py has those of flow."""
+
+import io
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from PIL import Image
+from pydantic import ValidationError
+
+from semisynth_gl.camera import StereoCamera
+from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS, Encodings, codec
+from semisynth_gl.codecs.calib import MIDDLEBURY_CALIB, Calibration
+from semisynth_gl.codecs.jpeg import Jpeg
+from semisynth_gl.codecs.json_object import JSON_OBJECT
+from semisynth_gl.codecs.pfm import ANY_PFM, PFM, PFM3
+from semisynth_gl.codecs.png import GREY8, GREY16, RGB8, RGB16
+from semisynth_gl.codecs.png16 import CRESTEREO_DISPARITY, KITTI_DISPARITY
+from semisynth_gl.config.model import FilesSection
+from semisynth_gl.errors import InputError, ReadError
+
+SHAPES = [(1, 1), (1, 7), (9, 1), (30, 41)]
+FROM_IMAGECODECS = {"qoi", "jxl"}
+CAMERA = StereoCamera(37, 21, 1164.25, 0.193001, 17.5, 48.586, 10.25)
+PATH = Path("the-file")
+sides = st.integers(1, 40)
+disparities = hnp.arrays(np.float32, st.tuples(sides, sides), elements=st.floats(0, 1e4, width=32) | st.just(np.inf))
+
+
+def make_image(shape):
+    rng = np.random.default_rng(3)
+    smooth = np.add.outer(np.arange(shape[0]), np.arange(shape[1]))[..., None] * np.array([1, 2, 3])
+    return (smooth + rng.integers(0, 5, (*shape, 3))).astype(np.uint8)
+
+
+def make_disparity(shape, low=0.01, high=255.9):
+    rng = np.random.default_rng(4)
+    disparity = rng.uniform(low, high, shape).astype(np.float32)
+    disparity[rng.random(shape) < 0.2] = np.inf
+    return disparity
+
+
+def by_opencv(data):
+    decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    return decoded if decoded.ndim == 2 else decoded[..., ::-1]
+
+
+def by_another_program(name, data):
+    """An image, decoded by a program that shares nothing with this one; for JPEG XL there is only libjxl."""
+    if name == "jxl":
+        return pytest.importorskip("imagecodecs").jpegxl_decode(data)
+    return np.asarray(Image.open(io.BytesIO(data), formats=[name.upper()]))
+
+
+def skip_without_imagecodecs(name):
+    if name in FROM_IMAGECODECS:
+        pytest.importorskip("imagecodecs")
+
+
+# The tables
+
+
+def test_a_config_chooses_codecs_by_their_names():
+    for section, codecs in (("image", IMAGE_CODECS), ("disparity", DISPARITY_CODECS), ("flow", FLOW_CODECS)):
+        for name, entry in codecs.items():
+            assert entry.name == name
+            assert getattr(FilesSection(**{section: name}).encodings, section) is entry
+            assert getattr(Encodings.from_names(**{section: name}), section) is entry
+        with pytest.raises(ValidationError, match=f"expected one of {', '.join(codecs)} "):
+            FilesSection(**{section: "webp"})
+        with pytest.raises(KeyError, match="webp"):
+            Encodings.from_names(**{section: "webp"})
+    assert (
+        Encodings() == Encodings.from_names() == Encodings.from_names("png", "pfm", "flo") == FilesSection().encodings
+    )
+    chosen = Encodings.from_names("jxl", "png16")
+    assert (chosen.image.suffix, chosen.disparity.suffix) == (".jxl", ".png")
+
+
+def test_a_channel_names_a_chosen_codec_or_a_fixed_one():
+    chosen = Encodings.from_names("qoi", "tiff", "png16")
+    assert chosen.codec("image") is IMAGE_CODECS["qoi"]
+    assert chosen.codec("disparity") is DISPARITY_CODECS["tiff"]
+    assert chosen.codec("flow") is FLOW_CODECS["png16"]
+    assert [chosen.codec(name) for name in ("grey8", "grey16", "float", "vector")] == [GREY8, GREY16, PFM, PFM3]
+    with pytest.raises(KeyError, match="normals"):
+        chosen.codec("normals")
+
+
+def test_limits_and_errors_are_those_of_the_formats():
+    assert (KITTI_DISPARITY.name, KITTI_DISPARITY.error_px, KITTI_DISPARITY.limit_px) == ("png16", 1 / 512, 65535 / 256)
+    assert CRESTEREO_DISPARITY.name == "png16-32"
+    assert (CRESTEREO_DISPARITY.error_px, CRESTEREO_DISPARITY.limit_px) == (1 / 64, 65535 / 32)
+    assert (FLOW_CODECS["png16"].error_px, FLOW_CODECS["png16"].limit_px) == (1 / 128, 32767 / 64)
+    every = [*IMAGE_CODECS.values(), *DISPARITY_CODECS.values(), *FLOW_CODECS.values(), Jpeg(), CRESTEREO_DISPARITY]
+    assert {entry.name for entry in every if not entry.lossless} == {"png16", "png16-32", "jpg"}
+    for entry in every:
+        rounding = entry.name.startswith("png16")
+        assert (entry.error_px > 0) == np.isfinite(entry.limit_px) == rounding
+    for entry in (PFM, DISPARITY_CODECS["tiff"]):
+        assert not entry.exceeds_limit(np.array([[1e30, np.inf]], np.float32)).any()
+
+
+# PNG
+
+
+@settings(deadline=None)
+@given(hnp.arrays(np.uint8, st.one_of(st.tuples(sides, sides), st.tuples(sides, sides, st.just(3)))))
+def test_png_is_read_back_by_pillow_and_opencv(image):
+    data = (GREY8 if image.ndim == 2 else RGB8).encode(image)
+    opened = Image.open(io.BytesIO(data))
+    assert opened.mode == ("L" if image.ndim == 2 else "RGB")
+    np.testing.assert_array_equal(np.asarray(opened), image)
+    np.testing.assert_array_equal(by_opencv(data), image)
+
+
+@pytest.mark.parametrize(("png", "shape"), [(GREY16, (9, 31)), (RGB16, (9, 31, 3))])
+def test_sixteen_bit_png_is_read_back_by_opencv(png, shape):
+    values = np.random.default_rng(0).integers(0, 65536, shape).astype(np.uint16)
+    decoded = by_opencv(png.encode(values))
+    assert decoded.dtype == np.uint16
+    np.testing.assert_array_equal(decoded, values)
+    np.testing.assert_array_equal(png.decode(png.encode(values), PATH), values)
+
+
+def test_png_of_each_kind(tmp_path):
+    rng = np.random.default_rng(0)
+    for name, png, image in (
+        ("rgb", RGB8, rng.integers(0, 256, (5, 7, 3), dtype=np.uint8)),
+        ("grey", GREY8, rng.integers(0, 256, (5, 7), dtype=np.uint8)),
+        ("grey16", GREY16, rng.integers(0, 65536, (5, 7), dtype=np.uint16)),
+        ("rgb16", RGB16, rng.integers(0, 65536, (5, 7, 3), dtype=np.uint16)),
+    ):
+        path = tmp_path / f"{name}.png"
+        cv2.imwrite(str(path), image[..., ::-1] if image.ndim == 3 else image)
+        came = png.read(path)
+        assert came.dtype == image.dtype
+        np.testing.assert_array_equal(came, image)
+        for other in {RGB8, GREY8, GREY16, RGB16} - {png}:
+            with pytest.raises(ReadError, match="expected"):
+                other.read(path)
+
+
+def test_wrong_png_is_named(tmp_path):
+    path = tmp_path / "i.png"
+    good = RGB8.encode(np.random.default_rng(0).integers(0, 256, (40, 40, 3), dtype=np.uint8))
+    lying = good[:16] + struct.pack(">II", 1 << 20, 1 << 20) + good[24:]
+    flipped = good[:200] + bytes([good[200] ^ 1]) + good[201:]
+    for data, words in (
+        (good[:-1], "does not end"),
+        (good[:-12], "does not end"),
+        (good + b"x", "does not end"),
+        (good[:300] + good[-12:], "cannot be decoded"),
+        (flipped, "cannot be decoded"),
+        (lying, "claims 1048576 x 1048576"),
+        (b"\xff\xd8\xff\xe0" + bytes(60), "expected a PNG"),
+        (b"", "expected a PNG"),
+    ):
+        path.write_bytes(data)
+        with pytest.raises(ReadError, match=words):
+            RGB8.read(path)
+    Image.fromarray(np.arange(256, dtype=np.uint8)[None]).convert("P").save(path)
+    with pytest.raises(ReadError, match="got 8-bit palette"):
+        RGB8.read(path)
+    with pytest.raises(ReadError, match="is missing"):
+        RGB8.read(tmp_path / "none.png")
+
+
+# PFM
+
+
+@settings(deadline=None)
+@given(disparities)
+def test_pfm_comes_back_bit_for_bit_here_and_by_opencv(tmp_path_factory, image):
+    path = tmp_path_factory.mktemp("pfm") / "disparity.pfm"
+    path.write_bytes(PFM.encode(image))
+    np.testing.assert_array_equal(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), image)
+    np.testing.assert_array_equal(PFM.read(path), image)
+
+
+def test_pfm_of_three_channels_comes_back_bit_for_bit_here_and_by_opencv(tmp_path):
+    path = tmp_path / "normals.pfm"
+    normals = np.random.default_rng(0).normal(size=(9, 31, 3)).astype(np.float32)
+    path.write_bytes(PFM3.encode(normals))
+    np.testing.assert_array_equal(cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[..., ::-1], normals)
+    np.testing.assert_array_equal(PFM3.read(path), normals)
+    with pytest.raises(ReadError, match=r"expected a PFM header \(Pf"):
+        PFM.read(path)
+
+
+def test_pfm_has_the_header_that_loaders_expect():
+    assert PFM.encode(np.zeros((3, 5), np.float32)) == b"Pf\n5 3\n-1.0\n" + bytes(60)
+    assert PFM3.encode(np.zeros((3, 5, 3), np.float32)) == b"PF\n5 3\n-1.0\n" + bytes(180)
+    upper = np.array([[1.0], [2.0]], np.float32)
+    assert np.frombuffer(PFM.encode(upper)[-8:], "<f4").tolist() == [2.0, 1.0]
+
+
+def test_pfm_of_opencv_is_read(tmp_path):
+    image = np.random.default_rng(0).random((5, 7), np.float32)
+    cv2.imwrite(str(tmp_path / "x.pfm"), image)
+    np.testing.assert_array_equal(ANY_PFM.read(tmp_path / "x.pfm"), image)
+
+
+def test_only_the_tolerant_codec_reads_other_peoples_pfm(tmp_path):
+    path = tmp_path / "x.pfm"
+    path.write_bytes(b"Pf 2 1\r\n0.003922\r\n" + struct.pack(">2f", 1.5, 2.5))
+    assert ANY_PFM.read(path).tolist() == [[1.5, 2.5]]
+    with pytest.raises(ReadError, match="header"):
+        PFM.read(path)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"", "header"),
+        (b"PF\n1 1\n-1.0\n" + bytes(12), "header"),
+        (b"Pf\n1 1\n1.0\n" + bytes(4), "header"),
+        (b"Pf\r\n1 1\r\n-1.0\r\n" + bytes(4), "header"),
+        (b"Pf\n2 2\n-1.0\n" + bytes(15), "ends after 15 of 16 bytes"),
+        (b"Pf\n2 2\n-1.0\n" + bytes(17), "1 bytes after"),
+        (b"Pf\n0 2\n-1.0\n", "width and height of 1 or more, got 0 x 2"),
+        (b"Pf\n999999999 999999999\n-1.0\n", "ends after 0"),
+    ],
+)
+def test_wrong_pfm_is_named(tmp_path, data, words):
+    (tmp_path / "d.pfm").write_bytes(data)
+    with pytest.raises(ReadError, match=f"d.pfm: .*{words}"):
+        PFM.read(tmp_path / "d.pfm")
+
+
+# Images and disparities of all kinds
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("name", IMAGE_CODECS)
+def test_images_come_back_bit_for_bit(name, shape):
+    skip_without_imagecodecs(name)
+    image = make_image(shape)
+    data = IMAGE_CODECS[name].encode(image)
+    np.testing.assert_array_equal(by_another_program(name, data), image)
+    np.testing.assert_array_equal(IMAGE_CODECS[name].decode(data, PATH), image)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_tiff_comes_back_bit_for_bit(shape):
+    disparity = make_disparity(shape, high=900)
+    data = DISPARITY_CODECS["tiff"].encode(disparity)
+    for came in (by_opencv(data), np.asarray(Image.open(io.BytesIO(data)))):
+        assert came.dtype == np.float32
+        np.testing.assert_array_equal(came, disparity)
+    np.testing.assert_array_equal(DISPARITY_CODECS["tiff"].decode(data, PATH), disparity)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("png", [KITTI_DISPARITY, CRESTEREO_DISPARITY], ids=lambda png: png.name)
+def test_a_disparity_png_counts_steps(png, shape):
+    disparity = make_disparity(shape)
+    data = png.encode(disparity)
+    steps = by_opencv(data)
+    assert steps.dtype == np.uint16
+    np.testing.assert_array_equal(steps == 0, np.isinf(disparity))
+    finite = np.isfinite(disparity)
+    per_px = {"png16": 256, "png16-32": 32}[png.name]
+    assert np.abs(steps[finite] / per_px - disparity[finite]).max(initial=0) <= 1 / (2 * per_px)
+    came = png.decode(data, PATH)
+    assert came.dtype == np.float32
+    np.testing.assert_array_equal(came, np.where(steps > 0, steps / np.float32(per_px), np.inf))
+
+
+def test_a_png16_ends_at_256_px_and_keeps_0_for_no_truth():
+    last = np.float32(65535.5 / 256)
+    values = [np.inf, np.nan, 0, -1, 1e-6, 1 / 256, 255.996, np.nextafter(last, 0), last, 256, 1e30]
+    disparity = np.array([values], np.float32)
+    assert by_opencv(KITTI_DISPARITY.encode(disparity))[0].tolist() == [0, 0, 0, 0, 1, 1, 65535, 65535, 0, 0, 0]
+    assert KITTI_DISPARITY.exceeds_limit(disparity)[0].tolist() == [False] * 8 + [True] * 3
+
+
+@pytest.mark.parametrize("name", ["qoi", "jxl", "tiff", "png16", "jpg"])
+def test_wrong_files_are_named(tmp_path, name):
+    skip_without_imagecodecs(name)
+    image, disparity = make_image((30, 41)), make_disparity((30, 41))
+    entry = {**IMAGE_CODECS, **DISPARITY_CODECS, "jpg": Jpeg()}[name]
+    colour = name in IMAGE_CODECS or name == "jpg"
+    good = entry.encode(image if colour else disparity)
+    file = tmp_path / "file"
+    foreign = io.BytesIO()
+    Image.fromarray(image[..., 0] if colour else image).save(foreign, "TIFF" if name == "tiff" else "PNG")
+    for data in (b"", good[: len(good) // 2], good[:-1], b"abc" * 50, foreign.getvalue()):
+        file.write_bytes(data)
+        with pytest.raises(ReadError):
+            entry.read(file)
+    with pytest.raises(ReadError, match="is missing"):
+        entry.read(tmp_path / "none")
+
+
+def test_a_folder_is_no_file(tmp_path):
+    with pytest.raises(ReadError, match="cannot be read"):
+        PFM.read(tmp_path)
+
+
+def test_grey_is_no_colour():
+    codecs = pytest.importorskip("imagecodecs")
+    data = codecs.jpegxl_encode(make_image((30, 41))[..., 0].copy(), lossless=True)
+    with pytest.raises(ReadError, match="expected 8-bit RGB"):
+        IMAGE_CODECS["jxl"].decode(data, PATH)
+
+
+@pytest.mark.parametrize("name", sorted(FROM_IMAGECODECS))
+def test_a_missing_imagecodecs_is_an_error_that_says_what_to_install(monkeypatch, name):
+    def refuse(module):
+        raise ImportError(f"No module named {module!r}")
+
+    monkeypatch.setattr(codec, "import_module", refuse)
+    entry = IMAGE_CODECS[name]
+    for call in (
+        entry.check_installed,
+        Encodings(image=entry).check_installed,
+        lambda: entry.encode(make_image((3, 4))),
+        lambda: entry.decode(b"qoif" + bytes(7) + b"\x01", PATH),
+    ):
+        with pytest.raises(InputError, match=rf"{name} needs the package imagecodecs.*'semisynth-gl\[codecs\]'"):
+            call()
+    Encodings().check_installed()
+
+
+# Calibrations and JSON
+
+
+def test_a_calibration_comes_back():
+    calibration = Calibration(CAMERA, CAMERA.doffs_px, 100, 1.5, 89.75)
+    data = MIDDLEBURY_CALIB.encode(calibration)
+    came = MIDDLEBURY_CALIB.decode(data, PATH)
+    assert came.camera.baseline_m == pytest.approx(CAMERA.baseline_m, rel=1e-15)
+    assert MIDDLEBURY_CALIB.encode(came) == data
+    assert (came.doffs_px, came.ndisp, came.vmin_px, came.vmax_px) == (CAMERA.doffs_px, 100, 1.5, 89.75)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("doffs=", "dofs=", "in this order"),
+        ("isint=0\n", "", "in this order"),
+        ("dymax=0\n", "dymax=0", "no end"),
+        ("ndisp=100", "ndisp=1e2", "invalid literal"),
+        ("width=37", "width=0", "at least 1 x 1"),
+        ("; 0 0 1]", "]", "expected a matrix"),
+        ("cam1=[1164.25", "cam1=[1164.5", "cam1 is not"),
+        ("baseline=", "baseline=x", "could not convert"),
+    ],
+)
+def test_wrong_calibration_is_named(tmp_path, old, new, words):
+    text = MIDDLEBURY_CALIB.encode(Calibration(CAMERA, CAMERA.doffs_px, 100, 1.0, 90.0)).decode()
+    assert old in text
+    path = tmp_path / "calib.txt"
+    path.write_text(text.replace(old, new))
+    with pytest.raises(ReadError, match=f"calib.txt: .*{words}"):
+        MIDDLEBURY_CALIB.read(path)
+
+
+def test_json_must_hold_an_object(tmp_path):
+    (tmp_path / "a.json").write_text("{")
+    (tmp_path / "b.json").write_text("3")
+    with pytest.raises(ReadError, match="not JSON"):
+        JSON_OBJECT.read(tmp_path / "a.json")
+    with pytest.raises(ReadError, match="got int"):
+        JSON_OBJECT.read(tmp_path / "b.json")
+    assert JSON_OBJECT.decode(JSON_OBJECT.encode({"a": [1, 0.5]}), PATH) == {"a": [1, 0.5]}

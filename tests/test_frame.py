@@ -1,0 +1,163 @@
+"""The table of channels, and the views and frames that hold them."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+from semisynth_gl.camera import EYES, StereoCamera
+from semisynth_gl.codecs import Encodings
+from semisynth_gl.codecs.codec import Codec
+from semisynth_gl.dataset.sample import StoredFrame
+from semisynth_gl.errors import InputError
+from semisynth_gl.frame import CHANNELS, DEFAULT_OUTPUTS, FLOW_OUTPUTS, OUTPUTS, ROLES, Frame, View
+from semisynth_gl.layouts.roles import ROLES as FILE_ROLES
+
+CAMERA = StereoCamera.centred(5, 4, 6.0, 0.1)
+
+
+def make_array(name, seed=0):
+    channel = CHANNELS[name]
+    shape = (4, 5) if channel.components == 1 else (4, 5, channel.components)
+    return np.random.default_rng(seed).integers(0, 200, shape).astype(channel.dtype)
+
+
+def make_view(names=tuple(CHANNELS), seed=0):
+    return View({name: make_array(name, seed) for name in names})
+
+
+# The table
+
+
+@pytest.mark.parametrize("channel", CHANNELS.values(), ids=lambda channel: channel.name)
+def test_a_row_of_the_table_fits_the_others(channel):
+    codec = Encodings().codec(channel.codec)
+    assert isinstance(codec, Codec)
+    array = make_array(channel.name)
+    decoded = codec.decode(codec.encode(array), channel.name)
+    assert decoded.dtype == channel.dtype
+    np.testing.assert_array_equal(decoded, array)
+    nothing = np.full_like(array, channel.nothing)
+    np.testing.assert_array_equal(codec.decode(codec.encode(nothing), channel.name), nothing)
+    assert (channel.output is None) == (channel.name in ("image", "disparity"))
+    assert channel.moment == "now" or channel.output in FLOW_OUTPUTS
+    if channel.mask is not None:
+        mask = CHANNELS[channel.mask]
+        assert (mask.dtype, mask.components, mask.codec, mask.nothing) == (np.uint8, 1, "grey8", 0)
+        assert mask.moment == channel.moment
+        assert mask.mask is None
+        # What has no value is no point that another image could show.
+        assert np.isinf(channel.nothing)
+
+
+def test_roles_are_unique_and_lead_back_to_their_channel():
+    assert len(ROLES) == len(EYES) * len(CHANNELS)
+    assert [role for role, (_, channel) in ROLES.items() if channel is View.image] == list(EYES)
+    for role, (eye, channel) in ROLES.items():
+        assert channel.role(eye) == role
+    assert set(ROLES) <= set(FILE_ROLES)
+    assert {role: FILE_ROLES[role].output for role in ROLES} == {role: each.output for role, (_, each) in ROLES.items()}
+
+
+def test_outputs_are_those_of_the_channels():
+    assert OUTPUTS == ("visibility", "instances", "depth", "normals", "flow", "flow_backward", "disparity_change")
+    assert {"flow", "flow_backward", "disparity_change"} == FLOW_OUTPUTS
+    assert set(DEFAULT_OUTPUTS) < set(OUTPUTS)
+
+
+# Views
+
+
+def test_a_view_has_its_channels_under_their_names():
+    view = make_view(("image", "flow"))
+    assert view.image is view["image"]
+    assert "flow" in view
+    assert list(view) == ["image", "flow"]
+    assert len(view) == 2
+    assert "depth" not in view
+    assert view.get("depth") is None
+    with pytest.raises(KeyError, match="depth"):
+        view["depth"]
+    with pytest.raises(AttributeError, match=r"no normals: the output normals, in this view, was not made"):
+        view.normals  # noqa: B018 - the access raises
+    with pytest.raises(AttributeError, match="no disparity: truth of this view was not made"):
+        view.disparity  # noqa: B018 - the access raises
+
+
+def test_a_view_with_other_channels_leaves_the_first_one_alone():
+    view = make_view(("image", "disparity"))
+    before = view.disparity
+    after = view.with_channels({"disparity": before + 1, "depth": make_array("depth")})
+    assert view.disparity is before
+    assert "depth" not in view
+    assert after.image is view.image
+    np.testing.assert_array_equal(after.disparity, before + 1)
+    assert "depth" in after
+
+
+@pytest.mark.parametrize(
+    ("name", "array", "words"),
+    [
+        ("albedo", np.zeros((4, 5), np.float32), "expected channels of image, disparity, .*, got albedo"),
+        ("left", np.zeros((4, 5, 3), np.uint8), "got left"),
+        ("image", np.zeros((4, 5, 3), np.uint16), r"image must be \(H, W, 3\) uint8, got \(4, 5, 3\) uint16"),
+        ("image", np.zeros((4, 5), np.uint8), r"image must be \(H, W, 3\) uint8, got \(4, 5\) uint8"),
+        ("image", np.zeros((4, 5, 4), np.uint8), r"got \(4, 5, 4\) uint8"),
+        ("disparity", np.zeros((4, 5)), r"disparity must be \(H, W\) float32, got \(4, 5\) float64"),
+        ("disparity", np.zeros((4, 5, 1), np.float32), r"got \(4, 5, 1\) float32"),
+        ("disparity", np.zeros(5, np.float32), r"got \(5,\) float32"),
+        ("disparity", np.zeros((), np.float32), r"got \(\) float32"),
+        ("flow", np.zeros((4, 5, 3), np.float32), r"flow must be \(H, W, 2\) float32, got \(4, 5, 3\)"),
+        ("normals", np.zeros((4, 5, 2), np.float32), r"normals must be \(H, W, 3\) float32"),
+        ("visibility", np.zeros((4, 5), np.bool_), "visibility must be .* uint8, got .* bool"),
+    ],
+)
+def test_a_view_refuses_what_is_not_in_the_table(name, array, words):
+    with pytest.raises(InputError, match=words):
+        View({name: array})
+    with pytest.raises(InputError, match=words):
+        make_view(("image", "disparity")).with_channels({name: array})
+
+
+def through_pickle(thing):
+    return pickle.loads(pickle.dumps(thing))  # noqa: S301 - the bytes are from the line itself
+
+
+@pytest.mark.parametrize("duplicate", [copy.copy, copy.deepcopy, through_pickle])
+def test_a_view_and_a_frame_pickle_and_copy(duplicate):
+    view = make_view()
+    frame = Frame(CAMERA, view, make_view(("image", "disparity"), seed=1))
+    stored = StoredFrame(CAMERA, frame.left, frame.right, name="lab-000003", index=3, provenance={"pair": 3})
+    came = duplicate(view)
+    assert list(came) == list(CHANNELS)
+    for name, array in view.items():
+        np.testing.assert_array_equal(came[name], array)
+        assert getattr(came, name) is came[name]
+    for original in (frame, stored):
+        came = duplicate(original)
+        assert type(came) is type(original)
+        assert came.camera == CAMERA
+        assert list(came.arrays()) == list(original.arrays())
+        for role, array in original.arrays().items():
+            np.testing.assert_array_equal(came.arrays()[role], array)
+    assert (came.name, came.index, came.provenance) == ("lab-000003", 3, {"pair": 3})
+    assert came.encodings.disparity.name == "pfm"
+
+
+# Frames
+
+
+def test_frames_and_arrays_by_role_are_inverses():
+    frame = Frame(CAMERA, make_view(), make_view(("image",), seed=1))
+    arrays = frame.arrays()
+    assert set(arrays) == {channel.role("left") for channel in CHANNELS.values()} | {"right"}
+    assert arrays["left"] is frame.left.image
+    assert arrays["right"] is frame.right.image
+    assert arrays["flow_backward_visibility_left"] is frame.left.flow_backward_visibility
+    again = Frame.from_arrays(CAMERA, arrays)
+    assert dict(again.left) == {name: frame.left[name] for name in CHANNELS}
+    assert list(again.right) == ["image"]
+    assert again.right.image is frame.right.image
+    assert again.view("left") is again.left
+    assert again.view("right") is again.right

@@ -1,0 +1,130 @@
+"""Datasets on disk, opened again: what is no dataset, and datasets of each encoding, which verify finds clean."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+from conftest import backend_fault
+from test_pipeline import lean, tiny
+
+from semisynth_gl.cli import main
+from semisynth_gl.codecs import DISPARITY_CODECS, Encodings, codec
+from semisynth_gl.dataset.reader import open_dataset, read_index
+from semisynth_gl.errors import InputError
+from semisynth_gl.generation.generate import Listener, generate
+from semisynth_gl.layouts.middlebury import SCENES
+from semisynth_gl.pairs.pipeline import render_pair
+from semisynth_gl.verify.dataset import verify_dataset
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    return render_pair(lean(), 0, 5)
+
+
+def findings(folder, rays=100):
+    """Findings of verify, less those of the digest, which gives every change of a file away."""
+    return [
+        str(finding)
+        for verdict in verify_dataset(read_index(folder), rays)
+        for finding in verdict.findings
+        if finding.check != "sha256"
+    ]
+
+
+def test_what_is_no_dataset_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    for path, words in (
+        (tmp_path / "none", "no such folder"),
+        (tmp_path / "file", "got a file"),
+        (tmp_path, "not a dataset"),
+    ):
+        with pytest.raises(InputError, match=words):
+            read_index(path)
+    (tmp_path / "index.json").write_text(json.dumps({"program": "semisynth-gl", "layout": "nuscenes"}))
+    with pytest.raises(InputError, match="'nuscenes'"):
+        read_index(tmp_path)
+
+
+def test_a_dataset_without_the_section_has_the_default_encodings(tmp_path):
+    index = {"program": "semisynth-gl", "layout": "middlebury", "config_values": {"name": "old"}}
+    (tmp_path / "index.json").write_text(json.dumps(index))
+    assert read_index(tmp_path).encodings == Encodings()
+    index["config_values"]["files"] = {"image": "webp"}
+    (tmp_path / "index.json").write_text(json.dumps(index))
+    with pytest.raises(InputError, match=r"files\.image 'webp'"):
+        _ = read_index(tmp_path).encodings
+
+
+@pytest.mark.parametrize("image", ["jxl", "qoi"])
+def test_a_missing_imagecodecs_stops_generation_before_anything_is_written(tmp_path, monkeypatch, image):
+    def refuse(name):
+        raise ImportError(f"No module named {name!r}")
+
+    monkeypatch.setattr(codec, "import_module", refuse)
+    with pytest.raises(InputError, match=r"needs the package imagecodecs.*pip install 'semisynth-gl\[codecs\]'"):
+        generate(lean(files={"image": image}), tmp_path / "out", 1, 0)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("names", [("png", "png16"), ("png", "tiff"), ("qoi", "pfm"), ("jxl", "png16")], ids="-".join)
+def test_a_dataset_reads_back_and_verifies_clean(drawn, tmp_path, names):
+    if names[0] in ("qoi", "jxl"):
+        pytest.importorskip("imagecodecs")
+    encodings = Encodings.from_names(*names)
+    config = lean(files={"image": names[0], "disparity": names[1]})
+    config = config.model_copy(update={"outputs": ("visibility", "instances", "depth")})
+    shares = []
+    generate(config, tmp_path, 1, 5, listener=Listener(written=lambda pair: shares.append(pair.share_beyond)))
+    assert shares == [0]
+    scene = tmp_path / SCENES / "middlebury-000000"
+    files = {file.name for file in scene.iterdir()}
+    image, disparity = encodings.image.suffix, encodings.disparity.suffix
+    assert {f"im0{image}", f"im1{image}", f"disp0GT{disparity}", f"disp1GT{disparity}"} <= files
+    assert len(files) == 12
+    assert read_index(tmp_path).encodings == encodings
+    stored = open_dataset(tmp_path)[0]
+    np.testing.assert_array_equal(stored.left.image, drawn.left.image)
+    np.testing.assert_array_equal(stored.right.image, drawn.right.image)
+    np.testing.assert_allclose(
+        stored.right.disparity, drawn.right.disparity, rtol=0, atol=1 / 512 if names[1] == "png16" else 0
+    )
+    assert findings(tmp_path) == []
+    # Ten times the rounding.
+    wrong = stored.left.disparity + np.float32(0.02)
+    (scene / f"disp0GT{disparity}").write_bytes(DISPARITY_CODECS[names[1]].encode(wrong))
+    assert any(": depth: left" in finding for finding in findings(tmp_path, 0))
+
+
+def test_a_dataset_beyond_256_px_is_reported_and_verifies_clean(drawn, tmp_path, monkeypatch, capsys):
+    del drawn
+    # 16 times as many pixels to a radian: disparities go to 430 px.
+    config = tiny(files={"disparity": "png16"}).model_dump(mode="json")
+    for section, keys in (
+        ("camera", ("focal_px", "cx_left_px", "cx_right_px", "cy_px", "doffs_px")),
+        ("disparity", ("min_px", "max_px")),
+        ("background", ("wall_disparity_px", "plane_disparity_px")),
+    ):
+        for key in keys:
+            value = config[section][key]
+            config[section][key] = [each * 16 for each in value] if isinstance(value, list) else value and value * 16
+    config["disparity"]["target"]["bin_px"] *= 16
+    config["camera"] |= {"width_px": 900, "height_px": 60}
+    config["particles"] |= {"size_px": [60.0, 200.0]}
+    (tmp_path / "config.yaml").write_text(json.dumps(config))
+    out = tmp_path / "out"
+    arguments = ["--config", str(tmp_path / "config.yaml"), "--out", str(out), "--pairs", "1", "--seed", "1"]
+    monkeypatch.setattr(sys, "argv", ["semisynth-gl", "generate", *arguments])
+    with pytest.raises(SystemExit) as stopped:
+        main()
+    assert stopped.value.code == 0
+    assert "in 1 pairs more than 1% of the pixels have a disparity that png16 cannot hold" in capsys.readouterr().err
+    assert findings(out) == []
+    path = out / SCENES / "middlebury-000000" / "pair.json"
+    pair = json.loads(path.read_text())
+    pair["disparity_beyond"]["left"] += 1000_000
+    path.write_text(json.dumps(pair))
+    assert any("beyond the encoding" in finding for finding in findings(out, 0))
