@@ -126,6 +126,7 @@ def test_a_clean_sequence_has_no_finding(datasets, encoding):
     verdicts = list(verify_dataset(read_index(datasets / encoding)))
     assert [str(finding) for verdict in verdicts for finding in verdict.findings] == []
     allowed = 1e-2 if encoding == "png16" else 2e-3
+    assert len(verdicts) == 1 + 3
     for verdict in verdicts[1:]:
         measures = verdict.measures
         assert measures["flow_views_median_px"] < allowed
