@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from conftest import backend_fault
+from backends import backend_fault
 
 from semisynth_gl.bench import scaling
 from semisynth_gl.bench.lifetime import line_slope

@@ -1,31 +1,15 @@
 """A part of a pair is drawn as it is in the whole, bit for bit."""
 
-from dataclasses import fields
-
 import numpy as np
 import pytest
+from scenes import assert_equal
+from tiny_datasets import lean
 
 from semisynth_gl.camera import Crop, StereoCamera
 from semisynth_gl.errors import InputError
-from semisynth_gl.frame import Frame
 from semisynth_gl.pairs.pipeline import PairRenderer
-from tests.test_pipeline import lean
 
 CROPS = (Crop(0, 0, 24, 16), Crop(100, 61, 87, 64), Crop(60, 40, 1, 1), Crop(0, 0, 187, 125))
-
-
-def arrays(frame):
-    return {each.name: getattr(frame, each.name) for each in fields(Frame) if each.name != "camera"}
-
-
-def assert_equal(frame, whole, crop):
-    assert frame.camera == whole.camera.cropped(crop)
-    for name, array in arrays(frame).items():
-        there = arrays(whole)[name]
-        assert (array is None) == (there is None), name
-        if array is not None:
-            expected = there[crop.y_px : crop.bottom_px, crop.x_px : crop.right_px]
-            np.testing.assert_array_equal(array, expected, err_msg=name)
 
 
 @pytest.mark.one_backend

@@ -9,9 +9,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import backend_fault
+from backends import backend_fault
 from PIL import Image
-from test_pipeline import lean, tiny
+from tiny_datasets import lean, tiny
 
 from semisynth_gl import encodings as names
 from semisynth_gl.cli import main

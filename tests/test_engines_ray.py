@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from test_generation import digests
-from test_pipeline import tiny
+from tiny_datasets import digests, tiny
 
 from semisynth_gl.engines import cluster
 from semisynth_gl.engines.cluster import RayEngine

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from pydantic import ValidationError
 from test_layouts import CAMERA, decode, encode, make_frame, write_tree
-from test_pipeline import tiny
+from tiny_datasets import tiny
 
 from semisynth_gl.config.model import FilesSection
 from semisynth_gl.dataset.places import Folder

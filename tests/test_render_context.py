@@ -7,7 +7,8 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import backend_fault, facing, noise_layers
+from backends import backend_fault
+from scenes import facing, noise_layers
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.errors import BackendError, InputError

@@ -7,9 +7,10 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import backend_fault
+from backends import backend_fault
 from PIL import Image
-from test_pipeline import lean, tiny
+from planted_faults import all_findings, change_disparity, change_image, checks, findings, swap
+from tiny_datasets import lean, tiny
 
 from semisynth_gl.cli import main
 from semisynth_gl.dataset.reader import read_index
@@ -19,7 +20,6 @@ from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.read.pfm import read_pfm
 from semisynth_gl.verify.consistency import match_views
 from semisynth_gl.verify.dataset import verify_dataset
-from semisynth_gl.write.pfm import encode_pfm
 from semisynth_gl.write.png import encode_png
 
 BENCHMARKS = ("middlebury", "kitti", "eth3d", "sceneflow")
@@ -59,41 +59,12 @@ def scene_of(dataset, number=1):
     return dataset / SCENES / f"middlebury-{number:06d}"
 
 
-def all_findings(dataset, rays=0):
-    return [finding for verdict in verify_dataset(read_index(dataset), rays) for finding in verdict.findings]
-
-
-def findings(dataset, rays=0):
-    """What is found beside the digest, which gives every change of a file away."""
-    return [finding for finding in all_findings(dataset, rays) if finding.check != "sha256"]
-
-
-def checks(dataset, rays=0):
-    return {finding.check for finding in findings(dataset, rays)}
-
-
-def change_image(path, change):
-    image = np.asarray(Image.open(path))
-    path.write_bytes(encode_png(np.ascontiguousarray(change(image))))
-
-
-def change_disparity(path, change):
-    path.write_bytes(encode_pfm(np.asarray(change(read_pfm(path)), np.float32)))
-
-
 def fit_calibration(scene):
     """Make vmin and vmax those of the disparity, so that they do not give a fault away."""
     disparity = read_pfm(scene / "disp0GT.pfm")
     path = scene / "calib.txt"
     text = re.sub("vmin=.*", f"vmin={disparity.min():g}", path.read_text())
     path.write_text(re.sub("vmax=.*", f"vmax={disparity.max():g}", text))
-
-
-def swap(scene, *stems):
-    for one, other in stems:
-        (scene / one).rename(scene / "swapped")
-        (scene / other).rename(scene / one)
-        (scene / "swapped").rename(scene / other)
 
 
 IMAGES, DISPARITIES, MASKS = ("im0.png", "im1.png"), ("disp0GT.pfm", "disp1GT.pfm"), ("mask0nocc.png", "mask1nocc.png")

@@ -5,10 +5,10 @@ import shutil
 
 import numpy as np
 import pytest
-from conftest import backend_fault
+from backends import backend_fault
 from PIL import Image
-from test_pipeline import tiny
-from test_verify import all_findings, change_disparity, change_image, checks, findings, swap
+from planted_faults import all_findings, change_disparity, change_image, checks, findings, swap
+from tiny_datasets import tiny
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.dataset.reader import open_dataset, read_index
