@@ -182,6 +182,16 @@ def test_without_torch_its_room_says_what_to_install() -> None:
     assert "pip install 'semisynth-gl[torch]'" in loading.stderr
 
 
+def test_tests_import_neither_each_other_nor_conftest() -> None:
+    shared = [
+        f"{path.name}: {name}"
+        for path in sorted(Path(__file__).parent.glob("*.py"))
+        for name in imports(ast.parse(path.read_text("utf-8")))
+        if name.removeprefix("tests.").startswith(("test_", "conftest"))
+    ]
+    assert shared == []
+
+
 def test_the_page_has_the_table_of_the_rooms() -> None:
     page = (DOCS / "architecture.md").read_text("utf-8")
     assert page == runpy.run_path(str(DOCS / "make_rooms.py"))["page_with_rooms"](page), "run docs/make_rooms.py"
