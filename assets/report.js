@@ -4,12 +4,12 @@
   const find = (id) => document.getElementById(id);
   const stage = find("stage"), base = find("base"), overlay = find("overlay"), cursor = find("cursor");
   const VISIBLE = 255, OCCLUDED = 128;
-  const SAID = { 255: "visible in the right view", 128: "hidden in the right view", 0: "outside the right view" };
-  const NAMES = { left: "left", right: "right", warped: "right, warped to the left" };
+  const MASK_MEANINGS = { 255: "visible in the right view", 128: "hidden in the right view", 0: "outside the right view" };
+  const IMAGE_NAMES = { left: "left", right: "right", warped: "right, warped to the left" };
   const state = { pair: 0, image: "left", other: "right", overlay: "none", flipped: false, held: false, timer: 0, at: null };
-  // What the pair that is shown was decoded to; null while it is not ready.
+  // The decoded pair; null while it is not ready.
   let shown = null;
-  let asked = 0;
+  let requests = 0;
 
   function bytesOf(id) {
     const element = find(id);
@@ -54,7 +54,7 @@
   async function show(number) {
     if (data.pairs.length === 0) return;
     state.pair = (number + data.pairs.length) % data.pairs.length;
-    const mine = ++asked, pair = data.pairs[state.pair], id = "pair-" + state.pair;
+    const request = ++requests, pair = data.pairs[state.pair], id = "pair-" + state.pair;
     for (const [k, button] of [...find("strip").children].entries()) {
       button.setAttribute("aria-pressed", String(k === state.pair));
       if (k === state.pair) {
@@ -64,7 +64,7 @@
     }
     find("caption").textContent = pair.caption;
     if (shown === null) {
-      // What is below does not jump when the first pair is ready.
+      // The text below keeps its place when the first pair is ready.
       for (const canvas of [base, overlay]) [canvas.width, canvas.height] = [pair.width, pair.height];
       resize();
     }
@@ -74,10 +74,10 @@
         imageOf(id + "-left"), imageOf(id + "-right"), floatsOf(id + "-disparity", pair), inflated(id + "-visibility"),
       ]);
     } catch (error) {
-      if (mine === asked) fail(pair, error);
+      if (request === requests) fail(pair, error);
       return;
     }
-    if (mine !== asked) return;
+    if (request !== requests) return;
     const [left, right, disparity, visibility] = decoded;
     shown = { pair, left, right, visibility, disparity, warped: null };
     for (const canvas of [base, overlay]) [canvas.width, canvas.height] = [pair.width, pair.height];
@@ -90,20 +90,20 @@
     stage.dataset.pair = String(state.pair);
   }
 
-  // No picture of another pair stays under this one's caption.
+  // The picture of the previous pair must not stand under this pair's caption.
   function fail(pair, error) {
     shown = null;
     for (const canvas of [base, overlay]) canvas.getContext("2d").clearRect(0, 0, canvas.width, canvas.height);
     find("caption").textContent =
       pair.caption + " \u2013 cannot be shown: " + error.message + ". A browser from 2023 or later shows all pairs of a " +
-      "page that came whole.";
+      "complete page.";
     find("showing").textContent = find("readout").textContent = "";
     find("legend").replaceChildren();
     find("scale").hidden = cursor.hidden = true;
     delete stage.dataset.pair;
   }
 
-  // What the right image has at x - d, for each pixel x of the left view; grey where the right view does not see it.
+  // The colour of the right image at x - d for each pixel x of the left view; grey where the right eye does not see it.
   function warped() {
     if (shown.warped !== null) return shown.warped;
     const { pair, disparity, visibility } = shown, { width, height } = pair;
@@ -137,7 +137,7 @@
     base.getContext("2d").drawImage(name === "warped" ? warped() : shown[name], 0, 0);
     // The overlays belong to pixels of the left view; the warped image has those too.
     overlay.style.visibility = name === "right" ? "hidden" : "visible";
-    find("showing").textContent = "Showing: " + NAMES[name] + ".";
+    find("showing").textContent = "Showing: " + IMAGE_NAMES[name] + ".";
     stage.dataset.image = name;
   }
 
@@ -188,7 +188,7 @@
     }));
   }
 
-  // The fewest digits that no other float32 is written with.
+  // The shortest decimal that stands for this float32 alone.
   function shortest(value) {
     for (let digits = 1; digits < 9; digits++) {
       const text = value.toPrecision(digits);
@@ -211,7 +211,7 @@
       parts.push("disparity " + shortest(d) + " px", "right view at x " + (x - d).toFixed(2));
       parts.push("depth " + (pair.focal_baseline / (d + pair.doffs)).toPrecision(4) + " m");
     } else parts.push("no disparity");
-    if (visibility !== null) parts.push(SAID[visibility[k]] ?? "mask " + visibility[k]);
+    if (visibility !== null) parts.push(MASK_MEANINGS[visibility[k]] ?? "mask " + visibility[k]);
     find("readout").textContent = parts.join(" · ");
   }
 
@@ -260,7 +260,7 @@
   for (const input of document.querySelectorAll("[name=image]")) {
     input.addEventListener("change", () => {
       state.image = input.value;
-      // Nothing is compared with itself.
+      // An image is never compared with itself.
       if (state.other === state.image) find("other").value = state.other = state.image === "left" ? "right" : "left";
       draw();
     });

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl import oracle
-from semisynth_gl.bench.machine import machine_facts
+from semisynth_gl.bench.summary import machine_facts
 from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.frame import Frame, Output

@@ -11,7 +11,7 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -24,14 +24,15 @@ import torch
 import webdataset
 from torch.utils.data import DataLoader
 
-from semisynth_gl.bench.machine import machine_facts
+from semisynth_gl.bench.summary import machine_facts
 from semisynth_gl.bench.workers import is_software
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.dataset.reader import read_index, read_record
 from semisynth_gl.engines.local import LocalEngine
 from semisynth_gl.engines.task import cores
 from semisynth_gl.generation.generate import generate
-from semisynth_gl.torch import StereoStream
+from semisynth_gl.listener import Listener
+from semisynth_gl.torch import Selection, StereoStream
 
 _CROP = 256, 512
 _TIMEOUT_S = 300.0
@@ -88,7 +89,7 @@ def _pairs_of(way: Way, config: Config, seed: int, tars: list[str], pairs: int) 
         dataset = dataset.map(partial(_decoded, crop=way.crop)).repeat(_READINGS)
     else:
         dataset = StereoStream(
-            config, seed, pairs=pairs, crop=_CROP if way.crop else None, checked=way.source == "stream"
+            config, seed, Selection(pairs=pairs), crop=_CROP if way.crop else None, checked=way.source == "stream"
         )  # fmt: skip
     # Forked processes start sooner; this one never opens OpenGL.
     return DataLoader(
@@ -109,7 +110,7 @@ def _rate(way: Way, samples: Iterable[dict[str, Any]]) -> float:
     return (count - way.workers) / (last - start)
 
 
-def measure(config: Config, seed: int, pairs: int, rounds: int, said: Callable[[str], None]) -> dict[str, Any]:
+def measure(config: Config, seed: int, pairs: int, rounds: int, listener: Listener) -> dict[str, Any]:
     """Write the shards, then let all ways take their turns."""
     most = max(2, cores())
     # Those that are compared follow each other.
@@ -134,7 +135,7 @@ def measure(config: Config, seed: int, pairs: int, rounds: int, said: Callable[[
             first = number * len(ways) // rounds
             for way in ways[first:] + ways[:first]:
                 rates[way].append(_rate(way, _pairs_of(way, config, seed, tars, pairs)))
-                said(f"round {number + 1}: {way}: {rates[way][-1]:.2f} pairs/s")
+                listener.on_message(f"round {number + 1}: {way}: {rates[way][-1]:.2f} pairs/s")
     rows = []
     for way in ways:
         read = np.array(rates[Way("shards", way.crop, way.workers)])
@@ -168,6 +169,14 @@ def measure(config: Config, seed: int, pairs: int, rounds: int, said: Callable[[
     }
 
 
+class _Messages(Listener):
+    """Shows messages."""
+
+    def on_message(self, text: str) -> None:
+        """Print the message to standard error."""
+        click.echo(text, err=True)
+
+
 @click.command()
 @click.option("--config", "config_name", default="sceneflow", show_default=True, help="A name or a YAML file.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
@@ -176,7 +185,7 @@ def measure(config: Config, seed: int, pairs: int, rounds: int, said: Callable[[
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Write everything here as JSON.")
 def main(config_name: str, seed: int, pairs: int, rounds: int, out: Path | None) -> None:
     """Measure and print."""
-    report = measure(load_config(config_name), seed, pairs, rounds, lambda line: click.echo(line, err=True))
+    report = measure(load_config(config_name), seed, pairs, rounds, _Messages())
     report["command"] = " ".join(["python", *sys.argv])
     for row in report["rows"]:
         what = "crops" if row["crop"] else "whole pairs"

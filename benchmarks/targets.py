@@ -17,7 +17,6 @@ import numpy as np
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.histogram import PixelCount, total_variation, wasserstein_px
 from semisynth_gl.pairs.pipeline import PairRenderer
-from semisynth_gl.scene.target import target_of
 
 _SCALE = 1 / 8
 _UNIFORM = {"min_px": 0.5, "max_px": 200.0, "target": {"form": "uniform", "low_px": 0.0, "high_px": 192.0}}
@@ -75,7 +74,7 @@ def small(name: str, sections: dict[str, Any]) -> Config:
 def measure(name: str, sections: dict[str, Any], pairs: int, seed: int) -> dict[str, Any]:
     """Render pairs and compare their disparities with the target."""
     config = small(name, sections)
-    wanted = target_of(config.disparity, config.camera)
+    wanted = config.wanted_histogram()
     count, medians, objects = PixelCount(wanted.edges_px), [], []
     start = time.perf_counter()
     with PairRenderer(config, seed) as renderer:

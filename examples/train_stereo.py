@@ -20,7 +20,7 @@ import numpy as np
 import stereo_evaluation as evaluation
 from numpy.typing import NDArray
 
-from semisynth_gl.bench.machine import machine_facts
+from semisynth_gl.bench.summary import machine_facts
 from semisynth_gl.config import load_config
 from semisynth_gl.dataset.reader import Dataset, open_dataset
 from semisynth_gl.errors import InputError, SemisynthError
@@ -256,12 +256,18 @@ def open_source(
         InputError: where it cannot be used.
     """
     if source == STREAM:
-        from semisynth_gl.torch import StereoStream  # noqa: PLC0415 - loads what renders, which a dataset needs not
+        from semisynth_gl.torch import Selection, StereoStream  # noqa: PLC0415 - a dataset needs no renderer
 
         made_of = load_config(config, list(settings))
         # A crop is rendered alone where the rest of its pair need not be looked at.
         stream: data.Dataset[Sample] = StereoStream(
-            made_of, seed, pairs=steps * batch, batch_size=batch, crop=crop, checked=False, transform=needed
+            made_of,
+            seed,
+            Selection(pairs=steps * batch),
+            batch_size=batch,
+            crop=crop,
+            checked=False,
+            transform=needed,
         )
         return stream
     if settings or config != str(_CONFIG):

@@ -1,4 +1,4 @@
-"""The rectified stereo camera: two pinholes that differ by a baseline and, if the rig says so, in their cx.
+"""The rectified stereo camera: two pinholes that differ by a baseline and, in some rigs, by cx; crops of its images.
 
 Frame (OpenCV's): x right, y down, z forward, metres, origin in the left camera. The right camera stands at
 (+baseline, 0, 0). Pixels: the centre of the top-left pixel is (0, 0).
@@ -25,8 +25,8 @@ class Crop:
     Attributes:
         x_px: column of its left pixels.
         y_px: row of its top pixels.
-        width_px: how many columns it has.
-        height_px: how many rows.
+        width_px: number of columns.
+        height_px: number of rows.
     """
 
     x_px: int
@@ -40,12 +40,12 @@ class Crop:
 
     @property
     def right_px(self) -> int:
-        """Column after its last one."""
+        """Column after the last column."""
         return self.x_px + self.width_px
 
     @property
     def bottom_px(self) -> int:
-        """Row after its last one."""
+        """Row after the last row."""
         return self.y_px + self.height_px
 
 
@@ -90,7 +90,7 @@ class StereoCamera:
         return cls(width_px, height_px, focal_px, baseline_m, cx - doffs_px / 2, cx + doffs_px / 2, cy)
 
     def cropped(self, crop: Crop) -> "StereoCamera":
-        """Return the camera that sees a crop of both images; disparities stay what they are.
+        """Return the camera of a crop of both images; disparities stay the same.
 
         Raises:
             InputError: where the crop reaches beyond the image.
@@ -111,7 +111,7 @@ class StereoCamera:
 
     @property
     def doffs_px(self) -> float:
-        """Difference of the principal points, cx_right - cx_left, as Middlebury's calib.txt has it."""
+        """Difference of the principal points, cx_right - cx_left, as in Middlebury's calib.txt."""
         return self.cx_right_px - self.cx_left_px
 
     @property
@@ -128,16 +128,16 @@ class StereoCamera:
         return 0.0 if eye == "left" else self.baseline_m
 
     def disparity_px(self, depth_m: NDArray[np.float64] | float) -> NDArray[np.float64]:
-        """Disparity x_left - x_right = f B / Z - doffs of planar depths; any shape, float64, not clamped."""
+        """Return the disparity x_left - x_right = f B / Z - doffs of planar depths; any shape, float64, not clamped."""
         return self.focal_baseline / np.asarray(depth_m, np.float64) - self.doffs_px
 
     def depth_m(self, disparity_px: NDArray[np.float64] | float) -> NDArray[np.float64]:
-        """Planar depth Z = f B / (d + doffs) of disparities; any shape, float64; inf or negative where none exists."""
+        """Return the planar depth Z = f B / (d + doffs) of disparities; any shape, float64, inf or negative: none."""
         with np.errstate(divide="ignore"):
             return self.focal_baseline / (np.asarray(disparity_px, np.float64) + self.doffs_px)
 
     def rays(self, eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Directions (..., 3) with z = 1 through pixel positions, in the camera frame."""
+        """Return directions (..., 3) with z = 1 through pixel positions (...), in the camera frame."""
         x = (np.asarray(x_px, np.float64) - self.cx_px(eye)) / self.focal_px
         y = (np.asarray(y_px, np.float64) - self.cy_px) / self.focal_px
         return np.stack([x, y, np.ones_like(x)], axis=-1)

@@ -1,4 +1,4 @@
-"""What can go wrong for reasons that lie outside the program, and how it is told."""
+"""Errors whose cause lies outside the program, and the files that were skipped."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,27 +12,27 @@ class SemisynthError(Exception):
 
 
 class InputError(SemisynthError):
-    """Something that the user gave cannot be used: a config, a path, an image, a model, a scene."""
+    """An input of the user cannot be used: a config, a path, an image, a model, a scene."""
 
 
 class BackendError(SemisynthError):
-    """OpenGL is missing, too old, or refuses what a scene needs."""
+    """OpenGL is missing or too old, or refuses a request."""
 
 
 class ContextLostError(BackendError):
-    """The OpenGL context is gone: the driver reset the device. All that was on it is lost; a new context may work."""
+    """The driver has reset the device and ended the OpenGL context with all its objects; a new context may work."""
 
 
 class WorkerError(SemisynthError):
-    """A worker process ended before its work did."""
+    """A worker process ended before its task."""
 
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
-    """A file that was left out, and why.
+    """A file that was skipped.
 
     Attributes:
-        path: the file as it was found.
+        path: the file.
         reason: a clause such as ``"has no triangles"``.
     """
 

@@ -1,4 +1,4 @@
-"""A distribution of disparity over pixels, and how far two of them are apart."""
+"""Distributions of disparity over pixels, and distances between two of them."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -21,8 +21,12 @@ class Histogram:
     shares: NDArray[np.float64]
 
     @classmethod
-    def of(cls, edges_px: ArrayLike, counts: ArrayLike) -> Self:
-        """Build one from counts or weights, which are scaled to a sum of 1.
+    def from_counts(cls, edges_px: ArrayLike, counts: ArrayLike) -> Self:
+        """Build a histogram from counts or weights.
+
+        Args:
+            edges_px: (K + 1,), rising.
+            counts: (K,), 0 or more; they are scaled to a sum of 1.
 
         Raises:
             ValueError: where edges do not rise, or counts are negative or all 0.
@@ -40,28 +44,29 @@ class Histogram:
         return float(self.shares @ (self.edges_px[1:] + self.edges_px[:-1]) / 2)
 
     def cumulative(self, disparity_px: ArrayLike) -> NDArray[np.float64]:
-        """Share of pixels below each disparity."""
-        at_edges = np.concatenate([[0.0], np.cumsum(self.shares)])
-        return np.asarray(np.interp(np.asarray(disparity_px, np.float64), self.edges_px, at_edges), np.float64)
+        """Return the share of the pixels below each disparity, float64 in the shape of ``disparity_px``."""
+        return np.asarray(np.interp(np.asarray(disparity_px, np.float64), self.edges_px, self._at_edges()), np.float64)
 
     def quantile(self, share: float) -> float:
-        """Disparity that this share of the pixels lies below."""
-        at_edges = np.concatenate([[0.0], np.cumsum(self.shares)])
-        return float(np.interp(share, at_edges, self.edges_px))
+        """Return the disparity below which a share of the pixels lies."""
+        return float(np.interp(share, self._at_edges(), self.edges_px))
 
     def rebinned(self, edges_px: ArrayLike) -> Self:
-        """Return it in other bins; what lies beyond the outer edges goes to the outer bins."""
+        """Return the histogram in other bins, (K + 1,) rising; the outer bins take what lies beyond their edges."""
         edges = np.asarray(edges_px, np.float64)
         cumulative = self.cumulative(edges)
         cumulative[0], cumulative[-1] = 0.0, 1.0
         return type(self)(edges, np.diff(cumulative))
 
+    def _at_edges(self) -> NDArray[np.float64]:
+        return np.concatenate([[0.0], np.cumsum(self.shares)])
+
 
 class PixelCount:
-    """Counts disparities of one image after the other.
+    """Counts the disparities of successive images.
 
     Args:
-        edges_px: (K + 1,) rising; what lies beyond the outer ones counts in the outer bins.
+        edges_px: (K + 1,) rising; the outer bins count what lies beyond their edges.
 
     Attributes:
         edges_px: (K + 1,) float64.
@@ -79,29 +84,27 @@ class PixelCount:
 
     @property
     def histogram(self) -> Histogram:
-        """What was counted; raises ValueError where nothing was."""
-        return Histogram.of(self.edges_px, self.counts)
+        """The counts as shares; raises ValueError where nothing was counted."""
+        return Histogram.from_counts(self.edges_px, self.counts)
 
 
-def total_variation(one: Histogram, other: Histogram) -> float:
-    """Half the sum of the absolute differences of shares, in the bins of ``one``: 0 for equal ones, 1 at most."""
-    return float(np.abs(one.shares - other.rebinned(one.edges_px).shares).sum() / 2)
+def total_variation(first: Histogram, second: Histogram) -> float:
+    """Half the sum of the absolute differences of shares, in the bins of ``first``: from 0 for equal ones to 1."""
+    return float(np.abs(first.shares - second.rebinned(first.edges_px).shares).sum() / 2)
 
 
-def wasserstein_px(one: Histogram, other: Histogram) -> float:
+def wasserstein_px(first: Histogram, second: Histogram) -> float:
     """Wasserstein-1 distance: the area between the two cumulative distributions, in px."""
-    edges = np.union1d(one.edges_px, other.edges_px)
-    difference = one.cumulative(edges) - other.cumulative(edges)
-    left, right, width = difference[:-1], difference[1:], np.diff(edges)
-    crossing = left * right < 0
+    edges = np.union1d(first.edges_px, second.edges_px)
+    difference = first.cumulative(edges) - second.cumulative(edges)
+    begin, end, width = difference[:-1], difference[1:], np.diff(edges)
     # The difference is linear between edges; where its sign changes, two triangles make up the area.
-    total = np.abs(left) + np.abs(right)
+    total = np.abs(begin) + np.abs(end)
     with np.errstate(invalid="ignore", divide="ignore"):
-        triangles = (left**2 + right**2) / (2 * total)
-    return float((np.where(crossing, triangles, total / 2) * width).sum())
+        triangles = (begin**2 + end**2) / (2 * total)
+    return float((np.where(begin * end < 0, triangles, total / 2) * width).sum())
 
 
-def mixed(parts: Iterable[tuple[float, Histogram]], edges_px: ArrayLike) -> Histogram:
-    """Mix histograms by weights, in the bins of ``edges_px``."""
-    shares = sum(weight * part.rebinned(edges_px).shares for weight, part in parts)
-    return Histogram.of(edges_px, shares)
+def mix_histograms(parts: Iterable[tuple[float, Histogram]], edges_px: ArrayLike) -> Histogram:
+    """Mix histograms by weights, in the bins of ``edges_px``, (K + 1,) rising."""
+    return Histogram.from_counts(edges_px, sum(weight * part.rebinned(edges_px).shares for weight, part in parts))

@@ -1,27 +1,85 @@
-"""Ctrl-C while packages are imported that would swallow it."""
+"""SIGINT (Ctrl-C) and SIGTERM: when they take effect, and how."""
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from types import FrameType
+from typing import Any
+
+from semisynth_gl.listener import Listener
+
+_ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
 def interrupts_wait() -> Iterator[None]:
     """Let Ctrl-C take effect after the block.
 
-    Some packages catch every exception while they are imported: an interrupt would be lost, and the package take what
-    it was about to import for absent.
+    Some packages catch every exception while they are imported: the interrupt would vanish, and the package would take
+    whatever it was about to import for absent.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield  # interrupts are for the main thread
-        return
     pending: list[tuple[int, FrameType | None]] = []
-    previous = signal.signal(signal.SIGINT, lambda *arguments: pending.append(arguments))
+    with _handlers(lambda *arguments: pending.append(arguments), (signal.SIGINT,)):
+        yield
+    if pending:
+        signal.raise_signal(signal.SIGINT)
+
+
+@contextmanager
+def interrupts_stop(listener: Listener) -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM ask a long function to stop, in the block; a second Ctrl-C raises KeyboardInterrupt.
+
+    Args:
+        listener: asks for the stop, and hears a message about it.
+    """
+
+    def ask(number: int, _: FrameType | None) -> None:
+        if listener.stopping:
+            if number == signal.SIGINT:
+                raise KeyboardInterrupt
+            return
+        listener.stop()
+        again = "; Ctrl-C again stops at once" if number == signal.SIGINT else ""
+        listener.on_message(f"Finishing the pairs in hand{again}.")
+
+    with _handlers(ask, _ENDING_SIGNALS):
+        yield
+
+
+@contextmanager
+def interrupts_blocked() -> Iterator[None]:
+    """Let the processes that start in the block begin with both signals blocked, until they ignore the signals."""
+    # The resource tracker starts with the first process otherwise, and would lift the mask.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING_SIGNALS)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, previous)
-    if pending:
-        signal.raise_signal(signal.SIGINT)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def interrupts_kept() -> Iterator[None]:
+    """Restore the handlers of both signals after a block that replaces them."""
+    with _handlers(None, _ENDING_SIGNALS):
+        yield
+
+
+@contextmanager
+def _handlers(
+    handler: Callable[[int, FrameType | None], Any] | None, numbers: tuple[signal.Signals, ...]
+) -> Iterator[None]:
+    """Install a handler, if any, in the block, and restore the previous ones; only the main thread has handlers."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    previous = {number: signal.getsignal(number) for number in numbers}
+    for number in numbers if handler is not None else ():
+        signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        for number, handler_before in previous.items():
+            signal.signal(number, handler_before)

@@ -1,7 +1,8 @@
 """The oracle: disparity, visibility and flow of a scene by float64 rays, against which the renderer is measured.
 
-The rays are those of `semisynth_gl.scene.raycast`. Scenes use the same caster while they are sampled, to measure what
-background and structures leave to see: what is judged and what judges share the caster, and nothing else.
+The oracle judges with the rays of `semisynth_gl.scene.raycast`. The judged scenes share this caster with the oracle,
+and nothing else: the scene sampler measures with it where background and structures are hidden. The renderer uses
+neither.
 """
 
 from collections.abc import Sequence
@@ -16,9 +17,20 @@ from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.scene.raycast import Hits, cast_rays
 from semisynth_gl.scene.scene import Motion, Scene
 
+# A second ray meets the same point up to float64's rounding; a surface in front of the point is nearer by more.
+_SAME_POINT = 1e-9
+
 
 def disparity_px(camera: StereoCamera, hits: Hits) -> NDArray[np.float64]:
-    """Disparity of hits, (R,) float64; inf where nothing is hit or it is not positive."""
+    """Return the disparities of hits.
+
+    Args:
+        camera: the camera of the rays.
+        hits: R hits.
+
+    Returns:
+        (R,) float64 px; inf where nothing is hit, or the disparity f B / Z - doffs is not positive.
+    """
     disparity = camera.disparity_px(hits.depth_m)
     return np.where(np.isfinite(hits.depth_m) & (disparity > 0), disparity, np.inf)
 
@@ -26,18 +38,18 @@ def disparity_px(camera: StereoCamera, hits: Hits) -> NDArray[np.float64]:
 def visibility(
     scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64], hits: Hits
 ) -> NDArray[np.uint8]:
-    """Whether the other eye sees the points that rays hit, by casting a second ray to each from there.
+    """Return whether the other eye sees the hit points, by a second ray to each point from there.
 
     Args:
-        scene: what stands where.
-        models: the meshes that ``scene.model`` counts.
-        eye: whose rays they were.
-        x_px: (R,) float64 columns of the rays.
-        y_px: (R,) float64 rows.
-        hits: what they see.
+        scene: the scene of the hits.
+        models: the meshes, in the order of the indices in ``scene.model``.
+        eye: the eye of the first rays.
+        x_px: (R,) float64, columns of the first rays.
+        y_px: (R,) float64, rows of the first rays.
+        hits: the R hits of the first rays.
 
     Returns:
-        (R,) uint8, the values of `semisynth_gl.frame`.
+        (R,) uint8: VISIBLE, OCCLUDED or OUTSIDE of `semisynth_gl.frame`.
     """
     camera = scene.camera
     disparity = disparity_px(camera, hits)
@@ -45,21 +57,22 @@ def visibility(
     in_frame = np.isfinite(disparity) & (x >= -0.5) & (x < camera.width_px - 0.5)
     result = np.full(len(x), OUTSIDE, np.uint8)
     where = np.flatnonzero(in_frame)
-    seen = cast_rays(scene, models, OTHER_EYE[eye], x[where], np.asarray(y_px, np.float64)[where])
-    # The second ray meets the same point up to float64's rounding; a surface in front is farther away than that.
-    hidden = seen.depth_m < hits.depth_m[where] * (1 - 1e-9)
+    second = cast_rays(scene, models, OTHER_EYE[eye], x[where], np.asarray(y_px, np.float64)[where])
+    hidden = second.depth_m < hits.depth_m[where] * (1 - _SAME_POINT)
     result[where] = np.where(hidden, OCCLUDED, VISIBLE)
     return result
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flows:
-    """Where the points that R rays hit are at another moment, in the same view.
+    """The motion of R hit points to another moment, in the same view.
 
     Attributes:
-        flow_px: (R, 2) float64, x and y; inf where there is no hit, or the point is nearer than the near plane then.
-        disparity_change_px: (R,) float64; inf there too, and where either disparity is not positive.
-        visibility: (R,) uint8, the values of `semisynth_gl.frame`.
+        flow_px: (R, 2) float64, x right and y down; inf where there is no hit, or where the point is nearer than the
+            near plane at the other moment.
+        disparity_change_px: (R,) float64; inf at the same rays, and where a disparity is not positive at one of the
+            moments.
+        visibility: (R,) uint8, at the other moment: VISIBLE, OCCLUDED or OUTSIDE of `semisynth_gl.frame`.
     """
 
     flow_px: NDArray[np.float64]
@@ -76,48 +89,48 @@ def flow(
     y_px: NDArray[np.float64],
     hits: Hits,
 ) -> Flows:
-    """Follow the points that rays hit to another moment, each on its own instance.
+    """Follow hit points to another moment, each on its own instance.
 
     Args:
-        scene: what stands where.
-        models: the meshes that ``scene.model`` counts.
-        motion: how the scene gets to the other moment.
-        eye: whose rays they were.
-        x_px: (R,) float64 columns of the rays.
-        y_px: (R,) float64 rows.
-        hits: what they see.
+        scene: the scene of the hits.
+        models: the meshes, in the order of the indices in ``scene.model``.
+        motion: the scene at the other moment, and the pose of each instance there.
+        eye: the eye of the rays.
+        x_px: (R,) float64, columns of the rays.
+        y_px: (R,) float64, rows of the rays.
+        hits: the R hits of the rays.
     """
     camera = scene.camera
     x, y = np.asarray(x_px, np.float64), np.asarray(y_px, np.float64)
-    then = np.full((len(x), 3), np.inf)
-    aside = np.array([camera.offset_m(eye), 0.0, 0.0])
+    later = np.full((len(x), 3), np.inf)
+    eye_offset = np.array([camera.offset_m(eye), 0.0, 0.0])
     for number in np.unique(hits.instance[hits.instance >= 0]):
-        of = np.flatnonzero(hits.instance == number)
+        rays = np.flatnonzero(hits.instance == number)
         now_from_model = scene.camera_from_world @ scene.world_from_model[number]
-        then_from_model = motion.scene.camera_from_world @ motion.world_from_model[number]
-        point = camera.rays(eye, x[of], y[of]) * hits.depth_m[of, None] + aside
+        later_from_model = motion.scene.camera_from_world @ motion.world_from_model[number]
+        point = camera.rays(eye, x[rays], y[rays]) * hits.depth_m[rays, None] + eye_offset
         # By the triangle's corners and the point's place among them: flat models have no inverse matrix.
-        corners = models[int(scene.model[number])].positions.astype(np.float64)
-        corners = corners[models[int(scene.model[number])].triangles[hits.triangle[of]]]
-        place = _place_among(corners @ now_from_model[:3, :3].T + now_from_model[:3, 3], point)
-        moved = corners @ then_from_model[:3, :3].T + then_from_model[:3, 3]
-        then[of] = (place[:, :, None] * moved).sum(axis=1) - aside
+        mesh = models[int(scene.model[number])]
+        corners = mesh.positions.astype(np.float64)[mesh.triangles[hits.triangle[rays]]]
+        weights = _place_among(corners @ now_from_model[:3, :3].T + now_from_model[:3, 3], point)
+        moved = corners @ later_from_model[:3, :3].T + later_from_model[:3, 3]
+        later[rays] = (weights[:, :, None] * moved).sum(axis=1) - eye_offset
     with np.errstate(invalid="ignore"):
-        seen = np.isfinite(then[:, 2]) & (then[:, 2] >= scene.near_m)
-        position = camera.focal_px * then[:, :2] / then[:, 2:] + (camera.cx_px(eye), camera.cy_px)
-        before, after = camera.disparity_px(hits.depth_m), camera.disparity_px(then[:, 2])
-    both = seen & (before > 0) & (after > 0)
+        seen = np.isfinite(later[:, 2]) & (later[:, 2] >= scene.near_m)
+        position = camera.focal_px * later[:, :2] / later[:, 2:] + (camera.cx_px(eye), camera.cy_px)
+        disparity, later_disparity = camera.disparity_px(hits.depth_m), camera.disparity_px(later[:, 2])
     inside = seen & (position >= -0.5).all(axis=1)
     inside &= (position[:, 0] < camera.width_px - 0.5) & (position[:, 1] < camera.height_px - 0.5)
     visibility = np.full(len(x), OUTSIDE, np.uint8)
     where = np.flatnonzero(inside)
-    found = cast_rays(motion.scene, models, eye, position[where, 0], position[where, 1])
+    later_hits = cast_rays(motion.scene, models, eye, position[where, 0], position[where, 1])
     gone = motion.instance[hits.instance[where]] < 0
-    hidden = gone | (found.depth_m < then[where, 2] * (1 - 1e-9))
+    hidden = gone | (later_hits.depth_m < later[where, 2] * (1 - _SAME_POINT))
     visibility[where] = np.where(hidden, OCCLUDED, VISIBLE)
+    positive = seen & (disparity > 0) & (later_disparity > 0)
     return Flows(
         np.where(seen[:, None], position - np.stack([x, y], axis=1), np.inf),
-        np.where(both, after - before, np.inf),
+        np.where(positive, later_disparity - disparity, np.inf),
         visibility,
     )
 
@@ -136,20 +149,31 @@ def _place_among(corners: NDArray[np.float64], point: NDArray[np.float64]) -> ND
 def depth_on_planes(
     scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64], hits: Hits
 ) -> NDArray[np.float64]:
-    """Depth at pixel positions of the planes of triangles that were hit elsewhere, (R,) float64.
+    """Return the depth, at pixel positions, of the planes of triangles that were hit elsewhere.
 
-    It tells on which surface a pixel lies that an edge passes close by. inf where ``hits`` has none.
+    Beside an edge it tells on which surface a pixel lies.
+
+    Args:
+        scene: the scene of the hits.
+        models: the meshes, in the order of the indices in ``scene.model``.
+        eye: the eye of the rays and of the pixels.
+        x_px: (R,) float64, columns of the pixels.
+        y_px: (R,) float64, rows of the pixels.
+        hits: R hits of rays through other positions.
+
+    Returns:
+        (R,) float64 m; inf where there is no hit.
     """
     depth = np.full(len(x_px), np.inf)
     rays = scene.camera.rays(eye, np.asarray(x_px, np.float64), np.asarray(y_px, np.float64))
     for number in np.unique(hits.instance[hits.instance >= 0]):
-        of = np.flatnonzero(hits.instance == number)
+        pixels = np.flatnonzero(hits.instance == number)
         mesh = models[int(scene.model[number])]
         view_from_model = scene.camera_from_world @ scene.world_from_model[number]
-        corners = mesh.positions.astype(np.float64)[mesh.triangles[hits.triangle[of]]]
+        corners = mesh.positions.astype(np.float64)[mesh.triangles[hits.triangle[pixels]]]
         corners = corners @ view_from_model[:3, :3].T + view_from_model[:3, 3]
         corners[..., 0] -= scene.camera.offset_m(eye)
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         with np.errstate(divide="ignore", invalid="ignore"):
-            depth[of] = (normal * corners[:, 0]).sum(axis=1) / (normal * rays[of]).sum(axis=1)
+            depth[pixels] = (normal * corners[:, 0]).sum(axis=1) / (normal * rays[pixels]).sum(axis=1)
     return depth

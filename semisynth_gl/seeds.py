@@ -1,4 +1,4 @@
-"""Random generators, one per purpose, so that a draw more for one purpose shifts no draw of another."""
+"""Random generators, one per purpose: a further draw for one purpose shifts no draw for another purpose."""
 
 from enum import IntEnum
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 class Purpose(IntEnum):
-    """What a stream of random numbers is for. The values are part of what a seed means: never renumber them."""
+    """The purpose of a stream of random numbers. Datasets depend on the values: never renumber them."""
 
     ATLAS = 0
     MODELS = 1
@@ -25,9 +25,13 @@ class Purpose(IntEnum):
 
 
 def generator(seed: int, purpose: Purpose, *numbers: int) -> np.random.Generator:
-    """Return the generator of a purpose; ``numbers`` (sequence, generation, ...) must not be negative.
+    """Return the generator of a purpose.
 
-    They go into the spawn key: as entropy, [1, 2] and [1, 2, 0] would give the same stream.
+    Args:
+        seed: 0 or more.
+        purpose: the purpose.
+        numbers: further keys, such as sequence and generation, 0 or more.
     """
+    # As entropy instead of spawn keys, [1, 2] and [1, 2, 0] would give the same stream.
     key = np.random.SeedSequence(seed, spawn_key=(int(purpose), *numbers))
     return np.random.Generator(np.random.PCG64(key))

@@ -1,8 +1,8 @@
-"""Train, validation and test: which seed each has, and which photographs and models are held out for it."""
+"""Train, validation and test: the seed of each split, and the photographs and models that are held out for it."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, Protocol, TypeVar, get_args
+from typing import Literal, TypeVar, get_args
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from semisynth_gl.seeds import Purpose, generator
 SplitName = Literal["train", "validation", "test"]
 SPLITS: tuple[SplitName, ...] = get_args(SplitName)
 
-Each = TypeVar("Each")
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,8 +20,8 @@ class Split:
     """One split of a dataset.
 
     Attributes:
-        name: which one.
-        held_out: for each other split that the dataset has than ``train``, the share of the photographs that it takes.
+        name: name of the split.
+        held_out: share of the photographs that validation and test take, where the dataset has these splits.
         models: whether models are held out in the same shares.
     """
 
@@ -35,24 +35,24 @@ class Split:
             return seed
         return int(generator(seed, Purpose.SPLIT, SPLITS.index(self.name)).integers(2**63))
 
-    def share(self, items: Sequence[Each], seed: int, what: str, purpose: int) -> list[Each]:
-        """Return those of the items that this split takes, in their order; no two splits take the same one.
+    def share(self, items: Sequence[Item], seed: int, what: str, purpose: int) -> list[Item]:
+        """Return the items that this split takes, in their order; no two splits take the same item.
 
         Args:
-            items: what is shared out; whole photographs, for example.
-            seed: the dataset's, the same for all splits.
-            what: what the items are, for the message.
+            items: the items of all splits, such as photographs.
+            seed: the dataset's seed, the same for all splits.
+            what: plural noun for the items, for the message.
             purpose: a number of its own for each kind of items.
 
         Raises:
             InputError: where there are too few for each split to take one.
         """
         counts = {name: max(1, round(share * len(items))) for name, share in self.held_out.items()}
-        left = len(items) - sum(counts.values())
-        if left < 1:
+        rest = len(items) - sum(counts.values())
+        if rest < 1:
             shares = ", ".join(f"{count} for {name}" for name, count in counts.items())
             raise InputError(
-                f"{len(items)} {what} are too few to hold some out: {shares}, which leaves {max(left, 0)} for train; "
+                f"{len(items)} {what} are too few to hold some out: {shares}, which leaves {max(rest, 0)} for train; "
                 "give more, make fewer splits, or lower the shares in the config's section splits"
             )
         order = generator(seed, Purpose.SPLIT, len(SPLITS), purpose).permutation(len(items))
@@ -65,27 +65,5 @@ class Split:
         return [items[number] for number in np.sort(order[begin:])]
 
 
-class Shares(Protocol):
-    """The config's section ``splits``."""
-
-    @property
-    def validation(self) -> float:
-        """Share of the photographs that validation takes."""
-
-    @property
-    def test(self) -> float:
-        """Share that test takes."""
-
-    @property
-    def models(self) -> bool:
-        """Whether models are held out too."""
-
-
-def split_of(shares: Shares, splits: Collection[SplitName], name: SplitName) -> Split:
-    """Return a split of a dataset that has these splits."""
-    held_out: dict[SplitName, float] = {"validation": shares.validation, "test": shares.test}
-    return Split(name, {each: share for each, share in held_out.items() if each in splits}, shares.models)
-
-
 WHOLE = Split()
-"""The one split of a dataset that has no other."""
+"""The only split of a dataset that has no other."""

@@ -1,7 +1,6 @@
 #version 450 core
-// Other ways to a pixel's disparity than mesh.frag's; measured in `semisynth-gl bench accuracy`, and not offered. LINEAR
-// and W write planar depth, for variant_depth.frag; PLANE and PLANE64 write disparity; without any of them only the depth
-// buffer is filled.
+// Variants of a pixel's disparity that mesh.frag does not offer, for benchmarks/alternatives.py. LINEAR and W write planar
+// depth, for variant_depth.frag; PLANE and PLANE64 write disparity; without any of them only the depth buffer is filled.
 
 in float view_depth_m;
 flat in int scene_instance;

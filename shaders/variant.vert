@@ -1,5 +1,5 @@
 #version 450 core
-// mesh.vert without its texture, with planar depth as a varying. Only `semisynth-gl bench accuracy` draws with it.
+// mesh.vert without its texture, with planar depth as a varying. Only benchmarks/alternatives.py draws with it.
 
 uniform mat4 clip_from_view;
 

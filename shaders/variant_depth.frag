@@ -1,5 +1,5 @@
 #version 450 core
-// Disparity from a planar depth attachment, 0 where nothing was drawn. Only `semisynth-gl bench accuracy` draws with it.
+// Disparity from a planar depth attachment, 0 where nothing was drawn. Only benchmarks/alternatives.py draws with it.
 
 uniform sampler2D depth_m;
 

@@ -1,5 +1,6 @@
 """What is kept between runs: the same as what was built, never stale, and never in the way."""
 
+import ast
 import hashlib
 import os
 import shutil
@@ -7,22 +8,21 @@ import signal
 import subprocess
 import sys
 from dataclasses import fields
+from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from semisynth_gl.cache import entries as cache
-from semisynth_gl.cache import file_marks
-from semisynth_gl.cache import lookup as remember
-from semisynth_gl.cache.entries import Entry, cache_folder, cache_summary, read_entry, write_entry
+from semisynth_gl.cache import file_fingerprint, lookup, store
+from semisynth_gl.cache.store import Entry, cache_folder, cache_summary, read_entry, write_entry
 from semisynth_gl.config.model import ModelsSection, ParticlesSection, TexturesSection
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry import model_library
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.interrupts import interrupts_wait
-from semisynth_gl.textures import prepare, selection
+from semisynth_gl.textures import clips, prepare
 from semisynth_gl.textures.images import OUT_OF_MEMORY, ImageError, read_image
 from semisynth_gl.textures.prepare import prepare_atlas
 
@@ -35,7 +35,7 @@ PARTICLES = ParticlesSection()
 def folder(tmp_path, monkeypatch):
     """A cache of the test's own, in which the times of new files count."""
     monkeypatch.setenv("SEMISYNTH_GL_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(file_marks, "_YOUNG_NS", -(10**15))
+    monkeypatch.setattr(file_fingerprint, "_YOUNG_NS", -(10**15))
     return tmp_path / "cache"
 
 
@@ -50,7 +50,7 @@ def built(monkeypatch):
 
     counting(prepare, "build_atlas")
     counting(prepare, "procedural_atlas")
-    counting(model_library, "_built")
+    counting(model_library, "_build")
     return names
 
 
@@ -137,12 +137,12 @@ def test_models_that_are_found_equal_those_that_were_built(tmp_path, built):
     for section in (models(tmp_path / "m"), ModelsSection(variants=1, complex=0.0)):
         built.clear()
         first, again = build_library(section, PARTICLES, 1), build_library(section, PARTICLES, 1)
-        assert built == ["_built"]
+        assert built == ["_build"]
         assert_same_library(first, again)
         again.models[0].positions[:] = 0
         assert_same_library(first, build_library(section, PARTICLES, 1))
         assert build_library(section, PARTICLES, 2).silhouette.fill != first.silhouette.fill
-        assert built == ["_built", "_built"]
+        assert built == ["_build", "_build"]
 
 
 def opened_and_not(home):
@@ -156,8 +156,8 @@ def opened_and_not(home):
 
 def test_a_start_reads_no_photograph(photographs, built, monkeypatch):
     opened_and_not(photographs)
-    monkeypatch.setattr(file_marks, "mark", pytest.fail)
-    monkeypatch.setattr(remember, "mark", pytest.fail)
+    monkeypatch.setattr(file_fingerprint, "read_fingerprint", pytest.fail)
+    monkeypatch.setattr(lookup, "read_fingerprint", pytest.fail)
     prepare_atlas(textures(photographs), 0)
     assert built == ["build_atlas"]
 
@@ -202,7 +202,7 @@ def test_touched_and_moved_photographs_are_the_same_ones(photographs, built, tmp
     os.utime(opened, ns=(5, 5))
     assert_same_atlas(prepare_atlas(section, 0), first)
     with monkeypatch.context() as patch:  # their new times were noted
-        patch.setattr(file_marks, "mark", pytest.fail)
+        patch.setattr(file_fingerprint, "read_fingerprint", pytest.fail)
         prepare_atlas(section, 0)
     shutil.copytree(photographs, tmp_path / "copy")
     moved = prepare_atlas(textures(tmp_path / "copy", max_patches=99), 0)
@@ -212,10 +212,12 @@ def test_touched_and_moved_photographs_are_the_same_ones(photographs, built, tmp
 
 
 def test_times_of_files_that_changed_just_now_prove_nothing(photographs, built, monkeypatch):
-    monkeypatch.setattr(file_marks, "_YOUNG_NS", 10**12)
+    monkeypatch.setattr(file_fingerprint, "_YOUNG_NS", 10**12)
     opened, _ = opened_and_not(photographs)
-    seen = file_marks.glance(opened)
-    monkeypatch.setattr(file_marks, "glance", lambda _: seen)  # the clock of the file system stands still
+    seen = file_fingerprint.stat_fingerprint(opened)
+    monkeypatch.setattr(
+        file_fingerprint, "stat_fingerprint", lambda _: seen
+    )  # the clock of the file system stands still
     prepare_atlas(textures(photographs), 0)
     assert len(built) == 1
     save(opened, 77)
@@ -229,7 +231,7 @@ def test_what_changes_while_it_is_read_is_not_kept(photographs, folder, monkeypa
         save(path, 55)
         return image
 
-    monkeypatch.setattr(selection, "read_image", read_and_change)
+    monkeypatch.setattr(clips, "read_image", read_and_change)
     prepare_atlas(textures(photographs), 0)
     assert not folder.exists()
 
@@ -240,9 +242,9 @@ def test_what_may_go_otherwise_the_next_time_is_not_kept(photographs, built, mon
 
     section = textures(photographs, max_patches=24)
     with monkeypatch.context() as patch:
-        patch.setattr(selection, "read_image", lambda path: fail(path) if path.name == "1.png" else read_image(path))
+        patch.setattr(clips, "read_image", lambda path: fail(path) if path.name == "1.png" else read_image(path))
         assert len(prepare_atlas(section, 0).report.images_skipped) == 1
-        patch.setattr(selection, "read_image", fail)
+        patch.setattr(clips, "read_image", fail)
         with pytest.raises(InputError):
             prepare_atlas(section, 1)
     assert prepare_atlas(section, 0).report.images_skipped == ()
@@ -263,17 +265,18 @@ def test_another_program_finds_nothing(photographs, built, tmp_path, monkeypatch
     (package / "textures").mkdir(parents=True)
     (package / "config").mkdir()
     shutil.copytree(package / "textures", package / "geometry")
-    for name in ("textures/a.py", "geometry/b.py", "seeds.py", "config/range.py"):
+    for name in ("textures/a.py", "geometry/b.py", "seeds.py", "splits.py", "config/fields.py"):
         (package / name).write_text("")
-    monkeypatch.setattr(remember, "_PACKAGE", package)
+    monkeypatch.setattr(lookup, "_PACKAGE", package)
     for change, expected in (
-        ("", ["build_atlas", "_built"]),
+        ("", ["build_atlas", "_build"]),
         ("", []),
         ("textures/a.py", ["build_atlas"]),
-        ("geometry/b.py", ["_built"]),
-        ("seeds.py", ["build_atlas", "_built"]),
-        ("geometry/c.py", ["_built"]),
-        ("config/range.py", ["_built"]),
+        ("geometry/b.py", ["_build"]),
+        ("seeds.py", ["build_atlas", "_build"]),
+        ("splits.py", ["build_atlas", "_build"]),
+        ("geometry/c.py", ["_build"]),
+        ("config/fields.py", ["_build"]),
     ):
         built.clear()
         if change:
@@ -287,18 +290,41 @@ def test_another_program_finds_nothing(photographs, built, tmp_path, monkeypatch
     assert built[-1] == "build_atlas"
 
 
+# Sources that may be absent from a key, since they decide no value of a result.
+UNDECIDING = {
+    "cache",  # entries of another format are not found
+    "config/model.py",  # the key has the sections' values; config/fields.py, which draws, is in the key
+    "errors.py",  # the texts of messages
+    "interrupts.py",  # the time of Ctrl-C
+    "resources.py",  # paths of files, whose content counts
+}
+
+
+@pytest.mark.parametrize("sources", [prepare.SOURCES, model_library.SOURCES])
+def test_a_key_has_all_sources_that_decide(sources):
+    package = Path(lookup.__file__).parents[1]
+    paths = [path for name in sources for path in (sorted((package / name).rglob("*.py")) or [package / name])]
+    imports = [
+        node for path in paths for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom)
+    ]
+    modules = {Path(*node.module.split(".")[1:]) for node in imports if node.module.startswith("semisynth_gl.")}
+    assert Path("splits") in modules
+    known = [Path(name).with_suffix("") for name in (*sources, *UNDECIDING)]
+    assert {module for module in modules if not any(module.is_relative_to(name) for name in known)} == set()
+
+
 def test_other_packages_find_nothing(photographs, built, tmp_path, monkeypatch):
     (tmp_path / "m").mkdir()
     (tmp_path / "m/one.obj").write_text(TRIANGLE)
     for module in (prepare, model_library):
-        monkeypatch.setattr(module, "versions", lambda *names: dict.fromkeys(names, "1"))
+        monkeypatch.setattr(module, "package_versions", lambda *names: dict.fromkeys(names, "1"))
     prepare_atlas(textures(photographs), 0)
     build_library(models(tmp_path / "m"), PARTICLES, 0)
-    monkeypatch.setattr(prepare, "versions", lambda *names: dict.fromkeys(names, "2"))
+    monkeypatch.setattr(prepare, "package_versions", lambda *names: dict.fromkeys(names, "2"))
     prepare_atlas(textures(photographs), 0)
-    monkeypatch.setattr(model_library, "all_versions", lambda: ["a_reader-1.dist-info"])
+    monkeypatch.setattr(model_library, "installed_packages", lambda: ["a_reader-1.dist-info"])
     build_library(models(tmp_path / "m"), PARTICLES, 0)
-    assert built == ["build_atlas", "_built", "build_atlas", "_built"]
+    assert built == ["build_atlas", "_build", "build_atlas", "_build"]
 
 
 def test_models_are_read_again_when_their_folder_changes(tmp_path, built):
@@ -401,12 +427,12 @@ def test_a_full_disk_is_no_fault(tmp_path, monkeypatch):
     partial = tmp_path / "partial"
     partial.symlink_to("/dev/full")
     with monkeypatch.context() as patch:
-        patch.setattr(cache.tempfile, "mkstemp", lambda **_: (os.open(partial, os.O_WRONLY), str(partial)))
+        patch.setattr(store.tempfile, "mkstemp", lambda **_: (os.open(partial, os.O_WRONLY), str(partial)))
         write_entry("new", entry())
     assert not partial.is_symlink()
     assert read_entry("new") is None
     assert read_entry("old") is not None
-    monkeypatch.setattr(cache, "LIMIT_SHARE", 0.0)  # no room at all
+    monkeypatch.setattr(store, "LIMIT_SHARE", 0.0)  # no room at all
     write_entry("new", entry())
     assert read_entry("new") is None
 
@@ -414,17 +440,17 @@ def test_a_full_disk_is_no_fault(tmp_path, monkeypatch):
 def test_what_was_not_used_for_longest_goes_first(folder, monkeypatch):
     folder.mkdir()
     (folder / "notes.txt").write_text("the user's")
-    (folder / f"x{cache.PARTIAL_SUFFIX}").write_bytes(bytes(300))  # of a killed process
-    os.utime(folder / f"x{cache.PARTIAL_SUFFIX}", ns=(1, 1))
+    (folder / f"x{store.PARTIAL_SUFFIX}").write_bytes(bytes(300))  # of a killed process
+    os.utime(folder / f"x{store.PARTIAL_SUFFIX}", ns=(1, 1))
     for age, name in enumerate("abc"):
         write_entry(name, entry())
-        os.utime(folder / f"{name}{cache.SUFFIX}", ns=(age + 2, age + 2))
+        os.utime(folder / f"{name}{store.SUFFIX}", ns=(age + 2, age + 2))
     read_entry("a")
-    size = (folder / f"a{cache.SUFFIX}").stat().st_size
-    monkeypatch.setattr(cache, "LIMIT_BYTES", 3 * size)
+    size = (folder / f"a{store.SUFFIX}").stat().st_size
+    monkeypatch.setattr(store, "LIMIT_BYTES", 3 * size)
     write_entry("d", entry())
     assert sorted(path.name[0] for path in folder.iterdir()) == ["a", "c", "d", "n"]
-    monkeypatch.setattr(cache, "LIMIT_BYTES", size - 1)
+    monkeypatch.setattr(store, "LIMIT_BYTES", size - 1)
     write_entry("e", entry())  # too large by itself: nothing goes for it
     assert sorted(path.name[0] for path in folder.iterdir()) == ["a", "c", "d", "n"]
 
@@ -432,6 +458,7 @@ def test_what_was_not_used_for_longest_goes_first(folder, monkeypatch):
 def test_two_processes_at_once(photographs, folder):
     script = (
         "import hashlib, sys\n"
+        "from semisynth_gl.cache.store import cache_folder\n"
         "from semisynth_gl.config.model import TexturesSection\n"
         "from semisynth_gl.textures.prepare import prepare_atlas\n"
         "section = TexturesSection(source='images', images=(sys.argv[1],), patch_px=32, scales=(1.0,), max_patches=8)\n"
@@ -439,7 +466,7 @@ def test_two_processes_at_once(photographs, folder):
         "for _ in range(20):\n"
         "    atlas = prepare_atlas(section, 0)\n"
         "    print(hashlib.sha256(atlas.layers).hexdigest())\n"
-        "    for path in __import__('semisynth_gl.cache.entries').cache.cache_folder().iterdir():\n"
+        "    for path in cache_folder().iterdir():\n"
         "        path.unlink(missing_ok=True)\n"
     )
     command = [sys.executable, "-c", script, str(photographs)]

@@ -1,4 +1,4 @@
-"""A config from a rig's calibration: every form, the measured histogram, and what is refused with which numbers."""
+"""A config from a rig's calibration: every format, the measured histogram, and the numbers in refusals."""
 
 import os
 import re
@@ -14,13 +14,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from semisynth_gl.calibration.calibrate import calibrated_config
-from semisynth_gl.calibration.document import background_of, document, name_of, ranges_of
-from semisynth_gl.calibration.forms import FORMS, read_rigs
-from semisynth_gl.calibration.maps import find_maps, measure, read_map
+from semisynth_gl.calibration import calibrate
+from semisynth_gl.calibration.calibrate import ConfigFacts, config_facts, config_name, config_text
+from semisynth_gl.calibration.disparity_maps import find_maps, measure_maps, read_map
+from semisynth_gl.calibration.disparity_range import DisparitySource, chosen_range, measured_range
 from semisynth_gl.calibration.photographs import check_sizes, impossible_splits
-from semisynth_gl.calibration.rig import Projections, Rig, plain_rig, rectified, scaled_size
-from semisynth_gl.calibration.target import chosen_range, measured_range
+from semisynth_gl.calibration.rig import (
+    DisparityBounds,
+    Projections,
+    Rig,
+    Size,
+    median_size,
+    plain_rig,
+    rectified,
+    rig_ranges,
+)
+from semisynth_gl.calibration.rig_files import FORMATS, read_rigs
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.cli import main
 from semisynth_gl.config import Range, load_config
@@ -124,12 +133,16 @@ def photographs(folder, count=1, size=(741, 500), start=0):
     return folder
 
 
+def facts(rigs, disparity):
+    return ConfigFacts(rigs, None, disparity, ["a"], 1)
+
+
 def refused(error, *words):
     for word in words:
         assert word in str(error.value), str(error.value)
 
 
-# --- forms ---
+# --- formats ---
 
 
 @pytest.mark.parametrize(
@@ -144,7 +157,7 @@ def refused(error, *words):
         ("LEFT.yaml", opencv().replace("P1:", "LEFT.P:").replace("P2:", "RIGHT.P:")),
     ],
 )
-def test_each_form_gives_the_same_rig(tmp_path, name, text):
+def test_each_format_gives_the_same_rig(tmp_path, name, text):
     path = write(tmp_path, name, text)
     (rig,) = read_rigs([path])
     assert rig.source == str(path)
@@ -163,7 +176,7 @@ numbers = st.floats(1, 5000, allow_nan=False)
     baseline_m=st.floats(0.001, 4.5),
     centre=st.tuples(numbers, numbers, numbers),
 )
-def test_a_rig_written_in_any_form_is_read_back(tmp_path_factory, size, focal_px, baseline_m, centre):
+def test_a_rig_written_in_any_format_is_read_back(tmp_path_factory, size, focal_px, baseline_m, centre):
     folder = tmp_path_factory.mktemp("rig")
     camera = StereoCamera(*size, focal_px, baseline_m, *centre)
     for name, text in {
@@ -185,7 +198,7 @@ def test_kittis_own_calibration_counts_as_rectified(tmp_path):
     assert rig.camera.baseline_m == pytest.approx(0.5327, abs=1e-4)
     assert rig.camera.doffs_px == 0
     short = "".join(f"{line.replace('_rect_0', '')}\n" for line in KITTI.splitlines() if line.startswith("P_rect"))
-    (again,) = read_rigs([write(tmp_path, "000000.txt", short)], size=(1242, 375))
+    (again,) = read_rigs([write(tmp_path, "000000.txt", short)], size=Size(1242, 375))
     assert again.camera == rig.camera
 
 
@@ -195,7 +208,7 @@ def test_eth3d_has_no_doffs(tmp_path):
         "doffs=0\nbaseline=59.9079\nwidth=942\nheight=489\nndisp=64\nisint=0\nvmin=0\nvmax=0\n"
     )
     (rig,) = read_rigs([write(tmp_path, "calib.txt", text)])
-    assert (rig.camera.doffs_px, rig.camera.baseline_m, rig.ndisp) == (0, pytest.approx(0.0599079), 64)
+    assert (rig.camera.doffs_px, rig.camera.baseline_m, rig.bounds.ndisp) == (0, pytest.approx(0.0599079), 64)
 
 
 def test_ros_left_and_right_are_two_files_or_the_right_one_alone(tmp_path):
@@ -234,9 +247,9 @@ def test_the_size_comes_from_the_file_or_the_user(tmp_path):
     path = write(tmp_path, "stereo.yml", opencv(size=False))
     with pytest.raises(InputError, match=r"does not say how large the images are: give --size"):
         read_rigs([path])
-    assert read_rigs([path], size=(640, 480))[0].size == (640, 480)
+    assert read_rigs([path], size=Size(640, 480))[0].size == (640, 480)
     with pytest.raises(InputError, match="is for images of 741 x 500, but --size says 640 x 480"):
-        read_rigs([write(tmp_path, "calib.txt", MIDDLEBURY)], size=(640, 480))
+        read_rigs([write(tmp_path, "calib.txt", MIDDLEBURY)], size=Size(640, 480))
 
 
 @pytest.mark.parametrize(
@@ -252,6 +265,7 @@ def test_the_size_comes_from_the_file_or_the_user(tmp_path):
         (MIDDLEBURY.replace("baseline=193.001\n", ""), ["lacks baseline"]),
         (MIDDLEBURY.replace("doffs=31.086", "doffs=0"), ["doffs is 0", "is 31.086"]),
         (MIDDLEBURY.replace("width=741", "width=-3"), ["at least 1 pixel", "-3"]),
+        (MIDDLEBURY.replace("width=741", "width=inf"), ["at least 1 pixel", "inf"]),
         (MIDDLEBURY.replace("994.978 0 311.193", "994.978 311.193"), ["cam0: expected a matrix"]),
         (MIDDLEBURY.replace("994.978", "nan"), ["expected finite numbers"]),
         (KITTI.replace("P_rect_03: 7.215377e+02", "P_rect_03: 7.0e+02"), ["not rectified"]),
@@ -264,11 +278,11 @@ def test_the_size_comes_from_the_file_or_the_user(tmp_path):
          ["not rectified", "M1, R", "stereoRectify"]),
         (ros().replace("994.978", "0"), ["focal length is 0"]),
         ("left:\n  a: 1\nright:\n  b: 2\n", ["left.projection_matrix: missing"]),
-        ("fx: 3\n", ["has fx", *FORMS]),
-        ("", [*FORMS]),
-        ("[1, 2", ["line 1", *FORMS]),
-        ("a: !!python/object:os.system b\n", [*FORMS]),
-        ("\x00\x01", ["no YAML", *FORMS]),
+        ("fx: 3\n", ["has fx", *FORMATS]),
+        ("", [*FORMATS]),
+        ("[1, 2", ["line 1", *FORMATS]),
+        ("a: !!python/object:os.system b\n", [*FORMATS]),
+        ("\x00\x01", ["no YAML", *FORMATS]),
     ],
 )  # fmt: skip
 def test_what_is_no_rectified_calibration_is_refused_with_its_numbers(tmp_path, text, words):
@@ -305,17 +319,17 @@ def test_a_vertical_rig_is_not_rectified():
 
 def test_scaling_keeps_rays_and_relative_disparities():
     camera = StereoCamera(2964, 2000, 3979.911, 0.193001, 1244.772, 1369.115, 1019.507)
-    rig = Rig(camera, "x", ndisp=280, vmin_px=31, vmax_px=257).scaled(0.25)
+    rig = Rig(camera, "x", DisparityBounds(280, 31, 257)).scaled(0.25)
     assert rig.size == (741, 500)
     assert rig.camera.doffs_px == pytest.approx(124.343 / 4)
-    assert (rig.ndisp, rig.vmin_px, rig.vmax_px) == (70, 7.75, 64.25)
+    assert rig.bounds == (70, 7.75, 64.25)
     # The corner of the image stays where it was.
     for full, small in ((camera, rig.camera),):
         np.testing.assert_allclose(full.rays("left", -0.5, -0.5), small.rays("left", -0.5, -0.5), rtol=1e-12)
 
 
 def test_photographs_of_another_size_are_refused_with_the_scale_that_fits(tmp_path):
-    rig = plain_rig(1000, 0.2, (741, 500))
+    rig = plain_rig(1000, 0.2, Size(741, 500))
     exact = sorted(photographs(tmp_path / "exact", 2).iterdir())
     half = sorted(photographs(tmp_path / "half", 2, (371, 250)).iterdir())
     other = sorted(photographs(tmp_path / "other", 1, (400, 400)).iterdir())
@@ -331,7 +345,7 @@ def test_photographs_of_another_size_are_refused_with_the_scale_that_fits(tmp_pa
 
 @given(size=st.tuples(st.integers(16, 5000), st.integers(16, 5000)), scale=st.floats(0.1, 4))
 def test_a_scaled_size_is_within_half_a_pixel(size, scale):
-    for side, now in zip(size, scaled_size(size, scale), strict=True):
+    for side, now in zip(size, Size(*size).scaled(scale), strict=True):
         assert now >= 1
         assert abs(now - side * scale) <= 0.5 + 1e-9
 
@@ -350,13 +364,12 @@ def test_several_rigs_give_ranges(tmp_path):
         camera = StereoCamera.centred(width, 480 + number, focal, 0.1 * (number + 1), 10.0 * number)
         write(tmp_path, f"scene{number}/calib.txt", middlebury(camera))
     rigs = read_rigs([tmp_path / "*/calib.txt"])
-    ranges = ranges_of(rigs)
-    assert ranges.size == (720, 481)
-    assert ranges.sizes == 3
-    assert (ranges.focal_px, ranges.doffs_px) == ((900, 1000), (0, pytest.approx(20)))
-    assert ranges.baseline_m == pytest.approx((0.1, 0.3))
-    assert ranges.cx_left_px == pytest.approx((359.5 - 10, 359.5))
-    assert ranges.cy_px == pytest.approx((240, 240))
+    assert median_size(rigs) == (720, 481)
+    ranges = rig_ranges(rigs)
+    assert (ranges["focal_px"], ranges["doffs_px"]) == ((900, 1000), (0, pytest.approx(20)))
+    assert ranges["baseline_m"] == pytest.approx((0.1, 0.3))
+    assert ranges["cx_left_px"] == pytest.approx((359.5 - 10, 359.5))
+    assert ranges["cy_px"] == pytest.approx((240, 240))
 
 
 @pytest.mark.parametrize(
@@ -364,9 +377,10 @@ def test_several_rigs_give_ranges(tmp_path):
     [((30, 40), "indoor"), ((1, 2), "outdoor"), ((19.4, 40), "indoor and outdoor")],  # 20 m is 20 px
 )
 def test_far_pixels_make_a_scene_an_outdoor_one(disparities, scenes):
-    ranges = ranges_of([plain_rig(1000, 0.4, (640, 480))])
-    found = measured_range(Histogram.of(disparities, [1.0]))
-    assert background_of(ranges, found).scenes == scenes
+    rig = plain_rig(1000, 0.4, Size(640, 480))
+    assert facts([rig], measured_range(Histogram.from_counts(disparities, [1.0]))).scenes == tuple(
+        scenes.split(" and ")
+    )
 
 
 # --- maps and histograms ---
@@ -401,7 +415,7 @@ def test_images_beside_maps_are_passed_over(tmp_path):
     with pytest.raises(InputError, match=r"no disparity map there"):
         find_maps([photographs(tmp_path / "only", 1, (40, 30))])
     with pytest.raises(ReadError, match="expected 16-bit grey"):
-        measure(find_maps([tmp_path / "photo0.png"]), [(40, 30)])
+        measure_maps(find_maps([tmp_path / "photo0.png"]), [Size(40, 30)])
 
 
 @pytest.mark.parametrize(
@@ -433,7 +447,7 @@ def test_broken_maps_are_refused(tmp_path, name, data, words):
 def test_maps_that_fit_no_rig_are_refused_with_their_numbers(tmp_path, values, words):
     np.save(tmp_path / "a.npy", values)
     with pytest.raises(SemisynthError) as error:
-        measure([tmp_path / "a.npy"], [(40, 30)])
+        measure_maps([tmp_path / "a.npy"], [Size(40, 30)])
     refused(error, "a.npy", *words)
 
 
@@ -442,8 +456,8 @@ def test_a_sparse_map_counts_as_much_as_a_dense_one(tmp_path):
     sparse[:2, :5] = 10.03
     np.save(tmp_path / "sparse.npy", sparse)
     np.save(tmp_path / "dense.npy", np.full((30, 40), 20.03))
-    measured = measure([tmp_path / "sparse.npy", tmp_path / "dense.npy"], [(40, 30)])
-    assert (measured.maps, measured.pixels, measured.valid) == (2, 2400, 1210)
+    measured = measure_maps([tmp_path / "sparse.npy", tmp_path / "dense.npy"], [Size(40, 30)])
+    assert (len(measured.paths), measured.pixels, measured.valid) == (2, 2400, 1210)
     assert measured.histogram.cumulative(15) == pytest.approx(0.5)
     assert measured.histogram.mean_px == pytest.approx(15.03, abs=0.04)
 
@@ -451,7 +465,7 @@ def test_a_sparse_map_counts_as_much_as_a_dense_one(tmp_path):
 @settings(max_examples=150, deadline=None)
 @given(low=st.floats(0.05, 500), span=st.floats(0.05, 900))
 def test_bins_are_of_one_round_width_and_hold_the_range(low, span):
-    for found in (chosen_range(low, low + span), measured_range(Histogram.of([low, low + span], [1.0]))):
+    for found in (chosen_range(low, low + span), measured_range(Histogram.from_counts([low, low + span], [1.0]))):
         edges = found.target.edges_px
         assert 14 <= len(found.target.shares) <= 22
         np.testing.assert_allclose(np.diff(edges), found.bin_px, rtol=1e-5)
@@ -483,19 +497,11 @@ def test_nothing_of_a_config_lies_beyond_infinity(doffs_px, wider_px, beyond_px,
     farthest = max(-doffs_px, 0)
     low = farthest + beyond_px
     for found in (
-        measured_range(Histogram.of([low, low + span], [1.0]), doffs_px),
+        measured_range(Histogram.from_counts([low, low + span], [1.0]), doffs_px),
         chosen_range(None, low + span, doffs_px),
         chosen_range(low, low + span, doffs_px),
     ):
-        text = document(
-            "x",
-            [Rig(camera, "x") for camera in cameras],
-            found,
-            scale=None,
-            disparity_from="here",
-            images=["a"],
-            images_from="there",
-        )
+        text = config_text("x", facts([Rig(camera, "x") for camera in cameras], found))
         config = parse_config(text, "x.yaml")
         assert farthest < config.disparity.min_px < low + span
         if config.background.plane:
@@ -507,20 +513,20 @@ def test_nothing_of_a_config_lies_beyond_infinity(doffs_px, wider_px, beyond_px,
 
 def test_the_far_plane_of_a_negative_doffs_is_before_infinity():
     rigs = [Rig(StereoCamera.centred(640, 480, 500.0, 0.2, each), "x") for each in (-5.0, 2.0)]
-    found = measured_range(Histogram.of([6.0, 46.0], [1.0]), -5.0)
-    text = document("x", rigs, found, scale=None, disparity_from="here", images=["a"], images_from="there")
+    found = measured_range(Histogram.from_counts([6.0, 46.0], [1.0]), -5.0)
+    text = config_text("x", facts(rigs, found))
     assert found.min_px == 6
     assert "plane_disparity_px: [5.1, 5.7]" in text
     camera = parse_config(text, "x.yaml").camera
     assert camera.doffs_px == Range(-5, 2)
     assert chosen_range(None, 55, -5.0).min_px == 6
     # 5.2 would be right of 5.15 in two digits and lose what is before infinity.
-    assert 5.15 < measured_range(Histogram.of([5.19, 46.0], [1.0]), -5.15).min_px < 5.25
+    assert 5.15 < measured_range(Histogram.from_counts([5.19, 46.0], [1.0]), -5.15).min_px < 5.25
 
 
 def test_what_lies_beyond_infinity_is_refused_with_its_numbers(call, tmp_path):
     with pytest.raises(InputError) as error:
-        measured_range(Histogram.of([4.0, 46.0], [1.0]), -5.0)
+        measured_range(Histogram.from_counts([4.0, 46.0], [1.0]), -5.0)
     refused(error, "a thousandth of the measured disparities lies below 4.042 px", "doffs = -5 px", "at 5 px")
     with pytest.raises(InputError, match=r"range of disparity begins at 5 px, but with doffs = -5 px .*--range-px"):
         chosen_range(5.0, 46.0, -5.0)
@@ -560,7 +566,7 @@ def test_a_measured_range_has_headroom_and_ignores_the_odd_pixel():
 
 
 def test_names_follow_files():
-    assert [name_of(stem) for stem in ("my rig_2", "-a-", "ü", "lab")] == ["my-rig-2", "a", "calibrated", "lab"]
+    assert [config_name(stem) for stem in ("my rig_2", "-a-", "ü", "lab")] == ["my-rig-2", "a", "calibrated", "lab"]
 
 
 @settings(max_examples=25, deadline=None)
@@ -573,8 +579,8 @@ def test_whatever_files_are_called_the_yaml_is_read_back(tmp_path_factory, name)
     except OSError:
         return
     rig = Rig(StereoCamera.centred(30, 20, 40.0, 0.1), str(photograph))
-    found = calibrated_config(name, [rig], [str(photograph)], range_px=(1, 10))
-    config = load_config(write(folder, "config.yaml", found.text))
+    found = config_facts([rig], [str(photograph)], DisparitySource(range_px=(1, 10)))
+    config = load_config(write(folder, "config.yaml", config_text(config_name(name), found)))
     assert config.textures.images == (str(photograph),)
 
 
@@ -697,13 +703,14 @@ def test_runs_beside_each_other_keep_to_their_own_file(call, tmp_path, monkeypat
     )  # fmt: skip
     photographs(tmp_path / "photos", 1, (300, 300))
     names = []
-    written = Path.write_text
+    write = Path.write_bytes
 
-    def write_text(path, *rest, **named):
-        names.append(path.name)
-        return written(path, *rest, **named)
+    def write_bytes(path, data):
+        if "lab.yaml" in path.name:
+            names.append(path.name)
+        return write(path, data)
 
-    monkeypatch.setattr(Path, "write_text", write_text)
+    monkeypatch.setattr(Path, "write_bytes", write_bytes)
     for process in (11, 12):
         monkeypatch.setattr(os, "getpid", lambda process=process: process)
         assert call(*given)[0] == 0
@@ -711,11 +718,9 @@ def test_runs_beside_each_other_keep_to_their_own_file(call, tmp_path, monkeypat
     assert sorted(path.name for path in tmp_path.iterdir()) == ["lab.yaml", "photos"]
 
 
-def test_a_config_that_does_not_hold_is_told_of_by_its_own_name(call, tmp_path, monkeypatch):
-    from semisynth_gl.calibration import document as written
-
+def test_an_invalid_config_is_reported_under_its_own_name(call, tmp_path, monkeypatch):
     photographs(tmp_path / "photos", 1, (300, 300))
-    monkeypatch.setattr(written, "_PLANE_OF_MIN", (-0.1, 0.7))
+    monkeypatch.setattr(calibrate, "_PLANE_OF_MIN", (-0.1, 0.7))
     code, _, err = call(
         "calibrate", "--images", "photos", "--focal-px", 700, "--baseline-m", 0.12, "--size", "300x300",
         "--range-px", 2, 96, "--out", "lab.yaml",

@@ -8,13 +8,11 @@ from typing import Annotated, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from semisynth_gl.config import Config, load_config, packaged_configs
-from semisynth_gl.config.model import LayerSection
-from semisynth_gl.config.range import Range
-from semisynth_gl.config.target import MixturePart, TargetSection, UniformTarget
-from semisynth_gl.geometry.complex import COMPLEX_KINDS
-from semisynth_gl.geometry.simple import SIMPLE_KINDS
-from semisynth_gl.textures.photographs import builtin_photographs
+from semisynth_gl.config import Config, Range, load_config, packaged_configs
+from semisynth_gl.config.distributions import MixturePart, TargetSection, UniformTarget
+from semisynth_gl.config.model import DepthLayerSection
+from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
+from semisynth_gl.textures.image_files import builtin_photographs
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG_PAGE = (ROOT / "docs" / "config.md").read_text("utf-8")
@@ -97,7 +95,7 @@ def test_every_key_is_documented_with_its_default():
 
 def test_every_key_of_a_layer_is_documented():
     clutter = next(meaning for names, _, meaning in rows("| key | default | meaning |") if names == "`clutter`")
-    assert f"{{{', '.join(LayerSection.model_fields)}}}" in clutter
+    assert f"{{{', '.join(DepthLayerSection.model_fields)}}}" in clutter
 
 
 def test_every_form_of_the_target_is_documented_with_its_keys():

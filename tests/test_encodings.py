@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from backends import backend_fault
 from PIL import Image
+from recorder import Recorder
 from tiny_datasets import lean, tiny
 
 from semisynth_gl import encodings as names
@@ -19,7 +20,7 @@ from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.encodings import DISPARITY_ENCODINGS, IMAGE_ENCODINGS, Encodings
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import OUTSIDE, VISIBLE
-from semisynth_gl.generation.generate import Listener, generate
+from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts import Key, find_layout
 from semisynth_gl.layouts.layout import share_beyond
 from semisynth_gl.layouts.middlebury import SCENES
@@ -207,9 +208,9 @@ def test_a_dataset_reads_back_and_verifies_clean(shot, tmp_path, chosen):
     encodings = Encodings(*chosen)
     config = lean(files={"image": chosen[0], "disparity": chosen[1]})
     config = config.model_copy(update={"outputs": ("visibility", "instances", "depth")})
-    shares = []
-    generate(config, tmp_path, 1, 5, listener=Listener(written=lambda pair: shares.append(pair.share_beyond)))
-    assert shares == [0]
+    recorder = Recorder()
+    generate(config, tmp_path, 1, 5, listener=recorder)
+    assert [pair.share_beyond for pair in recorder.pairs] == [0]
     scene = tmp_path / SCENES / "middlebury-000000"
     assert {*encodings.image_names, *encodings.disparity_names} <= {file.name for file in scene.iterdir()}
     assert len(list(scene.iterdir())) == 12

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from recorder import Recorder
 
-from semisynth_gl.engines.local import LocalEngine
-from semisynth_gl.engines.serial import SerialEngine
-from semisynth_gl.engines.task import Stop
+from semisynth_gl.engines.local import LocalEngine, SerialEngine
 from semisynth_gl.errors import ContextLostError, InputError, WorkerError
+from semisynth_gl.listener import Listener
 
 ENGINES = {"serial": SerialEngine(), "local": LocalEngine(2, 60)}
 TASKS = range(12)
@@ -47,17 +47,17 @@ class Squares:
         if self.fault == "lost at opening" and self._strikes():
             raise ContextLostError("the context is gone")
         (self.folder / f"opened-{os.getpid()}").open("a").write("x")
-        yield lambda number, watch: self._square(worker, number, watch)
+        yield lambda number, listener: self._square(worker, number, listener)
         (self.folder / f"closed-{os.getpid()}").touch()
 
-    def _square(self, worker, number, watch):
-        watch.tell((worker, number, "begun"))
+    def _square(self, worker, number, listener):
+        listener.on_pair((worker, number, "begun"))
         if number == FAULTY and self.fault and self._strikes():
-            self._fail(watch)
+            self._fail(listener)
         until = time.monotonic() + self.pause_s
-        while time.monotonic() < until and not watch.stopping:
+        while time.monotonic() < until and not listener.stopping:
             time.sleep(0.01)
-        watch.tell((worker, number, "done"))
+        listener.on_pair((worker, number, "done"))
         return number * number, os.getpid(), os.environ.get("LP_NUM_THREADS")
 
     def _strikes(self):
@@ -66,7 +66,7 @@ class Squares:
             (self.folder / f"struck-{count}").touch()
         return count < self.times
 
-    def _fail(self, watch):
+    def _fail(self, listener):
         match self.fault:
             case "kill":
                 os.kill(os.getpid(), signal.SIGKILL)
@@ -77,7 +77,7 @@ class Squares:
             case "slow":
                 for _ in range(18):
                     time.sleep(0.25)
-                    watch.tell("still here")
+                    listener.on_stage("still here")
             case "lost":
                 raise ContextLostError("the context is gone")
             case "wrong":
@@ -95,7 +95,7 @@ class Run:
 
     results: dict
     messages: list
-    notes: list
+    pairs: list
 
     @property
     def processes(self):
@@ -103,11 +103,11 @@ class Run:
 
 
 def run(engine, job, tasks=TASKS):
-    messages, notes, results = [], [], []
-    with closing(engine.run(job, tasks, told=messages.append, noted=notes.append, stop=Stop())) as done:
-        results.extend(done)
+    recorder, results = Recorder(), []
+    with closing(engine.run(job, tasks, recorder)) as yielded:
+        results.extend(yielded)
     assert len(results) == len(dict(results))
-    return Run(dict(results), messages, notes)
+    return Run(dict(results), recorder.messages, recorder.pairs)
 
 
 def alive(process):
@@ -137,7 +137,7 @@ def test_all_tasks_are_done_once_by_workers_that_open_once(name, tmp_path, monke
     assert {number: square for number, (square, *_) in made.results.items()} == {n: n * n for n in TASKS}
     assert set(opened(tmp_path).values()) == {1}
     assert {int(path.name.split("-")[1]) for path in tmp_path.glob("closed-*")} == set(opened(tmp_path))
-    assert made.notes == []
+    assert made.messages == []
     if name == "local":
         assert os.getpid() not in made.processes
         assert len(opened(tmp_path)) == 2
@@ -147,13 +147,13 @@ def test_all_tasks_are_done_once_by_workers_that_open_once(name, tmp_path, monke
 
 
 @pytest.mark.parametrize("name", ENGINES)
-def test_messages_arrive_in_order(name, tmp_path):
+def test_calls_of_tasks_arrive_in_order(name, tmp_path):
     made = run(ENGINES[name], Squares(tmp_path))
-    assert sorted(number for _, number, _ in made.messages) == sorted([*TASKS, *TASKS])
-    for worker in {worker for worker, *_ in made.messages}:
-        told = [message[1:] for message in made.messages if message[0] == worker]
-        assert told[::2] == [(number, "begun") for number, _ in told[::2]]
-        assert told[1::2] == [(number, "done") for number, _ in told[::2]]
+    assert sorted(number for _, number, _ in made.pairs) == sorted([*TASKS, *TASKS])
+    for worker in {worker for worker, *_ in made.pairs}:
+        calls = [call[1:] for call in made.pairs if call[0] == worker]
+        assert calls[::2] == [(number, "begun") for number, _ in calls[::2]]
+        assert calls[1::2] == [(number, "done") for number, _ in calls[::2]]
 
 
 def test_there_are_no_more_workers_than_tasks_and_tasks_are_taken_late(tmp_path):
@@ -163,35 +163,29 @@ def test_there_are_no_more_workers_than_tasks_and_tasks_are_taken_late(tmp_path)
     assert len(opened(tmp_path)) == 1
     taken = []
     numbers = (taken.append(number) or number for number in range(1000))
-    with closing(
-        LocalEngine(1, 60).run(Squares(tmp_path), numbers, told=lambda _: None, noted=taken.append, stop=Stop())
-    ) as done:
-        next(done)
+    recorder = Recorder()
+    with closing(LocalEngine(1, 60).run(Squares(tmp_path), numbers, recorder)) as results:
+        next(results)
+    assert recorder.messages == []
     assert len(taken) <= 2
 
 
 @pytest.mark.parametrize("name", ENGINES)
 def test_a_stop_lets_running_tasks_return_and_begins_no_other(name, tmp_path):
-    stop, messages, began = Stop(), [], time.monotonic()
-
-    def told(message):
-        messages.append(message)
-        stop.ask()
-
-    with closing(
-        ENGINES[name].run(Squares(tmp_path, pause_s=1000), range(100), told=told, noted=messages.append, stop=stop)
-    ) as done:
-        results = dict(done)
+    recorder, began = Recorder(lambda _: True), time.monotonic()
+    with closing(ENGINES[name].run(Squares(tmp_path, pause_s=1000), range(100), recorder)) as yielded:
+        results = dict(yielded)
     assert time.monotonic() - began < PATIENCE_S
     assert 1 <= len(results) <= 2
-    assert set(results) == {message[1] for message in messages}
+    assert set(results) == {pair[1] for pair in recorder.pairs}
+    assert recorder.messages == []
 
 
 @pytest.mark.parametrize("name", ENGINES)
 def test_nothing_is_begun_where_a_stop_came_before(name, tmp_path):
-    stop = Stop()
-    stop.ask()
-    assert list(ENGINES[name].run(Squares(tmp_path), TASKS, told=print, noted=print, stop=stop)) == []
+    listener = Listener()
+    listener.stop()
+    assert list(ENGINES[name].run(Squares(tmp_path), TASKS, listener)) == []
     assert not opened(tmp_path)
 
 
@@ -203,26 +197,26 @@ def test_nothing_is_begun_where_a_stop_came_before(name, tmp_path):
 def test_a_worker_that_is_lost_is_replaced_and_its_task_done_again(fault, how, times, tmp_path):
     made = run(LocalEngine(2, 60), Squares(tmp_path, fault, times))
     assert {number: square for number, (square, *_) in made.results.items()} == {n: n * n for n in TASKS}
-    assert len(made.notes) == times
-    for note in made.notes:
+    assert len(made.messages) == times
+    for note in made.messages:
         assert re.fullmatch(rf"worker [01] is replaced \({how}\): task 7 is done again", note)
     # Nobody but the unlucky task begins twice, and numbers stay those of the first workers.
-    begun = Counter(number for _, number, state in made.messages if state == "begun")
+    begun = Counter(number for _, number, state in made.pairs if state == "begun")
     assert begun == Counter(TASKS) + Counter({FAULTY: times})
-    assert {worker for worker, *_ in made.messages} == {0, 1}
+    assert {worker for worker, *_ in made.pairs} == {0, 1}
 
 
 def test_a_context_lost_at_opening_is_opened_by_another_worker(tmp_path):
     made = run(LocalEngine(1, 60), Squares(tmp_path, "lost at opening", 2), range(3))
     assert set(made.results) == {0, 1, 2}
-    assert made.notes == ["worker 0 is replaced (the context is gone): task 0 is done again"] * 2
+    assert made.messages == ["worker 0 is replaced (the context is gone): task 0 is done again"] * 2
 
 
 @pytest.mark.parametrize("fault", ["lost", "lost at opening"])
 def test_the_serial_engine_opens_again_after_a_lost_context(fault, tmp_path):
     made = run(SerialEngine(), Squares(tmp_path, fault, 2))
     assert set(made.results) == set(TASKS)
-    assert made.notes == [f"the context is gone: task {FAULTY if fault == 'lost' else 0} is done again"] * 2
+    assert made.messages == [f"the context is gone: task {FAULTY if fault == 'lost' else 0} is done again"] * 2
     (tmp_path / "struck-0").unlink()
     with pytest.raises(ContextLostError):
         run(SerialEngine(), Squares(tmp_path, fault, 1000))
@@ -238,12 +232,12 @@ def test_a_task_that_ends_every_worker_is_given_up(tmp_path):
 def test_a_worker_that_hangs_is_replaced_and_one_that_tells_is_not(tmp_path):
     made = run(LocalEngine(2, 4), Squares(tmp_path, "hang"))
     assert set(made.results) == set(TASKS)
-    assert len(made.notes) == 1
-    assert "(nothing came from it for 4 s): task 7 is done again" in made.notes[0]
+    assert len(made.messages) == 1
+    assert "(nothing came from it for 4 s): task 7 is done again" in made.messages[0]
     (tmp_path / "struck-0").unlink()
     made = run(LocalEngine(2, 4), Squares(tmp_path, "slow"))
     assert set(made.results) == set(TASKS)
-    assert made.notes == []
+    assert made.messages == []
 
 
 @pytest.mark.parametrize("name", ENGINES)
@@ -264,12 +258,10 @@ def test_other_tasks_in_hand_are_finished_before_an_error_is_raised(tmp_path):
     with (
         pytest.raises(InputError),
         closing(
-            LocalEngine(2, 60).run(
-                Squares(tmp_path, "wrong", pause_s=1000), [1, FAULTY, 2], told=print, noted=print, stop=Stop()
-            )
-        ) as done,
+            LocalEngine(2, 60).run(Squares(tmp_path, "wrong", pause_s=1000), [1, FAULTY, 2], Listener())
+        ) as yielded,
     ):
-        results.extend(done)
+        results.extend(yielded)
     assert [number for number, _ in results] in ([], [1])
     assert not any(map(alive, opened(tmp_path)))
 
@@ -277,25 +269,25 @@ def test_other_tasks_in_hand_are_finished_before_an_error_is_raised(tmp_path):
 def test_signals_to_a_worker_are_left_to_the_first_process(tmp_path):
     made = run(LocalEngine(2, 60), Squares(tmp_path, "signals"))
     assert set(made.results) == set(TASKS)
-    assert made.notes == []
+    assert made.messages == []
 
 
 def test_closing_the_iterator_ends_all_workers(tmp_path):
-    done = LocalEngine(2, 60).run(Squares(tmp_path), range(1000), told=print, noted=print, stop=Stop())
-    next(done)
+    results = LocalEngine(2, 60).run(Squares(tmp_path), range(1000), Listener())
+    next(results)
     wait_for(lambda: len(opened(tmp_path)) == 2)
-    done.close()
+    results.close()
     assert not any(map(alive, opened(tmp_path)))
 
 
 PROGRAM = """
 import sys
 from pathlib import Path
-from test_engines import LocalEngine, Squares, Stop
+from test_engines import Listener, LocalEngine, Squares
 if __name__ == "__main__":
     engine = LocalEngine(2, 60)
-    done = engine.run(Squares(Path(sys.argv[1]), pause_s=1000), range(9), told=print, noted=print, stop=Stop())
-    next(done)
+    results = engine.run(Squares(Path(sys.argv[1]), pause_s=1000), range(9), Listener())
+    next(results)
 """
 
 
@@ -303,7 +295,8 @@ if __name__ == "__main__":
 def test_workers_end_with_the_first_process(number, tmp_path):
     script = tmp_path / "program.py"
     script.write_text(PROGRAM)
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parent)}
+    paths = (str(Path(__file__).parent), os.environ.get("PYTHONPATH"))
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
     # A session of its own: the interrupt goes to all of it, as from a terminal.
     with subprocess.Popen(
         [sys.executable, script, tmp_path], env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True,

@@ -352,12 +352,12 @@ def test_predictions_and_truths_without_any_disparity_are_refused(three, value):
     pred, gt = three
     write(pred / "b.pfm", encode_pfm(np.full(SHAPE, value, np.float32)))
     said = refused(pred, gt, "--partial")
-    assert f"{pred / 'b.pfm'}: holds no disparity" in said
+    assert f"{pred / 'b.pfm'}: has no disparity" in said
     write(pred / "b.pfm", encode_pfm(np.zeros(SHAPE, np.float32)))
-    assert "holds no disparity" in refused(pred, gt, "--protocol", "kitti")
+    assert "has no disparity" in refused(pred, gt, "--protocol", "kitti")
     write(gt / "a" / "disp0GT.pfm", encode_pfm(np.full(SHAPE, INF, np.float32)))
     said = refused(pred, gt)
-    assert "the truth of a holds no disparity" in said
+    assert "the truth of a has no disparity" in said
 
 
 def test_several_predictions_or_truths_of_a_name_are_refused(three):

@@ -11,18 +11,16 @@ from tiny_datasets import lean
 
 from semisynth_gl import oracle
 from semisynth_gl.camera import EYES, Crop, StereoCamera
+from semisynth_gl.config import Range
 from semisynth_gl.config.model import BackgroundSection, CameraSection, DisparitySection, StructuresSection
-from semisynth_gl.config.range import Range
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.background import draw_background
 from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.rig import near_depth_m
-from semisynth_gl.scene.rotation import rotation_about
+from semisynth_gl.scene.rig import STILL, draw_sway, near_depth_m, rotation_about_axis
 from semisynth_gl.scene.scene import Motion, make_scene, move
 from semisynth_gl.scene.structures import STILL_MODELS, draw_surroundings
-from semisynth_gl.scene.sway import STILL, draw_sway
 
 CAMERA = StereoCamera(200, 150, 220.0, 0.2, 95.0, 103.0, 70.0)
 FLOWS = ("flow", "flow_backward", "disparity_change")
@@ -82,7 +80,7 @@ def test_a_plane_that_moves_sideways_and_away_has_the_flow_of_the_formula(draw):
 
 def test_a_camera_that_turns_sees_the_flow_of_a_homography(draw):
     wall = facing(CAMERA, -400, -400, 1200, 1200, 2.0)
-    turn = rotation_about(np.array([[0.0, 1, 0]]), np.array([0.05]))[0]
+    turn = rotation_about_axis(np.array([[0.0, 1, 0]]), np.array([0.05]))[0]
     pose = np.eye(4)
     pose[:3, :3] = turn
     frame = draw([wall], None, then_camera=pose)
@@ -162,7 +160,7 @@ def test_a_model_flattened_by_its_matrix_has_flow(draw):
     wall[2, 2] = 0.0
     assert np.linalg.matrix_rank(wall[:3, :3]) == 2
     turned = wall.copy()
-    turned[:3, :3] = rotation_about(np.array([[0.0, 0, 1]]), np.array([0.3]))[0] @ wall[:3, :3]
+    turned[:3, :3] = rotation_about_axis(np.array([[0.0, 0, 1]]), np.array([0.3]))[0] @ wall[:3, :3]
     frame = draw([wall], [turned])
     x, y = (each.ravel() for each in pixels(CAMERA))
     corner = turned[:3, :3] @ np.linalg.pinv(wall[:3, :3])

@@ -11,6 +11,7 @@ import time
 import numpy as np
 import pytest
 from backends import backend_fault
+from recorder import Recorder
 from tiny_datasets import PAIRS, SEED, command, digests, findings, tiny
 
 from semisynth_gl.dataset.files import DatasetFiles
@@ -20,7 +21,7 @@ from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.dataset.shard import ShardBusyError, ShardWriter
 from semisynth_gl.engines.local import LocalEngine
 from semisynth_gl.errors import ContextLostError, InputError
-from semisynth_gl.generation.generate import Listener, generate
+from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts import layout_names
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.sources import prepare_sources
@@ -42,9 +43,9 @@ def undisturbed(request, config, tmp_path_factory):
 
 def resumed(config, out, layout):
     """Run again, and tell which pairs were made and which were kept."""
-    seen = []
-    generate(config, out, PAIRS, SEED, layout=layout, shard_pairs=3, listener=Listener(written=seen.append))
-    return {one.index for one in seen if not one.kept}
+    recorder = Recorder()
+    generate(config, out, PAIRS, SEED, layout=layout, shard_pairs=3, listener=recorder)
+    return {pair.index for pair in recorder.pairs if not pair.kept}
 
 
 @pytest.mark.parametrize("layout", layout_names())
@@ -71,13 +72,13 @@ def test_every_layout_reads_back_and_verifies_clean(config, tmp_path, layout):
 
 def test_workers_change_no_byte(undisturbed, config, tmp_path):
     layout, _, wanted = undisturbed
-    seen = []
+    recorder = Recorder()
     generate(
         config, tmp_path / "o", PAIRS, SEED, layout=layout, shard_pairs=3, engine=LocalEngine(2, 300.0),
-        listener=Listener(written=seen.append),
+        listener=recorder,
     )  # fmt: skip
     assert digests(tmp_path / "o") == wanted
-    assert sorted(one.index for one in seen) == list(range(PAIRS))
+    assert sorted(pair.index for pair in recorder.pairs) == list(range(PAIRS))
 
 
 def test_another_seed_gives_other_bytes(undisturbed, config, tmp_path):
@@ -131,9 +132,15 @@ def test_shards_by_machine_make_the_whole(undisturbed, config, tmp_path):
 
 def test_a_stop_keeps_the_pairs_in_hand(undisturbed, config, tmp_path):
     layout, _, wanted = undisturbed
-    listener = Listener()
-    listener.written = lambda pair: listener.stop.ask() if pair.index == 4 else None
-    made = generate(config, tmp_path / "o", PAIRS, SEED, layout=layout, shard_pairs=3, listener=listener)
+    made = generate(
+        config,
+        tmp_path / "o",
+        PAIRS,
+        SEED,
+        layout=layout,
+        shard_pairs=3,
+        listener=Recorder(lambda pair: pair.index == 4),
+    )
     assert (made.stopped, made.missing) == (True, 2)
     assert resumed(config, tmp_path / "o", layout) == {5, 6}
     assert digests(tmp_path / "o") == wanted
@@ -171,16 +178,16 @@ def test_a_lost_context_is_opened_again(undisturbed, config, tmp_path, monkeypat
     layout, _, wanted = undisturbed
     whole, lost = PairRenderer.render, []
 
-    def render(self, index, done=None):
+    def render(self, index):
         if index == 4 and not lost:
             lost.append(index)
             raise ContextLostError("the driver lost its context while it drew a pair")
-        return whole(self, index, done)
+        return whole(self, index)
 
     monkeypatch.setattr(PairRenderer, "render", render)
-    notes = []
-    generate(config, tmp_path / "o", PAIRS, SEED, layout=layout, shard_pairs=3, listener=Listener(noted=notes.append))
-    assert any("lost its context" in note for note in notes)
+    recorder = Recorder()
+    generate(config, tmp_path / "o", PAIRS, SEED, layout=layout, shard_pairs=3, listener=recorder)
+    assert any("lost its context" in message for message in recorder.messages)
     assert digests(tmp_path / "o") == wanted
 
 
@@ -325,9 +332,9 @@ def test_object_stores_take_whole_shards(undisturbed, config, tmp_path):
     pytest.importorskip("fsspec")
     layout, _, wanted = undisturbed
     address = f"memory://{tmp_path.name}-{layout}"
-    listener = Listener()
-    listener.written = lambda pair: listener.stop.ask() if pair.index == 4 else None
-    made = generate(config, address, PAIRS, SEED, layout=layout, shard_pairs=3, listener=listener)
+    made = generate(
+        config, address, PAIRS, SEED, layout=layout, shard_pairs=3, listener=Recorder(lambda pair: pair.index == 4)
+    )
     assert made.missing == 2
     assert not any(name.endswith("train-000001.json") for name in made.place.names())
     generate(config, address, PAIRS, SEED, layout=layout, shard_pairs=3)

@@ -14,9 +14,8 @@ from geometry_measures import (
     volume,
 )
 
-from semisynth_gl.geometry.complex import COMPLEX_KINDS
+from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.geometry.simple import SIMPLE_KINDS
 
 KINDS = {**SIMPLE_KINDS, **COMPLEX_KINDS}
 SEEDS = range(4)

@@ -5,14 +5,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from semisynth_gl.errors import InputError
-from semisynth_gl.geometry.build import arc, circle, placed, rectangle, rod, rounded, smooth, turned
 from semisynth_gl.geometry.mesh import make_mesh, merged, normalised, without_degenerate
+from semisynth_gl.geometry.parts import arc, circle, placed, rectangle, rod, rounded, smooth, turned
 from semisynth_gl.geometry.surfaces import (
     BAND_STRETCH,
     box,
     extruded,
     extruded_cells,
-    flat_faces,
     grid_surface,
     lathe,
     sweep,
@@ -102,7 +101,7 @@ def test_closed_frames_spread_their_twist() -> None:
 
 def test_sweep_of_a_bend_is_off_by_radius_over_bend() -> None:
     path = np.column_stack([arc(1, 0, np.pi / 2, 40), np.zeros(40)])
-    mesh = sweep(circle(0.2, 24), path, capped=False)
+    mesh = sweep(circle(0.2, 24), path)
     assert 1.15 < stretch(mesh).max() < 1 / (1 - 0.2) + 0.01
 
 
@@ -138,12 +137,6 @@ def test_holes_in_cells_are_handles() -> None:
     assert euler_characteristic(mesh) == 2 - 2 * 12
 
 
-def test_flat_faces_build_a_tetrahedron() -> None:
-    mesh = flat_faces([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
-    assert volume(mesh) == pytest.approx(1 / 6)
-    assert stretch(mesh).max() < 1 + 1e-5
-
-
 def test_rods_end_where_they_were_put() -> None:
     start, stop = np.array([1.0, 2, 3]), np.array([-2.0, 0.5, 4])
     mesh = rod(start, stop, 0.1, 0.05, sides=64)
@@ -162,10 +155,11 @@ def test_turned_follows_the_right_hand() -> None:
     assert turned((0, 2, 0), np.pi / 2) @ (0, 0, 1) == pytest.approx([1, 0, 0], abs=1e-12)
 
 
-def test_placed_scales_uv_along() -> None:
-    mesh = placed(box((1, 1, 1)), (0, 0, 5), rotation=turned((1, 1, 0), 1.0), scale=3)
-    assert volume(mesh) == pytest.approx(27, rel=1e-5)
+def test_placed_keeps_size_and_texture() -> None:
+    mesh = placed(box((1, 2, 3)), (0, 0, 5), rotation=turned((1, 1, 0), 1.0))
+    assert volume(mesh) == pytest.approx(6, rel=1e-5)
     assert stretch(mesh).max() < 1 + 1e-5
+    assert (mesh.positions.min(axis=0) + mesh.positions.max(axis=0)) / 2 == pytest.approx([0, 0, 5], abs=1e-5)
 
 
 def test_smooth_passes_through_its_points() -> None:

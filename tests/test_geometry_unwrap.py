@@ -6,7 +6,7 @@ from geometry_measures import jacobians, stretch, volume
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from semisynth_gl.geometry.simple import SIMPLE_KINDS
+from semisynth_gl.geometry.kinds import SIMPLE_KINDS
 from semisynth_gl.geometry.surfaces import box, grid_surface
 from semisynth_gl.geometry.unwrap import DIRECTIONS, STRETCH_BOUND, facing_axes, project_uv
 

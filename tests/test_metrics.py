@@ -10,10 +10,9 @@ from hypothesis.extra import numpy as arrays
 
 from semisynth_gl.errors import InputError
 from semisynth_gl.metrics import PROTOCOLS, pool, score
-from semisynth_gl.metrics.error_map import bad_pixel_map, draw_error_map, kitti_error_map
-from semisynth_gl.metrics.holes import UNFILLED, fill_holes
-from semisynth_gl.metrics.protocol import PROTOCOL_NAMES, Limits
-from semisynth_gl.metrics.score import is_outlier, mean_figures, quantiles_of
+from semisynth_gl.metrics.error_map import draw_error_map
+from semisynth_gl.metrics.protocol import PROTOCOL_NAMES, UNFILLED, Limits, fill_holes
+from semisynth_gl.metrics.score import error_quantiles, is_outlier, mean_figures
 
 INF, NAN = math.inf, math.nan
 
@@ -35,7 +34,7 @@ def test_the_truth_is_without_error_and_one_more_is_one_off(protocol):
     exact, off = figures(truth, truth, protocol), figures(truth + 1, truth, protocol)
     assert {exact[name] for name in ("bad-0.5", "bad-4", "D1-all", "D1-est", "avgerr", "epe", "rms", "A99")} == {0.0}
     assert [off[name] for name in ("avgerr", "epe", "rms", "A50", "A99")] == [1.0] * 5
-    whole = PROTOCOLS[protocol].whole
+    whole = PROTOCOLS[protocol].full_share
     assert (off["bad-0.5"], off["bad-1"], off["D1-all"], off["coverage"]) == (whole, 0.0, 0.0, whole)
 
 
@@ -169,11 +168,11 @@ def test_holes_take_the_smaller_side_the_only_side_or_another_row():
 
 def test_quantiles_are_sorted_values_at_the_floor_of_n_q():
     ten = f32(range(10))[::-1].copy()
-    assert quantiles_of(ten) == (5.0, 9.0, 9.0, 9.0)
-    assert quantiles_of(f32(range(200))) == (100.0, 180.0, 190.0, 198.0)
-    assert quantiles_of(f32([7.0])) == (7.0,) * 4
-    assert quantiles_of(f32([NAN, 1.0, 2.0, 3.0]))[:1] == (3.0,)
-    assert math.isnan(quantiles_of(f32([NAN, 1.0, 2.0, 3.0]))[3])
+    assert error_quantiles(ten) == (5.0, 9.0, 9.0, 9.0)
+    assert error_quantiles(f32(range(200))) == (100.0, 180.0, 190.0, 198.0)
+    assert error_quantiles(f32([7.0])) == (7.0,) * 4
+    assert error_quantiles(f32([NAN, 1.0, 2.0, 3.0]))[:1] == (3.0,)
+    assert math.isnan(error_quantiles(f32([NAN, 1.0, 2.0, 3.0]))[3])
 
 
 def test_kitti_pools_pixels_and_the_others_average_images():
@@ -329,10 +328,10 @@ def test_kitti_colours_follow_the_error_and_occlusion_darkens():
         [[0.0, 0.1875 * 5 / 3, 5.0, 79.9, 80.0, 100.0, 0.3, 0.3], [0.0, 0.1875, 3.0, 47.9, 48.0, 0.1, 6.0, 12.0]]
     )
     # The larger of 3 px and 5 % of the truth is the unit: 5 px in the first row, 3 px in the second.
-    compared = PROTOCOLS["kitti"].compare(truth + errors, truth, Limits())
+    comparison = PROTOCOLS["kitti"].compare(truth + errors, truth, Limits())
     visible = np.ones((2, 8), bool)
     visible[0, 0] = False
-    picture = kitti_error_map(compared, visible)
+    picture = draw_error_map(comparison, PROTOCOLS["kitti"], visible)
     assert picture[0, 0].tolist() == [24, 27, 74]
     assert picture[0, 1].tolist() == [69, 117, 180]
     assert picture[0, 2].tolist() == [254, 224, 144]
@@ -366,7 +365,7 @@ def test_bad_pixels_are_black_or_grey_and_unknown_ones_blue():
     # 2 px is bad for ETH3D's map, whose bound is 1 px, and not for Middlebury's.
     for name, first, last in (("middlebury", white, black), ("eth3d", black, blue)):
         protocol = PROTOCOLS[name]
-        picture = bad_pixel_map(protocol.compare(prediction, truth, Limits()), protocol, visible)
+        picture = draw_error_map(protocol.compare(prediction, truth, Limits()), protocol, visible)
         assert picture[0].tolist() == [first, black, grey, blue, last], name
     protocol = PROTOCOLS["middlebury"]
     without = draw_error_map(protocol.compare(prediction, truth, Limits()), protocol)

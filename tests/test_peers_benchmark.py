@@ -1,5 +1,6 @@
 """The benchmark of renderers side by side, as far as it can be run in seconds: its scene, loop, accuracy and table."""
 
+import os
 import struct
 import sys
 import zlib
@@ -13,7 +14,22 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks" / "pee
 
 from accuracy import cast_truth, errors_px
 from exr import read_exr
-from run import CANDIDATES, OURS, Candidate, Measured, PeerError, Way, measure, run_together, table
+from run import (
+    CANDIDATES,
+    OURS,
+    REFERENCE,
+    SYSTEM_BLENDER,
+    Candidate,
+    Measured,
+    Parallel,
+    PeerError,
+    as_json,
+    main,
+    measure,
+    missing,
+    run_together,
+    table,
+)
 from scene import PeerScene, library_meshes, make_scene
 
 
@@ -36,18 +52,18 @@ def test_our_peer_writes_exact_pairs_in_two_processes_as_in_one(tmp_path):
     scene = small_scene(tmp_path / "scene", 2)
     truth = cast_truth(scene, (0, 1), rays=300)
     candidate = Candidate(OURS, "all", "ours")
-    found = {}
+    files = {}
     for processes in (1, 2):
-        seconds, details = run_together(candidate, Way(processes, "1"), scene.folder, [0, 1], tmp_path)
+        seconds, details = run_together(candidate, Parallel(processes, "1"), scene.folder, [0, 1], tmp_path)
         assert seconds > 0
         assert [len(detail["frame_s"]) for detail in details] == [2 // processes] * processes
         out = tmp_path / "out" / candidate.name
         error = errors_px(out, truth)
         assert error["pixels"] > 200
         assert error["worst"] < 1e-3
-        found[processes] = {path.relative_to(out).as_posix(): path.read_bytes() for path in out.glob("*/*")}
-    assert found[1] == found[2]
-    assert sorted(found[1])[:6] == [
+        files[processes] = {path.relative_to(out).as_posix(): path.read_bytes() for path in out.glob("*/*")}
+    assert files[1] == files[2]
+    assert sorted(files[1])[:6] == [
         f"000000/{name}"
         for name in (
             "disp.pfm",
@@ -60,34 +76,38 @@ def test_our_peer_writes_exact_pairs_in_two_processes_as_in_one(tmp_path):
     ]
 
 
-def test_a_peer_that_breaks_is_told_of_and_ends_nothing(tmp_path, monkeypatch, capsys):
+def test_a_peer_that_breaks_is_reported_and_ends_nothing(tmp_path, monkeypatch, capsys):
     def broken(*_):
         raise PeerError("ended without saying READY")
 
     monkeypatch.setattr("run.run_together", broken)
     measured = measure(CANDIDATES[:2], small_scene(tmp_path / "scene", 2), tmp_path, rounds=2)
-    assert [found.fault for found in measured.values()] == ["ended without saying READY"] * 2
+    assert [result.fault for result in measured.values()] == ["ended without saying READY"] * 2
     assert capsys.readouterr().err.count("ended without saying READY") == 2
 
 
-def test_the_table_takes_each_peers_best_way_and_compares_medians():
-    one, two, alone = Way(1), Way(2), Way(2, "1")
+def test_the_table_takes_each_peers_best_use_of_the_cores_and_compares_medians():
+    names = {"one": Parallel(1), "two": Parallel(2), "alone": Parallel(2, "1")}
     error = {"median": 1e-6, "p99_9": 2e-5, "worst": 3e-4}
 
-    def measured(**ways):
-        return Measured({{"one": one, "two": two, "alone": alone}[way]: runs for way, runs in ways.items()}, {}, error)
+    def measured(**seconds):
+        runs = {names[name]: own for name, own in seconds.items()}
+        return Measured(runs, {parallel: [[{"version": "7"}]] for parallel in runs}, error)
 
     ours, slow, fast, broken = CANDIDATES[0], *(Candidate("p", name, name) for name in ("slow", "fast", "broken"))
     given = Candidate("p", "fast", "fast", our_encoders=True)
+    peers = {
+        ours: measured(one=[0.3, 0.5, 0.4], two=[0.3], alone=[0.2, 0.9, 0.1]),
+        slow: measured(one=[3.0], two=[2.0]),
+        fast: measured(one=[0.9], two=[1.0]),
+        given: measured(one=[0.8], two=[0.5]),
+        broken: Measured(fault="died"),
+    }
     text = table(
         {
-            ours: measured(one=[0.3, 0.5, 0.4], two=[0.3], alone=[0.2, 0.9, 0.1]),
-            slow: measured(one=[3.0], two=[2.0]),
-            fast: measured(one=[0.9], two=[1.0]),
-            given: measured(one=[0.8], two=[0.5]),
-            broken: Measured(fault="died"),
-        },
-        cores=2,
+            "peers": [as_json(candidate, result) for candidate, result in peers.items()],
+            "machine": {"cores": 2},
+        }
     )
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines() if line.startswith("|")]
     assert rows[2] == ["semisynth-gl", "us", "0.400", "0.200", "1.00", "1.0e-06", "2.0e-05", "3.0e-04"]
@@ -99,6 +119,50 @@ def test_the_table_takes_each_peers_best_way_and_compares_medians():
     assert rows[6][2] == "could not be run"
     assert "as a user would run it: fast, 4.50 times our time." in text
     assert "given our encoders: fast, 2.50 times our time." in text
+    assert text.endswith("Versions: semisynth-gl: 7.")
+
+
+def test_missing_programs_are_named_with_their_packages(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    (tmp_path / "blender").write_text("#!/bin/sh\n")
+    (tmp_path / "blender").chmod(0o755)
+    assert missing(SYSTEM_BLENDER, tmp_path) == [
+        "the program xvfb-run is not in PATH (Debian: apt-get install xvfb)",
+        "the program xauth is not in PATH (Debian: apt-get install xauth)",
+    ]
+    assert missing(OURS, tmp_path) == []
+    assert "--setup pyrender" in missing("pyrender", tmp_path)[-1]
+    monkeypatch.setattr("run.LIBRARIES", {"pygfx": {"libnowhere.so.1": "a-package"}})
+    assert missing("pygfx", tmp_path)[0] == (
+        "the library libnowhere.so.1 cannot be loaded (Debian: apt-get install a-package)"
+    )
+
+
+def test_a_peer_without_xvfb_run_is_left_out_and_the_others_are_measured(tmp_path, monkeypatch, capsys):
+    def measured(candidates, *_):
+        runs = {Parallel(processes): [0.5] for processes in (1, os.cpu_count() or 1)}
+        error = {"median": 1e-6, "p99_9": 2e-5, "worst": 3e-4}
+        details = {parallel: [[{"version": "7"}]] for parallel in runs}
+        return {candidate: Measured(dict(runs), details, error) for candidate in candidates}
+
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr("run.measure", measured)
+    monkeypatch.setattr("run.make_scene", lambda folder, _, frames: small_scene(folder, frames))
+    monkeypatch.setattr(sys, "argv", ["run.py", "--peers", SYSTEM_BLENDER, "--work", str(tmp_path), "--frames", "64"])
+    with pytest.raises(SystemExit) as exit_:
+        main()
+    assert exit_.value.code == 1
+    captured = capsys.readouterr()
+    assert f"{SYSTEM_BLENDER} is left out: the program blender is not in PATH" in captured.err
+    assert "the program xvfb-run is not in PATH (Debian: apt-get install xvfb)" in captured.err
+    assert f"| {REFERENCE.label} |" in captured.out
+    assert "Blender" not in captured.out
+
+
+def test_a_program_that_cannot_be_started_is_a_fault_of_its_peer(tmp_path, monkeypatch):
+    monkeypatch.setattr("run._command", lambda *_: [str(tmp_path / "no-such-program")])
+    with pytest.raises(PeerError, match=r"could not be started: .*no-such-program"):
+        run_together(CANDIDATES[0], Parallel(2), tmp_path, [0, 1], tmp_path)
 
 
 def exr_bytes(image: np.ndarray, compression: int, rows_of_a_block: int) -> bytes:

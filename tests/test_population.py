@@ -13,20 +13,19 @@ from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import Range, load_config
 from semisynth_gl.config.model import ParticlesSection
 from semisynth_gl.errors import InputError
+from semisynth_gl.geometry.kinds import SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import make_mesh, normalised
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.geometry.silhouette import Silhouette, height_map, mean_silhouette
-from semisynth_gl.geometry.simple import cube, sphere
-from semisynth_gl.histogram import Histogram, PixelCount, mixed, total_variation, wasserstein_px
+from semisynth_gl.histogram import Histogram, PixelCount, mix_histograms, total_variation, wasserstein_px
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.background import FACE
-from semisynth_gl.scene.layers import Layers, expected_shares, reach, solve_coverage
+from semisynth_gl.scene.depth_layers import DepthLayers, exceedance, expected_shares, solve_coverage
 from semisynth_gl.scene.particles import Sizes, expected_cover, poisson_counts
 from semisynth_gl.scene.population import Population
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.structures import CURVED_PANEL, GROUND, STILL_MODELS
-from semisynth_gl.scene.target import target_of
 from semisynth_gl.textures.atlas import Patch
 
 CAMERA = StereoCamera.centred(600, 400, 700.0, 0.2)
@@ -47,12 +46,12 @@ shares = st.lists(st.floats(0.0, 1.0), min_size=2, max_size=12).filter(lambda va
 
 
 def test_distances_of_shifted_blocks_are_known():
-    one = Histogram.of([0, 10, 20, 30], [1, 0, 0])
-    other = Histogram.of([0, 10, 20, 30], [0, 0, 1])
+    one = Histogram.from_counts([0, 10, 20, 30], [1, 0, 0])
+    other = Histogram.from_counts([0, 10, 20, 30], [0, 0, 1])
     assert total_variation(one, other) == 1
     assert wasserstein_px(one, other) == pytest.approx(20)
     # One block and the same spread over two bins: a quarter of the width on average.
-    assert wasserstein_px(Histogram.of([0, 4], [1]), Histogram.of([0, 2], [1])) == pytest.approx(1)
+    assert wasserstein_px(Histogram.from_counts([0, 4], [1]), Histogram.from_counts([0, 2], [1])) == pytest.approx(1)
 
 
 @given(shares, shares)
@@ -61,7 +60,7 @@ def test_distances_are_symmetric_and_bounded(one, other):
     edges = np.linspace(0, 7, size + 1)
     if not (sum(one[:size]) and sum(other[:size])):
         return
-    a, b = Histogram.of(edges, one[:size]), Histogram.of(edges, other[:size])
+    a, b = Histogram.from_counts(edges, one[:size]), Histogram.from_counts(edges, other[:size])
     assert total_variation(a, b) == pytest.approx(total_variation(b, a))
     assert 0 <= total_variation(a, b) <= 1 + 1e-12
     assert wasserstein_px(a, b) == pytest.approx(wasserstein_px(b, a))
@@ -80,7 +79,7 @@ def test_pixels_beyond_the_edges_count_in_the_outer_bins():
 @pytest.mark.parametrize(("edges", "counts"), [([0, 1, 1], [1, 1]), ([0, 1], [0]), ([0, 1], [-1]), ([0, 1], [1, 2])])
 def test_histograms_of_nothing_are_refused(edges, counts):
     with pytest.raises(ValueError, match="expected"):
-        Histogram.of(edges, counts)
+        Histogram.from_counts(edges, counts)
 
 
 # Forms
@@ -88,7 +87,7 @@ def test_histograms_of_nothing_are_refused(edges, counts):
 
 def target(form, **camera):
     config = load_config("sceneflow", {"disparity.target": form, **camera})
-    return target_of(config.disparity, config.camera)
+    return config.wanted_histogram()
 
 
 def test_uniform_in_depth_is_what_thrown_depths_show():
@@ -112,7 +111,7 @@ def test_a_mixture_is_its_parts():
         {"form": "mixture", "parts": [{"weight": w, "target": t} for w, t in zip((3, 1), parts, strict=True)]}
     )
     one, two = map(target, parts)
-    assert made.shares == pytest.approx(mixed([(0.75, one), (0.25, two)], made.edges_px).shares)
+    assert made.shares == pytest.approx(mix_histograms([(0.75, one), (0.25, two)], made.edges_px).shares)
 
 
 @pytest.mark.parametrize(
@@ -170,7 +169,7 @@ def test_a_file_is_read_beside_its_config(tmp_path):
         "extends: sceneflow\nname: mine\ndisparity: {target: {form: file, path: wanted.csv}}\n"
     )
     config = load_config(tmp_path / "mine.yaml")
-    made = target_of(config.disparity, config.camera)
+    made = config.wanted_histogram()
     assert made.edges_px.tolist() == [4, 24, 44, 64]
     assert made.shares.tolist() == [0.25, 0.375, 0.375]
 
@@ -222,12 +221,13 @@ def test_counts_are_poisson():
 
 def test_silhouettes_of_a_ball_and_a_cube():
     rng = np.random.default_rng(0)
-    ball = mean_silhouette([sphere(rng)], np.array([1.0]), RIGID, rng)
+    ball = mean_silhouette([SIMPLE_KINDS["sphere"](rng)], np.array([1.0]), RIGID, rng)
     assert ball.fill == pytest.approx(1, abs=0.02)
     # Over a disc, the height sqrt(1 - r^2) is uniform in its square.
     np.testing.assert_allclose(ball.heights**2, (np.arange(16) + 0.5) / 16, atol=0.05)
     # A convex body shows a quarter of its surface on average (Cauchy): 6 a^2 / 4 with a = 2 / sqrt(3).
-    assert mean_silhouette([cube(rng)], np.array([1.0]), RIGID, rng).fill == pytest.approx(2 / np.pi, rel=0.02)
+    cube = mean_silhouette([SIMPLE_KINDS["cube"](rng)], np.array([1.0]), RIGID, rng)
+    assert cube.fill == pytest.approx(2 / np.pi, rel=0.02)
 
 
 def test_a_height_map_shows_the_nearest_surface():
@@ -281,15 +281,15 @@ def test_particles_show_their_fronts():
     """Balls at one disparity, without drift: a front that stands out by h radii shows (d + doffs) / (1 - h r / f)."""
     still = ParticlesSection(drift=Range(0.0, 0.0))
     ball = Silhouette(1.0, np.sqrt((np.arange(16) + 0.5) / 16))
-    layers = Layers(np.array([80.0]), np.array([80.0]))
+    layers = DepthLayers(np.array([80.0]), np.array([80.0]))
     edges = np.array([79.0, 90.0, 100.0])
     sizes = Sizes(280.0, 280.0)
-    found = reach(layers, edges, CAMERA, still, sizes, ball, 0.1)[0]
+    found = exceedance(layers, edges, CAMERA, still, sizes, ball, 0.1)[0]
     height = np.sqrt(np.random.default_rng(3).random(100_000))
     shown = 80 / (1 - height * 140 / CAMERA.focal_px)
     np.testing.assert_allclose(found, [(shown >= edge).mean() for edge in edges], atol=0.05)
     # The depth of 80 px less a radius lies beyond no near plane of 1.6 m.
-    assert reach(layers, edges, CAMERA, still, sizes, ball, 1.6)[0].tolist() == [0, 0, 0]
+    assert exceedance(layers, edges, CAMERA, still, sizes, ball, 1.6)[0].tolist() == [0, 0, 0]
 
 
 @pytest.mark.parametrize("density", ["sparse", "dense", 100.0])
@@ -362,7 +362,7 @@ def test_sizes_in_metres_shrink_with_depth():
 def test_rendered_histograms_follow_their_targets(name, sections):
     """Over 200 pairs the figures are a third of these: benchmarks/results/targets.json."""
     config = tiny(name, **sections).model_copy(update={"truth": "left", "outputs": ()})
-    wanted = target_of(config.disparity, config.camera)
+    wanted = config.wanted_histogram()
     count, medians = PixelCount(wanted.edges_px), []
     with PairRenderer(config, 0) as pairs:
         for index in range(16):

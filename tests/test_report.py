@@ -1,4 +1,4 @@
-"""The report: its numbers against hand-made ones, its page in a browser."""
+"""The report: its numbers against independent ones, its page in a browser."""
 
 import json
 import os
@@ -8,7 +8,6 @@ import sys
 import time
 import zlib
 from base64 import b64decode
-from dataclasses import replace
 from html.parser import HTMLParser
 from xml.etree import ElementTree as ET
 
@@ -29,13 +28,12 @@ from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.report import pictures
 from semisynth_gl.report.build import build_report
-from semisynth_gl.report.measure import PairMeasures, measure, spread, target_histogram
-from semisynth_gl.report.outliers import QUANTITIES, find_outliers
-from semisynth_gl.report.page import _charts
+from semisynth_gl.report.measure import QUANTITIES, PairMeasures, find_outliers, measure, spread, target_histogram
+from semisynth_gl.report.page import render_page
 from semisynth_gl.report.pictures import make_picture, make_pictures, pack_floats
-from semisynth_gl.report.plots import bars_of, histogram_svg, linear_ticks, log_ticks
+from semisynth_gl.report.plots import Bars, count_bars, draw_histogram
+from semisynth_gl.report.rays import diameters_px, surfaces_at
 from semisynth_gl.report.redraws import read_redraws
-from semisynth_gl.report.surfaces import diameters_px, surfaces_at
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.scene import make_scene
 
@@ -69,7 +67,7 @@ def page(dataset):
     return build_report(read_index(dataset), pairs=3, sample=200).page
 
 
-def report(monkeypatch, capsys, *arguments):
+def run_report(monkeypatch, capsys, *arguments):
     monkeypatch.setattr(sys, "argv", ["semisynth-gl", "report", *map(str, arguments)])
     with pytest.raises(SystemExit) as ended:
         main()
@@ -158,8 +156,8 @@ def test_density_is_what_neighbouring_rays_find_in_the_patch():
     dx = (texels(x + step, y) - texels(x - step, y)) / (2 * step)
     dy = (texels(x, y + step) - texels(x, y - step)) / (2 * step)
     expected = np.sqrt(np.abs(dx[:, 0] * dy[:, 1] - dx[:, 1] * dy[:, 0]))
-    found = surfaces_at(scene, models, 16, x, y, hits).texels_per_pixel
-    np.testing.assert_allclose(found[hit], expected[hit], rtol=1e-5)
+    measured = surfaces_at(scene, models, 16, x, y, hits).texels_per_pixel
+    np.testing.assert_allclose(measured[hit], expected[hit], rtol=1e-5)
     assert hit.sum() > 20
 
 
@@ -198,7 +196,7 @@ def test_pairs_have_the_measures_of_their_files(dataset, measured):
 
 def test_rays_find_what_the_files_and_the_config_say(dataset, measured):
     rays = measured.rays
-    assert rays.faults == {}
+    assert measured.ray_faults == {}
     assert rays.pairs == len(measured.pairs)
     assert rays.agreeing > 0.99 * rays.cast
     assert rays.slant_deg.min() >= 0
@@ -219,9 +217,10 @@ def test_rays_find_what_the_files_and_the_config_say(dataset, measured):
 def test_scenes_that_are_others_are_left_out_with_the_reason(changed):
     path = changed / "train" / "MiddEval3" / "trainingF" / "middlebury-000001" / "pair.json"
     edit_json(path, lambda pair: pair["camera"].update(focal_px=99.0))
-    found = measure(open_dataset(changed), [0, 1], {})
-    assert found.rays.faults == {"config and seed of the index give another camera than the pair's provenance has": 1}
-    assert (found.rays.pairs, len(found.pairs)) == (1, 2)
+    measurement = measure(open_dataset(changed), [0, 1], {})
+    reason = "config and seed of the index give another camera than the pair's provenance has"
+    assert measurement.ray_faults == {reason: 1}
+    assert (measurement.rays.pairs, len(measurement.pairs)) == (1, 2)
 
 
 def test_scenes_of_other_sizes_do_not_pass_for_these(changed):
@@ -229,31 +228,31 @@ def test_scenes_of_other_sizes_do_not_pass_for_these(changed):
         index["config_values"]["particles"]["size_px"] = [60.0, 70.0]
 
     edit_json(changed / "index.json", larger)
-    [(reason, count)] = measure(open_dataset(changed), [0, 1], {}).rays.faults.items()
-    assert reason.startswith("the scene made again is another than the files show")
+    [(reason, count)] = measure(open_dataset(changed), [0, 1], {}).ray_faults.items()
+    assert reason.startswith("the rebuilt scene differs from the stored pair")
     assert count == 2
 
 
 def test_a_config_of_another_version_leaves_out_target_and_scenes(changed):
     edit_json(changed / "index.json", lambda index: index["config_values"].update(of_the_future=1))
-    made = build_report(read_index(changed), pairs=2, sample=2)
-    assert made.measurement.target is None
-    [(reason, count)] = made.measurement.rays.faults.items()
+    report = build_report(read_index(changed), pairs=2, sample=2)
+    assert report.measurement.target is None
+    [(reason, count)] = report.measurement.ray_faults.items()
     assert "cannot be made again" in reason
     assert "of_the_future" in reason
     assert count == 2
-    assert "The target is not drawn" in made.page
-    assert made.page.count("Not drawn. The scenes could not be made again") == 3
-    assert "Median disparity of single pairs" in made.page
+    assert "The target is not drawn" in report.page
+    assert report.page.count("Not drawn. The scenes could not be rebuilt") == 3
+    assert "Median disparity of single pairs" in report.page
 
 
-def test_a_pair_that_cannot_be_read_is_told_of(changed):
+def test_an_unreadable_pair_is_reported(changed):
     broken = changed / "train" / "MiddEval3" / "trainingF" / "middlebury-000001" / "disp0GT.pfm"
     broken.write_bytes(broken.read_bytes()[:100])
-    made = build_report(read_index(changed), pairs=1, sample=6)
-    assert len(made.measurement.pairs) == 5
-    assert "1 sampled pairs could not be read" in made.page
-    assert "disp0GT.pfm" in made.page
+    report = build_report(read_index(changed), pairs=1, sample=6)
+    assert len(report.measurement.pairs) == 5
+    assert "1 sampled pairs could not be read" in report.page
+    assert "disp0GT.pfm" in report.page
     shutil.rmtree(changed / "train" / "MiddEval3" / "trainingF")
     with pytest.raises(InputError, match="no pair could be read"):
         build_report(read_index(changed), pairs=1, sample=6, split="train")
@@ -264,10 +263,10 @@ def test_other_layouts_can_be_reported(layout, tmp_path):
     if backend_fault("auto"):
         pytest.skip("no OpenGL here")
     generate(config_of(), tmp_path / "set", 2, 0, layout=layout, shard_pairs=1)
-    made = build_report(read_index(tmp_path / "set"), pairs=1, sample=1)
-    assert made.measurement.rays.faults == {}
-    assert made.measurement.rays.pairs == 1
-    assert made.shown == 1
+    report = build_report(read_index(tmp_path / "set"), pairs=1, sample=1)
+    assert report.measurement.ray_faults == {}
+    assert report.measurement.rays.pairs == 1
+    assert report.shown == 1
 
 
 def test_a_dataset_at_an_address_can_be_reported(dataset, page, tmp_path, monkeypatch, capsys):
@@ -277,11 +276,11 @@ def test_a_dataset_at_an_address_can_be_reported(dataset, page, tmp_path, monkey
     try:
         assert build_report(read_index("memory://bucket/far-away"), pairs=3, sample=200).page == page
         monkeypatch.chdir(tmp_path)
-        assert report(monkeypatch, capsys, "memory://bucket/far-away/", "--pairs", 0, "--sample", 1)[0] == 0
+        assert run_report(monkeypatch, capsys, "memory://bucket/far-away/", "--pairs", 0, "--sample", 1)[0] == 0
     finally:
         memory.rm("/bucket", recursive=True)
     assert [path.name for path in tmp_path.iterdir()] == ["far-away-report.html"]
-    assert "None is shown" in (tmp_path / "far-away-report.html").read_text("utf-8")
+    assert "This page shows no pairs" in (tmp_path / "far-away-report.html").read_text("utf-8")
 
 
 # What was drawn again.
@@ -297,21 +296,21 @@ def test_redraws_are_those_of_all_records(changed):
         ]
 
     edit_json(records[0], redraw)
-    found = read_redraws(read_index(changed))
-    assert (found.pairs, found.attempts) == (6, 2)
-    assert {key: len(reasons) for key, reasons in found.of_pair.items()} == {("train", 0): 2}
-    assert [(reason.name, reason.attempts) for reason in found.reasons] == [("too dark", 2), ("too little texture", 1)]
-    assert found.reasons[0].example == "too dark: mean 3.0 levels, at least 8 wanted"
+    redraws = read_redraws(read_index(changed))
+    assert (redraws.pairs, redraws.attempts) == (6, 2)
+    assert {key: len(reasons) for key, reasons in redraws.messages.items()} == {("train", 0): 2}
+    assert [(fault.name, fault.attempts) for fault in redraws.faults] == [("too dark", 2), ("too little texture", 1)]
+    assert redraws.faults[0].example == "too dark: mean 3.0 levels, at least 8 wanted"
     assert read_redraws(read_index(changed), "validation").attempts == 0
     # Pair 0 is not in the sample of one.
-    made = build_report(read_index(changed), pairs=0, sample=1)
-    assert "1 of 6 pairs" in made.page
-    assert "too little texture: 0.50 levels" in made.page
+    report = build_report(read_index(changed), pairs=0, sample=1)
+    assert "1 of 6 pairs" in report.page
+    assert "too little texture: 0.50 levels" in report.page
     records[0].unlink()
-    lost = read_redraws(read_index(changed))
-    assert lost.pairs < 6
-    assert len(lost.unread) == 1
-    assert records[0].name in lost.unread[0]
+    incomplete = read_redraws(read_index(changed))
+    assert incomplete.pairs < 6
+    assert len(incomplete.unread) == 1
+    assert records[0].name in incomplete.unread[0]
 
 
 def pair_measures(number, median=10.0, redraws=0):
@@ -323,10 +322,10 @@ def test_outliers_are_the_farthest_from_the_median():
     pairs[17] = pair_measures(17, 40)
     pairs[30] = pair_measures(30, -9)
     pairs[31] = pair_measures(31, float("nan"))
-    found = find_outliers(pairs, QUANTITIES[0], most=2)
-    assert [(each.pair.position, each.value) for each in found] == [(17, 40), (30, -9)]
-    assert found[0].typical == 12
-    assert found[0].deviations == pytest.approx(28 / 1.4826)
+    outliers = find_outliers(pairs, QUANTITIES[0], most=2)
+    assert [(outlier.pair.position, outlier.value) for outlier in outliers] == [(17, 40), (30, -9)]
+    assert outliers[0].typical == 12
+    assert outliers[0].deviations == pytest.approx(28 / 1.4826)
     assert find_outliers(pairs, QUANTITIES[1]) == []
     assert find_outliers(pairs, QUANTITIES[4]) == []
     pairs[3] = pair_measures(3, redraws=4)
@@ -337,36 +336,64 @@ def test_outliers_are_the_farthest_from_the_median():
 # Plots and pictures.
 
 
-def test_bars_hold_all_values_once():
-    values = np.r_[np.arange(100), np.nan]
-    bars = bars_of(values, bins=10)
-    np.testing.assert_allclose(bars.shares, 0.1)
-    np.testing.assert_allclose(bars.edges, np.linspace(0, 99, 11))
-    assert bars_of([5.0, 5.0]).shares.sum() == 1
-    logarithmic = bars_of([0.0, 1, 10, 100], bins=2, log=True)
-    np.testing.assert_allclose(logarithmic.edges, [1, 10, 100])
-    np.testing.assert_allclose(logarithmic.shares, [1 / 3, 2 / 3])
+def test_bars_count_all_values_once():
+    bars = count_bars(np.r_[np.arange(100), np.nan])
+    np.testing.assert_allclose(bars.shares, 0.05)
+    np.testing.assert_allclose(bars.edges, np.linspace(0, 99, 21))
+    assert count_bars([5.0, 5.0]).shares.sum() == 1
+    logarithmic = count_bars([0.0, 1, 10, 256], log=True)
+    np.testing.assert_allclose(logarithmic.edges, 2.0 ** np.arange(9))
+    np.testing.assert_allclose(logarithmic.shares, np.array([1, 0, 0, 1, 0, 0, 0, 1]) / 3)
 
 
-def test_ticks_are_round_and_inside():
-    assert linear_ticks(0, 90, 6) == [0, 20, 40, 60, 80]
-    assert linear_ticks(0.012, 0.049, 4) == [0.02, 0.03, 0.04]
-    assert log_ticks(0.9, 60) == [1, 2, 5, 10, 20, 50]
-    assert log_ticks(1e-3, 1e5) == [10.0**power for power in range(-3, 6)]
-    assert len(log_ticks(2.1, 3.9)) > 1
+def drawing(low, high, *, log=False, **options):
+    return ET.fromstring(draw_histogram("name", Bars(np.array([low, high]), np.ones(1), log), "x", **options))  # noqa: S314
+
+
+def all_of(svg, tag):
+    return list(svg.iter(f"{{http://www.w3.org/2000/svg}}{tag}"))
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "log", "expected"),
+    [
+        (0, 90, False, "0 20 40 60 80"),
+        (0.012, 0.049, False, "0.02 0.03 0.04"),
+        (0.9, 60, True, "1 2 5 10 20 50"),
+        (1e-3, 1e5, True, "0.001 0.01 0.1 1 10 100 1000 10000 100000"),
+        (2.1, 3.9, True, "2.5 3 3.5"),
+    ],
+)
+def test_ticks_are_round_and_inside(low, high, log, expected):
+    ticks = [text.text for text in all_of(drawing(low, high, log=log), "text") if text.text.replace(".", "").isdigit()]
+    assert ticks == expected.split()
 
 
 def test_the_heights_of_bars_are_the_shares():
-    bars = replace(bars_of([0.0, 4.0], bins=4), shares=np.array([0.5, 0.25, 0.0, 0.25]))
-    text = histogram_svg(bars, "a <title>", "px & more", outline=np.full(4, 0.25), marks=[(1, "<m>")])
+    bars = Bars(np.arange(5.0), np.array([0.5, 0.25, 0.0, 0.25]))
+    marks = [(1, "<m>"), (9, "outside")]
+    text = draw_histogram("name", bars, "px & more", outline=np.full(4, 0.25), marks=marks)
     svg = ET.fromstring(text)  # noqa: S314 - its own
-    heights = [float(bar.get("height")) for bar in svg.iter("rect")]
-    assert len(heights) == 3
-    assert heights[1] == pytest.approx(heights[0] / 2, abs=0.1)
-    [line] = svg.iter("polyline")
-    levels = {float(point.split(",")[1]) for point in line.get("points").split()}
-    assert levels == {float(list(svg.iter("rect"))[1].get("y"))}
-    assert svg.find("title").text == "a <title>"
+    groups = {name: [group for group in all_of(svg, "g") if group.get("class") == name] for name in ("bar", "mark")}
+    tooltips = {name: [all_of(group, "title")[0].text for group in members] for name, members in groups.items()}
+    assert tooltips == {"bar": ["0 to 1: 50 %", "1 to 2: 25 %", "3 to 4: 25 %"], "mark": ["<m>"]}
+    levels = [
+        [float(number) for number in re.findall(r"[\d.]+ ([\d.]+)", all_of(group, "path")[0].get("d"))]
+        for group in groups["bar"]
+    ]
+    heights = [max(level) - min(level) for level in levels]
+    np.testing.assert_allclose(heights, np.array([1, 0.5, 0.5]) * heights[0], atol=0.01)
+    [line] = [path.get("d") for path in all_of(svg, "path") if "var(--outline); stroke-width: 1.6" in path.get("style")]
+    assert {float(number) for number in re.findall(r"[\d.]+ ([\d.]+)", line)} == {min(levels[1])}
+    assert "px & more" in [label.text for label in all_of(svg, "text")]
+
+
+def test_drawings_of_a_page_share_no_ids():
+    first, second = (draw_histogram(name, count_bars([1.0, 2.0]), "px") for name in ("first", "second"))
+    ids = [set(re.findall(r'id="([^"]*)"', text)) for text in (first, second)]
+    assert ids[0]
+    assert not ids[0] & ids[1]
+    assert draw_histogram("first", count_bars([1.0, 2.0]), "px") == first
 
 
 def unpacked(data, height, width):
@@ -379,16 +406,16 @@ def unpacked(data, height, width):
 def test_packed_floats_come_back_bit_for_bit():
     values = np.random.default_rng(0).normal(50, 20, (7, 11)).astype(np.float32)
     values[2, 3], values[4, 0], values[6, 10] = np.inf, np.nan, -0.0
-    found = unpacked(pack_floats(values), 7, 11)
-    np.testing.assert_array_equal(found.view(np.uint32), values.view(np.uint32))
+    restored = unpacked(pack_floats(values), 7, 11)
+    np.testing.assert_array_equal(restored.view(np.uint32), values.view(np.uint32))
 
 
 @pytest.mark.parametrize("step", [1, 2, 3])
 def test_a_reduced_picture_keeps_stored_disparities(dataset, step):
     frame = open_dataset(dataset)[0]
     picture = make_picture(frame, step)
-    found = unpacked(b64decode(picture.disparity), picture.height_px, picture.width_px)
-    np.testing.assert_array_equal(found, frame.disparity_left[step // 2 :: step, step // 2 :: step])
+    disparity = unpacked(b64decode(picture.disparity), picture.height_px, picture.width_px)
+    np.testing.assert_array_equal(disparity, frame.disparity_left[step // 2 :: step, step // 2 :: step])
     mask = np.frombuffer(zlib.decompress(b64decode(picture.visibility)), np.uint8)
     np.testing.assert_array_equal(mask, frame.visibility_left[step // 2 :: step, step // 2 :: step].ravel())
     assert b64decode(picture.left)[:2] == b64decode(picture.right)[:2] == b"\xff\xd8"
@@ -396,13 +423,17 @@ def test_a_reduced_picture_keeps_stored_disparities(dataset, step):
 
 def test_pictures_are_reduced_until_they_fit(dataset, monkeypatch):
     read = open_dataset(dataset).__getitem__
-    whole = make_pictures([0, 1], read)
-    assert [picture.step for picture in whole] == [1, 1]
-    most = sum(picture.size for picture in whole) // 2
+    complete = make_pictures([0, 1], read)
+    assert [picture.step for picture in complete] == [1, 1]
+    most = sum(picture.size for picture in complete) // 2
     monkeypatch.setattr(pictures, "MOST_BYTES", most)
     reduced = make_pictures([0, 1], read)
     assert {picture.step for picture in reduced} == {2}
     assert sum(picture.size for picture in reduced) <= most
+    report = build_report(read_index(dataset), pairs=2, sample=2)
+    assert report.step == 2
+    assert "reduced to 1/2 of their size" in report.page
+    assert "every 2nd pixel" in report.page
 
 
 # The page as a file.
@@ -458,15 +489,15 @@ def test_words_of_others_stay_words(changed):
         index["splits"]["train"]["left_out"] = ["<img src=x onerror=alert(2)>"]
 
     edit_json(changed / "index.json", spoil)
-    found = build_report(read_index(changed), pairs=1, sample=1).page
-    assert "<script>alert" not in found
-    assert "<img src=x" not in found
-    assert "&lt;script&gt;alert(1)&lt;/script&gt;{{data}}" in found
+    page = build_report(read_index(changed), pairs=1, sample=1).page
+    assert "<script>alert" not in page
+    assert "<img src=x" not in page
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;{{data}}" in page
 
 
 def test_the_command_writes_a_page_beside_the_dataset(dataset, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    code, out, _ = report(monkeypatch, capsys, dataset, "--pairs", 1, "--sample", 2, "--split", "train")
+    code, out, _ = run_report(monkeypatch, capsys, dataset, "--pairs", 1, "--sample", 2, "--split", "train")
     assert code == 0
     assert out.startswith("set-report.html: 2 of 4 pairs measured, ")
     assert [path.name for path in tmp_path.iterdir()] == ["set-report.html"]
@@ -475,23 +506,31 @@ def test_the_command_writes_a_page_beside_the_dataset(dataset, tmp_path, monkeyp
 
 
 def test_the_command_refuses_what_it_cannot_do(dataset, changed, tmp_path, monkeypatch, capsys):
-    for arguments, said in (
+    for arguments, message in (
         ((dataset, "--out", dataset / "report.html"), "lies in the dataset's folder"),
         ((dataset, "--out", tmp_path / "report.txt"), "expected a name that ends in .html"),
         ((dataset, "--out", tmp_path / "none" / "report.html"), "does not exist"),
         ((dataset, "--out", tmp_path / "report.html", "--split", "test"), "expected a split of train, validation"),
         ((tmp_path / "nowhere",), "there is no such folder"),
     ):
-        code, _, err = report(monkeypatch, capsys, *arguments)
-        assert (code, said in err) == (2, True), err
+        code, _, err = run_report(monkeypatch, capsys, *arguments)
+        assert (code, message in err) == (2, True), err
     (changed / "index.json").unlink()
-    code, _, err = report(monkeypatch, capsys, changed, "--out", tmp_path / "report.html")
+    code, _, err = run_report(monkeypatch, capsys, changed, "--out", tmp_path / "report.html")
     assert code == 2
     assert "the dataset is not finished" in err
     assert not (tmp_path / "report.html").exists()
 
 
-SIZES = "The config&#x27;s particles.size_px is"
+SIZES = "The config's particles.size_px is"
+
+
+def figure_of(index, measurement, title):
+    page = render_page(index, measurement, read_redraws(index), [], [], [])
+    [figure] = [
+        figure for figure in re.findall("<figure>.*?</figure>", page, re.DOTALL) if f"<h3>{title}</h3>" in figure
+    ]
+    return figure
 
 
 @pytest.mark.parametrize(
@@ -510,17 +549,16 @@ def test_sizes_are_marked_where_size_px_alone_decides(dataset, measured, particl
     index = read_index(dataset)
     assert index.config["particles"]["size_m"] is None
     index.config["particles"].update({"size_px": [50.0, 90.0], **particles})
-    size = list(_charts(index, measured))[4]
-    assert "<h3>Object size</h3>" in size
+    size = figure_of(index, measured, "Object size")
     assert (SIZES in size, "particles.size_px: " in size) == (marked, marked)
 
 
 def test_texture_is_said_to_be_of_what_is_stored(dataset, measured):
     index = read_index(dataset)
-    assert "as checks.min_texture (dashed) takes it." in list(_charts(index, measured))[-1]
+    assert "as checks.min_texture (dashed) takes it." in figure_of(index, measured, "Texture")
     for imperfections in ({"noise": 3.0}, {"of_the_future": 1}):
         index.config["imperfections"].update(imperfections)
-        assert "of the images as stored, with their imperfections" in list(_charts(index, measured))[-1]
+        assert "of the images as stored, with their imperfections" in figure_of(index, measured, "Texture")
 
 
 # The page in a browser.
@@ -652,8 +690,8 @@ def test_the_keyboard_moves_the_cursor_and_the_pair(opened, dataset):
     assert f"x {width // 2 + 1}, y {height // 2 + 10}" in text
     stage.send_keys("n")
     wait(opened, lambda: attribute(opened, "pair") == "1")
-    found = np.float32(re.search(r"disparity (\S+) px", element(opened, "readout").text)[1])
-    assert found == shown_frame(dataset, 1).disparity_left[height // 2 + 10, width // 2 + 1]
+    disparity = np.float32(re.search(r"disparity (\S+) px", element(opened, "readout").text)[1])
+    assert disparity == shown_frame(dataset, 1).disparity_left[height // 2 + 10, width // 2 + 1]
 
 
 def test_flicker_and_hold_change_the_image(opened, dataset):
@@ -722,7 +760,7 @@ def test_keys_do_nothing_where_no_pair_is_shown(browser, dataset, tmp_path):
 
 
 @pytest.mark.parametrize("blob", ["disparity", "left"])
-def test_a_pair_that_cannot_be_decoded_is_told_of(browser, page, tmp_path, blob):
+def test_an_undecodable_pair_is_reported(browser, page, tmp_path, blob):
     path = tmp_path / "report.html"
     path.write_text(re.sub(rf'(id="pair-1-{blob}">)[^<]{{40}}', r"\1", page), "utf-8")
     browser.get(path.as_uri())

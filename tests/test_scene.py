@@ -19,11 +19,9 @@ from semisynth_gl.scene.particles import (
     draw_release,
     draw_slots,
     particles_at,
-    rotation_about,
-    rotation_of,
-    sizes_of,
+    stated_sizes,
 )
-from semisynth_gl.scene.rig import draw_camera, near_depth_m
+from semisynth_gl.scene.rig import draw_camera, near_depth_m, rotation_about_axis, rotation_from_quaternion
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.seeds import Purpose, generator
@@ -170,16 +168,16 @@ def test_rotations_are_rotations():
     rng = np.random.default_rng(0)
     quaternion = rng.normal(size=(50, 4))
     quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
-    matrices = rotation_of(quaternion)
+    matrices = rotation_from_quaternion(quaternion)
     np.testing.assert_allclose(matrices @ matrices.transpose(0, 2, 1), np.tile(np.eye(3), (50, 1, 1)), atol=1e-12)
     np.testing.assert_allclose(np.linalg.det(matrices), 1)
-    quarter = rotation_about(np.array([[0.0, 0, 1]]), np.array([np.pi / 2]))[0]
+    quarter = rotation_about_axis(np.array([[0.0, 0, 1]]), np.array([np.pi / 2]))[0]
     np.testing.assert_allclose(quarter @ [1, 0, 0], [0, 1, 0], atol=1e-12)
 
 
 def stream(count=40, **options):
     section = ParticlesSection(**options)
-    batches = [Batch(low, high, count, sizes_of(section)) for low, high in ((20.0, 30.0), (60.0, 90.0))]
+    batches = [Batch(low, high, count, stated_sizes(section)) for low, high in ((20.0, 30.0), (60.0, 90.0))]
     slots = draw_slots(CAMERA, section, batches, np.random.default_rng(2))
     return section, slots, lambda g: draw_release(CAMERA, section, slots, np.random.default_rng([3, g]))
 

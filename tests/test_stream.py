@@ -29,8 +29,8 @@ torch = pytest.importorskip("torch")
 
 from torch.utils.data import DataLoader, get_worker_info  # noqa: E402 - torch is optional
 
-from semisynth_gl.torch import StereoStream, stream  # noqa: E402
-from semisynth_gl.torch.dealing import Consumer, Dealing  # noqa: E402
+from semisynth_gl.torch import Hardware, Selection, StereoStream, TrainingProcess, stream  # noqa: E402
+from semisynth_gl.torch.dealing import Dealing, Worker  # noqa: E402
 from semisynth_gl.torch.samples import to_sample  # noqa: E402
 
 TIMEOUT_S = 120
@@ -68,7 +68,7 @@ def fresh(function):
 def test_every_sample_goes_to_one_consumer(workers, ranks, batch, whole, samples):
     dealing = Dealing(10, samples, batch, whole)
     own = {
-        (rank, worker): list(dealing.numbers(Consumer(rank, ranks, worker, workers)))
+        (rank, worker): list(dealing.numbers(TrainingProcess(rank, ranks), Worker(worker, workers)))
         for rank in range(ranks)
         for worker in range(workers)
     }
@@ -76,7 +76,7 @@ def test_every_sample_goes_to_one_consumer(workers, ranks, batch, whole, samples
     for numbers in own.values():
         assert numbers == sorted(numbers)
     for rank in range(ranks):
-        assert dealing.count(rank, ranks) == sum(len(own[rank, worker]) for worker in range(workers))
+        assert dealing.count(TrainingProcess(rank, ranks)) == sum(len(own[rank, worker]) for worker in range(workers))
     home = {number: place for place, numbers in own.items() for number in numbers}
     assert all(home[number] == home[number - 1] for number in home if (number - 10) % whole)
 
@@ -87,7 +87,7 @@ def test_batches_of_all_ranks_come_in_order(workers, ranks):
     batch, steps = 4, 7
     dealing = Dealing(5, None, batch, 2)
     streams = {
-        (rank, worker): dealing.numbers(Consumer(rank, ranks, worker, workers))
+        (rank, worker): dealing.numbers(TrainingProcess(rank, ranks), Worker(worker, workers))
         for rank in range(ranks)
         for worker in range(workers)
     }
@@ -99,14 +99,14 @@ def test_batches_of_all_ranks_come_in_order(workers, ranks):
         for number in islice(streams[rank, step % workers], batch)
     ]
     assert came == list(range(5, 5 + steps * batch * ranks))
-    assert dealing.count(0, ranks) is None
+    assert dealing.count(TrainingProcess(0, ranks)) is None
 
 
 def test_skipping_is_going_on():
-    dealing, consumer = Dealing(2, 40, 3, 2), Consumer(1, 2, 1, 2)
-    numbers = list(dealing.numbers(consumer))
+    dealing, consumer = Dealing(2, 40, 3, 2), (TrainingProcess(1, 2), Worker(1, 2))
+    numbers = list(dealing.numbers(*consumer))
     for skipped in range(len(numbers) + 2):
-        assert list(dealing.numbers(consumer, skipped)) == numbers[skipped:]
+        assert list(dealing.numbers(*consumer, skipped)) == numbers[skipped:]
 
 
 def test_tensors_have_torchs_order_of_axes_and_types_that_it_works_with():
@@ -150,12 +150,12 @@ def test_the_stream_yields_what_the_dataset_holds(backend, layout, tmp_path):
     generate(config, tmp_path / "set", {"train": 4, "validation": 3}, SEED, layout=layout, backend=backend)
     for split, pairs in (("train", 4), ("validation", 3)):
         dataset = open_dataset(tmp_path / "set", split)
-        options = {"split": split, "splits": ("train", "validation"), "pairs": pairs, "backend": backend}
-        whole = list(StereoStream(config, SEED, **options))
+        selection, hardware = Selection(split, ("train", "validation"), pairs=pairs), Hardware(backend)
+        whole = list(StereoStream(config, SEED, selection, hardware=hardware))
         assert [sample["index"] for sample in whole] == list(range(pairs))
         places = set()
         for checked in (True, False):
-            crops = StereoStream(config, SEED, crop=(20, 30), checked=checked, **options)
+            crops = StereoStream(config, SEED, selection, crop=(20, 30), checked=checked, hardware=hardware)
             for sample, cropped, stored in zip(whole, crops, dataset, strict=True):
                 assert assert_same(sample, stored) == 10
                 assert sample["camera"]["focal_px"] == pytest.approx(stored.camera.focal_px)
@@ -170,16 +170,19 @@ def test_the_stream_yields_what_the_dataset_holds(backend, layout, tmp_path):
 @pytest.mark.one_backend
 def test_a_split_is_not_its_photographs_used_otherwise(backend):
     config = cheap()
-    alone = next(iter(StereoStream(config, SEED, backend=backend)))
-    beside = next(iter(StereoStream(config, SEED, splits=("train", "test"), backend=backend)))
+    alone = next(iter(StereoStream(config, SEED, hardware=Hardware(backend))))
+    beside = next(iter(StereoStream(config, SEED, Selection(splits=("train", "test")), hardware=Hardware(backend))))
     assert (alone["left"] != beside["left"]).any()
 
 
 @pytest.mark.one_backend
 def test_frames_of_a_sequence_stay_together_and_share_their_crop(backend):
     config = cheap(sequence={"length": 3})
-    options = {"backend": backend, "frames": range(2), "crop": (20, 30), "world_size": 2, "pairs": 8}
-    ranks = [list(StereoStream(config, SEED, rank=rank, **options)) for rank in (0, 1)]
+    selection = Selection(frames=range(2), pairs=8)
+    options = {"crop": (20, 30), "hardware": Hardware(backend)}
+    ranks = [
+        list(StereoStream(config, SEED, selection, process=TrainingProcess(rank, 2), **options)) for rank in (0, 1)
+    ]
     assert [[sample["index"] for sample in samples] for samples in ranks] == [[0, 1, 6, 7], [3, 4, 9, 10]]
     crops = []
     with PairRenderer(config, SEED, backend) as renderer:
@@ -197,7 +200,13 @@ def test_frames_of_a_sequence_stay_together_and_share_their_crop(backend):
 @pytest.mark.one_backend
 def test_first_is_where_it_begins_and_each_iteration_begins_there(backend):
     config = cheap()
-    one = StereoStream(config, SEED, first=5, pairs=3, backend=backend, transform=lambda sample: sample["index"])
+    one = StereoStream(
+        config,
+        SEED,
+        Selection(first=5, pairs=3),
+        hardware=Hardware(backend),
+        transform=lambda sample: sample["index"],
+    )
     assert len(one) == 3
     assert list(one) == list(one) == [5, 6, 7]
     with pytest.raises(TypeError, match="no end"):
@@ -218,7 +227,7 @@ def test_a_renderer_is_released_however_the_iteration_ends(backend, monkeypatch)
             super().release()
 
     monkeypatch.setattr(stream, "PairRenderer", Watched)
-    endless = StereoStream(cheap(), SEED, backend=backend)
+    endless = StereoStream(cheap(), SEED, hardware=Hardware(backend))
     iterator = iter(endless)
     assert not opened
     next(iterator)
@@ -229,7 +238,7 @@ def test_a_renderer_is_released_however_the_iteration_ends(backend, monkeypatch)
         break
     gc.collect()
     assert opened == released
-    failing = StereoStream(cheap(), SEED, backend=backend, transform=lambda sample: sample["nothing"])
+    failing = StereoStream(cheap(), SEED, hardware=Hardware(backend), transform=lambda sample: sample["nothing"])
     with pytest.raises(KeyError, match="nothing"):
         next(iter(failing))
     assert len(opened) == 3
@@ -238,7 +247,7 @@ def test_a_renderer_is_released_however_the_iteration_ends(backend, monkeypatch)
 
 @pytest.mark.one_backend
 def test_a_stream_goes_on_after_what_a_state_had_yielded(backend):
-    options = {"pairs": 7, "backend": backend, "batch_size": 2, "crop": (20, 30)}
+    options = {"selection": Selection(pairs=7), "hardware": Hardware(backend), "batch_size": 2, "crop": (20, 30)}
     first = StereoStream(cheap(), SEED, **options)
     iterator = iter(first)
     begun = [next(iterator)["index"] for _ in range(3)]
@@ -260,17 +269,17 @@ def test_a_state_of_another_stream_is_refused_with_what_differs():
     state = there.state_dict()
     for options, message in (
         ({"seed": 4}, r"seed \(3 there, 4 now\)"),
-        ({"first": 2}, r"first \(0 there, 2 now\)"),
+        ({"selection": Selection(first=2)}, r"first \(0 there, 2 now\)"),
         ({"batch_size": 2}, "batch_size"),
         ({"crop": (8, 8)}, "crop"),
         ({"checked": False}, "checked"),
-        ({"splits": ("train", "test")}, "splits"),
-        ({"rank": 0, "world_size": 2}, "world_size"),
+        ({"selection": Selection(splits=("train", "test"))}, "splits"),
+        ({"process": TrainingProcess(0, 2)}, "world_size"),
         ({"config": cheap(particles={"most": 100})}, "config_sha256"),
     ):
         with pytest.raises(InputError, match=message):
             StereoStream(**({"config": config, "seed": SEED} | options)).load_state_dict(state)
-    StereoStream(config, SEED, pairs=9).load_state_dict(state)
+    StereoStream(config, SEED, Selection(pairs=9)).load_state_dict(state)
     with pytest.raises(InputError, match=r"expected what state_dict\(\) of a stream has returned"):
         there.load_state_dict({"_snapshot": {}})
     there.load_state_dict(state | {"worker": 1, "workers": 2})
@@ -287,37 +296,51 @@ def test_a_process_that_has_yielded_nothing_has_no_state():
     ("options", "message"),
     [
         ({"seed": -1}, "seed must be 0 or more, got -1"),
-        ({"split": "training"}, "expected one of splits.*got split='training'"),
-        ({"split": "validation"}, "expected one of splits.*splits=\\('train',\\)"),
-        ({"splits": ("train", "dev")}, "train, validation, test"),
-        ({"first": -2}, "0 or more, got -2"),
-        ({"pairs": 0}, "1 or more.*got 0"),
         ({"batch_size": 0}, "1 or more, got 0"),
-        ({"frames": range(4)}, "from 0 to 2, since the config's sequence.length is 3, got \\(0, 1, 2, 3\\)"),
-        ({"frames": ()}, "got \\(\\)"),
-        ({"frames": (1, 0)}, "growing"),
+        (
+            {"selection": Selection(frames=range(4))},
+            "from 0 to 2, since the config's sequence.length is 3, got \\(0, 1, 2, 3\\)",
+        ),
+        ({"selection": Selection(frames=())}, "got \\(\\)"),
+        ({"selection": Selection(frames=(1, 0))}, "growing"),
         ({"crop": (49, 10)}, "up to \\(48, 64\\) px.*got \\(49, 10\\)"),
         ({"crop": (0, 10)}, "got \\(0, 10\\)"),
-        ({"rank": 2, "world_size": 2}, "got rank=2 and world_size=2"),
-        ({"rank": 1}, "give both or neither"),
-        ({"world_size": 2}, "give both or neither"),
-        ({"backend": "glx"}, "auto, egl, osmesa, got 'glx'"),
-        ({"device": "gpu"}, "cpu, cuda, got 'gpu'"),
-        ({"device": "cuda"}, "checked=False.*pin_memory=True"),
-        ({"device": "cuda", "checked": False, "backend": "osmesa"}, "EGL and a GPU that torch finds"),
+        ({"hardware": Hardware(device="cuda")}, "checked=False.*pin_memory=True"),
+        ({"hardware": Hardware("osmesa", device="cuda"), "checked": False}, "EGL and a GPU that torch finds"),
     ],
 )
-def test_what_cannot_be_used_is_refused(options, message):
+def test_arguments_that_cannot_be_used_are_refused(options, message):
     with pytest.raises(InputError, match=message):
         StereoStream(cheap(sequence={"length": 3}), **options)
+
+
+@pytest.mark.parametrize(
+    ("option", "values", "message"),
+    [
+        (Selection, {"split": "training"}, "expected one of splits.*got split='training'"),
+        (Selection, {"split": "validation"}, "expected one of splits.*splits=\\('train',\\)"),
+        (Selection, {"splits": ("train", "dev")}, "train, validation, test"),
+        (Selection, {"first": -2}, "0 or more, got -2"),
+        (Selection, {"pairs": 0}, "1 or more.*got 0"),
+        (TrainingProcess, {"rank": 2, "world_size": 2}, "got rank=2 and world_size=2"),
+        (TrainingProcess, {"rank": -1, "world_size": 2}, "got rank=-1 and world_size=2"),
+        (TrainingProcess, {"rank": 1}, "got rank=1 and world_size=1.*torch.distributed for both"),
+        (Hardware, {"backend": "glx"}, "auto, egl, osmesa, got 'glx'"),
+        (Hardware, {"device": "gpu"}, "cpu, cuda, got 'gpu'"),
+    ],
+)
+def test_options_that_cannot_be_used_are_refused(option, values, message):
+    with pytest.raises(InputError, match=message):
+        option(**values)
 
 
 def test_ranks_are_those_of_torch_distributed(monkeypatch):
     monkeypatch.setattr(torch.distributed, "is_initialized", lambda: True)
     monkeypatch.setattr(torch.distributed, "get_rank", lambda: 1)
     monkeypatch.setattr(torch.distributed, "get_world_size", lambda: 3)
-    assert len(StereoStream(cheap(), pairs=5, batch_size=2)) == 2
-    assert len(StereoStream(cheap(), pairs=5, batch_size=2, rank=2, world_size=3)) == 1
+    selection = Selection(pairs=5)
+    assert len(StereoStream(cheap(), selection=selection, batch_size=2)) == 2
+    assert len(StereoStream(cheap(), selection=selection, batch_size=2, process=TrainingProcess(2, 3))) == 1
 
 
 def test_a_worker_without_a_context_says_what_to_do(monkeypatch):
@@ -327,7 +350,7 @@ def test_a_worker_without_a_context_says_what_to_do(monkeypatch):
     # Forked workers inherit what is set here.
     monkeypatch.setattr(context, "_opened_in", set())
     monkeypatch.setattr(context, "_open_egl", refuse)
-    one = StereoStream(cheap(), backend="egl")
+    one = StereoStream(cheap(), hardware=Hardware("egl"))
     with pytest.raises(BackendError, match=r"(?s)the stream cannot render: no OpenGL context.*0x3001.*doctor"):
         next(iter(one))
     with pytest.raises(BackendError, match=r"(?s)worker 0 of 2 cannot render: no OpenGL context.*0x3001.*doctor"):
@@ -336,7 +359,7 @@ def test_a_worker_without_a_context_says_what_to_do(monkeypatch):
 
 @pytest.mark.one_backend
 def test_workers_forked_from_a_process_with_opengl_are_told_apart(backend):
-    one = StereoStream(cheap(), backend=backend)
+    one = StereoStream(cheap(), hardware=Hardware(backend))
     next(iter(one))
     with pytest.raises(BackendError, match=r"worker 0 of 1 cannot render: this process was forked.*'spawn'"):
         next(iter(loader(one, 1, way="fork")))
@@ -348,7 +371,7 @@ def scores(batch):
 
 def forked():
     """What loaders of 0 to 3 workers yield; those with workers first, since no process forks after it has drawn."""
-    options = {"batch_size": 2, "pairs": 7, "first": 1}
+    options = {"batch_size": 2, "selection": Selection(pairs=7, first=1)}
     found = {}
     for workers in (3, 2, 1, 0):
         one = StereoStream(cheap(), SEED, **options)
@@ -359,7 +382,9 @@ def forked():
 
 def forked_epochs():
     """Two epochs of workers that stay."""
-    batches = loader(StereoStream(cheap(), SEED, batch_size=2, pairs=6), 2, 2, "fork", persistent_workers=True)
+    batches = loader(
+        StereoStream(cheap(), SEED, Selection(pairs=6), batch_size=2), 2, 2, "fork", persistent_workers=True
+    )
     return [indices(batches) for _ in range(2)]
 
 
@@ -368,7 +393,7 @@ def forked_resuming():
     stateful = import_module("torchdata.stateful_dataloader")
 
     def made():
-        one = StereoStream(cheap(), SEED, batch_size=2, pairs=11)
+        one = StereoStream(cheap(), SEED, Selection(pairs=11), batch_size=2)
         return stateful.StatefulDataLoader(one, batch_size=2, num_workers=2, multiprocessing_context="fork")
 
     batches, begun = made(), []
@@ -439,7 +464,7 @@ def look(sample):
 
 @pytest.mark.one_backend
 def test_five_hundred_steps_repeat_nothing_and_leak_nothing(backend):
-    one = StereoStream(cheap(), SEED, backend=backend, transform=look, crop=(32, 48))
+    one = StereoStream(cheap(), SEED, hardware=Hardware(backend), transform=look, crop=(32, 48))
     seen, held, files = [], {}, []
     for batch in islice(loader(one, 2), STEPS):
         seen += batch["index"].tolist()

@@ -19,7 +19,7 @@ from semisynth_gl.render.readers import PixelBuffers
 
 torch = pytest.importorskip("torch")
 
-from semisynth_gl.torch import StereoStream, stream  # noqa: E402
+from semisynth_gl.torch import Hardware, Selection, StereoStream, stream  # noqa: E402
 from semisynth_gl.torch.interop import CudaReader  # noqa: E402
 
 SEED = 3
@@ -219,9 +219,9 @@ def gpu(monkeypatch, runtime):
 
 
 def test_a_stream_on_a_gpu_yields_the_same(gpu):
-    options = {"pairs": 3, "crop": (20, 30), "checked": False}
+    options = {"selection": Selection(pairs=3), "crop": (20, 30), "checked": False}
     # Taken in turns: the reader of one stream is not the other's.
-    there = iter(StereoStream(cheap(), SEED, device="cuda", **options))
+    there = iter(StereoStream(cheap(), SEED, hardware=Hardware(device="cuda"), **options))
     here = iter(StereoStream(cheap(), SEED, **options))
     for on_gpu, sample in zip(there, here, strict=True):
         assert on_gpu["instances_left"].dtype == torch.int32
@@ -233,7 +233,7 @@ def test_a_stream_on_a_gpu_yields_the_same(gpu):
 
 @pytest.mark.usefixtures("gpu")
 def test_tensors_on_a_gpu_do_not_come_from_workers():
-    one = StereoStream(cheap(), SEED, device="cuda", checked=False)
+    one = StereoStream(cheap(), SEED, hardware=Hardware(device="cuda"), checked=False)
     loaded = torch.utils.data.DataLoader(one, num_workers=1, multiprocessing_context="fork")
     with pytest.raises(InputError, match="num_workers=0 alone"):
         next(iter(loaded))
@@ -242,4 +242,4 @@ def test_tensors_on_a_gpu_do_not_come_from_workers():
 @pytest.mark.usefixtures("gpu")
 def test_pairs_with_imperfections_are_not_for_a_gpu():
     with pytest.raises(InputError, match="config without imperfections"):
-        StereoStream(cheap(imperfections={"noise": [1, 2]}), device="cuda", checked=False)
+        StereoStream(cheap(imperfections={"noise": [1, 2]}), hardware=Hardware(device="cuda"), checked=False)

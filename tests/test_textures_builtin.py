@@ -7,26 +7,27 @@ import numpy as np
 import pytest
 
 from semisynth_gl.errors import InputError
-from semisynth_gl.textures import photographs
+from semisynth_gl.textures import image_files
 from semisynth_gl.textures.crops import texture_measure
+from semisynth_gl.textures.image_files import builtin_photographs
 from semisynth_gl.textures.images import read_image
-from semisynth_gl.textures.photographs import builtin_photographs
-from semisynth_gl.textures.procedural import procedural_atlas, procedural_images
+from semisynth_gl.textures.procedural import procedural_atlas
 
 
 @pytest.mark.parametrize("side_px", [16, 33, 64, 256])
-def test_procedural_images_all_have_texture(side_px: int) -> None:
-    for image in procedural_images(np.random.default_rng(0), 20, side_px):
-        assert image.shape == (side_px, side_px, 3)
-        assert image.dtype == np.uint8
-        assert texture_measure(image) > 3.0
+def test_procedural_patches_all_have_texture(side_px: int) -> None:
+    layers = procedural_atlas(np.random.default_rng(0), 20, side_px).layers
+    assert layers.shape == (20, side_px, side_px, 4)
+    assert layers.dtype == np.uint8
+    for layer in layers:
+        assert texture_measure(layer[..., :3]) > 3.0
 
 
-def test_procedural_images_come_from_the_generator_alone() -> None:
-    first, again, other = (procedural_images(np.random.default_rng(seed), 10, 48) for seed in (1, 1, 2))
+def test_procedural_patches_come_from_the_generator_alone() -> None:
+    first, again, other = (procedural_atlas(np.random.default_rng(seed), 10, 48).layers for seed in (1, 1, 2))
     np.testing.assert_array_equal(first, again)
     assert not any(np.array_equal(a, b) for a, b in zip(first, other, strict=True))
-    assert len({image.tobytes() for image in first}) == 10
+    assert len({layer.tobytes() for layer in first}) == 10
 
 
 def test_procedural_atlas_names_the_kinds() -> None:
@@ -52,7 +53,7 @@ def test_builtin_photographs_are_there_and_none_is_an_evaluation_image() -> None
 
 
 def test_absent_scikit_image_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(photographs, "find_spec", lambda _: None)
+    monkeypatch.setattr(image_files, "find_spec", lambda _: None)
     with pytest.raises(InputError, match="--images") as caught:
         builtin_photographs()
     assert "pip install 'semisynth-gl[photographs]'" in str(caught.value)
@@ -61,6 +62,6 @@ def test_absent_scikit_image_says_what_to_do(monkeypatch: pytest.MonkeyPatch) ->
 def test_missing_files_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     spec = ModuleSpec("skimage", None, is_package=True)
     spec.submodule_search_locations = [str(tmp_path)]
-    monkeypatch.setattr(photographs, "find_spec", lambda _: spec)
+    monkeypatch.setattr(image_files, "find_spec", lambda _: spec)
     with pytest.raises(InputError, match="astronaut"):
         builtin_photographs()

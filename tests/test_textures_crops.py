@@ -52,12 +52,6 @@ def test_crops_are_evenly_spread() -> None:
     assert crop_boxes(100, 100, 100, [1]) == [CropBox(0, 0, 100)]
 
 
-@pytest.mark.parametrize("scales", [[], [0.5], [1, 0.99], [float("nan")], [float("inf")]])
-def test_scales_below_one_are_refused(scales: list[float]) -> None:
-    with pytest.raises(InputError, match="never enlarged"):
-        crop_boxes(100, 100, 10, scales)
-
-
 def noise(*shape: int) -> np.ndarray:
     return np.random.default_rng(5).integers(0, 256, shape, dtype=np.uint8)
 

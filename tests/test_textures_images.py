@@ -18,7 +18,8 @@ from PIL import Image, ImageCms, ImageFile
 
 from semisynth_gl.errors import InputError
 from semisynth_gl.textures import images
-from semisynth_gl.textures.images import MAX_PIXELS, ImageError, find_images, read_image, stored_size
+from semisynth_gl.textures.image_files import find_images
+from semisynth_gl.textures.images import MAX_PIXELS, ImageError, read_image, stored_size
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 needs_shared = pytest.mark.skipif(not (SHARED / "hostile").is_dir(), reason="test material ../shared/data is absent")

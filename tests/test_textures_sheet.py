@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 from PIL import Image, ImageFilter, ImageOps
 
-from semisynth_gl.cache.entries import Entry
+from semisynth_gl.cache.store import Entry
 from semisynth_gl.cli import main
 from semisynth_gl.config.model import TexturesSection
-from semisynth_gl.textures.atlas_entry import packed_atlas, unpacked_atlas
-from semisynth_gl.textures.images import find_files, find_images
-from semisynth_gl.textures.prepare import images_of, prepare_atlas
-from semisynth_gl.textures.selection import names_of
-from semisynth_gl.textures.sheet import draw_texture_sheet, grouped_counts, printable
+from semisynth_gl.textures.image_files import find_files, find_images, printable, relative_names
+from semisynth_gl.textures.prepare import pack_atlas, prepare_atlas, split_images, unpack_atlas
+from semisynth_gl.textures.sheet import draw_texture_sheet
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 FRAME = (230, 130, 20)
@@ -53,8 +51,7 @@ def section(folder, **values):
 
 def drawn(textures):
     atlas = prepare_atlas(textures, 0)
-    files = images_of(textures, 0)
-    named = {name: path for path, name in names_of(files).items()} if files else {}
+    named = {name: path for path, name in relative_names(split_images(textures, 0)).items()}
     return atlas, np.asarray(draw_texture_sheet(atlas, named, "title"))
 
 
@@ -72,7 +69,7 @@ def places_of(sheet, tile):
 def test_the_sheet_shows_every_patch_and_what_was_left_out(photographs):
     atlas, sheet = drawn(section(photographs))
     report = atlas.report
-    assert (report.crops_flat > 0, report.crops_blurred > 0, report.crops_duplicate > 0) == (True, True, True)
+    assert (report.total("flat") > 0, report.total("blurred") > 0, report.total("duplicate") > 0) == (True, True, True)
     assert {example.reason for example in report.examples} == {"flat", "blurred", "duplicate"}
     assert report.too_small == ("small.png",)
     assert sheet.shape[1:] == (1600, 3)
@@ -87,15 +84,15 @@ def test_the_sheet_shows_every_patch_and_what_was_left_out(photographs):
 def test_flat_patches_are_framed(photographs):
     _, without = drawn(section(photographs))
     atlas, sheet = drawn(section(photographs, flat_share=0.2))
-    assert atlas.report.crops_kept_flat > 0
+    assert atlas.report.total("kept_flat") > 0
     assert not (without == FRAME).all(axis=2).any()
     framed = (sheet == FRAME).all(axis=2).sum()
-    assert framed == atlas.report.crops_kept_flat * (72**2 - 66**2)
+    assert framed == atlas.report.total("kept_flat") * (72**2 - 66**2)
 
 
 def test_counts_are_those_of_the_patches(photographs):
     atlas, _ = drawn(section(photographs, flat_share=0.1))
-    grouped = grouped_counts(atlas.report)
+    grouped = atlas.report.grouped_counts
     assert sum(count.kept for counts in grouped.values() for count in counts) == len(atlas.patches) > 0
     for source, counts in grouped.items():
         for count in counts:
@@ -106,7 +103,7 @@ def test_counts_are_those_of_the_patches(photographs):
 
 def test_procedural_patches_are_grouped_by_their_kind():
     atlas, sheet = drawn(TexturesSection(source="procedural", max_patches=7, patch_px=32))
-    assert list(grouped_counts(atlas.report)) == [
+    assert list(atlas.report.grouped_counts) == [
         f"procedural/{kind}" for kind in ("noise", "stripes", "checks", "gradient", "dots")
     ]
     assert sheet.shape[0] > 200
@@ -125,8 +122,8 @@ def test_frames_of_a_video_are_shown_by_their_first(tmp_path):
 def test_an_atlas_comes_back_from_the_cache_with_its_report(photographs):
     atlas = prepare_atlas(section(photographs, flat_share=0.1), 3)
     images = find_images([photographs])
-    packed = packed_atlas(atlas, images)
-    back = unpacked_atlas(Entry(json.loads(json.dumps(packed.values)), packed.arrays), images)
+    packed = pack_atlas(atlas, images)
+    back = unpack_atlas(Entry(json.loads(json.dumps(packed.values)), packed.arrays), images)
     assert back.report == atlas.report
     assert repr(back.report) == repr(atlas.report)
     assert back.patches == atlas.patches
@@ -173,7 +170,8 @@ def test_the_command_counts_by_source_and_scale(call, tmp_path, photographs):
     atlas = prepare_atlas(section(photographs), 0)
     assert table["all"][0] == str(len(atlas.patches))
     assert table["all"][3:] == [
-        str(number) for number in (atlas.report.crops_flat, atlas.report.crops_blurred, atlas.report.crops_duplicate, 0)
+        str(number)
+        for number in (atlas.report.total("flat"), atlas.report.total("blurred"), atlas.report.total("duplicate"), 0)
     ]
     assert "broken.png: is not an image" in out
     assert "1 smaller than 64 pixels" in out
@@ -215,5 +213,5 @@ def test_wrong_input_writes_nothing(call, tmp_path, arguments, words):
 @pytest.mark.skipif(not (SHARED / "textures").is_dir(), reason="test material ../shared/data is absent")
 def test_ordinary_photographs_are_neither_blurred_nor_alike():
     atlas = prepare_atlas(section(SHARED / "textures/*/*.png", patch_px=256), 0)
-    assert atlas.report.crops_kept > 80
-    assert (atlas.report.crops_blurred, atlas.report.crops_duplicate) == (0, 0)
+    assert atlas.report.total("kept") > 80
+    assert (atlas.report.total("blurred"), atlas.report.total("duplicate")) == (0, 0)

@@ -18,8 +18,8 @@ from semisynth_gl.errors import InputError
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.read.pfm import read_pfm
-from semisynth_gl.verify.consistency import match_views
 from semisynth_gl.verify.dataset import verify_dataset
+from semisynth_gl.verify.view_consistency import match_views
 from semisynth_gl.write.png import encode_png
 
 BENCHMARKS = ("middlebury", "kitti", "eth3d", "sceneflow")
@@ -209,7 +209,7 @@ def test_files_that_mislead_are_found(dataset):
     shutil.copytree(scene, dataset / SCENES / "middlebury-000009")
     messages = [str(finding) for finding in findings(dataset)]
     assert messages == [
-        f"dataset: files: {SCENES}/middlebury-{name} does not belong here: nothing in the index tells of it"
+        f"dataset: files: {SCENES}/middlebury-{name} does not belong here: the index lists no such file"
         for name in ("000001/disp0other.pfm", *(f"000009/{file.name}" for file in sorted(scene.iterdir())))
     ]
 
@@ -314,7 +314,7 @@ def test_records_are_compared_with_the_index(dataset):
     record = json.loads(records[2].read_text())
     record["samples"][0]["files"].pop(f"{SCENES}/middlebury-000002/calib.txt")
     records[2].write_text(json.dumps(record))
-    asked = "but its layout and outputs ask for it"
+    asked = "but layout and outputs ask for it"
     assert [(finding.scene[-1], finding.check, finding.message.split(":")[0]) for finding in all_findings(dataset)] == [
         ("0", "shard", records[0].stem),
         ("1", "shard", f"shards/{records[1].name} is missing"),
@@ -328,9 +328,9 @@ def test_a_plane_matches_itself_exactly():
     left = np.tile((20 + 0.1 * x).astype(np.float32), (3, 1))
     right = np.tile(((20 + 0.1 * x) / 0.9).astype(np.float32), (3, 1))
     match = match_views(left, right, -1)
-    assert np.abs(match.difference[match.between]).max() < 1e-5
+    assert np.abs((match.disparity - match.reference)[match.inside]).max() < 1e-5
     back = match_views(right, left, +1)
-    assert np.abs(back.difference[back.between]).max() < 1e-5
+    assert np.abs((back.disparity - back.reference)[back.inside]).max() < 1e-5
 
 
 @pytest.fixture

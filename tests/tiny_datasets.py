@@ -10,7 +10,7 @@ import pytest
 from semisynth_gl.config import Config, Range, load_config
 from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.errors import InputError
-from semisynth_gl.textures.photographs import builtin_photographs
+from semisynth_gl.textures.image_files import builtin_photographs
 from semisynth_gl.verify.dataset import verify_dataset
 
 SCALE = 1 / 8
@@ -73,7 +73,7 @@ def cheap(**sections):
 
 
 def config_of(**changes):
-    """Few, large models of few triangles, so that rays are cheap."""
+    """Large models of a small number of triangles, so that rays are cheap."""
     config = tiny(
         "middlebury", models={"complex": 0.0, "user": 0.0}, textures={"source": "procedural", "max_patches": 24}
     )

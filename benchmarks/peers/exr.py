@@ -62,7 +62,7 @@ def _unzipped(block: bytes) -> bytes:
     steps = np.frombuffer(zlib.decompress(block), np.uint8).copy()
     steps[1:] -= 128
     halves = np.cumsum(steps, dtype=np.uint8)
-    whole = np.empty_like(halves)
+    merged = np.empty_like(halves)
     middle = (len(halves) + 1) // 2
-    whole[0::2], whole[1::2] = halves[:middle], halves[middle:]
-    return whole.tobytes()
+    merged[0::2], merged[1::2] = halves[:middle], halves[middle:]
+    return merged.tobytes()

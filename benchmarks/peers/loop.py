@@ -25,13 +25,13 @@ sys.path.append(str(Path(__file__).resolve().parents[2]))
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What a peer is asked for.
+    """Options of a peer's process.
 
     Attributes:
         scene: the scene's folder.
         out: where the pairs' folders go.
         frames: which frames this process draws.
-        variant: which way of drawing; each peer has its own.
+        variant: the peer's variant of drawing; the peer's script lists them.
         our_encoders: write with the encoders of semisynth_gl instead of the peer's usual ones.
     """
 

@@ -13,7 +13,7 @@ from scene import NEAR_M, PeerScene
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
-from semisynth_gl.geometry.solid import marked_solid
+from semisynth_gl.geometry.topology import marked_solid
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.scene import Scene, make_scene
 from semisynth_gl.write.pfm import encode_pfm

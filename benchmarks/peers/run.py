@@ -1,10 +1,14 @@
 """Renderers a user could pick, side by side: one scene, one loop, files written.
 
-python benchmarks/peers/run.py --setup pyrender,blender,pygfx
-python benchmarks/peers/run.py --frames 12 --rounds 3 --json peers.json
+    python benchmarks/peers/run.py --setup pyrender,blender,pygfx
+    python benchmarks/peers/run.py --frames 12 --rounds 3 --json peers.json
+
+A peer that lacks a program, a library or its environment is left out with a message. The exit code is 1 where such a
+peer was named with --peers.
 """
 
 import argparse
+import ctypes
 import json
 import os
 import shlex
@@ -13,7 +17,7 @@ import subprocess
 import sys
 import time
 import venv
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,7 +28,7 @@ import numpy as np
 from accuracy import cast_truth, errors_px
 from scene import PeerScene, library_meshes, make_scene, read_meshes
 
-from semisynth_gl.bench.machine import machine_facts
+from semisynth_gl.bench.summary import machine_facts
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -37,6 +41,13 @@ PACKAGES = {
     "blender": ("bpy==5.0.1",),  # for Python 3.11 alone
     "pygfx": ("pygfx==0.17.0", "wgpu==0.32.0", "Pillow"),
 }
+# What a peer needs besides its environment: programs, shared libraries, and Debian's packages that have them.
+PROGRAMS: dict[str, dict[str, str]] = {SYSTEM_BLENDER: {"blender": "blender", "xvfb-run": "xvfb", "xauth": "xauth"}}
+LIBRARIES: dict[str, dict[str, str]] = {
+    "pyrender": {"libEGL.so.1": "libegl1 libegl-mesa0 libgl1-mesa-dri"},
+    "blender": {"libEGL.so.1": "libegl1 libegl-mesa0 libgl1-mesa-dri"},
+    "pygfx": {"libvulkan.so.1": "mesa-vulkan-drivers"},
+}
 # Meshes that a folder shared/ beside the project may hold.
 SHARED_MESHES = ROOT.parent / "shared" / "peers" / "scene" / "meshes.npz"
 CHECKED_FRAMES = (0, 1)
@@ -44,14 +55,14 @@ CHECKED_FRAMES = (0, 1)
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One way of one peer to draw and write the scene.
+    """A peer with the variant by which it draws the scene, and the encoders by which it writes pairs.
 
     Attributes:
         peer: whose environment runs it.
         variant: see the peer's script.
         label: what the table calls it.
         our_encoders: whether the peer is given the encoders of semisynth_gl.
-        frames_divisor: slow ones draw only this part of the frames.
+        frames_divisor: a slow candidate draws only the frames divided by this.
     """
 
     peer: str
@@ -85,13 +96,14 @@ CANDIDATES = (
         for our_encoders in (False, True)
     ),
 )
+PEERS = (OURS, *PACKAGES, SYSTEM_BLENDER)
 # The reference that the others are compared with, as a user would run both and both with our encoders.
 REFERENCE = CANDIDATES[0]
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
-    """How the cores are used: so many processes, and LP_NUM_THREADS, Mesa's threads on the CPU, if it is set."""
+class Parallel:
+    """Use of the cores: a number of processes and, unless it is None, LP_NUM_THREADS, Mesa's threads on the CPU."""
 
     processes: int
     threads: str | None = None
@@ -105,25 +117,21 @@ class Measured:
     """All runs of a candidate.
 
     Attributes:
-        seconds_per_pair: of each way, the wall time of the pairs' loop divided by the number of pairs, run by run.
-        details: of each way, what its processes said, run by run.
-        error_px: of the disparity; see `accuracy.errors_px`.
-        fault: why it could not be run.
+        seconds_per_pair: wall time of the pairs' loop divided by the number of pairs, run by run.
+        details: measurements of the processes themselves, run by run.
+        error_px: error of the disparity; see `accuracy.errors_px`.
+        fault: why the candidate could not be run.
     """
 
-    seconds_per_pair: dict[Way, list[float]] = field(default_factory=dict)
-    details: dict[Way, list[list[dict[str, Any]]]] = field(default_factory=dict)
+    seconds_per_pair: dict[Parallel, list[float]] = field(default_factory=dict)
+    details: dict[Parallel, list[list[dict[str, Any]]]] = field(default_factory=dict)
     error_px: dict[str, float] = field(default_factory=dict)
     fault: str = ""
 
-    def seconds(self, way: Way) -> float:
-        """Median over the runs of one way."""
-        return median(self.seconds_per_pair[way])
-
-    def best(self, *, processes: int | None = None) -> Way:
-        """Return the fastest way, of all or of those with so many processes."""
-        ways = [way for way in self.seconds_per_pair if processes in (None, way.processes)]
-        return min(ways, key=self.seconds)
+    def best(self, *, processes: int) -> Parallel:
+        """Return the fastest use of the cores with a number of processes, by the median over its runs."""
+        candidates = [parallel for parallel in self.seconds_per_pair if parallel.processes == processes]
+        return min(candidates, key=lambda parallel: median(self.seconds_per_pair[parallel]))
 
 
 class PeerError(Exception):
@@ -142,33 +150,58 @@ def main() -> None:
     scene = make_scene(options.work / "scene", meshes, options.frames)
     triangles = float(np.mean([len(scene.models[number].triangles) for number in scene.model.ravel()]))
     print(f"Meshes: {source}, {triangles:.0f} triangles per instance", file=sys.stderr)
+    lacking = {peer: missing(peer, options.work) for peer in options.peers or PEERS}
+    for peer, reasons in lacking.items():
+        if reasons:
+            print(f"{peer} is left out: {'; '.join(reasons)}", file=sys.stderr)
     candidates = [
         candidate
         for candidate in CANDIDATES
-        if candidate.peer in (options.peers or (OURS, *PACKAGES, SYSTEM_BLENDER))
-        and (options.peers or _is_there(candidate.peer, options.work))
-        and (not options.variants or candidate.variant in options.variants or candidate == REFERENCE)
+        if candidate == REFERENCE
+        or (
+            not lacking.get(candidate.peer, ["not asked for"])
+            and (not options.variants or candidate.variant in options.variants)
+        )
     ]
     measured = measure(candidates, scene, options.work, options.rounds)
     if measured[REFERENCE].fault:
         sys.exit(f"nothing to compare with: {REFERENCE.label} {measured[REFERENCE].fault}")
-    cores = os.cpu_count() or 1
-    print(table(measured, cores))
+    report = {
+        "command": shlex.join(["python", "benchmarks/peers/run.py", *sys.argv[1:]]),
+        "machine": machine_facts(),
+        "scene": {
+            "size_px": [scene.width_px, scene.height_px],
+            "instances": scene.model.shape[1],
+            "meshes": source,
+            "triangles_per_instance": round(triangles),
+            "frames": options.frames,
+        },
+        "rounds": options.rounds,
+        "peers": [as_json(candidate, result) for candidate, result in measured.items()],
+    }
     if options.json:
-        result = {
-            "command": shlex.join(["python", "benchmarks/peers/run.py", *sys.argv[1:]]),
-            "machine": machine_facts(),
-            "scene": {
-                "size_px": [scene.width_px, scene.height_px],
-                "instances": scene.model.shape[1],
-                "meshes": source,
-                "triangles_per_instance": round(triangles),
-                "frames": options.frames,
-            },
-            "rounds": options.rounds,
-            "peers": [_as_json(candidate, found) for candidate, found in measured.items()],
-        }
-        options.json.write_text(json.dumps(result, indent=1) + "\n")
+        options.json.write_text(json.dumps(report, indent=1) + "\n")
+    print(table(report))
+    if options.peers and any(lacking.values()):
+        sys.exit(1)
+
+
+def missing(peer: str, work: Path) -> list[str]:
+    """Say what a peer lacks on this machine, and how to get it."""
+    reasons = [
+        f"the program {program} is not in PATH (Debian: apt-get install {package})"
+        for program, package in PROGRAMS.get(peer, {}).items()
+        if shutil.which(program) is None
+    ]
+    reasons += [
+        f"the library {library} cannot be loaded (Debian: apt-get install {package})"
+        for library, package in LIBRARIES.get(peer, {}).items()
+        if not _can_load(library)
+    ]
+    if peer in PACKAGES and not _python_of(peer, work).is_file():
+        folder = work / f"venv-{peer}"
+        reasons.append(f"no environment in {folder} (python benchmarks/peers/run.py --setup {peer})")
+    return reasons
 
 
 def set_up(peer: str, work: Path) -> None:
@@ -176,47 +209,46 @@ def set_up(peer: str, work: Path) -> None:
     folder = work / f"venv-{peer}"
     print(f"Installing {', '.join(PACKAGES[peer])} into {folder}")
     venv.create(folder, with_pip=True, clear=True)
-    pip = [str(folder / "bin" / "python"), "-m", "pip", "install", "--quiet"]
+    pip = [str(_python_of(peer, work)), "-m", "pip", "install", "--quiet"]
     subprocess.run([*pip, *PACKAGES[peer], "isal"], check=True)
 
 
 def measure(candidates: Sequence[Candidate], scene: PeerScene, work: Path, rounds: int) -> dict[Candidate, Measured]:
     """Run the candidates in turn, round after round, starting with another one each time.
 
-    The first round tries every way to use the cores, the others one process and the best way with several.
+    The first round tries every use of the cores, the others one process and the best use with several processes.
     """
     frames, cores = len(scene.model), os.cpu_count() or 1
-    several = [Way(cores, threads) for threads in (None, "0", "1")] if cores > 1 else []
+    several = [Parallel(cores, threads) for threads in (None, "0", "1")] if cores > 1 else []
     truth = cast_truth(scene, CHECKED_FRAMES)
     measured = {candidate: Measured() for candidate in candidates}
     for number in range(rounds):
         start = number % len(candidates)
         for candidate in [*candidates[start:], *candidates[:start]]:
-            found = measured[candidate]
-            if found.fault:
+            result = measured[candidate]
+            if result.fault:
                 continue
-            best = [found.best(processes=cores)] if several and number > 0 else []
-            ways = [Way(1), *(best or several)]
-            # The same number for each process, and no less than are checked.
+            best = [result.best(processes=cores)] if several and number > 0 else []
+            # Equally many frames for each process, and no fewer than are checked.
             rows = max(frames // candidate.frames_divisor // cores, -(-len(CHECKED_FRAMES) // cores))
             drawn = range(rows * cores)
-            for way in ways:
+            for parallel in [Parallel(1), *(best or several)]:
                 try:
-                    seconds, details = run_together(candidate, way, scene.folder, drawn, work)
-                    if not found.error_px:
-                        found.error_px = errors_px(work / "out" / candidate.name, truth)
+                    seconds, details = run_together(candidate, parallel, scene.folder, drawn, work)
+                    if not result.error_px:
+                        result.error_px = errors_px(work / "out" / candidate.name, truth)
                 except PeerError as error:
-                    found.fault = str(error)
+                    result.fault = str(error)
                     print(f"{candidate.name}: {error}", file=sys.stderr)
                     break
-                found.seconds_per_pair.setdefault(way, []).append(seconds)
-                found.details.setdefault(way, []).append(details)
-                print(f"round {number + 1}: {candidate.name}, {way}: {seconds:.3f} s per pair", file=sys.stderr)
+                result.seconds_per_pair.setdefault(parallel, []).append(seconds)
+                result.details.setdefault(parallel, []).append(details)
+                print(f"round {number + 1}: {candidate.name}, {parallel}: {seconds:.3f} s per pair", file=sys.stderr)
     return measured
 
 
 def run_together(
-    candidate: Candidate, way: Way, scene: Path, frames: Sequence[int], work: Path
+    candidate: Candidate, parallel: Parallel, scene: Path, frames: Sequence[int], work: Path
 ) -> tuple[float, list[dict[str, Any]]]:
     """Run a candidate's processes at the same time, each on its share of the frames.
 
@@ -228,25 +260,22 @@ def run_together(
     shutil.rmtree(out, ignore_errors=True)
     environment = dict(os.environ)
     environment.pop("LP_NUM_THREADS", None)
-    if way.threads is not None:
-        environment["LP_NUM_THREADS"] = way.threads
+    if parallel.threads is not None:
+        environment["LP_NUM_THREADS"] = parallel.threads
     environment["PEER_PACKAGES"] = str(next(iter((work / "venv-blender").glob("lib/*/site-packages")), ""))
     log = work / f"{candidate.name}.log"
     processes = []
     started = time.perf_counter()
     with log.open("w") as errors:
-        for number in range(way.processes):
-            own_frames = ",".join(str(frame) for frame in frames[number :: way.processes])
-            command = [*_command(candidate, work, number), "--scene", str(scene), "--out", str(out)]
-            command += ["--frames", own_frames, "--variant", candidate.variant]
-            command += ["--our-encoders"] if candidate.our_encoders else []
-            processes.append(
-                subprocess.Popen(
-                    command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True
-                )
-            )
-        # A thread for each process reads what it says, so that none waits for a full pipe.
         try:
+            for number in range(parallel.processes):
+                own_frames = ",".join(str(frame) for frame in frames[number :: parallel.processes])
+                command = [*_command(candidate, work, number), "--scene", str(scene), "--out", str(out)]
+                command += ["--frames", own_frames, "--variant", candidate.variant]
+                command += ["--our-encoders"] if candidate.our_encoders else []
+                pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": errors}
+                processes.append(subprocess.Popen(command, env=environment, text=True, **pipes))
+            # A thread for each process reads its output, so that no process waits for a full pipe.
             with ThreadPoolExecutor(len(processes)) as readers:
                 list(readers.map(lambda process: _line_with("READY", process, log), processes))
                 ready = time.perf_counter()
@@ -255,6 +284,8 @@ def run_together(
                     process.stdin.flush()
                 details = list(readers.map(lambda process: json.loads(_line_with("DONE", process, log)), processes))
                 seconds = time.perf_counter() - ready
+        except OSError as error:
+            raise PeerError(f"could not be started: {error}") from error
         finally:
             for process in processes:
                 process.communicate()
@@ -263,37 +294,45 @@ def run_together(
     return seconds / len(frames), details
 
 
-def table(measured: dict[Candidate, Measured], cores: int) -> str:
-    """Put all in a Markdown table, and below it how far the best peers are behind."""
-    reference = measured[REFERENCE].seconds(measured[REFERENCE].best())
+def table(report: Mapping[str, Any]) -> str:
+    """Lay a report out in Markdown: a table of the peers, and below it how far the best peers are behind."""
+    peers, cores = report["peers"], report["machine"]["cores"]
+    reference = _best_seconds(peers[0])
     columns = ["renderer", "files written by", "s per pair, 1 process", f"{cores} processes", "best, x ours"]
     columns += ["error median, px", "99.9 %", "worst"]
     lines = [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]
     ratios: dict[bool, dict[str, float]] = {False: {}, True: {}}
-    for candidate, found in measured.items():
-        encoders = "us" if candidate.our_encoders or candidate.peer == OURS else "itself"
-        if found.fault:
-            lines.append(f"| {candidate.label} | {encoders} | could not be run | | | | | |")
+    for peer in peers:
+        encoders = "us" if peer["our_encoders"] else "itself"
+        if peer["fault"]:
+            lines.append(f"| {peer['peer']} | {encoders} | could not be run | | | | | |")
             continue
-        ratio = found.seconds(found.best()) / reference
-        if candidate.peer != OURS:
-            ratios[candidate.our_encoders][candidate.label] = ratio
-        error = " | ".join(f"{found.error_px[key]:.1e}" for key in ("median", "p99_9", "worst"))
-        several = f"{found.seconds(found.best(processes=cores)):.3f}"
-        lines.append(
-            f"| {candidate.label} | {encoders} | {found.seconds(Way(1)):.3f} | {several} | {ratio:.2f} | {error} |"
-        )
+        ratio = _best_seconds(peer) / reference
+        if not peer["peer"].startswith(REFERENCE.label):
+            ratios[peer["our_encoders"]][peer["peer"]] = ratio
+        alone, together = (f"{_best_seconds(peer, processes):.3f}" for processes in (1, cores))
+        error = " | ".join(f"{peer['error_px'][key]:.1e}" for key in ("median", "p99_9", "worst"))
+        lines.append(f"| {peer['peer']} | {encoders} | {alone} | {together} | {ratio:.2f} | {error} |")
     lines.append("")
     for our_encoders, title in ((False, "as a user would run it"), (True, "given our encoders")):
         if ratios[our_encoders]:
             label = min(ratios[our_encoders], key=ratios[our_encoders].__getitem__)
             lines.append(f"Best peer {title}: {label}, {ratios[our_encoders][label]:.2f} times our time.")
-    versions = {
-        candidate.peer: f"{candidate.peer} {found.details[Way(1)][0][0]['version']}"
-        for candidate, found in measured.items()
-        if found.details
-    }
-    return "\n".join([*lines, f"Versions: {'; '.join(versions.values())}."])
+    versions: dict[str, str] = {}
+    for peer in peers:
+        if peer["parallel"]:
+            versions.setdefault(peer["parallel"][0]["runs"][0][0]["version"], peer["peer"])
+    named = (f"{label}: {version}" for version, label in versions.items())
+    return "\n".join([*lines, "", f"Versions: {'; '.join(named)}."])
+
+
+def _best_seconds(peer: Mapping[str, Any], processes: int | None = None) -> float:
+    """Return the least median of seconds per pair, over all uses of the cores or those with a number of processes."""
+    return min(
+        parallel["seconds_per_pair"]["median"]
+        for parallel in peer["parallel"]
+        if processes in (None, parallel["processes"])
+    )
 
 
 def _parse() -> argparse.Namespace:
@@ -304,7 +343,7 @@ def _parse() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--setup", type=names, metavar="PEERS", help=f"build environments: {','.join(PACKAGES)}")
     parser.add_argument("--peers", type=names, help="which to measure beside ours; all that are set up if left out")
-    parser.add_argument("--variants", type=names, help="only these ways of drawing, and our plain one")
+    parser.add_argument("--variants", type=names, help="only these variants, and our plain one")
     parser.add_argument(
         "--frames", type=int, default=max(12, 2 * cores), help="pairs of a run, shared evenly by its processes"
     )
@@ -315,7 +354,7 @@ def _parse() -> argparse.Namespace:
     options = parser.parse_args()
     options.work = options.work.resolve()
     unknown = set(options.setup or ()) - set(PACKAGES)
-    unknown |= set(options.peers or ()) - {OURS, SYSTEM_BLENDER, *PACKAGES}
+    unknown |= set(options.peers or ()) - set(PEERS)
     if unknown:
         parser.error(f"unknown peers: {', '.join(sorted(unknown))}")
     if options.peers:
@@ -334,20 +373,26 @@ def _meshes(path: Path | None) -> tuple[dict, str]:
     return library_meshes(), "the project's own models"
 
 
-def _is_there(peer: str, work: Path) -> bool:
-    if peer == SYSTEM_BLENDER:
-        return bool(shutil.which("blender") and shutil.which("xvfb-run"))
-    return peer == OURS or (work / f"venv-{peer}").is_dir()
+def _can_load(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
+
+
+def _python_of(peer: str, work: Path) -> Path:
+    return work / f"venv-{peer}" / "bin" / "python"
 
 
 def _command(candidate: Candidate, work: Path, number: int) -> list[str]:
-    """Say how a candidate's process is started."""
+    """Return the command that starts a candidate's process."""
     if candidate.peer == SYSTEM_BLENDER:
         # Its own range of display numbers for each process: xvfb-run does not look for free ones safely.
         display = ["xvfb-run", "--auto-servernum", "--server-num", str(100 + 20 * number)]
         blender = ["blender", "--background", "--factory-startup", "--python-exit-code", "1"]
         return [*display, *blender, "--python", str(HERE / "peer_blender.py"), "--"]
-    python = sys.executable if candidate.peer == OURS else str(work / f"venv-{candidate.peer}" / "bin" / "python")
+    python = sys.executable if candidate.peer == OURS else str(_python_of(candidate.peer, work))
     return [python, str(HERE / f"peer_{candidate.peer}.py")]
 
 
@@ -359,20 +404,21 @@ def _line_with(mark: str, process: subprocess.Popen[str], log: Path) -> str:
     raise PeerError(f"ended without saying {mark}: see {log}")
 
 
-def _as_json(candidate: Candidate, found: Measured) -> dict[str, Any]:
+def as_json(candidate: Candidate, result: Measured) -> dict[str, Any]:
+    """Put a candidate's runs into JSON's types."""
     return {
         "peer": candidate.label,
         "our_encoders": candidate.our_encoders or candidate.peer == OURS,
-        "fault": found.fault,
-        "error_px": found.error_px,
-        "ways": [
+        "fault": result.fault,
+        "error_px": result.error_px,
+        "parallel": [
             {
-                "processes": way.processes,
-                "lp_num_threads": way.threads,
-                "seconds_per_pair": {"median": found.seconds(way), "runs": runs},
-                "runs": found.details[way],
+                "processes": parallel.processes,
+                "lp_num_threads": parallel.threads,
+                "seconds_per_pair": {"median": median(runs), "runs": runs},
+                "runs": result.details.get(parallel, []),
             }
-            for way, runs in found.seconds_per_pair.items()
+            for parallel, runs in result.seconds_per_pair.items()
         ],
     }
 

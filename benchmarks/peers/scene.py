@@ -106,8 +106,7 @@ def read_meshes(path: Path) -> dict[str, Model]:
 
 def library_meshes() -> dict[str, Model]:
     """Build `LIBRARY_KINDS`."""
-    from semisynth_gl.geometry.complex import COMPLEX_KINDS  # noqa: PLC0415 - peers read scenes without the project
-    from semisynth_gl.geometry.simple import SIMPLE_KINDS  # noqa: PLC0415
+    from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS  # noqa: PLC0415 - peers read scenes without the project
 
     meshes = {name: (SIMPLE_KINDS | COMPLEX_KINDS)[name](np.random.default_rng(0)) for name in LIBRARY_KINDS}
     return {name: Model(mesh.positions, mesh.uv, mesh.triangles.astype(np.int32)) for name, mesh in meshes.items()}
@@ -123,7 +122,7 @@ def make_scene(
     patches: int = 32,
     patch_px: int = 512,
 ) -> PeerScene:
-    """Make the scene's folder, in place of one that stands there; the same arguments make the same scene.
+    """Make the scene's folder anew; the same arguments make the same scene.
 
     Args:
         folder: where to.

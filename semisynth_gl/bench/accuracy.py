@@ -1,6 +1,6 @@
-"""Error and cost, side by side, of the ways to get the disparity, to store it and to antialias.
+"""Error and cost, side by side, of the disparity, of the encodings that store it and images, and of antialiasing.
 
-config -> scenes -> {ways, stores, images} -> report, a dictionary of JSON's types -> table, plot
+config -> scenes -> {truth, encodings, antialiasing} -> report, a dictionary of JSON's types -> table
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -10,23 +10,21 @@ from typing import Any
 
 import numpy as np
 
-from semisynth_gl.bench.images import DEFAULT_MODE, REFERENCE, ModeRow, default_images, measure_modes
-from semisynth_gl.bench.machine import machine_facts
-from semisynth_gl.bench.markdown import markdown
-from semisynth_gl.bench.scenes import check_pixels, sample_scenes
-from semisynth_gl.bench.stores import (
-    DEFAULT_IMAGE_STORE,
-    DEFAULT_STORE,
-    ImageStoreRow,
-    StoreRow,
-    measure_image_stores,
-    measure_stores,
+from semisynth_gl.bench.antialias import DEFAULT_MODE, REFERENCE, measure_modes
+from semisynth_gl.bench.encodings import (
+    DEFAULT_DISPARITY_ENCODING,
+    DEFAULT_IMAGE_ENCODING,
+    disparity_encodings,
+    image_encodings,
+    measure_encodings,
 )
-from semisynth_gl.bench.ways import WayRow, measure_ways
+from semisynth_gl.bench.scenes import BenchScenes, Truth, cast_truth, sample_scenes
+from semisynth_gl.bench.summary import error_stats, machine_facts, markdown
 from semisynth_gl.camera import EYES
 from semisynth_gl.config import Config
+from semisynth_gl.frame import Frame
+from semisynth_gl.listener import Listener
 from semisynth_gl.render.context import Backend
-from semisynth_gl.render.variants import DEFAULT_WAY, DisparityVariants
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +32,7 @@ class Effort:
     """How much is measured.
 
     Attributes:
-        pairs: how many pairs of the config.
+        pairs: number of pairs of the config.
         rays: pixels compared with the oracle, of each eye of each pair.
         repeats: how often each alternative takes its turn.
     """
@@ -45,7 +43,7 @@ class Effort:
 
 
 def measure(
-    config: Config, seed: int, backend: Backend, effort: Effort, said: Callable[[str], None] = lambda _: None
+    config: Config, seed: int, backend: Backend, effort: Effort, listener: Listener | None = None
 ) -> dict[str, Any]:
     """Measure everything.
 
@@ -54,35 +52,53 @@ def measure(
         seed: of scenes and of the choice of pixels.
         backend: "auto", "egl" or "osmesa".
         effort: how much.
-        said: takes a line at the start of each stage.
+        listener: hears a message at the start of each part.
 
     Returns:
-        What was measured on, and under "get", "store", "images_store" and "antialias" the default and a row per
-        alternative.
+        The machine, the scenes, under "disparity" the renderer's error, and under "store", "images_store" and
+        "antialias" the default and a row of each alternative.
 
     Raises:
         SemisynthError: where the config or OpenGL cannot be used.
     """
-    said(f"making {effort.pairs} scenes of {config.name}")
+    listener = listener or Listener()
+    listener.on_message(f"making {effort.pairs} scenes of {config.name}")
     bench = sample_scenes(config, seed, effort.pairs)
-    with DisparityVariants(bench.models, backend) as variants:
-        said(f"casting {effort.rays} rays for each eye of each pair")
-        checked, outlines = check_pixels(bench, variants, effort.rays, np.random.default_rng(seed))
-        said("ways to get the disparity")
-        ways = measure_ways(bench, variants, checked, effort.repeats)
-        maps = [variants.disparity(scene, eye, DEFAULT_WAY) for scene in bench.scenes for eye in EYES]
-        driver, ways_left_out = variants.facts, variants.left_out
-    said("ways to store it")
-    kept = measure_stores(maps, effort.repeats)
-    said("ways to store images")
-    images, images_left_out = measure_image_stores(default_images(bench, backend), effort.repeats)
-    said("ways to antialias")
-    # Each turn opens a renderer anew: fewer of them do.
+    with bench.open_renderer(backend, outputs=("instances",)) as renderer:
+        frames, driver = [renderer.render(scene) for scene in bench.scenes], renderer.facts
+    listener.on_message(f"casting {effort.rays} rays for each eye of each pair")
+    truths, outlines = cast_truth(bench, frames, effort.rays, np.random.default_rng(seed))
+    drawn = [getattr(frames[part.scene], f"disparity_{part.eye}")[part.row, part.column] for part in truths]
+    error = error_stats(np.concatenate(drawn), np.concatenate([part.disparity_px for part in truths]))
+    listener.on_message("encodings of disparities")
+    maps = [getattr(frame, f"disparity_{eye}") for frame in frames for eye in EYES]
+    stored = measure_encodings(maps, disparity_encodings(), DEFAULT_DISPARITY_ENCODING, effort.repeats)
+    listener.on_message("encodings of images")
+    images = [getattr(frame, eye) for frame in frames for eye in EYES]
+    usable, left_out = image_encodings()
+    stored_images = measure_encodings(images, usable, DEFAULT_IMAGE_ENCODING, effort.repeats)
+    listener.on_message("antialiasing")
+    # Each turn opens a renderer anew, which takes long: half as many turns.
     modes, modes_left_out = measure_modes(bench, outlines, backend, max(1, effort.repeats // 2))
-    disparity = np.concatenate([one[np.isfinite(one)] for one in maps])
     return {
-        "config": config.name,
-        "config_sha256": config.digest(),
+        **scene_facts(bench, seed, effort, frames, truths),
+        "machine": machine_facts() | driver,
+        "disparity": plain(asdict(error)),
+        "store": section(DEFAULT_DISPARITY_ENCODING, {}, stored),
+        "images_store": section(DEFAULT_IMAGE_ENCODING, left_out, stored_images),
+        "antialias": section(DEFAULT_MODE, modes_left_out, modes) | {"reference": REFERENCE},
+    }
+
+
+def scene_facts(
+    bench: BenchScenes, seed: int, effort: Effort, frames: Sequence[Frame], truths: Sequence[Truth]
+) -> dict[str, Any]:
+    """Describe what was measured: the scenes, their sizes and disparities, the pixels compared with the oracle."""
+    disparity = np.concatenate([getattr(frame, f"disparity_{eye}").ravel() for frame in frames for eye in EYES])
+    disparity = disparity[np.isfinite(disparity)]
+    return {
+        "config": bench.config.name,
+        "config_sha256": bench.config.digest(),
         "seed": seed,
         **asdict(effort),
         "sizes_px": sorted({(scene.camera.width_px, scene.camera.height_px) for scene in bench.scenes}),
@@ -90,79 +106,56 @@ def measure(
             "median": float(np.median(disparity)) if disparity.size else None,
             "largest": float(disparity.max()) if disparity.size else None,
         },
-        "pixels_compared": sum(len(part.disparity_px) for part in checked),
-        "pixels_left_out": sum(part.dropped for part in checked),
-        "machine": machine_facts() | driver,
-        "get": {"default": DEFAULT_WAY, "left_out": ways_left_out, "rows": _plain(ways)},
-        "store": {"default": DEFAULT_STORE, "left_out": {}, "rows": _plain(kept)},
-        "images_store": {"default": DEFAULT_IMAGE_STORE, "left_out": images_left_out, "rows": _plain(images)},
-        "antialias": {
-            "default": DEFAULT_MODE,
-            "reference": REFERENCE,
-            "left_out": modes_left_out,
-            "rows": _plain(modes),
-        },
+        "pixels_compared": sum(len(part.disparity_px) for part in truths),
+        "pixels_left_out": sum(part.dropped for part in truths),
     }
 
 
-def table(report: Mapping[str, Any]) -> str:
-    """Lay a report out as four tables in Markdown; a star marks the front, bold the default."""
-    get, store, images, antialias = (report[part] for part in ("get", "store", "images_store", "antialias"))
-    parts = [
-        markdown(
-            ("to get it", "ms a pair", "x", "median, px", "p99.9, px", "worst, px", "what it is"),
-            [
-                (_name(row, get), *_cost(row), *_errors(row["error"]), row["text"])
-                for row in get["rows"]
-            ],
-        ),
-        markdown(
-            ("to store it", "ms a pair", "x", "ms to read", "kB a pair", "median, px", "p99.9, px", "worst, px",
-             "what it is"),
-            [
-                (_name(row, store), *_cost(row), f"{1e3 * row['read_seconds_per_pair']:.1f}",
-                 f"{row['bytes_per_pair'] / 1e3:.0f}", *_errors(row["error"]), row["text"])
-                for row in store["rows"]
-            ],
-        ),
-        markdown(
-            ("to store images", "ms a pair", "x", "ms to read", "kB a pair", "lossless", "what it is"),
-            [
-                (_name(row, images), *_cost(row), f"{1e3 * row['read_seconds_per_pair']:.1f}",
-                 f"{row['bytes_per_pair'] / 1e3:.0f}", "yes" if row["lossless"] else "no", row["text"])
-                for row in images["rows"]
-            ],
-        ),
-        markdown(
-            ("to antialias", "ms a pair", "x", "PSNR, dB", "at outlines", "inside", "shift, px", "at outlines",
-             "what it is"),
-            [
-                (_name(row, antialias), *_cost(row),
-                 *(_number(row[key], ".1f") for key in ("psnr_db", "psnr_outline_db", "psnr_inside_db")),
-                 _number(row["shift_px"], ".4f"), _number(row["outline_shift_px"], ".4f"), row["text"])
-                for row in antialias["rows"]
-            ],
-        ),
-    ]  # fmt: skip
-    left_out = [
-        f"{name} left out: {reason}"
-        for part in (get, store, images, antialias)
-        for name, reason in part["left_out"].items()
-    ]  # fmt: skip
-    return "\n\n".join([*parts, *left_out])
+def section(default: str, left_out: Mapping[str, str], rows: Sequence[Any]) -> dict[str, Any]:
+    """Put the rows of alternatives, which are dataclasses, into JSON's types.
+
+    Args:
+        default: name of the row that the program uses unless another is asked for.
+        left_out: why other alternatives could not be measured, by name.
+        rows: a row of each alternative.
+    """
+    return {"default": default, "left_out": dict(left_out), "rows": [plain(asdict(row)) for row in rows]}
 
 
-def _plain(
-    rows: Sequence[WayRow] | Sequence[StoreRow] | Sequence[ImageStoreRow] | Sequence[ModeRow],
-) -> list[dict[str, Any]]:
-    return [_without_infinity(asdict(row)) for row in rows]
-
-
-def _without_infinity(value: Any) -> Any:  # noqa: ANN401 - any of JSON's types
-    """None for what JSON has no number for."""
+def plain(value: Any) -> Any:  # noqa: ANN401 - any of JSON's types
+    """Replace numbers that JSON lacks, NaN and infinity, by None."""
     if isinstance(value, dict):
-        return {key: _without_infinity(item) for key, item in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     return None if isinstance(value, float) and not isfinite(value) else value
+
+
+def headline(report: Mapping[str, Any]) -> str:
+    """Name the scenes and the machine of a report."""
+    machine, (width, height) = report["machine"], report["sizes_px"][0]
+    return (
+        f"{report['config']}, {width} x {height} px, {report['pairs']} pairs; {machine['renderer']}, "
+        f"{machine['opengl']}; {machine['processor']}, {machine['cores']} cores; {machine['date']}"
+    )
+
+
+def table(report: Mapping[str, Any]) -> str:
+    """Lay a report out in Markdown, a table for each section it has; a star marks the front, bold the default."""
+    sections = [name for name in _COLUMNS if name in report]
+    parts = [_disparity_text(report)] if "disparity" in report else []
+    for name in sections:
+        head, cells = _COLUMNS[name]
+        rows = [(_name(row, report[name]), *_cost(row), *cells(row), row["text"]) for row in report[name]["rows"]]
+        parts.append(markdown((head[0], "ms a pair", "x", *head[1:], "what it is"), rows))
+    reasons = {name: reason for part in sections for name, reason in report[part]["left_out"].items()}
+    return "\n\n".join([*parts, *(f"{name} left out: {reason}" for name, reason in reasons.items())])
+
+
+def _disparity_text(report: Mapping[str, Any]) -> str:
+    median, p999, worst = _errors(report["disparity"])
+    return (
+        f"Disparity against float64 rays, {report['pixels_compared']} pixels ({report['pixels_left_out']} more lie "
+        f"near an edge): median error {median} px, 99.9 % {p999} px, worst {worst} px."
+    )
 
 
 def _name(row: Mapping[str, Any], part: Mapping[str, Any]) -> str:
@@ -174,12 +167,37 @@ def _cost(row: Mapping[str, Any]) -> tuple[str, str]:
     return f"{1e3 * row['seconds_per_pair']:.1f}", f"{row['time_ratio']:.2f}"
 
 
+def _file_cost(row: Mapping[str, Any]) -> tuple[str, str]:
+    return f"{1e3 * row['read_seconds_per_pair']:.1f}", f"{row['bytes_per_pair'] / 1e3:.0f}"
+
+
 def _errors(error: Mapping[str, Any]) -> tuple[str, str, str]:
     median, p999, worst = (_number(error[key], ".1e") for key in ("median_px", "p999_px", "worst_px"))
-    return median, p999, f"{worst}, {error['missing']} lost" if error["missing"] else worst
+    return median, p999, f"{worst}, {error['missing']} missing" if error["missing"] else worst
 
 
 def _number(value: float | None, style: str) -> str:
     if value is None:
         return "-"
     return "0" if value == 0 else format(value, style)
+
+
+_Cells = Callable[[Mapping[str, Any]], tuple[str, ...]]
+_ERROR_HEAD = ("median, px", "p99.9, px", "worst, px")
+_FILE_HEAD = ("ms to read", "kB a pair")
+# Of each section, the heads of its columns and the cells of a row; name, time and description are in every table.
+_COLUMNS: Mapping[str, tuple[tuple[str, ...], _Cells]] = {
+    "get": (("to get disparity", *_ERROR_HEAD), lambda row: _errors(row["error"])),
+    "store": (
+        ("to store disparity", *_FILE_HEAD, *_ERROR_HEAD),
+        lambda row: (*_file_cost(row), *_errors(row["error"])),
+    ),
+    "images_store": (
+        ("to store images", *_FILE_HEAD, "lossless"),
+        lambda row: (*_file_cost(row), "yes" if row["lossless"] else "no"),
+    ),
+    "antialias": (
+        ("to antialias", "PSNR, dB", "at outlines", "inside"),
+        lambda row: tuple(_number(row[key], ".1f") for key in ("psnr_db", "psnr_outline_db", "psnr_inside_db")),
+    ),
+}

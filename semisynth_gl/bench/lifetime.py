@@ -1,4 +1,4 @@
-"""A process's life: the time from its start to its first pair on disk, and what it holds after many."""
+"""A process's life: the time from its start to its first pair on disk, and its memory over many pairs."""
 
 import json
 import os
@@ -18,16 +18,17 @@ from numpy.typing import NDArray
 from semisynth_gl.bench.shards import LAYOUT, SPLIT, do_all, shard_job
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.plan import Shard
-from semisynth_gl.engines.task import Task, Watch
+from semisynth_gl.engines.task import Task
 from semisynth_gl.errors import SemisynthError
-from semisynth_gl.generation.generate import ShardJob
+from semisynth_gl.generation.shard_job import ShardJob
+from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.context import Backend
 
 _POLL_S = 0.002
-# Where drivers keep what they have compiled: Mesa, its older versions, NVIDIA.
+# Folders of compiled shaders: of Mesa, its older versions, NVIDIA.
 _DRIVER_CACHES = ("MESA_SHADER_CACHE_DIR", "MESA_GLSL_CACHE_DIR", "__GL_SHADER_DISK_CACHE_PATH")
-# Of the pairs, the first ones during which buffers grow to what they need.
+# Share of the pairs, at the beginning, during which buffers grow to their size.
 _SETTLING = 0.25
 
 
@@ -36,9 +37,9 @@ class StartRow:
     """Seconds from the start of ``semisynth-gl generate --pairs 1`` on.
 
     Attributes:
-        name: "empty caches" or "warm caches", the program's and the driver's.
+        name: "empty caches" or "warm caches", of the program and of the driver.
         first_pair_seconds: until the pair is on disk; median over the repeats.
-        end_seconds: until the process has ended; likewise.
+        end_seconds: until the process has ended; median over the repeats.
     """
 
     name: str
@@ -48,16 +49,16 @@ class StartRow:
 
 @dataclass(frozen=True, slots=True)
 class MemoryRow:
-    """What one process holds while it makes pairs.
+    """Memory of one process while it makes pairs.
 
     Attributes:
-        pairs: how many.
+        pairs: number of pairs.
         rss_bytes: resident memory at the end; with a software renderer, images and textures too.
-        peak_bytes: the most after any pair.
-        slope_bytes_per_pair: of a line through the resident memory after each pair, without the first quarter.
+        peak_bytes: largest resident memory after any pair.
+        slope_bytes_per_pair: slope of a line through the resident memory after each pair, without the first quarter.
         slope_error_bytes_per_pair: standard error of the slope.
-        objects: kinds of OpenGL objects and how many there are at the end.
-        objects_constant: whether there were as many after the first pair.
+        objects: number of OpenGL objects at the end by kind.
+        objects_constant: there were as many objects after the first pair.
     """
 
     pairs: int
@@ -71,7 +72,7 @@ class MemoryRow:
 
 @dataclass(frozen=True, slots=True)
 class _Held:
-    """After one pair."""
+    """Memory and OpenGL objects after one pair."""
 
     rss_bytes: int
     objects: dict[str, int]
@@ -79,7 +80,7 @@ class _Held:
 
 @dataclass(frozen=True, slots=True)
 class _PairsThenLook:
-    """Makes a pair, removes it from the disk and looks at what the process holds."""
+    """Makes a pair, removes it from the disk and reads the process's memory."""
 
     job: ShardJob
 
@@ -89,21 +90,21 @@ class _PairsThenLook:
         plan = self.job.plan
         shards = plan.shards
         with PairRenderer(plan.config, plan.seed, self.job.backend, plan.split(SPLIT)) as renderer:
-            yield lambda number, watch: self._look(renderer, shards[number], watch)
+            yield lambda number, listener: self._look(renderer, shards[number], listener)
 
-    def _look(self, renderer: PairRenderer, shard: Shard, watch: Watch) -> _Held:
-        self.job.make(lambda *_: renderer, shard, watch)
+    def _look(self, renderer: PairRenderer, shard: Shard, listener: Listener) -> _Held:
+        self.job.make(shard, lambda _: renderer, listener)
         shutil.rmtree(self.job.place.path(""))
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
         return _Held(pages * os.sysconf("SC_PAGE_SIZE"), renderer.count_objects())
 
 
 def measure_memory(config: Config, seed: int, backend: Backend, pairs: int) -> MemoryRow:
-    """Make pairs in a process of its own and follow what it holds."""
+    """Make pairs in a process of its own and follow its memory."""
     with tempfile.TemporaryDirectory() as scratch:
         job = shard_job(config, seed, backend, pairs, 1, Path(scratch) / "out")
         held = do_all(_PairsThenLook(job), range(pairs), 1)
-    rss = np.array([one.rss_bytes for one in held], np.float64)
+    rss = np.array([after.rss_bytes for after in held], np.float64)
     slope, error = line_slope(rss[int(_SETTLING * pairs) :])
     return MemoryRow(
         pairs, int(rss[-1]), int(rss.max()), slope, error, held[-1].objects, held[-1].objects == held[0].objects
@@ -112,18 +113,14 @@ def measure_memory(config: Config, seed: int, backend: Backend, pairs: int) -> M
 
 def line_slope(values: NDArray[np.float64]) -> tuple[float, float]:
     """Fit a line through (N,) values at 0, 1, ... ; return its slope and the slope's standard error."""
-    count = len(values)
-    if count < 3:
+    if len(values) < 3:
         return 0.0, 0.0
-    steps = np.arange(count) - (count - 1) / 2
-    spread = float((steps**2).sum())
-    slope = float((steps * values).sum() / spread)
-    rest = values - values.mean() - slope * steps
-    return slope, float(np.sqrt((rest**2).sum() / (count - 2) / spread))
+    (slope, _), covariance = np.polyfit(np.arange(len(values)), values, 1, cov=True)
+    return float(slope), float(np.sqrt(covariance[0, 0]))
 
 
 def measure_start(config: Config, seed: int, backend: Backend, repeats: int) -> list[StartRow]:
-    """Start the program with empty caches and with those that this left, in turns."""
+    """Start the program with empty caches and then with the caches of that start, in turns."""
     names = ("empty caches", "warm caches")
     times: dict[str, list[tuple[float, float]]] = {name: [] for name in names}
     for _ in range(repeats):
@@ -135,7 +132,7 @@ def measure_start(config: Config, seed: int, backend: Backend, repeats: int) -> 
 
 def _start(config: Config, seed: int, backend: Backend, scratch: Path) -> tuple[float, float]:
     """Run the program with its caches below a folder."""
-    # JSON is YAML; what is None is what was not given.
+    # JSON is YAML. None stands for a key that was not given.
     (scratch / "config.yaml").write_text(
         json.dumps(config.model_dump(mode="json", exclude_none=True)), encoding="utf-8"
     )
@@ -150,7 +147,7 @@ def _start(config: Config, seed: int, backend: Backend, scratch: Path) -> tuple[
         (scratch / "driver").mkdir(exist_ok=True)
         caches[name] = str(scratch / "driver")
     plan = shard_job(config, seed, backend, 1, 1, out).plan
-    # The last of a pair's files to appear.
+    # The file of a pair that appears last.
     last_file = out / plan.layout.files(plan.key(SPLIT, 0), plan.layout.chosen_encodings(config))["provenance"]
     first_pair = None
     start = time.perf_counter()

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.bench.scenes import BenchScenes
-from semisynth_gl.bench.timing import alternated, compared
+from semisynth_gl.bench.timing import alternated, compare_times
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.errors import BackendError
 from semisynth_gl.frame import DEFAULT_OUTPUTS
-from semisynth_gl.geometry.mesh import Mesh, make_mesh
-from semisynth_gl.geometry.solid import marked_solid
+from semisynth_gl.geometry.mesh import Mesh, without_degenerate
+from semisynth_gl.geometry.surfaces import lathe
+from semisynth_gl.geometry.topology import marked_solid
 from semisynth_gl.render.context import Backend
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.background import FACE
@@ -26,9 +27,9 @@ from semisynth_gl.scene.scene import Scene, make_scene
 _LAYERS = 64
 # Rings of the balls, from few triangles to many; see `ball`.
 _RINGS = (4, 8, 16, 32, 64)
-# Which of them: where instances or pixels are many, and where many stand out of view.
+# Indices of rings: for many instances or pixels, and for many balls out of view.
 _USUAL, _SMALL = 2, 1
-# What all balls of a scene cover together, in images.
+# Area that all balls of a scene cover together, in images.
 _COVERED = 0.8
 _BALL_DEPTHS_M = (2.0, 6.0)
 _WALL_M = 8.0
@@ -37,8 +38,8 @@ _IN_VIEW, _OUTSIDE = 1000, (0, 1000, 10_000)
 _BASE_INSTANCES = 100
 _SIZES = (0.5, 1.0, 2.0)
 ANTIALIAS_MODES = ("none", "msaa4", "ssaa2", "ssaa3")
-# The option's values of a renderer by the row's name.
-OUTPUT_WAYS: Mapping[str, dict[str, Any]] = {
+# Options of a renderer by the row's name.
+OUTPUT_OPTIONS: Mapping[str, dict[str, Any]] = {
     "left disparity": {"truth": "left", "outputs": ()},
     "both disparities": {"truth": "both", "outputs": ()},
     "both, both masks": {"truth": "both", "outputs": DEFAULT_OUTPUTS},
@@ -51,15 +52,15 @@ STRESS = (10_000, 5_000_000)
 
 @dataclass(frozen=True, slots=True)
 class ScalingRow:
-    """One scene, or one way to draw the config's.
+    """Measurements of one scene, or of the config's scenes with some options.
 
     Attributes:
-        name: of the row.
-        instances: of the scene, the wall included; mean over the scenes.
-        triangles: in view, likewise.
+        name: the row's name.
+        instances: number of instances, the wall included; mean over the scenes.
+        triangles: number of triangles in view; mean over the scenes.
         pixels: of one image.
-        seconds_per_pair: drawn and read back, both eyes; median over the repeats.
-        ratio: to the baseline's, median over the repeats.
+        seconds_per_pair: both eyes drawn and read back; median over the repeats.
+        ratio: time relative to the baseline's, median over the repeats.
     """
 
     name: str
@@ -72,7 +73,7 @@ class ScalingRow:
 
 @dataclass(frozen=True, slots=True)
 class _Case:
-    """A scene or several, and how to draw them."""
+    """Scenes with a function that draws one of them."""
 
     scenes: Sequence[Scene]
     triangles: float
@@ -82,12 +83,12 @@ class _Case:
 def measure_scaling(bench: BenchScenes, seed: int, backend: Backend, repeats: int) -> dict[str, dict[str, Any]]:
     """Measure all quantities.
 
-    Instances, triangles and pixels are those of balls before a wall, which cover the same part of the image whatever
-    their number. Antialiasing and outputs are those of the config's scenes.
+    Instances, triangles and pixels are varied in scenes of balls before a wall, which cover the same part of the image
+    whatever their number; antialiasing and outputs in the config's scenes.
 
     Args:
-        bench: the config's scenes; the first one's image size is the usual one.
-        seed: of where the balls are.
+        bench: the config's scenes; the image size of the first scene is the usual one.
+        seed: of the balls' places.
         backend: "auto", "egl" or "osmesa".
         repeats: how often each row takes its turn.
 
@@ -97,40 +98,42 @@ def measure_scaling(bench: BenchScenes, seed: int, backend: Backend, repeats: in
     layers = bench.layers[:_LAYERS]
     balls = [marked_solid(ball(rings)) for rings in _RINGS]
     size = bench.scenes[0].camera.width_px, bench.scenes[0].camera.height_px
-    found = {}
+    groups = {}
     with Renderer([FACE, *balls], layers, backend=backend) as renderer:
         place = partial(_case, renderer, balls, len(layers), seed)
-        found["instances"] = _group(
+        groups["instances"] = _group(
             f"balls of {len(balls[_USUAL].triangles)} triangles in view",
             {f"{count}": place(size, _USUAL, count) for count in _INSTANCES},
             repeats,
         )
-        found["outside"] = _group(
+        groups["outside"] = _group(
             f"balls out of view, beside {_IN_VIEW} in view",
             {f"{count}": place(size, _SMALL, _IN_VIEW, count) for count in _OUTSIDE},
             2 * repeats,
         )
-        found["triangles"] = _group(
+        groups["triangles"] = _group(
             f"triangles of each of {_BASE_INSTANCES} balls",
             {f"{len(ball_.triangles)}": place(size, k, _BASE_INSTANCES) for k, ball_ in enumerate(balls)},
             repeats,
         )
         sizes = [(max(1, round(size[0] * side)), max(1, round(size[1] * side))) for side in _SIZES]
-        found["resolution"] = _group(
+        groups["resolution"] = _group(
             f"image size, {_BASE_INSTANCES} balls",
             {f"{w} x {h}": place((w, h), _USUAL, _BASE_INSTANCES) for w, h in sizes},
             repeats,
             baseline=f"{size[0]} x {size[1]}",
         )
-    found["antialias"] = _ways(bench, {mode: {"antialias": mode} for mode in ANTIALIAS_MODES}, "none", backend, repeats)
-    found["outputs"] = _ways(bench, OUTPUT_WAYS, _USUAL_OUTPUTS, backend, repeats)
-    return found
+    groups["antialias"] = _option_group(
+        bench, {mode: {"antialias": mode} for mode in ANTIALIAS_MODES}, "none", backend, repeats
+    )
+    groups["outputs"] = _option_group(bench, OUTPUT_OPTIONS, _USUAL_OUTPUTS, backend, repeats)
+    return groups
 
 
 def measure_stress(
     bench: BenchScenes, seed: int, backend: Backend, instances: int = STRESS[0], triangles: int = STRESS[1]
 ) -> ScalingRow:
-    """Draw one pair with at least so many instances and triangles in view, once, masks included."""
+    """Time one pair with at least as many instances and triangles in view, drawn once, masks included."""
     rings = next(rings for rings in range(3, 10_000) if instances * _triangle_count(rings) >= triangles)
     model = marked_solid(ball(rings))
     layers = bench.layers[:_LAYERS]
@@ -146,21 +149,11 @@ def measure_stress(
 
 
 def ball(rings: int) -> Mesh:
-    """A closed ball of radius 1: n rings from pole to pole, 2 n around, 4 n (n - 1) triangles."""
-    around = 2 * rings
-    polar, azimuth = np.meshgrid(np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, around + 1), indexing="ij")
-    # Equal positions at the seam and the poles, so that the surface counts as closed.
-    azimuth_position = np.where(np.arange(around + 1) == around, 0.0, azimuth)
-    ring = np.sin(polar)
-    ring[[0, -1]] = 0.0
-    positions = np.stack([ring * np.cos(azimuth_position), ring * np.sin(azimuth_position), np.cos(polar)], axis=-1)
-    uv = np.stack([azimuth, polar], axis=-1)
-    first = (np.arange(rings)[:, None] * (around + 1) + np.arange(around)).reshape(rings, around)
-    right, below = first + 1, first + around + 1
-    upper = np.stack([first, below, right], axis=-1)[1:]
-    lower = np.stack([right, below, below + 1], axis=-1)[:-1]
-    triangles = np.concatenate([upper.reshape(-1, 3), lower.reshape(-1, 3)])
-    return make_mesh("ball", positions.reshape(-1, 3), uv.reshape(-1, 2), triangles)
+    """Make a closed ball of radius 1: n rings from pole to pole, 2 n around, 4 n (n - 1) triangles."""
+    latitude = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)
+    profile = np.stack([np.cos(latitude), np.sin(latitude)], axis=-1)
+    profile[[0, -1], 0] = 0.0
+    return without_degenerate(lathe(profile, 2 * rings))
 
 
 def _triangle_count(rings: int) -> int:
@@ -171,7 +164,7 @@ def _case(
     renderer: Renderer, balls: Sequence[Mesh], layers: int, seed: int, size: tuple[int, int], model: int, count: int,
     outside: int = 0,
 ) -> _Case:  # fmt: skip
-    """Balls in a grid of random depths before a wall, and as many others behind the camera as asked for."""
+    """Place balls at random before a wall, and others behind the camera."""
     rng = np.random.default_rng(seed)
     width, height = size
     camera = StereoCamera.centred(width, height, float(width), 0.1)
@@ -211,10 +204,10 @@ def _rotations(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
     return rotations
 
 
-def _ways(
+def _option_group(
     bench: BenchScenes, options: Mapping[str, dict[str, Any]], baseline: str, backend: Backend, repeats: int
 ) -> dict[str, Any]:
-    """The config's scenes, drawn by renderers with other options."""
+    """Time the config's scenes with several options of the renderer."""
     layers = bench.layers[:_LAYERS]
     scenes = [replace(scene, layer=scene.layer % len(layers)) for scene in bench.scenes]
     triangles = np.array([len(mesh.triangles) for mesh in bench.models])
@@ -236,7 +229,7 @@ def _ways(
 
 
 def _group(text: str, cases: Mapping[str, _Case], repeats: int, *, baseline: str | None = None) -> dict[str, Any]:
-    """Time cases in turns; the first is the baseline where none is named."""
+    """Time cases in turns; without a name, the first case is the baseline."""
     baseline = next(iter(cases)) if baseline is None else baseline
     calls = {name: partial(_draw_all, case) for name, case in cases.items()}
     for call in calls.values():  # buffers grow once
@@ -244,7 +237,7 @@ def _group(text: str, cases: Mapping[str, _Case], repeats: int, *, baseline: str
     seconds = alternated(calls, repeats)
     rows = {}
     for name, case in cases.items():
-        times = compared({name: seconds[name], baseline: seconds[baseline]}, baseline, len(case.scenes))[name]
+        times = compare_times({name: seconds[name], baseline: seconds[baseline]}, baseline, len(case.scenes))[name]
         camera = case.scenes[0].camera
         rows[name] = ScalingRow(
             name, float(np.mean([len(scene) for scene in case.scenes])), case.triangles,

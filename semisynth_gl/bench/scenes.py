@@ -1,7 +1,8 @@
-"""What is measured on: the first pairs of a config, and which of their pixels are compared with the oracle."""
+"""Scenes that are measured: the first pairs of a config, and their true disparity at pixels chosen at random."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,10 +10,12 @@ from numpy.typing import NDArray
 from semisynth_gl import oracle
 from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.config import Config
+from semisynth_gl.frame import Frame
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import build_library
-from semisynth_gl.render.variants import DEFAULT_WAY, DisparityVariants
-from semisynth_gl.scene.raycast import cast_rays
+from semisynth_gl.render.context import Backend
+from semisynth_gl.render.renderer import Renderer
+from semisynth_gl.scene.raycast import Hits, cast_rays
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import Scene
 from semisynth_gl.textures.prepare import prepare_atlas
@@ -20,6 +23,8 @@ from semisynth_gl.textures.prepare import prepare_atlas
 # A jump of disparity between neighbours, or another instance beside, makes a depth edge.
 _JUMP_PX = 1.0
 _FROM_EDGE_PX = 2
+# The rasteriser rounds vertices to 1/256 px: nearer to a triangle's edge it may draw the triangle beside.
+_FROM_CREASE_PX = 1 / 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,10 +32,10 @@ class BenchScenes:
     """The first pairs of a config.
 
     Attributes:
-        config: where they are from.
-        models: what `Scene.model` counts.
+        config: their config.
+        models: the meshes that `Scene.model` counts.
         layers: (L, P, P, 4) uint8, the patch atlas.
-        scenes: one per pair.
+        scenes: one of each pair.
     """
 
     config: Config
@@ -38,10 +43,14 @@ class BenchScenes:
     layers: NDArray[np.uint8]
     scenes: Sequence[Scene]
 
+    def open_renderer(self, backend: Backend, **options: Any) -> Renderer:  # noqa: ANN401 - options of a renderer
+        """Open a renderer of these models and patches."""
+        return Renderer(self.models, self.layers, wrap=self.config.textures.wrap, backend=backend, **options)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Checked:
-    """Pixels of one eye of one pair at which the truth is known.
+class Truth:
+    """True disparity at N pixels of one eye of one pair.
 
     Attributes:
         scene: index of the scene.
@@ -49,7 +58,7 @@ class Checked:
         row: (N,) int64.
         column: (N,) int64.
         disparity_px: (N,) float64, the oracle's; inf where there is none.
-        dropped: pixels drawn but left out, because they are near an edge or the oracle sees another triangle.
+        dropped: number of chosen pixels that are left out, near an edge.
     """
 
     scene: int
@@ -72,52 +81,53 @@ def sample_scenes(config: Config, seed: int, pairs: int) -> BenchScenes:
     return BenchScenes(config, sampler.models, atlas.layers, scenes)
 
 
-def check_pixels(
-    bench: BenchScenes, variants: DisparityVariants, rays: int, rng: np.random.Generator
-) -> tuple[list[Checked], list[NDArray[np.bool_]]]:
+def cast_truth(
+    bench: BenchScenes, frames: Sequence[Frame], rays: int, rng: np.random.Generator
+) -> tuple[list[Truth], list[NDArray[np.bool_]]]:
     """Cast float64 rays at randomly chosen pixels of both eyes of each scene.
 
-    Pixels within 2 px of a depth edge are left out, and those where the oracle sees another triangle: there a
-    difference would tell where the rasteriser puts an edge, and not how exact a way to the disparity is.
+    Pixels within 2 px of a depth edge and within 1/16 px of a triangle's edge are left out: an error there shows where
+    the rasteriser puts an edge, and not how exact the disparity of a surface is.
 
     Args:
         bench: the scenes.
-        variants: draws them.
-        rays: how many per eye and scene.
+        frames: the scenes as drawn, with the output "instances".
+        rays: number of rays of each eye of each scene.
         rng: chooses the pixels.
 
     Returns:
-        The pixels, and of the same eyes the (H, W) bool masks of pixels that touch another instance.
+        The truth of each eye of each scene, and of the same eyes (H, W) bool masks of pixels that touch another
+        instance.
     """
-    checked, outlines = [], []
-    for number, scene in enumerate(bench.scenes):
+    truths, outlines = [], []
+    for number, (scene, frame) in enumerate(zip(bench.scenes, frames, strict=True)):
         for eye in EYES:
-            instance, triangle = variants.surface(scene, eye)
-            disparity = variants.disparity(scene, eye, DEFAULT_WAY)
+            instance = getattr(frame, f"instances_{eye}").astype(np.int64) - 1
+            disparity = getattr(frame, f"disparity_{eye}")
             outline = edges(instance.astype(np.float64), 0.5)
             outlines.append(outline)
             far_from_edge = ~grown(outline | edges(disparity.astype(np.float64), _JUMP_PX), _FROM_EDGE_PX)
             row = rng.integers(0, scene.camera.height_px, rays)
             column = rng.integers(0, scene.camera.width_px, rays)
             hits = cast_rays(scene, bench.models, eye, column.astype(np.float64), row.astype(np.float64))
-            kept = far_from_edge[row, column]
-            kept &= (hits.instance == instance[row, column]) & (hits.triangle == triangle[row, column])
+            kept = far_from_edge[row, column] & (hits.instance == instance[row, column])
+            kept &= _crease_distance_px(bench, scene, eye, row, column, hits) > _FROM_CREASE_PX
             truth = oracle.disparity_px(scene.camera, hits)
-            checked.append(Checked(number, eye, row[kept], column[kept], truth[kept], int((~kept).sum())))
-    return checked, outlines
+            truths.append(Truth(number, eye, row[kept], column[kept], truth[kept], int((~kept).sum())))
+    return truths, outlines
 
 
 def edges(image: NDArray[np.float64], jump: float) -> NDArray[np.bool_]:
-    """Pixels that differ from one of their four neighbours by more than ``jump``; inf differs from all but inf."""
-    found = np.zeros(image.shape, bool)
+    """Mark pixels that differ from one of their four neighbours by more than ``jump``; inf equals inf alone."""
+    marked = np.zeros(image.shape, bool)
     for axis in (0, 1):
         ahead, behind = np.moveaxis(image, axis, 0)[1:], np.moveaxis(image, axis, 0)[:-1]
         with np.errstate(invalid="ignore"):
             jumps = (ahead != behind) & ~(np.abs(ahead - behind) <= jump)
-        moved = np.moveaxis(found, axis, 0)
+        moved = np.moveaxis(marked, axis, 0)
         moved[1:] |= jumps
         moved[:-1] |= jumps
-    return found
+    return marked
 
 
 def grown(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
@@ -125,3 +135,29 @@ def grown(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
     padded = np.pad(mask, pixels)
     windows = np.lib.stride_tricks.sliding_window_view(padded, (2 * pixels + 1, 2 * pixels + 1))
     return np.asarray(windows.any(axis=(2, 3)))
+
+
+def _crease_distance_px(
+    bench: BenchScenes, scene: Scene, eye: Eye, row: NDArray[np.int64], column: NDArray[np.int64], hits: Hits
+) -> NDArray[np.float64]:
+    """Measure the distance in the image from (R,) rays to the nearest edge of the triangle that each ray hits.
+
+    Returns:
+        (R,) float64 px; inf where a ray hits nothing.
+    """
+    camera = scene.camera
+    rays = camera.rays(eye, column.astype(np.float64), row.astype(np.float64))
+    distance = np.full(len(rays), np.inf)
+    for number in np.unique(hits.instance[hits.instance >= 0]):
+        own = hits.instance == number
+        mesh = bench.models[int(scene.model[number])]
+        view_from_model = scene.camera_from_world @ scene.world_from_model[number]
+        corners = mesh.positions.astype(np.float64)[mesh.triangles[hits.triangle[own]]]
+        corners = corners @ view_from_model[:3, :3].T + view_from_model[:3, 3] - [camera.offset_m(eye), 0, 0]
+        # An edge and the eye span a plane; the ray's distance from it at z = 1 is the distance in the image.
+        normals = np.cross(corners, np.roll(corners, -1, axis=1))
+        from_plane = np.abs(np.einsum("nki,ni->nk", normals, rays[own]))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            offsets = camera.focal_px * from_plane / np.hypot(normals[..., 0], normals[..., 1])
+        distance[own] = np.nan_to_num(offsets, nan=0.0).min(axis=1)
+    return distance

@@ -9,9 +9,10 @@ from semisynth_gl.config import Config
 from semisynth_gl.dataset.places import Folder
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.engines.local import LocalEngine
-from semisynth_gl.engines.task import Job, Result, Stop
+from semisynth_gl.engines.task import Job, Result
 from semisynth_gl.errors import WorkerError
-from semisynth_gl.generation.generate import ShardJob
+from semisynth_gl.generation.shard_job import ShardJob
+from semisynth_gl.listener import Listener
 from semisynth_gl.render.context import Backend
 from semisynth_gl.splits import SplitName
 
@@ -39,14 +40,13 @@ def do_all(job: Job[Result], tasks: Iterable[int], workers: int) -> list[Result]
         Exception: what a task or the opening of the job raises.
     """
     engine = LocalEngine(workers, _TIMEOUT_S)
-    with closing(engine.run(job, tasks, told=_ignore, noted=_refuse, stop=Stop())) as results:
-        done = dict(results)
-    return [done[number] for number in sorted(done)]
+    with closing(engine.run(job, tasks, _Undisturbed())) as results:
+        by_task = dict(results)
+    return [by_task[number] for number in sorted(by_task)]
 
 
-def _ignore(_: object) -> None:
-    """Take a message of a pair that is on disk."""
+class _Undisturbed(Listener):
+    """Refuses a measurement in which something is worth a message."""
 
-
-def _refuse(note: str) -> NoReturn:
-    raise WorkerError(f"nothing can be measured: {note}")
+    def on_message(self, text: str) -> NoReturn:
+        raise WorkerError(f"nothing can be measured: {text}")

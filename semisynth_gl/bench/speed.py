@@ -1,24 +1,24 @@
 """Pairs per second and what they depend on: stages, workers, scenes, memory, start.
 
-config -> {workers and stages, scaling, stress, memory, start} -> report, a dictionary of JSON's types -> table, plot
+config -> {workers and stages, scaling, stress, memory, start} -> report, a dictionary of JSON's types -> table
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from semisynth_gl.bench.lifetime import measure_memory, measure_start
-from semisynth_gl.bench.machine import machine_facts
-from semisynth_gl.bench.markdown import markdown
 from semisynth_gl.bench.scaling import measure_scaling, measure_stress
 from semisynth_gl.bench.scenes import sample_scenes
 from semisynth_gl.bench.stages import limit_of
+from semisynth_gl.bench.summary import machine_facts, markdown
 from semisynth_gl.bench.workers import measure_workers
 from semisynth_gl.config import Config
 from semisynth_gl.engines.task import cores
+from semisynth_gl.listener import Listener
 from semisynth_gl.render.context import Backend
 
-# Pairs whose scenes the ways to antialias and the outputs are measured on.
+# Number of scenes that antialiasing modes and outputs are measured on.
 _SCENES = 1
 
 
@@ -27,11 +27,11 @@ class Effort:
     """How much is measured.
 
     Attributes:
-        pairs: that each number of workers makes in a round, and whose stages are timed.
+        pairs: number of pairs that each number of workers makes in a round, and whose stages are timed.
         repeats: how often each alternative takes its turn; workers and starts half as often.
-        workers: numbers of workers.
-        memory_pairs: that memory is followed over.
-        stress: whether the pair of many instances and triangles is drawn.
+        workers: numbers of workers; empty for the usual ones.
+        memory_pairs: number of pairs that memory is followed over.
+        stress: the pair of many instances and triangles is drawn too.
     """
 
     pairs: int = 8
@@ -48,40 +48,41 @@ def usual_workers() -> tuple[int, ...]:
 
 
 def measure(
-    config: Config, seed: int, backend: Backend, effort: Effort, said: Callable[[str], None] = lambda _: None
+    config: Config, seed: int, backend: Backend, effort: Effort, listener: Listener | None = None
 ) -> dict[str, Any]:
     """Measure everything.
 
     Args:
         config: where the pairs are from.
-        seed: of the pairs, and of where the balls of the made-up scenes are.
+        seed: of the pairs, and of the balls' places in the scenes that grow.
         backend: "auto", "egl" or "osmesa".
         effort: how much.
-        said: takes a line at the start of each part.
+        listener: hears a message at the start of each part.
 
     Returns:
-        What was measured on, and under "stages", "limit", "workers", "scaling", "stress", "memory" and "start" what
-        was found.
+        The machine, and the measurements under "stages", "limit", "workers", "scaling", "stress", "memory" and "start".
 
     Raises:
         SemisynthError: where the config or OpenGL cannot be used.
     """
+    listener = listener or Listener()
     rounds = (effort.repeats + 1) // 2
     counts = effort.workers or usual_workers()
-    said(f"scenes of {config.name}")
+    listener.on_message(f"scenes of {config.name}")
     bench = sample_scenes(config, seed, _SCENES)
-    said(f"stages, and {', '.join(map(str, counts))} workers, in {rounds} rounds")
-    ends = measure_workers(config, seed, backend, counts, effort.pairs, rounds)
-    said("instances, triangles, pixels, antialiasing, outputs")
+    listener.on_message(f"stages, and {', '.join(map(str, counts))} workers, in {rounds} rounds")
+    throughput = measure_workers(config, seed, backend, counts, effort.pairs, rounds)
+    listener.on_message("instances, triangles, pixels, antialiasing, outputs")
     scaling = measure_scaling(bench, seed, backend, effort.repeats)
-    said("many instances and triangles")
+    listener.on_message("many instances and triangles")
     stress = asdict(measure_stress(bench, seed, backend)) if effort.stress else None
-    said(f"memory over {effort.memory_pairs} pairs")
+    listener.on_message(f"memory over {effort.memory_pairs} pairs")
     memory = measure_memory(config, seed, backend, effort.memory_pairs)
-    said("start")
+    listener.on_message("start")
     start = measure_start(config, seed, backend, rounds)
     camera = bench.scenes[0].camera
-    most = max(ends.workers, key=lambda row: row.workers)
+    most = max(throughput.workers, key=lambda row: row.workers)
+    limit = limit_of(throughput.stages, cores(), most.pairs_per_second, throughput.shares)
     return {
         "config": config.name,
         "config_sha256": config.digest(),
@@ -90,10 +91,10 @@ def measure(
         "pairs": effort.pairs,
         "repeats": effort.repeats,
         "rounds": rounds,
-        "machine": machine_facts() | {"usable_cores": cores()} | ends.facts,
-        "stages": {"pair_seconds": ends.pair_seconds, "rows": [asdict(row) for row in ends.stages]},
-        "limit": {"workers": most.workers} | limit_of(ends.stages, cores(), most.pairs_per_second, ends.shares),
-        "workers": {"rows": [asdict(row) for row in ends.workers]},
+        "machine": machine_facts() | {"usable_cores": cores()} | throughput.facts,
+        "stages": {"pair_seconds": throughput.pair_seconds, "rows": [asdict(row) for row in throughput.stages]},
+        "limit": {"workers": most.workers} | limit,
+        "workers": {"rows": [asdict(row) for row in throughput.workers]},
         "scaling": {
             name: part | {"rows": [asdict(row) for row in part["rows"]]} for name, part in scaling.items()
         },
@@ -103,8 +104,17 @@ def measure(
     }  # fmt: skip
 
 
+def headline(report: Mapping[str, Any]) -> str:
+    """Name the scenes and the machine of a report."""
+    machine, (width, height) = report["machine"], report["size_px"]
+    return (
+        f"{report['config']}, {width} x {height} px; {machine['renderer']}, {machine['opengl']}; "
+        f"{machine['processor']}, {machine['usable_cores']} cores; Python {machine['python']}; {machine['date']}"
+    )
+
+
 def table(report: Mapping[str, Any]) -> str:
-    """Lay a report out in Markdown: tables, and sentences for what has a row alone."""
+    """Lay a report out in Markdown: tables, and a sentence in place of a table with one row."""
     parts = [
         markdown(
             ("stage", "ms a pair", "ms of CPU", "share", "MB a pair", "pairs/s alone", "what it is"),
@@ -141,8 +151,8 @@ def table(report: Mapping[str, Any]) -> str:
             for part in report["scaling"].values()
             for name, reason in part["left_out"].items()
         ),
-        *([stress_text(report["stress"])] if report["stress"] else []),
-        memory_text(report["memory"]),
+        *([_stress_text(report["stress"])] if report["stress"] else []),
+        _memory_text(report["memory"]),
         markdown(
             ("start with", "s to the first pair on disk", "s to the end"),
             [
@@ -156,27 +166,32 @@ def table(report: Mapping[str, Any]) -> str:
 
 
 def limit_text(report: Mapping[str, Any]) -> str:
-    """Say what limits and how near the run came."""
+    """Name the narrowest stage and the limit, and say how near to the limit several rounds came."""
     limit = report["limit"]
-    several = f"{limit['workers']} workers make" if limit["workers"] > 1 else "1 worker makes"
-    return (
+    workers = f"{limit['workers']} workers make" if limit["workers"] > 1 else "1 worker makes"
+    text = (
         f"The narrowest stage is {limit['narrowest_stage']}: alone, {limit['cores']} cores would do it for "
         f"{limit['narrowest_allows_per_second']:.3g} pairs/s. The limit is set by the {limit['by']}: "
-        f"{limit['allows_per_second']:.3g} pairs/s. {several} {limit['reached_per_second']:.3g} pairs/s from start to "
-        f"end, {100 * limit['share']:.0f} % of the limit (median of {len(limit['shares'])} rounds)."
+        f"{limit['allows_per_second']:.3g} pairs/s. {workers} {limit['reached_per_second']:.3g} pairs/s from start to "
+        f"end"
+    )
+    shares = [100 * share for share in limit["shares"]]
+    if len(shares) == 1:
+        return f"{text}. One round is too rough to compare that with the limit: measure with --repeats 3 or more."
+    return (
+        f"{text}, {100 * limit['share']:.0f} % of the limit (median of {len(shares)} rounds, from {min(shares):.0f} to "
+        f"{max(shares):.0f} %)."
     )
 
 
-def stress_text(row: Mapping[str, Any]) -> str:
-    """Say how long the pair of many instances and triangles took."""
+def _stress_text(row: Mapping[str, Any]) -> str:
     return (
         f"One pair with {row['instances']:.0f} instances and {row['triangles']:.0f} triangles in view: "
         f"{row['seconds_per_pair']:.1f} s."
     )
 
 
-def memory_text(memory: Mapping[str, Any]) -> str:
-    """Say what a process holds."""
+def _memory_text(memory: Mapping[str, Any]) -> str:
     constant = "as many as after the first" if memory["objects_constant"] else "another number than after the first"
     return (
         f"Memory over {memory['pairs']} pairs: {memory['rss_bytes'] / 1e6:.0f} MB resident at the end, at most "

@@ -1,7 +1,7 @@
-"""Times that can be compared: alternatives take turns, so that what else the machine does meets all of them alike."""
+"""Comparable times: alternatives take turns, so that other work of the machine meets all of them alike."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,10 +22,10 @@ class Timing:
 
 
 def alternated(calls: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, NDArray[np.float64]]:
-    """Call each in turn, ``repeats`` times round, starting with another one each time.
+    """Call all functions in turn, ``repeats`` times round; each round begins with the next function.
 
     Returns:
-        (repeats,) float64 seconds of each.
+        (repeats,) float64 seconds of each function.
     """
     names = list(calls)
     seconds = {name: np.zeros(repeats) for name in names}
@@ -38,27 +38,15 @@ def alternated(calls: Mapping[str, Callable[[], object]], repeats: int) -> dict[
     return seconds
 
 
-def compared(seconds: Mapping[str, NDArray[np.float64]], baseline: str, pairs: int) -> dict[str, Timing]:
-    """Medians of times that each drew ``pairs`` pairs, and their ratios to the baseline's."""
+def compare_times(seconds: Mapping[str, NDArray[np.float64]], baseline: str, pairs: float) -> dict[str, Timing]:
+    """Take medians of times and of their ratios to the baseline's.
+
+    Args:
+        seconds: (repeats,) of each alternative, for all pairs together.
+        baseline: one of the names.
+        pairs: number of pairs in a repeat; `Timing.seconds` is for one of them.
+    """
     return {
         name: Timing(float(np.median(own)) / pairs, float(np.median(own / seconds[baseline])))
         for name, own in seconds.items()
     }
-
-
-def front(points: Mapping[str, Sequence[float]], tolerance: float = 0.05) -> set[str]:
-    """Names of the points that no other one beats.
-
-    One point beats another where it is smaller in something by more than ``tolerance`` (relative: what repeated
-    timings differ by) and in nothing larger by more than that.
-
-    Args:
-        points: of each name the same number of values, the smaller the better.
-        tolerance: relative.
-    """
-
-    def beats(one: Sequence[float], other: Sequence[float]) -> bool:
-        pairs = list(zip(one, other, strict=True))
-        return all(a <= b * (1 + tolerance) for a, b in pairs) and any(a * (1 + tolerance) < b for a, b in pairs)
-
-    return {name for name, own in points.items() if not any(beats(other, own) for other in points.values())}

@@ -8,7 +8,7 @@ import shutil
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import ceil
@@ -24,26 +24,27 @@ from semisynth_gl.config import Config
 from semisynth_gl.dataset.places import Folder
 from semisynth_gl.dataset.plan import Shard
 from semisynth_gl.dataset.shard import ShardWriter
-from semisynth_gl.engines.task import Task, Watch, cores, threads_each
-from semisynth_gl.generation.generate import ShardJob
+from semisynth_gl.engines.task import Task, cores, threads_each
+from semisynth_gl.generation.shard_job import ShardJob
+from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.pipeline import PAIR_STAGES, PairRenderer
 from semisynth_gl.render.context import Backend
 
 _THREADS = "LP_NUM_THREADS"
-# Of a number of workers, as many pairs each at least.
+# Least number of pairs of each worker in a round.
 _PAIRS_EACH = 4
 _SINGLE = "1, one thread"
 
 
 @dataclass(frozen=True, slots=True)
 class WorkersRow:
-    """One number of workers.
+    """Measurements of one number of workers.
 
     Attributes:
-        name: of the row.
-        workers: processes.
-        threads: that llvmpipe draws with in each of them; 0 draws in the thread that calls.
-        pairs: made in each round.
+        name: the row's name.
+        workers: number of processes.
+        threads: number of threads that llvmpipe draws with in each process; with 0 it draws in the thread that calls.
+        pairs: number of pairs in each round.
         pairs_per_second: median over the rounds, files written.
         ratio: median over the rounds of its pairs per second divided by those of one worker with one thread.
     """
@@ -57,15 +58,15 @@ class WorkersRow:
 
 
 @dataclass(frozen=True, slots=True)
-class Ends:
-    """What `measure_workers` measures.
+class Throughput:
+    """Measurements of workers and stages.
 
     Attributes:
-        workers: a row per number, the single-threaded one first.
-        stages: a row per stage.
-        pair_seconds: a pair in one process with one thread, its stages following each other without a wait.
-        shares: of each round, what the last of the workers reached of what the stages allow; see `limit_of`.
-        facts: what the driver calls itself.
+        workers: a row of each number of workers, the single-threaded worker first.
+        stages: a row of each stage.
+        pair_seconds: time of a pair in one process with one thread, its stages following each other without a wait.
+        shares: of each round, the part of the stages' limit that most workers reached; see `limit_of`.
+        facts: backend, renderer and version of OpenGL.
     """
 
     workers: list[WorkersRow]
@@ -99,25 +100,30 @@ class _WholePairs:
         shards = plan.shards
         with PairRenderer(plan.config, plan.seed, job.backend, plan.split(SPLIT)) as renderer:
             # Buffers are made and shaders compiled with the first pair.
-            job.make(lambda *_: renderer, shards[0], _Unwatched())
+            job.make(shards[0], lambda _: renderer, Listener())
             self.opened.wait()
             start = time.perf_counter()
 
-            def make(number: int, watch: Watch) -> _Done:
+            def make(number: int, listener: Listener) -> _Done:
                 shard = shards[number]
-                job.make(lambda *_: renderer, shard, watch)
+                job.make(shard, lambda _: renderer, listener)
                 return _Done(worker, shard.end - shard.first, start, time.perf_counter())
 
             yield make
 
 
-class _Unwatched:
-    """What a worker's first pair is given, before there is a task."""
+class _StageClock(Listener):
+    """Adds up the time of each stage of a pair, on the clock and of the processor, s."""
 
-    stopping = False
+    def __init__(self) -> None:
+        self.seconds = dict.fromkeys(PAIR_STAGES, 0.0)
+        self.cpu_seconds = dict.fromkeys(PAIR_STAGES, 0.0)
+        self._last = time.perf_counter(), time.process_time()
 
-    def tell(self, message: object) -> None:
-        """Drop a message."""
+    def on_stage(self, stage: str) -> None:
+        last, self._last = self._last, (time.perf_counter(), time.process_time())
+        self.seconds[stage] += self._last[0] - last[0]
+        self.cpu_seconds[stage] += self._last[1] - last[1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +131,7 @@ class _Staged:
     """A task of `StagedPairs`."""
 
     costs: Mapping[str, Costs]
-    whole_seconds: float
+    pair_seconds: float
     facts: dict[str, str]
 
 
@@ -146,42 +152,33 @@ class StagedPairs:
         plan = self.job.plan
         shards = plan.shards
         with PairRenderer(plan.config, plan.seed, self.job.backend, plan.split(SPLIT)) as renderer:
-            self._write(renderer, shards[0])
+            self._write(renderer, shards[0], Listener())
             yield lambda number, _: self._staged(renderer, shards[number])
 
     def _staged(self, renderer: PairRenderer, shard: Shard) -> _Staged:
         start = time.perf_counter()
-        self._write(renderer, shard)
+        self._write(renderer, shard, Listener())
         whole = time.perf_counter() - start
-        seconds, processor = dict.fromkeys(PAIR_STAGES, 0.0), dict.fromkeys(PAIR_STAGES, 0.0)
         made: dict[str, int] = {}
-        last = [time.perf_counter(), time.process_time()]
-
-        def done(stage: str) -> None:
-            now = [time.perf_counter(), time.process_time()]
-            seconds[stage] += now[0] - last[0]
-            processor[stage] += now[1] - last[1]
-            last[:] = now
-
-        made["readback"], made["write"] = self._write(renderer, shard, done)
+        renderer.listener = clock = _StageClock()
+        made["readback"], made["write"] = self._write(renderer, shard, clock)
+        renderer.listener = None
         made["encode"] = made["write"]
-        costs = {stage: Costs(seconds[stage], processor[stage], made.get(stage)) for stage in PAIR_STAGES}
+        costs = {stage: Costs(clock.seconds[stage], clock.cpu_seconds[stage], made.get(stage)) for stage in PAIR_STAGES}
         return _Staged(costs, whole, renderer.facts)
 
-    def _write(
-        self, renderer: PairRenderer, shard: Shard, done: Callable[[str], None] | None = None
-    ) -> tuple[int, int]:
+    def _write(self, renderer: PairRenderer, shard: Shard, listener: Listener) -> tuple[int, int]:
         """Make a pair as `ShardJob.make` does; return the bytes of its arrays and of its files, which are removed."""
         plan, place = self.job.plan, self.job.place
-        tell = done or (lambda _: None)
-        start = time.perf_counter()
-        pair = renderer.render(shard.first, done)
+        pair = renderer.render(shard.first)
         with ShardWriter(place, shard, packed=plan.layout.packed, folder=plan.folder(SPLIT)) as writer:
-            tell("write")
-            self.job.write(pair, writer, start, tell)
+            listener.on_stage("write")
+            files, facts = self.job.encode(pair, SPLIT)
+            listener.on_stage("encode")
+            writer.add(files, facts)
             record = writer.finish({"split": SPLIT, "first": shard.first, "end": shard.end})
         # Beginning and end of a shard are part of writing, and take the less the more pairs it has.
-        tell("write")
+        listener.on_stage("write")
         shutil.rmtree(place.path(""))
         arrays = (getattr(pair.frame, name) for name in pair.frame.__slots__)
         return sum(array.nbytes for array in arrays if isinstance(array, np.ndarray)), record["bytes"]
@@ -189,29 +186,29 @@ class StagedPairs:
 
 def measure_workers(
     config: Config, seed: int, backend: Backend, counts: Sequence[int], pairs: int, rounds: int
-) -> Ends:
+) -> Throughput:
     """Measure all numbers of workers and the stages, in turns.
 
     Args:
         config: where the pairs are from.
-        seed: likewise.
+        seed: of the pairs.
         backend: "auto", "egl" or "osmesa".
         counts: numbers of workers.
-        pairs: how many each number of workers makes in each round, or four for each worker, if that is more.
-        rounds: how often each takes its turn.
+        pairs: pairs of each number of workers in each round, or four of each worker, if that is more.
+        rounds: how often each number takes its turn.
     """
-    ways: dict[str, tuple[int, str | None]] = {_SINGLE: (1, "0")}
-    ways |= {str(count): (count, None) for count in sorted(set(counts))}
+    settings: dict[str, tuple[int, str | None]] = {_SINGLE: (1, "0")}
+    settings |= {str(count): (count, None) for count in sorted(set(counts))}
     rates: dict[str, list[float]] = defaultdict(list)
     staged: list[list[_Staged]] = []
-    order = ["stages", *ways]
+    order = ["stages", *settings]
     for number in range(rounds):
         first = number % len(order)
         for name in order[first:] + order[:first]:
             if name == "stages":
                 staged.append(_stages(config, seed, backend, pairs))
             else:
-                count, threads = ways[name]
+                count, threads = settings[name]
                 rates[name].append(_rate(config, seed, backend, count, threads, _pairs_of(count, pairs)))
     single = np.array(rates[_SINGLE])
     rows = [
@@ -219,29 +216,29 @@ def measure_workers(
             name, count, _threads_of(count, threads), _pairs_of(count, pairs), float(np.median(rates[name])),
             float(np.median(rates[name] / single)),
         )
-        for name, (count, threads) in ways.items()
+        for name, (count, threads) in settings.items()
     ]  # fmt: skip
     facts = staged[0][0].facts
     software = is_software(facts["renderer"])
-    stages = stage_rows([one.costs for part in staged for one in part], cores(), software=software)
-    by_round = [stage_rows([one.costs for one in part], cores(), software=software) for part in staged]
-    most = max(ways, key=lambda name: ways[name][0])
+    stages = stage_rows([pair.costs for part in staged for pair in part], cores(), software=software)
+    by_round = [stage_rows([pair.costs for pair in part], cores(), software=software) for part in staged]
+    most = max(settings, key=lambda name: settings[name][0])
     shares = [
         rate / min(row.allows_per_second for row in allowed)
         for rate, allowed in zip(rates[most], by_round, strict=True)
     ]  # fmt: skip
-    whole = float(np.mean([one.whole_seconds for part in staged for one in part]))
-    return Ends(rows, stages, whole, shares, facts)
+    pair_seconds = float(np.mean([pair.pair_seconds for part in staged for pair in part]))
+    return Throughput(rows, stages, pair_seconds, shares, facts)
 
 
 def is_software(renderer: str) -> bool:
-    """Whether a driver draws on the processor, by what it calls itself."""
+    """Tell by a driver's name whether it draws on the processor."""
     return any(name in renderer.lower() for name in ("llvmpipe", "softpipe", "swrast", "software"))
 
 
 @contextmanager
 def worker_threads(threads: str | None) -> Iterator[None]:
-    """Let processes that are started here draw with a number of threads, or as the engine decides."""
+    """Let processes that are started inside draw with a number of threads; None leaves that to the engine."""
     before = os.environ.get(_THREADS)
     if threads is not None:
         os.environ[_THREADS] = threads
@@ -259,7 +256,7 @@ def _pairs_of(count: int, pairs: int) -> int:
 
 
 def _threads_of(count: int, threads: str | None) -> int:
-    """What the engine gives each worker."""
+    """Return the number of threads that the engine gives each worker."""
     set_by_hand = threads or os.environ.get(_THREADS)
     if set_by_hand:
         return int(set_by_hand)
@@ -274,21 +271,21 @@ def _stages(config: Config, seed: int, backend: Backend, pairs: int) -> list[_St
 
 
 def _rate(config: Config, seed: int, backend: Backend, count: int, threads: str | None, pairs: int) -> float:
-    """Pairs per second once all workers are open.
+    """Measure pairs per second once all workers are open.
 
-    The last pairs leave some workers without work. What a long run does not notice is left out: pairs are divided by
-    the mean of the times until each worker's last pair.
+    The last pairs leave some workers without work, which a long run does not notice. So the number of pairs is divided
+    by the mean of the times until each worker's last pair.
     """
     length = config.sequence.length
-    # One for each worker at least: an engine starts no more workers than there are tasks.
+    # At least a sequence for each worker: an engine starts no more workers than there are tasks.
     sequences = max(count, ceil(pairs / length))
     with tempfile.TemporaryDirectory() as scratch, worker_threads(threads):
         job = shard_job(config, seed, backend, (1 + sequences) * length, length, Path(scratch))
         # Workers are spawned, and a barrier goes to processes of its own kind alone.
         opened = get_context("spawn").Barrier(count)
-        done = do_all(_WholePairs(job, opened), range(1, 1 + sequences), count)
-    start = min(each.start_s for each in done)
+        shards = do_all(_WholePairs(job, opened), range(1, 1 + sequences), count)
+    start = min(shard.start_s for shard in shards)
     last: dict[int, float] = {}
-    for each in done:
-        last[each.worker] = max(last.get(each.worker, 0.0), each.end_s - start)
-    return sum(each.pairs for each in done) / float(np.mean(list(last.values())))
+    for shard in shards:
+        last[shard.worker] = max(last.get(shard.worker, 0.0), shard.end_s - start)
+    return sum(shard.pairs for shard in shards) / float(np.mean(list(last.values())))

@@ -1,1 +1,1 @@
-"""Results that are kept on disk and found again."""
+"""The cache: results that are built once and kept on disk for later runs."""

@@ -1,140 +1,226 @@
-"""All steps from files to a config that `generate` takes as it is."""
+"""From a rig's calibration and photographs to a config that `generate` takes as it is, with comments on its numbers."""
 
+import json
 import math
+import re
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from semisynth_gl.calibration.document import Background, Ranges, background_of, document, name_of, ranges_of
-from semisynth_gl.calibration.maps import find_maps, measure
+from semisynth_gl.calibration.disparity_range import DisparityRange, DisparitySource, disparity_range, farthest_px
 from semisynth_gl.calibration.photographs import check_sizes
-from semisynth_gl.calibration.rig import Rig
-from semisynth_gl.calibration.target import DisparityRange, chosen_range, measured_range
-from semisynth_gl.errors import InputError
-from semisynth_gl.read.disparity import KITTI_PNG_SCALE
-from semisynth_gl.textures.images import find_images
+from semisynth_gl.calibration.rig import Rig, Size, median_size, rig_ranges
+from semisynth_gl.textures.image_files import find_images, printable
+
+_WIDTH = 100
+# Of the image's width, as in the packaged configs: 60 and 420 px of 1500.
+_SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH = 0.04, 0.28
+# A place with pixels farther than this is no room, and hardly a hall.
+_INDOOR_M = 20.0
+_INDOOR_AT_MOST, _OUTDOOR_FROM = 0.005, 0.05
+# The back wall has the far end of the histogram alone: particles can hide a wall that is too far, not one too near.
+_WALL_UP_TO = 0.05
+# The default of the config.
+_WALL_TURN_DEG = 15.0
+# Place of the far plane between the farthest possible disparity and min_px.
+_PLANE_OF_MIN = (0.1, 0.7)
+_SOURCES_SHOWN = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Calibrated:
-    """What was found.
+class ConfigFacts:
+    """The facts that a config is written from.
 
     Attributes:
-        text: the config, YAML.
-        ranges: of the rigs.
-        disparity: range and histogram.
-        disparity_from: where these come from, a sentence.
-        background: which kind of scenes.
-        images: the photographs.
-        fitting: how many of them have the size of a calibration.
+        rigs: the rigs, at least one, scaled.
+        scale: scale of the images against the calibrated size, where the user gave one.
+        disparity: range and histogram of the disparities.
+        images: files, folders and globs of the photographs, absolute.
+        photograph_count: number of photographs.
+        fitting_count: number of photographs with the size of a calibration; 0 where sizes were not compared.
     """
 
-    text: str
-    ranges: Ranges
+    rigs: Sequence[Rig]
+    scale: float | None
     disparity: DisparityRange
-    disparity_from: str
-    background: Background
-    images: Sequence[Path]
-    fitting: int
+    images: Sequence[str]
+    photograph_count: int
+    fitting_count: int = 0
+
+    @property
+    def size(self) -> Size:
+        """Size of the images."""
+        return median_size(self.rigs)
+
+    @property
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """The ranges over the rigs, see `rig_ranges`."""
+        return rig_ranges(self.rigs)
+
+    @property
+    def far_share(self) -> float:
+        """Share of the wanted pixels that are farther than 20 m: near 0 px but for doffs."""
+        ranges = self.ranges
+        focal_px, baseline_m = (math.sqrt(math.prod(ranges[key])) for key in ("focal_px", "baseline_m"))
+        far_px = focal_px * baseline_m / _INDOOR_M - sum(ranges["doffs_px"]) / 2
+        return float(self.disparity.target.cumulative(far_px))
+
+    @property
+    def scenes(self) -> tuple[str, ...]:
+        """The scenes that suit the far share: ``indoor``, ``outdoor`` or both."""
+        suitable = {"indoor": self.far_share <= _OUTDOOR_FROM, "outdoor": self.far_share > _INDOOR_AT_MOST}
+        return tuple(kind for kind in suitable if suitable[kind])
 
 
-def calibrated_config(
-    name: str,
+def config_facts(
     rigs: Sequence[Rig],
     images: Sequence[str],
+    disparity: DisparitySource,
     *,
-    maps: Sequence[str] = (),
-    png_scale: float = KITTI_PNG_SCALE,
-    range_px: tuple[float, float] | None = None,
     scale: float | None = None,
     other_camera: bool = False,
-) -> Calibrated:
-    """Put a config together.
+) -> ConfigFacts:
+    """Gather the facts for a config, and check that they fit together.
 
     Args:
-        name: of the config; what names may not hold is replaced.
-        rigs: at least one, as they were calibrated.
+        rigs: at least one, as calibrated.
         images: photographs: files, folders and globs.
-        maps: disparity maps, likewise; the histogram is measured from them.
-        png_scale: levels of 16-bit PNG maps per pixel of disparity.
-        range_px: the range of disparity, where there are no maps and calibrations have none.
-        scale: of images and maps, against the size that was calibrated.
-        other_camera: whether photographs may have other sizes than the rig's images.
+        disparity: disparity maps, or a range.
+        scale: scale of images and maps against the calibrated size.
+        other_camera: True if photographs may have other sizes than the rig's images.
 
     Raises:
         InputError: where anything is missing or does not fit together.
         ReadError: where a map cannot be read.
     """
     photographs = find_images(images)
-    fitting = 0 if other_camera else check_sizes(photographs, [rig.size for rig in rigs], scale)
+    fitting_count = 0 if other_camera else check_sizes(photographs, [rig.size for rig in rigs], scale)
     if scale is not None:
         rigs = [rig.scaled(scale) for rig in rigs]
-    ranges = ranges_of(rigs)
-    if maps:
-        disparity, disparity_from = _measured(maps, rigs, png_scale, ranges.doffs_px[0])
-    else:
-        disparity, disparity_from = _chosen(rigs, range_px, ranges.doffs_px[0])
-    absolute = [str(Path(path).expanduser().absolute()) for path in images]
-    text = document(
-        name_of(name),
+    return ConfigFacts(
         rigs,
-        disparity,
-        scale=scale,
-        disparity_from=disparity_from,
-        images=absolute,
-        images_from=f"Photographs: {len(photographs)} when this was written.",
-    )
-    background = background_of(ranges, disparity)
-    return Calibrated(text, ranges, disparity, disparity_from, background, photographs, fitting)
-
-
-def _measured(
-    maps: Sequence[str], rigs: Sequence[Rig], png_scale: float, least_doffs_px: float
-) -> tuple[DisparityRange, str]:
-    paths = find_maps(maps)
-    measured = measure(paths, {rig.size for rig in rigs}, png_scale)
-    shown = ", ".join(str(path) for path in paths[:3]) + (f" and {len(paths) - 3} more" if len(paths) > 3 else "")
-    low, high = (measured.histogram.quantile(share) for share in (0.001, 0.999))
-    return measured_range(measured.histogram, least_doffs_px), (
-        f"Measured from {measured.maps} disparity {'map' if measured.maps == 1 else 'maps'}, each counting the same: "
-        f"{shown}; {measured.pixels} pixels, {measured.valid / measured.pixels:.1%} with a disparity, all but a "
-        f"thousandth of them above {low:.4g} px and below {high:.4g} px. max_px leaves a tenth of room above that."
+        scale,
+        disparity_range(disparity, rigs, min(rig.camera.doffs_px for rig in rigs)),
+        [str(Path(path).expanduser().absolute()) for path in images],
+        len(photographs),
+        fitting_count,
     )
 
 
-def _chosen(
-    rigs: Sequence[Rig], range_px: tuple[float, float] | None, least_doffs_px: float
-) -> tuple[DisparityRange, str]:
-    how = "wide and smooth; give disparity maps with --disparity to have it measured."
-    if range_px is not None:
-        found = chosen_range(*range_px, least_doffs_px)
-        return found, f"The range is --range-px; the histogram is chosen, not measured: {how}"
-    known = [largest for rig in rigs if (largest := _largest(rig)) is not None]
-    if not known:
-        raise InputError(
-            f"nothing tells how large disparities are: {rigs[0].source} has no ndisp; give disparity maps with "
-            "--disparity, or the range with --range-px LOW HIGH"
+def config_text(name: str, facts: ConfigFacts) -> str:
+    """Write the config as YAML, with comments that say where its numbers came from.
+
+    Args:
+        name: name of the config.
+        facts: rigs, disparities and photographs.
+    """
+    ranges, disparity = facts.ranges, facts.disparity
+    width_px, height_px = facts.size
+    camera = {key: _range(ends) for key, ends in ranges.items()}
+    camera["doffs_px"] = f"{camera['doffs_px']:<20} # cx of the right camera minus cx of the left one"
+    lines = [*_comment(f"{name}: written by semisynth-gl calibrate."), f"name: {_quoted(name)}", ""]
+    lines += _comment(_camera_origin(facts))
+    lines += [
+        "camera:",
+        f"  width_px: {width_px}",
+        f"  height_px: {height_px}",
+        *(f"  {key}: {text}" for key, text in camera.items()),
+        "",
+    ]
+    lines += _comment(disparity.origin)
+    shares = [f"{max(share, 0.0):.4f}".rstrip("0").rstrip(".") for share in disparity.target.shares]
+    listed = textwrap.wrap(", ".join(shares), _WIDTH - 14)
+    lines += [
+        "disparity:",
+        f"  min_px: {_number(disparity.min_px)}",
+        f"  max_px: {_number(disparity.max_px):<20} # hard limit: sets the near plane",
+        f"  target: # mean {disparity.target.mean_px:.2f} px",
+        "    form: histogram",
+        f"    bin_px: {_number(disparity.bin_px)}",
+        f"    first_px: {_number(float(disparity.target.edges_px[0]))}",
+        "    shares: [" + ("\n" + 13 * " ").join(listed) + "]",
+        "",
+    ]
+    lines += _comment(
+        f"{facts.far_share:.1%} of the wanted pixels are farther than {_INDOOR_M:g} m: {' and '.join(facts.scenes)} "
+        "scenes."
+    )
+    indoor, outdoor = "indoor" in facts.scenes, "outdoor" in facts.scenes
+    lines += ["background:", f"  cuboid: {indoor:d}", f"  plane: {outdoor:d}"]
+    if indoor:
+        deep_px = float(f"{disparity.target.quantile(_WALL_UP_TO) - disparity.min_px:.2g}")
+        walls = _range((disparity.min_px, disparity.min_px + deep_px))
+        lines.append(f"  wall_disparity_px: {walls:<11} # the back wall: the farthest {_WALL_UP_TO:.0%} of the pixels")
+        # Turned by a, a wall at the disparity d has (d + doffs) (1 + tan(a) x / f) at x from the middle of the image.
+        # At this turn its disparity at the side of the image differs from that in the middle by a bin.
+        steepest = width_px / 2 / ranges["focal_px"][0]
+        far_px = max(disparity.min_px + sum(ranges["doffs_px"]) / 2, disparity.bin_px)
+        turn = float(f"{math.degrees(math.atan(disparity.bin_px / far_px / steepest)):.2g}")
+        if turn < _WALL_TURN_DEG:
+            lines.append(f"  wall_turn_deg: {turn:<15g} # more would spread a wall over several bins of the target")
+    if outdoor:
+        # Below min_px, and above the disparity of infinity for the least doffs.
+        farthest = farthest_px(ranges["doffs_px"][0])
+        low, high = (farthest + float(f"{part * (disparity.min_px - farthest):.2g}") for part in _PLANE_OF_MIN)
+        planes = _range((low, high))
+        lines.append(f"  plane_disparity_px: {planes:<10} # the far plane: between infinity and min_px")
+    sizes = (round(_SMALLEST_OF_WIDTH * width_px), round(_LARGEST_OF_WIDTH * width_px))
+    lines += [
+        "",
+        *_comment(f"In proportion to the width of {width_px} px, as in the packaged configs."),
+        "particles:",
+        f"  size_px: {_range((float(max(sizes[0], 1)), float(max(sizes[1], 2))))}",
+        "",
+        f"# Photographs: {facts.photograph_count} when this was written.",
+        "textures:",
+        "  source: images",
+        "  images:",
+        *(f"    - {_quoted(path)}" for path in facts.images),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def config_name(stem: str) -> str:
+    """Return the name of a config from a file's: letters, digits and hyphens."""
+    return re.sub(r"[^A-Za-z0-9]+", "-", stem).strip("-") or "calibrated"
+
+
+def _camera_origin(facts: ConfigFacts) -> str:
+    rigs, scale = facts.rigs, facts.scale
+    sources = list(dict.fromkeys(rig.source for rig in rigs))
+    text = f"From {', '.join(sources[:_SOURCES_SHOWN])}"
+    if len(sources) > _SOURCES_SHOWN:
+        text += f" and {len(sources) - _SOURCES_SHOWN} more"
+    if scale is not None:
+        text += f", scaled by {scale:g} (a position c in pixels becomes (c + 0.5) {scale:g} - 0.5)"
+    if len(rigs) > 1:
+        text += f"; of {len(rigs)} rigs the least and the largest of each value"
+    sizes = sorted({rig.size for rig in rigs})
+    if len(sizes) > 1:
+        text += (
+            f"; their {len(sizes)} sizes run from {sizes[0]} to {sizes[-1]}: the median is taken, and principal points "
+            "keep their distance to the centre"
         )
-    high_px, name, source = max(known)
-    least = [rig.vmin_px for rig in rigs if rig.vmin_px is not None and rig.vmin_px > 0]
-    # Only where every rig has one does the least of them stand for all.
-    low_px = min(least) if len(least) == len(rigs) else None
-    several = len(rigs) > 1
-    upper = f"the largest of {len(known)} calibrations, {name} of {source}" if several else f"{name} of the calibration"
-    if low_px is not None:
-        lower = "the least vmin of all" if several else "vmin of the calibration"
-    elif least_doffs_px < 0:
-        lower = f"a fiftieth of the way there from -doffs, {-least_doffs_px:g} px"
-    else:
-        lower = "a fiftieth of that"
-    return chosen_range(low_px, high_px, least_doffs_px), (
-        f"max_px is {upper}, min_px {lower}; the histogram is chosen, not measured: {how}"
-    )
+    return text + "."
 
 
-def _largest(rig: Rig) -> tuple[float, str, str] | None:
-    """Return the most that a calibration says of disparities, by what name, and its source."""
-    for name, value in (("ndisp", rig.ndisp), ("vmax", rig.vmax_px)):
-        if value is not None and 0 < value < math.inf:
-            return value, name, rig.source
-    return None
+def _comment(text: str) -> list[str]:
+    lines = textwrap.wrap(printable(text), _WIDTH - 2, break_long_words=False, break_on_hyphens=False)
+    return [f"# {line}" for line in lines]
+
+
+def _range(ends: tuple[float, float]) -> str:
+    low, high = (_number(end) for end in ends)
+    return low if low == high else f"[{low}, {high}]"
+
+
+def _number(value: float) -> str:
+    # All digits of a calibration, without the noise of the last binary digits.
+    return f"{float(f'{value:.10g}') + 0.0:.10g}"
+
+
+def _quoted(text: str) -> str:
+    """Return any text as a YAML string: JSON's, except for YAML's escape for code points beyond 16 bits."""
+    quoted = json.dumps(text, ensure_ascii=False)
+    return "".join(letter if letter.isprintable() else f"\\U{ord(letter):08X}" for letter in quoted)

@@ -1,14 +1,14 @@
-"""Whether photographs and calibration belong together, and how many splits the photographs are enough for."""
+"""The user's photographs: a check that they fit the calibration, and the splits that they are too few for."""
 
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from semisynth_gl.calibration.rig import Size, scaled_size
+from semisynth_gl.calibration.rig import Size
 from semisynth_gl.config.model import SplitsSection
 from semisynth_gl.errors import InputError
-from semisynth_gl.splits import SplitName, split_of
+from semisynth_gl.splits import SplitName
 from semisynth_gl.textures.images import ImageError, stored_size
 
 _SIZES_SHOWN = 3
@@ -16,25 +16,25 @@ _ROUND_SCALES = tuple(sorted({part / whole for whole in range(2, 9) for part in 
 
 
 def check_sizes(images: Sequence[Path], calibrated: Sequence[Size], scale: float | None = None) -> int:
-    """Check that photographs were taken with the rig, as far as their size tells.
+    """Check by their size that photographs were taken with the rig.
 
     Args:
-        images: files; those that cannot be read are passed over.
-        calibrated: sizes that the calibrations are for.
-        scale: of the photographs against these, as the user gave it.
+        images: files; a file that cannot be read is passed over.
+        calibrated: sizes of the calibrated images.
+        scale: scale of the photographs against these sizes, where the user gave one.
 
     Returns:
-        How many have the size of a calibration.
+        The number of photographs with the size of a calibration.
 
     Raises:
-        InputError: where none has, with the numbers and the option that makes it right.
+        InputError: where there is none, with the numbers and the option that makes it right.
     """
     sizes = Counter[Size]()
     for path in images:
         with suppress(ImageError):
             height, width = stored_size(path)
-            sizes[width, height] += 1
-    wanted = [size if scale is None else scaled_size(size, scale) for size in calibrated]
+            sizes[Size(width, height)] += 1
+    wanted = [size if scale is None else size.scaled(scale) for size in calibrated]
     fitting = sum(count for size, count in sizes.items() if size in wanted)
     if fitting or not sizes:
         return fitting
@@ -59,30 +59,27 @@ def check_sizes(images: Sequence[Path], calibrated: Sequence[Size], scale: float
 
 
 def impossible_splits(images: int) -> list[str]:
-    """Return which splits so many photographs are too few for, such as ``["both validation and test"]``."""
-    cases: dict[str, tuple[SplitName, ...]] = {
-        "validation": ("validation",),
-        "test": ("test",),
-        "both validation and test": ("validation", "test"),
-    }
-    failing: list[str] = []
-    for name, splits in cases.items():
-        if failing and len(splits) > 1:
-            break
+    """Return the splits that a number of photographs is too small for, such as ``["both validation and test"]``."""
+
+    def enough(*splits: SplitName) -> bool:
         try:
-            split_of(SplitsSection(), ("train", *splits), "train").share(range(images), 0, "photographs", 0)
+            SplitsSection().split("train", splits).share(range(images), 0, "photographs", 0)
         except InputError:
-            failing.append(name)
-    return failing
+            return False
+        return True
+
+    single: list[SplitName] = ["validation", "test"]
+    failing = [str(name) for name in single if not enough(name)]
+    return failing or ([] if enough(*single) else ["both validation and test"])
 
 
 def _scale_that_fits(sizes: Counter[Size], calibrated: Sequence[Size]) -> float | None:
     """Return the scale under which most photographs, and at least half, have the size of a calibration; or None."""
-    candidates = {1.0, *_ROUND_SCALES, *(size[0] / own[0] for size in sizes for own in calibrated)}
+    candidates = {1.0, *_ROUND_SCALES, *(size[0] / rig_size[0] for size in sizes for rig_size in calibrated)}
     fitting = {
-        scale: sum(sizes[size] for size in {scaled_size(own, scale) for own in calibrated}) for scale in candidates
+        scale: sum(sizes[size] for size in {rig_size.scaled(scale) for rig_size in calibrated}) for scale in candidates
     }
-    # Of several that fit as many, a round one: sizes are rounded, so that many more fit than were meant.
+    # Of several equally good scales a round one: sizes are rounded, so that many scales fit.
     best = max(
         fitting, key=lambda scale: (fitting[scale], scale == 1 or scale in _ROUND_SCALES, -len(f"{scale:.6g}"), scale)
     )
@@ -90,6 +87,6 @@ def _scale_that_fits(sizes: Counter[Size], calibrated: Sequence[Size]) -> float 
 
 
 def _listed(sizes: Counter[Size]) -> str:
-    shown = [f"{width} x {height}" for (width, height), _ in sizes.most_common(_SIZES_SHOWN)]
+    shown = [str(size) for size, _ in sizes.most_common(_SIZES_SHOWN)]
     more = f" and {len(sizes) - len(shown)} other sizes" if len(sizes) > len(shown) else ""
     return ", ".join(shown) + more

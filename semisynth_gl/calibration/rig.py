@@ -1,6 +1,8 @@
-"""A rectified rig, as a calibration gives it: the checks that all forms share, and its size in other pixels."""
+"""Rectified rigs: the checks that all formats of calibrations share, and the ranges over several rigs."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,37 +10,61 @@ from numpy.typing import NDArray
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.errors import InputError
 
-# What calibrations lose by being printed with six digits, and far less than would be seen in an image.
+# The loss of calibrations that are printed with six digits, and far less than can be seen in an image.
 _SAME_FOCAL = 1e-4
 _SAME_CY_PX = 0.05
 # KITTI's second camera stands 0.5 % of the baseline off its place, and is called rectified.
 _OFF_BASELINE = 0.01
 
-Size = tuple[int, int]
-"""Width and height of an image, pixels."""
+
+class Size(NamedTuple):
+    """Size of an image, pixels."""
+
+    width_px: int
+    height_px: int
+
+    def __str__(self) -> str:
+        return f"{self.width_px} x {self.height_px}"
+
+    def scaled(self, scale: float) -> "Size":
+        """Return the size times a factor, rounded to whole pixels."""
+        return Size(*(max(1, int(side * scale + 0.5)) for side in self))
+
+
+class DisparityBounds(NamedTuple):
+    """Bounds of the disparities, pixels, where a calibration has them.
+
+    Attributes:
+        ndisp: an upper bound.
+        vmin_px: the least disparity.
+        vmax_px: the largest disparity.
+    """
+
+    ndisp: float | None = None
+    vmin_px: float | None = None
+    vmax_px: float | None = None
+
+
+NO_BOUNDS = DisparityBounds()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Projections:
-    """Two projection matrices, as a file has them, not yet judged.
+    """Two projection matrices of a calibration, before `rectified` checks them.
 
     Attributes:
         left: (3, 4) float64, pixels from metres.
         right: (3, 4) float64, from the same frame.
-        size: of the images; None where the file does not say.
-        source: the file's name, or both names, for messages.
-        ndisp: an upper bound of the disparities, where the file has one.
-        vmin_px: the least disparity, likewise.
-        vmax_px: the largest, likewise.
+        size: size of the images; None where the file has none.
+        source: name of the file, or of both files, for messages.
+        bounds: bounds of the disparities.
     """
 
     left: NDArray[np.float64]
     right: NDArray[np.float64]
     size: Size | None
     source: str
-    ndisp: float | None = None
-    vmin_px: float | None = None
-    vmax_px: float | None = None
+    bounds: DisparityBounds = NO_BOUNDS
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,130 +73,126 @@ class Rig:
 
     Attributes:
         camera: both cameras.
-        source: where it comes from, for messages and comments.
-        ndisp: an upper bound of the disparities, px, where the calibration has one.
-        vmin_px: the least disparity, likewise.
-        vmax_px: the largest, likewise.
+        source: name of the calibration, for messages and comments.
+        bounds: bounds of the disparities.
     """
 
     camera: StereoCamera
     source: str
-    ndisp: float | None = None
-    vmin_px: float | None = None
-    vmax_px: float | None = None
+    bounds: DisparityBounds = NO_BOUNDS
 
     @property
     def size(self) -> Size:
-        """Width and height of the images."""
-        return self.camera.width_px, self.camera.height_px
+        """Size of the images."""
+        return Size(self.camera.width_px, self.camera.height_px)
 
     def scaled(self, scale: float) -> "Rig":
-        """Return the rig of images reduced by a factor, below 1, or enlarged.
+        """Return the rig of images that are reduced by a factor below 1, or enlarged.
 
         Pixel centres are at whole numbers, so that a position c becomes (c + 0.5) s - 0.5. Middlebury's own reduced
         calibrations have c s, which moves both principal points alike and no disparity.
         """
         camera = self.camera
-
-        def moved(position_px: float) -> float:
-            return (position_px + 0.5) * scale - 0.5
-
-        def times(number: float | None) -> float | None:
-            return None if number is None else number * scale
-
-        width_px, height_px = scaled_size(self.size, scale)
-        return replace(
-            self,
-            camera=StereoCamera(
-                width_px,
-                height_px,
-                camera.focal_px * scale,
-                camera.baseline_m,
-                moved(camera.cx_left_px),
-                moved(camera.cx_right_px),
-                moved(camera.cy_px),
-            ),
-            ndisp=times(self.ndisp),
-            vmin_px=times(self.vmin_px),
-            vmax_px=times(self.vmax_px),
+        centres = [(c + 0.5) * scale - 0.5 for c in (camera.cx_left_px, camera.cx_right_px, camera.cy_px)]
+        return Rig(
+            StereoCamera(*self.size.scaled(scale), camera.focal_px * scale, camera.baseline_m, *centres),
+            self.source,
+            DisparityBounds(*(None if bound is None else bound * scale for bound in self.bounds)),
         )
-
-
-def scaled_size(size: Size, scale: float) -> Size:
-    """Return the size of an image times a factor, rounded to whole pixels."""
-    width_px, height_px = (max(1, int(side * scale + 0.5)) for side in size)
-    return width_px, height_px
 
 
 def plain_rig(focal_px: float, baseline_m: float, size: Size) -> Rig:
     """Return the rig of three numbers, its principal points at the centre of the images.
 
+    Args:
+        focal_px: focal length, pixels.
+        baseline_m: distance of the cameras, metres.
+        size: size of the images.
+
     Raises:
-        InputError: where the baseline is 0 or negative, or a number is no such quantity.
+        InputError: where the baseline is 0 or negative, or another number is out of range.
     """
     if not baseline_m > 0:
         raise InputError(f"--baseline-m {baseline_m:g}: expected a distance above 0, from the left camera to the right")
     return Rig(StereoCamera.centred(*size, focal_px, baseline_m), "--focal-px, --baseline-m and --size")
 
 
-def rectified(found: Projections, size: Size | None) -> Rig:
-    """Judge projection matrices, and return the rig that they describe.
+def rectified(projections: Projections, size: Size | None) -> Rig:
+    """Check projection matrices, and return their rig.
 
     A rectified pair has K [I | t] on both sides, with one focal length, one cy and t along x alone.
 
     Args:
-        found: the matrices.
-        size: of the images, as the user gave it; None where they did not.
+        projections: the matrices.
+        size: size of the images from the user; None where there is none.
 
     Raises:
         InputError: with the numbers, where the pair is not rectified, the baseline is 0 or negative, the size is not
-            known, or the file has another than the user gave.
+            known, or the file and the user disagree about the size.
     """
-    source = found.source
-    for name, matrix in (("left", found.left), ("right", found.right)):
+    left, right, source = projections.left, projections.right, projections.source
+    for name, matrix in (("left", left), ("right", right)):
         _check_pinhole(source, name, matrix)
-    focal_px, right_focal_px = float(found.left[0, 0]), float(found.right[0, 0])
+    focal_px, right_focal_px = float(left[0, 0]), float(right[0, 0])
     if abs(focal_px - right_focal_px) > _SAME_FOCAL * focal_px:
-        raise InputError(
-            _not_rectified(source, f"focal lengths differ: {focal_px:g} px left, {right_focal_px:g} right")
-        )
-    for name, fy_px in (("left", float(found.left[1, 1])), ("right", float(found.right[1, 1]))):
-        if abs(fy_px - focal_px) > _SAME_FOCAL * focal_px:
+        raise _not_rectified(source, f"focal lengths differ: {focal_px:g} px left, {right_focal_px:g} right")
+    for name, matrix in (("left", left), ("right", right)):
+        if abs(matrix[1, 1] - focal_px) > _SAME_FOCAL * focal_px:
             raise InputError(
-                f"{source}: the {name} camera has fx = {focal_px:g} and fy = {fy_px:g} px: expected square pixels, as "
-                "rectification makes them"
+                f"{source}: the {name} camera has fx = {focal_px:g} and fy = {matrix[1, 1]:g} px: expected square "
+                "pixels, as rectification makes them"
             )
-    cy_px, right_cy_px = float(found.left[1, 2]), float(found.right[1, 2])
+    cy_px, right_cy_px = float(left[1, 2]), float(right[1, 2])
     if abs(cy_px - right_cy_px) > _SAME_CY_PX:
-        raise InputError(_not_rectified(source, f"cy differs: {cy_px:g} px left, {right_cy_px:g} px right"))
-    # Where the left camera stands in the right one's frame, metres: P = K [I | t].
-    offset = np.linalg.solve(found.left[:, :3], found.left[:, 3]) - np.linalg.solve(
-        found.right[:, :3], found.right[:, 3]
-    )
-    baseline_m = float(offset[0])
-    across_m = float(np.hypot(offset[1], offset[2]))
-    if across_m > _OFF_BASELINE * abs(baseline_m):
-        y, z = (f"{float(offset[axis]):g} m" for axis in (1, 2))
-        raise InputError(
-            _not_rectified(source, f"the right camera stands {baseline_m:g} m to the right, but also {y} below and {z} "
-            f"before the left one, more than {_OFF_BASELINE:.0%} of the baseline")
-        )  # fmt: skip
+        raise _not_rectified(source, f"cy differs: {cy_px:g} px left, {right_cy_px:g} px right")
+    # The left camera's place in the right one's frame, metres: P = K [I | t].
+    left_m, right_m = (np.linalg.solve(matrix[:, :3], matrix[:, 3]) for matrix in (left, right))
+    baseline_m, down_m, forward_m = map(float, left_m - right_m)
+    if np.hypot(down_m, forward_m) > _OFF_BASELINE * abs(baseline_m):
+        raise _not_rectified(
+            source,
+            f"the right camera stands {baseline_m:g} m to the right, but also {down_m:g} m below and {forward_m:g} m "
+            f"before the left one, more than {_OFF_BASELINE:.0%} of the baseline",
+        )
     if baseline_m <= 0:
         raise InputError(
             f"{source}: the baseline is {baseline_m:g} m: expected the right camera at the right of the left one; "
             "swap the two, in the calibration and in your images"
         )
-    if found.size is not None and size is not None and found.size != size:
+    if projections.size is not None and size is not None and projections.size != size:
         raise InputError(
-            f"{source}: is for images of {_shown(found.size)}, but --size says {_shown(size)}: leave --size out, or "
-            "give --scale if your images are reduced"
+            f"{source}: is for images of {projections.size}, but --size says {size}: leave --size out, or give "
+            "--scale if your images are reduced"
         )
-    known = found.size or size
-    if known is None:
+    size = projections.size or size
+    if size is None:
         raise InputError(f"{source}: does not say how large the images are: give --size WIDTHxHEIGHT")
-    cx_left_px, cx_right_px = float(found.left[0, 2]), float(found.right[0, 2])
-    camera = StereoCamera(*known, focal_px, baseline_m, cx_left_px, cx_right_px, cy_px)
-    return Rig(camera, source, found.ndisp, found.vmin_px, found.vmax_px)
+    camera = StereoCamera(*size, focal_px, baseline_m, float(left[0, 2]), float(right[0, 2]), cy_px)
+    return Rig(camera, source, projections.bounds)
+
+
+def median_size(rigs: Sequence[Rig]) -> Size:
+    """Return the median of the widths and of the heights of the images of one or more rigs."""
+    return Size(*(sorted(sides)[len(rigs) // 2] for sides in zip(*(rig.size for rig in rigs), strict=True)))
+
+
+def rig_ranges(rigs: Sequence[Rig]) -> dict[str, tuple[float, float]]:
+    """Return the least and the largest value over one or more rigs, by key of the config's section ``camera``.
+
+    Principal points keep their distance to the centre of an image of `median_size`.
+    """
+    size = median_size(rigs)
+    values = [
+        {
+            "focal_px": camera.focal_px,
+            "baseline_m": camera.baseline_m,
+            "cx_left_px": camera.cx_left_px + (size.width_px - camera.width_px) / 2,
+            "doffs_px": camera.doffs_px,
+            "cy_px": camera.cy_px + (size.height_px - camera.height_px) / 2,
+        }
+        for camera in (rig.camera for rig in rigs)
+    ]
+    return {key: (min(value[key] for value in values), max(value[key] for value in values)) for key in values[0]}
 
 
 def _check_pinhole(source: str, name: str, matrix: NDArray[np.float64]) -> None:
@@ -180,20 +202,17 @@ def _check_pinhole(source: str, name: str, matrix: NDArray[np.float64]) -> None:
     focal_px = float(matrix[0, 0])
     if not focal_px > 0:
         raise InputError(f"{source}: the {name} focal length is {focal_px:g} px: expected a calibrated camera, above 0")
-    others = [float(matrix[at]) for at in ((0, 1), (1, 0), (2, 0), (2, 1))]
-    if max(map(abs, others)) > _SAME_FOCAL * focal_px or abs(matrix[2, 2] - 1) > _SAME_FOCAL:
-        raise InputError(
-            _not_rectified(source, f"the {name} projection matrix turns or skews: expected [f 0 cx; 0 f cy; 0 0 1], "
-            f"got {matrix[:, :3].tolist()}")
-        )  # fmt: skip
+    zeros = (matrix[0, 1], matrix[1, 0], matrix[2, 0], matrix[2, 1])
+    if max(map(abs, zeros)) > _SAME_FOCAL * focal_px or abs(matrix[2, 2] - 1) > _SAME_FOCAL:
+        raise _not_rectified(
+            source,
+            f"the {name} projection matrix turns or skews: expected [f 0 cx; 0 f cy; 0 0 1], got "
+            f"{matrix[:, :3].tolist()}",
+        )
 
 
-def _not_rectified(source: str, why: str) -> str:
-    return (
+def _not_rectified(source: str, why: str) -> InputError:
+    return InputError(
         f"{source}: is not rectified: {why}. Rectify first (OpenCV: stereoRectify), and give the calibration of the "
         "rectified images"
     )
-
-
-def _shown(size: Size) -> str:
-    return f"{size[0]} x {size[1]}"

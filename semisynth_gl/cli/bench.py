@@ -1,21 +1,18 @@
 """``semisynth-gl bench``: what the choices cost and gain on this machine."""
 
-import io
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from semisynth_gl.cli.options import Command
+from semisynth_gl.cli.options import COUNT, NATURAL, Command, OutputFile, option, option_group
 from semisynth_gl.config import load_config
-from semisynth_gl.errors import InputError
+from semisynth_gl.listener import Listener
 from semisynth_gl.render.context import BACKENDS, Backend
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 @click.group()
@@ -23,71 +20,61 @@ def bench() -> None:
     """Measure, on this machine, what the choices cost and gain."""
 
 
-def _shared_options(config: str) -> Callable[[Command], Command]:
-    """Add --config, --set, --seed, --backend, --json and --plot."""
-    options = [
-        click.option(
-            "--config", "config_name", default=config, show_default=True, help="Whose scenes: a name or a YAML file."
-        ),
-        click.option(
-            "--set", "settings", multiple=True, metavar="dotted.key=value", help="Override a key of the config."
-        ),
-        click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Other scenes."),
-        click.option(
-            "--backend", type=click.Choice(BACKENDS), default="auto", show_default=True, help="As for generate."
-        ),
-        click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write everything here."),
-        click.option(
-            "--plot", "plot_path", type=click.Path(path_type=Path), help="Also draw it: a name that ends in .png."
-        ),
-    ]
+@dataclass(frozen=True, slots=True)
+class _BenchOptions:
+    """The options of both measurements."""
 
-    def add(command: Command) -> Command:
-        for option in reversed(options):
-            command = option(command)
-        return command
+    config_name: str
+    settings: tuple[str, ...]
+    seed: int
+    backend: Backend
+    json_path: Path | None
 
-    return add
+    def publish(self, report: dict[str, Any], headline: str, table: str) -> None:
+        """Write the report as JSON where a path is given, and print it."""
+        report["command"] = " ".join(["semisynth-gl", *sys.argv[1:]])
+        if self.json_path is not None:
+            self.json_path.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+        click.echo(f"{headline}\n\n{table}")
+
+
+def _bench_options(config: str) -> Callable[[Command], Command]:
+    """Add the options of both measurements, with a default config."""
+    return option_group(
+        "options",
+        _BenchOptions,
+        option("--config", "config_name", default=config, help="Whose scenes: a name or a YAML file."),
+        option("--set", "settings", multiple=True, metavar="dotted.key=value", help="Override a key of the config."),
+        option("--seed", type=NATURAL, default=0, help="Other scenes."),
+        option("--backend", type=click.Choice(BACKENDS), default="auto", help="As for generate."),
+        option("--json", "json_path", type=OutputFile(), help="Also write everything here."),
+    )
+
+
+class _Parts(Listener):
+    """Shows each part of a measurement as it begins."""
+
+    def on_message(self, text: str) -> None:
+        click.echo(f"{text} ...", err=True)
 
 
 @bench.command()
-@_shared_options("eth3d")
-@click.option("--pairs", type=click.IntRange(min=1), default=3, show_default=True, help="How many pairs.")
-@click.option(
-    "--rays", type=click.IntRange(min=1), default=20_000, show_default=True, help="Rays cast for each eye of a pair."
-)
-@click.option(
-    "--repeats", type=click.IntRange(min=1), default=7, show_default=True, help="Times each alternative is timed."
-)
-def accuracy(
-    config_name: str,
-    settings: tuple[str, ...],
-    seed: int,
-    backend: Backend,
-    json_path: Path | None,
-    plot_path: Path | None,
-    pairs: int,
-    rays: int,
-    repeats: int,
-) -> None:
-    """Compare ways to get the disparity, to store it and to antialias: error against a float64 oracle, time, bytes.
+@_bench_options("eth3d")
+@option("--pairs", type=COUNT, default=3, help="How many pairs.")
+@option("--rays", type=COUNT, default=20_000, help="Rays cast for each eye of a pair.")
+@option("--repeats", type=COUNT, default=7, help="Times each alternative is timed.")
+def accuracy(options: _BenchOptions, pairs: int, rays: int, repeats: int) -> None:
+    """Compare the disparity with float64 rays, and encodings and antialiasing modes with each other.
 
-    Four tables. The default of each is bold; a star marks what no other way beats.
+    The error of the disparity, then a table each of encodings of disparities, encodings of images and antialiasing
+    modes: time, bytes and error. The default is bold; a star marks alternatives that no other one dominates.
     """
-    # Imported here: matplotlib takes longer to load than other commands to run.
-    from semisynth_gl.bench.accuracy import Effort, measure, table  # noqa: PLC0415
-    from semisynth_gl.bench.plot import draw_plot  # noqa: PLC0415
+    from semisynth_gl.bench import accuracy as benchmark  # noqa: PLC0415 - other commands need no renderer
 
-    _check_places(json_path, plot_path)
-    config = load_config(config_name, settings)
-    report = measure(config, seed, backend, Effort(pairs, rays, repeats), _say)
-    _save(report, json_path, plot_path, draw_plot)
-    machine, (width, height) = report["machine"], report["sizes_px"][0]
-    click.echo(
-        f"{config.name}, {width} x {height} px, {pairs} pairs, {report['pixels_compared']} pixels against the oracle; "
-        f"{machine['renderer']}, {machine['processor']}, {machine['cores']} cores\n"
-    )
-    click.echo(table(report))
+    config = load_config(options.config_name, options.settings)
+    effort = benchmark.Effort(pairs, rays, repeats)
+    report = benchmark.measure(config, options.seed, options.backend, effort, _Parts())
+    options.publish(report, benchmark.headline(report), benchmark.table(report))
 
 
 def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int, ...]:
@@ -104,42 +91,18 @@ def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[i
 
 
 @bench.command()
-@_shared_options("middlebury")
-@click.option(
-    "--pairs",
-    type=click.IntRange(min=1),
-    default=8,
-    show_default=True,
-    help="Pairs that each number of workers makes in a round; at least four each.",
+@_bench_options("middlebury")
+@option(
+    "--pairs", type=COUNT, default=8, help="Pairs that each number of workers makes in a round; at least four each."
 )
-@click.option(
-    "--repeats",
-    type=click.IntRange(min=1),
-    default=3,
-    show_default=True,
-    help="Times each alternative is timed; workers and starts half as often.",
+@option("--repeats", type=COUNT, default=3, help="Times each alternative is timed; workers and starts half as often.")
+@option(
+    "--workers", callback=_numbers, metavar="N,N", help="Numbers of workers.  [default: powers of two up to the cores]"
 )
-@click.option(
-    "--workers",
-    callback=_numbers,
-    metavar="N,N",
-    help="Numbers of workers.  [default: powers of two up to the cores]",
-)
-@click.option(
-    "--memory-pairs",
-    type=click.IntRange(min=1),
-    default=40,
-    show_default=True,
-    help="Pairs that memory is followed over.",
-)
-@click.option("--no-stress", is_flag=True, help="Leave out the pair of 10,000 instances and 5 million triangles.")
+@option("--memory-pairs", type=COUNT, default=40, help="Pairs that memory is followed over.")
+@option("--no-stress", is_flag=True, help="Leave out the pair of 10,000 instances and 5 million triangles.")
 def speed(
-    config_name: str,
-    settings: tuple[str, ...],
-    seed: int,
-    backend: Backend,
-    json_path: Path | None,
-    plot_path: Path | None,
+    options: _BenchOptions,
     pairs: int,
     repeats: int,
     workers: tuple[int, ...],
@@ -151,47 +114,9 @@ def speed(
     Each stage of a pair alone; workers, from start to end; instances, triangles, pixels, antialiasing and outputs;
     memory; the time to the first pair. Let the machine do nothing else meanwhile.
     """
-    # Imported here: matplotlib takes longer to load than other commands to run.
-    from semisynth_gl.bench.speed import Effort, measure, table  # noqa: PLC0415
-    from semisynth_gl.bench.speed_plot import draw_plot  # noqa: PLC0415
+    from semisynth_gl.bench import speed as benchmark  # noqa: PLC0415 - other commands need no renderer
 
-    _check_places(json_path, plot_path)
-    config = load_config(config_name, settings)
-    effort = Effort(pairs, repeats, workers, memory_pairs, stress=not no_stress)
-    report = measure(config, seed, backend, effort, _say)
-    _save(report, json_path, plot_path, draw_plot)
-    machine, (width, height) = report["machine"], report["size_px"]
-    click.echo(
-        f"{config.name}, {width} x {height} px; {machine['renderer']}, {machine['opengl']}; {machine['processor']}, "
-        f"{machine['usable_cores']} cores; Python {machine['python']}; {machine['date']}\n"
-    )
-    click.echo(table(report))
-
-
-def _say(part: str) -> None:
-    click.echo(f"{part} ...", err=True)
-
-
-def _check_places(json_path: Path | None, plot_path: Path | None) -> None:
-    """Refuse what cannot be written before anything is measured."""
-    for option, path in (("--json", json_path), ("--plot", plot_path)):
-        if path is not None and not path.absolute().parent.is_dir():
-            raise InputError(f"{option} {path}: the folder {path.absolute().parent} does not exist")
-    if plot_path is not None and plot_path.suffix.lower() != ".png":
-        raise InputError(f"--plot {plot_path}: expected a name that ends in .png")
-
-
-def _save(
-    report: dict[str, Any],
-    json_path: Path | None,
-    plot_path: Path | None,
-    draw_plot: Callable[[dict[str, Any]], "Figure"],
-) -> None:
-    """Write the report where it was asked for."""
-    report["command"] = " ".join(["semisynth-gl", *sys.argv[1:]])
-    if json_path is not None:
-        json_path.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-    if plot_path is not None:
-        png = io.BytesIO()
-        draw_plot(report).savefig(png, format="png")
-        plot_path.write_bytes(png.getvalue())
+    config = load_config(options.config_name, options.settings)
+    effort = benchmark.Effort(pairs, repeats, workers, memory_pairs, stress=not no_stress)
+    report = benchmark.measure(config, options.seed, options.backend, effort, _Parts())
+    options.publish(report, benchmark.headline(report), benchmark.table(report))

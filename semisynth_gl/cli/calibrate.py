@@ -1,68 +1,67 @@
 """``semisynth-gl calibrate``."""
 
-import os
 import re
 import shlex
 from pathlib import Path
 
 import click
 
-from semisynth_gl.calibration.calibrate import Calibrated, calibrated_config
-from semisynth_gl.calibration.document import shown_range
-from semisynth_gl.calibration.forms import read_rigs
+from semisynth_gl.calibration.calibrate import ConfigFacts, config_facts, config_name, config_text
+from semisynth_gl.calibration.disparity_range import DisparitySource
 from semisynth_gl.calibration.photographs import impossible_splits
 from semisynth_gl.calibration.rig import Rig, Size, plain_rig
+from semisynth_gl.calibration.rig_files import read_rigs
+from semisynth_gl.cli.options import OutputFile, option, write_output
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.errors import InputError
 from semisynth_gl.read.disparity import KITTI_PNG_SCALE
-from semisynth_gl.textures.atlas import TextureReport
+from semisynth_gl.textures.crop_report import TextureReport
 from semisynth_gl.textures.prepare import prepare_atlas
 
 _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
 @click.command()
-@click.option(
+@option(
     "--images",
     multiple=True,
     required=True,
     metavar="PATH_OR_GLOB",
     help="Photographs to cut patches from: a file, folder or glob. May be repeated.",
 )
-@click.option(
+@option(
     "--calib",
     multiple=True,
     metavar="FILE_OR_GLOB",
-    help="Of the rectified rig: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, stereo YAML of OpenCV "
-    "or ROS. May be repeated: ROS's left and right, or several rigs.",
+    help="Calibration of the rectified rig: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, stereo "
+    "YAML of OpenCV or ROS. May be repeated: ROS's left and right, or several rigs.",
 )
-@click.option("--focal-px", type=click.FloatRange(min=0, min_open=True), help="Instead of --calib, with the next two.")
-@click.option("--baseline-m", type=float, help="Distance of the cameras.")
-@click.option("--size", metavar="WIDTHxHEIGHT", help="Of the images, where no calibration says so; such as 1280x720.")
-@click.option(
+@option("--focal-px", type=click.FloatRange(min=0, min_open=True), help="Instead of --calib, with the next two.")
+@option("--baseline-m", type=float, help="Distance of the cameras.")
+@option("--size", metavar="WIDTHxHEIGHT", help="Size of the images, for a calibration without one: 1280x720.")
+@option(
     "--scale",
     type=click.FloatRange(min=0, min_open=True, max=16),
-    help="Of images and maps against the calibrated size; 0.25 for quarter size.",
+    help="Scale of images and maps against the calibrated size; 0.25 for quarter size.",
 )
-@click.option("--unit", type=click.Choice(list(_UNITS)), help="Of the translation in an OpenCV file; else metres.")
-@click.option(
+@option("--unit", type=click.Choice(list(_UNITS)), help="Unit of the translation in an OpenCV file, else metres.")
+@option(
     "--disparity",
     "maps",
     multiple=True,
     metavar="PATH_OR_GLOB",
     help="Disparity maps, true or predicted, to measure the histogram: .pfm, .npy, 16-bit .png. May be repeated.",
 )
-@click.option(
+@option(
     "--png-scale",
     type=click.FloatRange(min=0, min_open=True),
     default=KITTI_PNG_SCALE,
-    show_default=True,
     help="Levels of a 16-bit PNG per pixel of disparity.",
 )
-@click.option("--range-px", type=(float, float), help="Least and largest disparity, where there are no maps.")
-@click.option("--other-camera", is_flag=True, help="The photographs are not the rig's: they may have any size.")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="YAML to write.")
-@click.option("--overwrite", is_flag=True, help="Replace --out where it is there.")
+@option("--range-px", type=(float, float), help="Least and largest disparity, where there are no maps.")
+@option("--other-camera", is_flag=True, help="The photographs are not the rig's: they may have any size.")
+@option("--out", type=OutputFile(".yaml", ".yml"), required=True, help="YAML to write.")
+@option("--overwrite", is_flag=True, help="Replace --out if it exists.")
 def calibrate(
     images: tuple[str, ...],
     calib: tuple[str, ...],
@@ -79,39 +78,22 @@ def calibrate(
     overwrite: bool,  # noqa: FBT001
 ) -> None:
     """Write a config for a rig: its camera, the disparities that it sees, and the photographs to cut patches from."""
-    if out.suffix.lower() not in (".yaml", ".yml"):
-        raise InputError(f"--out {out}: expected a name that ends in .yaml")
-    if not out.absolute().parent.is_dir():
-        raise InputError(f"--out {out}: the folder {out.absolute().parent} does not exist")
     if out.exists() and not overwrite:
         raise InputError(f"--out {out}: is there already; choose another name, or replace it with --overwrite")
     if maps and range_px is not None:
         raise InputError("--range-px says what --disparity measures: give one of them")
     rigs = _rigs(calib, focal_px, baseline_m, _size(size), None if unit is None else _UNITS[unit])
-    found = calibrated_config(
-        out.stem,
-        rigs,
-        images,
-        maps=maps,
-        png_scale=png_scale,
-        range_px=range_px,
-        scale=scale,
-        other_camera=other_camera,
-    )
+    disparity = DisparitySource(maps, png_scale, range_px)
+    facts = config_facts(rigs, images, disparity, scale=scale, other_camera=other_camera)
+    text = config_text(config_name(out.stem), facts)
     try:
-        config = parse_config(found.text, str(out))
+        config = parse_config(text, str(out))
     except InputError as error:
-        raise InputError(f"--out {out}: not written, since what was found makes no valid config:\n{error}") from None
-    # The patches of the dataset to come: what cannot be used is told now, and the cache has them then.
+        raise InputError(f"--out {out}: not written, since the numbers make no valid config:\n{error}") from None
+    # The patches of the dataset to come: unusable photographs are reported now, and the cache keeps the patches.
     report = prepare_atlas(config.textures, 0).report
-    # Under a name of its own, so that runs beside this one do not meet.
-    partial = out.with_name(f".{out.name}.{os.getpid()}.partial")
-    try:
-        partial.write_text(found.text, encoding="utf-8")
-        partial.replace(out)
-    finally:
-        partial.unlink(missing_ok=True)
-    for line in _summary(found, config.name, report, out):
+    write_output(out, text.encode("utf-8"))
+    for line in _summary(facts, config.name, report, out):
         click.echo(line)
 
 
@@ -136,26 +118,26 @@ def _size(text: str | None) -> Size | None:
     sides = re.fullmatch(r"([1-9]\d{0,5})\s*[xX]\s*([1-9]\d{0,5})", text.strip())
     if sides is None:
         raise InputError(f"--size {text}: expected width x height in pixels, such as 1280x720")
-    return int(sides[1]), int(sides[2])
+    return Size(int(sides[1]), int(sides[2]))
 
 
-def _summary(found: Calibrated, name: str, report: TextureReport, out: Path) -> list[str]:
-    ranges, disparity = found.ranges, found.disparity
+def _summary(facts: ConfigFacts, name: str, report: TextureReport, out: Path) -> list[str]:
+    ranges, disparity, count = facts.ranges, facts.disparity, facts.photograph_count
     lines = [
-        f"image size       {ranges.size[0]} x {ranges.size[1]}",
-        f"focal length     {shown_range(ranges.focal_px, 'px')}",
-        f"baseline         {shown_range(ranges.baseline_m, 'm')}",
-        f"doffs            {shown_range(ranges.doffs_px, 'px')}",
+        f"image size       {facts.size}",
+        f"focal length     {_shown_range(ranges['focal_px'], 'px')}",
+        f"baseline         {_shown_range(ranges['baseline_m'], 'm')}",
+        f"doffs            {_shown_range(ranges['doffs_px'], 'px')}",
         f"disparity        {disparity.min_px:g} to {disparity.max_px:g} px, mean {disparity.target.mean_px:.2f} px",
-        f"                 {found.disparity_from}",
-        f"scenes           {found.background.scenes} ({found.background.far_share:.1%} of the pixels beyond 20 m)",
-        f"photographs      {len(found.images)}, which give {report.crops_kept} patches",
+        f"                 {disparity.origin}",
+        f"scenes           {' and '.join(facts.scenes)} ({facts.far_share:.1%} of the pixels beyond 20 m)",
+        f"photographs      {count}, which give {report.total('kept')} patches",
     ]
-    if found.fitting and found.fitting < len(found.images):
-        lines.append(f"                 {len(found.images) - found.fitting} have another size than the rig's images")
-    lost = impossible_splits(len(found.images))
-    if lost:
-        lines.append(f"                 too few to hold some out for {' or '.join(lost)}")
+    if 0 < facts.fitting_count < count:
+        lines.append(f"                 {count - facts.fitting_count} have another size than the rig's images")
+    splits = impossible_splits(count)
+    if splits:
+        lines.append(f"                 too few to hold some out for {' or '.join(splits)}")
     data = shlex.quote(f"data/{name}")
     return [
         *lines,
@@ -163,3 +145,9 @@ def _summary(found: Calibrated, name: str, report: TextureReport, out: Path) -> 
         f"  semisynth-gl preview --config {shlex.quote(str(out))}",
         f"  semisynth-gl generate --config {shlex.quote(str(out))} --out {data} --pairs 1000",
     ]
+
+
+def _shown_range(ends: tuple[float, float], unit: str) -> str:
+    """Return a range as a person reads it, such as ``994.978 px`` or ``0.16 to 0.38 m``."""
+    low, high = ends
+    return f"{low:.6g} {unit}" if f"{low:.6g}" == f"{high:.6g}" else f"{low:.6g} to {high:.6g} {unit}"

@@ -8,7 +8,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.cache.entries import cache_summary
+from semisynth_gl.cache.store import cache_summary
 from semisynth_gl.camera import Eye, StereoCamera
 from semisynth_gl.errors import BackendError
 from semisynth_gl.render.context import INSTALL_COMMAND, INSTALL_COMMAND_OSMESA, Backend, as_root

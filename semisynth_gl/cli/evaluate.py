@@ -5,42 +5,39 @@ from pathlib import Path
 
 import click
 
+from semisynth_gl.cli.options import OutputFile, option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.errors import InputError
-from semisynth_gl.metrics.evaluate import REGIONS, Evaluated, evaluate_pair, report_of
-from semisynth_gl.metrics.predictions import find_predictions, require_all
+from semisynth_gl.metrics.evaluate import REGIONS, Evaluation, evaluate_pair, report_json, report_table
+from semisynth_gl.metrics.predictions import find_predictions, missing_predictions
 from semisynth_gl.metrics.protocol import PROTOCOL_NAMES, PROTOCOLS, ProtocolName
-from semisynth_gl.metrics.table import table_of
 from semisynth_gl.metrics.truth import TrueSet, find_truth
 from semisynth_gl.splits import SPLITS, SplitName
 from semisynth_gl.write.png import encode_png
 
+_PATH = click.Path(path_type=Path)
+
 
 @click.command()
-@click.option("--pred", type=click.Path(path_type=Path), required=True, help="Folder of predictions.")
-@click.option(
+@option("--pred", type=_PATH, required=True, help="Folder of predictions.")
+@option(
     "--gt",
     "truth",
     required=True,
     metavar="DIR_OR_ADDRESS",
     help="Their truth: a dataset of this program, or a folder of Middlebury, ETH3D or KITTI.",
 )
-@click.option(
+@option(
     "--protocol",
     "protocol_name",
     type=click.Choice(PROTOCOL_NAMES),
     help="Whose definitions to use; by default those of the benchmark whose form --gt has.",
 )
-@click.option(
-    "--mask",
-    "masks",
-    type=click.Path(path_type=Path),
-    help="Folder of masks, 255 where not occluded, instead of --gt's.",
-)
-@click.option("--split", type=click.Choice(SPLITS), help="Of this split of --gt alone.")
-@click.option("--partial", is_flag=True, help="Evaluate what is there, though predictions are missing.")
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write all figures here, unrounded.")
-@click.option("--maps", type=click.Path(path_type=Path), help="Also write an error map per pair into this folder.")
+@option("--mask", "masks", type=_PATH, help="Folder of masks, 255 where not occluded, instead of --gt's.")
+@option("--split", type=click.Choice(SPLITS), help="Of this split of --gt alone.")
+@option("--partial", is_flag=True, help="Evaluate what is there, though predictions are missing.")
+@option("--json", "json_path", type=OutputFile(), help="Also write all figures here, unrounded.")
+@option("--maps", type=_PATH, help="Also write an error map per pair into this folder.")
 def evaluate(
     pred: Path,
     truth: str,
@@ -55,52 +52,46 @@ def evaluate(
 
     Predictions are .pfm, .npy or 16-bit .png, under the pair's name or under the truth's.
     """
-    found = find_truth(truth, split, masks)
-    _check_outputs(json_path, maps, pred, found, truth)
-    predictions = find_predictions(pred, found.pairs)
-    missing = require_all(pred, found.pairs, predictions, partial=partial)
-    protocol = PROTOCOLS[protocol_name or found.protocol]
-    evaluated: list[Evaluated] = []
+    truth_set = find_truth(truth, split, masks)
+    if maps is not None:
+        _check_maps(maps, pred, truth_set, truth)
+    predictions = find_predictions(pred, truth_set.pairs)
+    missing = missing_predictions(pred, truth_set.pairs, predictions, partial=partial)
+    protocol = PROTOCOLS[protocol_name or truth_set.protocol]
+    evaluations: list[Evaluation] = []
     with Progress() as progress:
-        progress.begin(len(predictions))
-        for pair in found.pairs:
+        progress.on_total(len(predictions))
+        for pair in truth_set.pairs:
             if pair.name not in predictions:
                 continue
-            each = evaluate_pair(pair, predictions[pair.name], protocol, draw=maps is not None)
-            if maps is not None and each.error_map is not None:
-                picture = maps / f"{each.name}.png"
+            evaluation = evaluate_pair(pair, predictions[pair.name], protocol, draw=maps is not None)
+            if maps is not None and evaluation.error_map is not None:
+                picture = maps / f"{pair.name}.png"
                 picture.parent.mkdir(parents=True, exist_ok=True)
-                picture.write_bytes(encode_png(each.error_map))
-            evaluated.append(Evaluated(each.name, each.scores))
+                picture.write_bytes(encode_png(evaluation.error_map))
+            # Without the map: the maps of a large set would fill the memory.
+            evaluations.append(Evaluation(pair.name, evaluation.scores))
             progress.advance()
     if json_path is not None:
         paths = {name: prediction.path for name, prediction in predictions.items()}
-        text = json.dumps(report_of(evaluated, protocol, missing, paths), indent=1, allow_nan=False)
+        text = json.dumps(report_json(evaluations, protocol, missing, paths), indent=1, allow_nan=False)
         json_path.write_text(text + "\n", encoding="utf-8")
-    click.echo(f"{len(evaluated)} of {len(found.pairs)} pairs by the definitions of {protocol.source}")
+    click.echo(f"{len(evaluations)} of {len(truth_set.pairs)} pairs by the definitions of {protocol.source}")
     for region in REGIONS:
-        if any((region,) in each.scores for each in evaluated):
+        if any((region,) in evaluation.scores for evaluation in evaluations):
             click.echo()
-            for line in table_of(evaluated, region, protocol):
+            for line in report_table(evaluations, region, protocol):
                 click.echo(line)
     if missing:
         click.echo(f"No prediction for {len(missing)} pairs: {', '.join(missing)}", err=True)
 
 
-def _check_outputs(json_path: Path | None, maps: Path | None, pred: Path, found: TrueSet, truth: str) -> None:
-    """Refuse places where results cannot go, before anything is computed.
-
-    Raises:
-        InputError: with the reason.
-    """
-    if json_path is not None and not json_path.absolute().parent.is_dir():
-        raise InputError(f"--json {json_path}: the folder {json_path.absolute().parent} does not exist")
-    if maps is None:
-        return
+def _check_maps(maps: Path, pred: Path, truth_set: TrueSet, truth: str) -> None:
+    """Refuse a folder that error maps cannot go to, before anything is computed."""
     if maps.exists() and not maps.is_dir():
         raise InputError(f"--maps {maps}: is a file; name a folder")
     if maps.resolve() == pred.resolve():
         raise InputError(f"--maps {maps}: is the folder of predictions, which error maps would be taken for")
-    inside = found.local is not None and maps.resolve().is_relative_to(found.local.resolve())
+    inside = truth_set.local is not None and maps.resolve().is_relative_to(truth_set.local.resolve())
     if inside or ("://" not in truth and maps.resolve() == Path(truth).resolve()):
         raise InputError(f"--maps {maps}: lies in --gt, which is left as it is; name another folder")

@@ -1,61 +1,70 @@
-"""Progress on standard error: a bar with rate and time left on a terminal, plain lines elsewhere."""
+"""Messages and progress on standard error: a bar with rate and remaining time on a terminal, plain lines elsewhere."""
 
 import sys
 import time
-from types import TracebackType
+from contextlib import ExitStack
 from typing import Self
 
 import click
 from tqdm import tqdm
 
+from semisynth_gl.listener import FinishedPair, Listener
+
 _SECONDS_BETWEEN_LINES = 10.0
 
 
-class Progress:
-    """Counts pairs. Use it in a ``with`` block, and `begin` when the first one is about to be made."""
+class Progress(Listener):
+    """Shows messages and counts pairs. Use it in a ``with`` block."""
 
     def __init__(self) -> None:
-        self._total = 0
-        self._done = 0
-        self._start = self._said = 0.0
+        self._total = self._count = 0
+        self._start = self._shown_at = 0.0
         self._bar: tqdm | None = None
+        self._renderers: set[str] = set()
+        self._open = ExitStack()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._bar is not None:
-            self._bar.close()
+    def __exit__(self, *_: object) -> None:
+        self._open.close()
 
-    def begin(self, total: int) -> None:
-        """Start the clock and show the bar; what is read and opened before is no part of the rate.
+    def on_message(self, text: str) -> None:
+        """Show a sentence."""
+        click.echo(text, err=True)
 
-        Args:
-            total: how many pairs there will be.
-        """
-        self._total = total
-        self._start = self._said = time.monotonic()
+    def on_renderer(self, name: str) -> None:
+        """Show the name of a renderer, once."""
+        if name not in self._renderers:
+            self._renderers.add(name)
+            self.on_message(f"rendering with {name}")
+
+    def on_total(self, pairs: int) -> None:
+        """Start the clock and show the bar; the time before is no part of the rate."""
+        self._total = pairs
+        self._start = self._shown_at = time.monotonic()
         if sys.stderr.isatty():
-            self._bar = tqdm(total=self._total, unit="pair", file=sys.stderr)
+            self._bar = self._open.enter_context(tqdm(total=pairs, unit="pair", file=sys.stderr))
 
-    def drop(self) -> None:
-        """Count one pair less: it was there already."""
+    def on_pair(self, pair: FinishedPair) -> None:
+        """Count a pair; leave a pair that an earlier run wrote out of the total."""
+        if not pair.kept:
+            self.advance()
+            return
         self._total -= 1
         if self._bar is not None:
             self._bar.total = self._total
             self._bar.refresh()
 
     def advance(self) -> None:
-        """Count one pair."""
-        self._done += 1
+        """Count a pair."""
+        self._count += 1
         if self._bar is not None:
             self._bar.update()
             return
         now = time.monotonic()
-        if self._done == self._total or now - self._said >= _SECONDS_BETWEEN_LINES:
-            self._said = now
-            rate = self._done / max(now - self._start, 1e-9)
-            left = (self._total - self._done) / rate
-            click.echo(f"{self._done} of {self._total} pairs, {rate:.2f} pairs/s, {left:.0f} s left", err=True)
+        if self._count == self._total or now - self._shown_at >= _SECONDS_BETWEEN_LINES:
+            self._shown_at = now
+            rate = self._count / max(now - self._start, 1e-9)
+            remaining_s = (self._total - self._count) / rate
+            self.on_message(f"{self._count} of {self._total} pairs, {rate:.2f} pairs/s, {remaining_s:.0f} s left")

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from semisynth_gl.cli.options import COUNT, OutputFile, option, write_output
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.dataset.reader import Index, read_index
 from semisynth_gl.errors import InputError
@@ -15,26 +16,19 @@ _MEGA = 1e6
 
 @click.command()
 @click.argument("directory", metavar="DIR_OR_ADDRESS")
-@click.option(
+@option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=OutputFile(".html", ".htm"),
     help="HTML file to write; by default the dataset's name and -report.html, in the current folder.",
 )
-@click.option(
+@option(
     "--pairs",
     type=click.IntRange(min=0, max=64),
     default=12,
-    show_default=True,
     help="How many pairs to show, evenly spread; outliers come on top.",
 )
-@click.option(
-    "--sample",
-    type=click.IntRange(min=1),
-    default=200,
-    show_default=True,
-    help="How many pairs to measure, evenly spread.",
-)
-@click.option("--split", type=click.Choice(SPLITS), help="Of this split alone.")
+@option("--sample", type=COUNT, default=200, help="How many pairs to measure, evenly spread.")
+@option("--split", type=click.Choice(SPLITS), help="Of this split alone.")
 def report(directory: str, out: Path | None, pairs: int, sample: int, split: SplitName | None) -> None:
     """Write one HTML page about a dataset: pairs, distributions, outliers and what made it.
 
@@ -48,36 +42,22 @@ def report(directory: str, out: Path | None, pairs: int, sample: int, split: Spl
     start = time.monotonic()
     total = sum(count for name, count in index.pairs.items() if split in (None, name))
     with Progress() as progress:
-        progress.begin(min(total, max(sample, pairs)))
-        made = build_report(index, pairs=pairs, sample=sample, split=split, advance=progress.advance)
-    data = made.page.encode("utf-8")
-    partial = out.with_name(f".{out.name}.partial")
-    try:
-        partial.write_bytes(data)
-        partial.replace(out)
-    finally:
-        partial.unlink(missing_ok=True)
-    size = f" at 1/{made.step} of their size" if made.step > 1 else ""
+        built = build_report(index, pairs=pairs, sample=sample, split=split, listener=progress)
+    data = built.page.encode("utf-8")
+    write_output(out, data)
+    size = f" at 1/{built.step} of their size" if built.step > 1 else ""
     click.echo(
-        f"{out}: {len(made.measurement.pairs)} of {total} pairs measured, {made.shown} shown{size}, "
+        f"{out}: {len(built.measurement.pairs)} of {total} pairs measured, {built.shown} shown{size}, "
         f"{len(data) / _MEGA:.1f} MB, {time.monotonic() - start:.0f} s"
     )
 
 
 def _place_of(index: Index, directory: str, out: Path | None) -> Path:
-    """Return where the page goes.
-
-    Raises:
-        InputError: where it cannot go there.
-    """
+    """Return the page's file; refuse a file in the dataset's folder."""
     local = index.place.local
     if out is None:
         name = local.resolve().name if local is not None else directory.rstrip("/").rpartition("/")[2]
         out = Path(f"{name}-report.html")
-    if out.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"--out {out}: expected a name that ends in .html")
-    if not out.absolute().parent.is_dir():
-        raise InputError(f"--out {out}: the folder {out.absolute().parent} does not exist")
     if local is not None and out.resolve().is_relative_to(local.resolve()):
         raise InputError(
             f"--out {out}: lies in the dataset's folder, where verify would take it for a foreign file; name a file "

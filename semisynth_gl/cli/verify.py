@@ -8,20 +8,18 @@ from pathlib import Path
 
 import click
 
+from semisynth_gl.cli.options import COUNT, OutputFile, option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.dataset.reader import Index, read_index
-from semisynth_gl.errors import InputError
 from semisynth_gl.verify.dataset import verify_dataset
-from semisynth_gl.verify.finding import Verdict
+from semisynth_gl.verify.verdict import Verdict
 
 
 @click.command()
 @click.argument("directory", metavar="DIR_OR_ADDRESS")
-@click.option("--oracle", is_flag=True, help="Also make each scene again and compare with float64 rays.")
-@click.option(
-    "--pixels", type=click.IntRange(min=1), default=500, show_default=True, help="Rays per pair, with --oracle."
-)
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write findings and measures here.")
+@option("--oracle", is_flag=True, help="Also make each scene again and compare with float64 rays.")
+@option("--pixels", type=COUNT, default=500, help="Rays per pair, with --oracle.")
+@option("--json", "json_path", type=OutputFile(), help="Also write findings and measures here.")
 def verify(
     directory: str,
     oracle: bool,  # noqa: FBT001 - click passes flags so
@@ -33,27 +31,25 @@ def verify(
     One line per finding: scene, check, what was expected and what came. Exit code 1 where there is any.
     """
     index = read_index(directory)
-    if json_path is not None and not json_path.absolute().parent.is_dir():
-        raise InputError(f"--json {json_path}: the folder {json_path.absolute().parent} does not exist")
     pairs = sum(index.pairs.values())
     start = time.monotonic()
     verdicts = []
     with Progress() as progress:
-        progress.begin(pairs)
+        progress.on_total(pairs)
         for number, verdict in enumerate(verify_dataset(index, pixels if oracle else 0)):
             verdicts.append(verdict)
             for finding in verdict.findings:
                 click.echo(str(finding))
-            if number > 0:  # the first is about the dataset as a whole
+            if number > 0:  # the first verdict is about the dataset, not about a pair
                 progress.advance()
     seconds = time.monotonic() - start
     if json_path is not None:
         json_path.write_text(json.dumps(_report(index, verdicts), indent=1) + "\n", encoding="utf-8")
-    found = sum(len(verdict.findings) for verdict in verdicts)
-    where = sum(1 for verdict in verdicts[1:] if verdict.findings)
-    aside = " and in the dataset as a whole" if verdicts and verdicts[0].findings else ""
-    if found:
-        click.echo(f"{found} findings in {where} of {pairs} pairs{aside}", err=True)
+    findings = sum(len(verdict.findings) for verdict in verdicts)
+    if findings:
+        faulty_pairs = sum(1 for verdict in verdicts[1:] if verdict.findings)
+        suffix = " and in the dataset as a whole" if verdicts[0].findings else ""
+        click.echo(f"{findings} findings in {faulty_pairs} of {pairs} pairs{suffix}", err=True)
         sys.exit(1)
     click.echo(_summary(index, verdicts, seconds))
 

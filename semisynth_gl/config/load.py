@@ -1,11 +1,11 @@
 """Reading a config: YAML with ``extends``, overrides, and errors that name file, line and key."""
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from types import UnionType
+from types import NoneType, UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
@@ -14,18 +14,17 @@ from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
+from semisynth_gl.config.distributions import read_histogram
 from semisynth_gl.config.model import Config
-from semisynth_gl.config.target_file import histogram_of_file
 from semisynth_gl.errors import InputError
 from semisynth_gl.resources import data_root
 
 _EXTENDS = "extends"
 _TARGET = ("disparity", "target")
 _TARGET_FILE = "file"
-_FILE_KEYS = ("form", "path")
 _OVERRIDE = "--set"
 
-# Two ways to say the same thing: setting one in a later place takes back the other.
+# Keys that say the same in another way: a key that is set later takes back the keys that it replaces.
 _REPLACES = {
     "focal_px": ("focal_mm", "sensor_width_mm"),
     "focal_mm": ("focal_px",),
@@ -38,14 +37,14 @@ Key = tuple[str | int, ...]
 
 @dataclass(slots=True)
 class _Document:
-    """Plain values of one or more merged files, and where each key was set."""
+    """Plain values of one file or several merged files, and the place where each key was set."""
 
     values: dict[str, Any] = field(default_factory=dict)
     places: dict[Key, str] = field(default_factory=dict)
 
 
 def packaged_configs() -> list[str]:
-    """Names of the configs that come with the package, sorted."""
+    """Return the names of the packaged configs, sorted."""
     return sorted(Path(entry.name).stem for entry in data_root("configs").iterdir() if entry.name.endswith(".yaml"))
 
 
@@ -54,33 +53,33 @@ def load_config(name_or_path: str | Path, overrides: Mapping[str, Any] | Sequenc
 
     Args:
         name_or_path: a path, or the name of a packaged config with or without ".yaml".
-        overrides: ``{"camera.width_px": 640}`` or ``["camera.width_px=640"]``, values of the latter in YAML.
+        overrides: ``{"camera.width_px": 640}``, or ``["camera.width_px=640"]`` with values in YAML.
 
     Raises:
-        InputError: with a line per fault: where it is (file, line), the dotted key, what was expected and what came.
+        InputError: with a line per fault: its place (file, line), the dotted key, what was expected and what came.
     """
-    return _config(_read(_find(str(name_or_path)), ()), overrides)
+    return _validated(_read_document(_find_config(str(name_or_path)), ()), overrides)
 
 
 def parse_config(text: str, shown: str) -> Config:
     """Read a config from its YAML.
 
     Args:
-        text: the YAML; files that it names without a folder are sought beside ``shown``.
-        shown: the file that faults are said to be in.
+        text: the YAML. A file that it names without a folder is sought beside ``shown``.
+        shown: the file that messages name.
 
     Raises:
         InputError: see `load_config`.
     """
-    return _config(_parse(text, Path(shown), shown, ()))
+    return _validated(_parse_document(text, Path(shown), shown, ()))
 
 
-def _config(document: _Document, overrides: Mapping[str, Any] | Sequence[str] = ()) -> Config:
+def _validated(document: _Document, overrides: Mapping[str, Any] | Sequence[str] = ()) -> Config:
     own = _Document()
-    for key, value in _parsed_overrides(overrides):
+    for key, value in overrides.items() if isinstance(overrides, Mapping) else _parsed_overrides(overrides):
         _set(own, key, value)
-    document = _merge(document, own)
-    _read_target(document)
+    document = _merged(document, own)
+    _read_target_file(document)
     try:
         return Config.model_validate(document.values)
     except ValidationError as error:
@@ -88,41 +87,42 @@ def _config(document: _Document, overrides: Mapping[str, Any] | Sequence[str] = 
         raise InputError("\n".join(dict.fromkeys(lines))) from None
 
 
-def _read_target(document: _Document) -> None:
+def _read_target_file(document: _Document) -> None:
     """Put the histogram in the place of the file that a target names."""
     disparity = document.values.get(_TARGET[0])
     target = disparity.get(_TARGET[1]) if isinstance(disparity, dict) else None
     if not (isinstance(disparity, dict) and isinstance(target, dict) and target.get("form") == _TARGET_FILE):
         return
     path = target.get("path")
-    faults = [((*_TARGET, name), "expected none beside form and path") for name in target if name not in _FILE_KEYS]
+    faults = [((*_TARGET, key), "expected none beside form and path") for key in target if key not in ("form", "path")]
     if "path" not in target:
         faults.append(((*_TARGET, "form"), "a target of form file needs a path beside it: disparity.target.path"))
     elif not isinstance(path, str):
         faults.append(((*_TARGET, "path"), f"expected the name of a file, got {path!r}"))
     if faults:
         raise InputError("\n".join(f"{_prefix(key, document)}: {fault}" for key, fault in faults))
-    # A path is meant from where it was written: beside the config, or from where the command runs.
+    # A path in a config counts from the folder of the config, a path in an override from the working folder.
     place = document.places.get((*_TARGET, "path"), _OVERRIDE)
-    written_in = Path() if place.startswith(_OVERRIDE) else Path(place.rpartition(":")[0]).parent
-    disparity[_TARGET[1]] = histogram_of_file(written_in / Path(str(path)).expanduser())
+    folder = Path() if place.startswith(_OVERRIDE) else Path(place.rpartition(":")[0]).parent
+    disparity[_TARGET[1]] = read_histogram(folder / Path(str(path)).expanduser())
 
 
-def _find(name: str) -> Path | Traversable:
+def _find_config(name: str) -> Path | Traversable:
     path = Path(name).expanduser()
     if path.is_file():
         return path
+    stem = path.name.removesuffix(".yaml")
     if path.parent == Path():
-        packaged = data_root("configs") / f"{path.name.removesuffix('.yaml')}.yaml"
+        packaged = data_root("configs") / f"{stem}.yaml"
         if packaged.is_file():
             return packaged
     names = packaged_configs()
-    near = difflib.get_close_matches(path.name.removesuffix(".yaml"), names, n=1)
-    hint = f" Did you mean {near[0]}?" if near else ""
+    similar = difflib.get_close_matches(stem, names, n=1)
+    hint = f" Did you mean {similar[0]}?" if similar else ""
     raise InputError(f"no such config: {name}.{hint} Expected a YAML file, or one of: {', '.join(names)}")
 
 
-def _read(path: Path | Traversable, parents: tuple[str, ...]) -> _Document:
+def _read_document(path: Path | Traversable, parents: tuple[str, ...]) -> _Document:
     shown = str(path) if isinstance(path, Path) else path.name
     if shown in parents:
         raise InputError(f"{shown}: configs extend each other in a circle: {' -> '.join((*parents, shown))}")
@@ -130,10 +130,10 @@ def _read(path: Path | Traversable, parents: tuple[str, ...]) -> _Document:
         text = path.read_text(encoding="utf-8")
     except (UnicodeDecodeError, OSError) as error:
         raise InputError(f"{shown}: cannot be read as YAML: {error}") from None
-    return _parse(text, path, shown, parents)
+    return _parse_document(text, path, shown, parents)
 
 
-def _parse(text: str, path: Path | Traversable, shown: str, parents: tuple[str, ...]) -> _Document:
+def _parse_document(text: str, path: Path | Traversable, shown: str, parents: tuple[str, ...]) -> _Document:
     try:
         tree = YAML(typ="rt", pure=True).load(text)
     except MarkedYAMLError as error:
@@ -149,77 +149,67 @@ def _parse(text: str, path: Path | Traversable, shown: str, parents: tuple[str, 
     base_name = own.values.pop(_EXTENDS, None)
     if base_name is None:
         return own
+    place = own.places[(_EXTENDS,)]
     if not isinstance(base_name, str):
-        raise InputError(f"{own.places[(_EXTENDS,)]}: {_EXTENDS}: expected the name of a config, got {base_name!r}")
+        raise InputError(f"{place}: {_EXTENDS}: expected the name of a config, got {base_name!r}")
     beside = path.parent / base_name if isinstance(path, Path) else None
     try:
-        base_path = beside if beside is not None and beside.is_file() else _find(base_name)
+        base_path = beside if beside is not None and beside.is_file() else _find_config(base_name)
     except InputError as error:
-        raise InputError(f"{own.places[(_EXTENDS,)]}: {_EXTENDS}: {error}") from None
-    return _merge(_read(base_path, (*parents, shown)), own)
+        raise InputError(f"{place}: {_EXTENDS}: {error}") from None
+    return _merged(_read_document(base_path, (*parents, shown)), own)
 
 
 def _plain(node: Any, key: Key, shown: str, places: dict[Key, str]) -> Any:  # noqa: ANN401 - any YAML value
+    """Return a node of the YAML tree as plain Python values, and note the line of each key in ``places``."""
     if isinstance(node, CommentedMap):
-        result = {}
-        for name, child in node.items():
+        for name in node:
             places[(*key, str(name))] = f"{shown}:{node.lc.key(name)[0] + 1}"
-            result[str(name)] = _plain(child, (*key, str(name)), shown, places)
-        return result
+        return {str(name): _plain(child, (*key, str(name)), shown, places) for name, child in node.items()}
     if isinstance(node, CommentedSeq):
         for i in range(len(node)):
             places[(*key, i)] = f"{shown}:{node.lc.item(i)[0] + 1}"
         return [_plain(child, (*key, i), shown, places) for i, child in enumerate(node)]
-    # The round-trip loader wraps scalars to remember how they were written.
-    for plain in (bool, int, float, str):
-        if isinstance(node, plain):
-            return plain(node)
-    return node
+    # The round-trip loader wraps scalars to keep their notation.
+    return next((plain(node) for plain in (bool, int, float, str) if isinstance(node, plain)), node)
 
 
-def _merge(base: _Document, own: _Document) -> _Document:
-    # Of what is replaced, nobody shall be sent to where it once was set.
+def _merged(base: _Document, own: _Document) -> _Document:
+    # A value that is replaced takes its place along, so that no message sends the user there.
     places = dict(base.places)
 
     def forget(key: Key) -> None:
-        for other in _at_or_below(key, places):
-            del places[other]
-        # A key that was set through one below it has that one's place.
+        for below in _at_or_below(key, places):
+            del places[below]
+        # A key that was set through a key below it has the place of that key.
         through = _at_or_below(key, own.places)
         if through:
             places[key] = own.places[through[0]]
 
-    def merged(below: dict[str, Any], above: dict[str, Any], at: Key) -> dict[str, Any]:
-        result = {}
-        for name, value in below.items():
-            if _is_replaced(name, above):
-                forget((*at, name))
-            else:
-                result[name] = value
+    def merge(below: dict[str, Any], above: dict[str, Any], at: Key) -> dict[str, Any]:
+        replaced = {name for key in above for name in _REPLACES.get(key, ()) if name not in above}
+        result = dict(below)
+        for name in replaced & below.keys():
+            forget((*at, name))
+            del result[name]
         for name, value in above.items():
-            # A form comes with all its keys: those of another form do not belong to it.
+            # A form comes with all its keys: the keys of another form do not belong to it.
             if isinstance(value, dict) and isinstance(below.get(name), dict) and "form" not in value:
-                result[name] = merged(below[name], value, (*at, name))
+                result[name] = merge(below[name], value, (*at, name))
             else:
                 forget((*at, name))
                 result[name] = value
         return result
 
-    values = merged(base.values, own.values, ())
+    values = merge(base.values, own.values, ())
     return _Document(values, places | own.places)
 
 
-def _at_or_below(key: Key, places: Mapping[Key, str]) -> list[Key]:
-    return [other for other in places if other[: len(key)] == key]
+def _at_or_below(key: Key, places: Iterable[Key]) -> list[Key]:
+    return [place for place in places if place[: len(key)] == key]
 
 
-def _is_replaced(name: str, above: dict[str, Any]) -> bool:
-    return name not in above and any(name in _REPLACES.get(other, ()) for other in above)
-
-
-def _parsed_overrides(overrides: Mapping[str, Any] | Sequence[str]) -> list[tuple[str, Any]]:
-    if isinstance(overrides, Mapping):
-        return list(overrides.items())
+def _parsed_overrides(overrides: Sequence[str]) -> list[tuple[str, Any]]:
     result = []
     for text in overrides:
         key, equals, value = text.partition("=")
@@ -241,10 +231,10 @@ def _set(document: _Document, dotted: str, value: Any) -> None:  # noqa: ANN401 
             raise InputError(f"--set {dotted}: {section} is no section with keys of its own")
         node = child
     key = (*sections, last)
-    for other in _at_or_below(key, document.places):
-        del document.places[other]
+    for below in _at_or_below(key, document.places):
+        del document.places[below]
     node[last] = value
-    # All that a mapping holds was set here too.
+    # The override sets all keys of a mapping too.
     document.places |= dict.fromkeys(_keys(value, key), f"{_OVERRIDE} {dotted}")
 
 
@@ -254,95 +244,79 @@ def _keys(value: Any, key: Key) -> list[Key]:  # noqa: ANN401 - any YAML value
 
 
 def _explain(fault: ErrorDetails, document: _Document) -> str:
-    key, section = _located(fault["loc"])
+    key, section = _locate(fault["loc"])
     kind = fault["type"]
     if kind in ("union_tag_invalid", "union_tag_not_found"):
-        return _explain_form((*key, "form"), fault, document)
+        return _explain_form((*key, "form"), _forms(section.model_fields[str(key[-1])].annotation), fault, document)
     prefix = _prefix(key, document)
     if kind == "extra_forbidden":
         known = sorted(section.model_fields)
-        near = difflib.get_close_matches(str(key[-1]), known, n=1, cutoff=0.5)
-        hint = f"did you mean {near[0]}?" if near else f"expected one of: {', '.join(known)}"
+        similar = difflib.get_close_matches(str(key[-1]), known, n=1, cutoff=0.5)
+        hint = f"did you mean {similar[0]}?" if similar else f"expected one of: {', '.join(known)}"
         return f"{prefix}: unknown key; {hint}"
     if kind == "missing":
         return f"{prefix}: missing; this key has no default"
     message = fault["msg"].removeprefix("Value error, ")
-    came = "" if isinstance(fault["input"], (dict, BaseModel)) else f", got {fault['input']!r}"
-    return f"{prefix}: {message[0].lower()}{message[1:]}{came}"
+    value = "" if isinstance(fault["input"], (dict, BaseModel)) else f", got {fault['input']!r}"
+    return f"{prefix}: {message[0].lower()}{message[1:]}{value}"
 
 
-def _explain_form(key: Key, fault: ErrorDetails, document: _Document) -> str:
-    """Say which forms there are where none is named, or one that is none."""
-    forms = list(_forms_at(fault["loc"]))
-    whole = key[:-1] == _TARGET
-    if whole:
-        forms.append(_TARGET_FILE)
-    prefix, listed = _prefix(key, document), f"expected one of: {', '.join(forms)}"
+def _explain_form(key: Key, names: Iterable[str], fault: ErrorDetails, document: _Document) -> str:
+    """Say which forms a target may have, where the key ``form`` is missing or wrong."""
+    is_part = key[:-1] != _TARGET
+    names = [*names, *(() if is_part else (_TARGET_FILE,))]
+    prefix, listed = _prefix(key, document), f"expected one of: {', '.join(names)}"
     if fault["type"] == "union_tag_not_found":
         return f"{prefix}: missing; {listed}"
     form = fault["ctx"]["tag"]
-    if form == _TARGET_FILE and not whole:
+    if form == _TARGET_FILE and is_part:
         return f"{prefix}: a part of a mixture takes no file, only a whole target does; {listed}"
-    near = difflib.get_close_matches(form, forms, n=1, cutoff=0.5)
-    return f"{prefix}: unknown form {form}; {f'did you mean {near[0]}? ' if near else ''}{listed}"
+    similar = difflib.get_close_matches(form, names, n=1, cutoff=0.5)
+    return f"{prefix}: unknown form {form}; {f'did you mean {similar[0]}? ' if similar else ''}{listed}"
 
 
 def _prefix(key: Key, document: _Document) -> str:
-    """Return where a key was set, as far as that is known, and the key."""
-    above = next((key[:n] for n in range(len(key), 0, -1) if key[:n] in document.places), None)
-    place = "" if above is None else document.places[above]
+    """Return the place where a key was set, as far as it is known, and the key."""
+    place = next((document.places[key[:n]] for n in range(len(key), 0, -1) if key[:n] in document.places), "")
     dotted = ".".join(str(part) for part in key) or "config"
     return place if place == f"{_OVERRIDE} {dotted}" else ": ".join(part for part in (place, dotted) if part)
 
 
-def _located(location: tuple[int | str, ...]) -> tuple[Key, type[BaseModel]]:
-    """Return the key that a location of pydantic's stands for, and the section that holds it.
+def _locate(location: tuple[int | str, ...]) -> tuple[Key, type[BaseModel]]:
+    """Return the key in the document for a location of pydantic's, and the section of the key.
 
-    Pydantic adds names of forms, of other union members and of validators; users know the document's keys alone.
+    Pydantic's locations also have the names of forms, of other members of unions and of validators.
     """
     key: Key = ()
     section: type[BaseModel] = Config
-    kind: Any = Config
+    annotation: Any = Config
     for part in location:
-        kind = _bare(kind)
-        forms = _forms(kind)
+        forms, members = _forms(annotation), _members(annotation)
+        kind = members[0] if len(members) == 1 else None
         if forms:
-            kind = forms.get(str(part))
+            annotation = forms.get(str(part))
         elif isinstance(kind, type) and issubclass(kind, BaseModel):
             section, key = kind, (*key, part)
             known = kind.model_fields.get(str(part))
-            kind = None if known is None else known.annotation
+            annotation = None if known is None else known.annotation
         elif get_origin(kind) in (tuple, dict):
             key = (*key, part)
-            kind = get_args(kind)[0 if get_origin(kind) is tuple else 1]
+            annotation = get_args(kind)[0 if get_origin(kind) is tuple else 1]
     return key, section
 
 
-def _forms_at(location: tuple[int | str, ...]) -> dict[str, type[BaseModel]]:
-    """Return the forms of the target at a location, by name."""
-    key, section = _located(location)
-    return _forms(_bare(section.model_fields[str(key[-1])].annotation))
-
-
-def _bare(annotation: Any) -> Any:  # noqa: ANN401 - any annotation
-    """Return an annotation without its notes, and without the None that a key may be."""
-    while True:
-        if get_origin(annotation) is Annotated:
-            annotation = get_args(annotation)[0]
-            continue
-        members = [member for member in _members(annotation) if member is not type(None)]
-        if len(members) != 1:
-            return annotation
-        annotation = members[0]
-
-
-def _members(annotation: Any) -> tuple[Any, ...]:  # noqa: ANN401 - any annotation
-    return get_args(annotation) if get_origin(annotation) in (Union, UnionType) else ()
+def _members(annotation: Any) -> list[Any]:  # noqa: ANN401 - any annotation
+    """Return the types that an annotation allows, without None."""
+    if get_origin(annotation) is Annotated:
+        return _members(get_args(annotation)[0])
+    if get_origin(annotation) in (Union, UnionType):
+        return [member for part in get_args(annotation) for member in _members(part)]
+    return [] if annotation in (None, NoneType) else [annotation]
 
 
 def _forms(annotation: Any) -> dict[str, type[BaseModel]]:  # noqa: ANN401 - any annotation
-    """Return the sections of a union that their key ``form`` tells apart, by its value."""
+    """Return the sections of a union by the values of their key ``form``."""
     members = _members(annotation)
-    if not all(isinstance(member, type) and issubclass(member, BaseModel) for member in members):
+    if len(members) == 1 or not all(isinstance(member, type) and issubclass(member, BaseModel) for member in members):
         return {}
     return {get_args(member.model_fields["form"].annotation)[0]: member for member in members}

@@ -2,40 +2,57 @@
 
 import hashlib
 import json
+from collections.abc import Collection
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
-from semisynth_gl.config.range import NotNegativeRange, PositiveRange, Range, RangeField
-from semisynth_gl.config.section import Count, Positive, Section, Weight, as_tuple
-from semisynth_gl.config.target import TargetSection, UniformTarget, check_reach
+from semisynth_gl.config.distributions import TargetSection, UniformTarget, check_target, wanted_histogram
+from semisynth_gl.config.fields import (
+    FROM_LIST,
+    Count,
+    NotNegative,
+    NotNegativeRange,
+    Positive,
+    PositiveRange,
+    Range,
+    RangeField,
+    Section,
+    Weight,
+)
 from semisynth_gl.encodings import DisparityEncoding, Encodings, FlowEncoding, ImageEncoding
 from semisynth_gl.frame import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, Output, TruthOf
+from semisynth_gl.histogram import Histogram
+from semisynth_gl.splits import Split, SplitName
 
 _EDGE_ON_DEG = 90
+_ZERO = Range(0.0, 0.0)
+
+_Share = Annotated[float, Field(ge=0, le=1)]
+_AtLeastOne = Annotated[float, Field(ge=1, allow_inf_nan=False)]
 
 
 class CameraSection(Section):
-    """The rectified pair. Every range is drawn once per sequence.
+    """The rectified pair of cameras. Every range is drawn once per sequence.
 
     Attributes:
         width_px: image width.
         height_px: image height.
-        focal_px: focal length in pixels; or give ``focal_mm`` and ``sensor_width_mm``.
+        focal_px: focal length in pixels, instead of ``focal_mm`` and ``sensor_width_mm``.
         focal_mm: focal length in millimetres.
         sensor_width_mm: width of the sensor that the image covers, in millimetres.
-        baseline_m: distance of the two cameras.
-        cx_left_px: left principal point; by default such that both lie evenly about the image centre.
-        cx_right_px: right principal point; or give ``doffs_px``.
+        baseline_m: distance between the two cameras.
+        cx_left_px: x of the left principal point; by default both points lie evenly about the image centre.
+        cx_right_px: x of the right principal point, instead of ``doffs_px``.
         cy_px: y of both principal points; by default the image centre, (height - 1) / 2.
         doffs_px: cx_right - cx_left; by default 0.
-        sway_m: how far the rig sways to either side of where it stands, along each of its axes; by default not at all.
-        sway_deg: how far it turns to either side, about each axis.
+        sway_m: amplitude of the rig's sway along each of its axes; by default the rig stands still.
+        sway_deg: amplitude of the rig's rotation about each of its axes.
         sway_s: periods of these oscillations.
     """
 
-    width_px: Annotated[int, Field(ge=1)]
-    height_px: Annotated[int, Field(ge=1)]
+    width_px: Count
+    height_px: Count
     focal_px: PositiveRange | None = None
     focal_mm: PositiveRange | None = None
     sensor_width_mm: Positive | None = None
@@ -44,8 +61,8 @@ class CameraSection(Section):
     cx_right_px: RangeField | None = None
     cy_px: RangeField | None = None
     doffs_px: RangeField | None = None
-    sway_m: NotNegativeRange = Range(0.0, 0.0)
-    sway_deg: NotNegativeRange = Range(0.0, 0.0)
+    sway_m: NotNegativeRange = _ZERO
+    sway_deg: NotNegativeRange = _ZERO
     sway_s: PositiveRange = Range(1.0, 3.0)
 
     @model_validator(mode="after")
@@ -60,16 +77,25 @@ class CameraSection(Section):
             raise ValueError("cx_right_px needs cx_left_px beside it")
         return self
 
+    @property
+    def mean_doffs_px(self) -> float:
+        """Mean difference of the principal points, cx_right - cx_left."""
+        if self.doffs_px is not None:
+            return self.doffs_px.middle
+        if self.cx_left_px is not None and self.cx_right_px is not None:
+            return self.cx_right_px.middle - self.cx_left_px.middle
+        return 0.0
+
 
 class DisparitySection(Section):
-    """Where disparities lie, in pixels.
+    """The disparities of a dataset, in pixels.
 
     Attributes:
-        min_px: walls and particles aim not to fall below it; a far plane may.
-        max_px: hard limit, it sets the near plane: no pixel exceeds it.
-        target: the wanted distribution over all pixels of a dataset: ``form`` is ``uniform``, ``uniform-depth``,
-            ``gamma``, ``histogram`` or ``mixture``. A file reads ``form: file`` with its ``path``; loading the config
-            turns it into a histogram.
+        min_px: walls and particles aim for this disparity or more; a far plane may have less.
+        max_px: hard limit: no pixel exceeds it, because it sets the near plane.
+        target: the wanted distribution over all pixels of a dataset. Its ``form`` is ``uniform``, ``uniform-depth``,
+            ``gamma``, ``histogram`` or ``mixture``, or ``file`` with a ``path``, which becomes a ``histogram`` when the
+            config is read.
     """
 
     min_px: Positive
@@ -84,7 +110,7 @@ class DisparitySection(Section):
 
 
 class BackgroundSection(Section):
-    """What closes the view: the inside of a cuboid, or one far plane.
+    """The background that closes the view: the inside of a cuboid, or one far plane.
 
     Attributes:
         cuboid: weight of indoor scenes.
@@ -108,27 +134,27 @@ class BackgroundSection(Section):
 
 
 class StructuresSection(Section):
-    """Large still things between background and particles. By default there are none: model only what a scene needs.
+    """Large still things between background and particles. By default there are none: a scene has only what it needs.
 
     Attributes:
         ground: share of scenes with a ground plane.
-        ground_height_m: height of the cameras above it.
+        ground_height_m: height of the cameras above the ground.
         ground_tilt_deg: largest roll and pitch of the ground.
-        panels: how many free-standing walls a scene has; each is a slanted rectangle.
+        panels: number of free-standing walls in a scene; each is a slanted rectangle.
         panel_disparity_px: disparity of a panel's middle; by default in the farther half of the range.
-        panel_size_px: width and height on the screen, as if it faced the camera.
+        panel_size_px: width and height of a panel on the screen, as if it faced the camera.
         panel_slant_deg: angle between a panel's normal and the viewing direction, to any side.
         panel_curved: share of the panels that are bent, as a third of a cylinder.
     """
 
-    ground: Annotated[float, Field(ge=0, le=1)] = 0.0
+    ground: _Share = 0.0
     ground_height_m: PositiveRange = Range(1.2, 2.0)
     ground_tilt_deg: Annotated[float, Field(ge=0, le=30)] = 2.0
-    panels: NotNegativeRange = Range(0.0, 0.0)
+    panels: NotNegativeRange = _ZERO
     panel_disparity_px: PositiveRange | None = None
     panel_size_px: PositiveRange = Range(200.0, 800.0)
     panel_slant_deg: NotNegativeRange = Range(0.0, 75.0)
-    panel_curved: Annotated[float, Field(ge=0, le=1)] = 0.5
+    panel_curved: _Share = 0.5
 
     @model_validator(mode="after")
     def _not_edge_on(self) -> Self:
@@ -137,13 +163,13 @@ class StructuresSection(Section):
         return self
 
 
-class LayerSection(Section):
-    """One layer of depth.
+class DepthLayerSection(Section):
+    """One depth layer of particles.
 
     Attributes:
-        disparity_px: where its particles are.
-        count: how many it holds at any time, inside the view and just beside it.
-        size_px: their diameters on the screen; by default those of all particles.
+        disparity_px: disparities of its particles.
+        count: number of its particles at any time, inside the view and just beside it.
+        size_px: diameters of its particles on the screen; by default the sizes of all particles.
     """
 
     disparity_px: PositiveRange
@@ -155,14 +181,15 @@ class ParticlesSection(Section):
     """The falling models.
 
     Attributes:
-        layers: numbers per layer of depth; by default they are solved from ``disparity.target``.
-        clutter: further layers beside those that are solved, such as many small things far away.
-        density: how many objects share the area that the target asks for: ``default`` takes the sizes as they are,
-            ``sparse`` has a third as many, larger ones, ``dense`` three times as many, smaller ones, and a number is
-            the mean number of objects in the left view.
+        layers: depth layers with their numbers of particles; by default they are solved from ``disparity.target``.
+        clutter: depth layers beside the solved layers, such as many small things far away.
+        density: number of objects that share the area of the target. ``default`` keeps the sizes, ``sparse`` has a
+            third as many objects, which are larger, ``dense`` has three times as many, which are smaller, and a number
+            is the mean number of objects in the left view.
         size_px: diameter of a model's bounding sphere on the screen, drawn uniformly in its logarithm.
-        size_m: or the same in metres: far ones are smaller on the screen.
-        stretch: scale along each of a model's own axes relative to the largest.
+        size_m: diameter of a model's bounding sphere in metres, instead of ``size_px``; a far model is smaller on the
+            screen.
+        stretch: scale along each of a model's own axes relative to the largest scale.
         thinness: a further scale along one axis, drawn uniformly in its logarithm; 0.05 makes a sheet.
         fall_m_s: speed downwards.
         drift: speed in a random horizontal direction, relative to the speed downwards.
@@ -170,8 +197,8 @@ class ParticlesSection(Section):
         most: upper limit of the number of particles in a scene.
     """
 
-    layers: Annotated[tuple[LayerSection, ...], BeforeValidator(as_tuple)] | None = None
-    clutter: Annotated[tuple[LayerSection, ...], BeforeValidator(as_tuple)] = ()
+    layers: Annotated[tuple[DepthLayerSection, ...], FROM_LIST] | None = None
+    clutter: Annotated[tuple[DepthLayerSection, ...], FROM_LIST] = ()
     density: Literal["sparse", "default", "dense"] | Positive = "default"
     size_px: PositiveRange = Range(40.0, 300.0)
     size_m: PositiveRange | None = None
@@ -192,22 +219,22 @@ class ParticlesSection(Section):
 
 
 class ModelsSection(Section):
-    """Which models fall.
+    """The models of the particles.
 
     Attributes:
         simple: weight of the simple family (cube, sphere, torus, ...).
         complex: weight of the complex family (chair, mug, plant, ...).
         user: weight of the models in ``folders``.
-        kinds: weights of kinds within their family, by name; 1 where nothing is said, 0 leaves a kind out.
-        folders: folders with files that trimesh reads.
-        variants: how many of each kind are built, each with other proportions.
+        kinds: weights of kinds within their family, by name. A kind without a weight has 1, and 0 leaves a kind out.
+        folders: folders of model files; trimesh reads the files.
+        variants: number of models of each kind; each variant has its own proportions.
     """
 
     simple: Weight = 1.0
     complex: Weight = 1.0
     user: Weight = 1.0
     kinds: dict[str, Weight] = Field(default_factory=dict)
-    folders: Annotated[tuple[str, ...], BeforeValidator(as_tuple)] = ()
+    folders: Annotated[tuple[str, ...], FROM_LIST] = ()
     variants: Count = 3
 
     @model_validator(mode="after")
@@ -218,40 +245,34 @@ class ModelsSection(Section):
 
 
 class TexturesSection(Section):
-    """Where the patches come from and how they lie on the models.
+    """The patches: their source, their selection and their mapping onto the models.
 
     Attributes:
-        source: ``images`` (the user's), ``builtin`` (photographs that scikit-image ships) or ``procedural``.
-        images: files, folders and globs, for ``images``.
+        source: ``images`` (the user's), ``builtin`` (the photographs in scikit-image) or ``procedural``.
+        images: files, folders and globs of the source ``images``.
         patch_px: side of a patch in the atlas.
         scales: sides of the squares cut from an image, in units of ``patch_px``.
-        min_texture: crops below this measure are flat (see `semisynth_gl.textures.crops.texture_measure`), and left
-            out but for ``flat_share``.
-        min_sharpness: crops below this measure are blurred, and left out (see
-            `semisynth_gl.textures.crops.sharpness_measure`).
-        min_difference: crops that differ less from another one are left out (see
-            `semisynth_gl.textures.crops.fingerprint`); 0 keeps all.
+        min_texture: smallest texture measure (`semisynth_gl.textures.crops.texture_measure`). Crops below it are flat
+            and left out, but for ``flat_share``.
+        min_sharpness: smallest sharpness measure (`semisynth_gl.textures.crops.sharpness_measure`). Crops below it are
+            blurred and left out.
+        min_difference: smallest difference of two crops (`semisynth_gl.textures.crops.fingerprint`). A crop that
+            differs less from another crop is left out; 0 keeps all crops.
         flat_share: share of flat crops wanted among all patches.
-        max_patches: how many are kept.
-        texels_per_pixel: mapping scale; 1 shows a patch at its own resolution, above 1 smaller, below 1 blown up.
-        anisotropy: most samples of a patch for a pixel that sees it at a grazing angle; 1 blurs there.
-        wrap: what lies beyond a patch's border, its mirror image or the patch again.
-        sequence: treat the images of a folder as successive frames, which an instance shows one after the other.
+        max_patches: largest number of patches.
+        texels_per_pixel: mapping scale: 1 shows a patch at its own resolution, above 1 smaller, below 1 blown up.
+        anisotropy: largest number of samples of a patch for a pixel at a grazing angle; 1 blurs there.
+        wrap: continuation of a patch beyond its border: its mirror image, or the patch again.
+        sequence: take the images of a folder as successive frames, which an instance shows in turn.
     """
 
     source: Literal["images", "builtin", "procedural"] = "builtin"
-    images: Annotated[tuple[str, ...], BeforeValidator(as_tuple)] = ()
+    images: Annotated[tuple[str, ...], FROM_LIST] = ()
     patch_px: Annotated[int, Field(ge=16, le=8192)] = 256
-    scales: Annotated[
-        tuple[Annotated[float, Field(ge=1, allow_inf_nan=False)], ...], BeforeValidator(as_tuple), Field(min_length=1)
-    ] = (
-        1.0,
-        2.0,
-        4.0,
-    )
-    min_texture: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 4.0
-    min_sharpness: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.3
-    min_difference: Annotated[float, Field(ge=0, le=1)] = 0.04
+    scales: Annotated[tuple[_AtLeastOne, ...], FROM_LIST, Field(min_length=1)] = (1.0, 2.0, 4.0)
+    min_texture: NotNegative = 4.0
+    min_sharpness: NotNegative = 0.3
+    min_difference: _Share = 0.04
     flat_share: Annotated[float, Field(ge=0, lt=1)] = 0.0
     max_patches: Annotated[int, Field(ge=1, le=2048)] = 512
     texels_per_pixel: PositiveRange = Range(0.8, 1.5)
@@ -261,7 +282,7 @@ class TexturesSection(Section):
 
 
 class ImperfectionsSection(Section):
-    """What a real rig does to its images. Each is drawn per pair and eye, and recorded; by default there are none.
+    """Imperfections of a real rig's images, drawn per pair and eye, and recorded. By default there are none.
 
     Attributes:
         exposure_stops: the image is multiplied by 2 to this power.
@@ -270,10 +291,10 @@ class ImperfectionsSection(Section):
         blur_px: standard deviation of the lens blur.
     """
 
-    exposure_stops: RangeField = Range(0.0, 0.0)
+    exposure_stops: RangeField = _ZERO
     gamma: PositiveRange = Range(1.0, 1.0)
-    noise: NotNegativeRange = Range(0.0, 0.0)
-    blur_px: NotNegativeRange = Range(0.0, 0.0)
+    noise: NotNegativeRange = _ZERO
+    blur_px: NotNegativeRange = _ZERO
 
     @model_validator(mode="before")
     @classmethod
@@ -286,25 +307,25 @@ class ImperfectionsSection(Section):
         return values
 
     def none(self) -> bool:
-        """Whether images stay as they are rendered."""
+        """Return whether the section leaves the images as they are rendered."""
         return self == ImperfectionsSection()
 
 
 class ChecksSection(Section):
-    """What a pair must fulfil as it is rendered; one that does not is drawn again from the next sub-seed.
+    """Conditions on a rendered pair. A pair that fails one is drawn again from the next sub-seed.
 
-    Of a sequence, the first frame is judged, and all its frames are drawn again together.
+    The first frame of a sequence is checked, and all its frames are drawn again together.
 
     Attributes:
-        min_brightness: mean of the darker image, 8-bit levels.
-        min_texture: texture measure of the flatter image, 8-bit levels.
-        min_valid: share of pixels with a valid disparity, in each view.
-        attempts: how often to draw before giving up.
+        min_brightness: smallest mean of the darker image, 8-bit levels.
+        min_texture: smallest texture measure of the flatter image, 8-bit levels.
+        min_valid: smallest share of pixels with a valid disparity, in each view.
+        attempts: number of attempts before a pair is an error.
     """
 
     min_brightness: Annotated[float, Field(ge=0, le=255)] = 8.0
-    min_texture: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 1.0
-    min_valid: Annotated[float, Field(ge=0, le=1)] = 0.5
+    min_texture: NotNegative = 1.0
+    min_valid: _Share = 0.5
     attempts: Count = 10
 
 
@@ -342,11 +363,11 @@ class FilesSection(Section):
 
 
 class SplitsSection(Section):
-    """What is held out where a dataset has validation or test pairs beside those to train on.
+    """Photographs and models that are held out of training, where a dataset has validation or test pairs.
 
     Attributes:
-        validation: share of the photographs that only validation pairs show, at least one.
-        test: share of the photographs that only test pairs show, at least one.
+        validation: share of the photographs that only validation pairs show, at least one photograph.
+        test: share of the photographs that only test pairs show, at least one photograph.
         models: hold out the same shares of each family of models too.
     """
 
@@ -355,19 +376,29 @@ class SplitsSection(Section):
     models: bool = False
 
     @model_validator(mode="after")
-    def _some_left(self) -> Self:
+    def _some_to_train_on(self) -> Self:
         if self.validation + self.test >= 1:
             raise ValueError(f"validation and test take {self.validation + self.test:g} of all: nothing is left")
         return self
 
+    def split(self, name: SplitName, splits: Collection[SplitName]) -> Split:
+        """Return a split of a dataset.
+
+        Args:
+            name: name of the split.
+            splits: names of all splits of the dataset.
+        """
+        shares: dict[SplitName, float] = {"validation": self.validation, "test": self.test}
+        return Split(name, {split: share for split, share in shares.items() if split in splits}, self.models)
+
 
 class LicencesSection(Section):
-    """What index, card and Croissant file say of rights; only you know what your photographs and models allow.
+    """Licences for index, card and Croissant file; only you know what your photographs and models allow.
 
     Attributes:
-        dataset: of the whole, as the hubs name licences.
-        images: of the user's photographs.
-        models: of the user's models.
+        dataset: licence of the dataset, under the name that the hubs use.
+        images: licence of the user's photographs.
+        models: licence of the user's models.
     """
 
     dataset: str = "unknown"
@@ -376,27 +407,15 @@ class LicencesSection(Section):
 
 
 class Config(Section):
-    """Everything that, with a seed and an index, determines a pair.
+    """All that determines a pair, with a seed and an index. The class of each section documents its keys.
 
     Attributes:
-        name: begins the name of every sample; letters, digits and hyphens.
-        camera: see `CameraSection`.
-        disparity: see `DisparitySection`.
-        background: see `BackgroundSection`.
-        structures: see `StructuresSection`.
-        particles: see `ParticlesSection`.
-        models: see `ModelsSection`.
-        textures: see `TexturesSection`.
-        sequence: see `SequenceSection`.
-        imperfections: see `ImperfectionsSection`.
-        checks: see `ChecksSection`.
-        files: see `FilesSection`.
-        splits: see `SplitsSection`.
-        licences: see `LicencesSection`.
-        outputs: what is written beside images and disparities: ``visibility``, ``instances``, ``depth``, ``flow``,
+        name: first part of the name of every sample; letters, digits and hyphens.
+        outputs: further outputs beside images and disparities: ``visibility``, ``instances``, ``depth``, ``flow``,
             ``flow_backward``, ``disparity_change``.
-        truth: of which views disparity and outputs are written: ``both``, or ``left`` alone, which is faster.
-        antialias: of colour: ``none``, ``msaa4`` (or what the driver has), ``ssaa2`` to ``ssaa8``.
+        truth: views whose disparity and outputs are written: ``both``, or ``left`` alone, which is faster.
+        antialias: antialiasing of colour: ``none``, ``msaa4`` (or another number of samples that the driver offers),
+            ``ssaa2`` to ``ssaa8``.
     """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9-]*$")]
@@ -413,7 +432,7 @@ class Config(Section):
     files: FilesSection = FilesSection()
     splits: SplitsSection = SplitsSection()
     licences: LicencesSection = LicencesSection()
-    outputs: Annotated[tuple[Output, ...], BeforeValidator(as_tuple)] = DEFAULT_OUTPUTS
+    outputs: Annotated[tuple[Output, ...], FROM_LIST] = DEFAULT_OUTPUTS
     truth: TruthOf = "both"
     antialias: Annotated[str, Field(pattern=ANTIALIAS_PATTERN)] = "none"
 
@@ -426,25 +445,34 @@ class Config(Section):
         }
         for name, layers in (("layers", self.particles.layers or ()), ("clutter", self.particles.clutter)):
             nearest |= {f"particles.{name}.{k}": layer.disparity_px for k, layer in enumerate(layers)}
+        limit = self.disparity.max_px
         for key, values in nearest.items():
-            if values is not None and values.high > self.disparity.max_px:
-                raise ValueError(
-                    f"{key} goes up to {values.high:g} px, but disparity.max_px, the limit, is "
-                    f"{self.disparity.max_px:g}"
-                )
+            if values is not None and values.high > limit:
+                raise ValueError(f"{key} goes up to {values.high:g} px, but disparity.max_px, the limit, is {limit:g}")
         return self
 
     @model_validator(mode="after")
     def _target_can_be_shown(self) -> Self:
-        ends = [self.disparity.min_px]
+        lowest = [self.disparity.min_px]
         if self.background.plane:
-            ends.append(self.background.plane_disparity_px.low)
+            lowest.append(self.background.plane_disparity_px.low)
         if self.background.cuboid and self.background.wall_disparity_px is not None:
-            ends.append(self.background.wall_disparity_px.low)
-        check_reach(self.disparity.target, self.disparity.min_px, self.disparity.max_px, min(ends))
+            lowest.append(self.background.wall_disparity_px.low)
+        check_target(self.disparity.target, self.disparity.min_px, self.disparity.max_px, min(lowest))
         return self
 
+    def wanted_histogram(self) -> Histogram:
+        """Return the distribution of disparity that ``disparity.target`` asks for.
+
+        A histogram keeps its bins. Every other form gets 24 bins of equal width from ``min_px`` to ``max_px``.
+
+        Raises:
+            InputError: where a target uniform in depth reaches beyond infinity.
+        """
+        section = self.disparity
+        return wanted_histogram(section.target, section.min_px, section.max_px, self.camera.mean_doffs_px)
+
     def digest(self) -> str:
-        """SHA-256 of the config's values, 64 hex digits; equal for equal configs however they were written down."""
+        """Return the SHA-256 of the config's values, 64 hex digits; equal for equal values in any notation."""
         text = json.dumps(self.model_dump(mode="json"), sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()

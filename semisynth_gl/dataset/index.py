@@ -12,9 +12,8 @@ from semisynth_gl.dataset.plan import Plan
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.scene.sources import Sources
 from semisynth_gl.splits import SplitName
-from semisynth_gl.textures.photographs import builtin_licences
-from semisynth_gl.textures.prepare import images_of
-from semisynth_gl.textures.selection import names_of
+from semisynth_gl.textures.image_files import builtin_licences, relative_names
+from semisynth_gl.textures.prepare import split_images
 
 # Of the models that this program builds.
 _OWN_LICENCE = "MIT"
@@ -48,8 +47,8 @@ def _describe_split(plan: Plan, split: SplitName, sources: Sources) -> dict[str,
         asdict(patch) | {"sha256": _sha256(layers[patch.first_layer : patch.first_layer + patch.layer_count])}
         for patch in sources.atlas.patches
     ]
-    images = images_of(section, plan.seed, plan.split(split))
-    paths = {name: path for path, name in names_of(images).items()} if images else {}
+    images = split_images(section, plan.seed, plan.split(split))
+    paths = {name: path for path, name in relative_names(images).items()}
     licences = builtin_licences() if section.source == "builtin" else {}
     used = sorted({patch.source for patch in sources.atlas.patches})
     skipped = (*sources.atlas.report.images_skipped, *sources.model_library.skipped)

@@ -11,7 +11,7 @@ from semisynth_gl.encodings import FlowEncoding
 from semisynth_gl.errors import InputError
 from semisynth_gl.layouts import Key, Layout, find_layout
 from semisynth_gl.layouts.layout import sequence_length
-from semisynth_gl.splits import SPLITS, Split, SplitName, split_of
+from semisynth_gl.splits import SPLITS, Split, SplitName
 
 PROGRAM = "semisynth-gl"
 
@@ -75,7 +75,7 @@ class Plan:
 
     def split(self, name: SplitName) -> Split:
         """Return a split, with what is held out for it."""
-        return split_of(self.config.splits, self.splits, name)
+        return self.config.splits.split(name, self.splits)
 
     def folder(self, split: SplitName) -> str:
         """Return the folder of a split's files below the dataset's, "" or ending in a slash."""

@@ -228,6 +228,10 @@ class Dataset(Sequence[StoredFrame]):
         values = {role: self._decoded(split, pair, role, path) for role, path in self.about.files(split, pair).items()}
         return self.about.layout.assemble(self.about.key(split, pair), values, self.about.encodings)
 
+    def pair(self, number: int) -> tuple[SplitName, int]:
+        """Return the split of a pair, and the pair's number there."""
+        return self._pairs[number]
+
     def _decoded(self, split: SplitName, pair: int, role: str, path: str) -> Any:  # noqa: ANN401 - by role
         about = self.about
         data = self._member(split, pair, path) if about.layout.packed else _read(about.place, path)

@@ -10,7 +10,7 @@ from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene.sampler import SampledScene, SceneSampler
 from semisynth_gl.scene.scene import Motion, Scene
-from semisynth_gl.splits import SplitName, split_of
+from semisynth_gl.splits import SplitName
 from semisynth_gl.textures.atlas import Patch
 
 
@@ -38,7 +38,7 @@ class RemadeScenes:
                 Patch(**{name: patch[name] for name in Patch.__slots__}) for patch in values["splits"][split]["patches"]
             )
             self.seed = int(values["seed"])
-            part = split_of(self.config.splits, tuple(index.pairs), split)
+            part = self.config.splits.split(split, tuple(index.pairs))
         except (ValidationError, KeyError, TypeError, ValueError) as error:
             reason = " ".join(str(error).splitlines()[:3]) if index.fault is None else index.fault
             raise InputError(

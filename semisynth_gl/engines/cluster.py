@@ -2,9 +2,7 @@
 
 import logging
 import os
-import signal
-import threading
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from itertools import islice
@@ -13,21 +11,22 @@ from time import monotonic
 from typing import Any, Generic
 
 from semisynth_gl.engines.cluster_worker import Post, do_task
-from semisynth_gl.engines.task import Job, Result, Stop
-from semisynth_gl.engines.worker import Done, Failed
+from semisynth_gl.engines.task import Job, Result
+from semisynth_gl.engines.worker import Failed, Finished
 from semisynth_gl.errors import InputError, WorkerError
-from semisynth_gl.interrupts import interrupts_wait
+from semisynth_gl.interrupts import interrupts_kept, interrupts_wait
+from semisynth_gl.listener import Listener
 
-# How often Ray does a task again whose worker or node was lost.
+# How often Ray repeats a task after a loss of its worker or node.
 _RETRIES = 3
 
-# Tasks that are submitted for each one that can run: enough that no worker waits, few enough to stop soon.
+# Submitted tasks for each task that can run: enough that no worker waits, few enough to stop soon.
 _AHEAD = 2
 
-# How long the workers that are not to blame for an error may take to finish what they have in hand.
+# After an error, the other workers may finish their tasks for so long.
 _GRACE_S = 5.0
 
-# How soon a wish to stop is noticed, and how often messages are fetched.
+# How soon the wish to stop is noticed, and how often the tasks' calls are fetched.
 _TICK_S = 0.2
 _COLLECT_S = 0.5
 
@@ -41,14 +40,14 @@ _ENVIRONMENT = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_Z
 class RayEngine:
     """A Ray cluster, each of whose nodes needs this package installed; without one, Ray on this machine alone.
 
-    Ray schedules the tasks, starts their processes, and does a task again whose node or process is lost. Each process
-    opens the job once, as worker 0: Ray itself shows it its own GPUs.
+    Ray schedules the tasks, starts their processes, and repeats a task after a loss of its node or process. Each
+    process opens the job once, as worker 0: Ray itself shows each process the GPUs that it may use.
 
     Args:
-        address: ``host:port`` of a cluster that this machine is part of, or "auto" for one that was started here; None
-            takes RAY_ADDRESS, one that was started here, or starts one and shuts it down at the end.
-        cpus: of a node, for each task; may be a fraction.
-        gpus: likewise; 0.25 lets four tasks share a GPU.
+        address: ``host:port`` of a cluster that this machine is part of, or "auto" for a cluster that was started here;
+            None takes RAY_ADDRESS or a cluster that was started here, or starts one and shuts it down at the end.
+        cpus: CPUs of a node for each task; may be a fraction.
+        gpus: GPUs of a node for each task; 0.25 lets four tasks share a GPU.
 
     Raises:
         InputError: (from `run`) where Ray is missing or the cluster cannot be reached.
@@ -60,31 +59,25 @@ class RayEngine:
         self._gpus = gpus
 
     def run(
-        self,
-        job: Job[Result],
-        tasks: Iterable[int],
-        *,
-        told: Callable[[object], None],
-        noted: Callable[[str], None],
-        stop: Stop,
+        self, job: Job[Result], tasks: Iterable[int], listener: Listener
     ) -> Generator[tuple[int, Result], None, None]:
         """Do all tasks; see `Engine.run`.
 
         Raises:
             InputError: where Ray is missing or the cluster cannot be reached.
-            WorkerError: where a task has lost four workers, or Ray fails otherwise.
-            Exception: what a task or the opening of the job raises. Other workers may finish their tasks first.
+            WorkerError: where a task has ended four workers, or Ray fails otherwise.
+            Exception: the error of a task or of the job's opening. Other workers may finish their tasks first.
         """
         ray = _ray()
         with _connected(ray, self._address):
-            submitted: _Submitted[Result] = _Submitted(ray, job, self._cpus, self._gpus, told, noted)
+            submission: _Submission[Result] = _Submission(ray, job, self._cpus, self._gpus, listener)
             try:
-                yield from submitted.results(iter(tasks), stop)
+                yield from submission.results(iter(tasks))
             finally:
-                submitted.cancel()
+                submission.cancel()
 
 
-class _Submitted(Generic[Result]):
+class _Submission(Generic[Result]):
     """The tasks of one run that Ray has."""
 
     def __init__(
@@ -93,31 +86,29 @@ class _Submitted(Generic[Result]):
         job: Job[Result],
         cpus: float,
         gpus: float,
-        told: Callable[[object], None],
-        noted: Callable[[str], None],
+        listener: Listener,
     ) -> None:
         self._ray = ray
         self._needs = {"CPU": cpus, "GPU": gpus}
-        self._told = told
-        self._noted = noted
+        self._listener = listener
         here = ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy(
             ray.get_runtime_context().get_node_id(), soft=False
         )
         self._post = ray.remote(num_cpus=0, scheduling_strategy=here)(Post).remote()
         # Ray ends a process after one task with a GPU unless max_calls says that it may do many.
         self._do = ray.remote(num_cpus=cpus, num_gpus=gpus, max_retries=_RETRIES, max_calls=0)(do_task)
-        # Pickled once: equal bytes tell a worker that it is the job that it has open.
+        # Pickled once: by equal bytes a worker recognises the job that it has open.
         self._job = ray.put(ray.cloudpickle.dumps(job))
         self._pending: dict[Any, int] = {}
         self._collected_at = monotonic()
         self._failure: Exception | None = None
         self._waits = False
 
-    def results(self, numbers: Iterator[int], stop: Stop) -> Iterator[tuple[int, Result]]:
+    def results(self, numbers: Iterator[int]) -> Iterator[tuple[int, Result]]:
         latest = float("inf")
-        begun: set[int] | None = None  # once no other task begins
+        begun: set[int] | None = None  # known once no further task begins
         while monotonic() < latest:
-            if begun is None and (stop.asked or self._failure):
+            if begun is None and (self._listener.stopping or self._failure):
                 begun = self._ray.get(self._post.stop.remote())
             if self._failure:
                 latest = min(latest, monotonic() + _GRACE_S)
@@ -125,16 +116,16 @@ class _Submitted(Generic[Result]):
                 self._submit(numbers)
             if not (self._pending if begun is None else begun.intersection(self._pending.values())):
                 break
-            done = list(self._receive())
+            results = list(self._receive())
             if monotonic() - self._collected_at > _COLLECT_S:
                 self._collect()
-            yield from done
+            yield from results
         self._collect()
         if self._failure:
             raise self._failure
 
     def cancel(self) -> None:
-        """End all that is left, at once."""
+        """End all pending tasks at once."""
         with suppress(self._ray.exceptions.RayError):
             for reference in self._pending:
                 self._ray.cancel(reference, force=True)
@@ -145,21 +136,21 @@ class _Submitted(Generic[Result]):
         if not slots and not self._waits:
             self._waits = True
             needs = " and ".join(f"{count:g} {kind}" for kind, count in self._needs.items() if count)
-            self._noted(f"no node of the cluster has {needs}: tasks wait until one joins")
-        # Where there is no node a task has to ask for one: clusters that grow by themselves start ones that are asked.
-        # Of a cluster that has lost a node, more may be pending than it has use for.
+            self._listener.on_message(f"no node of the cluster has {needs}: tasks wait until one joins")
+        # One task is submitted even without a node for it: clusters that grow by themselves start the nodes that tasks
+        # wait for. After the loss of a node, more tasks may be pending than the rest can run.
         for number in islice(numbers, max(max(_AHEAD * slots, 1) - len(self._pending), 0)):
             self._pending[self._do.remote(self._job, number, self._post)] = number
 
     def _slots(self) -> int:
-        """How many tasks can run at a time."""
+        """Return how many tasks can run at a time."""
         nodes = [node["Resources"] for node in self._ray.nodes() if node["Alive"]]
-        # A task that needs nothing at all still takes a process.
+        # A task without needs still takes a process.
         needs = {kind: count for kind, count in self._needs.items() if count} or {"CPU": 1.0}
         return sum(min(int(node.get(kind, 0) / count + 1e-6) for kind, count in needs.items()) for node in nodes)
 
     def _receive(self) -> Iterator[tuple[int, Result]]:
-        """Wait for a moment; give the results that have come."""
+        """Wait for a moment; yield the results that have come."""
         self._ray.wait(list(self._pending), num_returns=1, timeout=_TICK_S)
         ready, _ = self._ray.wait(list(self._pending), num_returns=len(self._pending), timeout=0)
         for reference in ready:
@@ -171,7 +162,7 @@ class _Submitted(Generic[Result]):
                 continue
             if isinstance(outcome, Failed):
                 self._failure = self._failure or outcome.error
-            elif isinstance(outcome, Done):
+            elif isinstance(outcome, Finished):
                 yield number, outcome.result
 
     def _error(self, number: int, error: Exception) -> Exception:
@@ -185,12 +176,10 @@ class _Submitted(Generic[Result]):
         )
 
     def _collect(self) -> None:
-        messages, notes = self._ray.get(self._post.collect.remote())
+        calls = self._ray.get(self._post.collect.remote())
         self._collected_at = monotonic()
-        for note in notes:
-            self._noted(note)
-        for message in messages:
-            self._told(message)
+        for call in calls:
+            call.repeat(self._listener)
 
 
 def _ray() -> Any:  # noqa: ANN401 - a module
@@ -210,7 +199,7 @@ def _ray() -> Any:  # noqa: ANN401 - a module
 
 @contextmanager
 def _connected(ray: Any, address: str | None) -> Iterator[None]:  # noqa: ANN401
-    """Be a driver of the cluster, unless this process is one already."""
+    """Make this process a driver of the cluster, unless it is one already."""
     if ray.is_initialized():
         yield
         return
@@ -221,8 +210,11 @@ def _connected(ray: Any, address: str | None) -> Iterator[None]:  # noqa: ANN401
         )
     where = address or os.environ.get("RAY_ADDRESS") or "auto"
     try:
-        _knock(where)
-        with _signals_kept():
+        host, _, port = where.rpartition(":")
+        if port.isdigit():
+            # Ray itself would try for minutes to reach an address where nothing listens.
+            create_connection((host.strip("[]"), int(port)), _KNOCK_S).close()
+        with interrupts_kept():
             ray.init(address, log_to_driver=False, logging_level=logging.CRITICAL, include_dashboard=False)
     except (OSError, RuntimeError, ValueError) as error:
         raise InputError(
@@ -233,22 +225,3 @@ def _connected(ray: Any, address: str | None) -> Iterator[None]:  # noqa: ANN401
         yield
     finally:
         ray.shutdown()
-
-
-def _knock(address: str) -> None:
-    """Raise an OSError where nothing listens at an address: Ray itself would try for minutes."""
-    host, _, port = address.rpartition(":")
-    if port.isdigit():
-        create_connection((host.strip("[]"), int(port)), _KNOCK_S).close()
-
-
-@contextmanager
-def _signals_kept() -> Iterator[None]:
-    """Put signal handlers back that Ray replaces by its own."""
-    kept = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        if threading.current_thread() is threading.main_thread():
-            for number, handler in kept.items():
-                signal.signal(number, handler)

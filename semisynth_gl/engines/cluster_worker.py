@@ -1,6 +1,6 @@
-"""What the cluster engine runs elsewhere: tasks in Ray's worker processes, and beside the driver the post between both.
+"""The parts of the cluster engine that run in other processes: tasks in Ray's workers, and the post beside the driver.
 
-Nothing here imports Ray before it runs: it is an extra.
+No module here imports Ray before it runs, since Ray is an extra.
 """
 
 import atexit
@@ -12,8 +12,8 @@ from socket import gethostname
 from time import monotonic
 from typing import Any
 
-from semisynth_gl.engines.task import Job, Task
-from semisynth_gl.engines.worker import Done, Failed, Left, portable
+from semisynth_gl.engines.task import Call, Job, Relay, Task
+from semisynth_gl.engines.worker import Failed, Finished, Skipped, portable
 from semisynth_gl.errors import ContextLostError
 
 # How old the answer to "is a stop asked for?" may be.
@@ -21,13 +21,12 @@ _STOP_FRESH_S = 0.2
 
 
 class Post:
-    """An actor beside the driver: it gathers what tasks tell, and says whether they should go on."""
+    """An actor beside the driver: it gathers the tasks' calls of the listener, and passes on the wish to stop."""
 
     def __init__(self) -> None:
-        self._messages: list[object] = []
-        self._notes: list[str] = []
+        self._calls: list[Call] = []
         self._begun: Counter[int] = Counter()
-        self._losses: dict[int, str] = {}
+        self._reasons: dict[int, str] = {}
         self._stopping = False
 
     def begin(self, number: int) -> bool:
@@ -35,59 +34,58 @@ class Post:
         if self._stopping:
             return False
         if self._begun[number]:
-            reason = self._losses.get(number, "its worker or its node was lost")
-            self._notes.append(f"task {number} is done again ({reason})")
+            reason = self._reasons.get(number, "its worker or its node was lost")
+            self.add(Call("on_message", f"task {number} is done again ({reason})"))
         self._begun[number] += 1
         return True
 
-    def tell(self, message: object) -> None:
-        """Take a task's message."""
-        self._messages.append(message)
+    def add(self, call: Call) -> None:
+        """Take a call of the listener."""
+        self._calls.append(call)
 
-    def lose(self, number: int, reason: str) -> None:
-        """Note why a task's worker is about to end."""
-        self._losses[number] = reason
-
-    def collect(self) -> tuple[list[object], list[str]]:
-        """Return messages and notes since the last call."""
-        collected = self._messages, self._notes
-        self._messages, self._notes = [], []
-        return collected
+    def collect(self) -> list[Call]:
+        """Return the calls since the last collection."""
+        calls, self._calls = self._calls, []
+        return calls
 
     def stop(self) -> set[int]:
-        """Let no further task begin; return all that have begun."""
+        """Let no further task begin; return the tasks that have begun."""
         self._stopping = True
         return set(self._begun)
 
     def stopping(self) -> bool:
-        """Whether tasks should return soon."""
+        """Return whether tasks should return soon."""
         return self._stopping
 
+    def break_worker(self, number: int, reason: str) -> None:
+        """Note why the worker of a task is about to end."""
+        self._reasons[number] = reason
+
     def reason(self, number: int) -> str | None:
-        """Why a task's last worker ended, where it said so."""
-        return self._losses.get(number)
+        """Return why the last worker of a task ended, if the worker gave a reason."""
+        return self._reasons.get(number)
 
 
-def do_task(job: bytes, number: int, post: Any) -> Done | Left | Failed:  # noqa: ANN401 - an actor's handle has no type
+def do_task(job: bytes, number: int, post: Any) -> Finished | Skipped | Failed:  # noqa: ANN401 - an actor's handle has no type
     """Do one task in a Ray worker process.
 
     Args:
-        job: as pickled by the driver; kept open for further tasks.
-        number: the task's.
+        job: the job as pickled by the driver; it stays open for further tasks.
+        number: the task's number.
         post: the actor.
     """
     if not _answer(post.begin.remote(number)):
-        return Left()
+        return Skipped()
     try:
-        return Done(_open(job)(number, _PostWatch(post)))
+        return Finished(_open(job)(number, _PostRelay(post)))
     except ContextLostError as error:
-        _answer(post.lose.remote(number, str(error)))
-        # Ray does the task again in another process. To close the job would ask the lost context once more.
+        _answer(post.break_worker.remote(number, str(error)))
+        # Ray does the task again in another process. To close the job would ask the broken context once more.
         os._exit(1)
     except Exception as error:  # noqa: BLE001 - the driver raises it: as a result it keeps its type
         return Failed(portable(error, f"a worker on {gethostname()}"))
     finally:
-        # Calls arrive in order: with the answer to any one all messages are there, before the result is.
+        # Calls of an actor arrive in order: after any answer, the post has the task's calls, and before its result.
         _answer(post.stopping.remote())
 
 
@@ -96,10 +94,12 @@ def _answer(reference: Any) -> Any:  # noqa: ANN401 - Ray's reference to whateve
     return reference.future().result()
 
 
-class _PostWatch:
+class _PostRelay(Relay):
+    """Passes a task's calls to the post, and asks there for the wish to stop."""
+
     def __init__(self, post: Any) -> None:  # noqa: ANN401
+        super().__init__(post.add.remote)
         self._post = post
-        self._stopping = False
         self._asked_at = monotonic()
 
     @property
@@ -109,12 +109,9 @@ class _PostWatch:
             self._asked_at = monotonic()
         return self._stopping
 
-    def tell(self, message: object) -> None:
-        self._post.tell.remote(message)
-
 
 @dataclass(frozen=True, slots=True)
-class _Kept:
+class _OpenJob:
     """An open job: Ray lends a worker process to one task after the other."""
 
     job: bytes
@@ -123,31 +120,26 @@ class _Kept:
     stack: ExitStack
 
 
-_kept: list[_Kept] = []
+_open_jobs: list[_OpenJob] = []
 
 
 def _open(job: bytes) -> Task[Any]:
-    """Return the function of a job that is open; open it first if need be."""
+    """Return the job's function; open the job first unless it is open."""
     # Ray may give the process another GPU for the next task.
     devices = os.environ.get("CUDA_VISIBLE_DEVICES")
-    if _kept and (_kept[0].job, _kept[0].devices) != (job, devices):
+    if _open_jobs and (_open_jobs[0].job, _open_jobs[0].devices) != (job, devices):
         _close()
-    if not _kept:
+    if not _open_jobs:
+        from ray import cloudpickle  # noqa: PLC0415 - an extra
+
+        unpickled: Job[Any] = cloudpickle.loads(job)
         stack = ExitStack()
-        task = stack.enter_context(_unpickled(job).open(0))
-        _kept.append(_Kept(job, devices, task, stack))
-    return _kept[0].task
-
-
-def _unpickled(job: bytes) -> Job[Any]:
-    from ray import cloudpickle  # noqa: PLC0415 - an extra
-
-    opened: Job[Any] = cloudpickle.loads(job)
-    return opened
+        _open_jobs.append(_OpenJob(job, devices, stack.enter_context(unpickled.open(0)), stack))
+    return _open_jobs[0].task
 
 
 @atexit.register
 def _close() -> None:
-    while _kept:
+    while _open_jobs:
         with suppress(ContextLostError):
-            _kept.pop().stack.close()
+            _open_jobs.pop().stack.close()

@@ -1,42 +1,76 @@
-"""An engine of worker processes on this machine."""
+"""The engines of this machine: one works in this process, the other in worker processes."""
 
 import atexit
 import signal
 from collections import Counter, deque
-from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import ExitStack, suppress
 from itertools import islice
-from multiprocessing import get_context, resource_tracker
+from multiprocessing import get_context
 from multiprocessing.connection import wait
 from time import monotonic
 from typing import Any, Generic
 
-from semisynth_gl.engines.task import Job, Result, Stop, threads_each
-from semisynth_gl.engines.worker import CLOSE, STOP, Done, Failed, Lost, Told, work
-from semisynth_gl.errors import WorkerError
+from semisynth_gl.engines.task import Call, Job, Result, Task, threads_each
+from semisynth_gl.engines.worker import CLOSE, STOP, Broken, Failed, Finished, work
+from semisynth_gl.errors import ContextLostError, WorkerError
+from semisynth_gl.interrupts import interrupts_blocked
+from semisynth_gl.listener import Listener
 
-# How many workers a task may lose before it is given up.
-_LOSSES = 2
+# How often a task is repeated after a loss of its context or worker.
+_RETRIES = 2
 
-# How long the workers that are not to blame for an error may take to finish what they have in hand.
+# After an error, the other workers may finish their tasks for so long.
 _GRACE_S = 5.0
 
-# A worker that has let go of its pipe is about to end, with an exit code that tells why.
+# A worker that has closed its pipe is about to end, with an exit code that tells why.
 _LAST_BREATH_S = 1.0
 
-# How soon a wish to stop is noticed.
+# How soon the wish to stop is noticed.
 _TICK_S = 0.1
 
 
+class SerialEngine:
+    """Does one task after the other in this process; the first task opens the job."""
+
+    def run(
+        self, job: Job[Result], tasks: Iterable[int], listener: Listener
+    ) -> Generator[tuple[int, Result], None, None]:
+        """Do all tasks; see `Engine.run`.
+
+        Raises:
+            ContextLostError: where a task loses its context in every attempt.
+        """
+        task: Task[Result] | None = None
+        with ExitStack() as resources:
+            for number in tasks:
+                if listener.stopping:
+                    return
+                for attempt in range(_RETRIES + 1):
+                    try:
+                        task = task or resources.enter_context(job.open(0))
+                        result = task(number, listener)
+                        break
+                    except ContextLostError as error:
+                        if attempt == _RETRIES:
+                            raise
+                        listener.on_message(f"{error}: task {number} is done again")
+                        task = None
+                        # Closing may stumble over the same loss.
+                        with suppress(ContextLostError):
+                            resources.close()
+                yield number, result
+
+
 class LocalEngine:
-    """Worker processes of this machine; one that dies or hangs is replaced, and its task done again.
+    """Worker processes of this machine; a worker that dies or hangs is replaced, and its task done again.
 
     The pool is this module's own: executors of the standard library and of its relatives cannot say which worker has
-    which task, nor kill and replace one worker alone.
+    which task, nor kill and replace a single worker.
 
     Args:
-        workers: how many at most; never more than tasks.
-        timeout_s: a worker with a task, from which neither message nor result came for so long, hangs.
+        workers: the largest number of workers; there are never more workers than tasks.
+        timeout_s: a worker hangs when its task sends neither a call nor a result for so long, s.
     """
 
     def __init__(self, workers: int, timeout_s: float) -> None:
@@ -44,62 +78,48 @@ class LocalEngine:
         self._timeout_s = timeout_s
 
     def run(
-        self,
-        job: Job[Result],
-        tasks: Iterable[int],
-        *,
-        told: Callable[[object], None],
-        noted: Callable[[str], None],
-        stop: Stop,
+        self, job: Job[Result], tasks: Iterable[int], listener: Listener
     ) -> Generator[tuple[int, Result], None, None]:
         """Do all tasks; see `Engine.run`.
 
         Raises:
-            WorkerError: where a task has lost three workers.
-            Exception: what a task or the opening of the job raises. Other workers may finish their tasks first.
+            WorkerError: where a task has ended three workers.
+            Exception: the error of a task or of the job's opening. Other workers may finish their tasks first.
         """
-        pool = _Pool(job, self._workers, self._timeout_s, told, noted)
-        # At its end the interpreter waits for processes before it closes iterators that were left open.
+        pool = _Pool(job, self._workers, self._timeout_s, listener)
+        # At its end the interpreter waits for processes before it closes iterators that are still open.
         atexit.register(pool.kill)
         try:
-            yield from pool.results(iter(tasks), stop)
+            yield from pool.results(iter(tasks))
         finally:
             pool.kill()
             atexit.unregister(pool.kill)
 
 
 class _Pool(Generic[Result]):
-    """The workers of one run, and who has which task."""
+    """The workers of one run and their tasks."""
 
-    def __init__(
-        self,
-        job: Job[Result],
-        most: int,
-        timeout_s: float,
-        told: Callable[[object], None],
-        noted: Callable[[str], None],
-    ) -> None:
+    def __init__(self, job: Job[Result], most: int, timeout_s: float, listener: Listener) -> None:
         self._job = job
         self._most = most
         self._timeout_s = timeout_s
-        self._told = told
-        self._noted = noted
+        self._listener = listener
         self._workers: dict[int, _Worker] = {}
-        self._again: deque[int] = deque()
-        self._losses: Counter[int] = Counter()
+        self._retried: deque[int] = deque()
+        self._retries: Counter[int] = Counter()
         self._threads: int | None = None
         self._stopping = False
         self._latest = float("inf")
         self._failure: Exception | None = None
 
-    def results(self, numbers: Iterator[int], stop: Stop) -> Iterator[tuple[int, Result]]:
-        self._guide(numbers, stop)
+    def results(self, numbers: Iterator[int]) -> Iterator[tuple[int, Result]]:
+        self._guide(numbers)
         while self._latest > monotonic() and any(worker.task is not None for worker in self._workers.values()):
-            done = self._receive()
+            results = self._receive()
             self._end_silent()
-            # Before the caller looks at results, so that no worker waits for that.
-            self._guide(numbers, stop)
-            yield from done
+            # Before the caller looks at results, so that no worker waits for the caller.
+            self._guide(numbers)
+            yield from results
         self._close()
         if self._failure:
             raise self._failure
@@ -111,11 +131,11 @@ class _Pool(Generic[Result]):
         while self._workers:
             self._workers.popitem()[1].end()
 
-    def _guide(self, numbers: Iterator[int], stop: Stop) -> None:
-        """Give tasks to workers that have none, or see to it that all come to their end."""
+    def _guide(self, numbers: Iterator[int]) -> None:
+        """Give tasks to workers without one, or ask all workers to stop."""
         if self._failure:
             self._latest = min(self._latest, monotonic() + _GRACE_S)
-        if not (stop.asked or self._failure):
+        if not (self._listener.stopping or self._failure):
             self._hand_out(numbers)
         elif not self._stopping:
             self._stopping = True
@@ -123,19 +143,19 @@ class _Pool(Generic[Result]):
                 worker.send(STOP)
 
     def _hand_out(self, numbers: Iterator[int]) -> None:
-        idle = [each for each in range(self._most) if each not in self._workers or self._workers[each].task is None]
-        tasks = [self._again.popleft() for _ in idle[: len(self._again)]]
+        idle = [slot for slot in range(self._most) if slot not in self._workers or self._workers[slot].task is None]
+        tasks = [self._retried.popleft() for _ in idle[: len(self._retried)]]
         tasks += islice(numbers, len(idle) - len(tasks))
         if self._threads is None:
             self._threads = threads_each(len(tasks))
-        for each, task in zip(idle, tasks, strict=False):
-            if each not in self._workers:
-                self._workers[each] = _Worker(self._job, each, self._threads)
-            self._workers[each].give(task)
+        for slot, task in zip(idle, tasks, strict=False):
+            if slot not in self._workers:
+                self._workers[slot] = _Worker(self._job, slot, self._threads)
+            self._workers[slot].give(task)
 
     def _receive(self) -> list[tuple[int, Result]]:
-        """Take in what workers send; return the results."""
-        done: list[tuple[int, Result]] = []
+        """Take in the messages of the workers; return the results."""
+        results: list[tuple[int, Result]] = []
         workers = list(self._workers.values())
         ready = wait([each.connection for each in workers] + [each.process.sentinel for each in workers], _TICK_S)
         for worker in workers:
@@ -143,19 +163,19 @@ class _Pool(Generic[Result]):
                 continue
             messages, ended = worker.receive()
             for message in messages:
-                self._take(worker, message, done)
+                self._take(worker, message, results)
             if ended:
                 self._bury(worker)
-        return done
+        return results
 
-    def _take(self, worker: "_Worker", message: object, done: list[tuple[int, Result]]) -> None:
+    def _take(self, worker: "_Worker", message: object, results: list[tuple[int, Result]]) -> None:
         match message:
-            case Told():
-                self._told(message.message)
-            case Done() if worker.task is not None:
-                done.append((worker.task, message.result))
+            case Call():
+                message.repeat(self._listener)
+            case Finished() if worker.task is not None:
+                results.append((worker.task, message.result))
                 worker.task = None
-            case Lost():
+            case Broken():
                 worker.ends_because = message.reason
             case Failed():
                 self._failure = self._failure or message.error
@@ -171,27 +191,27 @@ class _Pool(Generic[Result]):
                 self._bury(worker)
 
     def _bury(self, worker: "_Worker") -> None:
-        """Take a worker out that has ended or has to; its task is done again by another."""
+        """Remove a worker that has ended or must end; another worker does its task again."""
         exit_code = worker.end(0 if worker.ends_because else _LAST_BREATH_S)
         del self._workers[worker.number]
         task = worker.task
         if worker.closing:
             return
         how = worker.ends_because or _how_it_ended(exit_code)
-        what = f"worker {worker.number} is replaced ({how})"
+        replaced = f"worker {worker.number} is replaced ({how})"
         if task is None:
-            self._noted(what)
+            self._listener.on_message(replaced)
         elif self._stopping:
-            self._noted(f"worker {worker.number} has ended ({how}): task {task} is left undone")
-        elif self._losses[task] == _LOSSES:
+            self._listener.on_message(f"worker {worker.number} has ended ({how}): task {task} is left undone")
+        elif self._retries[task] == _RETRIES:
             self._failure = self._failure or WorkerError(
-                f"task {task} has ended {_LOSSES + 1} workers, the last one like this: {how}. What is on disk stays. "
+                f"task {task} has ended {_RETRIES + 1} workers, the last one like this: {how}. What is on disk stays. "
                 "Where memory runs short, fewer workers take less of it"
             )
         else:
-            self._losses[task] += 1
-            self._again.append(task)
-            self._noted(f"{what}: task {task} is done again")
+            self._retries[task] += 1
+            self._retried.append(task)
+            self._listener.on_message(f"{replaced}: task {task} is done again")
 
     def _close(self) -> None:
         """Let idle workers close their job."""
@@ -205,27 +225,21 @@ class _Pool(Generic[Result]):
 
 
 class _Worker:
-    """A worker process as seen from outside.
-
-    Args:
-        job: what it opens.
-        number: its number.
-        threads: how many llvmpipe may have of its own.
-    """
+    """A worker process as seen from outside."""
 
     def __init__(self, job: Job[Any], number: int, threads: int) -> None:
-        # Forked processes would inherit an OpenGL context that they cannot use.
+        # A forked process would inherit an OpenGL context that it cannot use.
         context = get_context("spawn")
         self.number = number
         self.task: int | None = None
         self.closing = False
         self.ends_because = ""
         self.heard_at = monotonic()
-        self.connection, theirs = context.Pipe()
-        self.process = context.Process(target=work, args=(job, number, theirs, threads), daemon=True)
-        with _signals_held():
+        self.connection, worker_end = context.Pipe()
+        self.process = context.Process(target=work, args=(job, number, worker_end, threads), daemon=True)
+        with interrupts_blocked():
             self.process.start()
-        theirs.close()
+        worker_end.close()
 
     def give(self, task: int) -> None:
         self.task = task
@@ -238,7 +252,7 @@ class _Worker:
             self.connection.send(message)
 
     def receive(self) -> tuple[list[object], bool]:
-        """Return the messages that have come, and whether its end of the pipe is closed: no more will come."""
+        """Return the worker's messages so far, and whether its end of the pipe is closed, so that no more will come."""
         self.heard_at = monotonic()
         messages: list[object] = []
         try:
@@ -249,12 +263,12 @@ class _Worker:
         return messages, False
 
     def kill(self) -> None:
-        # It may be closed already where an interrupt came while it was being ended.
+        # The process object may be closed already where an interrupt came in the middle of `end`.
         with suppress(ValueError):
             self.process.kill()
 
     def end(self, patience_s: float = 0) -> int | None:
-        """See to it that its process has ended, by itself or else by force; return the exit code."""
+        """Wait for the process to end by itself, then end it by force; return the exit code."""
         with suppress(ValueError):
             self.process.join(patience_s)
             self.process.kill()
@@ -271,15 +285,3 @@ def _how_it_ended(exit_code: int | None) -> str:
         with suppress(ValueError):
             return f"killed by {signal.Signals(-exit_code).name}"
     return f"it ended with exit code {exit_code}"
-
-
-@contextmanager
-def _signals_held() -> Iterator[None]:
-    """Let processes that are started meanwhile inherit a mask that keeps them safe until they ignore these signals."""
-    # It is started with the first process otherwise, and would lift the mask.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

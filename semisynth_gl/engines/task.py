@@ -1,108 +1,108 @@
-"""What engines and the work that they run agree on: a job is opened once in each worker and called for each task."""
+"""The agreement between engines and their jobs: a job is opened once in each worker and called for each task."""
 
 import os
 from collections.abc import Callable, Generator, Iterable
 from contextlib import AbstractContextManager
-from typing import Protocol, TypeVar
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar
+
+from semisynth_gl.listener import Listener
 
 Result = TypeVar("Result")
 Result_co = TypeVar("Result_co", covariant=True)
 
 
-class Watch(Protocol):
-    """What a running task knows of whoever runs the engine."""
+class Task(Protocol[Result_co]):
+    """The function that a worker calls with each task's number."""
 
-    @property
-    def stopping(self) -> bool:
-        """Whether the task should return soon, with what it has."""
-
-    def tell(self, message: object) -> None:
-        """Send a message to whoever runs the engine; it also proves that the worker lives.
+    def __call__(self, number: int, listener: Listener, /) -> Result_co:
+        """Do one task.
 
         Args:
-            message: anything that can be pickled.
+            number: the task's number.
+            listener: the listener of the engine's caller; each call also proves that the worker lives.
         """
 
 
-class Task(Protocol[Result_co]):
-    """The function that is called with each task's number."""
-
-    def __call__(self, number: int, watch: Watch, /) -> Result_co:
-        """Do one task."""
-
-
 class Job(Protocol[Result_co]):
-    """What a worker opens once: entering gives the function that it calls for each task.
+    """The work of an engine. Each worker opens the job once, and calls the function that comes for each task.
 
-    A job goes to worker processes by pickling, so it holds settings alone and opens its resources when it is entered.
+    A job goes to worker processes by pickling: it holds settings alone and opens its resources when it is entered.
     """
 
     def open(self, worker: int) -> AbstractContextManager[Task[Result_co]]:
-        """Open what the tasks need.
+        """Open the resources of the tasks.
 
         Args:
             worker: the worker's number, from 0; a worker that takes another's place has its number.
         """
 
 
-class Stop:
-    """The caller's wish to stop soon. A signal handler may ask at any time.
-
-    Attributes:
-        asked: whether it was asked for.
-    """
-
-    def __init__(self) -> None:
-        self.asked = False
-
-    def ask(self) -> None:
-        """Ask to stop: running tasks return soon, no other is begun."""
-        self.asked = True
-
-
 class Engine(Protocol):
     """Runs a job's function over numbered tasks."""
 
     def run(
-        self,
-        job: Job[Result],
-        tasks: Iterable[int],
-        *,
-        told: Callable[[object], None],
-        noted: Callable[[str], None],
-        stop: Stop,
+        self, job: Job[Result], tasks: Iterable[int], listener: Listener
     ) -> Generator[tuple[int, Result], None, None]:
         """Do all tasks.
 
-        Once a stop is asked for no further task is begun, those that run see `Watch.stopping`, and the iteration ends
-        after their results. Closing the iterator ends all workers at once: keep it in `contextlib.closing`, so that
-        an exception between two results closes it too.
+        Once the listener asks to stop, no further task begins, and the iteration ends after the results of the running
+        ones, which see `Listener.stopping` too. Closing the iterator ends all workers at once: keep the iterator in
+        `contextlib.closing`, so that an exception between two results closes it too.
 
         Args:
-            job: opened once in each worker.
-            tasks: their numbers, all different; each is taken when a worker is free for it.
-            told: gets the tasks' messages, in order for each worker. Called, like the next one, by the iteration.
-            noted: gets a sentence for the user about each restart and retry.
-            stop: the wish to stop soon.
+            job: the work, opened once in each worker.
+            tasks: the tasks' numbers, all different; each number is taken when a worker is free for it.
+            listener: hears the tasks' calls, in order for each worker, and a message about each restart and retry.
 
         Yields:
-            Each task's number and result as soon as it is done, in any order.
+            Each task's number and result as soon as the task ends, in any order.
 
         Raises:
             WorkerError: where workers keep dying.
-            Exception: what a task or the opening of the job raises, of the same type.
+            Exception: the error of a task or of the job's opening, of the same type.
         """
 
 
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A call of a listener's method, on its way from a worker's process to the caller's.
+
+    Attributes:
+        method: the method's name.
+        argument: the method's argument, which can be pickled.
+    """
+
+    method: str
+    argument: Any
+
+    def repeat(self, listener: Listener) -> None:
+        """Call the method of the caller's listener."""
+        getattr(listener, self.method)(self.argument)
+
+
+class Relay(Listener):
+    """The caller's listener as a worker's process has it.
+
+    Args:
+        send: takes each call.
+    """
+
+    def __init__(self, send: Callable[[Call], object]) -> None:
+        for name in dir(Listener):
+            if name.startswith("on_"):
+                setattr(self, name, lambda argument, name=name: send(Call(name, argument)))
+
+
 def cores() -> int:
-    """How many cores this process may use."""
+    """Return how many cores this process may use."""
     return len(os.sched_getaffinity(0))
 
 
 def threads_each(workers: int) -> int:
-    """How many threads llvmpipe may have of its own (LP_NUM_THREADS) in each of several processes.
+    """Return how many threads llvmpipe may have (LP_NUM_THREADS) in each of several processes that share the cores.
 
-    They share the cores out; 0 lets it draw in the thread that calls.
+    0 lets llvmpipe draw in the thread that calls.
     """
     share = cores() // max(workers, 1)
     return 0 if share < 2 else share

@@ -1,7 +1,8 @@
 """The inside of a worker process: it opens the job, does the tasks that come through its pipe, and sends the results.
 
-The process that started it may send a task's number, `STOP` or, last of all, `CLOSE`; the worker answers each number
-with `Done` or `Left`, unless it ends: with `Lost`, with `Failed`, or without a word.
+The process that started the worker may send a task's number, `STOP` or, last of all, `CLOSE`. The worker answers each
+number with `Finished` or `Skipped`, unless the worker ends: with `Broken`, with `Failed`, or without a word. Before its
+answer a task may send any number of `Call`.
 """
 
 import os
@@ -16,7 +17,7 @@ from queue import SimpleQueue
 from traceback import format_exc
 from typing import Any
 
-from semisynth_gl.engines.task import Job
+from semisynth_gl.engines.task import Call, Job, Relay
 from semisynth_gl.errors import ContextLostError, WorkerError
 
 STOP = "stop"
@@ -24,27 +25,20 @@ CLOSE = "close"
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
-    """A message of the task's own."""
-
-    message: Any
-
-
-@dataclass(frozen=True, slots=True)
-class Done:
-    """The task is done."""
+class Finished:
+    """The task has a result."""
 
     result: Any
 
 
 @dataclass(frozen=True, slots=True)
-class Left:
-    """The task was not begun, since a stop was asked for."""
+class Skipped:
+    """The task was not begun, because of a stop."""
 
 
 @dataclass(frozen=True, slots=True)
-class Lost:
-    """The worker cannot go on; another one may."""
+class Broken:
+    """The worker cannot go on; another worker may."""
 
     reason: str
 
@@ -60,41 +54,41 @@ def work(job: Job[Any], worker: int, connection: Connection, threads: int) -> No
     """Be a worker: the whole life of its process.
 
     Args:
-        job: opened once.
-        worker: its number.
-        connection: to the process that started it.
-        threads: how many llvmpipe may have of its own; 0 lets it draw in the calling thread.
+        job: the work, opened once.
+        worker: the worker's number.
+        connection: the pipe to the process that started the worker.
+        threads: how many threads llvmpipe may have; 0 lets it draw in the calling thread.
     """
-    # The terminal sends Ctrl-C to all processes, schedulers send SIGTERM to all; the first process decides what becomes
-    # of the tasks in hand. Both were held back until here: see `local`.
-    for held in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(held, signal.SIG_IGN)
+    # The terminal sends Ctrl-C to all processes, schedulers send SIGTERM to all. The first process decides about the
+    # tasks in hand. It blocked both signals until here: see `interrupts_blocked`.
+    for ending_signal in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(ending_signal, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})
     os.environ.setdefault("LP_NUM_THREADS", str(threads))
-    line = _Line(connection)
+    pipe = _Pipe(connection)
     try:
         with job.open(worker) as task:
-            for number in line.tasks():
-                if line.stopping:
-                    line.send(Left())
+            for number in pipe.tasks():
+                if pipe.stopping:
+                    pipe.send(Skipped())
                     continue
                 try:
-                    result = task(number, line)
+                    result = task(number, pipe)
                 except ContextLostError as error:
-                    _give_up(line, error)
-                line.send(Done(result))
+                    _give_up(pipe, error)
+                pipe.send(Finished(result))
     except ContextLostError as error:
-        _give_up(line, error)
+        _give_up(pipe, error)
     except Exception as error:  # noqa: BLE001 - whatever it is, the caller has to know
-        line.send(Failed(portable(error, f"worker {worker}")))
+        pipe.send(Failed(portable(error, f"worker {worker}")))
 
 
 def portable(error: Exception, where: str) -> Exception:
     """Make an error fit to be raised in another process, with the traceback as a note.
 
     Args:
-        error: the one that is being handled.
-        where: who met it, for the note.
+        error: the error that is being handled.
+        where: the process that met the error, for the note.
 
     Returns:
         The error itself, or a `WorkerError` with its text where pickling would not keep it.
@@ -107,37 +101,30 @@ def portable(error: Exception, where: str) -> Exception:
     return error if kept else WorkerError(f"{where} met {type(error).__qualname__}: {error}")
 
 
-def _give_up(line: "_Line", error: ContextLostError) -> None:
-    line.send(Lost(str(error)))
-    # The job stays open: to close it would ask the lost context once more.
+def _give_up(pipe: "_Pipe", error: ContextLostError) -> None:
+    pipe.send(Broken(str(error)))
+    # The job stays open: to close it would ask the broken context once more.
     os._exit(1)
 
 
-class _Line:
-    """A worker's end of its pipe, and what its tasks watch."""
+class _Pipe(Relay):
+    """The worker's end of its pipe, and the listener of its tasks."""
 
     def __init__(self, connection: Connection) -> None:
+        super().__init__(self.send)
         self._connection = connection
         self._sending = threading.Lock()
-        self._stopping = threading.Event()
         self._tasks: SimpleQueue[int | None] = SimpleQueue()
-        threading.Thread(target=self._listen, daemon=True).start()
+        threading.Thread(target=self._receive, daemon=True).start()
 
-    @property
-    def stopping(self) -> bool:
-        return self._stopping.is_set()
-
-    def tell(self, message: object) -> None:
-        self.send(Told(message))
-
-    def send(self, message: Told | Done | Left | Lost | Failed) -> None:
+    def send(self, message: Call | Finished | Skipped | Broken | Failed) -> None:
         with self._sending:
             self._connection.send(message)
 
     def tasks(self) -> Iterator[int]:
         return iter(self._tasks.get, None)
 
-    def _listen(self) -> None:
+    def _receive(self) -> None:
         parent = parent_process()
         if parent is None:
             raise RuntimeError("a worker is started by another process")
@@ -147,8 +134,8 @@ class _Line:
             except (EOFError, OSError):
                 break
             if message == STOP:
-                self._stopping.set()
+                self.stop()
             else:
                 self._tasks.put(None if message == CLOSE else message)
-        # Nobody is left to work for.
+        # Nobody waits for a result any more.
         os._exit(1)

@@ -1,15 +1,25 @@
 """Things that stand in rooms: tables, chairs, shelves, lamps, frames."""
 
-# ruff: noqa: RUF005  an array plus a tuple is a sum, not a concatenation
-
 import numpy as np
 
-from semisynth_gl.geometry.build import arc, around, placed, rectangle, rod, smooth, turned, wire
-from semisynth_gl.geometry.mesh import Mesh, merged, normalised
+from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.parts import (
+    arc,
+    around,
+    ball,
+    on_circle,
+    placed,
+    rectangle,
+    rod,
+    smooth,
+    turned,
+    upright,
+    wire,
+)
 from semisynth_gl.geometry.surfaces import box, extruded, extruded_cells, lathe, sweep
 
 
-def table(rng: np.random.Generator) -> Mesh:
+def table(rng: np.random.Generator) -> list[Mesh]:
     """A table: a round top on a column, or an oblong one on four legs that may splay."""
     height = rng.uniform(0.5, 1.1)
     thick = rng.uniform(0.03, 0.07)
@@ -17,7 +27,7 @@ def table(rng: np.random.Generator) -> Mesh:
         radius = rng.uniform(0.5, 0.8)
         foot = [(0, 0), (0.6 * radius, 0), (0.55 * radius, 0.04), (0.07, 0.1), (0.05, height / 2), (0.09, height)]
         plate = [(0, height), (radius, height), (radius, height + thick), (0, height + thick)]
-        return normalised(merged("table", [lathe([*foot, (0, height)]), lathe(plate, 48)]))
+        return [lathe([*foot, (0, height)]), lathe(plate, 48)]
     length, width = rng.uniform(1, 1.8), rng.uniform(0.6, 1)
     splay = rng.choice([0.0, rng.uniform(0.03, 0.12)])
     leg = rng.uniform(0.02, 0.05)
@@ -29,21 +39,19 @@ def table(rng: np.random.Generator) -> Mesh:
     if rng.random() < 0.5:
         rail = height - rng.uniform(0.08, 0.2)
         parts += [box((length - 4 * leg, 0.02, 0.06), (0, y * (width / 2 - 2 * leg), rail)) for y in (-1, 1)]
-    return normalised(merged("table", parts))
+    return parts
 
 
-def chair(rng: np.random.Generator) -> Mesh:
+def chair(rng: np.random.Generator) -> list[Mesh]:
     """A chair whose back is made of slats, bars or one board; some have arms."""
     width, depth, seat = rng.uniform(0.4, 0.55), rng.uniform(0.4, 0.55), rng.uniform(0.4, 0.5)
     back, leg, lean = rng.uniform(0.35, 0.65), rng.uniform(0.012, 0.028), rng.uniform(0.02, 0.15)
     x, y = width / 2 - leg, depth / 2 - leg
     parts = [box((width, depth, rng.uniform(0.02, 0.07)), (0, 0, seat))]
     parts += [rod((side * x, -y, 0), (side * x, -y, seat), leg) for side in (-1, 1)]
-    posts = [
-        np.array([[side * x, y + lean / 3, 0], [side * x, y, seat], [side * x, y + lean, seat + back]])
-        for side in (-1, 1)
-    ]
-    parts += [wire(smooth(post, 4), leg) for post in posts]
+    for side in (-1, 1):
+        post = [(side * x, y + lean / 3, 0), (side * x, y, seat), (side * x, y + lean, seat + back)]
+        parts.append(wire(smooth(post, 4), leg))
     low, high = (np.array([0, y + share * lean, seat + share * back]) for share in (0.35, 0.9))
     tilt = turned((1, 0, 0), -float(np.arctan2(lean, back)))
     style = rng.integers(3)
@@ -52,34 +60,30 @@ def chair(rng: np.random.Generator) -> Mesh:
     else:
         count = int(rng.integers(2, 6))
         parts += [placed(box((2 * x, 0.025, 0.05)), end, rotation=tilt) for end in (low, high)]
+        board = box((2 * x, 0.015, 0.25 * back / count))
         for share in (np.arange(count) + 0.5) / count:
-            if style == 1:
-                parts.append(rod(low + ((2 * share - 1) * x, 0, 0), high + ((2 * share - 1) * x, 0, 0), 0.01))
-            else:
-                parts.append(
-                    placed(box((2 * x, 0.015, 0.25 * back / count)), low + share * (high - low), rotation=tilt)
-                )
+            aside = ((2 * share - 1) * x, 0, 0)
+            slat = placed(board, low + share * (high - low), rotation=tilt)
+            parts.append(rod(low + aside, high + aside, 0.01) if style == 1 else slat)
     if rng.random() < 0.4:
         rest = seat + rng.uniform(0.18, 0.26)
         for side in (-1, 1):
             parts.append(rod((side * x, -y + 0.05, seat), (side * x, -y + 0.05, rest), 0.8 * leg))
             parts.append(box((0.05, depth, 0.025), (side * x, 0.03, rest)))
-    return normalised(merged("chair", parts))
+    return parts
 
 
-def bookcase(rng: np.random.Generator) -> Mesh:
+def bookcase(rng: np.random.Generator) -> list[Mesh]:
     """A bookcase, closed at its back, with books that stand, lean and are missing."""
     width, depth, board = rng.uniform(0.6, 1.2), rng.uniform(0.2, 0.3), 0.025
     shelves, gap = int(rng.integers(2, 6)), rng.uniform(0.26, 0.34)
     height = shelves * gap
     parts = [box((board, depth, height), (side * (width + board) / 2, 0, height / 2)) for side in (-1, 1)]
     parts.append(box((width, 0.01, height), (0, depth / 2, height / 2)))
-    parts += [
-        box((width, depth - 0.02, board), (0, 0, level * (height - board) / shelves + board / 2))
-        for level in range(shelves + 1)
-    ]
-    for level in range(shelves):
-        floor, x = level * (height - board) / shelves + board, -width / 2 + 0.01
+    levels = np.arange(shelves + 1) * (height - board) / shelves
+    parts += [box((width, depth - 0.02, board), (0, 0, level + board / 2)) for level in levels]
+    for floor in levels[:-1] + board:
+        x = -width / 2 + 0.01
         while x < width / 2 - 0.08:
             book = np.array([rng.uniform(0.015, 0.05), depth * rng.uniform(0.55, 0.85), gap * rng.uniform(0.55, 0.85)])
             if rng.random() < 0.12:
@@ -87,18 +91,15 @@ def bookcase(rng: np.random.Generator) -> Mesh:
                 continue
             parts.append(box(book, (x + book[0] / 2, -0.02, floor + book[2] / 2)))
             x += book[0] + rng.uniform(0.001, 0.004)
-    return normalised(merged("bookcase", parts))
+    return parts
 
 
-def shelf(rng: np.random.Generator) -> Mesh:
+def shelf(rng: np.random.Generator) -> list[Mesh]:
     """An open rack of boards on thin posts, with a few jars, tins and boxes on it."""
     width, depth, height = rng.uniform(0.6, 1.1), rng.uniform(0.25, 0.4), rng.uniform(0.8, 1.5)
     levels, post = int(rng.integers(2, 5)), rng.uniform(0.008, 0.02)
-    parts = [
-        rod((x * width / 2, y * depth / 2, 0), (x * width / 2, y * depth / 2, height), post)
-        for x in (-1, 1)
-        for y in (-1, 1)
-    ]
+    feet = [(x * width / 2, y * depth / 2) for x in (-1, 1) for y in (-1, 1)]
+    parts = [rod((*foot, 0), (*foot, height), post) for foot in feet]
     for level in np.linspace(0.12, 0.95, levels) * height:
         parts.append(box((width + 2 * post, depth + 2 * post, 0.018), (0, 0, level)))
         for x in np.arange(-width / 2 + 0.1, width / 2 - 0.05, 0.17):
@@ -111,21 +112,17 @@ def shelf(rng: np.random.Generator) -> Mesh:
                 jar = [(0, 0), (size, 0), (size, 0.75 * tall), (0.6 * size, 0.85 * tall), (0.6 * size, tall), (0, tall)]
                 parts.append(placed(lathe(jar, 16), (x, rng.uniform(-0.04, 0.04), floor)))
             elif pick == 2:
-                ball = arc(size, -np.pi / 2, np.pi / 2, 9)
-                ball[[0, -1], 0] = 0
-                parts.append(placed(lathe(ball, 16), (x, 0, floor + size)))
-    return normalised(merged("shelf", parts))
+                parts.append(placed(ball(size, 16, 9), (x, 0, floor + size)))
+    return parts
 
 
-def lamp(rng: np.random.Generator) -> Mesh:
+def lamp(rng: np.random.Generator) -> list[Mesh]:
     """A lamp with a hollow shade: straight on its foot, or hanging from a bent arm."""
     height, shade, tall = rng.uniform(0.7, 1.5), rng.uniform(0.18, 0.32), rng.uniform(0.18, 0.35)
     neck, wall, stem = shade * rng.uniform(0.35, 0.85), 0.008, rng.uniform(0.01, 0.02)
     base = rng.uniform(0.13, 0.22)
     parts = [lathe([(0, 0), (base, 0), (base, 0.02), (stem, 0.05), (0, 0.05)])]
     skin = [(shade, 0), (neck, tall), (neck - wall, tall), (shade - wall, 0)]
-    bulb = arc(0.045, -np.pi / 2, np.pi / 2, 9)
-    bulb[[0, -1], 0] = 0
     if rng.random() < 0.5:
         top = np.array([0, 0, height])
         parts.append(rod((0, 0, 0.03), top, stem, sides=10))
@@ -134,19 +131,17 @@ def lamp(rng: np.random.Generator) -> Mesh:
         bow = arc(1, np.pi, 0, 25) * (reach / 2, 0.3 * height) + (reach / 2, 0.75 * height)
         bow = np.concatenate([[(0, 0.03)], bow])
         top = np.array([reach, 0, bow[-1, 1]])
-        parts.append(wire(np.column_stack([bow[:, 0], np.zeros(len(bow)), bow[:, 1]]), stem, 10))
-    parts += [placed(lathe(skin, 36, closed=True), top - (0, 0, tall / 2)), placed(lathe(bulb, 16), top)]
+        parts.append(wire(upright(bow), stem, 10))
+    parts += [placed(lathe(skin, 36, closed=True), top - (0, 0, tall / 2)), placed(ball(0.045, 16, 9), top)]
     parts += [rod(top, top + turn @ (neck - wall / 2, 0, tall / 2 - 0.01), 0.005, sides=6) for turn in around(3)]
-    return normalised(merged("lamp", parts))
+    return parts
 
 
-def picture_frame(rng: np.random.Generator) -> Mesh:
+def picture_frame(rng: np.random.Generator) -> list[Mesh]:
     """An empty frame, round or with corners, on an easel's two legs or none."""
     width, height, thick = rng.uniform(0.6, 1), rng.uniform(0.6, 1), rng.uniform(0.03, 0.08)
     rim = rng.uniform(0.06, 0.16)
-    sides = 48
-    angle = np.linspace(0, 2 * np.pi, sides, endpoint=False)
-    unit = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    unit = on_circle(1, np.linspace(0, 2 * np.pi, 48, endpoint=False))
     if rng.random() < 0.6:
         # on the square of side 2, so that straight sides stay straight and corners are hit
         unit /= np.abs(unit).max(axis=1, keepdims=True)
@@ -157,42 +152,32 @@ def picture_frame(rng: np.random.Generator) -> Mesh:
         parts += [rod((0, height / 2 - rim / 2, 0.01), foot + (side * 0.15, 0, 0), 0.015) for side in (-1, 1)]
     bars = int(rng.integers(0, 4))
     for x in (np.arange(bars) + 1) / (bars + 1) - 0.5:
-        parts.append(
-            rod(
-                (x * (width - 2 * rim), -height / 2 + rim / 2, thick / 2),
-                (x * (width - 2 * rim), height / 2 - rim / 2, thick / 2),
-                0.012,
-            )
-        )
-    return normalised(merged("picture_frame", parts))
+        bar, half = x * (width - 2 * rim), height / 2 - rim / 2
+        parts.append(rod((bar, -half, thick / 2), (bar, half, thick / 2), 0.012))
+    return parts
 
 
-def lattice_panel(rng: np.random.Generator) -> Mesh:
+def lattice_panel(rng: np.random.Generator) -> list[Mesh]:
     """A board with rows of rectangular holes in one piece; as many handles as holes."""
     rows, columns = int(rng.integers(2, 8)), int(rng.integers(2, 8))
     solid = np.ones((2 * rows + 1, 2 * columns + 1), bool)
-    solid[1::2, 1::2] = rng.random((rows, columns)) < rng.uniform(0.6, 1)
-    solid[1::2, 1::2] ^= True
+    solid[1::2, 1::2] = rng.random((rows, columns)) >= rng.uniform(0.6, 1)
     bar = rng.uniform(0.15, 0.6)
-    x, y = (
-        np.concatenate(
-            [[0], np.cumsum(np.where(np.arange(2 * count + 1) % 2, rng.uniform(0.7, 1.4, 2 * count + 1), bar))]
-        )
-        for count in (columns, rows)
-    )
-    return normalised(merged("lattice_panel", [extruded_cells(solid, x, y, rng.uniform(0.1, 0.8))]))
+    borders = []
+    for count in (2 * columns + 1, 2 * rows + 1):
+        sizes = np.where(np.arange(count) % 2, rng.uniform(0.7, 1.4, count), bar)
+        borders.append(np.concatenate([[0], np.cumsum(sizes)]))
+    x, y = borders
+    return [extruded_cells(solid, x, y, rng.uniform(0.1, 0.8))]
 
 
-def clothes_rack(rng: np.random.Generator) -> Mesh:
+def clothes_rack(rng: np.random.Generator) -> list[Mesh]:
     """A rail on two bent ends with hangers of wire along it."""
     width, height, pipe = rng.uniform(0.8, 1.4), rng.uniform(0.9, 1.3), rng.uniform(0.012, 0.02)
     parts = [rod((-width / 2, 0, height), (width / 2, 0, height), pipe, sides=10)]
     for side in (-1, 1):
-        end = [
-            (side * width * 0.45, y, z)
-            for y, z in ((-0.25, 0.0), (-0.2, 0.05), (0.0, height + 0.01), (0.2, 0.05), (0.25, 0.0))
-        ]
-        parts += [rod(end[0], end[2], pipe), rod(end[4], end[2], pipe)]
+        top = (side * width * 0.45, 0.0, height + 0.01)
+        parts += [rod((side * width * 0.45, y, 0.0), top, pipe) for y in (-0.25, 0.25)]
     parts.append(sweep(rectangle(0.03, 0.012), [(-width * 0.45, 0, 0.25 * height), (width * 0.45, 0, 0.25 * height)]))
     for x in np.sort(rng.uniform(-0.4, 0.4, int(rng.integers(3, 9)))) * width:
         wide, drop = rng.uniform(0.16, 0.24), rng.uniform(0.1, 0.16)
@@ -200,7 +185,10 @@ def clothes_rack(rng: np.random.Generator) -> Mesh:
         turn = turned((0, 0, 1), rng.uniform(-0.4, 0.4))
         hanger = np.array([(0, -0.06), (wide, -0.06 - drop), (-wide, -0.06 - drop)])
         at = np.array([x, 0, height])
-        lifted = [np.column_stack([np.zeros(len(curve)), curve]) @ turn.T + at for curve in (hook, hanger)]
-        parts.append(wire(lifted[0], 0.006, 6))
-        parts += [rod(lifted[1][i], lifted[1][(i + 1) % 3], 0.006, sides=6) for i in range(3)]
-    return normalised(merged("clothes_rack", parts))
+        hook, hanger = (np.column_stack([np.zeros(len(curve)), curve]) @ turn.T + at for curve in (hook, hanger))
+        parts.append(wire(hook, 0.006, 6))
+        parts += [rod(hanger[i], hanger[(i + 1) % 3], 0.006, sides=6) for i in range(3)]
+    return parts
+
+
+KINDS = (table, chair, bookcase, shelf, lamp, picture_frame, lattice_panel, clothes_rack)

@@ -1,7 +1,5 @@
-"""The models that a dataset draws from, built or read once from (config, seed) and then found in the cache."""
+"""The models that a dataset draws from: built or read once from (config, seed), then loaded from the cache."""
 
-import difflib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,22 +7,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.cache.entries import Entry
-from semisynth_gl.cache.lookup import all_versions, own_sources, remembered, versions
+from semisynth_gl.cache.lookup import cached, installed_packages, package_versions, source_digest
+from semisynth_gl.cache.store import Entry
 from semisynth_gl.config.model import ModelsSection, ParticlesSection
 from semisynth_gl.errors import InputError, Skipped
-from semisynth_gl.geometry.complex import COMPLEX_KINDS
+from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS, kind_weights
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.geometry.models_entry import packed_meshes, packed_skipped, unpacked_meshes, unpacked_skipped
 from semisynth_gl.geometry.silhouette import Silhouette, mean_silhouette
-from semisynth_gl.geometry.simple import SIMPLE_KINDS
-from semisynth_gl.geometry.solid import marked_solid
+from semisynth_gl.geometry.topology import marked_solid
 from semisynth_gl.interrupts import interrupts_wait
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.splits import WHOLE, Split
 
-# What `Split.share` is told to share out, beside the numbers of the two families.
+SOURCES = ("geometry", "seeds.py", "splits.py", "config/fields.py")
+"""The program's sources that decide the models: a change of any of them makes the cache build them anew."""
+
+# `Split.share`'s purpose for the user's models; the purposes of the two families of kinds are 0 and 1.
 _USER = 2
+_ARRAYS = ("positions", "uv", "triangles")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,8 +33,8 @@ class ModelLibrary:
 
     Attributes:
         models: each normalised to radius 1.
-        chances: (M,) float64, sum 1: each family has its weight, shared by its models as their kinds' weights say.
-        silhouette: what they cover on average.
+        chances: (M,) float64, sum 1; a family's models share its weight in proportion to the weights of their kinds.
+        silhouette: the mean silhouette of all models.
         skipped: the user's models that could not be used.
     """
 
@@ -45,110 +45,111 @@ class ModelLibrary:
 
 
 def build_library(section: ModelsSection, particles: ParticlesSection, seed: int, split: Split = WHOLE) -> ModelLibrary:
-    """Build the models that a config asks for, or find those that were built of the same before.
+    """Build the models that a config asks for, or load them from the cache.
 
     Args:
-        section: which families, and where the user's models are.
-        particles: how they are stretched, for what they cover on average.
+        section: weights of families and kinds, and the folders of the user's models.
+        particles: the stretch of models, on which their mean silhouette depends.
         seed: the dataset's.
-        split: whose models.
+        split: the split whose models are built.
 
     Raises:
-        InputError: where a folder is missing, holds no usable model, or there are too few to hold some out.
+        InputError: where a folder is missing or has no usable model, or where models are too few for all splits.
     """
     folders = [Path(folder).expanduser() for folder in section.folders]
-    if not all(folder.is_dir() for folder in folders):  # a single file may draw on any other one beside it
-        return _built(section, particles, seed, split)
+    if not all(folder.is_dir() for folder in folders):  # a single file may refer to any file beside it
+        return _build(section, particles, seed, split)
     files = [sorted(path for path in folder.rglob("*") if path.is_file()) for folder in folders]
 
-    def decided_by() -> dict[str, Any]:
+    def key() -> dict[str, Any]:
         return {
             "section": section.model_dump(mode="json"),
             "stretch": particles.model_dump(mode="json", include={"stretch", "thinness"}),
             "seed": seed,
             "split": [split.name, sorted(split.held_out.items()) if split.models else []],
             "files": [[str(path.absolute()) for path in group] for group in files],
-            "versions": versions("numpy", "pyrr"),
-            "readers": all_versions() if folders else [],
-            "program": own_sources("geometry", "seeds.py", "config/range.py"),
+            "versions": package_versions("numpy", "pyrr"),
+            "readers": installed_packages() if folders else [],
+            "program": source_digest(SOURCES),
         }
 
     flat = [path for group in files for path in group]
-    return remembered(
+    return cached(
         "models",
-        decided_by,
+        key,
         files=flat,
-        # Which files a model draws on, only its reader knows: all count.
-        make=lambda: (_built(section, particles, seed, split), flat),
+        # Only the reader of a model knows which files it opened, so all files count.
+        build=lambda: (_build(section, particles, seed, split), flat),
         pack=_packed,
         unpack=_unpacked,
     )
 
 
 def _packed(library: ModelLibrary) -> Entry | None:
-    """The entry of the cache; None where a model was left out for a reason that may not hold the next time."""
-    if any("MemoryError" in each.reason for each in library.skipped):
+    """Return the library as an entry whose arrays hold the models one after the other.
+
+    None where a model was left out for a reason that may not hold the next time.
+    """
+    if any("MemoryError" in skipped.reason for skipped in library.skipped):
         return None
-    meshes = packed_meshes(library.models)
-    values = {"fill": library.silhouette.fill, "skipped": packed_skipped(library.skipped)}
-    arrays = {"chances": library.chances, "heights": library.silhouette.heights}
-    return Entry(meshes.values | values, meshes.arrays | arrays)
+    values = {
+        "rows": {name: [len(getattr(mesh, name)) for mesh in library.models] for name in _ARRAYS},
+        "models": [[mesh.name, mesh.solid] for mesh in library.models],
+        "fill": library.silhouette.fill,
+        "skipped": [[str(skipped.path), skipped.reason] for skipped in library.skipped],
+    }
+    arrays = {name: np.concatenate([getattr(mesh, name) for mesh in library.models]) for name in _ARRAYS}
+    return Entry(values, arrays | {"chances": library.chances, "heights": library.silhouette.heights})
 
 
 def _unpacked(entry: Entry) -> ModelLibrary:
-    skipped = unpacked_skipped(entry.values["skipped"])
-    silhouette = Silhouette(entry.values["fill"], entry.arrays["heights"])
-    return ModelLibrary(unpacked_meshes(entry), entry.arrays["chances"], silhouette, skipped)
+    values, arrays = entry.values, entry.arrays
+    parts = [np.split(arrays[name], np.cumsum(values["rows"][name])[:-1]) for name in _ARRAYS]
+    return ModelLibrary(
+        tuple(
+            Mesh(name, positions, uv, triangles, solid)
+            for (name, solid), positions, uv, triangles in zip(values["models"], *parts, strict=True)
+        ),
+        arrays["chances"],
+        Silhouette(values["fill"], arrays["heights"]),
+        tuple(Skipped(Path(path), reason) for path, reason in values["skipped"]),
+    )
 
 
-def _read(folders: Sequence[str]) -> tuple[Sequence[Mesh], Sequence[Skipped]]:
-    if not folders:
-        return (), ()
-    with interrupts_wait():
-        # Imported here: trimesh takes longer to load than all else together.
-        from semisynth_gl.geometry.user import load_models  # noqa: PLC0415
-    return load_models([Path(folder).expanduser() for folder in folders])
-
-
-def _built(section: ModelsSection, particles: ParticlesSection, seed: int, split: Split) -> ModelLibrary:
-    user, skipped = _read(section.folders)
-    kinds_of = [list(enumerate(kinds.items())) for kinds in (SIMPLE_KINDS, COMPLEX_KINDS)]
+def _build(section: ModelsSection, particles: ParticlesSection, seed: int, split: Split) -> ModelLibrary:
+    user, skipped = list[Mesh](), list[Skipped]()
+    if section.folders:
+        with interrupts_wait():
+            # Imported here: trimesh takes longer to load than all else together.
+            from semisynth_gl.geometry.model_files import load_models  # noqa: PLC0415
+        user, skipped = load_models([Path(folder).expanduser() for folder in section.folders])
+    kinds = [list(enumerate(family.items())) for family in (SIMPLE_KINDS, COMPLEX_KINDS)]
     if split.models and split.held_out:
         user = split.share(user, seed, "models of the user's", _USER) if user else user
-        kinds_of = [
-            split.share(kinds, seed, "kinds of built-in models", family) for family, kinds in enumerate(kinds_of)
-        ]
+        kinds = [split.share(family, seed, "kinds of built-in models", number) for number, family in enumerate(kinds)]
     seed = split.seed(seed)
-    weights = _kind_weights(section)
-    families: list[tuple[float, list[Mesh], list[float]]] = [(section.user, list(user), [1.0] * len(user))]
+    weights = kind_weights(section.kinds)
+    families = [(section.user, user, [1.0] * len(user))]
     for family, weight in enumerate((section.simple, section.complex)):
-        kinds = [(kind, name, build) for kind, (name, build) in kinds_of[family] if weights[name] > 0]
-        if weight == 0 or not kinds:
-            continue
-        meshes = [
-            marked_solid(build(generator(seed, Purpose.MODELS, family, kind, variant)))
-            for kind, _, build in kinds
+        variants = [
+            (number, name, build, variant)
+            for number, (name, build) in kinds[family]
             for variant in range(section.variants)
+            if weight > 0 and weights[name] > 0
         ]
-        of_kinds = [weights[name] for _, name, _ in kinds for _ in range(section.variants)]
-        families.append((weight, meshes, of_kinds))
-    if not any(weight > 0 and meshes for weight, meshes, _ in families):
+        if variants:
+            models = [
+                marked_solid(build(generator(seed, Purpose.MODELS, family, number, variant)))
+                for number, _, build, variant in variants
+            ]
+            families.append((weight, models, [weights[name] for _, name, _, _ in variants]))
+    if not any(weight > 0 and models for weight, models, _ in families):
         raise InputError(
             "there are no models to draw: models.simple and models.complex are 0, and of the user's there is none; "
             "give --models DIR, or raise a weight of the section models"
         )
-    models = [mesh for _, meshes, _ in families for mesh in meshes]
-    chances = np.concatenate([weight * np.array(of) / max(sum(of), 1e-300) for weight, _, of in families])
+    library = [mesh for _, models, _ in families for mesh in models]
+    chances = np.concatenate([weight * np.array(shares) / max(sum(shares), 1e-300) for weight, _, shares in families])
     chances /= chances.sum()
     rng = generator(seed, Purpose.MODELS, len(families))
-    return ModelLibrary(tuple(models), chances, mean_silhouette(models, chances, particles, rng), tuple(skipped))
-
-
-def _kind_weights(section: ModelsSection) -> dict[str, float]:
-    known = [*SIMPLE_KINDS, *COMPLEX_KINDS]
-    unknown = [kind for kind in section.kinds if kind not in known]
-    if unknown:
-        near = difflib.get_close_matches(unknown[0], known, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"expected some of: {', '.join(sorted(known))}"
-        raise InputError(f"models.kinds.{unknown[0]}: no such kind of model; {hint}")
-    return dict.fromkeys(known, 1.0) | section.kinds
+    return ModelLibrary(tuple(library), chances, mean_silhouette(library, chances, particles, rng), tuple(skipped))

@@ -1,29 +1,19 @@
 """Things that grow: potted plants, trees, cacti, grass, flowers."""
 
-# ruff: noqa: RUF005  an array plus a tuple is a sum, not a concatenation
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from semisynth_gl.geometry.build import arc, circle, onto, placed, rod, smooth, turned, wire
-from semisynth_gl.geometry.mesh import Mesh, merged, normalised
+from semisynth_gl.geometry.mesh import Mesh, cross, merged
+from semisynth_gl.geometry.parts import arc, ball, circle, onto, placed, rod, smooth, turned, wire
 from semisynth_gl.geometry.surfaces import grid_surface, lathe, sweep
-from semisynth_gl.geometry.vectors import cross
 from semisynth_gl.geometry.vessels import hollow
 
 GOLDEN_TURN_RAD = np.pi * (3 - np.sqrt(5))
 """Angle between one leaf and the next on many stems."""
 
 
-def leaf(length: float, width: float, droop_rad: float, rows: int = 9) -> Mesh:
-    """One thin leaf from the origin along +x, bent down by ``droop_rad`` over its length; a sheet with two sides.
-
-    Args:
-        length: along the midrib, model units.
-        width: at its widest, model units.
-        droop_rad: angle between the midrib's ends.
-        rows: cross-sections.
-    """
+def _leaf(length: float, width: float, droop_rad: float, rows: int = 9) -> Mesh:
+    """A thin leaf from the origin along +x, bent down by ``droop_rad`` over its length; a sheet with two sides."""
     share = np.linspace(0, 1, rows)
     outline = width / 2 * np.sin(np.pi * share**0.7) ** 0.8
     outline[0], outline[-1] = 0.02 * width, 0
@@ -37,7 +27,7 @@ def leaf(length: float, width: float, droop_rad: float, rows: int = 9) -> Mesh:
     return grid_surface(points, uv)
 
 
-def _blade(path: NDArray[np.float64], radius: float, tip: float, sides: int = 6) -> Mesh:
+def _stem(path: NDArray[np.float64], radius: float, tip: float, sides: int = 6) -> Mesh:
     """A stem along a curve, (P, 3), that thins from ``radius`` to ``tip``."""
     return sweep(circle(radius, sides), path, scales=np.linspace(1, tip / radius, len(path)))
 
@@ -47,7 +37,7 @@ def _facing(azimuth_rad: float, rise_rad: float) -> NDArray[np.float64]:
     return turned((0, 0, 1), azimuth_rad) @ turned((0, 1, 0), -rise_rad)
 
 
-def potted_plant(rng: np.random.Generator) -> Mesh:
+def potted_plant(rng: np.random.Generator) -> list[Mesh]:
     """A pot with stems that bend outwards and carry leaves."""
     radius, height = rng.uniform(0.2, 0.3), rng.uniform(0.25, 0.45)
     pot = np.array([(0.7 * radius, 0), (radius, height)])
@@ -60,15 +50,15 @@ def potted_plant(rng: np.random.Generator) -> Mesh:
         away = np.array([np.cos(azimuth), np.sin(azimuth), 0])
         foot = 0.4 * radius * away + (0, 0, 0.72 * height)
         path = smooth([foot, foot + 0.25 * spread * away + (0, 0, 0.55 * tall), foot + spread * away + (0, 0, tall)], 5)
-        parts.append(_blade(path, 0.016, 0.006))
+        parts.append(_stem(path, 0.016, 0.006))
         for place in range(3, len(path), 2):
             turn = _facing(azimuth + place * GOLDEN_TURN_RAD, rng.uniform(0, 0.7))
             size = rng.uniform(0.7, 1)
-            parts.append(placed(leaf(size * long, size * wide, rng.uniform(0.4, 1.4)), path[place], rotation=turn))
-    return normalised(merged("potted_plant", parts))
+            parts.append(placed(_leaf(size * long, size * wide, rng.uniform(0.4, 1.4)), path[place], rotation=turn))
+    return parts
 
 
-def tree(rng: np.random.Generator) -> Mesh:
+def tree(rng: np.random.Generator) -> list[Mesh]:
     """A bare tree: branches that fork into ever thinner ones."""
     levels = int(rng.integers(4, 6))
     spread, shrink = rng.uniform(0.35, 0.7), rng.uniform(0.68, 0.8)
@@ -78,35 +68,22 @@ def tree(rng: np.random.Generator) -> Mesh:
         grown = []
         for foot, axis, length, radius in tips:
             end = foot + length * axis
-            parts.append(
-                _blade(
-                    smooth([foot, (foot + end) / 2 + rng.normal(0, 0.04 * length, 3), end], 3 if level < 3 else 1),
-                    radius,
-                    0.7 * radius,
-                    8 if level < 2 else 5,
-                )
-            )
+            middle = (foot + end) / 2 + rng.normal(0, 0.04 * length, 3)
+            path = smooth([foot, middle, end], 3 if level < 3 else 1)
+            parts.append(_stem(path, radius, 0.7 * radius, 8 if level < 2 else 5))
             for fork in range(2 if rng.random() < 0.7 or level > 2 else 3):
                 sideways = cross(axis, rng.normal(size=3))
                 sideways /= np.linalg.norm(sideways)
-                heading = turned(axis, np.pi * fork) @ (np.cos(spread) * axis + np.sin(spread) * sideways) + (
-                    0,
-                    0,
-                    0.15,
-                )
-                grown.append(
-                    (
-                        end - 0.3 * radius * axis,
-                        heading / np.linalg.norm(heading),
-                        length * shrink * rng.uniform(0.85, 1.1),
-                        0.7 * radius,
-                    )
-                )
+                heading = turned(axis, np.pi * fork) @ (np.cos(spread) * axis + np.sin(spread) * sideways)
+                heading += (0, 0, 0.15)
+                heading /= np.linalg.norm(heading)
+                long = length * shrink * rng.uniform(0.85, 1.1)
+                grown.append((end - 0.3 * radius * axis, heading, long, 0.7 * radius))
         tips = grown
-    return normalised(merged("tree", parts))
+    return parts
 
 
-def cactus(rng: np.random.Generator) -> Mesh:
+def cactus(rng: np.random.Generator) -> list[Mesh]:
     """A column with arms that bend upwards, each with a round end, in a low pot."""
     thick, tall = rng.uniform(0.09, 0.14), rng.uniform(0.8, 1.2)
     pot = np.array([(0.18, 0), (0.26, 0.2), (0.28, 0.22)])
@@ -116,9 +93,9 @@ def cactus(rng: np.random.Generator) -> Mesh:
         away = np.array([np.cos(azimuth), np.sin(azimuth), 0])
         level, reach, rise = rng.uniform(0.3, 0.65) * tall, rng.uniform(0.36, 0.5), rng.uniform(0.2, 0.5)
         bend = arc(reach - thick, -np.pi / 2, 0, 7) + (thick, reach)
-        path = [level_away for r, z in bend for level_away in (away * r + (0, 0, level + z),)]
+        path = [away * r + (0, 0, level + z) for r, z in bend]
         parts.append(_round_ended([(0, 0, level + thick), *path, path[-1] + (0, 0, rise)], 0.55 * thick))
-    return normalised(merged("cactus", parts))
+    return parts
 
 
 def _round_ended(path: ArrayLike, radius: float) -> Mesh:
@@ -126,24 +103,21 @@ def _round_ended(path: ArrayLike, radius: float) -> Mesh:
     points = np.asarray(path, np.float64)
     heading = points[-1] - points[-2]
     heading /= np.linalg.norm(heading)
-    ball = arc(radius, -np.pi / 2, np.pi / 2, 13)
-    ball[[0, -1], 0] = 0
-    return merged(
-        "tube", [wire(points, 0.99 * radius, 20), placed(lathe(ball, 20), points[-1], rotation=onto(heading))]
-    )
+    end = placed(ball(radius, 20, 13), points[-1], rotation=onto(heading))
+    return merged("tube", [wire(points, 0.99 * radius, 20), end])
 
 
-def grass(rng: np.random.Generator) -> Mesh:
+def grass(rng: np.random.Generator) -> list[Mesh]:
     """A tuft of thin blades that bend outwards."""
     parts = []
     for blade in range(int(rng.integers(30, 70))):
         foot = 0.15 * np.sqrt(rng.random()) * np.array([np.cos(blade), np.sin(blade), 0])
-        strand = leaf(rng.uniform(0.6, 1.2), rng.uniform(0.015, 0.04), rng.uniform(0.2, 1.6), 7)
+        strand = _leaf(rng.uniform(0.6, 1.2), rng.uniform(0.015, 0.04), rng.uniform(0.2, 1.6), 7)
         parts.append(placed(strand, foot, rotation=_facing(rng.uniform(0, 2 * np.pi), rng.uniform(1, 1.5))))
-    return normalised(merged("grass", parts))
+    return parts
 
 
-def flower(rng: np.random.Generator) -> Mesh:
+def flower(rng: np.random.Generator) -> list[Mesh]:
     """A few flowers on long stems, each a ring of petals about a disc."""
     parts = []
     petals, long = int(rng.integers(5, 14)), rng.uniform(0.16, 0.3)
@@ -152,21 +126,20 @@ def flower(rng: np.random.Generator) -> Mesh:
         away = np.array([np.cos(azimuth), np.sin(azimuth), 0])
         tall = rng.uniform(0.8, 1.3)
         head = rng.uniform(0.1, 0.4) * away + (0, 0, tall)
-        parts.append(
-            _blade(smooth([np.zeros(3), 0.3 * head * (1, 1, 0) + (0, 0, 0.6 * tall), head], 6), 0.015, 0.009, 8)
-        )
+        path = smooth([np.zeros(3), 0.3 * head * (1, 1, 0) + (0, 0, 0.6 * tall), head], 6)
+        parts.append(_stem(path, 0.015, 0.009, 8))
         tilt = _facing(azimuth, 0) @ turned((0, 1, 0), rng.uniform(0.2, 1))
         disc = [(0, -0.02), (0.06, -0.01), (0.05, 0.02), (0, 0.035)]
         parts.append(placed(lathe(disc, 20), head, rotation=tilt))
         for petal in range(petals):
-            rotation = tilt @ _facing(2 * np.pi * petal / petals, 0.25)
-            parts.append(
-                placed(leaf(long, 5.0 * long / petals, 0.5), head + rotation @ (0.04, 0, 0), rotation=rotation)
-            )
+            turn = tilt @ _facing(2 * np.pi * petal / petals, 0.25)
+            parts.append(placed(_leaf(long, 5.0 * long / petals, 0.5), head + turn @ (0.04, 0, 0), rotation=turn))
         for side in (0.3, 0.5):
             turn = _facing(azimuth + 9 * side, 0.5)
-            parts.append(
-                placed(leaf(0.3, 0.09, 1), (0.3 * side * head * (1, 1, 0)) + (0, 0, side * tall), rotation=turn)
-            )
+            place = (0.3 * side * head * (1, 1, 0)) + (0, 0, side * tall)
+            parts.append(placed(_leaf(0.3, 0.09, 1), place, rotation=turn))
     parts.append(rod((0, 0, -0.02), (0, 0, 0.03), 0.06, sides=16))
-    return normalised(merged("flower", parts))
+    return parts
+
+
+KINDS = (potted_plant, tree, cactus, grass, flower)

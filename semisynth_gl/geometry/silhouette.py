@@ -1,6 +1,6 @@
-"""What a model covers on the screen and how far it stands out, on average over directions.
+"""The mean silhouette of models: the area that a model covers on the screen, and its relief, over all directions.
 
-These are the pilot pictures of the particle system: each model alone, small, from several sides.
+It is measured from height maps: each model alone, small, from several sides.
 """
 
 from collections.abc import Sequence
@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from semisynth_gl.config.model import ParticlesSection
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.geometry.stretch import draw_scales
 
-# Views of all models together, so that few models are looked at more often; each is seen at least this often.
-_VIEWS_OF_ALL = 450
+# All models share the views, but each model has at least so many.
+_VIEWS = 450
 _LEAST_VIEWS = 3
 _CELLS = 32
 _QUANTILES = 16
@@ -22,12 +21,12 @@ _QUANTILES = 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Silhouette:
-    """Mean over models, directions and scales, in units of the bounding sphere's radius before stretching.
+    """A mean over models, directions and scales, in units of the bounding sphere's radius before stretching.
 
     Attributes:
         fill: projected area relative to the sphere's disc.
-        heights: (16,) float64, rising: quantiles over the projected area of how far the visible surface lies in front
-            of the sphere's centre, from -1 to 1.
+        heights: (16,) float64, rising: quantiles, over the projected area, of the height of the visible surface above
+            the plane through the sphere's centre, from -1 to 1.
     """
 
     fill: float
@@ -42,41 +41,55 @@ def mean_silhouette(
     Args:
         models: M models.
         chances: (M,) float64, sum 1.
-        section: how models are stretched.
+        section: its ``stretch`` and ``thinness`` count.
         rng: draws directions and scales.
     """
     fill = 0.0
     heights, weights = [], []
-    views = max(_LEAST_VIEWS, -(-_VIEWS_OF_ALL // len(models)))
+    views = max(_LEAST_VIEWS, -(-_VIEWS // len(models)))
     for mesh, chance in zip(models, chances, strict=True):
         for scale in draw_scales(section, views, rng):
             axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-            seen = height_map(mesh, scale[:, None] * axes, _CELLS)
-            seen = seen[np.isfinite(seen)]
-            area = len(seen) * (2 / _CELLS) ** 2
+            relief = height_map(mesh, scale[:, None] * axes, _CELLS)
+            relief = relief[np.isfinite(relief)]
+            area = len(relief) * (2 / _CELLS) ** 2
             fill += chance / views * area / np.pi
-            heights.append(seen)
-            weights.append(np.full(len(seen), chance))
+            heights.append(relief)
+            weights.append(np.full(len(relief), chance))
     height, weight = np.concatenate(heights), np.concatenate(weights)
     order = np.argsort(height)
     below = np.cumsum(weight[order])
     wanted = (np.arange(_QUANTILES) + 0.5) / _QUANTILES * below[-1]
-    # Rounding: two machines may sum in different order, and digests of models are compared.
+    # Rounded, since machines may sum in different order and digests of models are compared.
     return Silhouette(round(float(fill), 9), np.round(height[order][np.searchsorted(below, wanted)], 9))
 
 
+def draw_scales(section: ParticlesSection, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Draw how models are stretched along their own three axes, (count, 3) float64, the largest factor of each 1.
+
+    Args:
+        section: its ``stretch`` and ``thinness`` count.
+        count: number of models.
+        rng: draws the factors.
+    """
+    scales = section.stretch.draw_many(rng, 3 * count).reshape(count, 3)
+    scales[:, 2] *= section.thinness.draw_log(rng, count)
+    scales /= scales.max(axis=1, keepdims=True)
+    return scales
+
+
 def height_map(mesh: Mesh, axes: NDArray[np.float64], cells: int) -> NDArray[np.float64]:
-    """Look at a mesh from far away and measure how far it stands out.
+    """Project a mesh orthographically and measure the height of its visible surface. This works without OpenGL.
 
     Args:
         mesh: the model.
-        axes: (3, 3) float64, columns are the picture's x and y and the direction towards the viewer; rows may be
-            scaled, as the model's axes are.
-        cells: width and height of the picture, which shows the bounding sphere.
+        axes: (3, 3) float64; its columns are the map's x and y and the direction towards the viewer, in the model's
+            frame. Its rows may be scaled as the model's axes are.
+        cells: width and height of the map, which shows the bounding sphere.
 
     Returns:
-        (cells, cells) float64, the nearest surface at each cell's centre in units of the bounding sphere's radius,
-        -inf beside the model.
+        (cells, cells) float64: the height of the nearest surface at each cell's centre above the plane through the
+        sphere's centre, in units of the sphere's radius; -inf beside the model.
     """
     corners = (mesh.positions.astype(np.float64) / mesh.radius @ axes)[mesh.triangles]
     grid = (corners[..., :2] + 1) / 2 * cells - 0.5

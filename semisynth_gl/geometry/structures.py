@@ -1,24 +1,18 @@
 """Things that are built outdoors and in halls: stairs, ladders, fences, pipes, scaffolds, bridges."""
 
-# ruff: noqa: RUF005  an array plus a tuple is a sum, not a concatenation
-
 from itertools import pairwise
 
 import numpy as np
 
-from semisynth_gl.geometry.build import arc, placed, rectangle, rod, rounded, turned, wire
-from semisynth_gl.geometry.mesh import Mesh, merged, normalised
+from semisynth_gl.geometry.mesh import Mesh, merged
+from semisynth_gl.geometry.parts import arc, on_circle, placed, rectangle, rod, rounded, turned, wire
 from semisynth_gl.geometry.surfaces import box, extruded, lathe, sweep
 
 
-def stairs(rng: np.random.Generator) -> Mesh:
+def stairs(rng: np.random.Generator) -> list[Mesh]:
     """A straight flight: treads on two beams, open between them, perhaps with a railing."""
-    steps, rise, run, width = (
-        int(rng.integers(7, 13)),
-        rng.uniform(0.15, 0.2),
-        rng.uniform(0.2, 0.32),
-        rng.uniform(0.6, 1.2),
-    )
+    steps, rise = int(rng.integers(7, 13)), rng.uniform(0.15, 0.2)
+    run, width = rng.uniform(0.2, 0.32), rng.uniform(0.6, 1.2)
     parts = [box((width, run * 1.1, 0.04), (0, i * run, (i + 1) * rise)) for i in range(steps)]
     beam = np.array([[0, -0.4 * run, 0.5 * rise], [0, (steps - 0.6) * run, (steps - 0.5) * rise]])
     # the section's first axis is x, across the flight
@@ -26,20 +20,15 @@ def stairs(rng: np.random.Generator) -> Mesh:
     for side in {0: (), 1: (-1,), 2: (-1, 1)}[int(rng.integers(3))]:
         x = side * (width / 2 - 0.04)
         parts += [rod((x, i * run, (i + 1) * rise), (x, i * run, (i + 1) * rise + 0.8), 0.012) for i in range(steps)]
-        parts.append(
-            rod((x, -0.5 * run, 0.5 * rise + 0.8), (x, (steps - 0.5) * run, (steps + 0.5) * rise + 0.8), 0.028)
-        )
-    return normalised(merged("stairs", parts))
+        low, high = ((x, i * run, (i + 1) * rise + 0.8) for i in (-0.5, steps - 0.5))
+        parts.append(rod(low, high, 0.028))
+    return parts
 
 
-def spiral_stairs(rng: np.random.Generator) -> Mesh:
+def spiral_stairs(rng: np.random.Generator) -> list[Mesh]:
     """Treads about a column, with balusters and a rail that follows them."""
-    steps, turn, rise, radius = (
-        int(rng.integers(10, 22)),
-        rng.uniform(0.3, 0.5),
-        rng.uniform(0.14, 0.2),
-        rng.uniform(0.7, 1),
-    )
+    steps, turn = int(rng.integers(10, 22)), rng.uniform(0.3, 0.5)
+    rise, radius = rng.uniform(0.14, 0.2), rng.uniform(0.7, 1)
     turn *= rng.choice([-1, 1])
     parts = [rod((0, 0, 0), (0, 0, (steps + 4) * rise), 0.06, sides=16)]
     half = 0.55 * abs(turn)
@@ -50,12 +39,11 @@ def spiral_stairs(rng: np.random.Generator) -> Mesh:
         foot = rotation @ np.array([0.95 * radius, 0, (i + 1) * rise])
         parts.append(rod(foot, foot + (0, 0, 0.75), 0.01, sides=6))
     t = np.linspace(0, steps - 1, 4 * steps)
-    rail = np.column_stack([0.95 * radius * np.cos(t * turn), 0.95 * radius * np.sin(t * turn), (t + 1) * rise + 0.75])
-    parts.append(wire(rail, 0.022))
-    return normalised(merged("spiral_stairs", parts))
+    parts.append(wire(np.column_stack([on_circle(0.95 * radius, t * turn), (t + 1) * rise + 0.75]), 0.022))
+    return parts
 
 
-def ladder(rng: np.random.Generator) -> Mesh:
+def ladder(rng: np.random.Generator) -> list[Mesh]:
     """A ladder that narrows upwards; some are stepladders on a second frame."""
     length, low, high = rng.uniform(1.5, 2.6), rng.uniform(0.4, 0.6), rng.uniform(0.25, 0.4)
     rungs, rail = int(rng.integers(5, 12)), rng.uniform(0.018, 0.03)
@@ -65,18 +53,15 @@ def ladder(rng: np.random.Generator) -> Mesh:
         parts.append(rod((-half, 0, share * length), (half, 0, share * length), rng.uniform(0.6, 0.9) * rail))
     if rng.random() < 0.5:
         spread = rng.uniform(0.3, 0.6)
-        front = placed(
-            merged("front", parts), rotation=turned((1, 0, 0), -spread / 2), at=(0, -length * np.sin(spread / 2), 0)
-        )
-        top = length * np.cos(spread / 2)
-        reach = length * np.sin(spread / 2)
+        top, reach = length * np.cos(spread / 2), length * np.sin(spread / 2)
+        front = placed(merged("front", parts), (0, -reach, 0), rotation=turned((1, 0, 0), -spread / 2))
         parts = [front, box((high + 0.06, 0.12, 0.03), (0, 0, top))]
         parts += [rod((side * low / 2, reach, 0), (side * high / 2, 0, top), 0.7 * rail) for side in (-1, 1)]
         parts.append(rod((-0.45 * low, 0.7 * reach, 0.3 * top), (0.45 * low, 0.7 * reach, 0.3 * top), 0.5 * rail))
-    return normalised(merged("ladder", parts))
+    return parts
 
 
-def fence(rng: np.random.Generator) -> Mesh:
+def fence(rng: np.random.Generator) -> list[Mesh]:
     """A run of fence: pickets with points, round bars, or a mesh of wire between posts."""
     width, height = rng.uniform(1.4, 2.4), rng.uniform(0.8, 1.2)
     parts = [box((0.07, 0.07, height), (x * width / 2, 0, height / 2)) for x in (-1, 0, 1)]
@@ -86,28 +71,20 @@ def fence(rng: np.random.Generator) -> Mesh:
         for x in np.linspace(-0.5, 0.5, int(rng.integers(10, 24)))[1:-1] * width:
             if style == 0:
                 half, tall, point = rng.uniform(0.025, 0.035), 0.95 * height, 0.06
-                outline = [
-                    (-half, -tall / 2),
-                    (half, -tall / 2),
-                    (half, tall / 2),
-                    (0, tall / 2 + point),
-                    (-half, tall / 2),
-                ]
-                parts.append(
-                    placed(extruded(outline, 0.02), (x, 0.083, tall / 2 + 0.05), rotation=turned((1, 0, 0), np.pi / 2))
-                )
+                outline = [*rectangle(2 * half, tall)[:3], (0, tall / 2 + point), (-half, tall / 2)]
+                picket = extruded(outline, 0.02)
+                parts.append(placed(picket, (x, 0.083, tall / 2 + 0.05), rotation=turned((1, 0, 0), np.pi / 2)))
             else:
                 parts.append(rod((x, 0.05, 0.05), (x, 0.05, rng.uniform(0.95, 1.05) * height), 0.012))
     else:
         spacing = rng.uniform(0.08, 0.15)
-        parts += [
-            rod((x, 0.01, 0), (x, 0.01, height), 0.007, sides=6) for x in np.arange(-width / 2, width / 2, spacing)
-        ]
-        parts += [rod((-width / 2, 0, z), (width / 2, 0, z), 0.007, sides=6) for z in np.arange(0.05, height, spacing)]
-    return normalised(merged("fence", parts))
+        xs, zs = np.arange(-width / 2, width / 2, spacing), np.arange(0.05, height, spacing)
+        parts += [rod((x, 0.01, 0), (x, 0.01, height), 0.007, sides=6) for x in xs]
+        parts += [rod((-width / 2, 0, z), (width / 2, 0, z), 0.007, sides=6) for z in zs]
+    return parts
 
 
-def pipe_run(rng: np.random.Generator) -> Mesh:
+def pipe_run(rng: np.random.Generator) -> list[Mesh]:
     """Pipes that turn corners through space, with flanges at both ends."""
     radius = rng.uniform(0.04, 0.075)
     parts = []
@@ -125,15 +102,13 @@ def pipe_run(rng: np.random.Generator) -> Mesh:
         for tip, towards in ((path[0], path[1]), (path[-1], path[-2])):
             along = (towards - tip) / np.linalg.norm(towards - tip)
             parts.append(rod(tip - 0.02 * along, tip + 0.04 * along, 1.7 * radius, sides=16))
-    return normalised(merged("pipe_run", parts))
+    return parts
 
 
-def scaffold(rng: np.random.Generator) -> Mesh:
+def scaffold(rng: np.random.Generator) -> list[Mesh]:
     """A block of thin tubes with diagonals and a few planks."""
-    x, y, z = (
-        np.arange(count) * gap
-        for count, gap in zip(rng.integers((2, 2, 2), (5, 4, 5)), rng.uniform(0.5, 0.9, 3), strict=True)
-    )
+    counts, gaps = rng.integers((2, 2, 2), (5, 4, 5)), rng.uniform(0.5, 0.9, 3)
+    x, y, z = (np.arange(count) * gap for count, gap in zip(counts, gaps, strict=True))
     tube, over = rng.uniform(0.014, 0.03), 0.06
     parts = [rod((a, b, -over), (a, b, z[-1] + over), tube) for a in x for b in y]
     parts += [rod((-over, b, c), (x[-1] + over, b, c), tube) for b in y for c in z]
@@ -144,17 +119,13 @@ def scaffold(rng: np.random.Generator) -> Mesh:
             parts.append(rod((ends[0], 0, c), (ends[1], 0, above), 0.7 * tube))
             if rng.random() < 0.4:
                 parts.append(box((right - a, y[-1], 0.02), ((a + right) / 2, y[-1] / 2, above + tube + 0.012)))
-    return normalised(merged("scaffold", parts))
+    return parts
 
 
-def truss_bridge(rng: np.random.Generator) -> Mesh:
+def truss_bridge(rng: np.random.Generator) -> list[Mesh]:
     """A deck between two trusses, with an upper chord that may arch."""
-    bays, bay, width, height = (
-        int(rng.integers(4, 9)),
-        rng.uniform(0.3, 0.45),
-        rng.uniform(0.4, 0.7),
-        rng.uniform(0.3, 0.55),
-    )
+    bays, bay = int(rng.integers(4, 9)), rng.uniform(0.3, 0.45)
+    width, height = rng.uniform(0.4, 0.7), rng.uniform(0.3, 0.55)
     rise, beam = rng.uniform(0, 0.4), rng.uniform(0.014, 0.026)
     node = np.arange(bays + 1)
     level = height + rise * np.sin(np.pi * node / bays)
@@ -165,15 +136,13 @@ def truss_bridge(rng: np.random.Generator) -> Mesh:
         parts += [rod(low[0], low[-1], 1.4 * beam), rod(low[0], high[1], beam), rod(low[-1], high[-2], beam)]
         parts += [rod(low[i], high[i], 0.7 * beam) for i in node[1:-1]]
         for i in node[1:-2]:
-            parts.append(rod(high[i], high[i + 1], beam))
-            parts.append(
-                rod(low[i], high[i + 1], 0.7 * beam) if i >= bays // 2 else rod(high[i], low[i + 1], 0.7 * beam)
-            )
+            foot, head = (low[i], high[i + 1]) if i >= bays // 2 else (high[i], low[i + 1])
+            parts += [rod(high[i], high[i + 1], beam), rod(foot, head, 0.7 * beam)]
     parts += [rod((i * bay, -width / 2, level[i]), (i * bay, width / 2, level[i]), 0.8 * beam) for i in node[1:-1]]
-    return normalised(merged("truss_bridge", parts))
+    return parts
 
 
-def rod_bundle(rng: np.random.Generator) -> Mesh:
+def rod_bundle(rng: np.random.Generator) -> list[Mesh]:
     """A sheaf of thin rods that cross each other, through a ring or two."""
     count, length, ring = int(rng.integers(25, 70)), rng.uniform(1.2, 2), rng.uniform(0.1, 0.25)
     parts = []
@@ -185,4 +154,7 @@ def rod_bundle(rng: np.random.Generator) -> Mesh:
     tube = arc(0.03, 0, 2 * np.pi, 11)[:-1]
     heights = (0.0,) if rng.random() < 0.5 else (-0.2, 0.2)
     parts += [lathe(tube + (ring + 0.05, z), 36, closed=True) for z in heights]
-    return normalised(merged("rod_bundle", parts))
+    return parts
+
+
+KINDS = (stairs, spiral_stairs, ladder, fence, pipe_run, scaffold, truss_bridge, rod_bundle)

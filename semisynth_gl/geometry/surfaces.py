@@ -1,30 +1,30 @@
-"""Surfaces that models are built from: revolved, swept, extruded, flat.
+"""Surfaces of models: revolved, swept, extruded and flat ones.
 
-Every one of them carries UV in model units and winds its triangles so that the normal points outwards. Seen from
-outside, u runs to the right and v downwards, so that no texture is mirrored. A model stands on z = 0 or near it, z up.
+Every surface has UV in model units, and triangles whose normals point outwards. Seen from outside, u runs to the right
+and v downwards, so that no texture is mirrored. A model stands on z = 0 or near it, and z points up.
+
+trimesh.creation has the like, without UV.
 """
 
-# ruff: noqa: RUF005  an array plus a tuple is a sum, not a concatenation
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from semisynth_gl.errors import InputError
-from semisynth_gl.geometry.mesh import Mesh, make_mesh, merged, without_degenerate
+from semisynth_gl.geometry.mesh import Mesh, cross, lengths, make_mesh, merged, without_degenerate
 from semisynth_gl.geometry.unwrap import facing_axes
-from semisynth_gl.geometry.vectors import cross, lengths
 
 BAND_STRETCH = 1.1
-"""How far a length around a lathed surface may be from its length in UV."""
+"""Largest ratio of a length around a lathed surface to its length in UV, and of the length in UV to the other."""
 
 
 def grid_surface(points: ArrayLike, uv: ArrayLike | None = None) -> Mesh:
     """Triangulate a grid of points; its normal is (along a row) x (along a column).
 
     Args:
-        points: (R, C, 3), model units. Points may coincide, as those of a pole do.
-        uv: (R, C, 2); by default the mean arc lengths along rows and columns, which suits sheets that are nearly
-            developable.
+        points: (R, C, 3), model units. Points may coincide, as at a pole.
+        uv: (R, C, 2); by default the mean arc lengths along rows and columns, which suit nearly developable sheets.
     """
     grid = np.asarray(points, np.float64)
     rows, columns = grid.shape[:2]
@@ -43,14 +43,14 @@ def lathe(profile: ArrayLike, segments: int = 32, *, closed: bool = False) -> Me
     """Revolve a profile about the z axis.
 
     The surface is closed where the profile starts and ends on the axis, or where ``closed`` joins its ends. The
-    profile is cut into bands, each of which is unrolled like the cone that fits it best (an equidistant conic
-    projection): exact along the profile, within `BAND_STRETCH` around it, and exact for cones, cylinders and discs.
+    profile is cut into bands, and each band is unrolled like the cone that fits it best: an equidistant conic
+    projection, exact along the profile and within `BAND_STRETCH` around it. Cones, cylinders and discs are exact.
 
     Args:
-        profile: (P, 2) radius and height, model units, with the outside to the right of the way: outwards along the
-            bottom, up the outer side, inwards along the top. The radius is zero only at ends.
+        profile: (P, 2) radius and height, model units. The outside is to the right of its direction: outwards along
+            the bottom, up the outer side, inwards along the top. The radius is zero only at ends.
         segments: sides of the polygon that stands for the circle.
-        closed: whether the last point is joined to the first.
+        closed: joins the last point to the first.
     """
     points = np.asarray(profile, np.float64)
     if closed:
@@ -74,7 +74,7 @@ def lathe(profile: ArrayLike, segments: int = 32, *, closed: bool = False) -> Me
 
 
 def _longest_band(radius: NDArray[np.float64], arc: NDArray[np.float64], start: int) -> tuple[int, float, float]:
-    """Last profile point that one cone still fits, and that cone as radius = offset + slope * arc."""
+    """Return the last profile point that one cone fits, and the cone as radius = offset + slope * arc."""
     fit = (start + 1, *_fitted_cone(radius[start : start + 2], arc[start : start + 2]))
     for stop in range(start + 2, len(radius)):
         r, s = radius[start : stop + 1], arc[start : stop + 1]
@@ -87,7 +87,7 @@ def _longest_band(radius: NDArray[np.float64], arc: NDArray[np.float64], start: 
 
 
 def _fitted_cone(radius: NDArray[np.float64], arc: NDArray[np.float64]) -> tuple[float, float]:
-    """Least-squares line radius = offset + slope * arc; through the pole where the profile ends on the axis."""
+    """Fit radius = offset + slope * arc by least squares; through the pole where the profile ends on the axis."""
     poles = np.flatnonzero(radius == 0)
     origin = arc[poles[0]] if len(poles) else arc.mean()
     level = 0.0 if len(poles) else radius.mean()
@@ -103,12 +103,11 @@ def _conic_uv(
     if abs(slope) < 1e-6:  # a cylinder; its circumference is that of the polygon
         u = offset * np.sin(half) / half * angle
         return np.stack(np.broadcast_arrays(u[None, :], -arc[:, None]), axis=2)
-    # From the apex, the sides of the polygon are seen under this angle each, a flat facet's true angle.
+    # Each side of the polygon takes the true angle of a flat facet at the apex.
     unrolled = np.arcsin(slope * np.sin(half)) / half * angle
     from_apex = arc[:, None] + offset / slope
-    u = from_apex * np.sin(unrolled)
     v_up = from_apex * np.cos(unrolled) - offset / slope
-    return np.stack([u, -v_up], axis=2)
+    return np.stack([from_apex * np.sin(unrolled), -v_up], axis=2)
 
 
 def sweep(
@@ -117,19 +116,17 @@ def sweep(
     *,
     closed: bool = False,
     scales: ArrayLike | float = 1.0,
-    capped: bool = True,
 ) -> Mesh:
-    """Carry a polygon along a curve, in frames that turn about the curve as little as possible.
+    """Carry a polygon along a curve, in frames that turn about the curve as little as possible, and close both ends.
 
-    Lengths along the curve are those of its centre line: where the curve bends with radius R, a point of the section
-    at distance r is off by r / R, so bends should be wider than about four times the section.
+    UV takes lengths along the curve from its centre line. In a bend of radius R, lengths at distance r from the centre
+    line are off by r / R, so bends should be wider than about four times the section.
 
     Args:
         section: (S, 2) polygon, anticlockwise, star-shaped about the origin, model units.
         path: (P, 3), model units; no two neighbours coincide.
-        closed: whether the last point is joined to the first.
-        scales: factor of the section at each path point, (P,) or one for all.
-        capped: whether the ends of an open sweep are closed.
+        closed: joins the last point to the first.
+        scales: factor of the section at each path point, (P,) or a number.
     """
     outline = np.asarray(section, np.float64)
     points = np.asarray(path, np.float64)
@@ -146,7 +143,7 @@ def sweep(
     along = _cumulative(lengths(np.diff(points, axis=0)))
     u = (around - around[-1] / 2) * factor[:, None]
     parts = [grid_surface(rings, np.stack(np.broadcast_arrays(u, -along[:, None]), axis=2))]
-    if capped and not closed:
+    if not closed:
         parts += [_cap(rings[0, -2::-1], -tangent[0], points[0]), _cap(rings[-1, :-1], tangent[-1], points[-1])]
     return merged("sweep", parts)
 
@@ -154,9 +151,10 @@ def sweep(
 def _frames(
     points: NDArray[np.float64], *, closed: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Rotation-minimising frames along a polyline: two unit normals and the tangent, (P, 3) each, right-handed.
+    """Return rotation-minimising frames of a polyline: two unit normals and the tangent, (P, 3) each, right-handed.
 
-    By double reflection (Wang et al., 2008). On a closed polyline the angle that is left over is spread evenly.
+    Double reflection: Wang et al., Computation of rotation minimizing frames, 2008. On a closed polyline the angle
+    between the last frame and the first is spread evenly.
     """
     if closed:
         tangent = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
@@ -187,8 +185,8 @@ def _frames(
             across[stop] = moved
     beside = cross(tangent, across)
     if closed:
-        left_over = np.arctan2(moved @ beside[0], moved @ across[0])
-        twist = -left_over * np.arange(count)[:, None] / count
+        mismatch = np.arctan2(moved @ beside[0], moved @ across[0])
+        twist = -mismatch * np.arange(count)[:, None] / count
         across, beside = (
             np.cos(twist) * across + np.sin(twist) * beside,
             np.cos(twist) * beside - np.sin(twist) * across,
@@ -197,7 +195,7 @@ def _frames(
 
 
 def _cap(ring: NDArray[np.float64], normal: NDArray[np.float64], centre: NDArray[np.float64]) -> Mesh:
-    """Close a ring, (S, 3) and anticlockwise about ``normal``, with a fan around ``centre``, in its own plane."""
+    """Close a flat ring, (S, 3) and anticlockwise about ``normal``, with a fan around ``centre``."""
     points = np.concatenate([ring, centre[None]])
     first = np.arange(len(ring))
     fan = np.stack([first, np.roll(first, -1), np.full(len(ring), len(ring))], axis=1)
@@ -205,28 +203,14 @@ def _cap(ring: NDArray[np.float64], normal: NDArray[np.float64], centre: NDArray
 
 
 def _planar_uv(points: NDArray[np.float64], normal: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Coordinates of points, (N, 3), in the plane that faces along ``normal``; (N, 2)."""
+    """Return the texture coordinates of points, (N, 3), on the plane that faces along ``normal``; (N, 2)."""
     u, v = facing_axes(normal[None])
     return np.stack([points @ u[0], points @ v[0]], axis=1)
 
 
-def flat_faces(points: ArrayLike, loops: list[list[int]]) -> Mesh:
-    """Build a polyhedron from flat convex faces, each with texture of its own.
-
-    Args:
-        points: (V, 3) corners, model units.
-        loops: for each face its corners, anticlockwise seen from outside.
-    """
-    corners = np.asarray(points, np.float64)
-    uv, triangles, first = [], [], 0
-    for loop in loops:
-        face = corners[loop]
-        normal = cross(face[1] - face[0], face[2] - face[1])
-        normal /= np.linalg.norm(normal)
-        uv.append(_planar_uv(face, normal))
-        triangles += [[first, first + i, first + i + 1] for i in range(1, len(loop) - 1)]
-        first += len(loop)
-    return make_mesh("polyhedron", corners[np.concatenate(loops)], np.concatenate(uv), triangles)
+# The sides of a box, in the order -x, +x, -y, +y, -z, +z: corners anticlockwise seen from outside. The bits of a
+# corner's number stand for the upper end along x, y and z.
+_BOX_SIDES: Final = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 
 
 def box(size: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
@@ -238,8 +222,12 @@ def box(size: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
     """
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     corners = np.asarray(centre, np.float64) + signs * np.asarray(size, np.float64) / 2
-    loops = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-    return flat_faces(corners, loops)
+    sides = corners[np.array(_BOX_SIDES)]
+    normals = cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 1])
+    normals /= lengths(normals)[:, None]
+    uv = np.concatenate([_planar_uv(side, normal) for side, normal in zip(sides, normals, strict=True)])
+    first = np.arange(0, 24, 4)[:, None, None]
+    return make_mesh("box", sides.reshape(-1, 3), uv, first + np.array([[0, 1, 2], [0, 2, 3]]))
 
 
 def extruded(outline: ArrayLike, height: float, hole: ArrayLike | None = None) -> Mesh:
@@ -248,37 +236,50 @@ def extruded(outline: ArrayLike, height: float, hole: ArrayLike | None = None) -
     Args:
         outline: (N, 2), anticlockwise, star-shaped about the origin, model units.
         height: along z, model units.
-        hole: (N, 2), anticlockwise, inside the outline; the n-th point of it faces the n-th of the outline, since the
-            top is a strip between the two.
+        hole: (N, 2), anticlockwise, inside the outline. Its n-th point faces the n-th point of the outline: the top is
+            a strip between the two.
 
     Raises:
         InputError: where hole and outline differ in their number of points.
     """
     outer = np.asarray(outline, np.float64)
     parts = [_wall(outer, height)]
-    for z, up in ((0.0, -1.0), (height, 1.0)):
-        rim = np.column_stack([outer, np.full(len(outer), z)])
+    inner = None if hole is None else np.asarray(hole, np.float64)
+    if inner is not None and len(inner) != len(outer):
+        raise InputError(f"an extruded hole needs {len(outer)} points as its outline has, got {len(inner)}")
+    for z, up in ((0.0, -1), (height, 1)):
         normal = np.array([0.0, 0.0, up])
-        if hole is None:
-            parts.append(_cap(rim if up > 0 else rim[::-1], normal, np.array([0.0, 0.0, z])))
-            continue
-        inner = np.asarray(hole, np.float64)
-        if len(inner) != len(outer):
-            raise InputError(f"an extruded hole needs {len(outer)} points as its outline has, got {len(inner)}")
-        edge = np.column_stack([inner, np.full(len(inner), z)])
-        strip = np.stack([rim, edge] if up > 0 else [edge, rim])
-        strip = np.concatenate([strip, strip[:, :1]], axis=1)
-        parts.append(grid_surface(strip, _planar_uv(strip.reshape(-1, 3), normal).reshape(2, -1, 2)))
-    if hole is not None:
-        parts.append(_wall(np.asarray(hole, np.float64)[::-1], height))
+        if inner is None:
+            parts.append(_cap(_at_height(outer, z)[::up], normal, np.array([0.0, 0.0, z])))
+        else:
+            strip = np.stack([_at_height(outer, z), _at_height(inner, z)][::up])
+            strip = np.concatenate([strip, strip[:, :1]], axis=1)
+            parts.append(grid_surface(strip, _planar_uv(strip.reshape(-1, 3), normal).reshape(2, -1, 2)))
+    if inner is not None:
+        parts.append(_wall(inner[::-1], height))
     return merged("extrusion", parts)
 
 
 def _wall(outline: NDArray[np.float64], height: float) -> Mesh:
-    """The upright surface over a closed polygon, (N, 2); outwards where that is anticlockwise."""
+    """Build the upright surface over a closed polygon, (N, 2); outwards where the polygon is anticlockwise."""
     loop = np.concatenate([outline, outline[:1]])
-    rings = np.stack([np.column_stack([loop, np.full(len(loop), z)]) for z in (0.0, height)])
-    return grid_surface(rings)
+    return grid_surface([_at_height(loop, 0.0), _at_height(loop, height)])
+
+
+def _at_height(polygon: NDArray[np.float64], z: float) -> NDArray[np.float64]:
+    return np.column_stack([polygon, np.full(len(polygon), z)])
+
+
+# The sides of a cell: normal, and corners anticlockwise seen from outside. 0 stands for the lower bound along an axis,
+# 1 for the upper bound.
+_CELL_SIDES: Final = (
+    ((0, 0, 1), ((0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))),
+    ((0, 0, -1), ((0, 0, 0), (0, 1, 0), (1, 1, 0), (1, 0, 0))),
+    ((-1, 0, 0), ((0, 1, 0), (0, 0, 0), (0, 0, 1), (0, 1, 1))),
+    ((1, 0, 0), ((1, 0, 0), (1, 1, 0), (1, 1, 1), (1, 0, 1))),
+    ((0, -1, 0), ((0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1))),
+    ((0, 1, 0), ((1, 1, 0), (0, 1, 0), (0, 1, 1), (1, 1, 1))),
+)
 
 
 def extruded_cells(solid: ArrayLike, x: ArrayLike, y: ArrayLike, height: float) -> Mesh:
@@ -293,49 +294,26 @@ def extruded_cells(solid: ArrayLike, x: ArrayLike, y: ArrayLike, height: float) 
         height: along z, model units.
     """
     cells = np.asarray(solid, bool)
-    border_x, border_y = np.asarray(x, np.float64), np.asarray(y, np.float64)
     padded = np.pad(cells, 1)
     rows, columns = np.nonzero(cells)
-    west, east, south, north = border_x[columns], border_x[columns + 1], border_y[rows], border_y[rows + 1]
-    low, high = np.zeros(len(rows)), np.full(len(rows), float(height))
-    quads: list[NDArray[np.float64]] = []
-    axes: list[NDArray[np.float64]] = []
-    # for each side of a cell: its normal, whether it is open, and its corners anticlockwise seen from outside
-    everywhere = np.ones(len(rows), bool)
-    sides = (
-        ((0, 0, 1), everywhere, ((west, south, high), (east, south, high), (east, north, high), (west, north, high))),
-        ((0, 0, -1), everywhere, ((west, south, low), (west, north, low), (east, north, low), (east, south, low))),
-        (
-            (-1, 0, 0),
-            ~padded[rows + 1, columns],
-            ((west, north, low), (west, south, low), (west, south, high), (west, north, high)),
-        ),
-        (
-            (1, 0, 0),
-            ~padded[rows + 1, columns + 2],
-            ((east, south, low), (east, north, low), (east, north, high), (east, south, high)),
-        ),
-        (
-            (0, -1, 0),
-            ~padded[rows, columns + 1],
-            ((west, south, low), (east, south, low), (east, south, high), (west, south, high)),
-        ),
-        (
-            (0, 1, 0),
-            ~padded[rows + 2, columns + 1],
-            ((east, north, low), (west, north, low), (west, north, high), (east, north, high)),
-        ),
-    )
-    for normal, is_open, corners in sides:
-        quad = np.stack([np.stack(corner, axis=1) for corner in corners], axis=1)[is_open]
+    border_x, border_y = np.asarray(x, np.float64), np.asarray(y, np.float64)
+    bounds = np.zeros((2, 3, len(rows)))
+    bounds[:, 0] = border_x[columns], border_x[columns + 1]
+    bounds[:, 1] = border_y[rows], border_y[rows + 1]
+    bounds[1, 2] = height
+    quads, uv = [], []
+    for normal, corners in _CELL_SIDES:
+        across, along, up = normal
+        is_open = ~padded[rows + 1 + along, columns + 1 + across] | (up != 0)
+        quad = bounds[corners, np.arange(3)].transpose(2, 0, 1)[is_open]
         quads.append(quad)
-        axes.append(_planar_uv(quad.reshape(-1, 3), np.array(normal, np.float64)))
+        uv.append(_planar_uv(quad.reshape(-1, 3), np.array(normal, np.float64)))
     points = np.concatenate(quads).reshape(-1, 3)
     first = np.arange(0, len(points), 4)[:, None]
     triangles = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
-    return make_mesh("cells", points, np.concatenate(axes), triangles)
+    return make_mesh("cells", points, np.concatenate(uv), triangles)
 
 
 def _cumulative(steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sums of the first 0, 1, .. steps."""
+    """Return sums of the first 0, 1, .. steps."""
     return np.concatenate([[0.0], np.cumsum(steps)])

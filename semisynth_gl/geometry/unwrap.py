@@ -1,4 +1,4 @@
-"""UV for models that come without: every triangle projected along the nearest of 26 fixed directions."""
+"""UV for models without a UV map: every triangle is projected along the nearest of 26 fixed directions."""
 
 import itertools
 from typing import Final
@@ -6,12 +6,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from semisynth_gl.geometry.mesh import Mesh, make_mesh
-from semisynth_gl.geometry.vectors import cross, lengths
+from semisynth_gl.geometry.mesh import Mesh, cross, lengths, make_mesh
 
 
 def facing_axes(normals: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Axes of the texture on planes that face along ``normals``: seen from outside, u to the right, v downwards.
+    """Return the texture's axes on planes that face along ``normals``: seen from outside, u to the right, v downwards.
 
     Down is -z, except on planes that face along z, where it is -y.
 
@@ -28,28 +27,22 @@ def facing_axes(normals: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDAr
     return u, -cross(normals, u)
 
 
-def _cube_directions() -> NDArray[np.float64]:
-    """(26, 3) unit vectors from a cube's centre to its 6 faces, 12 edges and 8 corners."""
-    steps = np.array([step for step in itertools.product((-1, 0, 1), repeat=3) if any(step)], np.float64)
-    directions: NDArray[np.float64] = steps / lengths(steps)[:, None]
-    return directions
+_STEPS = np.array([step for step in itertools.product((-1, 0, 1), repeat=3) if any(step)], np.float64)
+DIRECTIONS: Final = _STEPS / lengths(_STEPS)[:, None]
+"""(26, 3) unit vectors of projection, from a cube's centre to its 6 faces, 12 edges and 8 corners."""
 
-
-DIRECTIONS: Final = _cube_directions()
-"""(26, 3) unit vectors that triangles are projected along."""
-
-# No unit vector is further from its nearest direction than the point that is equally far from a face, an edge and a
-# corner next to each other: x with F x = (1, 1, 1), where the rows of F are those three directions. A projected
-# length shrinks at most by the cosine of that angle, 1 / |x|.
+# The unit vector furthest from its nearest direction is equally far from a face, an edge and a corner next to each
+# other: it lies along x with F x = (1, 1, 1), where the rows of F are those three directions. A projected length
+# shrinks at most by the cosine of its angle, 1 / |x|.
 _FACE_EDGE_CORNER: Final = np.array([[0, 0, 1], [0, 1, 1], [1, 1, 1]]) / np.sqrt([[1], [2], [3]])
 STRETCH_BOUND: Final = float(np.linalg.norm(np.linalg.solve(_FACE_EDGE_CORNER, np.ones(3))))
 """Largest ratio of a length on the surface to its length in UV, about 1.13; the smallest is 1."""
 
 
 def project_uv(name: str, positions: ArrayLike, triangles: ArrayLike) -> Mesh:
-    """Give a mesh UV coordinates in model units, at most `STRETCH_BOUND` away from true length in any direction.
+    """Give a mesh UV in model units; lengths on the surface and in UV differ by at most the factor `STRETCH_BOUND`.
 
-    A vertex whose triangles are projected along different directions is duplicated, once per direction.
+    A vertex whose triangles are projected along several directions is duplicated, once per direction.
 
     Args:
         name: see `Mesh`.
@@ -63,9 +56,9 @@ def project_uv(name: str, positions: ArrayLike, triangles: ArrayLike) -> Mesh:
     index = np.asarray(triangles, np.int64)
     corners = points[index]
     normals = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    # not by BLAS: how it rounds, and so how ties are settled, depends on the machine
+    # Not by BLAS, whose rounding, and with it the choice among equals, depends on the machine.
     direction = np.argmax(np.einsum("ti,di->td", normals, DIRECTIONS), axis=1)
-    # one number per pair of vertex and direction: equal pairs share a vertex of the result
+    # Equal pairs of vertex and direction share a vertex of the result.
     pairs = index * len(DIRECTIONS) + direction[:, None]
     unique, renumbered = np.unique(pairs, return_inverse=True)
     vertex, chart = np.divmod(unique, len(DIRECTIONS))

@@ -1,4 +1,4 @@
-"""Predictions of a whole set against its truth, pair by pair."""
+"""Predictions of a set against its truth: pair by pair, then as JSON and as tables for the terminal."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,19 +19,25 @@ from semisynth_gl.read.error import ReadError
 
 ALL, VISIBLE = "all", "non-occluded"
 REGIONS = (ALL, VISIBLE)
-"""What figures are over: all pixels with truth, and those of them that both views see."""
-BACKGROUND, FOREGROUND = "background", "foreground"
-_PARTS: Mapping[str, str] = {BACKGROUND: "D1-bg", FOREGROUND: "D1-fg"}
+"""The regions of figures: all pixels with truth, and those among them that both views see."""
+_BACKGROUND, _FOREGROUND = "background", "foreground"
+_PARTS: Mapping[str, str] = {_BACKGROUND: "D1-bg", _FOREGROUND: "D1-fg"}
+# Columns of tables, in their order; some benchmarks have others between them.
+_COMMON = frozenset({"bad-0.5", "bad-1", "bad-2", "bad-4", "D1-all", "rms", "A50", "A90", "A95", "A99"})
+_COLUMNS = (
+    *("bad-0.5", "bad-1", "bad-2", "bad-4", "D1-bg", "D1-fg", "D1-all", "D1-est", "avgerr", "epe", "rms"),
+    *("A50", "A90", "A95", "A99", "coverage", "invalid"),
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Evaluated:
-    """A pair that has been evaluated.
+class Evaluation:
+    """The result for a pair.
 
     Attributes:
         name: the pair's.
-        scores: by region; (region, part) where the truth has a map of objects, part being ``background`` or
-            ``foreground``.
+        scores: by (region,); where the truth has a map of objects, also by (region, part), with the part
+            ``background`` or ``foreground``.
         error_map: (H, W, 3) uint8 RGB; None where it was not asked for.
     """
 
@@ -40,106 +46,132 @@ class Evaluated:
     error_map: NDArray[np.uint8] | None = None
 
 
-def evaluate_pair(pair: TruePair, prediction: Prediction, protocol: Protocol, *, draw: bool = False) -> Evaluated:
+def evaluate_pair(pair: TruePair, prediction: Prediction, protocol: Protocol, *, draw: bool = False) -> Evaluation:
     """Evaluate a prediction.
 
     Args:
-        pair: whose truth it is compared with.
+        pair: the pair with its truth.
         prediction: the file.
-        protocol: by which.
+        protocol: the benchmark's definitions.
         draw: whether to draw an error map.
 
     Raises:
-        ReadError: where a file cannot be read, or the prediction holds no disparity at all.
-        InputError: where sizes do not fit, or the truth holds no disparity.
+        ReadError: where a file cannot be read, or the prediction has no disparity at all.
+        InputError: where sizes do not fit, or the truth has no disparity.
     """
     truth = pair.read()
     values = read_disparity(prediction.path, prediction.png_scale)
     try:
-        compared = protocol.compare(values, truth.disparity, truth.limits)
+        comparison = protocol.compare(values, truth.disparity, truth.limits)
     except InputError as error:
         raise InputError(f"{prediction.path}: {error} ({pair.source})") from None
-    if not (np.isfinite(values).any() and compared.estimated.any()):
+    if not (np.isfinite(values).any() and comparison.estimated.any()):
         height, width = values.shape
         raise ReadError(
             prediction.path,
-            f"holds no disparity: not one of its {width} x {height} values is valid by the definitions of "
-            f"{protocol.source}; expected pixels, inf (in a PNG 0) only where there is none",
+            f"has no disparity: by the definitions of {protocol.source} none of its {width} x {height} values is "
+            "valid; expected pixels, and inf (in a PNG 0) only where there is no disparity",
         )
-    if not compared.judged.any():
-        raise InputError(f"{pair.source}: the truth of {pair.name} holds no disparity, so there is nothing to compare")
-    masks: dict[str, NDArray[np.bool_] | None] = {ALL: None}
+    if not comparison.judged.any():
+        raise InputError(f"{pair.source}: the truth of {pair.name} has no disparity, so there is nothing to compare")
+    masks = {ALL: np.ones_like(comparison.judged)}
     if truth.visible is not None:
         masks[VISIBLE] = truth.visible
     scores: dict[tuple[str, ...], Score] = {}
     for region, mask in masks.items():
-        scores[region,] = tally(compared, protocol, mask)
+        scores[region,] = tally(comparison, protocol, mask)
         if protocol.pooled and truth.objects is not None:
-            whole = np.ones_like(compared.judged) if mask is None else mask
-            for part, there in ((BACKGROUND, truth.objects == 0), (FOREGROUND, truth.objects > 0)):
-                scores[region, part] = tally(compared, protocol, whole & there)
-    error_map = draw_error_map(compared, protocol, truth.visible) if draw else None
-    return Evaluated(pair.name, scores, error_map)
+            scores[region, _BACKGROUND] = tally(comparison, protocol, mask & (truth.objects == 0))
+            scores[region, _FOREGROUND] = tally(comparison, protocol, mask & (truth.objects > 0))
+    return Evaluation(pair.name, scores, draw_error_map(comparison, protocol, truth.visible) if draw else None)
 
 
-def figures_of(evaluated: Sequence[Evaluated], region: str) -> dict[str, float]:
+def region_figures(evaluations: Sequence[Evaluation], region: str) -> dict[str, float]:
     """Return the figures of pairs in a region, as their benchmark averages them; see `mean_figures`.
 
     With maps of objects there are also D1-bg and D1-fg, outliers in the background and elsewhere.
 
+    Args:
+        evaluations: of the pairs.
+        region: one of `REGIONS`.
+
     Returns:
-        Nothing where no pair has the region.
+        Figures by name; nothing where no pair has the region.
     """
     figures: dict[str, float] = {}
     for part, name in _PARTS.items():
-        scores = {each.name: each.scores[region, part] for each in evaluated if (region, part) in each.scores}
+        scores = {pair.name: pair.scores[region, part] for pair in evaluations if (region, part) in pair.scores}
         if scores:
             figures[name] = mean_figures(scores)["D1-all"]
-    scores = {each.name: each.scores[region,] for each in evaluated if (region,) in each.scores}
+    scores = {pair.name: pair.scores[region,] for pair in evaluations if (region,) in pair.scores}
     return figures | mean_figures(scores) if scores else {}
 
 
-def counts_of(evaluated: Evaluated, region: str) -> dict[str, int]:
-    """Return how many pixels of a pair were judged, estimated and scored in a region; see `Score`."""
-    score = evaluated.scores[region,]
-    return {"judged": score.judged, "estimated": score.estimated, "scored": score.scored}
-
-
-def report_of(
-    evaluated: Sequence[Evaluated], protocol: Protocol, missing: Sequence[str], paths: Mapping[str, Path]
+def report_json(
+    evaluations: Sequence[Evaluation], protocol: Protocol, missing: Sequence[str], paths: Mapping[str, Path]
 ) -> dict[str, Any]:
-    """Return everything in JSON's types; what is not finite is None.
+    """Return all results in JSON's types; numbers that are not finite are None.
 
     Args:
-        evaluated: at least one pair.
-        protocol: by which.
+        evaluations: at least one.
+        protocol: the benchmark's definitions.
         missing: names of pairs without a prediction.
         paths: the predictions' files, by the pair's name.
     """
 
-    def regions(pairs: Sequence[Evaluated]) -> dict[str, dict[str, float | None]]:
-        found = {region: figures_of(pairs, region) for region in REGIONS}
-        return {region: _plain(figures) for region, figures in found.items() if figures}
+    def figures(pairs: Sequence[Evaluation]) -> dict[str, dict[str, float | None]]:
+        regions = {region: region_figures(pairs, region) for region in REGIONS}
+        return {
+            region: {name: float(value) if np.isfinite(value) else None for name, value in values.items()}
+            for region, values in regions.items()
+            if values
+        }
+
+    def pixels(pair: Evaluation) -> dict[str, dict[str, int]]:
+        scores = {region: pair.scores[region,] for region in REGIONS if (region,) in pair.scores}
+        return {
+            region: {name: getattr(score, name) for name in ("judged", "estimated", "scored")}
+            for region, score in scores.items()
+        }
 
     return {
         "protocol": protocol.name,
         "source": protocol.source,
         "unit": "percent" if protocol.percent else "fraction",
         "average": "pooled pixels" if protocol.pooled else "mean of pairs",
-        "pairs": len(evaluated),
+        "pairs": len(evaluations),
         "missing": list(missing),
-        "mean": regions(evaluated),
+        "mean": figures(evaluations),
         "images": [
-            {
-                "name": each.name,
-                "prediction": str(paths[each.name]),
-                "pixels": {region: counts_of(each, region) for region in REGIONS if (region,) in each.scores},
-                "figures": regions([each]),
-            }
-            for each in evaluated
+            {"name": pair.name, "prediction": str(paths[pair.name]), "pixels": pixels(pair), "figures": figures([pair])}
+            for pair in evaluations
         ],
     }
 
 
-def _plain(figures: Mapping[str, float]) -> dict[str, float | None]:
-    return {name: float(value) if np.isfinite(value) else None for name, value in figures.items()}
+def report_table(evaluations: Sequence[Evaluation], region: str, protocol: Protocol) -> list[str]:
+    """Return the lines of a table with the benchmark's own decimals: a row for each pair, and one for all together.
+
+    Args:
+        evaluations: at least one.
+        region: one of `REGIONS` that a pair has.
+        protocol: the benchmark's definitions.
+    """
+
+    def cell(value: float | None) -> str:
+        if value is None or np.isnan(value):
+            return "-" if value is None else "nan"
+        # The evaluator prints a float32: its rounding decides the last digit.
+        return format(float(np.float32(value)) if protocol.single else value, protocol.decimals)
+
+    mean = region_figures(evaluations, region)
+    columns = [name for name in _COLUMNS if name in mean and (name in _COMMON or name in protocol.columns)]
+    figures = [(pair.name, region_figures([pair], region)) for pair in evaluations]
+    figures.append(("pooled" if protocol.pooled else "mean", mean))
+    rows = [["", *(protocol.columns.get(name, name) for name in columns)]]
+    rows += [[name, *(cell(values.get(column)) for column in columns)] for name, values in figures]
+    first, *others = (max(map(len, cells)) for cells in zip(*rows, strict=True))
+    lines = [f"{region} pixels; shares in {'%' if protocol.percent else 'fractions'}, errors in px"]
+    for name, *cells in rows:
+        lines.append("  ".join([name.ljust(first), *(text.rjust(n) for text, n in zip(cells, others, strict=True))]))
+    return lines

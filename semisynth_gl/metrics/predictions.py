@@ -1,6 +1,6 @@
-"""Which file of a folder is the prediction for which pair."""
+"""The files of a folder that are predictions for pairs."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,69 +34,61 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair]) -> dict[str, Predi
 
     Args:
         folder: of the predictions.
-        pairs: what they are for.
+        pairs: the pairs.
 
     Returns:
-        The predictions, by the pair's name; none for pairs that have none.
+        The predictions, by the pair's name; pairs without a prediction are missing.
 
     Raises:
-        InputError: where there is no such folder, or a pair has several.
+        InputError: where there is no such folder, or a pair has several predictions.
     """
     if not folder.is_dir():
         raise InputError(f"--pred {folder}: {'is a file' if folder.exists() else 'there is no such folder'}")
-    found: dict[str, Prediction] = {}
+    predictions: dict[str, Prediction] = {}
     for pair in pairs:
-        own = [Prediction(path, png_scale) for stem, png_scale in pair.stems.items() for path in _files(folder, stem)]
-        by_method = [
-            Prediction(path, png_scale) for stem, png_scale in pair.stems.items() for path in _methods(folder, stem)
+        candidates = [
+            Prediction(path, png_scale) for stem, png_scale in pair.stems.items() for path in _files(folder / stem)
         ]
-        others = [each for each in own if each.path.stem not in _SCENE_STEMS]
-        paths = by_method + others or own
-        if len(paths) > 1:
-            names = ", ".join(str(each.path.relative_to(folder)) for each in paths[:_SHOWN])
-            raise InputError(f"--pred {folder}: {len(paths)} predictions for {pair.name}: {names}: keep one of them")
-        if paths:
-            found[pair.name] = paths[0]
-    return found
+        better = [prediction for prediction in candidates if prediction.path.stem not in _SCENE_STEMS]
+        candidates = better or candidates
+        if len(candidates) > 1:
+            names = ", ".join(str(prediction.path.relative_to(folder)) for prediction in candidates[:_SHOWN])
+            raise InputError(f"--pred {folder}: {len(candidates)} predictions for {pair.name}: {names}: keep one file")
+        if candidates:
+            predictions[pair.name] = candidates[0]
+    return predictions
 
 
-def require_all(folder: Path, pairs: Sequence[TruePair], found: dict[str, Prediction], *, partial: bool) -> list[str]:
+def missing_predictions(
+    folder: Path, pairs: Sequence[TruePair], predictions: Mapping[str, Prediction], *, partial: bool
+) -> list[str]:
     """Return the names of pairs without a prediction.
 
     Args:
         folder: of the predictions.
-        pairs: what they are for.
-        found: those that are there.
-        partial: whether some may be missing.
+        pairs: the pairs.
+        predictions: by the pair's name.
+        partial: whether some predictions may be missing.
 
     Raises:
-        InputError: where some are missing and may not, or all are.
+        InputError: where predictions are missing against ``partial``, or all are missing.
     """
-    missing = [pair for pair in pairs if pair.name not in found]
-    if missing and (not partial or not found):
+    missing = [pair for pair in pairs if pair.name not in predictions]
+    if missing and (not partial or not predictions):
         names = ", ".join(pair.name for pair in missing[:_SHOWN]) + (", ..." if len(missing) > _SHOWN else "")
-        wanted = " or ".join(str(folder / f"{stem}.pfm") for stem in list(missing[0].stems)[:2])
-        advice = "; --partial evaluates the others" if found else ""
+        expected = " or ".join(str(folder / f"{stem}.pfm") for stem in list(missing[0].stems)[:2])
+        advice = "; --partial evaluates the others" if predictions else ""
         raise InputError(
-            f"--pred {folder}: no prediction for {len(missing)} of {len(pairs)} pairs: {names}: expected {wanted} (or "
-            f".npy, .png), for example{advice}"
+            f"--pred {folder}: no prediction for {len(missing)} of {len(pairs)} pairs: {names}: expected {expected} "
+            f"(or .npy, .png), for example{advice}"
         )
     return [pair.name for pair in missing]
 
 
-def _files(folder: Path, stem: str) -> Iterator[Path]:
-    for extension in MAP_EXTENSIONS:
-        path = folder / f"{stem}{extension}"
-        if path.is_file():
-            yield path
-
-
-def _methods(folder: Path, stem: str) -> Iterator[Path]:
-    """Files disp0<METHOD> in a scene's folder."""
-    path = folder / stem
-    if path.name in _SCENE_STEMS and path.parent.is_dir():
-        yield from (
-            each
-            for each in sorted(path.parent.glob("disp0?*"))
-            if each.suffix.lower() in MAP_EXTENSIONS and each.stem not in _SCENE_STEMS
-        )
+def _files(path: Path) -> list[Path]:
+    """Return the files of a name without ending; of disp0 and disp0GT also those named disp0<METHOD> beside them."""
+    files = [path.with_name(f"{path.name}{extension}") for extension in MAP_EXTENSIONS]
+    if path.name in _SCENE_STEMS:
+        methods = (file for file in sorted(path.parent.glob("disp0?*")) if file.suffix.lower() in MAP_EXTENSIONS)
+        files += [file for file in methods if file.stem not in _SCENE_STEMS]
+    return [file for file in files if file.is_file()]

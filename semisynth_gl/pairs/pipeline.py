@@ -9,7 +9,6 @@ config -> scene    `SceneSampler`: what stands where in pair i, from (config, se
 The first two arrows are here; `semisynth_gl.generation.generate` has the others.
 """  # noqa: D415 - the drawing is the summary
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import version
 from types import TracebackType
@@ -20,6 +19,7 @@ from semisynth_gl.config import Config
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import FUTURE_OUTPUTS, PAST_OUTPUTS, Frame
 from semisynth_gl.histogram import Histogram
+from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.checks import faults
 from semisynth_gl.pairs.imperfections import with_imperfections
 from semisynth_gl.render.context import Backend
@@ -31,7 +31,7 @@ from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.splits import WHOLE, Split
 
 PAIR_STAGES = ("sample", "draw", "visibility", "readback", "check", "encode", "write")
-"""What a pair goes through, in order; the last two in `semisynth_gl.generation.generate`."""
+"""The stages of a pair, in order; the last two are in `semisynth_gl.generation.shard_job`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,6 +131,15 @@ class PairRenderer:
         self._renderer.release()
 
     @property
+    def listener(self) -> Listener | None:
+        """For measurements: hears each stage of `PAIR_STAGES` but the last two; see `Renderer`."""
+        return self._renderer.listener
+
+    @listener.setter
+    def listener(self, listener: Listener | None) -> None:
+        self._renderer.listener = listener
+
+    @property
     def renderer_name(self) -> str:
         """What the driver calls itself (GL_RENDERER)."""
         return self._renderer.renderer_name
@@ -151,7 +160,6 @@ class PairRenderer:
     def render(
         self,
         index: int,
-        done: Callable[[str], None] | None = None,
         *,
         crop: Crop | None = None,
         checked: bool = True,
@@ -167,7 +175,6 @@ class PairRenderer:
                 read back as far as the crop needs.
             checked: whether to check. Without, a pair may come out that a dataset would have drawn again, and is not
                 equal to the dataset's then.
-            done: for measurements: called after each stage, of `PAIR_STAGES`; see `Renderer.render`.
 
         Raises:
             InputError: where the index is negative, the config's ranges leave no scene for it, or no attempt passes.
@@ -177,12 +184,12 @@ class PairRenderer:
         number, frame_number = divmod(index, self.config.sequence.length)
         settled = self._settled if checked else _Settled(number, 0, [])
         if settled is None or settled.sequence != number or (checked and frame_number == 0):
-            settled, frame, sampled = self._settle(number, done)
+            settled, frame, sampled = self._settle(number)
         if frame_number > 0 or not checked:
             sampled = self.sampler.sample(index, settled.attempt)
-            _tell(done, "sample")
+            self._report("sample")
             # Imperfections are drawn for whole images.
-            frame = self._draw(sampled, done, crop if self.config.imperfections.none() else None)
+            frame = self._draw(sampled, crop if self.config.imperfections.none() else None)
         provenance = {"pair": index} | self._made_by | self.sampler.provenance(sampled)
         if settled.redrawn:
             provenance["redrawn"] = settled.redrawn
@@ -193,25 +200,25 @@ class PairRenderer:
             frame, provenance["imperfections"] = with_imperfections(frame, self.config.imperfections, rng)
         if crop is not None and frame.camera == sampled.scene.camera:  # it was drawn whole
             frame = frame.cropped(crop)
-        _tell(done, "check")
+        self._report("check")
         return Pair(index, frame, provenance)
 
-    def _draw(self, sampled: SampledScene, done: Callable[[str], None] | None, crop: Crop | None = None) -> Frame:
+    def _draw(self, sampled: SampledScene, crop: Crop | None = None) -> Frame:
         """Draw a scene, with its motion where an output needs it."""
         outputs = self.config.outputs
         future = self.sampler.motion(sampled, +1) if FUTURE_OUTPUTS.intersection(outputs) else None
         past = self.sampler.motion(sampled, -1) if PAST_OUTPUTS.intersection(outputs) else None
-        return self._renderer.render(sampled.scene, done, crop, future=future, past=past)
+        return self._renderer.render(sampled.scene, crop, future=future, past=past)
 
-    def _settle(self, number: int, done: Callable[[str], None] | None) -> tuple[_Settled, Frame, SampledScene]:
+    def _settle(self, number: int) -> tuple[_Settled, Frame, SampledScene]:
         """Find a sequence's first attempt whose first frame passes the checks; return that frame too."""
         redrawn: list[str] = []
         for attempt in range(self.config.checks.attempts):
             sampled = self.sampler.sample(number * self.config.sequence.length, attempt)
-            _tell(done, "sample")
-            frame = self._draw(sampled, done)
+            self._report("sample")
+            frame = self._draw(sampled)
             found = faults(frame, self.config)
-            _tell(done, "check")
+            self._report("check")
             if not found:
                 self._settled = _Settled(number, attempt, redrawn)
                 return self._settled, frame, sampled
@@ -220,6 +227,10 @@ class PairRenderer:
             f"sequence {number} fails its checks in all {len(redrawn)} attempts, the last one because it is "
             f"{redrawn[-1]}. Change images or scene, or lower the key of the section checks"
         )
+
+    def _report(self, stage: str) -> None:
+        if self.listener is not None:
+            self.listener.on_stage(stage)
 
 
 def render_pair(config: Config, index: int, seed: int = 0, backend: Backend = "auto") -> Frame:
@@ -243,8 +254,3 @@ def render_pair(config: Config, index: int, seed: int = 0, backend: Backend = "a
     """
     with PairRenderer(config, seed, backend) as pairs:
         return pairs.render(index).frame
-
-
-def _tell(done: Callable[[str], None] | None, stage: str) -> None:
-    if done is not None:
-        done(stage)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from semisynth_gl.camera import Crop, Eye
 from semisynth_gl.errors import BackendError
-from semisynth_gl.geometry.adjacency import neighbours
 from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.topology import neighbours
 from semisynth_gl.render.projection import in_view
 from semisynth_gl.scene.scene import Scene
 

@@ -5,7 +5,7 @@ of its own where it is antialiased), the visibility pass of each eye (from both 
 copy of the results into arrays.
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from math import ceil
 from types import TracebackType
 from typing import Any, Literal, Self
@@ -28,6 +28,7 @@ from semisynth_gl.frame import (
     TruthOf,
 )
 from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.listener import Listener
 from semisynth_gl.render.antialias import ColourTargets, parse_antialias
 from semisynth_gl.render.context import Backend, open_context
 from semisynth_gl.render.flow import FlowPass
@@ -63,6 +64,11 @@ class Renderer:
         device_index: EGL's number of the device.
         read: what takes the pixels that were drawn: arrays in memory by default; see `Reader` for others.
 
+    Attributes:
+        listener: for measurements: hears the end of each stage ("draw", "visibility", "readback"), which the driver is
+            made to finish first. Without a listener stages overlap, and nothing is called. Antialiased colour is read
+            back in the stage "draw", and flow is drawn in the stage "readback".
+
     Raises:
         BackendError: where no context can be opened, or the driver cannot hold the atlas.
         InputError: where models or layers are empty or of a wrong shape, or an option is unknown.
@@ -95,6 +101,7 @@ class Renderer:
             raise InputError(f"truth: expected one of {', '.join(TRUTHS)}, got {truth}")
         if anisotropy not in range(1, 17):
             raise InputError(f"anisotropy must be a whole number from 1 to 16, got {anisotropy}")
+        self.listener: Listener | None = None
         self._released = False
         self._read_pixels = read
         self._outputs = frozenset(outputs)
@@ -145,7 +152,6 @@ class Renderer:
     def render(
         self,
         scene: Scene,
-        done: Callable[[RenderStage], None] | None = None,
         crop: Crop | None = None,
         *,
         future: Motion | None = None,
@@ -158,8 +164,6 @@ class Renderer:
             future: how the scene gets to the next frame, for the outputs "flow" and "disparity_change".
             past: how it gets to the previous frame, for the output "flow_backward".
             crop: draw and return this part of both images alone; its pixels are those of the whole image, bit for bit.
-            done: for measurements: called after each stage, which the driver is made to finish then. Stages overlap
-                without it. What is antialiased is read back while it is drawn, and flow is drawn while it is read back.
 
         Returns:
             Both images, both disparities and the outputs that were asked for, in new arrays.
@@ -180,7 +184,7 @@ class Renderer:
         # Another renderer of this thread may have made its context current.
         with self._gl:
             try:
-                frame = self._render(scene, done, crop, motions)
+                frame = self._render(scene, crop, motions)
             except moderngl.Error as error:
                 raise self._fault(str(error)) from None
             reported = self._gl.error
@@ -198,14 +202,13 @@ class Renderer:
     def _render(
         self,
         scene: Scene,
-        done: Callable[[RenderStage], None] | None,
         crop: Crop | None,
         motions: Mapping[str, Motion | None],
     ) -> Frame:
         def finish(stage: RenderStage) -> None:
-            if done is not None:
+            if self.listener is not None:
                 self._gl.finish()
-                done(stage)
+                self.listener.on_stage(stage)
 
         camera = scene.camera if crop is None else scene.camera.cropped(crop)
         self._resize(scene.camera.width_px, scene.camera.height_px)

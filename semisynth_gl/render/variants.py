@@ -1,4 +1,7 @@
-"""Other ways to a pixel's disparity than the renderer's; measured by `semisynth_gl.bench`, and not offered."""
+"""Variants of how a pixel gets its disparity: the renderer's own and those that it does not offer.
+
+`benchmarks/alternatives.py` measures them. They stand here because this room alone knows OpenGL.
+"""
 
 from collections.abc import Sequence
 from types import TracebackType
@@ -18,12 +21,12 @@ from semisynth_gl.render.projection import clip_from_view
 from semisynth_gl.render.targets import EyeTargets
 from semisynth_gl.scene.scene import Scene
 
-Way = Literal["depth24", "depth24-tight", "depth32f", "linear", "w", "w-direct", "plane", "plane64"]
-WAYS: tuple[Way, ...] = get_args(Way)
-DEFAULT_WAY: Way = "w-direct"
+Variant = Literal["depth24", "depth24-tight", "depth32f", "linear", "w", "w-direct", "plane", "plane64"]
+VARIANTS: tuple[Variant, ...] = get_args(Variant)
+RENDERERS_VARIANT: Variant = "w-direct"
 
-_DEPTH_BUFFER_WAYS: tuple[Way, ...] = ("depth24", "depth24-tight", "depth32f")
-_DEFINES: dict[Way, dict[str, int]] = {
+_DEPTH_BUFFER_VARIANTS: tuple[Variant, ...] = ("depth24", "depth24-tight", "depth32f")
+_DEFINES: dict[Variant, dict[str, int]] = {
     "linear": {"LINEAR": 1},
     "w": {"W": 1},
     "plane": {"PLANE": 1},
@@ -31,22 +34,22 @@ _DEFINES: dict[Way, dict[str, int]] = {
 }
 # A near plane as viewers set it, without knowing the scene.
 _CUSTOMARY_NEAR_M = 0.05
-# A 24-bit buffer's step in 1/Z is (1/near - 1/far) / 2^24: the far plane does not matter, so it stands out of the way.
+# A 24-bit buffer's step in 1/Z is (1/near - 1/far) / 2^24: the far plane does not matter and is put far away.
 _FAR_M = 1e5
 _STEPS_24 = 2**24 - 1
 _POSES = 4  # the binding in variant.frag
 
 
 class DisparityVariants:
-    """Draws the disparity of one eye in each of several ways. Use it in a ``with`` block, in the thread that made it.
+    """Draws the disparity of one eye by any variant. Use it in a ``with`` block, in the thread that made it.
 
     Args:
         models: the meshes that `Scene.model` counts.
         backend: "auto", "egl" or "osmesa".
 
     Attributes:
-        ways: those that the driver can do, in the order of `WAYS`.
-        left_out: the others, each with the driver's reason.
+        usable: the variants that the driver can do, in the order of `VARIANTS`.
+        left_out: the driver's reason for each variant that it cannot do.
 
     Raises:
         BackendError: where no context can be opened.
@@ -60,24 +63,25 @@ class DisparityVariants:
         self._targets: EyeTargets | None = None
         self._depth_m: EyeTargets | None = None
         self._depth_only: dict[int, tuple[moderngl.Renderbuffer, moderngl.Framebuffer]] = {}
-        self._programs: dict[Way, moderngl.Program] = {}
+        self._programs: dict[Variant, moderngl.Program] = {}
         self.left_out: dict[str, str] = {}
         depth_only = link_program(self._context, "variant.vert", "variant.frag", {})
-        for way in WAYS:
-            if way in _DEPTH_BUFFER_WAYS:
-                self._programs[way] = depth_only
-            elif way == DEFAULT_WAY:
-                self._programs[way] = link_program(self._context, "mesh.vert", "mesh.frag", {"DISPARITY": 0})
+        for variant in VARIANTS:
+            if variant in _DEPTH_BUFFER_VARIANTS:
+                self._programs[variant] = depth_only
+            elif variant == RENDERERS_VARIANT:
+                self._programs[variant] = link_program(self._context, "mesh.vert", "mesh.frag", {"DISPARITY": 0})
             else:
                 try:
-                    self._programs[way] = link_program(self._context, "variant.vert", "variant.frag", _DEFINES[way])
+                    program = link_program(self._context, "variant.vert", "variant.frag", _DEFINES[variant])
                 except BackendError as error:
-                    self.left_out[way] = str(error)
-        self.ways = tuple(self._programs)
+                    self.left_out[variant] = str(error)
+                else:
+                    self._programs[variant] = program
+        self.usable = tuple(self._programs)
         self._from_depth = link_program(self._context, "whole_image.vert", "variant_depth.frag", {})
         set_uniform(self._from_depth, "depth_m", 0)
         self._from_depth_vao = self._gl.vertex_array(self._from_depth, [])
-        self._surface = link_program(self._context, "mesh.vert", "mesh.frag", {"INSTANCES": 0, "SURFACE": 1})
 
     def __enter__(self) -> Self:
         return self
@@ -87,18 +91,13 @@ class DisparityVariants:
     ) -> None:
         self.release()
 
-    @property
-    def facts(self) -> dict[str, str]:
-        """Backend, renderer and version of OpenGL, as the driver calls them."""
-        return self._context.facts
-
-    def disparity(self, scene: Scene, eye: Eye, way: Way) -> NDArray[np.float32]:
+    def disparity(self, scene: Scene, eye: Eye, variant: Variant) -> NDArray[np.float32]:
         """Draw one eye's disparity.
 
         Args:
             scene: indices must lie within the models.
             eye: "left" or "right".
-            way: one of `ways`.
+            variant: one of `usable`.
 
         Returns:
             (H, W) float32 px; inf where it is not positive or nothing is seen.
@@ -106,40 +105,20 @@ class DisparityVariants:
         Raises:
             BackendError: where the driver reports an error.
         """
-        if way in _DEPTH_BUFFER_WAYS:
-            disparity = self._from_depth_buffer(scene, eye, way)
+        if variant in _DEPTH_BUFFER_VARIANTS:
+            disparity = self._from_depth_buffer(scene, eye, variant)
         else:
-            disparity = self._from_shader(scene, eye, way)
+            disparity = self._from_shader(scene, eye, variant)
         self._check()
         return disparity
 
-    def surface(self, scene: Scene, eye: Eye) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Draw which instance and which of its model's triangles each pixel shows.
-
-        Returns:
-            Two (H, W) int64 arrays; -1 where nothing is seen.
-        """
-        camera = scene.camera
-        targets = EyeTargets(
-            self._context, camera.width_px, camera.height_px, ("instances", "surface"), visibility=False
-        )
-        targets.clear()
-        self._draw(scene, eye, self._surface)
-        ids = targets.read_surface().astype(np.int64)
-        ids[targets.read_instances() == 0] = -1
-        self._check()
-        # moderngl binds the framebuffer in use again after making a new one, so it must not be one that is gone.
-        self._sized(scene).drawing.use()
-        targets.release()
-        return ids[..., 0], ids[..., 1]
-
     def release(self) -> None:
-        """Free the context and all that it holds."""
+        """Free the context and its objects."""
         self._context.release()
 
-    def _from_shader(self, scene: Scene, eye: Eye, way: Way) -> NDArray[np.float32]:
-        targets, program, camera = self._sized(scene), self._programs[way], scene.camera
-        if way in ("linear", "w") and self._depth_m is not None:
+    def _from_shader(self, scene: Scene, eye: Eye, variant: Variant) -> NDArray[np.float32]:
+        targets, program, camera = self._sized(scene), self._programs[variant], scene.camera
+        if variant in ("linear", "w") and self._depth_m is not None:
             self._depth_m.drawing.use()
             self._depth_m.drawing.clear(0.0, 0.0, 0.0, 0.0, depth=0.0)
             self._draw(scene, eye, program)
@@ -151,7 +130,7 @@ class DisparityVariants:
             self._from_depth_vao.render(moderngl.TRIANGLES, 3)
             return targets.read_disparity()
         centre = camera.cx_px(eye), camera.cy_px
-        if way == "plane64":
+        if variant == "plane64":
             self._bind_poses(scene, eye)
             set_uniform(program, "focal_baseline_64", camera.focal_baseline)
             set_uniform(program, "doffs_px_64", camera.doffs_px)
@@ -160,31 +139,31 @@ class DisparityVariants:
         else:
             set_uniform(program, "focal_baseline", camera.focal_baseline)
             set_uniform(program, "doffs_px", camera.doffs_px)
-        if way == "plane":
+        if variant == "plane":
             set_uniform(program, "focal_px", camera.focal_px)
             set_uniform(program, "traced_centre_px", centre)
-        if way in ("plane", "plane64"):
+        if variant in ("plane", "plane64"):
             self._models.bind_for_tracing(self._models.place(scene), eye)
         targets.clear()
         self._draw(scene, eye, program)
         return targets.read_disparity()
 
-    def _from_depth_buffer(self, scene: Scene, eye: Eye, way: Way) -> NDArray[np.float32]:
-        camera, bits = scene.camera, 32 if way == "depth32f" else 24
+    def _from_depth_buffer(self, scene: Scene, eye: Eye, variant: Variant) -> NDArray[np.float32]:
+        camera, bits = scene.camera, 32 if variant == "depth32f" else 24
         target = self._depth_target(scene, bits)
         if bits == 32:
             target.use()
             target.clear(depth=0.0)
-            self._draw(scene, eye, self._programs[way])
+            self._draw(scene, eye, self._programs[variant])
             inverse_depth = self._read_depth(target).astype(np.float64) / scene.near_m
             seen = inverse_depth > 0
         else:
-            near = scene.near_m if way == "depth24-tight" else min(scene.near_m, _CUSTOMARY_NEAR_M)
+            near = scene.near_m if variant == "depth24-tight" else min(scene.near_m, _CUSTOMARY_NEAR_M)
             projection = clip_from_view(camera, eye, near)
             projection[2] = 0, 0, _FAR_M / (_FAR_M - near), -_FAR_M * near / (_FAR_M - near)
             target.use()
             target.clear(depth=1.0)
-            self._draw(scene, eye, self._programs[way], projection=projection)
+            self._draw(scene, eye, self._programs[variant], projection=projection)
             # float32 holds each of the 2^24 values once, so the buffer's integers come back from it.
             steps = np.rint(self._read_depth(target).astype(np.float64) * _STEPS_24)
             inverse_depth = 1 / near - steps / _STEPS_24 * (1 / near - 1 / _FAR_M)
@@ -195,7 +174,7 @@ class DisparityVariants:
     def _draw(
         self, scene: Scene, eye: Eye, program: moderngl.Program, *, projection: NDArray[np.float64] | None = None
     ) -> None:
-        """Draw one eye into the framebuffer in use; with a projection of one's own, depth grows with distance."""
+        """Draw one eye into the framebuffer in use; with a projection that is handed in, depth grows with distance."""
         filled = self._models.fill(self._models.place(scene), eye)
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">" if projection is None else "<"

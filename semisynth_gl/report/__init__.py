@@ -1,1 +1,1 @@
-"""What a dataset holds, as one page: measured from its files, and from its scenes made again."""
+"""A finished dataset as one page, measured from its files and from its rebuilt scenes; the contact sheet."""

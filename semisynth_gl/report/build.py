@@ -1,34 +1,41 @@
-"""From a dataset to its page: what is sampled, measured, listed and shown."""
+"""From a dataset to its page: sample, measure, list and show."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
 from matplotlib import colormaps
 
 from semisynth_gl.dataset.reader import Dataset, Index
-from semisynth_gl.report.measure import Measurement, PairMeasures, measure, spread
-from semisynth_gl.report.outliers import QUANTITIES, Outlier, find_outliers
-from semisynth_gl.report.page import ShownPair, write_page
+from semisynth_gl.listener import Listener
+from semisynth_gl.report.measure import (
+    QUANTITIES,
+    Measurement,
+    Outlier,
+    PairMeasures,
+    find_outliers,
+    measure,
+    spread,
+)
+from semisynth_gl.report.page import ShownPair, render_page
 from semisynth_gl.report.pictures import make_pictures
+from semisynth_gl.report.plots import COLOUR_MAP
 from semisynth_gl.report.redraws import read_redraws
 from semisynth_gl.splits import SplitName
 
-# Perceptually uniform, and dark where things are far; as on the contact sheet.
-_COLOUR_MAP = "inferno"
-# Of so many quantities the farthest pair is shown too, if it is not among those that are shown anyway.
+# The page also shows the farthest pair in each of the first quantities.
 _SHOWN_QUANTITIES = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """A page and what it was made of.
+    """A page, with its numbers.
 
     Attributes:
         page: HTML.
-        measurement: what was measured.
-        shown: how many pairs it shows.
-        step: every which of their pixels; 0 where none is shown.
+        measurement: the measures of the sample.
+        shown: number of pairs on the page.
+        step: the page shows every ``step``-th pixel of pairs; 0 where it shows no pair.
     """
 
     page: str
@@ -43,16 +50,16 @@ def build_report(
     pairs: int,
     sample: int,
     split: SplitName | None = None,
-    advance: Callable[[], None] = lambda: None,
+    listener: Listener | None = None,
 ) -> Report:
-    """Measure a dataset and write its page. Equal datasets give equal pages.
+    """Measure a dataset and render its page. Equal datasets give equal pages.
 
     Args:
         index: the dataset's.
-        pairs: how many pairs to show, 0 or more, beside outliers.
-        sample: how many to measure, 1 or more; at least those that are shown.
-        split: of this split alone.
-        advance: called after each measured pair.
+        pairs: number of pairs to show, 0 or more; outliers come on top.
+        sample: number of pairs to measure, 1 or more; all shown pairs are measured.
+        split: one of the dataset's splits; None for all.
+        listener: hears the number of pairs to measure, and each measured pair.
 
     Raises:
         InputError: where the dataset is not finished, has no such split, or no pair of it can be read.
@@ -60,39 +67,31 @@ def build_report(
     with closing(Dataset(index, split)) as dataset:
         redraws = read_redraws(index, split)
         positions = spread(len(dataset), max(sample, pairs))
-        measurement = measure(dataset, positions, redraws.of_pair, advance)
-        outliers = [each for quantity in QUANTITIES for each in find_outliers(measurement.pairs, quantity)]
-        chosen = _chosen(measurement.pairs, pairs, outliers)
+        measurement = measure(dataset, positions, redraws.messages, listener)
+        outliers = [outlier for quantity in QUANTITIES for outlier in find_outliers(measurement.pairs, quantity)]
+        chosen = _choose(measurement.pairs, pairs, outliers)
         pictures = make_pictures([pair.position for pair, _ in chosen], dataset.__getitem__)
-    shown = [
-        ShownPair(pair, _label(index, pair), picture, why)
-        for (pair, why), picture in zip(chosen, pictures, strict=True)
-    ]
-    page = write_page(index, measurement, redraws, outliers, shown, _colours())
+    shown = []
+    for (pair, reason), picture in zip(chosen, pictures, strict=True):
+        name, number = pair.key
+        label = f"{number:06d}" if len(index.pairs) == 1 else f"{name} {number:06d}"
+        shown.append(ShownPair(pair, label, picture, reason))
+    # The colours of a matplotlib map, from far to near.
+    colours = colormaps[COLOUR_MAP](range(256), bytes=True)[:, :3].tolist()
+    page = render_page(index, measurement, redraws, outliers, shown, colours)
     return Report(page, measurement, len(shown), pictures[0].step if pictures else 0)
 
 
-def _chosen(
-    measured: tuple[PairMeasures, ...], pairs: int, outliers: list[Outlier]
+def _choose(
+    measured: Sequence[PairMeasures], pairs: int, outliers: Sequence[Outlier]
 ) -> list[tuple[PairMeasures, str | None]]:
-    """Pairs to show, each with why it is shown if it is no evenly spread one."""
-    chosen: dict[int, tuple[PairMeasures, str | None]] = {
-        measured[number].position: (measured[number], None) for number in spread(len(measured), pairs)
-    }
-    if not chosen:
+    """Return the pairs to show, evenly spread ones first, then outliers with the reason to show them."""
+    evenly = [measured[number] for number in spread(len(measured), pairs)]
+    if not evenly:
         return []
+    chosen: dict[int, tuple[PairMeasures, str | None]] = {pair.position: (pair, None) for pair in evenly}
     for quantity in QUANTITIES[:_SHOWN_QUANTITIES]:
-        farthest = next((each.pair for each in outliers if each.quantity is quantity), None)
+        farthest = next((outlier.pair for outlier in outliers if outlier.quantity is quantity), None)
         if farthest is not None:
             chosen.setdefault(farthest.position, (farthest, f"shown as the outlier in {quantity.name}"))
     return list(chosen.values())
-
-
-def _colours() -> list[tuple[int, int, int]]:
-    """256 colours from far to near, 8-bit RGB."""
-    return [(int(red), int(green), int(blue)) for red, green, blue, _ in colormaps[_COLOUR_MAP](range(256), bytes=True)]
-
-
-def _label(index: Index, pair: PairMeasures) -> str:
-    split, number = pair.key
-    return f"{number:06d}" if len(index.pairs) == 1 else f"{split} {number:06d}"

@@ -1,4 +1,4 @@
-"""The contact sheet: pairs with their disparity, and its histogram against the wanted one."""
+"""The contact sheet: pairs with their disparity, and its histogram against the target."""
 
 from collections.abc import Sequence
 
@@ -10,20 +10,19 @@ from numpy.typing import NDArray
 
 from semisynth_gl.frame import Frame
 from semisynth_gl.histogram import Histogram, PixelCount, total_variation
+from semisynth_gl.report.plots import COLOUR_MAP
 
-# Perceptually uniform, and dark where things are far.
-_COLOUR_MAP = "inferno"
 _INVALID = "#4060c0"
 _WIDTH_IN = 16.0
 
 
 def draw_sheet(frames: Sequence[Frame], target: Histogram, title: str) -> Figure:
-    """Draw a row per pair (left, right, left disparity with its scale in px) above the histogram of all of them.
+    """Draw a row for each pair (left, right, left disparity with its scale in px) above the histogram of all pairs.
 
     Args:
-        frames: at least one.
-        target: the wanted distribution.
-        title: shown on top.
+        frames: the pairs, at least one.
+        target: distribution that the config asks for.
+        title: title of the sheet.
     """
     first = frames[0].camera
     row_in = (_WIDTH_IN / 3.15) * first.height_px / first.width_px
@@ -39,7 +38,7 @@ def draw_sheet(frames: Sequence[Frame], target: Histogram, title: str) -> Figure
         axes[0].imshow(frame.left)
         axes[1].imshow(frame.right)
         shown = axes[2].imshow(
-            np.ma.masked_invalid(frame.disparity_left), cmap=_COLOUR_MAP, vmin=0, vmax=largest, interpolation="nearest"
+            np.ma.masked_invalid(frame.disparity_left), cmap=COLOUR_MAP, vmin=0, vmax=largest, interpolation="nearest"
         )
         axes[2].set_facecolor(_INVALID)
         bar = figure.colorbar(shown, ax=axes[2], pad=0.01, fraction=0.04)

@@ -1,26 +1,61 @@
-"""Histograms as SVG, written into the page: no library draws them, and they take the page's colours."""
+"""Histograms as SVG elements, drawn by matplotlib in the colours of the page."""
 
+import io
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+from typing import Any
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import Locator, LogLocator, MaxNLocator, NullLocator
 from numpy.typing import ArrayLike, NDArray
 
-_WIDTH, _HEIGHT = 400, 210
-_LEFT, _RIGHT, _TOP, _BOTTOM = 42, 10, 10, 38
-_TICKS = 6
-_PERCENT_TICKS = 4
+COLOUR_MAP = "inferno"
+"""The colour map of disparities: perceptually uniform, and dark at small disparities."""
+
+# matplotlib counts 72 pixels of an SVG in an inch.
+_SIZE_IN = (400 / 72, 210 / 72)
+_AXES = (0.105, 0.18, 0.87, 0.77)
 _FEWEST_BINS, _MOST_BINS = 8, 48
+# Of the width of a bin; a gap separates bars.
+_BAR_WIDTH = 0.94
+# Ticks stand at these multiples of powers of ten; of a longer logarithmic axis at the powers, of a shorter one evenly.
+_ROUND = (1, 2, 5, 10)
+_LEAST_RATIO, _MOST_RATIO = 7.0, 1e4
+
+# matplotlib knows no CSS variables: these colours stand for them until the drawing is text.
+_BAR, _OUTLINE, _LINE, _SOFT, _FONT = "#5b8fd6", "#b3470f", "#d5d9e0", "#5c6270", "DejaVu Sans"
+_IN_PAGE = {
+    _BAR: "var(--bar)",
+    _OUTLINE: "var(--outline)",
+    _LINE: "var(--line)",
+    _SOFT: "var(--soft)",
+    f"'{_FONT}'": "system-ui, sans-serif",
+}
+_STYLE: dict[Any, Any] = {
+    "svg.fonttype": "none",
+    "font.family": _FONT,
+    "font.size": 12,
+    "axes.facecolor": "none",
+    "axes.axisbelow": True,
+    "grid.color": _LINE,
+    "xtick.major.size": 3,
+    "ytick.major.size": 0,
+    **dict.fromkeys(("axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color"), _SOFT),
+    **dict.fromkeys(("axes.spines.left", "axes.spines.right", "axes.spines.top"), False),
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bars:
-    """Shares in bins.
+    """Shares of values in bins.
 
     Attributes:
-        edges: (K + 1,) float64, rising; above 0 where the axis is logarithmic.
+        edges: (K + 1,) float64, rising; above 0 on a logarithmic axis.
         shares: (K,) float64.
         log: whether the axis is logarithmic.
     """
@@ -30,23 +65,20 @@ class Bars:
     log: bool = False
 
 
-def bars_of(
-    values: ArrayLike, *, bins: int | None = None, log: bool = False, limits: tuple[float, float] | None = None
-) -> Bars:
-    """Count finite values in bins of equal width, or of equal ratio.
+def count_bars(values: ArrayLike, *, log: bool = False, limits: tuple[float, float] | None = None) -> Bars:
+    """Count finite values in 8 to 48 bins, about twice the root of the number of values.
 
     Args:
-        values: any shape, at least one of them finite; for a logarithmic axis those above 0 count.
-        bins: how many; by default about twice the root of the number of values, from 8 to 48.
-        log: whether bins have equal ratios.
-        limits: where the first begins and the last ends; by default at the smallest and the largest value.
+        values: array of any shape with at least one finite value; a logarithmic axis ignores values of 0 or less.
+        log: whether bins have equal ratios, or equal widths.
+        limits: outer edges of the first and the last bin; by default the smallest and the largest value.
     """
     array = np.asarray(values, np.float64).ravel()
     array = array[np.isfinite(array) & ((array > 0) | (not log))]
     low, high = (float(array.min()), float(array.max())) if limits is None else limits
-    bins = bins or int(np.clip(2 * math.sqrt(len(array)), _FEWEST_BINS, _MOST_BINS))
+    bins = int(np.clip(2 * math.sqrt(len(array)), _FEWEST_BINS, _MOST_BINS))
     if not low < high:
-        # One value alone gets a bin of its own, in the middle.
+        # A single value stands in the middle of the axis.
         low, high = (low / 2, high * 2) if log else (low - 0.5, high + 0.5)
     edges = np.geomspace(low, high, bins + 1) if log else np.linspace(low, high, bins + 1)
     edges[0], edges[-1] = low, high
@@ -54,92 +86,71 @@ def bars_of(
     return Bars(edges, counts / max(len(array), 1), log)
 
 
-def histogram_svg(
+def draw_histogram(
+    name: str,
     bars: Bars,
-    title: str,
-    axis: str,
+    label: str,
     *,
     outline: NDArray[np.float64] | None = None,
     marks: Sequence[tuple[float, str]] = (),
 ) -> str:
-    """Draw bars as an SVG element.
+    """Draw bars as an SVG element. Bars and marks have tooltips.
 
     Args:
-        bars: what to draw.
-        title: read out in place of the picture.
-        axis: what the x axis shows, with its unit.
-        outline: (K,) float64, shares of another distribution in the same bins, drawn as a line over them.
-        marks: places on the x axis to mark, with what each is.
+        name: name of the drawing; ids inside depend on it, so drawings of one page need different names.
+        bars: shares to draw.
+        label: label of the x axis, with its unit.
+        outline: (K,) float64, shares of another distribution in the same bins, drawn as a line over the bars.
+        marks: values to mark on the x axis, each with its tooltip; values outside the axis are ignored.
     """
-    highest = max(bars.shares.max(), 0.0 if outline is None else outline.max(), 1e-9)
-    y_ticks = [tick for tick in linear_ticks(0, 100 * highest, _PERCENT_TICKS) if tick <= 100 * highest]
-    bottom = _HEIGHT - _BOTTOM
+    file = io.StringIO()
+    with mpl.rc_context(_STYLE | {"svg.hashsalt": name}):
+        figure = Figure(figsize=_SIZE_IN, frameon=False)
+        axes = figure.add_axes(_AXES)
+        low, high = bars.edges[[0, -1]]
+        highest = max(bars.shares.max(), 0.0 if outline is None else outline.max(), 1e-9)
+        axes.set(xscale="log" if bars.log else "linear", xlim=(low, high), ylim=(0, 100 * highest), xlabel=label)
+        axes.xaxis.set_major_locator(_ticks(high / low) if bars.log else MaxNLocator(6, steps=_ROUND))
+        axes.xaxis.set_minor_locator(NullLocator())
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_major_locator(MaxNLocator(5, steps=_ROUND))
+        axes.yaxis.set_major_formatter("{x:g} %")
+        # Clipping would put references into the page, and nothing sticks out of the axes.
+        axes.grid(axis="y", clip_on=False)
+        tooltips: dict[str, str] = {}
+        for low_edge, high_edge, share in zip(bars.edges[:-1], bars.edges[1:], bars.shares, strict=True):
+            if share > 0:
+                gid = f"bar-{len(tooltips)}"
+                tooltips[gid] = f"{low_edge:.4g} to {high_edge:.4g}: {100 * share:.3g} %"
+                width = _BAR_WIDTH * (high_edge - low_edge)
+                axes.bar(low_edge, 100 * share, width, align="edge", color=_BAR, clip_on=False, gid=gid)
+        if outline is not None:
+            axes.stairs(100 * outline, bars.edges, baseline=None, color=_OUTLINE, linewidth=1.6, clip_on=False)
+        for value, tooltip in marks:
+            if low <= value <= high:
+                gid = f"mark-{len(tooltips)}"
+                tooltips[gid] = tooltip
+                axes.axvline(value, color=_OUTLINE, linewidth=1.2, linestyle=(0, (3, 2)), clip_on=False, gid=gid)
+        figure.savefig(file, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
+    return _for_page(file.getvalue(), tooltips)
 
-    def x(value: float) -> float:
-        ends = bars.edges[[0, -1]]
-        low, high, at = (math.log(ends[0]), math.log(ends[1]), math.log(value)) if bars.log else (*ends, value)
-        return float(_LEFT + (_WIDTH - _LEFT - _RIGHT) * (at - low) / (high - low))
 
-    def y(share: float) -> float:
-        return float(bottom - (bottom - _TOP) * share / highest)
+def _ticks(ratio: float) -> Locator:
+    """Return the ticks of a logarithmic axis that ends at ``ratio`` times its beginning."""
+    if ratio < _LEAST_RATIO:
+        return MaxNLocator(6, steps=_ROUND)
+    return LogLocator(subs=_ROUND[:-1] if ratio < _MOST_RATIO else _ROUND[:1])
 
-    parts = [
-        f'<svg class="plot" viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" aria-label="{escape(title)}">',
-        f"<title>{escape(title)}</title>",
-    ]
-    for tick in y_ticks:
-        at = y(tick / 100)
-        parts.append(f'<line class="grid" x1="{_LEFT}" x2="{_WIDTH - _RIGHT}" y1="{at:.1f}" y2="{at:.1f}"/>')
-        parts.append(f'<text class="tick" x="{_LEFT - 5}" y="{at + 3.5:.1f}" text-anchor="end">{tick:g} %</text>')
-    for low, high, share in zip(bars.edges[:-1], bars.edges[1:], bars.shares, strict=True):
-        if share > 0:
-            tip = f"{low:.4g} to {high:.4g}: {100 * share:.3g} %"
-            parts.append(
-                f'<rect class="bar" x="{x(low):.1f}" y="{y(share):.1f}" width="{max(x(high) - x(low) - 0.4, 0.6):.1f}" '
-                f'height="{bottom - y(share):.1f}"><title>{tip}</title></rect>'
-            )
-    if outline is not None:
-        points = [
-            f"{x(edge):.1f},{y(share):.1f}"
-            for low, high, share in zip(bars.edges[:-1], bars.edges[1:], outline, strict=True)
-            for edge in (low, high)
-        ]
-        parts.append(f'<polyline class="outline" points="{" ".join(points)}"/>')
-    for value, name in marks:
-        if bars.edges[0] <= value <= bars.edges[-1]:
-            parts.append(
-                f'<line class="mark" x1="{x(value):.1f}" x2="{x(value):.1f}" y1="{_TOP}" y2="{bottom}">'
-                f"<title>{escape(name)}</title></line>"
-            )
-    parts.append(f'<line class="axis" x1="{_LEFT}" x2="{_WIDTH - _RIGHT}" y1="{bottom}" y2="{bottom}"/>')
-    ends = float(bars.edges[0]), float(bars.edges[-1])
-    parts += [
-        f'<text class="tick" x="{x(tick):.1f}" y="{bottom + 15}" text-anchor="middle">{tick:g}</text>'
-        f'<line class="axis" x1="{x(tick):.1f}" x2="{x(tick):.1f}" y1="{bottom}" y2="{bottom + 3}"/>'
-        for tick in (log_ticks(*ends) if bars.log else linear_ticks(*ends, _TICKS))
-    ]
-    parts.append(
-        f'<text class="label" x="{(_LEFT + _WIDTH - _RIGHT) / 2}" y="{_HEIGHT - 5}" text-anchor="middle">'
-        f"{escape(axis)}</text></svg>"
+
+def _for_page(svg: str, tooltips: Mapping[str, str]) -> str:
+    """Cut a drawing out of its file, and give it the page's colours and its tooltips."""
+    svg = svg[svg.index("<svg") :]
+    # The style would hold for the whole page, and all drawings have groups of the same ids.
+    svg = re.sub(r"<defs>\s*<style.*?</style>\s*</defs>", "", svg, flags=re.DOTALL)
+    svg = re.sub(
+        r'<g id="((bar|mark)-\d+)">', lambda tag: f'<g class="{tag[2]}"><title>{escape(tooltips[tag[1]])}</title>', svg
     )
-    return "".join(parts)
-
-
-def linear_ticks(low: float, high: float, most: int) -> list[float]:
-    """Return multiples of 1, 2 or 5 times a power of ten from ``low`` to ``high``: at most ``most``, or one more."""
-    rough = (high - low) / most
-    power = 10.0 ** math.floor(math.log10(rough))
-    step = next(factor * power for factor in (1, 2, 5, 10) if factor * power >= rough * (1 - 1e-9))
-    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    return [round(number * step, 12) for number in range(first, last + 1)]
-
-
-def log_ticks(low: float, high: float) -> list[float]:
-    """Return 1, 2 and 5 times powers of ten from ``low`` to ``high``; powers alone where there would be too many."""
-    powers = range(math.floor(math.log10(low)) - 1, math.ceil(math.log10(high)) + 2)
-    for factors in ((1, 2, 5), (1, 3), (1,)):
-        ticks = [factor * 10.0**power for power in powers for factor in factors]
-        ticks = [float(f"{tick:.6g}") for tick in ticks if low <= tick <= high]
-        if len(ticks) <= 2 * _TICKS:
-            break
-    return ticks if len(ticks) > 1 else linear_ticks(low, high, _TICKS)
+    svg = re.sub(r'<g id="[^"]*"', "<g", svg)
+    for value, in_page in _IN_PAGE.items():
+        svg = svg.replace(value, in_page)
+    return re.sub(r"\s*\n\s*", " ", svg)

@@ -1,4 +1,4 @@
-"""What was drawn again, and why: read from the records of all shards."""
+"""Pairs that were drawn again, and why: read from the records of all shards."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -12,13 +12,13 @@ PairKey = tuple[SplitName, int]
 
 
 @dataclass(frozen=True, slots=True)
-class Reason:
-    """One kind of fault.
+class Fault:
+    """A kind of fault for which pairs were drawn again.
 
     Attributes:
-        name: what comes before the numbers, such as ``too dark``.
-        attempts: how many attempts had it; one may have several.
-        example: the first of its messages.
+        name: the message's part before the numbers, such as ``too dark``.
+        attempts: number of attempts with this fault; an attempt may have several faults.
+        example: the first message of this kind.
     """
 
     name: str
@@ -28,21 +28,21 @@ class Reason:
 
 @dataclass(frozen=True, slots=True)
 class Redraws:
-    """What was drawn again in a dataset, or one of its splits.
+    """The failed attempts of a dataset, or of one of its splits.
 
     Attributes:
-        pairs: how many pairs the records tell of.
-        attempts: how many attempts failed in all.
-        of_pair: what was wrong with each failed attempt of a pair; pairs without one are not listed. Of a sequence,
-            its first frame.
-        reasons: all kinds of faults, the most frequent first.
-        unread: records that could not be read, and why.
+        pairs: number of pairs in the records.
+        attempts: number of failed attempts.
+        messages: the messages about the failed attempts of a pair; pairs without failed attempts are absent. The
+            first frame of a sequence stands for all its frames.
+        faults: all kinds of faults, the most frequent first.
+        unread: messages about unreadable records.
     """
 
     pairs: int
     attempts: int
-    of_pair: Mapping[PairKey, tuple[str, ...]]
-    reasons: tuple[Reason, ...]
+    messages: Mapping[PairKey, tuple[str, ...]]
+    faults: tuple[Fault, ...]
     unread: tuple[str, ...]
 
 
@@ -51,37 +51,31 @@ def read_redraws(index: Index, split: SplitName | None = None) -> Redraws:
 
     Args:
         index: the dataset's.
-        split: of this split alone.
+        split: one of its splits; None for all.
     """
-    of_pair: dict[PairKey, tuple[str, ...]] = {}
+    messages: dict[PairKey, tuple[str, ...]] = {}
     examples: dict[str, str] = {}
     counts: Counter[str] = Counter()
     unread: list[str] = []
     pairs = 0
-    for each, name in _shards(index):
-        if split not in (None, each):
+    shard_pairs = int(index.values["shard_pairs"])
+    shard_splits = [name for name, count in index.pairs.items() for _ in range(0, count, shard_pairs)]
+    for shard_split, shard in zip(shard_splits, index.shard_names(), strict=True):
+        if split not in (None, shard_split):
             continue
         try:
-            record = read_record(index.place, name)
+            record = read_record(index.place, shard)
         except ReadError as error:
             unread.append(str(error))
             continue
         for sample in record["samples"]:
             pairs += 1
-            redrawn = tuple(str(reason) for reason in sample.get("redrawn", ()))
-            if redrawn:
-                of_pair[each, int(sample["pair"])] = redrawn
-            for reason in redrawn:
-                clauses = {clause.partition(":")[0]: clause for clause in reason.split("; ")}
+            attempts = tuple(str(message) for message in sample.get("redrawn", ()))
+            if attempts:
+                messages[shard_split, int(sample["pair"])] = attempts
+            for message in attempts:
+                clauses = {clause.partition(":")[0]: clause for clause in message.split("; ")}
                 counts.update(clauses.keys())
-                for kind, clause in clauses.items():
-                    examples.setdefault(kind, clause)
-    reasons = tuple(Reason(kind, count, examples[kind]) for kind, count in counts.most_common())
-    return Redraws(pairs, sum(map(len, of_pair.values())), of_pair, reasons, tuple(unread))
-
-
-def _shards(index: Index) -> list[tuple[SplitName, str]]:
-    """All shards that the dataset should have, with their splits."""
-    each = int(index.values["shard_pairs"])
-    splits = [split for split, pairs in index.pairs.items() for _ in range(0, pairs, each)]
-    return list(zip(splits, index.shard_names(), strict=True))
+                examples = clauses | examples
+    faults = tuple(Fault(name, count, examples[name]) for name, count in counts.most_common())
+    return Redraws(pairs, sum(map(len, messages.values())), messages, faults, tuple(unread))

@@ -1,4 +1,4 @@
-"""What closes the view: the inside of a cuboid, or one far plane. Both are made of flat faces."""
+"""The background that closes the view: the inside of a cuboid, or one far plane. Both consist of flat faces."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -8,39 +8,41 @@ import pyrr
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import EYES, StereoCamera
+from semisynth_gl.config import Range
 from semisynth_gl.config.model import BackgroundSection, DisparitySection
-from semisynth_gl.config.range import Range
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
-from semisynth_gl.scene.rig import check_reachable, near_depth_m
-from semisynth_gl.scene.sway import STILL, Sway
+from semisynth_gl.scene.rig import STILL, Sway, check_reachable, near_depth_m
 
-_FACE_CELLS = 8
+Floats = NDArray[np.float64]
+
+
+def mesh_grid(rows: int, columns: int) -> tuple[Floats, Floats, NDArray[np.int64]]:
+    """Return u and v, 0 to 1, of a grid's (rows + 1) (columns + 1) vertices, and its (T, 3) triangles."""
+    v, u = np.meshgrid(np.linspace(0, 1, rows + 1), np.linspace(0, 1, columns + 1), indexing="ij")
+    first = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).ravel()
+    below = first + columns + 1
+    triangles = np.concatenate([np.stack([first, first + 1, below + 1], 1), np.stack([first, below + 1, below], 1)])
+    return u.ravel(), v.ravel(), triangles
 
 
 def _face() -> Mesh:
-    v, u = np.meshgrid(*[np.linspace(0, 1, _FACE_CELLS + 1)] * 2, indexing="ij")
-    corners = np.stack([u.ravel(), v.ravel()], axis=1)
-    row = _FACE_CELLS + 1
-    first = (np.arange(_FACE_CELLS)[:, None] * row + np.arange(_FACE_CELLS)).ravel()
-    triangles = np.concatenate(
-        [np.stack([first, first + 1, first + row + 1], 1), np.stack([first, first + row + 1, first + row], 1)]
-    )
-    return make_mesh("face", np.c_[corners, np.zeros(len(corners))], corners, triangles)
+    u, v, triangles = mesh_grid(8, 8)
+    return make_mesh("face", np.c_[u, v, np.zeros(len(u))], np.c_[u, v], triangles)
 
 
-# The model that every face is an instance of: the unit square of the x-y plane, u along x and v along y. It is a grid
-# because float32 rounds a vertex by its distance: what is near should not hang between vertices far away.
+# The model of every face: the unit square of the x-y plane, u along x and v along y. It is a grid, because float32
+# rounds a vertex by its distance: a near surface must not hang between vertices far away.
 FACE = _face()
 
 # Walls keep this much more than the smallest allowed depth, so that rounding never puts a pixel beyond max_px.
 BEYOND_NEAR = 1.01
 # Side walls stand between these fractions of the way from the nearest allowed place to just outside the view.
 _SIDE_WALL = Range(0.3, 1.1)
-# Walls go on behind each other by this share of their size: rounded to float32, edges that only met would leave gaps.
+# Walls continue behind each other by this share of their size: edges that only met would leave gaps in float32.
 OVERLAP = 1e-4
 _GRID = (48, 32)
-# A far plane is no wider than this angle to its normal can see.
+# A far plane is filled up to this angle to its normal.
 _WIDEST_RAD = np.deg2rad(85)
 
 
@@ -54,20 +56,19 @@ class Background:
         size_m: (F, 2) float64, lengths of the two edges.
         normal: (F, 3) float64, unit, away from the camera.
         offset_m: (F,) float64, distance from the left camera's centre; points of a face have normal . p = offset.
-        visible_depth_m: (F,) float64, median depth of a face in the left view, or its nearest depth if not seen.
+        visible_depth_m: (F,) float64, median depth of a face in the left view; of a hidden face, the back wall's depth.
     """
 
     kind: Literal["cuboid", "plane"]
-    world_from_face: NDArray[np.float64]
-    size_m: NDArray[np.float64]
-    normal: NDArray[np.float64]
-    offset_m: NDArray[np.float64]
-    visible_depth_m: NDArray[np.float64]
+    world_from_face: Floats
+    size_m: Floats
+    normal: Floats
+    offset_m: Floats
+    visible_depth_m: Floats
 
-    def disparity_px(self, camera: StereoCamera) -> NDArray[np.float64]:
-        """Disparities of the bare background on a coarse grid over the left view, flat float64."""
-        depth, _ = _first_hit(self.normal, self.offset_m, _grid_rays(camera))
-        return camera.disparity_px(depth)
+    def disparity_px(self, camera: StereoCamera) -> Floats:
+        """Return disparities of the bare background on a coarse grid over the left view, flat float64."""
+        return camera.disparity_px(_first_hit(self.normal, self.offset_m, camera)[0])
 
 
 def draw_background(
@@ -79,33 +80,29 @@ def draw_background(
 ) -> Background:
     """Draw the background of one sequence.
 
-    No wall comes nearer than the depth of ``disparity.max_px`` in either view, and the cuboid holds both cameras,
-    however they sway; the plane fills both views.
+    No wall comes nearer than the depth of ``disparity.max_px`` in either view. The cuboid has both cameras inside, and
+    the plane fills both views, at any moment of the sway.
 
     Raises:
-        InputError: where the plane would have to be endless to do so.
+        InputError: where a disparity lies beyond infinity, or the plane would have to be endless.
     """
-    indoor = rng.random() * (section.cuboid + section.plane) < section.cuboid
-    return _cuboid(section, disparity, camera, rng, sway) if indoor else _plane(section, disparity, camera, rng, sway)
+    draw = _cuboid if rng.random() * (section.cuboid + section.plane) < section.cuboid else _plane
+    return draw(section, disparity, camera, rng, sway)
 
 
 def _plane(
-    section: BackgroundSection,
-    disparity: DisparitySection,
-    camera: StereoCamera,
-    rng: np.random.Generator,
-    sway: Sway,
+    section: BackgroundSection, disparity: DisparitySection, camera: StereoCamera, rng: np.random.Generator, sway: Sway
 ) -> Background:
     disparity_px = section.plane_disparity_px.draw(rng)
     check_reachable(camera, disparity_px, "background.plane_disparity_px")
     depth = float(camera.depth_m(disparity_px))
-    if sway.reach_m > 0 or sway.angle_rad > 0:
-        # With a large doffs the plane is not far, and the camera may come near it.
+    if sway.moves:
+        # With a large doffs the plane is near, and the camera may sway towards it.
         ahead = np.array([[0.0, 0.0, 1.0]])
         depth = max(depth, float(smallest_offsets(camera, ahead, near_depth_m(camera, disparity), sway)[0]))
     corners = _corner_points(camera, depth)
     low, high = corners.min(axis=0), corners.max(axis=0)
-    if sway.reach_m > 0 or sway.angle_rad > 0:
+    if sway.moves:
         widest = float(np.arctan(np.linalg.norm(corner_rays(camera)[:, :2], axis=1).max())) + sway.angle_rad
         if widest >= _WIDEST_RAD:
             raise InputError(
@@ -121,22 +118,12 @@ def _plane(
     world_from_face = np.eye(4)
     world_from_face[0, 0], world_from_face[1, 1] = high[:2] - low[:2]
     world_from_face[:3, 3] = low[0], low[1], depth
-    return Background(
-        "plane",
-        world_from_face[None],
-        (high - low)[None, :2],
-        np.array([[0.0, 0.0, 1.0]]),
-        np.array([depth]),
-        np.array([depth]),
-    )
+    normal, distance = np.array([[0.0, 0.0, 1.0]]), np.array([depth])
+    return Background("plane", world_from_face[None], (high - low)[None, :2], normal, distance, distance)
 
 
 def _cuboid(
-    section: BackgroundSection,
-    disparity: DisparitySection,
-    camera: StereoCamera,
-    rng: np.random.Generator,
-    sway: Sway,
+    section: BackgroundSection, disparity: DisparitySection, camera: StereoCamera, rng: np.random.Generator, sway: Sway
 ) -> Background:
     turn = np.deg2rad(section.wall_turn_deg)
     # Columns are the room's axes in the camera frame.
@@ -177,21 +164,28 @@ def _cuboid(
         world_from_face[face, :3, 1] = axes[:, j] * size[face, 1]
         world_from_face[face, :3, 2] = axes[:, k]
         world_from_face[face, :3, 3] = corner
-    depth, hit = _first_hit(normal, offset, _grid_rays(camera))
+    depth, hit = _first_hit(normal, offset, camera)
     visible_depth = np.array([np.median(depth[hit == k]) if (hit == k).any() else wall_depth for k in range(6)])
     return Background("cuboid", world_from_face, size, normal, offset, visible_depth)
 
 
-def smallest_offsets(
-    camera: StereoCamera, normal: NDArray[np.float64], near_m: float, sway: Sway = STILL
-) -> NDArray[np.float64]:
-    """Smallest distance of walls with these normals that keeps both cameras inside and all pixels beyond near.
+def smallest_offsets(camera: StereoCamera, normal: Floats, near_m: float, sway: Sway = STILL) -> Floats:
+    """Return the smallest distances of walls at which both cameras are inside and all pixels are beyond the near plane.
 
     Along a ray from an eye at e, a wall normal . p = offset has depth Z = (offset - normal . e) / (normal . ray), and
     normal . ray is linear over the image: its largest value is at a corner. A sway moves the eyes by at most its reach,
     and the right one by 2 B sin(angle / 2) more; and it turns a ray by at most its angle towards the normal.
+
+    Args:
+        camera: the camera.
+        normal: (F, 3) float64, unit normals of the walls, away from the camera.
+        near_m: depth of the near plane.
+        sway: the camera's sway.
+
+    Returns:
+        (F,) float64, metres from the left camera's centre.
     """
-    smallest = np.full(len(normal), 0.0)
+    smallest = np.zeros(len(normal))
     for eye in EYES:
         aside = abs(camera.offset_m(eye)) * 2 * np.sin(min(sway.angle_rad, np.pi) / 2)
         shift = normal[:, 0] * camera.offset_m(eye) + (sway.reach_m + aside)
@@ -207,35 +201,29 @@ def smallest_offsets(
     return smallest
 
 
-def corner_rays(camera: StereoCamera, *eyes: str) -> NDArray[np.float64]:
-    """Rays (4 E, 3) with Z = 1 through the corners of the named views, or of both."""
+def corner_rays(camera: StereoCamera, *eyes: str) -> Floats:
+    """Return rays (4 E, 3) with Z = 1 through the corners of the named views, or of both."""
     x = np.array([-0.5, camera.width_px - 0.5, -0.5, camera.width_px - 0.5])
     y = np.array([-0.5, -0.5, camera.height_px - 0.5, camera.height_px - 0.5])
     return np.concatenate([camera.rays(eye, x, y) for eye in EYES if not eyes or eye in eyes])
 
 
-def _corner_points(camera: StereoCamera, depth_m: float) -> NDArray[np.float64]:
+def _corner_points(camera: StereoCamera, depth_m: float) -> Floats:
     """Corners of both views at one depth, (8, 3), in the left camera's frame."""
     return np.concatenate([corner_rays(camera, eye) * depth_m + np.array([camera.offset_m(eye), 0, 0]) for eye in EYES])
 
 
-def grid_px(camera: StereoCamera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Columns and rows, flat, of a coarse grid over the view."""
+def grid_px(camera: StereoCamera) -> tuple[Floats, Floats]:
+    """Return columns and rows, flat, of a coarse grid over the view."""
     x = (np.arange(_GRID[0]) + 0.5) / _GRID[0] * camera.width_px - 0.5
     y = (np.arange(_GRID[1]) + 0.5) / _GRID[1] * camera.height_px - 0.5
     columns, rows = np.meshgrid(x, y)
     return columns.ravel(), rows.ravel()
 
 
-def _grid_rays(camera: StereoCamera) -> NDArray[np.float64]:
-    return camera.rays("left", *grid_px(camera))
-
-
-def _first_hit(
-    normal: NDArray[np.float64], offset: NDArray[np.float64], rays: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Depth along (R, 3) rays from the left camera to the first face, and that face: both (R,)."""
+def _first_hit(normal: Floats, offset: Floats, camera: StereoCamera) -> tuple[Floats, NDArray[np.intp]]:
+    """Depth of the first face on a coarse grid over the left view, and that face: both (R,)."""
     with np.errstate(divide="ignore"):
-        depth = offset / (rays @ normal.T)
+        depth = offset / (camera.rays("left", *grid_px(camera)) @ normal.T)
     depth[~(depth > 0)] = np.inf
     return depth.min(axis=1), depth.argmin(axis=1)

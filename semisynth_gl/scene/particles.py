@@ -1,6 +1,6 @@
-"""The particle system: an emission plane above each layer releases models that fall, drift and spin.
+"""The particle system: an emission plane above each depth layer releases models that fall, drift and spin.
 
-Everything is in closed form, so any moment can be asked for alone. A slot is one place in the stream: it keeps its
+All positions are in closed form, so any moment can be computed alone. A slot is one stream of models: it keeps its
 layer, depth, size and speed, and releases one model after the other. Model number g of a slot (its generation) leaves
 the emission plane when model g - 1 has fallen out of the view, so the number of particles per layer stays constant.
 """
@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import StereoCamera
-from semisynth_gl.config.model import LayerSection, ParticlesSection
-from semisynth_gl.geometry.stretch import draw_scales
-from semisynth_gl.scene.rotation import rotation_about, rotation_of
+from semisynth_gl.config.model import DepthLayerSection, ParticlesSection
+from semisynth_gl.geometry.silhouette import draw_scales
+from semisynth_gl.scene.rig import rotation_about_axis, rotation_from_quaternion
 
 Floats = NDArray[np.float64]
+
+_QUANTILES = (np.arange(64) + 0.5) / 64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,7 +29,7 @@ class Slots:
         depth_m: (S,) planar depth of the path's middle.
         disparity_px: (S,) disparity there.
         radius_px: (S,) radius of the bounding sphere on the screen.
-        period_s: (S,) time from the emission plane until out of view.
+        period_s: (S,) time from the emission plane to the end of the view.
         phase: (S,) age at time 0, in periods, in [0, 1).
     """
 
@@ -41,18 +43,13 @@ class Slots:
         return len(self.depth_m)
 
     def generation(self, time_s: float) -> NDArray[np.int64]:
-        """Which of its models each slot shows at a time, (S,): negative ones were released before time 0."""
+        """Return the number of the model that each slot shows at a time, (S,); negative for releases before time 0."""
         return np.floor(time_s / self.period_s + self.phase).astype(np.int64)
-
-    def age(self, time_s: float, generation: NDArray[np.int64]) -> Floats:
-        """Age, (S,) in periods, of models of these generations: in [0, 1) where they are those of that time."""
-        age: Floats = time_s / self.period_s + self.phase - generation
-        return age
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Release:
-    """How each slot's model of one generation was released.
+    """The release of each slot's model of one generation.
 
     Attributes:
         start_px: (S,) image x of the path's middle, left view.
@@ -76,9 +73,9 @@ class Sizes:
     """Diameters of models' bounding spheres, drawn uniformly in their logarithm.
 
     Attributes:
-        low: the smallest.
-        high: the largest.
-        metric: whether in metres, so that far ones are smaller on the screen, or in pixels.
+        low: the smallest diameter.
+        high: the largest diameter.
+        metric: whether diameters are in metres, so that far models are smaller on the screen, or in pixels.
     """
 
     low: float
@@ -86,7 +83,7 @@ class Sizes:
     metric: bool = False
 
     def radius_px(self, camera: StereoCamera, disparity_px: Floats, quantile: Floats) -> Floats:
-        """Radius on the screen of the given quantiles at disparities; both broadcast."""
+        """Return the radius on the screen of quantiles at disparities; both broadcast."""
         radius = self.low / 2 * (self.high / self.low) ** quantile
         if self.metric:
             radius = radius * camera.focal_px / camera.depth_m(disparity_px)
@@ -94,12 +91,14 @@ class Sizes:
         return result
 
     def scaled(self, factor: float) -> "Sizes":
-        """Return sizes larger by a factor."""
+        """Return sizes that are larger by a factor."""
         return Sizes(self.low * factor, self.high * factor, self.metric)
 
 
-def sizes_of(section: ParticlesSection) -> Sizes:
-    """Return the sizes that a config states."""
+def stated_sizes(section: ParticlesSection, layer: DepthLayerSection | None = None) -> Sizes:
+    """Return the sizes that a config states for all particles, or for a depth layer."""
+    if layer is not None and layer.size_px is not None:
+        return Sizes(layer.size_px.low, layer.size_px.high)
     if section.size_m is not None:
         return Sizes(section.size_m.low, section.size_m.high, metric=True)
     return Sizes(section.size_px.low, section.size_px.high)
@@ -107,13 +106,13 @@ def sizes_of(section: ParticlesSection) -> Sizes:
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Particles that are drawn alike.
+    """Particles of one range of disparities.
 
     Attributes:
         low_px: lowest disparity.
-        high_px: highest one.
-        count: how many.
-        sizes: how large.
+        high_px: highest disparity.
+        count: number of particles.
+        sizes: sizes of the particles.
     """
 
     low_px: float
@@ -122,17 +121,28 @@ class Batch:
     sizes: Sizes
 
 
+def stated_batches(
+    layers: Sequence[DepthLayerSection], section: ParticlesSection, rng: np.random.Generator
+) -> list[Batch]:
+    """Draw a batch for each depth layer that the config states, its count rounded."""
+    return [
+        Batch(
+            layer.disparity_px.low, layer.disparity_px.high, round(layer.count.draw(rng)), stated_sizes(section, layer)
+        )
+        for layer in layers
+    ]
+
+
 def expected_cover(camera: StereoCamera, sizes: Sizes, disparity_px: Floats, fill: float) -> Floats:
-    """Mean number of times that one particle of a layer covers a pixel of the view, (K,) float64.
+    """Return the mean number of times that one particle of a layer covers a pixel of the view, (K,) float64.
 
     Args:
         camera: the camera.
-        sizes: how large particles are.
-        disparity_px: (K,) disparity of each layer.
+        sizes: sizes of the particles.
+        disparity_px: (K,) float64, disparity of each layer.
         fill: mean projected area of the models in units of their bounding sphere's disc.
     """
-    quantile = (np.arange(64) + 0.5) / 64
-    radius = sizes.radius_px(camera, disparity_px[:, None], quantile)
+    radius = sizes.radius_px(camera, disparity_px[:, None], _QUANTILES)
     area = fill * np.pi * radius**2 * _mean_secant(camera)
     width, height = _release_area_px(camera, disparity_px[:, None], radius)
     cover: Floats = (area / (width * height)).mean(axis=1)
@@ -140,19 +150,18 @@ def expected_cover(camera: StereoCamera, sizes: Sizes, disparity_px: Floats, fil
 
 
 def expected_in_view(camera: StereoCamera, sizes: Sizes, disparity_px: Floats) -> Floats:
-    """Share of a layer's particles whose bounding sphere touches the left view, (K,) float64."""
-    quantile = (np.arange(64) + 0.5) / 64
-    radius = sizes.radius_px(camera, disparity_px[:, None], quantile)
+    """Return the share of a layer's particles whose bounding sphere touches the left view, (K,) float64."""
+    radius = sizes.radius_px(camera, disparity_px[:, None], _QUANTILES)
     width, _ = _release_area_px(camera, disparity_px[:, None], radius)
     share: Floats = ((camera.width_px + 2 * radius) / width).mean(axis=1)
     return share
 
 
 def _mean_secant(camera: StereoCamera) -> float:
-    """How much larger things are in the picture towards its sides, averaged over the left view.
+    """Mean factor by which things are larger towards the sides of the left view than in its middle.
 
-    What faces a ray at an angle t to the axis, at depth Z, takes the solid angle a cos(t)^2 / Z^2, and a solid angle
-    takes f^2 / cos(t)^3 of the picture: together 1 / cos(t) of what it takes in the middle.
+    A surface of area a that faces a ray at an angle t to the axis, at depth Z, takes the solid angle a cos(t)^2 / Z^2,
+    and a solid angle takes f^2 / cos(t)^3 of the picture: together 1 / cos(t) of the area in the middle.
     """
     x = ((np.arange(16) + 0.5) / 16 * camera.width_px - 0.5 - camera.cx_left_px) / camera.focal_px
     y = ((np.arange(16) + 0.5) / 16 * camera.height_px - 0.5 - camera.cy_px) / camera.focal_px
@@ -171,8 +180,8 @@ def draw_slots(
 
     Args:
         camera: the camera.
-        section: speeds and the upper limit of the number.
-        batches: how many of which.
+        section: speeds, and the upper limit of the number.
+        batches: numbers and sizes.
         rng: randomness.
     """
     counts = np.array([batch.count for batch in batches], np.int64)
@@ -199,12 +208,12 @@ def draw_slots(
 
 
 def poisson_counts(mean: Floats, quantile: Floats) -> NDArray[np.int64]:
-    """Numbers of particles per layer, (K,) int64: the given quantiles, (K,) in [0, 1), of Poisson distributions.
+    """Return quantiles, (K,) in [0, 1), of Poisson distributions with K means: numbers of particles, (K,) int64.
 
-    Particles that are thrown independently are Poisson in number: every scene varies.
+    Particles that are thrown independently are Poisson in number. The sum stands here since scipy takes long to import.
     """
-    most = int(mean.max(initial=0.0) + 12 * mean.max(initial=0.0) ** 0.5 + 24)
-    number = np.arange(most)
+    largest = mean.max(initial=0.0)
+    number = np.arange(int(largest + 12 * largest**0.5 + 24))
     log_mean = np.log(np.maximum(mean, np.finfo(np.float64).tiny))[:, None]
     logarithm = number * log_mean - mean[:, None] - np.concatenate([[0.0], np.cumsum(np.log(number[1:]))])
     below = np.cumsum(np.exp(logarithm), axis=1)
@@ -212,21 +221,8 @@ def poisson_counts(mean: Floats, quantile: Floats) -> NDArray[np.int64]:
     return counts
 
 
-def stated_sizes(layer: LayerSection, section: ParticlesSection) -> Sizes:
-    """Return the sizes of a layer that the config states."""
-    return sizes_of(section) if layer.size_px is None else Sizes(layer.size_px.low, layer.size_px.high)
-
-
-def stated_batches(layers: Sequence[LayerSection], section: ParticlesSection, rng: np.random.Generator) -> list[Batch]:
-    """Layers as the config states them, each count drawn from its range and rounded."""
-    return [
-        Batch(each.disparity_px.low, each.disparity_px.high, round(each.count.draw(rng)), stated_sizes(each, section))
-        for each in layers
-    ]
-
-
 def draw_release(camera: StereoCamera, section: ParticlesSection, slots: Slots, rng: np.random.Generator) -> Release:
-    """Draw how every slot's model of one generation is released."""
+    """Draw the release of every slot's model of one generation."""
     total = len(slots)
     width, _ = _release_area_px(camera, slots.disparity_px, slots.radius_px)
     start = rng.random(total) * width - slots.radius_px - 0.5
@@ -243,12 +239,13 @@ def draw_release(camera: StereoCamera, section: ParticlesSection, slots: Slots, 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Particles:
-    """Where the models of all slots are at one moment.
+    """The models of all slots at one moment.
 
     Attributes:
-        generation: (S,) which of its models each slot shows.
-        radius_m: (S,) radius of the bounding sphere.
-        world_from_model: (S, 4, 4) places models of radius 1; the world is the left camera's frame, but for its sway.
+        generation: (S,) int64, number of the model in its slot.
+        radius_m: (S,) float64, radius of the bounding sphere.
+        world_from_model: (S, 4, 4) float64, places models of radius 1; the world is the left camera's frame without
+            its sway.
     """
 
     generation: NDArray[np.int64]
@@ -275,25 +272,27 @@ def particles_at(
         slots: the streams.
         release: returns the release of all slots for a generation.
         time_s: any time.
-        generation: (S,) whose models; by default those that the slots show at that time. Others are followed along
-            their paths, before their release and after their end.
+        generation: (S,) int64, number of the model in its slot; by default the model that the slot shows at that time.
+            Any other model continues its path, before its release and after its end.
     """
     if generation is None:
         generation = slots.generation(time_s)
-    age = slots.age(time_s, generation)
+    # Periods since the release: 0 to 1 for a model that its slot shows.
+    age = time_s / slots.period_s + slots.phase - generation
     metre = slots.depth_m / camera.focal_px
-    fallen_m = age * (camera.height_px + 2 * slots.radius_px) * metre
-    from_middle_m = (age - 0.5) * (camera.height_px + 2 * slots.radius_px) * metre
+    height_px = camera.height_px + 2 * slots.radius_px
+    fallen_m = age * height_px * metre
+    from_middle_m = (age - 0.5) * height_px * metre
     matrix = np.tile(np.eye(4), (len(slots), 1, 1))
     centre = matrix[:, :3, 3]
     radius_m = slots.radius_px * metre
     for number in np.unique(generation):
-        of = np.flatnonzero(generation == number)
+        k = np.flatnonzero(generation == number)
         drawn = release(int(number))
-        centre[of, 0] = (drawn.start_px[of] - camera.cx_left_px) * metre[of] + drawn.drift[of, 0] * from_middle_m[of]
-        centre[of, 1] = (-0.5 - slots.radius_px[of] - camera.cy_px) * metre[of] + fallen_m[of]
-        centre[of, 2] = slots.depth_m[of] + drawn.drift[of, 1] * from_middle_m[of]
-        angle = drawn.spin_rad_s[of] * age[of] * slots.period_s[of]
-        rotation = rotation_about(drawn.axis[of], angle) @ rotation_of(drawn.quaternion[of])
-        matrix[of, :3, :3] = rotation * (drawn.scale[of] * radius_m[of, None])[:, None, :]
+        centre[k, 0] = (drawn.start_px[k] - camera.cx_left_px) * metre[k] + drawn.drift[k, 0] * from_middle_m[k]
+        centre[k, 1] = (-0.5 - slots.radius_px[k] - camera.cy_px) * metre[k] + fallen_m[k]
+        centre[k, 2] = slots.depth_m[k] + drawn.drift[k, 1] * from_middle_m[k]
+        angle = drawn.spin_rad_s[k] * age[k] * slots.period_s[k]
+        rotation = rotation_about_axis(drawn.axis[k], angle) @ rotation_from_quaternion(drawn.quaternion[k])
+        matrix[k, :3, :3] = rotation * (drawn.scale[k] * radius_m[k, None])[:, None, :]
     return Particles(generation, radius_m, matrix)

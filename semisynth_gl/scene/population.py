@@ -1,13 +1,13 @@
-"""Who is in a scene: how many particles of each layer and size, for the dataset's wanted disparities.
+"""The numbers of particles in a scene, by depth layer and size, for the dataset's wanted disparities.
 
-Each scene is solved for itself, with its own camera and background. What no single scene can give, because a wall
-stands in the way, the others make up for: a few pilot scenes, of which only camera and background are drawn, tell what
-the dataset would come to on average, and the aim of all scenes is shifted until that is what is wanted.
+Each scene is solved for itself, with its own camera and background. Where a wall keeps a scene from the target, the
+other scenes make up for it: pilot scenes, of which only camera and background are drawn, give the dataset's mean, and
+the aim of all scenes is shifted until the mean is the target.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,16 +17,12 @@ from semisynth_gl.config.model import Config
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.silhouette import Silhouette
 from semisynth_gl.histogram import Histogram
-from semisynth_gl.scene.background import draw_background
-from semisynth_gl.scene.layers import (
+from semisynth_gl.scene.depth_layers import (
     MOST_LAYERS,
-    Layers,
-    cumulative,
+    DepthLayers,
+    exceedance,
     expected_shares,
-    holds,
-    layers_of,
-    merged,
-    reach,
+    merge_bins,
     solve_coverage,
 )
 from semisynth_gl.scene.particles import (
@@ -35,14 +31,11 @@ from semisynth_gl.scene.particles import (
     expected_cover,
     expected_in_view,
     poisson_counts,
-    sizes_of,
     stated_batches,
     stated_sizes,
 )
-from semisynth_gl.scene.rig import check_reachable, draw_camera, near_depth_m
-from semisynth_gl.scene.structures import draw_surroundings
-from semisynth_gl.scene.sway import draw_sway
-from semisynth_gl.scene.target import target_of
+from semisynth_gl.scene.rig import check_reachable, near_depth_m
+from semisynth_gl.scene.structures import draw_stage
 from semisynth_gl.seeds import Purpose, generator
 
 Floats = NDArray[np.float64]
@@ -56,42 +49,27 @@ _BEYOND_MOST = 2.0
 _HALVINGS = 10
 # Multiples of their roots, which are irrational and unrelated, spread evenly over [0, 1) for each layer by itself.
 _PRIMES = np.array([n for n in range(2, 230) if all(n % k for k in range(2, n))][:MOST_LAYERS], np.float64)
-# Of a bin that all scenes have too much of, something is still asked for: its aim could not rise again from 0.
+# The aim for a bin keeps this share of itself in each correction: from 0 it could not rise again.
 _LEAST_OF_AIM = 0.1
 # A background is never bare: particles of its own layer cover a pixel this often.
 _POPULATED = 0.5
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Views:
-    """What particles of K layers would do in V views.
+class _Views(NamedTuple):
+    """The effect of particles in K layers on V views."""
 
-    Attributes:
-        bare: (V, K - 1) share of the view that shows less than each inner edge of the target without them.
-        reached: (V, K, K - 1), see `reach`.
-        least: (V, K) smallest coverages.
-        cover: (V, K) coverage that one particle adds.
-    """
-
-    bare: Floats
-    reached: Floats
-    least: Floats
-    cover: Floats
+    bare: Floats  # (V, K - 1) share of the view that shows less than each inner edge of the target without particles
+    exceedances: Floats  # (V, K, K - 1), see `exceedance`
+    least: Floats  # (V, K) smallest coverages
+    cover: Floats  # (V, K) coverage that one particle adds
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Aim:
-    """What each scene is solved for.
+class _Aim(NamedTuple):
+    """The aim that each scene is solved for."""
 
-    Attributes:
-        shares: (K,) float64 in the target's bins.
-        achieved: (K,) float64, what scenes solved for it come to on average.
-        sizes: of the particles.
-    """
-
-    shares: Floats
-    achieved: Floats
-    sizes: Sizes
+    shares: Floats  # (K,) in the target's bins
+    achieved: Floats  # (K,) mean shares of scenes that are solved for it
+    sizes: Sizes  # of the particles
 
 
 class Population:
@@ -100,29 +78,29 @@ class Population:
     Args:
         config: the configuration.
         seed: 0 or more; draws the pilot scenes.
-        silhouette: what the models cover on average.
+        silhouette: mean silhouette of the models.
 
     Attributes:
-        target: the wanted distribution, in bins that layers can follow.
+        target: the wanted distribution, in bins that depth layers can follow.
     """
 
     def __init__(self, config: Config, seed: int, silhouette: Silhouette) -> None:
         self._config = config
         self._seed = seed
         self._silhouette = silhouette
-        self.target = merged(target_of(config.disparity, config.camera))
-        self._layers = layers_of(self.target, config.disparity.min_px, config.disparity.max_px)
+        self.target = merge_bins(config.wanted_histogram())
+        self._layers = DepthLayers.from_bins(self.target, config.disparity.min_px, config.disparity.max_px)
         self._first_quantile = generator(seed, Purpose.COUNTS).random(len(self._layers))
 
-    def draw(self, sequence: int, camera: StereoCamera, background_px: Floats, rng: np.random.Generator) -> list[Batch]:
+    def draw(self, sequence: int, camera: StereoCamera, bare_px: Floats, rng: np.random.Generator) -> list[Batch]:
         """Draw the numbers for one scene.
 
         Args:
             sequence: the scene's number. Successive scenes share out each layer's numbers evenly, so that a dataset
                 comes to its target with fewer pairs than independent draws would need.
-            camera: its camera.
-            background_px: disparities over its view without particles, flat.
-            rng: for what the config states.
+            camera: the scene's camera.
+            bare_px: flat float64, disparities over the left view without particles.
+            rng: draws the numbers that the config states.
 
         Raises:
             InputError: where a layer that the config states lies beyond infinity, or the target takes more particles
@@ -135,37 +113,41 @@ class Population:
         if particles.layers is not None:
             return stated_batches((*particles.layers, *particles.clutter), particles, rng)
         aim = self._aim
-        views = self._views([(camera, background_px)], aim.sizes)
+        views = self._views([(camera, bare_px)], aim.sizes)
         quantile = (self._first_quantile + sequence * np.sqrt(_PRIMES[: len(self._layers)])) % 1.0
         mean = (self._coverage(aim.shares, views) / views.cover)[0]
-        # What a scene of its kind needs beyond the limit is cut by it anyway.
+        # The limit cuts the rest in any case.
         mean *= min(1.0, _BEYOND_MOST * particles.most / max(float(mean.sum()), 1.0))
-        drawn = poisson_counts(mean, quantile)
+        counts = poisson_counts(mean, quantile)
         solved = [
-            Batch(low, high, int(number), aim.sizes)
-            for low, high, number in zip(self._layers.low_px, self._layers.high_px, drawn, strict=True)
+            Batch(low, high, int(count), aim.sizes)
+            for low, high, count in zip(self._layers.low_px, self._layers.high_px, counts, strict=True)
         ]
         return solved + stated_batches(particles.clutter, particles, rng)
 
     def expected(self) -> Histogram | None:
-        """Return what the dataset comes to on average, by the Boolean model of the pilot scenes.
+        """Return the mean distribution of the dataset, by the Boolean model of the pilot scenes.
 
-        None where the config states the numbers of particles.
+        Returns:
+            A histogram in the bins of ``target``, or None where the config states the numbers of particles.
 
         Raises:
             InputError: where the target cannot be met, see `draw`.
         """
         if self._config.particles.layers is not None:
             return None
-        return Histogram.of(self.target.edges_px, self._aim.achieved)
+        return Histogram.from_counts(self.target.edges_px, self._aim.achieved)
 
     @cached_property
     def _aim(self) -> _Aim:
-        density, sizes = self._config.particles.density, sizes_of(self._config.particles)
+        density, sizes = self._config.particles.density, stated_sizes(self._config.particles)
         if density == "default":
             return self._corrected(sizes)
         wanted = _DENSITY[density] * self._in_view(sizes) if isinstance(density, str) else density
-        low, high = _SMALLEST, self._largest_scale(sizes)
+        # The largest particles of the nearest layer get as wide as the image.
+        camera = self._pilots[0][0]
+        largest_px = float(sizes.radius_px(camera, np.array(self._layers.high_px.max()), np.array(1.0)))
+        low, high = _SMALLEST, max(1.0, camera.width_px / 2 / largest_px)
         fewest, largest_number = self._in_view(sizes.scaled(high)), self._in_view(sizes.scaled(low))
         if wanted > largest_number:
             raise InputError(
@@ -187,27 +169,21 @@ class Population:
                 high = middle
         return self._corrected(sizes.scaled((low * high) ** 0.5))
 
-    def _largest_scale(self, sizes: Sizes) -> float:
-        """Factor that makes the largest particles of the nearest layer as wide as the image."""
-        camera = self._pilots[0][0]
-        nearest = np.array(self._layers.high_px.max())
-        return max(1.0, camera.width_px / 2 / float(sizes.radius_px(camera, nearest, np.array(1.0))))
-
     def _corrected(self, sizes: Sizes) -> _Aim:
         """Shift the aim until the pilot scenes come to the target on average."""
         wanted, most = self.target.shares, self._config.particles.most
         views = self._views(self._pilots, sizes)
-        taken = float((self._coverage(wanted, views) / views.cover).sum(axis=1).mean())
-        if taken > most:
+        number = float((self._coverage(wanted, views) / views.cover).sum(axis=1).mean())
+        if number > most:
             raise InputError(
-                f"disparity.target takes about {taken:.0f} particles a scene at these sizes, and particles.most allows "
-                f"{most}: state larger sizes, a lower density, or raise particles.most"
+                f"disparity.target takes about {number:.0f} particles a scene at these sizes, and particles.most "
+                f"allows {most}: state larger sizes, a lower density, or raise particles.most"
             )
         aims = []
         shares = wanted
         for _ in range(_CORRECTIONS):
             coverage = self._coverage(shares, views)
-            achieved = expected_shares(coverage, views.bare, views.reached).mean(axis=0)
+            achieved = expected_shares(coverage, views.bare, views.exceedances).mean(axis=0)
             aims.append(_Aim(shares, achieved, sizes))
             shares = np.maximum(shares + wanted - achieved, _LEAST_OF_AIM * shares)
             shares = shares / shares.sum()
@@ -215,59 +191,57 @@ class Population:
 
     def _coverage(self, shares: Floats, views: _Views) -> Floats:
         """(V, K) mean coverages; rounded, since processors differ in the last digits."""
-        coverage = solve_coverage(shares, views.bare, views.reached, views.least, self._layers.has_room)
+        coverage = solve_coverage(shares, views.bare, views.exceedances, views.least, self._layers.has_room)
         return np.round(coverage, 9)
 
     def _in_view(self, sizes: Sizes) -> float:
-        """Mean number of particles in the left views of a few pilot scenes."""
+        """Mean number of particles in the left views of the first pilot scenes."""
         pilots = self._pilots[:_COUNTED_PILOTS]
         views = self._views(pilots, sizes)
         numbers = self._coverage(self.target.shares, views) / views.cover
-        mean = []
+        in_view = []
         for number, (camera, _) in zip(numbers, pilots, strict=True):
-            near_m = near_depth_m(camera, self._config.disparity)
-            anywhere = np.array([-np.inf])
-            kept = reach(self._layers, anywhere, camera, self._config.particles, sizes, self._silhouette, near_m)[:, 0]
-            mean.append(float(number * kept @ expected_in_view(camera, sizes, self._layers.middle_px)))
-        return float(np.mean(mean))
-
-    def _cover(self, camera: StereoCamera, sizes: Sizes) -> Floats:
-        middle = self._layers.middle_px
-        return expected_cover(camera, sizes, middle, self._silhouette.fill)
+            # Every particle shows more than -inf px, but for those that cross the near plane.
+            drawn = self._exceedance(self._layers, np.array([-np.inf]), camera, sizes)[:, 0]
+            in_view.append(float(number * drawn @ expected_in_view(camera, sizes, self._layers.middle_px)))
+        return float(np.mean(in_view))
 
     @cached_property
     def _pilots(self) -> list[tuple[StereoCamera, Floats]]:
         """Cameras of the pilot scenes, and disparities over their views without particles."""
-        config, made = self._config, []
-        for number in range(_PILOTS):
-            rng = [generator(self._seed, Purpose.PILOTS, number, part) for part in range(4)]
-            camera, sway = draw_camera(config.camera, rng[0]), draw_sway(config.camera, rng[3])
-            background = draw_background(config.background, config.disparity, camera, rng[1], sway)
-            still = draw_surroundings(config.structures, config.disparity, camera, background, rng[2], sway)
-            made.append((camera, still.disparity_px))
-        return made
+        stages = [draw_stage(self._config, self._pilot_generators(number).__getitem__) for number in range(_PILOTS)]
+        return [(stage.camera, stage.still.disparity_px) for stage in stages]
 
-    def _views(self, seen: Sequence[tuple[StereoCamera, Floats]], sizes: Sizes) -> _Views:
-        """Work out what particles do in views, given as camera and disparities without them."""
-        config, inner = self._config, self.target.edges_px[1:-1]
-        bare, reached, least = [], [], []
-        for camera, background_px in seen:
-            near_m = near_depth_m(camera, config.disparity)
-            reached.append(reach(self._layers, inner, camera, config.particles, sizes, self._silhouette, near_m))
-            below = cumulative(background_px, inner)
-            bare.append(below * np.exp(-self._clutter(camera, near_m)))
-            least.append(np.where(self._layers.has_room, _POPULATED * holds(background_px, self.target.edges_px), 0.0))
-        cover = [self._cover(camera, sizes) for camera, _ in seen]
-        return _Views(np.array(bare), np.array(reached), np.array(least), np.array(cover))
+    def _pilot_generators(self, number: int) -> dict[Purpose, np.random.Generator]:
+        keys = (Purpose.CAMERA, Purpose.BACKGROUND, Purpose.STRUCTURES, Purpose.SWAY)
+        return {purpose: generator(self._seed, Purpose.PILOTS, number, key) for key, purpose in enumerate(keys)}
 
-    def _clutter(self, camera: StereoCamera, near_m: float) -> Floats:
-        """(K - 1,) how often what the config states covers a pixel with each inner edge or more."""
+    def _views(self, pilots: Sequence[tuple[StereoCamera, Floats]], sizes: Sizes) -> _Views:
+        """Work out the effect of particles on views, given as camera and disparities without particles."""
+        edges = self.target.edges_px
+        inner = edges[1:-1]
+        bare, exceedances, least, cover = [], [], [], []
+        for camera, bare_px in pilots:
+            exceedances.append(self._exceedance(self._layers, inner, camera, sizes))
+            below = np.searchsorted(np.sort(bare_px), inner) / len(bare_px)
+            bare.append(below * np.exp(-self._clutter_cover(camera)))
+            background = np.clip(np.searchsorted(edges, np.median(bare_px)) - 1, 0, len(self._layers) - 1)
+            own = (np.arange(len(self._layers)) == background) & self._layers.has_room
+            least.append(np.where(own, _POPULATED, 0.0))
+            cover.append(expected_cover(camera, sizes, self._layers.middle_px, self._silhouette.fill))
+        return _Views(np.array(bare), np.array(exceedances), np.array(least), np.array(cover))
+
+    def _clutter_cover(self, camera: StereoCamera) -> Floats:
+        """(K - 1,) number of times that stated clutter covers a pixel with each inner edge or more."""
         particles, inner = self._config.particles, self.target.edges_px[1:-1]
         total = np.zeros(len(inner))
-        for each in particles.clutter:
-            layer = Layers(np.array([each.disparity_px.low]), np.array([each.disparity_px.high]))
-            sizes = stated_sizes(each, particles)
-            reached = reach(layer, inner, camera, particles, sizes, self._silhouette, near_m)[0]
+        for section in particles.clutter:
+            layer = DepthLayers(np.array([section.disparity_px.low]), np.array([section.disparity_px.high]))
+            sizes = stated_sizes(particles, section)
             cover = expected_cover(camera, sizes, layer.middle_px, self._silhouette.fill)[0]
-            total += cover * (each.count.low + each.count.high) / 2 * reached
+            total += cover * section.count.middle * self._exceedance(layer, inner, camera, sizes)[0]
         return total
+
+    def _exceedance(self, layers: DepthLayers, edges_px: Floats, camera: StereoCamera, sizes: Sizes) -> Floats:
+        near_m = near_depth_m(camera, self._config.disparity)
+        return exceedance(layers, edges_px, camera, self._config.particles, sizes, self._silhouette, near_m)

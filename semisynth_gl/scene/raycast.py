@@ -1,7 +1,7 @@
-"""A float64 ray caster in plain numpy: scenes measure with it what they show, and the oracle judges with it.
+"""A float64 ray caster in plain numpy: the scene sampler measures visible surfaces with it, and the oracle judges.
 
-It shares nothing with `semisynth_gl.render` but the scene's arrays: rays come from the camera's intrinsics, triangles
-from the models' vertices (float32 as the renderer has them) placed in float64. Slow, and meant to be.
+The caster shares nothing with `semisynth_gl.render` but the scene's arrays: rays come from the camera's intrinsics,
+triangles from the models' vertices (float32 as the renderer has them) placed in float64. It is slow on purpose.
 """
 
 from collections.abc import Sequence
@@ -16,13 +16,13 @@ from semisynth_gl.scene.scene import Scene
 
 # Rays are compared with triangles' bounding boxes this many comparisons at a time, to bound memory.
 _COMPARISONS = 4_000_000
-# Bounding boxes are widened by this much, so that rounding of the projection never loses a ray on an edge.
+# Bounding boxes are wider by this margin, so that rounding of the projection never loses a ray on an edge.
 _BOX_MARGIN_PX = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hits:
-    """What R rays see first.
+    """The first surfaces that R rays hit.
 
     Attributes:
         depth_m: (R,) float64 planar depth; inf where a ray hits nothing.
@@ -40,15 +40,18 @@ def cast_rays(
 ) -> Hits:
     """Cast rays from one eye through pixel positions, whole or fractional.
 
-    Of surfaces at one depth, the first instance and triangle wins. Surfaces nearer than ``scene.near_m`` are passed
-    through, as by the renderer.
+    Of surfaces at one depth, the first instance and triangle wins. Rays pass through surfaces nearer than
+    ``scene.near_m``, which the renderer does not draw.
 
     Args:
-        scene: what stands where.
-        models: the meshes that ``scene.model`` counts.
+        scene: the instances and the camera.
+        models: the meshes, in the order of the indices in ``scene.model``.
         eye: "left" or "right".
-        x_px: (R,) float64, columns.
-        y_px: (R,) float64, rows.
+        x_px: (R,) float64, columns of the positions; pixel centres are whole numbers.
+        y_px: (R,) float64, rows of the positions.
+
+    Returns:
+        The R hits.
     """
     camera = scene.camera
     x, y = np.asarray(x_px, np.float64).ravel(), np.asarray(y_px, np.float64).ravel()
@@ -77,7 +80,7 @@ def cast_rays(
 
 
 def _boxes(camera: StereoCamera, eye: Eye, corners: NDArray[np.float64], near_m: float) -> NDArray[np.float64]:
-    """Bounding boxes of triangles on the image, (T, 4) as x0 x1 y0 y1; the whole plane where one crosses z = near."""
+    """Return bounding boxes (T, 4), x0 x1 y0 y1, of triangles on the image; all of its plane for a crossed z = near."""
     depth = corners[:, :, 2]
     safe = np.where(depth > 0, depth, 1.0)
     x = camera.focal_px * corners[:, :, 0] / safe + camera.cx_px(eye)
@@ -101,7 +104,7 @@ def _keep_nearest(
     triangle: NDArray[np.intp],
     near_m: float,
 ) -> None:
-    """Intersect pairs of rays and triangles (Moller and Trumbore 1997) and keep what is nearer than before.
+    """Intersect pairs of rays and triangles (Moller and Trumbore 1997), and keep hits nearer than those in ``hits``.
 
     Directions have z = 1, so the ray's parameter is the planar depth.
     """

@@ -1,35 +1,45 @@
-"""Drawing the stereo camera of one sequence."""
+"""The rig of one sequence: its stereo camera, how the camera sways, and the rotation matrices for all that turns.
+
+The sway is a bounded formula of time. So any frame can be rendered first, and walls keep clear of the camera.
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from semisynth_gl.camera import StereoCamera
+from semisynth_gl.config import Range
 from semisynth_gl.config.model import CameraSection, DisparitySection
-from semisynth_gl.config.range import Range
 from semisynth_gl.errors import InputError
+
+Floats = NDArray[np.float64]
 
 
 def draw_camera(section: CameraSection, rng: np.random.Generator) -> StereoCamera:
     """Draw every range of the section once, always in the same order."""
-    zero = Range(0.0, 0.0)
+
+    def draw(key: Range | None, default: float) -> float:
+        return (key or Range(default, default)).draw(rng)
+
     if section.focal_px is not None:
         focal_px = section.focal_px.draw(rng)
     else:
         assert section.focal_mm is not None and section.sensor_width_mm is not None  # noqa: S101, PT018 - CameraSection
         focal_px = section.focal_mm.draw(rng) / section.sensor_width_mm * section.width_px
     baseline_m = section.baseline_m.draw(rng)
-    doffs_px = (section.doffs_px or zero).draw(rng)
-    centre_x, centre_y = (section.width_px - 1) / 2, (section.height_px - 1) / 2
-    cx_left_px = (section.cx_left_px or Range(centre_x - doffs_px / 2, centre_x - doffs_px / 2)).draw(rng)
-    cx_right_px = (section.cx_right_px or Range(cx_left_px + doffs_px, cx_left_px + doffs_px)).draw(rng)
-    cy_px = (section.cy_px or Range(centre_y, centre_y)).draw(rng)
+    doffs_px = draw(section.doffs_px, 0.0)
+    cx_left_px = draw(section.cx_left_px, (section.width_px - 1) / 2 - doffs_px / 2)
+    cx_right_px = draw(section.cx_right_px, cx_left_px + doffs_px)
+    cy_px = draw(section.cy_px, (section.height_px - 1) / 2)
     return StereoCamera(section.width_px, section.height_px, focal_px, baseline_m, cx_left_px, cx_right_px, cy_px)
 
 
 def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
-    """Depth of the near plane, where the disparity reaches ``max_px``.
+    """Return the depth of the near plane, where the disparity is ``max_px``.
 
     Raises:
-        InputError: where doffs leaves no positive depth for that disparity.
+        InputError: where ``min_px`` lies beyond infinity for this camera.
     """
     check_reachable(camera, section.min_px, "disparity.min_px")
     return float(camera.depth_m(section.max_px))
@@ -38,11 +48,92 @@ def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
 def check_reachable(camera: StereoCamera, disparity_px: float, key: str) -> None:
     """Check that a disparity has a depth in front of the camera.
 
+    Args:
+        camera: the camera.
+        disparity_px: the disparity.
+        key: the config's key for the disparity, for the message.
+
     Raises:
-        InputError: where d + doffs is not positive: such rays never meet.
+        InputError: where d + doffs is not positive: the two rays of such a point never meet.
     """
     if disparity_px + camera.doffs_px <= 0:
         raise InputError(
             f"{key}: {disparity_px:g} px lies beyond infinity for a camera whose principal points differ by doffs = "
             f"{camera.doffs_px:g} px: raise {key} above {-camera.doffs_px:g}, or change camera.doffs_px or cx"
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sway:
+    """Six independent oscillations of the left camera, about the world's origin and axes.
+
+    Attributes:
+        shift_m: (3,) amplitude of the position along x, y and z.
+        turn_rad: (3,) amplitude of the rotation vector's x, y and z.
+        period_s: (6,) periods of the three shifts and the three turns.
+        phase_rad: (6,) phases at time 0.
+    """
+
+    shift_m: Floats
+    turn_rad: Floats
+    period_s: Floats
+    phase_rad: Floats
+
+    @property
+    def reach_m(self) -> float:
+        """Largest distance of the left camera from the origin."""
+        return float(np.linalg.norm(self.shift_m))
+
+    @property
+    def angle_rad(self) -> float:
+        """Largest angle of the rotation, about any axis."""
+        return float(np.linalg.norm(self.turn_rad))
+
+    @property
+    def moves(self) -> bool:
+        """Whether the camera moves at all."""
+        return self.reach_m > 0 or self.angle_rad > 0
+
+    def camera_from_world(self, time_s: float) -> Floats:
+        """Return the left camera's pose at a time, (4, 4) float64; the identity where the camera stands still."""
+        camera_from_world = np.eye(4)
+        if not self.moves:
+            return camera_from_world
+        swing = np.sin(2 * np.pi * time_s / self.period_s + self.phase_rad)
+        turn = self.turn_rad * swing[3:]
+        angle = float(np.linalg.norm(turn))
+        if angle > 0:
+            camera_from_world[:3, :3] = rotation_about_axis(turn[None] / angle, np.array([-angle]))[0]
+        camera_from_world[:3, 3] = -camera_from_world[:3, :3] @ (self.shift_m * swing[:3])
+        return camera_from_world
+
+
+STILL = Sway(np.zeros(3), np.zeros(3), np.ones(6), np.zeros(6))
+"""The sway of a camera that stands still."""
+
+
+def draw_sway(section: CameraSection, rng: np.random.Generator) -> Sway:
+    """Draw an amplitude for each axis, and a period and a phase for each oscillation."""
+    return Sway(
+        section.sway_m.draw_many(rng, 3),
+        np.deg2rad(section.sway_deg.draw_many(rng, 3)),
+        section.sway_s.draw_many(rng, 6),
+        rng.uniform(0, 2 * np.pi, 6),
+    )
+
+
+def rotation_from_quaternion(quaternion: Floats) -> Floats:
+    """Return the rotation matrices (N, 3, 3) of unit quaternions (N, 4), x y z w."""
+    x, y, z, w = quaternion.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def rotation_about_axis(axis: Floats, angle_rad: Floats) -> Floats:
+    """Return the rotation matrices (N, 3, 3) about unit axes (N, 3) by angles (N,), right-handed."""
+    half = angle_rad / 2
+    return rotation_from_quaternion(np.concatenate([axis * np.sin(half)[:, None], np.cos(half)[:, None]], axis=1))

@@ -7,17 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config.model import Config
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
-from semisynth_gl.scene.background import Background, draw_background
 from semisynth_gl.scene.particles import Particles, Release, Slots, draw_release, draw_slots, particles_at
 from semisynth_gl.scene.population import Population
-from semisynth_gl.scene.rig import draw_camera, near_depth_m
+from semisynth_gl.scene.rig import near_depth_m
 from semisynth_gl.scene.scene import Motion, Scene
-from semisynth_gl.scene.structures import STILL_MODELS, Surroundings, draw_surroundings
-from semisynth_gl.scene.sway import Sway, draw_sway
+from semisynth_gl.scene.structures import STILL_MODELS, Stage, draw_stage
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 
@@ -29,17 +26,17 @@ _BEFORE = 2**30
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledScene:
-    """A scene and what it was made of.
+    """A scene with the origin of its instances.
 
     Attributes:
-        scene: what the renderer draws; the first models are those that stand still.
+        scene: the arrays that the renderer draws; the first instances are those that stand still.
         background: "cuboid" or "plane".
         sequence: number of the sequence.
-        frame: number of the frame within it.
-        attempt: how often the sequence was drawn anew before.
-        patch: (N,) int64, the patch that each instance wears; the layer of an image sequence changes with the frame.
-        slot: (N,) int64, the slot of the particles that each instance comes from; -1 for what stands still.
-        generation: (N,) int64, which of its slot's models it is; likewise.
+        frame: number of the frame within the sequence.
+        attempt: number of attempts of the sequence that failed before.
+        patch: (N,) int64, the patch that each instance wears; a patch of video frames has an atlas layer per frame.
+        slot: (N,) int64, the particles' slot that each instance comes from; -1 for what stands still.
+        generation: (N,) int64, number of the model in its slot; -1 for what stands still.
     """
 
     scene: Scene
@@ -52,20 +49,9 @@ class SampledScene:
     generation: NDArray[np.int64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Sequence:
-    """What all frames of a sequence share."""
-
-    camera: StereoCamera
-    sway: Sway
-    background: Background
-    surroundings: Surroundings
-    slots: Slots
-
-
 @dataclass(frozen=True, slots=True)
 class _Draw:
-    """Where the randomness of a sequence comes from."""
+    """The source of a sequence's randomness."""
 
     seed: int
     sequence: int
@@ -75,6 +61,25 @@ class _Draw:
         redrawn = (_REDRAWN, self.attempt) if self.attempt else ()
         return generator(self.seed, purpose, self.sequence, *numbers, *redrawn)
 
+    def per_slot(
+        self, purpose: Purpose, generation: NDArray[np.int64], slot: NDArray[np.intp], width: int, first_key: int = 0
+    ) -> NDArray[np.float64]:
+        """Draw uniform numbers (N, width) that belong to a slot's generation, whatever other slots exist.
+
+        The purpose's generators for generations have keys from ``first_key`` on.
+        """
+        result = np.empty((len(slot), width))
+        for number in np.unique(generation):
+            rows = generation == number
+            rng = self.generator(purpose, first_key + _generation_key(int(number)))
+            result[rows] = rng.random((int(slot[rows].max()) + 1, width))[slot[rows]]
+        return result
+
+
+def _generation_key(generation: int) -> int:
+    """Return a generation's number in the keys of generators, which must not be below 0."""
+    return generation if generation >= 0 else _BEFORE - generation
+
 
 class SceneSampler:
     """Samples the scenes of one dataset.
@@ -83,10 +88,10 @@ class SceneSampler:
         config: the configuration.
         seed: 0 or more.
         library: the models, from the same config and seed.
-        patches: the atlas's patches, likewise.
+        patches: the atlas's patches, from the same config and seed.
 
     Attributes:
-        population: how many particles scenes have, and what disparities they come to.
+        population: numbers of particles, and the disparities that scenes come to.
     """
 
     def __init__(self, config: Config, seed: int, library: ModelLibrary, patches: tuple[Patch, ...]) -> None:
@@ -98,7 +103,7 @@ class SceneSampler:
         self._first_layer = np.array([patch.first_layer for patch in patches])
         self._layer_count = np.array([patch.layer_count for patch in patches])
         self._cumulative = np.cumsum(library.chances)
-        self._latest: tuple[_Draw, _Sequence] | None = None
+        self._latest: tuple[_Draw, Stage, Slots] | None = None
 
     @property
     def models(self) -> tuple[Mesh, ...]:
@@ -108,88 +113,33 @@ class SceneSampler:
     def sample(self, index: int, attempt: int = 0) -> SampledScene:
         """Sample the scene of pair ``index``, 0 or more; each ``attempt`` draws its whole sequence anew."""
         number, frame = divmod(index, self._config.sequence.length)
-        return self._at(_Draw(self._seed, number, attempt), frame)
+        return self._sample_frame(_Draw(self._seed, number, attempt), frame)
 
     def motion(self, sampled: SampledScene, frames: int) -> Motion:
-        """Return how a scene's instances get to the frame so many later, or earlier where it is below 0.
+        """Return the motion of a scene's instances to a later frame of its sequence, or an earlier one.
 
-        That frame need not be one of the dataset's: motion goes on beyond both ends of a sequence.
+        Args:
+            sampled: the scene.
+            frames: number of frames, negative for an earlier one. That frame may lie beyond both ends of the sequence.
         """
         draw = _Draw(self._seed, sampled.sequence, sampled.attempt)
-        then = self._at(draw, sampled.frame + frames)
-        sequence = self._sequence(draw)
-        still = len(sequence.surroundings)
+        target = self._sample_frame(draw, sampled.frame + frames)
+        stage, shown = self._sequence(draw)
+        still = len(stage.still)
         world_from_model = sampled.scene.world_from_model.copy()
-        slots, generation = sampled.slot[still:], np.zeros(len(sequence.slots), np.int64)
+        slots, generation = sampled.slot[still:], np.zeros(len(shown), np.int64)
         generation[slots] = sampled.generation[still:]
-        moved = self._particles(draw, sequence, then.frame, generation)
+        moved = self._particles(draw, target.frame, generation)
         world_from_model[still:] = moved.world_from_model[slots]
         # A slot shows one model at a time.
-        there = np.full(len(sequence.slots), -1)
-        there[then.slot[still:]] = np.arange(still, len(then.slot))
-        instance = np.concatenate([np.arange(still), there[slots]])
-        instance[still:][then.generation[instance[still:]] != sampled.generation[still:]] = -1
-        return Motion(then.scene, world_from_model, instance)
-
-    def _at(self, draw: _Draw, frame: int) -> SampledScene:
-        """The scene of any frame of a sequence."""
-        config, sequence = self._config, self._sequence(draw)
-        camera, slots = sequence.camera, sequence.slots
-        particles = self._particles(draw, sequence, frame)
-        camera_from_world = sequence.sway.camera_from_world(frame * config.sequence.frame_s)
-        near_m = near_depth_m(camera, config.disparity)
-        # A model that crosses the near plane is not there; the near plane is in front of both cameras, so neither can
-        # be swallowed.
-        depth_m = particles.centre_m @ camera_from_world[2, :3] + camera_from_world[2, 3]
-        kept = np.flatnonzero(depth_m - particles.radius_m > near_m)
-
-        generations = particles.generation[kept]
-        still = sequence.surroundings
-        model = np.concatenate([still.model, len(STILL_MODELS) + self._models(draw, generations, kept)])
-        patch, offset, texels = self._textures(draw, len(still), generations, kept)
-        # A patch at its own resolution covers this part of a ray's slope X / Z, inverted.
-        patches_per_slope = camera.focal_px / config.textures.patch_px
-        # The middle of a path, not where the model is: texture must not slide over it from frame to frame.
-        depth = np.concatenate([still.depth_m, slots.depth_m[kept]])
-        # Lengths of one UV unit: of a model its unit under its mean scale.
-        scale = np.linalg.norm(particles.world_from_model[kept, :3, :3], axis=1).mean(axis=1)
-        unit_m = np.concatenate([still.unit_m, np.repeat(scale[:, None], 2, axis=1)])
-        scene = Scene(
-            camera=camera,
-            near_m=near_m,
-            camera_from_world=camera_from_world,
-            model=model,
-            world_from_model=np.concatenate([still.world_from_model, particles.world_from_model[kept]]),
-            layer=self._layers(draw.sequence, patch, frame),
-            uv_scale=unit_m * (patches_per_slope * texels / depth)[:, None],
-            uv_offset=offset,
-        )
-        none = np.full(len(still), -1)
-        return SampledScene(
-            scene,
-            sequence.background.kind,
-            draw.sequence,
-            frame,
-            draw.attempt,
-            patch,
-            np.concatenate([none, kept]),
-            np.concatenate([none, generations]),
-        )
-
-    def _particles(
-        self, draw: _Draw, sequence: _Sequence, frame: int, generation: NDArray[np.int64] | None = None
-    ) -> Particles:
-        """Where the models of all slots are at a frame, those shown then or those of the generations named."""
-
-        def release(generation: int) -> Release:
-            rng = draw.generator(Purpose.PARTICLES, 1 + _released(generation))
-            return draw_release(sequence.camera, self._config.particles, sequence.slots, rng)
-
-        time_s = frame * self._config.sequence.frame_s
-        return particles_at(sequence.camera, sequence.slots, release, time_s, generation)
+        instance_of_slot = np.full(len(shown), -1)
+        instance_of_slot[target.slot[still:]] = np.arange(still, len(target.slot))
+        instance = np.concatenate([np.arange(still), instance_of_slot[slots]])
+        instance[still:][target.generation[instance[still:]] != sampled.generation[still:]] = -1
+        return Motion(target.scene, world_from_model, instance)
 
     def provenance(self, sampled: SampledScene) -> dict[str, Any]:
-        """What a pair's scene was made of, in JSON's types.
+        """Return the origin of a pair's scene, in JSON's types.
 
         ``models`` and ``images`` count the instances of each; ``patches`` are indices into the dataset's patches.
         """
@@ -209,7 +159,7 @@ class SceneSampler:
         }
 
     def instance_table(self, sampled: SampledScene) -> list[dict[str, Any]]:
-        """What each instance is, in JSON's types; row k describes id k + 1 of the output ``instances``."""
+        """Return a row for each instance, in JSON's types; row k describes id k + 1 of the output ``instances``."""
         scene = sampled.scene
         return [
             {
@@ -220,72 +170,79 @@ class SceneSampler:
             for k in range(len(scene))
         ]
 
-    def _sequence(self, draw: _Draw) -> _Sequence:
-        """What all frames share; that of the latest sequence is kept."""
+    def _sequence(self, draw: _Draw) -> tuple[Stage, Slots]:
+        """Draw what all frames of a sequence share; the latest sequence is kept."""
         if self._latest is None or self._latest[0] != draw:
-            self._latest = draw, self._drawn(draw)
-        return self._latest[1]
+            stage = draw_stage(self._config, draw.generator)
+            rng = draw.generator(Purpose.PARTICLES, 0)
+            # A scene that is drawn again takes a number that no other scene has.
+            number = draw.sequence + _REDRAWN * draw.attempt
+            batches = self.population.draw(number, stage.camera, stage.still.disparity_px, rng)
+            self._latest = draw, stage, draw_slots(stage.camera, self._config.particles, batches, rng)
+        return self._latest[1:]
 
-    def _drawn(self, draw: _Draw) -> _Sequence:
-        config = self._config
-        camera = draw_camera(config.camera, draw.generator(Purpose.CAMERA))
-        sway = draw_sway(config.camera, draw.generator(Purpose.SWAY))
-        background = draw_background(
-            config.background, config.disparity, camera, draw.generator(Purpose.BACKGROUND), sway
+    def _sample_frame(self, draw: _Draw, frame: int) -> SampledScene:
+        """Sample the scene of any frame of a sequence."""
+        config, (stage, slots) = self._config, self._sequence(draw)
+        camera, still = stage.camera, stage.still
+        particles = self._particles(draw, frame)
+        camera_from_world = stage.sway.camera_from_world(frame * config.sequence.frame_s)
+        near_m = near_depth_m(camera, config.disparity)
+        # A model that crosses the near plane is left out; the near plane is in front of both cameras, so no model can
+        # swallow a camera.
+        depth_m = particles.centre_m @ camera_from_world[2, :3] + camera_from_world[2, 3]
+        kept = np.flatnonzero(depth_m - particles.radius_m > near_m)
+        generations = particles.generation[kept]
+        model = np.concatenate([still.model, len(STILL_MODELS) + self._models(draw, generations, kept)])
+        patch, offset, texels = self._textures(draw, len(still), generations, kept)
+        # A patch at its own resolution covers this part of a ray's slope X / Z, inverted.
+        patches_per_slope = camera.focal_px / config.textures.patch_px
+        # The depth of the path's middle instead of the model's: texture must not slide over it from frame to frame.
+        depth = np.concatenate([still.depth_m, slots.depth_m[kept]])
+        # Lengths of one UV unit: of a model its unit under its mean scale.
+        scale = np.linalg.norm(particles.world_from_model[kept, :3, :3], axis=1).mean(axis=1)
+        unit_m = np.concatenate([still.unit_m, np.repeat(scale[:, None], 2, axis=1)])
+        scene = Scene(
+            camera=camera,
+            near_m=near_m,
+            camera_from_world=camera_from_world,
+            model=model,
+            world_from_model=np.concatenate([still.world_from_model, particles.world_from_model[kept]]),
+            layer=self._atlas_layers(draw.sequence, patch, frame),
+            uv_scale=unit_m * (patches_per_slope * texels / depth)[:, None],
+            uv_offset=offset,
         )
-        surroundings = draw_surroundings(
-            config.structures, config.disparity, camera, background, draw.generator(Purpose.STRUCTURES), sway
-        )
-        rng = draw.generator(Purpose.PARTICLES, 0)
-        # A scene that is drawn again takes a number that no other scene has.
-        number = draw.sequence + _REDRAWN * draw.attempt
-        batches = self.population.draw(number, camera, surroundings.disparity_px, rng)
-        return _Sequence(camera, sway, background, surroundings, draw_slots(camera, config.particles, batches, rng))
+        none = np.full(len(still), -1)
+        slot, generation = np.concatenate([none, kept]), np.concatenate([none, generations])
+        return SampledScene(scene, stage.background, draw.sequence, frame, draw.attempt, patch, slot, generation)
+
+    def _particles(self, draw: _Draw, frame: int, generation: NDArray[np.int64] | None = None) -> Particles:
+        """Place the models of all slots at a frame: the models shown then, or those of the generations given."""
+        stage, slots = self._sequence(draw)
+
+        def release(number: int) -> Release:
+            rng = draw.generator(Purpose.PARTICLES, 1 + _generation_key(number))
+            return draw_release(stage.camera, self._config.particles, slots, rng)
+
+        return particles_at(stage.camera, slots, release, frame * self._config.sequence.frame_s, generation)
 
     def _models(self, draw: _Draw, generation: NDArray[np.int64], slot: NDArray[np.intp]) -> NDArray[np.int64]:
         """Library index of the model in each slot."""
-        chance = _per_slot(draw, Purpose.SHAPE, generation, slot, 1)[:, 0]
+        chance = draw.per_slot(Purpose.SHAPE, generation, slot, 1)[:, 0]
         return np.minimum(np.searchsorted(self._cumulative, chance, side="right"), len(self._cumulative) - 1)
 
     def _textures(
-        self, draw: _Draw, faces: int, generation: NDArray[np.int64], slot: NDArray[np.intp]
+        self, draw: _Draw, still: int, generation: NDArray[np.int64], slot: NDArray[np.intp]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """Patch (N,), UV offset (N, 2) in patches and texels per pixel (N,) of faces and models."""
-        of_faces = draw.generator(Purpose.TEXTURE, 0).random((faces, 4))
-        of_models = _per_slot(draw, Purpose.TEXTURE, generation, slot, 4, after=1)
-        drawn = np.concatenate([of_faces, of_models])
+        """Patch (N,), UV offset (N, 2) in patches and texels per pixel (N,) of all instances."""
+        of_still = draw.generator(Purpose.TEXTURE, 0).random((still, 4))
+        drawn = np.concatenate([of_still, draw.per_slot(Purpose.TEXTURE, generation, slot, 4, first_key=1)])
         patch = (drawn[:, 0] * len(self._first_layer)).astype(np.int64)
         texels = self._config.textures.texels_per_pixel
         return patch, drawn[:, 1:3], texels.low * (texels.high / texels.low) ** drawn[:, 3]
 
-    def _layers(self, number: int, patch: NDArray[np.int64], frame: int) -> NDArray[np.int64]:
-        """Atlas layer of each patch at a frame: image sequences start at a phase of their own and go round."""
+    def _atlas_layers(self, sequence: int, patch: NDArray[np.int64], frame: int) -> NDArray[np.int64]:
+        """Atlas layer of each patch at a frame: video frames start at a phase of their own and go round."""
         count = self._layer_count[patch]
-        phase = (patch * 7919 + number) % count
-        layer: NDArray[np.int64] = self._first_layer[patch] + (phase + frame) % count
+        layer: NDArray[np.int64] = self._first_layer[patch] + ((patch * 7919 + sequence) % count + frame) % count
         return layer
-
-
-def _per_slot(
-    draw: _Draw,
-    purpose: Purpose,
-    generation: NDArray[np.int64],
-    slot: NDArray[np.intp],
-    width: int,
-    after: int = 0,
-) -> NDArray[np.float64]:
-    """Uniform numbers (N, width) that belong to a slot's generation, whatever other slots exist.
-
-    The keys of the purpose's generators begin ``after`` those that it has for something else.
-    """
-    result = np.empty((len(slot), width))
-    for value in np.unique(generation):
-        of = generation == value
-        rng = draw.generator(purpose, after + _released(int(value)))
-        result[of] = rng.random((int(slot[of].max()) + 1, width))[slot[of]]
-    return result
-
-
-def _released(generation: int) -> int:
-    """Number of a generation in the keys of generators, which must not be below 0."""
-    return generation if generation >= 0 else _BEFORE - generation

@@ -1,4 +1,4 @@
-"""What stands where in one pair: the arrays that the renderer draws."""
+"""The scene of one pair, as the arrays that the renderer draws, and its motion to another moment."""
 
 from dataclasses import dataclass, replace
 
@@ -15,7 +15,7 @@ class Scene:
 
     Attributes:
         camera: the stereo camera.
-        near_m: nothing nearer than this depth is drawn; positive.
+        near_m: depth of the near plane, positive; nearer surfaces are not drawn.
         camera_from_world: (4, 4) float64, the left camera's pose; the identity places instances in the camera frame.
         model: (N,) int64, index into the renderer's models.
         world_from_model: (N, 4, 4) float64, affine.
@@ -58,12 +58,12 @@ class Scene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """How the N instances of a scene get to another moment.
+    """The motion of a scene's N instances to another moment.
 
     Attributes:
-        scene: what stands where then; its camera has the same intrinsics.
-        world_from_model: (N, 4, 4) float64, where the instances are then, whether they are drawn then or not.
-        instance: (N,) int64, which instance of ``scene`` each of them is; -1 where it is not among them.
+        scene: the scene at the other moment; its camera has the same intrinsics.
+        world_from_model: (N, 4, 4) float64, poses of the instances at the other moment, drawn then or not.
+        instance: (N,) int64, index of each instance in the other ``scene``; -1 for an instance that is not drawn then.
     """
 
     scene: Scene
@@ -91,21 +91,15 @@ def move(scene: Scene, *, world_from_model: object = None, camera_from_world: ob
 
     Args:
         scene: the scene.
-        world_from_model: (N, 4, 4), where its instances are then; by default where they are.
-        camera_from_world: (4, 4), where its camera is then; by default where it is.
+        world_from_model: (N, 4, 4), array-like: poses of the instances then; by default they stay.
+        camera_from_world: (4, 4), array-like: pose of the camera then; by default it stays.
 
     Raises:
         InputError: where shapes or values are wrong.
     """
-    then = replace(
-        scene,
-        world_from_model=scene.world_from_model
-        if world_from_model is None
-        else np.asarray(world_from_model, np.float64),
-        camera_from_world=scene.camera_from_world
-        if camera_from_world is None
-        else np.asarray(camera_from_world, np.float64),
-    )
+    poses = scene.world_from_model if world_from_model is None else np.asarray(world_from_model, np.float64)
+    camera = scene.camera_from_world if camera_from_world is None else np.asarray(camera_from_world, np.float64)
+    then = replace(scene, world_from_model=poses, camera_from_world=camera)
     return Motion(then, then.world_from_model, np.arange(len(scene)))
 
 
@@ -120,7 +114,17 @@ def make_scene(
     camera_from_world: object | None = None,
     near_m: float = 0.01,
 ) -> Scene:
-    """Build a `Scene` from anything array-like; UV arguments broadcast over the instances.
+    """Build a `Scene` of N instances from anything array-like.
+
+    Args:
+        camera: the stereo camera.
+        model: (N,), index into the renderer's models.
+        world_from_model: (N, 4, 4), affine, metres.
+        layer: (N,), index into the patch atlas.
+        uv_scale: (2,) or (N, 2), patches per unit of the model's UV.
+        uv_offset: (2,) or (N, 2), patches.
+        camera_from_world: (4, 4), the left camera's pose; by default the identity.
+        near_m: depth of the near plane.
 
     Raises:
         InputError: where shapes or values are wrong.

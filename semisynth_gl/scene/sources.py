@@ -1,4 +1,4 @@
-"""What a split's pairs are made of: the patches and the models."""
+"""The sources of a split's pairs: the patch atlas and the model library."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -15,18 +15,18 @@ from semisynth_gl.textures.prepare import prepare_atlas
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sources:
-    """What a split's pairs are made of.
+    """The sources of a split's pairs.
 
     Attributes:
-        atlas: its patches.
-        model_library: its models.
+        atlas: the patches.
+        model_library: the models.
     """
 
     atlas: Atlas
     model_library: ModelLibrary
 
     def digests(self) -> dict[str, str]:
-        """Return what changes where any pixel of a patch or corner of a model does, in JSON's types."""
+        """Return a checksum of the patches' pixels and one of the models' vertices, in JSON's types."""
         patches = json.dumps([asdict(patch) for patch in self.atlas.patches]).encode()
         models = 0
         for mesh in self.model_library.models:
@@ -43,7 +43,7 @@ class Sources:
 
 
 def prepare_sources(config: Config, seed: int, split: Split = WHOLE) -> Sources:
-    """Cut the patches and build the models of a split, or find them in the cache.
+    """Cut the patches and build the models of a split, or take them from the cache.
 
     Raises:
         InputError: where images or models cannot be used, or are too few to hold some out.

@@ -1,26 +1,29 @@
-"""Large still things between background and particles: a ground plane, slanted panels, curved panels."""
+"""The stage of a sequence: its camera, background and structures (a ground plane, slanted panels, curved panels)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import StereoCamera
-from semisynth_gl.config.model import DisparitySection, StructuresSection
-from semisynth_gl.config.range import Range
+from semisynth_gl.config import Range
+from semisynth_gl.config.model import Config, DisparitySection, StructuresSection
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.scene.background import (
     BEYOND_NEAR,
     FACE,
     Background,
     corner_rays,
+    draw_background,
     grid_px,
+    mesh_grid,
     smallest_offsets,
 )
 from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.rig import check_reachable, near_depth_m
+from semisynth_gl.scene.rig import STILL, Sway, check_reachable, draw_camera, draw_sway, near_depth_m
 from semisynth_gl.scene.scene import make_scene
-from semisynth_gl.scene.sway import STILL, Sway
+from semisynth_gl.seeds import Purpose
 
 Floats = NDArray[np.float64]
 
@@ -31,21 +34,12 @@ _ARC_COLUMNS, _ARC_ROWS = 24, 4
 _HALF_ARC_RAD = np.pi / 3
 
 
-def _grid(rows: int, columns: int) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Rows and columns, 0 to 1, of a grid's vertices, and its triangles."""
-    v, u = np.meshgrid(np.linspace(0, 1, rows + 1), np.linspace(0, 1, columns + 1), indexing="ij")
-    first = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).ravel()
-    below = first + columns + 1
-    triangles = np.concatenate([np.stack([first, first + 1, below + 1], 1), np.stack([first, below + 1, below], 1)])
-    return u.ravel(), v.ravel(), triangles
-
-
 def _ground() -> Mesh:
     """A wedge with its tip at the origin, 1 long, 2 wide at its end; rows close up towards the tip.
 
-    float32 rounds a vertex by its distance: what is near should not hang between vertices far away.
+    float32 rounds a vertex by its distance: a near surface must not hang between vertices far away.
     """
-    u, v, triangles = _grid(_GROUND_ROWS, _GROUND_COLUMNS)
+    u, v, triangles = mesh_grid(_GROUND_ROWS, _GROUND_COLUMNS)
     along = _GROUND_FROM ** (1 - v)
     across = (2 * u - 1) * along
     return make_mesh("ground", np.c_[across, np.zeros(len(u)), along], np.c_[across, along], triangles)
@@ -53,7 +47,7 @@ def _ground() -> Mesh:
 
 def _curved_panel() -> Mesh:
     """A third of a cylinder over the unit square about the origin, its middle towards -z; u along the arc."""
-    u, v, triangles = _grid(_ARC_ROWS, _ARC_COLUMNS)
+    u, v, triangles = mesh_grid(_ARC_ROWS, _ARC_COLUMNS)
     radius = 0.5 / np.sin(_HALF_ARC_RAD)
     angle = (2 * u - 1) * _HALF_ARC_RAD
     middle = radius * (1 + np.cos(_HALF_ARC_RAD)) / 2
@@ -66,20 +60,20 @@ def _curved_panel() -> Mesh:
 
 
 GROUND, CURVED_PANEL = _ground(), _curved_panel()
-# How the sampler counts them: the background's face comes first, and flat panels are faces too.
+# The sampler counts them in this order. Flat panels are faces too.
 STILL_MODELS = (FACE, GROUND, CURVED_PANEL)
 _FACE, _GROUND, _CURVED = range(3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surroundings:
-    """All that stands still in one scene: S instances, the background's faces first.
+    """The still things of one scene: S instances, the background's faces first.
 
     Attributes:
         model: (S,) int64, index into `STILL_MODELS`.
         world_from_model: (S, 4, 4) float64, left camera's frame, metres.
         unit_m: (S, 2) float64, length of one UV unit.
-        depth_m: (S,) float64, median depth in the left view, or nearest depth where it is not seen.
+        depth_m: (S,) float64, median depth in the left view; of a hidden instance, its nearest depth.
         disparity_px: flat float64, disparities on a coarse grid over the left view.
     """
 
@@ -93,6 +87,42 @@ class Surroundings:
         return len(self.model)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Stage:
+    """The camera of one sequence, and the still things that it sees.
+
+    Attributes:
+        camera: the camera.
+        sway: the motion of the camera.
+        background: "cuboid" or "plane".
+        still: background and structures.
+    """
+
+    camera: StereoCamera
+    sway: Sway
+    background: str
+    still: Surroundings
+
+
+def draw_stage(config: Config, generator_for: Callable[[Purpose], np.random.Generator]) -> Stage:
+    """Draw the stage of one sequence.
+
+    Args:
+        config: the configuration.
+        generator_for: returns the generator of CAMERA, SWAY, BACKGROUND and STRUCTURES.
+
+    Raises:
+        InputError: where a disparity of the config lies beyond infinity, or a far plane would have to be endless.
+    """
+    camera = draw_camera(config.camera, generator_for(Purpose.CAMERA))
+    sway = draw_sway(config.camera, generator_for(Purpose.SWAY))
+    rng = generator_for(Purpose.BACKGROUND)
+    background = draw_background(config.background, config.disparity, camera, rng, sway)
+    rng = generator_for(Purpose.STRUCTURES)
+    still = draw_surroundings(config.structures, config.disparity, camera, background, rng, sway)
+    return Stage(camera, sway, background.kind, still)
+
+
 def draw_surroundings(
     section: StructuresSection,
     disparity: DisparitySection,
@@ -101,10 +131,10 @@ def draw_surroundings(
     rng: np.random.Generator,
     sway: Sway = STILL,
 ) -> Surroundings:
-    """Put structures before a background.
+    """Draw structures before a background.
 
-    Nothing of them comes nearer than the depth of ``disparity.max_px`` in either view; where the camera sways, that
-    holds for the ground alone, and the near plane cuts panels off that come too near.
+    No structure comes nearer than the depth of ``disparity.max_px`` in either view. Where the camera sways, only the
+    ground keeps this distance, and the near plane cuts off panels that come too near.
 
     Raises:
         InputError: where ``panel_disparity_px`` lies beyond infinity.
@@ -134,17 +164,14 @@ def draw_surroundings(
         for number in range(faces, len(model)):
             columns = np.linalg.norm(matrices[number][:3, :3], axis=0)
             units.append((columns[0], columns[2]) if model[number] == _GROUND else (columns[0], columns[1]))
-            of = hits.depth_m[hits.instance == number]
-            depths.append(float(np.median(of)) if of.size else _nearest_m(model[number], matrices[number], near_m))
+            seen_m = hits.depth_m[hits.instance == number]
+            # Of a hidden structure, its nearest vertex, or the near plane where that is farther.
+            vertices = STILL_MODELS[model[number]].positions.astype(np.float64)
+            nearest_m = float((vertices @ matrices[number][2, :3] + matrices[number][2, 3]).min())
+            depths.append(float(np.median(seen_m)) if seen_m.size else max(nearest_m, near_m))
     return Surroundings(
         np.array(model, np.int64), np.array(matrices), np.array(units), np.array(depths), seen_px[np.isfinite(seen_px)]
     )
-
-
-def _nearest_m(model: int, world_from_model: Floats, near_m: float) -> float:
-    """Depth of a structure's nearest vertex, or of the near plane where that is farther."""
-    depth = STILL_MODELS[model].positions.astype(np.float64) @ world_from_model[2, :3] + world_from_model[2, 3]
-    return max(float(depth.min()), near_m)
 
 
 def _place_ground(
@@ -161,7 +188,7 @@ def _place_ground(
     along = np.array([-np.sin(roll) * np.sin(pitch), np.cos(roll) * np.sin(pitch), np.cos(pitch)])
     down = np.cross(along, across)
     offset = max(height, float(smallest_offsets(camera, down[None], near_m, sway)[0]))
-    # The wedge's tip lies so far behind that both views fit between its sides.
+    # The wedge's tip lies behind the cameras, so far that both views fit between its sides.
     widest = float(np.abs(corner_rays(camera)[:, 0]).max()) * 1.1
     behind = abs(camera.offset_m("right")) / widest + 0.5 * near_m
     length = behind + 1.05 * farthest_m

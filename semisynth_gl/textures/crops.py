@@ -1,4 +1,4 @@
-"""Squares out of an image: where they lie, how they become patches, how much texture they have."""
+"""Crops: squares of an image, cut and reduced to patches, their measures, and the duplicates among them."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -9,15 +9,19 @@ from PIL import Image
 
 from semisynth_gl.errors import InputError
 
+FINGERPRINT_NORM = 1000
+"""Length of a fingerprint, up to rounding."""
+
+# Cells along each side of a patch in which texture and fingerprints are measured.
 _GRID_CELLS = 8
-"""Cells along each side of a patch in which texture is measured."""
+_FINGERPRINT_LENGTH = 2 * _GRID_CELLS * (_GRID_CELLS - 1)
 
 
 class CropBox(NamedTuple):
     """A square of an image, in its pixels.
 
     Attributes:
-        left_px: column of the first pixel.
+        left_px: column of the first pixel in the upright image.
         top_px: row of the first pixel.
         side_px: width and height.
     """
@@ -27,6 +31,27 @@ class CropBox(NamedTuple):
     side_px: int
 
 
+class Square(NamedTuple):
+    """A square of a named image; see `CropBox`.
+
+    Attributes:
+        source: name of the image, relative to the folder that all images share; of an image sequence its first frame.
+        left_px: column of the first pixel.
+        top_px: row of the first pixel.
+        side_px: width and height.
+    """
+
+    source: str
+    left_px: int
+    top_px: int
+    side_px: int
+
+    @property
+    def box(self) -> CropBox:
+        """The square without the name of its image."""
+        return CropBox(*self[1:])
+
+
 def crop_boxes(height: int, width: int, patch_px: int, scales: Sequence[float]) -> list[CropBox]:
     """Return squares that together cover an image, once for each scale.
 
@@ -34,28 +59,17 @@ def crop_boxes(height: int, width: int, patch_px: int, scales: Sequence[float]) 
     border to border, overlapping as much as that needs. A scale whose square does not fit gives none.
 
     Args:
-        height: of the image, pixels.
-        width: of the image, pixels.
-        patch_px: side of a patch, pixels.
+        height: height of the image, pixels.
+        width: width of the image, pixels.
+        patch_px: side of a patch, pixels, at least 1.
         scales: image pixels per patch pixel, each at least 1: crops are reduced, never enlarged.
 
     Returns:
         The boxes, by increasing side, then by row, then by column.
-
-    Raises:
-        InputError: where ``patch_px`` or a scale is below 1, or there is no scale.
     """
-    if patch_px < 1:
-        raise InputError(f"patch_px must be at least 1, got {patch_px}")
-    if len(scales) == 0 or not all(1.0 <= scale < np.inf for scale in scales):
-        raise InputError(
-            f"scales must be numbers of at least 1 (image pixels per patch pixel; crops are never enlarged), "
-            f"got {list(scales)}"
-        )
-    sides = sorted({round(scale * patch_px) for scale in scales})
     return [
         CropBox(left, top, side)
-        for side in sides
+        for side in sorted({round(scale * patch_px) for scale in scales})
         if side <= min(height, width)
         for top in _positions(height, side)
         for left in _positions(width, side)
@@ -75,8 +89,8 @@ def cut_crop(image: NDArray[np.uint8], box: CropBox, patch_px: int) -> NDArray[n
     """Cut a square out of an image and bring it to the size of a patch.
 
     A square of ``patch_px`` is copied bit for bit. A larger one is averaged over areas: for whole factors each patch
-    pixel is the mean of its factor x factor image pixels, rounded; for others it also holds a part of the image pixels
-    that it covers in part.
+    pixel is the mean of its factor x factor image pixels, rounded; for other factors, image pixels on the border
+    between two patch pixels have a part in both.
 
     Args:
         image: (H, W, 3) uint8 RGB.
@@ -117,7 +131,7 @@ def texture_measure(patch: NDArray[np.uint8]) -> float:
     pixels or more.
 
     Args:
-        patch: (H, W, 3) uint8 RGB; the atlas's are square, but whole images can be judged too.
+        patch: (H, W, 3) uint8 RGB: a patch of the atlas, or an image of any shape.
 
     Returns:
         The measure in 8-bit levels, from 0 (every pixel equal in half of the cells) to 127.5.
@@ -142,36 +156,33 @@ def sharpness_measure(patch: NDArray[np.uint8]) -> float:
     each octave, a little less in the finest; a blur takes the finest away first, whatever the contrast of the whole.
 
     Args:
-        patch: (P, P, 3) uint8 RGB, P at least 8; what is left beside squares of 8 pixels does not count.
+        patch: (P, P, 3) uint8 RGB, P at least 8; rows and columns beyond the last multiple of 8 do not count.
 
     Returns:
-        0.25 for what is smooth, such as a gradient; 0.26 to 0.33 after a Gaussian blur of 2 pixels; 0.34 to 1.5 for
+        0.25 for a smooth patch such as a gradient; 0.26 to 0.33 after a Gaussian blur of 2 pixels; 0.34 to 1.5 for
         sharp photographs; 4 for white noise; infinite where the third octave has no contrast that could be blurred.
     """
     rows, columns = (extent // 8 * 8 for extent in patch.shape[:2])
     # Whole numbers all through, so that the measure is the same on every machine.
     sums = _luminance(patch[:rows, :columns]).astype(np.int64)
-    lost = []
+    energies = []
     for octave in range(3):
         finer, sums = sums, sums.reshape(sums.shape[0] // 2, 2, sums.shape[1] // 2, 2).sum(axis=(1, 3))
         energy = 4 * int(np.square(finer).sum()) - int(np.square(sums).sum())
-        lost.append(energy / 4 ** (octave + 1))  # of the sums, 16^octave times that of means; of 4^octave times fewer
-    finest, _, third = lost
+        # Sums have 16^octave times the energy of means, and there are 4^octave times fewer of them.
+        energies.append(energy / 4 ** (octave + 1))
+    finest, _, third = energies
     if third == 0:
         return np.inf
     return float(np.sqrt(finest / third))
 
 
-FINGERPRINT_NORM = 1000
-"""Length of a fingerprint, up to rounding."""
-
-
 def fingerprint(patch: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Return what near-identical patches share: how luminance changes between neighbouring cells of an 8 x 8 grid.
+    """Return the changes of luminance between neighbouring cells of an 8 x 8 grid, which near-identical patches share.
 
     The difference of two patches is 1 - a b / `FINGERPRINT_NORM`^2, one minus the correlation of these changes: 0 for
-    equal patches and for such that differ in brightness or contrast, about 0.01 for one compressed hard by JPEG or
-    shifted by a pixel of 128, rarely below 0.1 for squares of different photographs, and about 1 for unrelated ones.
+    equal patches, also where brightness or contrast differ, about 0.01 for a patch compressed hard by JPEG or shifted
+    by a pixel of 128, rarely below 0.1 for squares of different photographs, and about 1 for unrelated ones.
 
     Args:
         patch: (P, P, 3) uint8 RGB, P at least 16.
@@ -184,18 +195,63 @@ def fingerprint(patch: NDArray[np.uint8]) -> NDArray[np.float32]:
     means = np.rint(sums / np.multiply.outer(heights, widths))
     changes = np.concatenate([np.diff(means, axis=axis).ravel() for axis in (0, 1)])
     length = np.sqrt(np.square(changes).sum())
-    whole: NDArray[np.float32] = np.rint(changes * (FINGERPRINT_NORM / max(length, 1.0))).astype(np.float32)
-    return whole
+    rounded: NDArray[np.float32] = np.rint(changes * (FINGERPRINT_NORM / max(length, 1.0))).astype(np.float32)
+    return rounded
+
+
+class DuplicateFinder:
+    """Finds crops that look like an earlier one: the same photograph twice, or two frames of a burst.
+
+    Args:
+        min_difference: crops that differ less than this are duplicates; see `fingerprint`.
+    """
+
+    def __init__(self, min_difference: float) -> None:
+        self._least_alike = (1 - min_difference) * FINGERPRINT_NORM**2
+        self._fingerprints = np.empty((0, _FINGERPRINT_LENGTH), np.float32)
+        self._squares: list[Square] = []
+
+    def find(self, squares: Sequence[Square], fingerprints: NDArray[np.float32]) -> dict[Square, Square]:
+        """Find the duplicates among the crops of an image; crops of later images are compared with the others.
+
+        Args:
+            squares: N crops; the first of two that look alike is no duplicate.
+            fingerprints: (N, 112) float32; where it has no elements, nothing is compared.
+
+        Returns:
+            The duplicates, each with the crop that it looks most like.
+        """
+        if not fingerprints.size:
+            return {}
+        known = len(self._squares)
+        if known + len(squares) > len(self._fingerprints):
+            # Room is doubled: growing by the crops of each image would copy all rows for every image.
+            room = np.empty((known + len(squares), _FINGERPRINT_LENGTH), np.float32)
+            self._fingerprints = np.concatenate([self._fingerprints[:known], room])
+        to_earlier, to_own = fingerprints @ self._fingerprints[:known].T, fingerprints @ fingerprints.T
+        duplicates: dict[Square, Square] = {}
+        fresh: list[int] = []
+        for row, square in enumerate(squares):
+            earlier, own = to_earlier[row].max(initial=-np.inf), to_own[row, fresh].max(initial=-np.inf)
+            if max(earlier, own) <= self._least_alike:
+                fresh.append(row)
+            elif earlier >= own:
+                duplicates[square] = self._squares[int(to_earlier[row].argmax())]
+            else:
+                duplicates[square] = squares[fresh[int(to_own[row, fresh].argmax())]]
+        self._fingerprints[known : known + len(fresh)] = fingerprints[fresh]
+        self._squares += [squares[row] for row in fresh]
+        return duplicates
 
 
 def _luminance(image: NDArray[np.uint8]) -> NDArray[np.int32]:
-    """Luminance of (H, W, 3) RGB in thousandths of a level, (H, W)."""
+    """Return the luminance (H, W) of (H, W, 3) RGB in thousandths of a level."""
     red, green, blue = (image[..., channel].astype(np.int32) for channel in range(3))
     return 299 * red + 587 * green + 114 * blue
 
 
 def _cells(extent: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First pixel and size of each cell along a side."""
+    """Return the first pixel and the size of each cell along a side."""
     cells = max(1, min(_GRID_CELLS, extent // 2))
     starts = np.arange(cells, dtype=np.int64) * extent // cells
     return starts, np.diff(np.append(starts, extent))

@@ -1,12 +1,9 @@
-"""Image files: finding them, and reading any of them as 8-bit RGB or refusing it with a reason."""
+"""Reading an image file of any kind as 8-bit RGB, or refusing it with a reason."""
 
-import glob
-import os
 import warnings
-from collections.abc import Collection, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +14,22 @@ from PIL import Image, ImageFile, ImageOps, UnidentifiedImageError
 from semisynth_gl.errors import InputError
 
 MAX_PIXELS = 178_956_970
-"""More pixels than this are refused on the header's word alone. It is the size at which Pillow itself refuses; an RGB
-image of this size takes 537 MB."""
+"""Most pixels of an image; a header with more is refused before anything is decoded. Pillow itself refuses at this
+size; an RGB image of this size takes 537 MB."""
 
 OUT_OF_MEMORY = "does not fit into memory"
-"""The one reason for leaving an image out that may be another the next time."""
+"""The one reason for skipping an image that may not hold the next time."""
 
+# Pillow opens these formats but does not decode them, or starts another program to do so (Ghostscript for EPS).
 _FORMATS_WITHOUT_PIXELS = frozenset({"BUFR", "GRIB", "HDF5", "MPEG", "EPS", "WMF"})
-"""What Pillow opens but does not decode, or decodes only by starting another program (EPS starts Ghostscript)."""
+
+_REASONS: dict[type[Exception], str] = {
+    FileNotFoundError: "does not exist",
+    IsADirectoryError: "is a folder",
+    PermissionError: "must not be read (permission denied)",
+    UnidentifiedImageError: "is not an image that Pillow can read",
+    MemoryError: OUT_OF_MEMORY,
+}
 
 
 class ImageError(InputError):
@@ -44,10 +49,6 @@ class ImageError(InputError):
         return f"{self.path}: {self.reason}"
 
 
-_EXTENSIONS_OF_MEASUREMENTS = frozenset({".pfm"})
-"""What Pillow decodes but stands for no photograph: beside stereo images, PFM files hold their disparity."""
-
-
 @cache
 def _formats() -> tuple[str, ...]:
     Image.init()
@@ -56,98 +57,12 @@ def _formats() -> tuple[str, ...]:
 
 @cache
 def image_extensions() -> frozenset[str]:
-    """Return the file name extensions that count as images, in lower case and with their dot."""
+    """Return the file name extensions of images, in lower case and with their dot: all that Pillow decodes but .pfm.
+
+    PFM files beside stereo images hold their disparity.
+    """
     formats = frozenset(_formats())
-    pillow = frozenset(extension for extension, name in Image.registered_extensions().items() if name in formats)
-    return pillow - _EXTENSIONS_OF_MEASUREMENTS
-
-
-def find_images(sources: Sequence[str | Path]) -> list[Path]:
-    """Return the image files that the sources name.
-
-    Args:
-        sources: each a file, a folder (searched recursively, symbolic links followed) or a glob, in which ``**`` stands
-            for any folders and a folder that matches is searched like one that was given. ``~`` is the home folder.
-            A file that is named in full counts whatever it is called; in folders and globs only names with an extension
-            that Pillow can open do (but not .pfm, which beside stereo images holds their disparity).
-
-    Returns:
-        The files, sorted by their names as found; a file that is reached twice, or by a link, appears once.
-
-    Raises:
-        InputError: where a source matches no image.
-    """
-    for source in sources:
-        if next(_expand(str(Path(source).expanduser()), image_extensions()), None) is None:
-            raise InputError(
-                f"no image matches {str(source)!r}: expected an image file, a folder with images "
-                f"(.jpg, .png, .tif, .webp, ...) in it, or a glob such as 'photos/**/*.jpg'"
-            )
-    return find_files(sources, image_extensions())
-
-
-def find_files(sources: Sequence[str | Path], extensions: Collection[str]) -> list[Path]:
-    """Return files of any kind, found as `find_images` finds images.
-
-    Args:
-        sources: files, folders and globs.
-        extensions: what names in folders and globs end in, in lower case and with the dot.
-
-    Returns:
-        The files, sorted by their names as found, each once; none of a source that matches nothing.
-    """
-    found = dict(chain.from_iterable(_expand(str(Path(source).expanduser()), extensions) for source in sources))
-    once: dict[str, str] = {}
-    # Of several ways to one file the shortest gives its name: a link back up makes endless longer ones.
-    for path, real in sorted(found.items(), key=lambda each: (each[0].count("/"), each[0])):
-        once.setdefault(real, path)
-    return [Path(path) for path in sorted(once.values())]
-
-
-# Names are strings here and a file's real folder is looked up once: a folder may hold thousands.
-_Found = Iterator[tuple[str, str]]
-"""Files as they were found, and where each really lies."""
-
-
-def _expand(source: str, extensions: Collection[str]) -> _Found:
-    # What exists is taken by its name first: "[" and "*" may stand in a real file name.
-    if os.path.isfile(source):  # noqa: PTH113
-        yield source, os.path.realpath(source)
-    elif os.path.isdir(source):  # noqa: PTH112
-        yield from _files_below(source, extensions)
-    else:
-        for match in glob.glob(source, recursive=True):  # noqa: PTH207  # Path.glob takes no absolute pattern
-            path = str(Path(match))
-            if os.path.isdir(path):  # noqa: PTH112
-                yield from _files_below(path, extensions)
-            elif _has_extension(path, extensions) and os.path.isfile(path):  # noqa: PTH113
-                yield path, os.path.realpath(path)
-
-
-def _files_below(top: str, extensions: Collection[str]) -> _Found:
-    entered: set[str] = set()
-    folders = [top]
-    for folder in folders:  # which grows, so that those nearer to the top come first
-        real = os.path.realpath(folder)
-        if real in entered:  # another way to it, or a link back up
-            continue
-        entered.add(real)
-        below = []
-        with suppress(OSError):  # a folder that must not be read is passed over, as is a link that leads nowhere
-            below = sorted(os.scandir(folder), key=lambda entry: entry.name)
-        for entry in below:
-            path = entry.name if folder == "." else entry.path
-            with suppress(OSError):
-                if entry.is_dir():
-                    folders.append(path)
-                elif _has_extension(path, extensions) and entry.is_file():
-                    yield path, os.path.realpath(path) if entry.is_symlink() else f"{real}/{entry.name}"
-
-
-def _has_extension(path: str, extensions: Collection[str]) -> bool:
-    name = path[path.rfind("/") + 1 :]
-    dot = name.rfind(".")
-    return dot > 0 and name[dot:].lower() in extensions
+    return frozenset(end for end, name in Image.registered_extensions().items() if name in formats and end != ".pfm")
 
 
 def stored_size(path: Path) -> tuple[int, int]:
@@ -194,7 +109,7 @@ def read_image(path: Path) -> NDArray[np.uint8]:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Image.Image]:
-    """Open an image and check its header; whatever a decoder raises in the block becomes an `ImageError`."""
+    """Open an image and check its header; any error of a decoder in the block becomes an `ImageError`."""
     tolerant = ImageFile.LOAD_TRUNCATED_IMAGES
     # Another part of the process may have set it: with it, a truncated photograph comes out half grey without a word.
     ImageFile.LOAD_TRUNCATED_IMAGES = False
@@ -221,22 +136,12 @@ def _check_size(path: Path, width: int, height: int) -> None:
         raise ImageError(path, f"has {width} x {height} pixels, more than the limit of {MAX_PIXELS}")
 
 
-def _reason(error: Exception) -> str:  # noqa: PLR0911  # one line for each kind
-    match error:
-        case FileNotFoundError():
-            return "does not exist"
-        case IsADirectoryError():
-            return "is a folder"
-        case PermissionError():
-            return "must not be read (permission denied)"
-        case UnidentifiedImageError():
-            return "is not an image that Pillow can read"
-        case Image.DecompressionBombError():
-            return f"has more pixels than are decoded: {error}".split(", could")[0]
-        case MemoryError():
-            return OUT_OF_MEMORY
+def _reason(error: Exception) -> str:
+    if isinstance(error, Image.DecompressionBombError):
+        return f"has more pixels than are decoded: {error}".split(", could")[0]
     detail = " ".join(str(error).split()) or type(error).__name__
-    return f"is truncated or damaged ({detail})"
+    reasons = (reason for kind, reason in _REASONS.items() if isinstance(error, kind))
+    return next(reasons, f"is truncated or damaged ({detail})")
 
 
 def _grey_levels(path: Path, values: NDArray[Any]) -> NDArray[np.uint8]:

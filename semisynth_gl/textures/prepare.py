@@ -1,87 +1,96 @@
-"""The atlas of a dataset, from whatever source its config names; made once and then found in the cache."""
+"""The atlas of a dataset, from the source that its config names: built once, and then found in the cache."""
 
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from semisynth_gl.cache.lookup import own_sources, remembered, versions
+from semisynth_gl.cache.lookup import cached, package_versions, source_digest
+from semisynth_gl.cache.store import Entry
 from semisynth_gl.config.model import TexturesSection
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, Skipped
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.splits import WHOLE, Split
-from semisynth_gl.textures.atlas import Atlas
-from semisynth_gl.textures.atlas_entry import packed_atlas, unpacked_atlas
-from semisynth_gl.textures.images import find_images
-from semisynth_gl.textures.photographs import builtin_photographs
+from semisynth_gl.textures.atlas import Atlas, Patch
+from semisynth_gl.textures.clips import AtlasLimits
+from semisynth_gl.textures.crop_report import CropCount, JudgedCrop, TextureReport
+from semisynth_gl.textures.crops import Square
+from semisynth_gl.textures.image_files import builtin_photographs, find_images, relative_names
+from semisynth_gl.textures.images import OUT_OF_MEMORY
 from semisynth_gl.textures.procedural import procedural_atlas
-from semisynth_gl.textures.selection import build_atlas, names_of
+from semisynth_gl.textures.selection import build_atlas
 
-# What `Split.share` is told to share out.
+SOURCES = ("textures", "seeds.py", "splits.py")
+"""The program's sources that decide an atlas: a change of any of them makes the cache build it anew."""
+
+# The items that `Split.share` deals out.
 _PHOTOGRAPHS = 0
+# These keys decide how patches lie on models, not which patches there are; images are part of the key by their names.
+_NOT_DECISIVE = {"images", "texels_per_pixel", "anisotropy", "wrap"}
 
 
 def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> Atlas:
-    """Build the patch atlas that a config asks for, or find the one that was built of the same before.
+    """Build the patch atlas that a config asks for, or find the same one in the cache.
 
     Args:
-        section: what to cut from what.
-        seed: the dataset's.
-        split: whose photographs; of image sequences whole folders are held out, since their frames show the same.
+        section: the config's section.
+        seed: the dataset's seed.
+        split: the split that the photographs are for; of image sequences whole folders are held out, since their frames
+            show the same.
 
     Raises:
         InputError: where no image is found, none is usable, or there are too few to hold some out.
     """
-    images = images_of(section, seed, split)
+    images = split_images(section, seed, split)
     seed = split.seed(seed)
 
-    def make() -> tuple[Atlas, list[Path]]:
+    def build() -> tuple[Atlas, Sequence[Path]]:
         rng = generator(seed, Purpose.ATLAS)
         if section.source == "procedural":
             return procedural_atlas(rng, section.max_patches, section.patch_px), []
-        opened: list[Path] = []
-        atlas = build_atlas(
-            images,
-            patch_px=section.patch_px,
-            scales=section.scales,
-            min_texture=section.min_texture,
-            min_sharpness=section.min_sharpness,
-            min_difference=section.min_difference,
-            flat_share=section.flat_share,
-            max_patches=section.max_patches,
-            sequence=section.sequence,
-            rng=rng,
-            opened=opened,
-        )
-        return atlas, opened
+        return build_atlas(images, section, AtlasLimits(), rng)
 
-    def decided_by() -> dict[str, Any]:
-        keys = {"source", "patch_px", "scales", "max_patches", "sequence"}
-        keys |= {"min_texture", "min_sharpness", "min_difference", "flat_share"}
+    def key() -> dict[str, Any]:
         return {
-            "section": section.model_dump(mode="json", include=keys),
+            "section": section.model_dump(mode="json", exclude=_NOT_DECISIVE),
             "seed": seed,
-            "images": list(names_of(images).values()) if images else [],
-            "versions": versions("numpy", "Pillow"),
-            "program": own_sources("textures", "seeds.py"),
+            "images": list(relative_names(images).values()),
+            "versions": package_versions("numpy", "Pillow"),
+            "program": source_digest(SOURCES),
         }
 
-    return remembered(
+    return cached(
         "atlas",
-        decided_by,
+        key,
         files=images,
-        make=make,
-        pack=lambda atlas: packed_atlas(atlas, images),
-        unpack=lambda entry: unpacked_atlas(entry, images),
+        build=build,
+        pack=lambda atlas: pack_atlas(atlas, images),
+        unpack=lambda entry: unpack_atlas(entry, images),
     )
 
 
-def images_of(section: TexturesSection, seed: int, split: Split = WHOLE) -> list[Path]:
-    """Return the files that a split's patches may come from, sorted; none for patches that are procedural.
+def split_images(section: TexturesSection, seed: int, split: Split = WHOLE) -> list[Path]:
+    """Return the files that a split's patches may come from, sorted; none where patches are procedural.
+
+    Args:
+        section: the config's section.
+        seed: the dataset's seed.
+        split: the split.
 
     Raises:
-        InputError: where there are none, or too few to hold some out.
+        InputError: where no image is found, or there are too few to hold some out.
     """
-    images = _found(section)
-    if not split.held_out or not images:
+    if section.source == "procedural":
+        return []
+    if section.source == "builtin":
+        images = sorted(builtin_photographs(), key=Path.as_posix)
+    elif section.images:
+        images = find_images(section.images)
+    else:
+        raise InputError(
+            "textures.source is images, but there are none: give --images FOLDER, or set textures.images in the config"
+        )
+    if not split.held_out:
         return images
     if not section.sequence:
         return split.share(images, seed, "photographs", _PHOTOGRAPHS)
@@ -89,13 +98,35 @@ def images_of(section: TexturesSection, seed: int, split: Split = WHOLE) -> list
     return [path for path in images if path.parent in folders]
 
 
-def _found(section: TexturesSection) -> list[Path]:
-    if section.source == "procedural":
-        return []
-    if section.source == "builtin":
-        return sorted(builtin_photographs(), key=Path.as_posix)
-    if not section.images:
-        raise InputError(
-            "textures.source is images, but there are none: give --images FOLDER, or set textures.images in the config"
-        )
-    return find_images(section.images)
+def pack_atlas(atlas: Atlas, images: Sequence[Path]) -> Entry | None:
+    """Turn an atlas into an entry of the cache.
+
+    Args:
+        atlas: the atlas.
+        images: the files that it was built from; the entry has their numbers, not names, so that the folder may move.
+
+    Returns:
+        The entry; None where an image was skipped for a reason that may not hold the next time.
+    """
+    skipped = atlas.report.images_skipped
+    if any(image.reason == OUT_OF_MEMORY or str(image.path) in image.reason for image in skipped):
+        return None
+    number = {path: index for index, path in enumerate(images)}
+    report = asdict(atlas.report) | {"images_skipped": [[number[image.path], image.reason] for image in skipped]}
+    values = {"patches": [asdict(patch) for patch in atlas.patches], "report": report}
+    return Entry(values, {"layers": atlas.layers})
+
+
+def unpack_atlas(entry: Entry, images: Sequence[Path]) -> Atlas:
+    """Turn an entry of the cache back into an equal atlas; for ``images`` see `pack_atlas`."""
+    report = entry.values["report"]
+    typed = {
+        "images_skipped": tuple(Skipped(images[index], reason) for index, reason in report["images_skipped"]),
+        "too_small": tuple(report["too_small"]),
+        "counts": tuple(CropCount(**count) for count in report["counts"]),
+        "examples": tuple(
+            JudgedCrop(reason, Square(*square), like and Square(*like)) for reason, square, like in report["examples"]
+        ),
+    }
+    patches = tuple(Patch(**patch) for patch in entry.values["patches"])
+    return Atlas(entry.arrays["layers"], patches, TextureReport(**report | typed))

@@ -1,6 +1,7 @@
 """Patches that need no photograph: noise, stripes, checks, gradients and dots in random colours."""
 
 from collections.abc import Callable
+from itertools import cycle, islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,43 +10,25 @@ from semisynth_gl.errors import InputError
 from semisynth_gl.textures.atlas import Atlas, atlas_from_arrays
 from semisynth_gl.textures.crops import texture_measure
 
-_MIN_TEXTURE = 5.0
-"""Least texture of what is made here, 8-bit levels: above the threshold that photographs usually have to pass."""
-
 _Field = NDArray[np.float64]
+_Kind = Callable[[np.random.Generator, int], _Field]
+
+# Least texture of a patch, 8-bit levels: above the usual threshold of photographs.
+_MIN_TEXTURE = 5.0
 _COARSEST_NOISE_PX, _FINEST_NOISE_PX = 64, 2
-
-
-def procedural_images(rng: np.random.Generator, count: int, side_px: int) -> list[NDArray[np.uint8]]:
-    """Make colour images that have texture everywhere and at several sizes.
-
-    Kinds take turns: noise, stripes, checks, gradient, dots. Each is a pattern of random size and direction, coloured
-    by a random palette, under a fine noise of several octaves: a plain stripe or gradient would give a matcher nothing
-    to hold on to between its edges. What has less texture than 5 levels (see `texture_measure`) is drawn again.
-
-    Args:
-        rng: source of every random choice.
-        count: how many.
-        side_px: width and height, pixels; at least 16.
-
-    Returns:
-        ``count`` arrays (side_px, side_px, 3) uint8 RGB.
-
-    Raises:
-        InputError: where ``count`` is below 1 or ``side_px`` below 16.
-    """
-    if count < 1 or side_px < 16:
-        raise InputError(f"procedural images need count >= 1 and side_px >= 16, got {count} and {side_px}")
-    kinds = list(_KINDS.values())
-    return [_textured(rng, kinds[i % len(kinds)], side_px) for i in range(count)]
 
 
 def procedural_atlas(rng: np.random.Generator, count: int, patch_px: int) -> Atlas:
     """Make an atlas of procedural patches, the counterpart of `build_atlas` where there are no photographs.
 
+    Kinds take turns: noise, stripes, checks, gradient, dots. Each patch is a pattern of random size and direction with
+    texture everywhere, coloured by a random palette, under a fine noise of several octaves: between the edges of a
+    plain stripe or gradient a matcher would find nothing. A patch with less texture than 5 levels (see
+    `texture_measure`) is drawn again.
+
     Args:
         rng: source of every random choice.
-        count: how many patches.
+        count: number of patches.
         patch_px: side of a patch, pixels; at least 16.
 
     Returns:
@@ -54,14 +37,14 @@ def procedural_atlas(rng: np.random.Generator, count: int, patch_px: int) -> Atl
     Raises:
         InputError: where ``count`` is below 1 or ``patch_px`` below 16.
     """
-    names = list(_KINDS)
-    sources = [f"procedural/{names[i % len(names)]}/{i:05d}" for i in range(count)]
-    return atlas_from_arrays(procedural_images(rng, count, patch_px), sources)
+    if count < 1 or patch_px < 16:
+        raise InputError(f"procedural patches need count >= 1 and patch_px >= 16, got {count} and {patch_px}")
+    kinds = list(islice(cycle(_KINDS.items()), count))
+    patches = [_textured(rng, kind, patch_px) for _, kind in kinds]
+    return atlas_from_arrays(patches, [f"procedural/{name}/{i:05d}" for i, (name, _) in enumerate(kinds)])
 
 
-def _textured(
-    rng: np.random.Generator, kind: Callable[[np.random.Generator, int], _Field], side_px: int
-) -> NDArray[np.uint8]:
+def _textured(rng: np.random.Generator, kind: _Kind, side_px: int) -> NDArray[np.uint8]:
     while True:
         image = _coloured(rng, kind(rng, side_px))
         if texture_measure(image) >= _MIN_TEXTURE:
@@ -96,15 +79,15 @@ def _value_noise(rng: np.random.Generator, side_px: int, coarsest_px: int = _COA
 
 
 def _smooth_weights(side_px: int, cell_px: float, nodes: int) -> _Field:
-    """Return (side_px, nodes): how much each grid node counts for each pixel, with an S-shaped transition."""
+    """Return the weights (side_px, nodes) of the grid nodes for each pixel, with an S-shaped transition."""
     at = np.arange(side_px) / cell_px
-    left = np.floor(at).astype(np.int64)
-    step = at - left
-    right_part = step * step * (3 - 2 * step)
+    node = np.floor(at).astype(np.int64)
+    step = at - node
+    next_part = step * step * (3 - 2 * step)
     weights = np.zeros((side_px, nodes))
     pixels = np.arange(side_px)
-    weights[pixels, left] = 1 - right_part
-    weights[pixels, left + 1] += right_part
+    weights[pixels, node] = 1 - next_part
+    weights[pixels, node + 1] += next_part
     return weights
 
 
@@ -135,8 +118,8 @@ def _checks(rng: np.random.Generator, side_px: int) -> _Field:
     cell_px = rng.uniform(4, max(8, side_px / 6))
     rows, columns = (np.floor(axis / cell_px).astype(np.int64) for axis in (along, across))
     # Every check has its own level: a plain chess board repeats, and a matcher cannot tell its cells apart.
-    own = rng.random((256, 256))[rows % 256, columns % 256]
-    return 0.5 * ((rows + columns) % 2) + 0.5 * own
+    levels = rng.random((256, 256))[rows % 256, columns % 256]
+    return 0.5 * ((rows + columns) % 2) + 0.5 * levels
 
 
 def _gradient(rng: np.random.Generator, side_px: int) -> _Field:
@@ -147,8 +130,8 @@ def _gradient(rng: np.random.Generator, side_px: int) -> _Field:
     field = (along - along.min()) / np.ptp(along)
     bands = int(rng.integers(6, 40))
     banded = np.floor(field * bands)
-    own = rng.random(bands + 1)
-    mixed: _Field = 0.7 * field + 0.3 * own[banded.astype(np.int64)]
+    levels = rng.random(bands + 1)
+    mixed: _Field = 0.7 * field + 0.3 * levels[banded.astype(np.int64)]
     return mixed
 
 
@@ -167,7 +150,7 @@ def _dots(rng: np.random.Generator, side_px: int) -> _Field:
     return field
 
 
-_KINDS: dict[str, Callable[[np.random.Generator, int], _Field]] = {
+_KINDS: dict[str, _Kind] = {
     "noise": _noise,
     "stripes": _stripes,
     "checks": _checks,

@@ -1,4 +1,4 @@
-"""The sheet of patches: what a network will see, and what was left out of the photographs and why."""
+"""The sheet of patches: all patches that a network will see, and examples of rejected crops with the reasons."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -9,8 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from semisynth_gl.textures.atlas import REASONS, Atlas, CropCount, Patch, Reason, Square, TextureReport
-from semisynth_gl.textures.crops import CropBox, cut_crop
+from semisynth_gl.textures.atlas import Atlas, Patch
+from semisynth_gl.textures.crop_report import (
+    REASONS,
+    REJECTIONS,
+    CropCount,
+    Reason,
+    TextureReport,
+    count_crops,
+    patch_group,
+)
+from semisynth_gl.textures.crops import Square, cut_crop
+from semisynth_gl.textures.image_files import printable
 from semisynth_gl.textures.images import read_image
 
 _WIDTH_PX = 1600
@@ -38,15 +48,18 @@ _MEANING: Mapping[Reason, str] = {
 
 
 def draw_texture_sheet(atlas: Atlas, files: Mapping[str, Path], title: str) -> Image.Image:
-    """Draw all patches by the image that they come from, and below them examples of what was left out.
+    """Draw all patches by the image that they come from, and below them examples of rejected crops.
 
-    Each patch is shown whole, reduced to a tile, its scale (image pixels per patch pixel) in the corner where it is not
-    1, and flat ones in an orange frame. Of image sequences the first frame is shown.
+    Each patch is reduced to a tile, with its scale (image pixels per patch pixel) in the corner where that is not 1,
+    and an orange frame where the patch is flat. Of a patch from an image sequence the first frame is shown.
 
     Args:
-        atlas: with its report.
+        atlas: the atlas with its report.
         files: the images by their names in the atlas; none where patches are procedural.
-        title: shown on top.
+        title: a line on top.
+
+    Returns:
+        The sheet, 1600 pixels wide.
     """
     page = _Page()
     page.text(_MARGIN_PX, title, size=_TITLE_PX)
@@ -56,41 +69,17 @@ def draw_texture_sheet(atlas: Atlas, files: Mapping[str, Path], title: str) -> I
         page.feed(_LINE_PX)
     page.feed(8)
     _draw_groups(page, atlas)
-    _draw_left_out(page, atlas.report, files)
-    return page.drawn()
-
-
-def scale_names(report: TextureReport) -> dict[int, str]:
-    """Return the scale of each side of squares that occurs, such as ``{256: "1x", 512: "2x"}``, by side."""
-    return {side: f"{side / report.patch_px:g}x" for side in sorted({count.side_px for count in report.counts})}
-
-
-def group_of(source: str) -> str:
-    """Return what patches are put together by: their image, or of procedural ones their kind."""
-    return source.rsplit("/", 1)[0] if source.startswith("procedural/") else source
-
-
-def printable(name: str) -> str:
-    """Return a name in one line: names of files may hold line breaks, and bytes that are no text."""
-    return "".join(letter if letter.isprintable() else "?" for letter in name)
-
-
-def grouped_counts(report: TextureReport) -> dict[str, list[CropCount]]:
-    """Return the counts of each group, in their order."""
-    groups: dict[str, list[CropCount]] = defaultdict(list)
-    for count in report.counts:
-        groups[group_of(count.source)].append(count)
-    return dict(groups)
+    _draw_rejected(page, atlas.report, files)
+    return page.draw()
 
 
 @dataclass(slots=True)
 class _Page:
-    """What is drawn where, from top to bottom; the height is known at the end."""
+    """Tiles and texts with their places, collected from top to bottom; the height is known at the end."""
 
     y_px: int = _MARGIN_PX
-    _tiles: list[tuple[int, int, Image.Image]] = field(default_factory=list)
+    _tiles: list[tuple[int, int, Image.Image, bool]] = field(default_factory=list)
     _texts: list[tuple[int, int, str, int, tuple[int, int, int]]] = field(default_factory=list)
-    _frames: list[tuple[int, int]] = field(default_factory=list)
 
     def feed(self, height_px: int) -> None:
         self.y_px += height_px
@@ -103,17 +92,15 @@ class _Page:
     def tile(self, x_px: int, pixels: NDArray[np.uint8], *, down_px: int = 0, framed: bool = False) -> None:
         image = Image.fromarray(pixels)
         image.thumbnail((_TILE_PX, _TILE_PX), Image.Resampling.BOX)
-        self._tiles.append((x_px, self.y_px + down_px, image))
-        if framed:
-            self._frames.append((x_px, self.y_px + down_px))
+        self._tiles.append((x_px, self.y_px + down_px, image, framed))
 
-    def drawn(self) -> Image.Image:
+    def draw(self) -> Image.Image:
         sheet = Image.new("RGB", (_WIDTH_PX, self.y_px + _MARGIN_PX), _PAPER)
         draw = ImageDraw.Draw(sheet)
-        for x, y, image in self._tiles:
+        for x, y, image, framed in self._tiles:
             sheet.paste(image, (x, y))
-        for x, y in self._frames:
-            draw.rectangle((x, y, x + _TILE_PX - 1, y + _TILE_PX - 1), outline=_FLAT_FRAME, width=3)
+            if framed:
+                draw.rectangle((x, y, x + _TILE_PX - 1, y + _TILE_PX - 1), outline=_FLAT_FRAME, width=3)
         for x, y, text, size, colour in self._texts:
             stroke = int(colour == _ON_TILE)  # so that it can be read on any patch
             font = ImageFont.load_default(size)
@@ -125,17 +112,17 @@ def _draw_groups(page: _Page, atlas: Atlas) -> None:
     """Let groups flow from left to right, each a label above its patches."""
     patches: dict[str, list[Patch]] = defaultdict(list)
     for patch in atlas.patches:
-        patches[group_of(patch.source)].append(patch)
-    scales = scale_names(atlas.report)
+        patches[patch_group(patch.source)].append(patch)
+    scales = atlas.report.scale_names
     x, height = _MARGIN_PX, 0
-    for group, counts in grouped_counts(atlas.report).items():
+    for group, counts in atlas.report.grouped_counts.items():
         shown = patches[group]
         columns = min(max(len(shown), _LEAST_COLUMNS), _COLUMNS)
         width = columns * _STEP_PX - _GAP_PX
         if x + width > _WIDTH_PX - _MARGIN_PX:
             page.feed(height)
             x, height = _MARGIN_PX, 0
-        lines = (group, _kept_line(counts, scales), _left_out_line(counts))
+        lines = (group, _kept_line(counts, scales), _rejected_line(counts))
         for number, line in enumerate(lines):
             fitting = _fitting(line, width, keep_end=number == 0)
             page.text(x, fitting, down_px=number * _LINE_PX, colour=_FAINT if number else _INK)
@@ -154,91 +141,72 @@ def _draw_groups(page: _Page, atlas: Atlas) -> None:
 
 
 def _kept_line(counts: Sequence[CropCount], scales: Mapping[int, str]) -> str:
-    kept = {side: sum(count.kept for count in counts if count.side_px == side) for side in scales}
-    parts = ", ".join(f"{number} at {scales[side]}" for side, number in kept.items() if number)
-    flat = sum(count.kept_flat for count in counts)
-    total = sum(kept.values())
-    return f"{total} {'patch' if total == 1 else 'patches'}" + (f": {parts}" if parts else "") + (
-        f"; {flat} flat" if flat else ""
-    )  # fmt: skip
+    total, flat = count_crops(counts, "kept"), count_crops(counts, "kept_flat")
+    kept = {name: count_crops(counts, "kept", side) for side, name in scales.items()}
+    parts = ", ".join(f"{number} at {name}" for name, number in kept.items() if number)
+    text = f"{total} {'patch' if total == 1 else 'patches'}" + (f": {parts}" if parts else "")
+    return f"{text}; {flat} flat" if flat else text
 
 
-def _left_out_line(counts: Sequence[CropCount]) -> str:
-    reasons = (*REASONS, "surplus")
-    left_out = {reason: sum(getattr(count, reason) for count in counts) for reason in reasons}
-    parts = ", ".join(f"{number} {reason}" for reason, number in left_out.items() if number)
+def _rejected_line(counts: Sequence[CropCount]) -> str:
+    numbers = {outcome: count_crops(counts, outcome) for outcome in REJECTIONS}
+    parts = ", ".join(f"{number} {outcome}" for outcome, number in numbers.items() if number)
     return f"left out: {parts}" if parts else ""
 
 
-def _draw_left_out(page: _Page, report: TextureReport, files: Mapping[str, Path]) -> None:
-    totals = {"flat": report.crops_flat, "blurred": report.crops_blurred, "duplicate": report.crops_duplicate}
-    pixels = _Squares(report, files)
+def _draw_rejected(page: _Page, report: TextureReport, files: Mapping[str, Path]) -> None:
+    pixels = _read_squares(report, files)
     for reason in REASONS:
         examples = [example for example in report.examples if example.reason == reason]
-        if not examples:
-            continue
-        page.feed(8)
-        page.text(
-            _MARGIN_PX,
-            f"left out as {reason}: {totals[reason]}, of which {len(examples)} are shown ({_MEANING[reason]})",
-            size=13,
+        heading = (
+            f"left out as {reason}: {report.total(reason)}, of which {len(examples)} are shown ({_MEANING[reason]})"
         )
-        page.feed(20)
-        x = _MARGIN_PX
-        height = 0
-        for example in examples:
-            squares = [example.square] if example.like is None else [example.like, example.square]
-            if x + len(squares) * _STEP_PX > _WIDTH_PX - _MARGIN_PX:
-                page.feed(height)
-                x = _MARGIN_PX
-            for number, square in enumerate(squares):
-                page.tile(x + number * _TILE_PX, pixels.of(square))
-                name = _fitting(square.source, _TILE_PX - 2, keep_end=True)
-                page.text(x + number * _TILE_PX, name, down_px=_TILE_PX + 1, colour=_FAINT)
-            height = _STEP_PX + _LINE_PX
-            x += len(squares) * _TILE_PX + 2 * _GAP_PX
-        page.feed(height)
-    if report.too_small:
-        shown = report.too_small[:_MOST_NAMED]
-        more = f" and {report.images_too_small - len(shown)} more" if len(shown) < report.images_too_small else ""
-        page.feed(8)
-        page.text(
-            _MARGIN_PX, f"images smaller than a patch ({report.patch_px} pixels): {report.images_too_small}", size=13
-        )
-        page.feed(20)
-        for number, source in enumerate(shown):
-            if source in files:
-                page.tile(_MARGIN_PX + number * _STEP_PX, read_image(files[source]))
-                name = _fitting(source, _TILE_PX, keep_end=True)
-                page.text(_MARGIN_PX + number * _STEP_PX, name, down_px=_TILE_PX + 1, colour=_FAINT)
-        page.feed(_STEP_PX + _LINE_PX)
-        if more:
-            page.text(_MARGIN_PX, more, colour=_FAINT)
-            page.feed(_LINE_PX)
+        pairs = [[square for square in (example.like, example.square) if square] for example in examples]
+        _draw_examples(page, heading, [[(square.source, pixels[square]) for square in pair] for pair in pairs])
+    shown = report.too_small[:_MOST_NAMED]
+    heading = f"images smaller than a patch ({report.patch_px} pixels): {len(report.too_small)}"
+    _draw_examples(page, heading, [[(source, read_image(files[source]))] for source in shown if source in files])
+    if len(shown) < len(report.too_small):
+        page.text(_MARGIN_PX, f" and {len(report.too_small) - len(shown)} more", colour=_FAINT)
+        page.feed(_LINE_PX)
 
 
-class _Squares:
-    """Squares of images, as patches; each image is read once."""
+def _draw_examples(page: _Page, heading: str, examples: Sequence[Sequence[tuple[str, NDArray[np.uint8]]]]) -> None:
+    """Draw examples under a heading, each of one or more tiles with their names below."""
+    if not examples:
+        return
+    page.feed(8)
+    page.text(_MARGIN_PX, heading, size=13)
+    page.feed(20)
+    x = _MARGIN_PX
+    for example in examples:
+        if x + len(example) * _STEP_PX > _WIDTH_PX - _MARGIN_PX:
+            page.feed(_STEP_PX + _LINE_PX)
+            x = _MARGIN_PX
+        for source, pixels in example:
+            page.tile(x, pixels)
+            page.text(x, _fitting(source, _TILE_PX - 2, keep_end=True), down_px=_TILE_PX + 1, colour=_FAINT)
+            x += _TILE_PX
+        x += 2 * _GAP_PX
+    page.feed(_STEP_PX + _LINE_PX)
 
-    def __init__(self, report: TextureReport, files: Mapping[str, Path]) -> None:
-        self._patch_px = report.patch_px
-        wanted: dict[str, set[Square]] = defaultdict(set)
-        for example in report.examples:
-            for square in (example.square, example.like):
-                if square is not None:
-                    wanted[square.source].add(square)
-        self._pixels: dict[Square, NDArray[np.uint8]] = {}
-        for source, squares in wanted.items():
-            image = read_image(files[source])
-            for square in squares:
-                self._pixels[square] = cut_crop(image, CropBox(*square[1:]), self._patch_px)
 
-    def of(self, square: Square) -> NDArray[np.uint8]:
-        return self._pixels[square]
+def _read_squares(report: TextureReport, files: Mapping[str, Path]) -> dict[Square, NDArray[np.uint8]]:
+    """Cut the squares of all examples out of their images; each image is read once."""
+    squares: dict[str, set[Square]] = defaultdict(set)
+    for example in report.examples:
+        for square in (example.square, example.like):
+            if square is not None:
+                squares[square.source].add(square)
+    pixels: dict[Square, NDArray[np.uint8]] = {}
+    for source, image_squares in squares.items():
+        image = read_image(files[source])
+        pixels |= {square: cut_crop(image, square.box, report.patch_px) for square in image_squares}
+    return pixels
 
 
 def _fitting(text: str, width_px: int, *, keep_end: bool = False) -> str:
-    """Shorten a text to a width; of names the end tells most."""
+    """Shorten a text to a width, at its end or, for names, at its beginning."""
     font = ImageFont.load_default(_TEXT_PX)
     text = printable(text)
     shown = text

@@ -1,15 +1,16 @@
 """Pairs for PyTorch, rendered while a network trains: `StereoStream`.
 
-Nothing else of the package imports torch.
+No other room of the package imports torch.
 """
 
 try:
-    import torch as _torch  # noqa: F401 - asked for here, so that the message tells what to do
+    import torch as _torch  # noqa: F401 - imported here, so that the message says what to do
 except ModuleNotFoundError as error:
     raise ImportError(
         "semisynth_gl.torch needs PyTorch, which is not installed: pip install 'semisynth-gl[torch]'"
     ) from error
 
-from semisynth_gl.torch.stream import StereoStream
+from semisynth_gl.torch.dealing import Selection, TrainingProcess
+from semisynth_gl.torch.stream import Hardware, StereoStream
 
-__all__ = ["StereoStream"]
+__all__ = ["Hardware", "Selection", "StereoStream", "TrainingProcess"]

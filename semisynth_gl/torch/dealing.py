@@ -1,74 +1,145 @@
-"""Which samples of a stream go to which process: a rule alone, so that nobody has to ask anybody."""
+"""The samples of a stream, and the rule by which training processes and their workers share them.
 
-from collections.abc import Iterator
+The rule alone says which process gets which samples, so the processes need not communicate.
+"""
+
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import count, takewhile
+from itertools import count
 from math import lcm
+from typing import NamedTuple, Self
+
+import torch.distributed
+
+from semisynth_gl.errors import InputError
+from semisynth_gl.splits import SPLITS, SplitName
 
 
 @dataclass(frozen=True, slots=True)
-class Consumer:
-    """One of the processes that share a stream.
+class Selection:
+    """The samples that a stream yields, of all training processes together.
 
     Attributes:
-        rank: number of its training process.
-        ranks: how many of these there are.
-        worker: number of the loader's worker within the rank; 0 where the loader has none.
-        workers: how many of these each rank has; 1 where the loader has none.
+        split: name of the split.
+        splits: names of all splits of the dataset; photographs are held out for each of them.
+        first: number of the first sample. To resume a stream, take its first number plus
+            ``steps * batch_size * world_size``.
+        pairs: number of samples; None for no end.
+        frames: frames of each sequence that the stream yields, rising; None for all frames.
+
+    Raises:
+        InputError: where a value cannot be used.
     """
 
-    rank: int
-    ranks: int
-    worker: int
-    workers: int
+    split: SplitName = "train"
+    splits: Sequence[SplitName] = ("train",)
+    first: int = 0
+    pairs: int | None = None
+    frames: Sequence[int] | None = None
 
-    @property
-    def turn(self) -> int:
-        """When it gets its first block: all ranks have their first batch before any has its second."""
-        return self.worker * self.ranks + self.rank
+    def __post_init__(self) -> None:
+        if not self.splits or set(self.splits) - set(SPLITS) or self.split not in self.splits:
+            raise InputError(
+                f"split: expected one of splits, which name all that the dataset has of {', '.join(SPLITS)}, got "
+                f"split={self.split!r} and splits={self.splits!r}"
+            )
+        if self.first < 0:
+            raise InputError(f"first: expected the number of a sample, 0 or more, got {self.first}")
+        if self.pairs is not None and self.pairs < 1:
+            raise InputError(f"pairs: expected 1 or more, or None for a stream without end, got {self.pairs}")
 
-    @property
-    def turns(self) -> int:
-        """How many blocks are dealt until it is its turn again."""
-        return self.ranks * self.workers
+    def frames_in(self, length: int) -> tuple[int, ...]:
+        """Return the frames that the stream yields of each sequence of ``length`` frames.
+
+        Raises:
+            InputError: where the frames do not rise, or a sequence does not have them.
+        """
+        frames = tuple(range(length) if self.frames is None else self.frames)
+        if not frames or not set(frames) <= set(range(length)) or list(frames) != sorted(set(frames)):
+            raise InputError(
+                f"frames: expected growing numbers from 0 to {length - 1}, since the config's sequence.length is "
+                f"{length}, got {frames}"
+            )
+        return frames
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingProcess:
+    """One of the training processes that share a stream.
+
+    Attributes:
+        rank: number of the process.
+        world_size: number of processes.
+
+    Raises:
+        InputError: where the rank is none of these processes.
+    """
+
+    rank: int = 0
+    world_size: int = 1
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.rank < self.world_size:
+            raise InputError(
+                f"rank: expected 0 to world_size - 1, got rank={self.rank} and world_size={self.world_size}: without a "
+                "TrainingProcess, a stream asks torch.distributed for both"
+            )
+
+    @classmethod
+    def current(cls) -> Self:
+        """Return this process, as torch.distributed numbers it; without torch.distributed it is the only one."""
+        if torch.distributed.is_available() and torch.distributed.is_initialized():
+            return cls(torch.distributed.get_rank(), torch.distributed.get_world_size())
+        return cls()
+
+
+class Worker(NamedTuple):
+    """A worker of a training process's loader; without workers, the process itself.
+
+    Attributes:
+        number: number of the worker within its process.
+        total: number of workers of each process.
+    """
+
+    number: int = 0
+    total: int = 1
 
 
 @dataclass(frozen=True, slots=True)
 class Dealing:
-    """Samples first, first + 1 ... in blocks, which the consumers get in turn.
+    """Samples first, first + 1 ... in blocks, which go to the workers of all processes in turn.
 
     Attributes:
         first: number of the first sample.
-        samples: how many there are; None for no end.
-        batch: how many samples a batch has.
-        whole: how many samples belong together, those of a sequence; a block holds whole batches and whole sequences.
+        samples: number of samples; None for no end.
+        batch: number of samples in a batch.
+        frames: number of samples of each sequence. A block has complete batches and complete sequences.
     """
 
     first: int
     samples: int | None
     batch: int
-    whole: int
+    frames: int
 
     @property
     def block(self) -> int:
-        """How many samples a block has; the last one may have fewer."""
-        return lcm(self.batch, self.whole)
+        """Number of samples in a block; the last block may have fewer."""
+        return lcm(self.batch, self.frames)
 
-    def numbers(self, consumer: Consumer, skipped: int = 0) -> Iterator[int]:
-        """Return the numbers of the samples that a consumer gets, growing, without the first ``skipped`` ones."""
-        own = (self._offset(consumer, number) for number in count(skipped))
-        return (self.first + offset for offset in takewhile(self._there, own))
+    def numbers(self, process: TrainingProcess, worker: Worker, skipped: int = 0) -> Iterator[int]:
+        """Yield the numbers of a worker's samples, rising, without the first ``skipped`` ones."""
+        # All processes have their first batch before one has its second.
+        turn, turns = worker.number * process.world_size + process.rank, worker.total * process.world_size
+        for number in count(skipped):
+            block, within = divmod(number, self.block)
+            offset = (block * turns + turn) * self.block + within
+            if self.samples is not None and offset >= self.samples:
+                return
+            yield self.first + offset
 
-    def count(self, rank: int, ranks: int) -> int | None:
-        """How many samples a rank gets; None for no end."""
+    def count(self, process: TrainingProcess) -> int | None:
+        """Return the number of a process's samples; None for no end."""
         if self.samples is None:
             return None
-        rounds, rest = divmod(self.samples, self.block * ranks)
-        return rounds * self.block + min(max(rest - rank * self.block, 0), self.block)
-
-    def _offset(self, consumer: Consumer, number: int) -> int:
-        block, within = divmod(number, self.block)
-        return (block * consumer.turns + consumer.turn) * self.block + within
-
-    def _there(self, offset: int) -> bool:
-        return self.samples is None or offset < self.samples
+        rounds, rest = divmod(self.samples, self.block * process.world_size)
+        return rounds * self.block + min(max(rest - process.rank * self.block, 0), self.block)

@@ -1,7 +1,7 @@
-"""Pixels from OpenGL to CUDA on one GPU, without a way through the computer's memory.
+"""Pixels from OpenGL to CUDA on one GPU, without a detour through the computer's memory.
 
-OpenGL copies an attachment into a buffer of its own (`PixelBuffers`), CUDA is shown that buffer and copies it into a
-tensor. NVIDIA's bindings of the CUDA runtime do the second half; they and torch use the device's one primary context.
+OpenGL copies an attachment into a buffer (`PixelBuffers`), and CUDA maps that buffer and copies it into a tensor. The
+second half uses NVIDIA's bindings of the CUDA runtime; they and torch share the device's primary context.
 """
 
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ _MOST_DEVICES = 64
 
 
 class CudaReader:
-    """Makes CUDA tensors of what is drawn; see `semisynth_gl.render.readers.Reader`.
+    """Reads attachments into CUDA tensors; see `semisynth_gl.render.readers.Reader`.
 
     Args:
         device: CUDA's device, with its number; the OpenGL context must be on the same GPU.
@@ -46,7 +46,7 @@ class CudaReader:
     def __call__(
         self, framebuffer: Any, viewport: Viewport, attachment: int, kind: str, components: int  # noqa: ANN401 - only render/ knows OpenGL's types
     ) -> torch.Tensor:  # fmt: skip
-        """Take a rectangle of an attachment; return it on the device, (H, W) or (H, W, C)."""
+        """Return a rectangle of an attachment on the device, (H, W) or (H, W, C)."""
         if self._context is None:
             self._check_device()
             self._context = framebuffer.ctx
@@ -65,7 +65,7 @@ class CudaReader:
         return tensor
 
     def close(self) -> None:
-        """Let go of the buffers; the renderer must still be open."""
+        """Free the buffers; the renderer must still be open."""
         if self._context is None:
             return
         with self._context:
@@ -78,7 +78,7 @@ class CudaReader:
 
     @contextmanager
     def _mapped(self, resource: Any, stream: int) -> Iterator[tuple[int, int]]:  # noqa: ANN401 - the bindings have no types
-        """Show a buffer to CUDA: its address and its bytes. CUDA waits for OpenGL here, and OpenGL for CUDA after."""
+        """Map a buffer for CUDA; give its address and bytes. CUDA waits for OpenGL here, and OpenGL for CUDA after."""
         self._call("cudaGraphicsMapResources", 1, resource, stream)
         try:
             pointer, size = self._call("cudaGraphicsResourceGetMappedPointer", resource)
@@ -87,15 +87,15 @@ class CudaReader:
             self._call("cudaGraphicsUnmapResources", 1, resource, stream)
 
     def _check_device(self) -> None:
-        _, found = self._call("cudaGLGetDevices", _MOST_DEVICES, self._cuda.cudaGLDeviceList.cudaGLDeviceListAll)
-        if self._device.index not in found:
+        _, devices = self._call("cudaGLGetDevices", _MOST_DEVICES, self._cuda.cudaGLDeviceList.cudaGLDeviceListAll)
+        if self._device.index not in devices:
             raise BackendError(
-                f"OpenGL draws on CUDA's device {', '.join(map(str, found)) or 'none'}, but pairs shall be on "
+                f"OpenGL draws on CUDA's device {', '.join(map(str, devices)) or 'none'}, but pairs shall be on "
                 f"{self._device}: give gpus=({self._device.index},)"
             )
 
     def _call(self, name: str, *values: Any) -> tuple[Any, ...]:  # noqa: ANN401 - the bindings have no types
-        """Call a function of the runtime; return what it gives beside the error."""
+        """Call a function of the runtime; return its results without the error."""
         error, *results = getattr(self._cuda, name)(*values)
         if error != self._cuda.cudaError_t.cudaSuccess:
             text = self._cuda.cudaGetErrorString(error)[1].decode()

@@ -1,90 +1,93 @@
-"""The two images against the left disparity: does the right one, warped, give the left one?
+"""Images against disparity and flow: does another image, resampled where they lead, give the image?
 
-Textures carry no light, so both views sample the same texture at the same surface point. What remains after warping is
-the error of interpolating the right image between its pixels.
+Textures carry no light and move with their surfaces, so both images sample the same texture at the same point of a
+surface. What remains is the error of interpolating the other image between its pixels.
 """
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.verify.consistency import FEWEST, Match
-from semisynth_gl.verify.finding import Verdict
+from semisynth_gl.verify.agreement import MIN_PIXELS, Targets, spread_evenly
+from semisynth_gl.verify.verdict import Verdict
+from semisynth_gl.verify.view_consistency import ViewMatch
 
 Values = NDArray[np.float64]
-Sampler = Callable[[float], tuple[Values, Values]]
-"""From a step to what an image has there, and its derivative by the step; both (N,), in levels."""
+Image = NDArray[np.uint8]
 
 # Bounds; docs/verify.md derives them.
-ROUNDING_LEVELS = 2.0
-BEND = 0.25
-EXPLAINED_SHARE = 0.9
-SHIFT_PX = 0.02
-SCALE = 0.001
-DEVIATIONS = 5.0
+_ROUNDING_LEVELS = 2.0
+_BEND = 0.25
+_EXPLAINED_SHARE = 0.9
+_SHIFT_PX = 0.02
+_SCALE = 0.001
+_DEVIATIONS = 5.0
 _TILE_PX = 16
 # Enough to pin a shift to a thousandth of a pixel; more would only take time.
-_MOST = 200_000
-_STEPS = 4
+_MAX_PIXELS = 200_000
+# Flow leads between rows too: sixteen pixels are read for each, many times over.
+_MAX_FLOW_PIXELS = 40_000
+_ITERATIONS = 4
 # Below this mean squared slope (levels per pixel) there is no texture to align.
 _TEXTURE = 0.25
-# Where imperfections of a rig were put on the images, they must still resemble each other.
+# Images with the imperfections of a rig must still resemble each other.
 _CORRELATION = 0.5
+# Columns, and rows, of the pixels that a cubic reads about a point.
+_TAPS: tuple[int, ...] = (-1, 0, 1, 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Pixels:
-    """Pixels of the left view to be found in the right image.
+class _Warp:
+    """N pixels of an image, to be compared with the points of another image that show the same.
 
     Attributes:
-        row: (N,) int64.
-        column: (N,) int64.
-        disparity: (N,) float64, px.
-        left: (N,) float64, grey levels of the left image.
-        right: (H, W) float32, grey levels of the right image.
+        levels: (N,) float64, grey levels of the pixels.
+        other: (H, W) float32, grey levels of the other image.
+        targets: the pixels and the points.
     """
 
-    row: NDArray[np.int64]
-    column: NDArray[np.int64]
-    disparity: Values
-    left: Values
-    right: NDArray[np.float32]
+    levels: Values
+    other: NDArray[np.float32]
+    targets: Targets
 
-    def samples(self, disparity: Values) -> tuple[Values, Values]:
-        """Four pixels (4, N) of the right image about x - disparity, and the fraction (N,) between the inner two."""
-        position = (self.column - disparity).clip(1, self.right.shape[1] - 2.001)
-        first = np.floor(position).astype(np.int64)
-        values = np.stack([self.right[self.row, first + step] for step in (-1, 0, 1, 2)]).astype(np.float64)
-        return values, position - first
+    def samples(self, step: float, direction: Values) -> tuple[Values, Values, Values]:
+        """Read the pixels around the points, moved by a step along a direction (N, 2).
 
-    def along(self, direction: Values) -> Sampler:
-        """What the right image has at steps along a direction (N,) of the disparity, and how fast it changes."""
+        Returns:
+            One or four rows of four pixels, (R, 4, N); the points' fractions across and down between the inner pixels.
+        """
+        height, width = self.other.shape
+        targets = self.targets
+        x = (targets.x + step * direction[:, 0]).clip(1, width - 2.001)
+        y = targets.y if targets.on_rows else (targets.y + step * direction[:, 1]).clip(1, height - 2.001)
+        column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+        rows = _TAPS[1:2] if targets.on_rows else _TAPS
+        values = [[self.other[row + below, column + right] for right in _TAPS] for below in rows]
+        return np.array(values, np.float64), x - column, y - row
 
-        def sample(step: float) -> tuple[Values, Values]:
-            value, slope = cubic(*self.samples(self.disparity + step * direction))
-            return value, -slope * direction
-
-        return sample
-
-
-def grey(image: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Mean of the channels of (H, W, 3) uint8, as (H, W) float32 levels."""
-    mean: NDArray[np.float32] = image.astype(np.float32).sum(axis=2) / np.float32(3)
-    return mean
+    def interpolate(self, step: float, direction: Values) -> tuple[Values, Values]:
+        """Return the other image's levels at the points, moved so, and their derivative by the step, both (N,)."""
+        samples, across, down = self.samples(step, direction)
+        values, slopes = zip(*(_cubic(row, across) for row in samples), strict=True)
+        if len(values) == 1:
+            return values[0], slopes[0] * direction[:, 0]
+        value, slope_down = _cubic(np.stack(values), down)
+        slope_across = _cubic(np.stack(slopes), down)[0]
+        return value, slope_across * direction[:, 0] + slope_down * direction[:, 1]
 
 
 def check_images(
-    left: NDArray[np.uint8],
-    right: NDArray[np.uint8],
-    match: Match,
-    flat: NDArray[np.bool_],
+    left: Image,
+    right: Image,
+    match: ViewMatch,
+    surface: NDArray[np.bool_],
     verdict: Verdict,
     *,
     imperfect: bool = False,
 ) -> None:
-    """Check that the right image, warped by the left disparity, is the left image.
+    """Check that the right image, resampled at x - d, is the left image.
 
     First the share of pixels whose residual resampling explains; then, by least squares, the shift and the scale of the
     disparity at which the images fit best: both must be zero.
@@ -93,79 +96,130 @@ def check_images(
         left: (H, W, 3) uint8.
         right: (H, W, 3) uint8.
         match: of the left view.
-        flat: (H, W) bool, the pixels to judge: visible, on one surface.
+        surface: (H, W) bool, the pixels to judge: visible, on one surface.
         verdict: takes findings and measures.
         imperfect: whether exposure, noise, blur or a tone curve differ between the views: then levels cannot be
             compared, and only the correlation of the two is judged.
     """
     width = left.shape[1]
-    found = np.flatnonzero(flat & (match.position >= 1) & (match.position < width - 2.001))
-    if len(found) < FEWEST:
+    inside = surface & (match.position >= 1) & (match.position < width - 2.001)
+    row, column = np.divmod(spread_evenly(np.flatnonzero(inside), _MAX_PIXELS), width)
+    if len(row) < MIN_PIXELS:
         return
-    found = found[:: -(-len(found) // _MOST)]
-    row, column = np.divmod(found, width)
-    disparity = match.disparity[row, column].astype(np.float64)
-    pixels = _Pixels(row, column, disparity, grey(left)[row, column].astype(np.float64), grey(right))
-    samples, fraction = pixels.samples(disparity)
-    warped = cubic(samples, fraction)[0]
+    warp = _warp(left, right, Targets(row, column, match.position[row, column], row.astype(np.float64), on_rows=True))
     if imperfect:
-        _check_correlation(pixels.left, warped, verdict)
+        _check_correlation(warp, verdict)
         return
-    residual = pixels.left - warped
-    share = float(np.mean(_explained(pixels.left, samples)))
-    verdict.measures["residual_median_levels"] = float(np.median(np.abs(residual)))
-    verdict.measures["residual_explained_share"] = share
-    if share < EXPLAINED_SHARE:
+    zero, disparity = np.zeros(len(row)), match.disparity[row, column].astype(np.float64)
+    fits = {
+        "shift_px": ("d", np.stack([zero - 1, zero], axis=1)),
+        "scale_times": ("d", np.stack([-disparity, zero], axis=1)),
+    }
+    _check_warp("images", "disparity_left", "", warp, fits, verdict)
+
+
+def check_flow_images(name: str, measure: str, images: tuple[Image, Image], targets: Targets, verdict: Verdict) -> None:
+    """Check that another frame's image, resampled where flow leads, is a frame's image; as `check_images` does.
+
+    Args:
+        name: of the flow, for messages.
+        measure: the first part of the measures' names.
+        images: of the frame and of the other one, (H, W, 3) uint8.
+        targets: the pixels to judge, visible and on one surface, and the points that flow leads to.
+        verdict: takes findings and measures.
+    """
+    height, width = images[1].shape[:2]
+    x, y = targets.x, targets.y
+    inside = (x >= 1) & (x < width - 2.001) & (y >= 1) & (y < height - 2.001)
+    targets = targets.select(spread_evenly(np.flatnonzero(inside), _MAX_FLOW_PIXELS))
+    if len(targets.x) < MIN_PIXELS:
+        return
+    zero = np.zeros_like(targets.x)
+    fits = {
+        "shift_x_px": ("x", np.stack([zero + 1, zero], axis=1)),
+        "shift_y_px": ("y", np.stack([zero, zero + 1], axis=1)),
+        "scale_times": ("flow", np.stack([targets.x - targets.column, targets.y - targets.row], axis=1)),
+    }
+    _check_warp("flow-images", name, f"{measure}_", _warp(*images, targets), fits, verdict)
+
+
+def _warp(image: Image, other: Image, targets: Targets) -> _Warp:
+    return _Warp(_grey(image)[targets.row, targets.column].astype(np.float64), _grey(other), targets)
+
+
+def _check_warp(
+    check: str, name: str, measure: str, warp: _Warp, fits: Mapping[str, tuple[str, Values]], verdict: Verdict
+) -> None:
+    """Judge the residual, and the steps along directions at which the images fit best.
+
+    ``fits`` has, by the end of the measure's name, a symbol for messages and the direction (N, 2) px of a step of 1.
+    """
+    still = np.zeros((len(warp.levels), 2))
+    share = float(np.mean(_explained(warp.levels, warp.samples(0, still)[0])))
+    median = float(np.median(np.abs(warp.levels - warp.interpolate(0, still)[0])))
+    verdict.measures[f"{measure}residual_median_levels"] = median
+    verdict.measures[f"{measure}residual_explained_share"] = share
+    if share < _EXPLAINED_SHARE:
         verdict.add(
-            "images",
-            f"resampling explains the residual in {share:.1%} of {len(found)} visible pixels, at least "
-            f"{EXPLAINED_SHARE:.0%} were expected; its median is {np.median(np.abs(residual)):.1f} levels",
+            check,
+            f"{name}: resampling explains the residual in {share:.1%} of {len(warp.levels)} visible pixels, at least "
+            f"{_EXPLAINED_SHARE:.0%} were expected; the median residual is {median:.1f} levels",
         )
         return
-    # A scale that moves a pair's pixels by no more than the shift that is allowed cannot be told from one.
-    typical = float(np.sqrt(np.mean(disparity**2)))
-    for name, unit, direction, least in (
-        ("shift", "px", np.ones_like(disparity), SHIFT_PX),
-        ("scale", "times", disparity, max(SCALE, SHIFT_PX / typical)),
-    ):
-        best = best_step(pixels.left, pixels.along(direction), direction**2, tiles(row, column, width))
+    for key, (symbol, direction) in fits.items():
+        best = _best_step(warp, direction)
         if best is None:
             return
         step, deviation = best
-        verdict.measures[f"best_{name}_{unit}"] = step
-        limit = least + DEVIATIONS * deviation
-        if abs(step) > limit:
-            where = f"d {step:+.3f} px" if name == "shift" else f"d times {1 + step:.4f}"
-            verdict.add("images", f"they fit best at {where}; at most {limit:.4f} {unit} off was expected")
+        verdict.measures[f"{measure}best_{key}"] = step
+        # A factor that moves pixels by no more than the allowed shift cannot be told from one.
+        length = float(np.sqrt(np.mean((direction**2).sum(axis=1))))
+        scaled = key == "scale_times"
+        bound = max(_SCALE if scaled else 0.0, _SHIFT_PX / max(length, _SHIFT_PX)) + _DEVIATIONS * deviation
+        if abs(step) > bound:
+            place = f"{symbol} times {1 + step:.4f}" if scaled else f"{symbol} {step:+.3f} px"
+            unit = "" if scaled else " px"
+            verdict.add(check, f"{name}: the images fit best at {place}; a deviation of {bound:.4f}{unit} is allowed")
 
 
-def _check_correlation(left: Values, warped: Values, verdict: Verdict) -> None:
-    if min(float(left.std()), float(warped.std())) < 1:
+def _check_correlation(warp: _Warp, verdict: Verdict) -> None:
+    warped = warp.interpolate(0, np.zeros((len(warp.levels), 2)))[0]
+    if min(float(warp.levels.std()), float(warped.std())) < 1:
         return
-    correlation = float(np.corrcoef(left, warped)[0, 1])
+    correlation = float(np.corrcoef(warp.levels, warped)[0, 1])
     verdict.measures["image_correlation"] = correlation
     if correlation < _CORRELATION:
         verdict.add(
-            "images", f"left and warped right correlate with {correlation:.2f}, at least {_CORRELATION} was expected"
+            "images",
+            f"the left image and the right one at x - d correlate with {correlation:.2f}, at least {_CORRELATION} was "
+            "expected",
         )
 
 
-def _explained(left: Values, samples: Values) -> NDArray[np.bool_]:
-    """Whether levels (N,) lie between the right image's pixels on either side, up to its curvature there.
+def _grey(image: Image) -> NDArray[np.float32]:
+    """Return the mean of the channels of (H, W, 3) uint8, as (H, W) float32 levels."""
+    mean: NDArray[np.float32] = image.astype(np.float32).sum(axis=2) / np.float32(3)
+    return mean
 
-    A function with second derivative at most c lies within c / 8 of its chord; the two second differences of the four
-    pixels stand for c, doubled, since texture may bend between pixels more than it shows at them.
+
+def _explained(levels: Values, samples: Values) -> NDArray[np.bool_]:
+    """Return where levels (N,) lie in the range of the inner pixels of samples (R, 4, N), up to the image's bend there.
+
+    A function with second derivative at most c lies within c / 8 of its chord. The second differences of the pixels
+    stand for c, doubled, since texture may bend between pixels more than it shows at them. The bends of rows and
+    columns add up.
     """
-    bend = np.maximum(
-        np.abs(samples[0] - 2 * samples[1] + samples[2]), np.abs(samples[1] - 2 * samples[2] + samples[3])
-    )
-    margin = ROUNDING_LEVELS + BEND * bend
-    low, high = np.minimum(samples[1], samples[2]) - margin, np.maximum(samples[1], samples[2]) + margin
-    inside: NDArray[np.bool_] = (left >= low) & (left <= high)
+    rows = samples[1:3] if len(samples) > 1 else samples
+    inner = rows[:, 1:3].reshape(-1, len(levels))
+    bend = np.abs(np.diff(rows, 2, axis=1)).max(axis=(0, 1))
+    if len(samples) > 1:
+        bend += np.abs(np.diff(samples[:, 1:3], 2, axis=0)).max(axis=(0, 1))
+    margin = _ROUNDING_LEVELS + _BEND * bend
+    inside: NDArray[np.bool_] = (levels >= inner.min(axis=0) - margin) & (levels <= inner.max(axis=0) + margin)
     return inside
 
 
-def cubic(samples: Values, fraction: Values) -> tuple[Values, Values]:
+def _cubic(samples: Values, fraction: Values) -> tuple[Values, Values]:
     """Value and slope (N,) of Catmull-Rom's cubic through four pixels (4, N): its error has no preferred direction."""
     before, first, second, after = samples
     linear = second - before
@@ -176,36 +230,27 @@ def cubic(samples: Values, fraction: Values) -> tuple[Values, Values]:
     return value, slope
 
 
-def tiles(row: NDArray[np.int64], column: NDArray[np.int64], width: int) -> NDArray[np.int64]:
-    """Number the tile of the image that each pixel lies in, (N,) int64."""
-    numbers: NDArray[np.int64] = (row // _TILE_PX) * (width // _TILE_PX + 1) + column // _TILE_PX
-    return numbers
-
-
-def best_step(wanted: Values, sample: Sampler, unit: Values, tile: NDArray[np.int64]) -> tuple[float, float] | None:
-    """Find the step at which an image's samples fit the levels wanted best, by Gauss-Newton.
+def _best_step(warp: _Warp, direction: Values) -> tuple[float, float] | None:
+    """Find the step along a direction (N, 2) at which the images fit best, by Gauss-Newton.
 
     Residuals of one surface resemble each other, so the deviation is taken from tiles of the image, not from pixels.
-
-    Args:
-        wanted: (N,) levels.
-        sample: the image's, by step.
-        unit: (N,) the square of the way that each pixel goes by a step of 1, px.
-        tile: (N,) number of each pixel's tile.
 
     Returns:
         The step and its standard deviation, or None where there is no texture.
     """
     step = deviation = 0.0
-    for _ in range(_STEPS):
-        value, slope = sample(step)
-        residual = wanted - value
+    texture = _TEXTURE * (direction**2).sum()
+    across, down = warp.targets.column // _TILE_PX, warp.targets.row // _TILE_PX
+    tile = down * (warp.other.shape[1] // _TILE_PX + 1) + across
+    for _ in range(_ITERATIONS):
+        value, slope = warp.interpolate(step, direction)
+        residual = warp.levels - value
         # Cauchy-like weights: pixels beside edges and under reduced texture do not decide.
         spread = 2 * (1.48 * float(np.median(np.abs(residual))) + 1)
         weight = (1 + (residual / spread) ** 2) ** -2
         pull = np.bincount(tile, slope * weight * residual)
         hold = np.bincount(tile, weight * slope**2)
-        if hold.sum() < _TEXTURE * unit.sum():
+        if hold.sum() <= texture:
             return None
         step += float(pull.sum() / hold.sum())
         deviation = float(np.sqrt(((pull - pull.sum() / hold.sum() * hold) ** 2).sum()) / hold.sum())

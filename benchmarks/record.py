@@ -1,0 +1,158 @@
+"""Measure what docs/accuracy.md and docs/performance.md rest on, and write it to benchmarks/results.
+
+    python benchmarks/record.py accuracy     # measure again, write results/accuracy.json and results/accuracy.md
+    python benchmarks/record.py --pages      # write all pages anew from the JSON that is there
+    python benchmarks/record.py --plots      # draw docs/images/accuracy.png and docs/images/speed.png from it
+
+Times hold for a machine that does nothing else meanwhile.
+"""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import hard_cases
+
+from semisynth_gl.bench import accuracy, speed
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULTS = ROOT / "benchmarks" / "results"
+sys.path.append(str(ROOT / "benchmarks" / "peers"))
+
+import run as peers  # noqa: E402 - found once the path above is set
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """A measurement.
+
+    Attributes:
+        title: heading of the page.
+        text: what is measured, and how its columns are read.
+        command: arguments of Python; ``--json FILE`` is added.
+        headline: from a report to a line about scenes and machine.
+        table: from a report to Markdown.
+    """
+
+    title: str
+    text: str
+    command: tuple[str, ...]
+    headline: Callable[[Mapping[str, Any]], str]
+    table: Callable[[Mapping[str, Any]], str]
+
+
+def _peers_headline(report: Mapping[str, Any]) -> str:
+    machine, scene = report["machine"], report["scene"]
+    width, height = scene["size_px"]
+    return (
+        f"{width} x {height} px, {scene['instances']} instances of {scene['triangles_per_instance']} triangles each, "
+        f"{report['rounds']} rounds of {scene['frames']} pairs; {machine['processor']}, {machine['cores']} cores; "
+        f"{machine['date']}"
+    )
+
+
+_ALTERNATIVES = """\
+The default is bold. A star marks alternatives that no other one dominates in all that is weighed, where 5 % count as a
+tie: of variants of the disparity, time and error at 99.9 %; of encodings, time to write, time to read, bytes and worst
+error; of antialiasing, time and PSNR. Times are medians over the turns, and the column x is the time relative to the
+default's, taken turn by turn.
+
+Errors of the disparity are those against a float64 ray cast, away from edges. Encodings write both arrays of a pair in
+memory, with one thread. Antialiasing is timed on pairs with both disparities, without masks. PSNR is against 64 samples
+a pixel: of all pixels, of those within 1 px of another instance, and of the rest."""
+_SPEED = """\
+Stages: the driver finishes each one before the next begins. *pairs/s alone* is what a stage would allow if a pair were
+nothing else: cores divided by seconds of CPU; on a GPU 1 divided by seconds, for draw, visibility and readback. A run
+is no faster than the narrowest stage, and no faster than the processor with all its parts: the less is the limit.
+
+Workers: from start to end, files written, once all are open. *threads each* is the number of threads that llvmpipe
+draws with; with 0 it draws in the thread that calls.
+
+What grows: both eyes are drawn and read back with both disparities and masks. Instances, triangles and pixels are those
+of balls before a wall, which cover 0.8 images together whatever their number; antialiasing and outputs are those of one
+pair of the config. The column x is the ratio to the first row (of image size, antialiasing and outputs: to what is
+usual), taken turn by turn.
+
+Start: `semisynth-gl generate --pairs 1`, with empty and with full caches of the program and of the driver."""
+_PEERS = """\
+Left and right PNG and the left float32 disparity are written. Candidates take turns, each with the number of processes
+and threads that suits it best; times are medians over the rounds. [peers/README.md](../peers/README.md) says how."""
+_HARD_CASES = """\
+Errors of the disparity against the oracle, both eyes, more than two pixels from a depth edge. *Elsewhere* is the share
+of pixels that are not exact (1e-3 px) but lie exactly on a surface that the oracle sees within 1/16 px, or on a surface
+at such a grazing angle that 2.5e-4 px aside its disparity is that; they are left out of the errors. *Visibility* is the
+share of all pixels that agree with a second ray to the other eye."""
+_BENCH = ("-m", "semisynth_gl", "bench")
+_PEER_ROWS = ("--peers", "pyrender,blender,blender-system", "--variants", "msaa4,ssaa2,all,none,workbench")
+MEASUREMENTS: Mapping[str, Result] = {
+    "accuracy": Result(
+        "Accuracy and cost of what the program offers", _ALTERNATIVES, (*_BENCH, "accuracy"), accuracy.headline,
+        accuracy.table,
+    ),
+    "accuracy-middlebury": Result(
+        "Accuracy and cost of what the program offers, `middlebury`", _ALTERNATIVES,
+        (*_BENCH, "accuracy", "--config", "middlebury", "--pairs", "2"), accuracy.headline, accuracy.table,
+    ),
+    "alternatives": Result(
+        "Accuracy and cost beside alternatives that are not offered", _ALTERNATIVES, ("benchmarks/alternatives.py",),
+        accuracy.headline, accuracy.table,
+    ),
+    "alternatives-middlebury": Result(
+        "Accuracy and cost beside alternatives that are not offered, `middlebury`", _ALTERNATIVES,
+        ("benchmarks/alternatives.py", "--config", "middlebury", "--pairs", "2"), accuracy.headline, accuracy.table,
+    ),
+    "speed": Result("Speed", _SPEED, (*_BENCH, "speed", "--repeats", "5"), speed.headline, speed.table),
+    "peers": Result(
+        "Renderers side by side", _PEERS, ("benchmarks/peers/run.py", *_PEER_ROWS), _peers_headline, peers.table
+    ),
+    "hard-cases": Result(
+        "Hard cases", _HARD_CASES, ("benchmarks/hard_cases.py",), hard_cases.headline, hard_cases.table
+    ),
+}  # fmt: skip
+
+
+def page(name: str, report: Mapping[str, Any]) -> str:
+    """Write the page of a measurement from its report."""
+    result = MEASUREMENTS[name]
+    parts = [
+        f"# {result.title}",
+        "To measure again, and to write this page and its numbers anew, on a machine that does nothing else:",
+        f"    python benchmarks/record.py {name}",
+        f"All numbers are in [{name}.json]({name}.json); they were measured with `{report['command']}`.",
+        *([report["note"]] if "note" in report else []),
+        f"{result.headline(report)}.",
+        result.text,
+        result.table(report),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+@click.command()
+@click.argument("names", nargs=-1, type=click.Choice(list(MEASUREMENTS)))
+@click.option("--pages", is_flag=True, help="Write all pages from the JSON that is there.")
+@click.option("--plots", is_flag=True, help="Draw the pictures of the documentation from the JSON that is there.")
+def main(names: tuple[str, ...], *, pages: bool, plots: bool) -> None:
+    """Measure NAMES anew, and write their JSON and pages."""
+    for name in names:
+        command = [sys.executable, *MEASUREMENTS[name].command, "--json", f"benchmarks/results/{name}.json"]
+        code = subprocess.run(command, cwd=ROOT, check=False).returncode
+        # Peers that are not set up are no fault of the others' rows.
+        if code and name != "peers":
+            raise SystemExit(code)
+    for name in MEASUREMENTS if pages else names:
+        report = json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+        (RESULTS / f"{name}.md").write_text(page(name, report), encoding="utf-8")
+    if plots:
+        for picture, reports in (("accuracy", ("alternatives", "accuracy")), ("speed", ("speed",))):
+            files = [str(RESULTS / f"{report}.json") for report in reports]
+            command = [sys.executable, "benchmarks/plot.py", *files, "--out", f"docs/images/{picture}.png"]
+            subprocess.run(command, cwd=ROOT, check=True)
+
+
+if __name__ == "__main__":
+    main()

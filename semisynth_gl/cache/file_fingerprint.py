@@ -1,0 +1,69 @@
+"""Fingerprints of files: equal size and times prove equal content; else the content is hashed."""
+
+import hashlib
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+# A file that changes twice within one tick of its file system's clock (two seconds on some) keeps its times. Times
+# prove nothing where they were younger than this when the content was read.
+_YOUNG_NS = 2_000_000_000
+_NO_PROOF = -1
+
+
+class FileFingerprint(NamedTuple):
+    """The state of a file, in JSON's types.
+
+    Attributes:
+        size: in bytes.
+        mtime_ns: time of the last change of the content; -1 where that time proves nothing.
+        ctime_ns: time of the last change of content, name or rights, which programs cannot set back; or -1.
+        sha256: of the content; empty where the content was not read.
+    """
+
+    size: int
+    mtime_ns: int
+    ctime_ns: int
+    sha256: str
+
+
+def stat_fingerprint(path: Path) -> FileFingerprint | None:
+    """Return a file's fingerprint without its content, or None where there is no such file."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return FileFingerprint(status.st_size, status.st_mtime_ns, status.st_ctime_ns, "")
+
+
+def read_fingerprint(path: Path, before: FileFingerprint | None) -> FileFingerprint | None:
+    """Return a file's fingerprint with its content.
+
+    Args:
+        path: the file.
+        before: its `stat_fingerprint` from before anything of it was read.
+
+    Returns:
+        The fingerprint; None where the file cannot be read or has changed since ``before``.
+    """
+    try:
+        with path.open("rb") as file:
+            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return None
+    if before is None or stat_fingerprint(path) != before:
+        return None
+    if max(before.mtime_ns, before.ctime_ns) > time.time_ns() - _YOUNG_NS:
+        return FileFingerprint(before.size, _NO_PROOF, _NO_PROOF, sha256)
+    return before._replace(sha256=sha256)
+
+
+def revalidated(path: Path, known: FileFingerprint) -> FileFingerprint | None:
+    """Return a file's fingerprint with its present times, or None where its content is not the known one."""
+    now = stat_fingerprint(path)
+    if now is None or now.size != known.size:
+        return None
+    if now._replace(sha256=known.sha256) == known:
+        return known
+    fresh = read_fingerprint(path, now)
+    return fresh if fresh is not None and fresh.sha256 == known.sha256 else None

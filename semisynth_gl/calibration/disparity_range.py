@@ -1,0 +1,196 @@
+"""The range and the wanted histogram of disparities: measured from maps, or wide and smooth over a known range."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.calibration.disparity_maps import find_maps, measure_maps
+from semisynth_gl.calibration.rig import Rig
+from semisynth_gl.errors import InputError
+from semisynth_gl.histogram import Histogram
+from semisynth_gl.read.disparity import KITTI_PNG_SCALE
+
+# Predictions and lidar have a few values that are far off.
+_LOWEST, _HIGHEST = 0.001, 0.999
+# Above the largest: the near plane stands at max_px, and objects need some room before it.
+_HEADROOM = 1.1
+# Objects are deep: their disparities cannot follow much narrower bins.
+_MOST_BINS = 22
+_STEPS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
+# Of a chosen range without a lower end.
+_LOW_OF_HIGH = 0.02
+# A chosen histogram: one part even, the other a hump at a sixth of the range that falls off slowly.
+_EVEN_PART = 0.25
+_HUMP = 1 / 6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DisparityRange:
+    """The values of the config's section ``disparity``.
+
+    Attributes:
+        min_px: least disparity.
+        max_px: largest disparity.
+        bin_px: width of a bin.
+        target: the histogram, in bins of that width.
+        origin: a sentence about the origin of range and histogram.
+    """
+
+    min_px: float
+    max_px: float
+    bin_px: float
+    target: Histogram
+    origin: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class DisparitySource:
+    """The user's maps or range of disparities; where both are missing, the bounds of the calibrations are taken.
+
+    Attributes:
+        maps: files, folders and globs of disparity maps, to measure the histogram from.
+        png_scale: levels of 16-bit PNG maps per pixel of disparity.
+        range_px: least and largest disparity, where there are no maps.
+    """
+
+    maps: Sequence[str] = ()
+    png_scale: float = KITTI_PNG_SCALE
+    range_px: tuple[float, float] | None = None
+
+
+def disparity_range(source: DisparitySource, rigs: Sequence[Rig], least_doffs_px: float) -> DisparityRange:
+    """Return range and histogram, with their origin.
+
+    Args:
+        source: maps, or a range, or neither.
+        rigs: at least one.
+        least_doffs_px: the least cx_right - cx_left of the rigs.
+
+    Raises:
+        InputError: where the disparities are not known, lie beyond infinity, or do not fit the rigs.
+        ReadError: where a map cannot be read.
+    """
+    if source.maps:
+        measured = measure_maps(find_maps(source.maps), {rig.size for rig in rigs}, source.png_scale)
+        paths = measured.paths
+        names = ", ".join(map(str, paths[:3])) + (f" and {len(paths) - 3} more" if len(paths) > 3 else "")
+        low, high = (measured.histogram.quantile(share) for share in (_LOWEST, _HIGHEST))
+        origin = (
+            f"Measured from {len(paths)} disparity {'map' if len(paths) == 1 else 'maps'}, each counting the same: "
+            f"{names}; {measured.pixels} pixels, {measured.valid / measured.pixels:.1%} with a disparity, all but a "
+            f"thousandth of them above {low:.4g} px and below {high:.4g} px. max_px leaves a tenth of room above that."
+        )
+        return replace(measured_range(measured.histogram, least_doffs_px), origin=origin)
+    smooth = "the histogram is chosen, not measured: wide and smooth; give disparity maps with --disparity to have it "
+    if source.range_px is not None:
+        origin = f"The range is --range-px; {smooth}measured."
+        return replace(chosen_range(*source.range_px, least_doffs_px), origin=origin)
+    low_px, high_px, origin = _calibrated_bounds(rigs, least_doffs_px)
+    return replace(chosen_range(low_px, high_px, least_doffs_px), origin=f"{origin}; {smooth}measured.")
+
+
+def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[float | None, float, str]:
+    """Return the range of disparity that calibrations name, its lower end None where unknown, and its origin."""
+    largest = []
+    for rig in rigs:
+        bounds = {"ndisp": rig.bounds.ndisp, "vmax": rig.bounds.vmax_px}
+        named = [(px, name, rig.source) for name, px in bounds.items() if px is not None and 0 < px < math.inf]
+        largest += named[:1]
+    if not largest:
+        raise InputError(
+            f"the size of disparities is not known: {rigs[0].source} has no ndisp; give disparity maps with "
+            "--disparity, or the range with --range-px LOW HIGH"
+        )
+    high_px, name, source = max(largest)
+    least = [rig.bounds.vmin_px for rig in rigs if rig.bounds.vmin_px is not None and rig.bounds.vmin_px > 0]
+    # The least vmin stands for all rigs only where every rig has one.
+    low_px = min(least) if len(least) == len(rigs) else None
+    upper, lower = f"{name} of the calibration", "vmin of the calibration"
+    if len(rigs) > 1:
+        upper, lower = f"the largest of {len(largest)} calibrations, {name} of {source}", "the least vmin of all"
+    if low_px is None:
+        lower = "a fiftieth of "
+        lower += f"the way there from -doffs, {-least_doffs_px:g} px" if least_doffs_px < 0 else "that"
+    return low_px, high_px, f"max_px is {upper}, min_px {lower}"
+
+
+def farthest_px(least_doffs_px: float) -> float:
+    """Return the disparity below all others: a depth takes d + doffs above 0, and a config d above 0."""
+    return max(0.0, -least_doffs_px)
+
+
+def measured_range(histogram: Histogram, least_doffs_px: float = 0.0) -> DisparityRange:
+    """Return the range of all but a thousandth of the disparities at either end, and their histogram.
+
+    Args:
+        histogram: the measured disparities, in fine bins.
+        least_doffs_px: the least cx_right - cx_left of the rigs.
+
+    Raises:
+        InputError: where disparities lie beyond infinity.
+    """
+    low, high = histogram.quantile(_LOWEST), histogram.quantile(_HIGHEST)
+    advice = "give disparity maps of these rigs, or calibrate rigs whose doffs differ one by one"
+    _check_before_infinity(low, least_doffs_px, "a thousandth of the measured disparities lies below", advice)
+    first = _rounded_down(low, farthest_px(least_doffs_px))
+    edges, bin_px = _bins(first, high * _HEADROOM)
+    return DisparityRange(first, float(edges[-1]), bin_px, histogram.rebinned(edges))
+
+
+def chosen_range(low_px: float | None, high_px: float, least_doffs_px: float = 0.0) -> DisparityRange:
+    """Return a wide and smooth histogram over a known range.
+
+    Args:
+        low_px: lower end of the range; None for a fiftieth of the way from the farthest disparity to the upper end.
+        high_px: upper end of the range.
+        least_doffs_px: the least cx_right - cx_left of the rigs.
+
+    Raises:
+        InputError: where the range is empty, not above 0, or begins beyond infinity.
+    """
+    farthest = farthest_px(least_doffs_px)
+    if farthest > 0:
+        advice = "give the range of this rig with --range-px LOW HIGH"
+        _check_before_infinity(high_px, least_doffs_px, "the range of disparity ends at", advice)
+    low = farthest + _LOW_OF_HIGH * (high_px - farthest) if low_px is None else low_px
+    if not 0 < low < high_px < math.inf:
+        raise InputError(f"the range of disparity is {low:g} to {high_px:g} px: expected two numbers above 0 that rise")
+    advice = "give one that begins above with --range-px LOW HIGH"
+    _check_before_infinity(low, least_doffs_px, "the range of disparity begins at", advice)
+    edges, bin_px = _bins(low, high_px)
+    inside = np.clip((np.clip(edges, low, high_px) - low) / (high_px - low), 0, 1)
+    # The integral of x exp(-x / h), a gamma distribution of shape 2.
+    hump = 1 - (1 + inside / _HUMP) * np.exp(-inside / _HUMP)
+    cumulative = _EVEN_PART * inside + (1 - _EVEN_PART) * hump / hump[-1]
+    return DisparityRange(low, high_px, bin_px, Histogram.from_counts(edges, np.diff(cumulative)))
+
+
+def _bins(low: float, high: float) -> tuple[NDArray[np.float64], float]:
+    """Return the edges and the round width of 15 to 22 bins from the lower end of a range to beyond its upper end."""
+    least = (high - low) / (_MOST_BINS - 1)  # rounding the end may add a bin
+    power = 10.0 ** math.floor(math.log10(least))
+    bin_px = next(step * power for step in (*_STEPS, 10.0) if step * power >= least)
+    bin_px = float(f"{bin_px:.6g}")  # 3 x 0.1 is 0.30000000000000004
+    return np.round(low + np.arange(math.ceil((high - low) / bin_px) + 1) * bin_px, 9), bin_px
+
+
+def _check_before_infinity(low_px: float, least_doffs_px: float, what: str, advice: str) -> None:
+    if low_px + least_doffs_px <= 0:
+        raise InputError(
+            f"{what} {low_px:g} px, but with doffs = {least_doffs_px:g} px (cx_right - cx_left) a disparity at "
+            f"{-least_doffs_px:g} px is infinitely far, and less is nowhere: expected more; {advice}"
+        )
+
+
+def _rounded_down(value: float, above: float) -> float:
+    """Round a value down to two digits, or only its distance above a limit where two digits would halve that."""
+    rounded = _two_digits(value)
+    return rounded if rounded - above >= (value - above) / 2 else above + _two_digits(value - above)
+
+
+def _two_digits(value: float) -> float:
+    step = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return float(f"{math.floor(value / step) * step:.6g}")

@@ -1,0 +1,264 @@
+"""Calibration files in the formats of Middlebury and ETH3D, KITTI, OpenCV, and ROS."""
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from ruamel.yaml import YAML
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+
+from semisynth_gl.calibration.rig import DisparityBounds, Projections, Rig, Size, rectified
+from semisynth_gl.errors import InputError
+from semisynth_gl.read.error import ReadError, read_bytes
+from semisynth_gl.textures.image_files import find_files
+
+FORMATS = (
+    "calib.txt of Middlebury and ETH3D (cam0=[...], cam1=[...], baseline=...)",
+    "calib_cam_to_cam.txt of KITTI (P_rect_02: ..., P_rect_03: ...) or its P2: and P3:",
+    "OpenCV's YAML with P1 and P2",
+    "camera_info YAML of ROS with projection_matrix, of both cameras or of the right one",
+)
+"""All formats, for messages."""
+
+_EXPECTED = f"expected {'; '.join(FORMATS)}"
+_EXTENSIONS = (".txt", ".yaml", ".yml")
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_MIDDLEBURY = re.compile(r"^[ \t]*(\w+)[ \t]*=[ \t]*(.*?)[ \t\r]*$", re.MULTILINE)
+_KITTI = re.compile(rf"^(P_rect_0[0-3]|P[0-3]|S_rect_0[0-3])\s*:\s*({_NUMBER}(?:[ \t]+{_NUMBER})*)\s*$", re.MULTILINE)
+_KITTI_PAIRS = (("P_rect_02", "P_rect_03"), ("P_rect_00", "P_rect_01"), ("P2", "P3"), ("P0", "P1"))
+_OPENCV_PAIRS = (("P1", "P2"), ("LEFT.P", "RIGHT.P"))
+_RAW_CAMERAS = ("M1", "K1", "cameraMatrix1", "camera_matrix_1", "LEFT.K", "R", "T")
+_SIZES = (("image_width", "image_height"), ("width", "height"), ("LEFT.width", "LEFT.height"))
+_SIZE_PAIRS = ("image_size", "imageSize", "size")
+
+# A longer baseline in an OpenCV file without a unit is taken for one in millimetres.
+_LONGEST_M = 5.0
+_LARGEST_BYTES = 1 << 22
+
+
+def read_rigs(sources: Sequence[str | Path], *, size: Size | None = None, unit_m: float | None = None) -> list[Rig]:
+    """Read rectified rigs from calibration files.
+
+    Args:
+        sources: files and globs. Each file describes a rig, except for ROS's camera_info: two of these make a rig, the
+            left one first, or the right camera's alone.
+        size: size of the images, for files without one.
+        unit_m: metres in the unit of an OpenCV file's translation; None where it is not known.
+
+    Returns:
+        The rigs, in the order of their files.
+
+    Raises:
+        InputError: where there is no file, or a rig is not rectified; see `rectified`.
+        ReadError: where a file has none of the formats, or breaks its own.
+    """
+    paths: dict[Path, None] = {}
+    for source in sources:
+        if Path(source).expanduser().is_dir():
+            raise InputError(f"--calib {source}: is a folder; give files, or a glob such as '{source}/*/calib.txt'")
+        matches = find_files([source], _EXTENSIONS)
+        if not matches:
+            raise InputError(f"--calib {source}: no such file, and no .txt, .yaml or .yml that the glob matches")
+        paths |= dict.fromkeys(matches)
+    calibrations = [_read(path, unit_m) for path in paths]
+    pairs = [pair for pair in calibrations if isinstance(pair, Projections)]
+    cameras = [camera for camera in calibrations if isinstance(camera, _Camera)]
+    if cameras and (pairs or len(cameras) > 2):
+        names = ", ".join(camera.source for camera in cameras[:4]) + (", ..." if len(cameras) > 4 else "")
+        raise InputError(
+            f"{len(cameras)} of {len(paths)} calibrations are of one camera ({names}): expected two, the left one "
+            "first, or the right camera's alone"
+        )
+    if cameras:
+        pairs = [_paired(cameras)]
+    return [rectified(pair, size) for pair in pairs]
+
+
+class _Camera(NamedTuple):
+    """The camera_info of one camera."""
+
+    matrix: NDArray[np.float64]
+    size: Size | None
+    source: str
+
+
+def _paired(cameras: Sequence[_Camera]) -> Projections:
+    if len(cameras) == 2:
+        left, right = cameras
+        source = left.source if left.source == right.source else f"{left.source} and {right.source}"
+        if left.size != right.size:
+            raise InputError(f"{source}: images of {left.size} and of {right.size}: expected one size")
+        return Projections(left.matrix, right.matrix, left.size, source)
+    (right,) = cameras
+    if right.matrix[0, 3] == 0:
+        raise InputError(
+            f"{right.source}: is the left camera's, with no baseline in it (0 in the first row's last place): give the "
+            "right camera's too, with another --calib"
+        )
+    left_matrix = right.matrix.copy()
+    left_matrix[:, 3] = 0
+    return Projections(left_matrix, right.matrix, right.size, right.source)
+
+
+def _read(path: Path, unit_m: float | None) -> Projections | _Camera:
+    try:
+        text = read_bytes(path)[:_LARGEST_BYTES].decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise ReadError(path, f"is not text; {_EXPECTED}") from None
+    calibration: Projections | _Camera
+    if any(key == "cam0" for key, _ in _MIDDLEBURY.findall(text)):
+        calibration = _middlebury(path, text)
+    elif _KITTI.search(text):
+        calibration = _kitti(path, text)
+    else:
+        values = _yaml(path, text)
+        for left, right in _OPENCV_PAIRS:
+            if left in values and right in values:
+                return _opencv(path, values, (left, right), unit_m)
+        calibration = _ros(path, values)
+    if unit_m is not None:
+        raise ReadError(path, "its format has a unit of its own: leave --unit out, which is for OpenCV's files alone")
+    return calibration
+
+
+def _middlebury(path: Path, text: str) -> Projections:
+    values: dict[str, str] = dict(_MIDDLEBURY.findall(text))
+    missing = [key for key in ("cam0", "cam1", "baseline") if key not in values]
+    if missing:
+        raise ReadError(
+            path, f"lacks {', '.join(missing)}: expected cam0=[...], cam1=[...], baseline=... in millimetres"
+        )
+
+    def number(key: str) -> float:
+        try:
+            return float(values[key])
+        except ValueError:
+            raise ReadError(path, f"{key}: expected a number, got {values[key]!r}") from None
+
+    left, right = (_middlebury_matrix(path, key, values[key]) for key in ("cam0", "cam1"))
+    right[0, 3] = -right[0, 0] * number("baseline") / 1000
+    doffs_px = float(right[0, 2] - left[0, 2])
+    if "doffs" in values and abs(number("doffs") - doffs_px) > 0.02:
+        raise ReadError(
+            path, f"doffs is {number('doffs'):g}, but cx of cam1 minus cx of cam0 is {doffs_px:g}: one of them is wrong"
+        )
+    size = (number("width"), number("height")) if "width" in values and "height" in values else None
+    ndisp, vmin, vmax = (number(key) if key in values else None for key in ("ndisp", "vmin", "vmax"))
+    return Projections(left, right, _checked_size(path, size), str(path), DisparityBounds(ndisp, vmin, vmax))
+
+
+def _middlebury_matrix(path: Path, key: str, text: str) -> NDArray[np.float64]:
+    """Return a matrix (3, 4), its last column 0."""
+    rows = [row.replace(",", " ").split() for row in text.removeprefix("[").removesuffix("]").split(";")]
+    try:
+        matrix = np.array([[float(value) for value in row] for row in rows]).reshape(3, 3)
+    except ValueError:
+        raise ReadError(path, f"{key}: expected a matrix [f 0 cx; 0 f cy; 0 0 1], got {text!r}") from None
+    return np.hstack([matrix, np.zeros((3, 1))])
+
+
+def _kitti(path: Path, text: str) -> Projections:
+    values = {key: [float(number) for number in numbers.split()] for key, numbers in _KITTI.findall(text)}
+    pair = next((pair for pair in _KITTI_PAIRS if values.keys() >= set(pair)), None)
+    if pair is None:
+        raise ReadError(path, f"has {', '.join(values)}: expected P_rect_02 and P_rect_03, or P2 and P3")
+    for key in pair:
+        if len(values[key]) != 12:
+            raise ReadError(path, f"{key}: expected 12 numbers, got {len(values[key])}")
+    sizes = [values.get(key.replace("P", "S", 1)) for key in pair]
+    if sizes[0] != sizes[1] or (sizes[0] is not None and len(sizes[0]) != 2):
+        raise ReadError(path, f"the rectified sizes are {sizes[0]} and {sizes[1]}: expected one width and height")
+    left, right = (np.reshape(values[key], (3, 4)) for key in pair)
+    return Projections(left, right, _checked_size(path, sizes[0]), str(path))
+
+
+def _opencv(path: Path, values: Mapping[str, Any], keys: tuple[str, str], unit_m: float | None) -> Projections:
+    left, right = (_matrix(path, key, values[key]) for key in keys)
+    for matrix in (left, right):
+        matrix[:, 3] *= 1.0 if unit_m is None else unit_m
+    if unit_m is None and right[0, 0] > 0 and abs(right[0, 3]) > _LONGEST_M * right[0, 0]:
+        raise ReadError(
+            path,
+            f"the baseline would be {abs(right[0, 3] / right[0, 0]):g} m: its unit is that of the board that was used "
+            "to calibrate; say so with --unit mm, cm or m",
+        )
+    return Projections(left, right, _size(path, values), str(path))
+
+
+def _ros(path: Path, values: Mapping[str, Any]) -> Projections | _Camera:
+    left, right = values.get("left"), values.get("right")
+    if isinstance(left, Mapping) and isinstance(right, Mapping):
+        return _paired([_ros_camera(path, left, "left."), _ros_camera(path, right, "right.")])
+    if "projection_matrix" not in values and "P" not in values:
+        raw = [key for key in _RAW_CAMERAS if key in values]
+        if raw:
+            raise ReadError(
+                path,
+                f"is not rectified: it has {', '.join(raw)}, the raw cameras, but no P1 and P2. Rectify first (OpenCV: "
+                "stereoRectify gives P1 and P2), and store them beside",
+            )
+        raise ReadError(path, f"has {', '.join(list(values)[:8]) or 'nothing'}; {_EXPECTED}")
+    return _ros_camera(path, values, "")
+
+
+def _ros_camera(path: Path, values: Mapping[str, Any], prefix: str) -> _Camera:
+    key = "P" if "P" in values else "projection_matrix"
+    if key not in values:
+        raise ReadError(path, f"{prefix}{key}: missing: expected the 3 x 4 matrix of the rectified camera")
+    return _Camera(_matrix(path, prefix + key, values[key]), _size(path, values), str(path))
+
+
+def _matrix(path: Path, key: str, node: Any) -> NDArray[np.float64]:  # noqa: ANN401 - any YAML value
+    """Return a (3, 4) matrix of a mapping with ``data``, of rows, or of 12 numbers."""
+    data = node.get("data") if isinstance(node, Mapping) else node
+    try:
+        values = np.array(data, np.float64)
+    except (TypeError, ValueError):
+        values = np.empty(0)
+    if values.size != 12 or (isinstance(node, Mapping) and (node.get("rows", 3), node.get("cols", 4)) != (3, 4)):
+        raise ReadError(path, f"{key}: expected a 3 x 4 projection matrix of 12 numbers, got {node!r}"[:400])
+    return values.reshape(3, 4)
+
+
+def _size(path: Path, values: Mapping[str, Any]) -> Size | None:
+    for width, height in _SIZES:
+        if width in values and height in values:
+            return _checked_size(path, [values[width], values[height]])
+    for key in _SIZE_PAIRS:
+        value = values.get(key)
+        if isinstance(value, Mapping) and "width" in value and "height" in value:
+            return _checked_size(path, [value["width"], value["height"]])
+        if isinstance(value, list) and len(value) == 2:
+            return _checked_size(path, value)
+    return None
+
+
+def _checked_size(path: Path, size: Sequence[Any] | None) -> Size | None:
+    # OpenCV writes 0 0 for an unknown size.
+    if size is None or list(size) == [0, 0]:
+        return None
+    try:
+        width_px, height_px = int(size[0]), int(size[1])
+    except (TypeError, ValueError, OverflowError):
+        width_px = height_px = 0
+    if width_px < 1 or height_px < 1:
+        raise ReadError(path, f"expected a width and height of at least 1 pixel, got {size[0]!r} x {size[1]!r}")
+    return Size(width_px, height_px)
+
+
+def _yaml(path: Path, text: str) -> Mapping[str, Any]:
+    # OpenCV's first line is no directive of YAML: it has a colon in place of the space. Its matrices are mappings.
+    text = re.sub(r"\A%YAML:[^\n]*\n|!!opencv-matrix\b", "", text)
+    try:
+        values = YAML(typ="safe", pure=True).load(text)
+    except (YAMLError, ValueError, TypeError, RecursionError) as error:
+        detail = str(error)
+        if isinstance(error, MarkedYAMLError) and (mark := error.problem_mark or error.context_mark):
+            detail = f"line {mark.line + 1}: {error.problem or error.context}"
+        raise ReadError(path, f"is no calibration and no YAML ({detail}); {_EXPECTED}") from None
+    if not isinstance(values, Mapping):
+        raise ReadError(path, f"is no calibration; {_EXPECTED}")
+    return {str(key): value for key, value in values.items()}

@@ -1,0 +1,269 @@
+"""The distributions of disparity that a config may ask for in ``disparity.target``.
+
+A target of form ``file`` becomes a target of form ``histogram`` when a config is read. So the config itself determines
+its pairs, and a file that changes later changes no dataset that has begun.
+"""
+
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from semisynth_gl.config.fields import FROM_LIST, NotNegative, Positive, Section, Weight
+from semisynth_gl.errors import InputError
+from semisynth_gl.histogram import Histogram, mix_histograms
+
+# A measured histogram has a few pixels anywhere: this share of a target may be out of reach.
+_OUT_OF_REACH = 0.02
+# A gamma distribution is checked up to this many spreads from its mean, in this many bins.
+_SPREADS, _GAMMA_BINS = 8, 100
+# Points of a bin at which a density is evaluated.
+_POINTS = 16
+# Bins of the wanted histogram, where the target brings none.
+_BINS = 24
+# Bins of a file are cut into equal bins of their common measure, up to this many.
+_MOST_BINS = 4096
+_RESOLUTION_PX = 1e-3
+
+
+class UniformTarget(Section):
+    """Every disparity has the same share of the pixels.
+
+    Attributes:
+        low_px: lowest disparity; by default ``disparity.min_px``.
+        high_px: highest disparity; by default ``disparity.max_px``.
+    """
+
+    form: Literal["uniform"] = "uniform"
+    low_px: NotNegative | None = None
+    high_px: Positive | None = None
+
+    @model_validator(mode="after")
+    def _range(self) -> Self:
+        if self.low_px is not None and self.high_px is not None and self.low_px >= self.high_px:
+            raise ValueError(f"expected low_px < high_px, got {self.low_px:g} and {self.high_px:g}")
+        return self
+
+
+class UniformDepthTarget(Section):
+    """Every depth between those of ``disparity.max_px`` and ``disparity.min_px`` has the same share of the pixels."""
+
+    form: Literal["uniform-depth"]
+
+
+class GammaTarget(Section):
+    """A gamma distribution: one hump with a long tail of near things.
+
+    Attributes:
+        mean_px: mean of the distribution before the limits of the section ``disparity`` cut it.
+        spread_px: standard deviation of the distribution before the limits cut it.
+    """
+
+    form: Literal["gamma"]
+    mean_px: Positive
+    spread_px: Positive
+
+    def histogram(self, edges_px: NDArray[np.float64]) -> Histogram:
+        """Integrate the distribution over bins of equal width.
+
+        Its density is x^(k - 1) exp(-x / theta), with k = (mean / spread)^2 and theta = spread^2 / mean.
+
+        Args:
+            edges_px: (K + 1,) float64, 0 or more.
+        """
+        shape, scale = (self.mean_px / self.spread_px) ** 2, self.spread_px**2 / self.mean_px
+        width = np.diff(edges_px) / _POINTS
+        at = edges_px[:-1, None] + (np.arange(_POINTS) + 0.5) * width[:, None]
+        logarithm = (shape - 1) * np.log(at) - at / scale
+        # The largest density may be far from 1, so it is scaled to 1.
+        return Histogram.from_counts(edges_px, np.exp(logarithm - logarithm.max()).sum(axis=1))
+
+
+class HistogramTarget(Section):
+    """Shares of pixels in bins.
+
+    Attributes:
+        bin_px: width of a bin.
+        first_px: lowest disparity of the first bin.
+        shares: share of pixels per bin; the shares are scaled to a sum of 1.
+    """
+
+    form: Literal["histogram"]
+    bin_px: Positive
+    first_px: Annotated[float, Field(allow_inf_nan=False)] = 0.0
+    shares: Annotated[tuple[Weight, ...], FROM_LIST, Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _some_share(self) -> Self:
+        if not sum(self.shares) > 0:
+            raise ValueError("expected at least one share above 0")
+        return self
+
+
+Distribution = UniformTarget | UniformDepthTarget | GammaTarget | HistogramTarget
+
+
+class MixturePart(Section):
+    """One part of a mixture.
+
+    Attributes:
+        weight: weight of the part.
+        target: distribution of the part.
+    """
+
+    weight: Weight = 1.0
+    target: Annotated[Distribution, Field(discriminator="form")]
+
+
+class MixtureTarget(Section):
+    """Several distributions, mixed by weights.
+
+    Attributes:
+        parts: the distributions with their weights.
+    """
+
+    form: Literal["mixture"]
+    parts: Annotated[tuple[MixturePart, ...], FROM_LIST, Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _some_weight(self) -> Self:
+        if not sum(part.weight for part in self.parts) > 0:
+            raise ValueError("expected at least one weight above 0")
+        return self
+
+
+TargetSection = Annotated[Distribution | MixtureTarget, Field(discriminator="form")]
+
+
+def check_target(target: TargetSection, min_px: float, max_px: float, low_px: float) -> None:
+    """Check that scenes can show a target, but for two hundredths of its pixels.
+
+    Args:
+        target: the target.
+        min_px: ``disparity.min_px``.
+        max_px: ``disparity.max_px``, the largest disparity that scenes show.
+        low_px: the smallest disparity that scenes show.
+
+    Raises:
+        ValueError: with the share of the pixels and the disparities that are out of reach.
+    """
+    parts = target.parts if isinstance(target, MixtureTarget) else (MixturePart(target=target),)
+    histograms = [_uncut_histogram(part.target, min_px, max_px) for part in parts]
+    low = np.concatenate([histogram.edges_px[:-1] for histogram in histograms])
+    high = np.concatenate([histogram.edges_px[1:] for histogram in histograms])
+    shares = np.concatenate([part.weight * bins.shares for part, bins in zip(parts, histograms, strict=True)])
+    shares /= shares.sum()
+    for begin, end, side in ((-math.inf, low_px, "below"), (max_px, math.inf, "above")):
+        outside = shares * np.maximum(np.minimum(high, end) - np.maximum(low, begin), 0) / (high - low)
+        if outside.sum() > _OUT_OF_REACH:
+            first, last = max(low[outside > 0].min(), begin), min(high[outside > 0].max(), end)
+            raise ValueError(
+                f"disparity.target wants {outside.sum():.1%} of the pixels at {first:g} to {last:g} px, {side} what "
+                f"this config can show, {low_px:g} to {max_px:g} px: change the target, or disparity.min_px and max_px"
+            )
+
+
+def wanted_histogram(target: TargetSection, min_px: float, max_px: float, doffs_px: float) -> Histogram:
+    """Return a target as a histogram; see `semisynth_gl.config.model.Config.wanted_histogram`.
+
+    Args:
+        target: the target.
+        min_px: ``disparity.min_px``.
+        max_px: ``disparity.max_px``.
+        doffs_px: mean difference of the principal points.
+
+    Raises:
+        InputError: where a target uniform in depth reaches beyond infinity.
+    """
+    if isinstance(target, HistogramTarget):
+        return _uncut_histogram(target, min_px, max_px)
+    edges = np.linspace(min_px, max_px, _BINS + 1, dtype=np.float64)
+    if not isinstance(target, MixtureTarget):
+        return _cut_histogram(target, edges, doffs_px)
+    total = sum(part.weight for part in target.parts)
+    return mix_histograms(
+        ((part.weight / total, _cut_histogram(part.target, edges, doffs_px)) for part in target.parts), edges
+    )
+
+
+def _cut_histogram(target: Distribution, edges_px: NDArray[np.float64], doffs_px: float) -> Histogram:
+    """Return a distribution in bins from ``disparity.min_px`` to ``disparity.max_px``."""
+    low, high = float(edges_px[0]), float(edges_px[-1])
+    match target:
+        case UniformDepthTarget():
+            if low + doffs_px <= 0:
+                raise InputError(
+                    f"disparity.min_px: {low:g} px lies beyond infinity for cameras whose doffs is {doffs_px:g} px on "
+                    f"average: for a target uniform in depth raise it above {-doffs_px:g}"
+                )
+            # d + doffs = f B / Z: the share of the depths between two disparities is a difference of 1 / (d + doffs).
+            return Histogram.from_counts(edges_px, -np.diff(1 / (edges_px + doffs_px)))
+        case GammaTarget():
+            return target.histogram(edges_px)
+        case _:
+            return _uncut_histogram(target, low, high).rebinned(edges_px)
+
+
+def _uncut_histogram(target: Distribution, min_px: float, max_px: float) -> Histogram:
+    """Return a distribution before the limits of the section ``disparity`` cut it."""
+    match target:
+        case UniformTarget():
+            low = min_px if target.low_px is None else target.low_px
+            high = max_px if target.high_px is None else target.high_px
+            if low >= high:
+                raise ValueError(f"disparity.target: expected low_px < high_px, got {low:g} and {high:g}")
+            return Histogram.from_counts([low, high], [1.0])
+        case UniformDepthTarget():
+            # Only the ends of this one are right, and only its ends are asked for.
+            return Histogram.from_counts([min_px, max_px], [1.0])
+        case GammaTarget():
+            reach_px = _SPREADS * target.spread_px
+            first = max(0.0, target.mean_px - reach_px)
+            return target.histogram(np.linspace(first, target.mean_px + reach_px, _GAMMA_BINS + 1))
+        case HistogramTarget():
+            edges = target.first_px + np.arange(len(target.shares) + 1) * target.bin_px
+            return Histogram.from_counts(edges, target.shares)
+
+
+def read_histogram(path: Path) -> dict[str, Any]:
+    """Read a target of form ``histogram`` from a CSV file.
+
+    Args:
+        path: the file. Its lines ``low_px,high_px,share`` rise without gaps; a heading and # comments are allowed.
+
+    Raises:
+        InputError: where the file cannot be read or a line is wrong, with the number of the line.
+    """
+    try:
+        lines = path.read_text("utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: the wanted histogram cannot be read: {error}") from None
+    bins: list[tuple[float, float, float]] = []
+    for number, line in enumerate(lines, 1):
+        text = line.partition("#")[0].strip()
+        if not text or (not bins and text.replace(" ", "") == "low_px,high_px,share"):
+            continue
+        try:
+            low, high, share = (float(part) for part in text.split(","))
+        except ValueError:
+            raise InputError(f"{path}:{number}: expected three numbers, low_px,high_px,share, got {text!r}") from None
+        if not (math.isfinite(low) and math.isfinite(high) and low < high and 0 <= share < math.inf):
+            raise InputError(f"{path}:{number}: expected low_px < high_px and a share of 0 or more, got {text!r}")
+        if bins and abs(bins[-1][1] - low) > _RESOLUTION_PX:
+            raise InputError(f"{path}:{number}: expected the bin to begin at {bins[-1][1]:g} px, where the last ends")
+        bins.append((low, high, share))
+    if not bins:
+        raise InputError(f"{path}: no bins: expected lines low_px,high_px,share")
+    widths = [max(1, round((high - low) / _RESOLUTION_PX)) for low, high, _ in bins]
+    common = math.gcd(*widths)
+    if sum(widths) // common > _MOST_BINS:
+        raise InputError(
+            f"{path}: the bins' widths have no common measure of at least 1/{_MOST_BINS} of the range: "
+            "expected widths such as 5 and 10"
+        )
+    parts = [width // common for width in widths]
+    shares = [share / part for (_, _, share), part in zip(bins, parts, strict=True) for _ in range(part)]
+    return {"form": "histogram", "bin_px": round(common * _RESOLUTION_PX, 6), "first_px": bins[0][0], "shares": shares}

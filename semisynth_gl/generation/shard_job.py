@@ -1,0 +1,150 @@
+"""Shards as tasks of an engine."""
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from math import ceil
+from typing import Any, Literal
+
+from semisynth_gl.dataset.files import whole_record
+from semisynth_gl.dataset.places import Place
+from semisynth_gl.dataset.plan import Plan, Shard, differences, few
+from semisynth_gl.dataset.shard import ShardBusyError, ShardWriter
+from semisynth_gl.engines.task import Task
+from semisynth_gl.errors import InputError
+from semisynth_gl.layouts.layout import share_beyond
+from semisynth_gl.listener import FinishedPair, Listener
+from semisynth_gl.pairs.pipeline import Pair, PairRenderer
+from semisynth_gl.render.context import Backend
+from semisynth_gl.render.devices import egl_index_of_worker
+from semisynth_gl.splits import SplitName
+
+ShardState = Literal["complete", "stopped", "busy"]
+"""The state of a shard after its task: complete, stopped with its first pairs kept, or in the hands of another run."""
+
+
+@dataclass(frozen=True, slots=True)
+class ShardJob:
+    """Makes shards, each a task of an engine.
+
+    Attributes:
+        plan: the plan of the dataset.
+        place: the dataset's place.
+        backend: "auto", "egl" or "osmesa".
+        sources: digests of patches and models, by split; a machine with other photographs must not take part.
+        gpus: CUDA's numbers of the GPUs that workers take turns on; none for the first device of EGL.
+    """
+
+    plan: Plan
+    place: Place
+    backend: Backend
+    sources: Mapping[SplitName, Mapping[str, str]]
+    gpus: tuple[int, ...] = ()
+
+    @contextmanager
+    def open(self, worker: int) -> Iterator[Task[ShardState]]:
+        """Open the resources of shards: a renderer of one split at a time, once a shard needs it.
+
+        Args:
+            worker: the worker's number, from 0.
+
+        Yields:
+            The function that makes the shard of a number.
+        """
+        shards = self.plan.shards
+        renderer: PairRenderer | None = None
+        with ExitStack() as resources:
+
+            def renderer_of_split(listener: Listener, split: SplitName) -> PairRenderer:
+                nonlocal renderer
+                if renderer is None or renderer.split.name != split:
+                    resources.close()
+                    renderer = resources.enter_context(self.open_renderer(split, worker))
+                    changes = differences(self.sources[split], renderer.sources.digests())
+                    if changes:
+                        raise InputError(
+                            f"this process finds other photographs or models than the one that began the dataset: "
+                            f"{few(changes)}. Give all machines the same files, and the same versions of all packages"
+                        )
+                    listener.on_renderer(renderer.renderer_name)
+                return renderer
+
+            yield lambda number, listener: self.make(shards[number], partial(renderer_of_split, listener), listener)
+
+    def open_renderer(self, split: SplitName, worker: int = 0) -> PairRenderer:
+        """Open the renderer of a split, on a worker's device.
+
+        Args:
+            split: the split of the dataset.
+            worker: the worker's number, from 0.
+        """
+        device_index = egl_index_of_worker(self.gpus, worker)
+        return PairRenderer(self.plan.config, self.plan.seed, self.backend, self.plan.split(split), device_index)
+
+    def make(
+        self, shard: Shard, renderer_of_split: Callable[[SplitName], PairRenderer], listener: Listener
+    ) -> ShardState:
+        """Make a shard, or the pairs that an earlier run did not write.
+
+        Args:
+            shard: a shard of the plan.
+            renderer_of_split: returns the open renderer of a split; not called for a shard that lacks nothing.
+            listener: hears each pair of the shard, and may ask to stop between two of them.
+        """
+        try:
+            writer = ShardWriter(
+                self.place, shard, packed=self.plan.layout.packed, folder=self.plan.folder(shard.split)
+            )
+        except ShardBusyError:
+            return "busy"
+        with writer:
+            # Another run may have completed the shard just before this run took it.
+            if whole_record(self.place, shard) is not None:
+                return "complete"
+            for entry in writer.samples:
+                listener.on_pair(_finished_pair(shard.split, entry["pair"], entry, kept=True))
+            for index in range(shard.first + len(writer.samples), shard.end):
+                if listener.stopping:
+                    return "stopped"
+                start = time.perf_counter()
+                files, facts = self.encode(renderer_of_split(shard.split).render(index), shard.split)
+                writer.add(files, facts | {"seconds": time.perf_counter() - start})
+                listener.on_pair(_finished_pair(shard.split, index, facts, kept=False))
+            writer.finish(
+                {
+                    "split": shard.split,
+                    "first": shard.first,
+                    "end": shard.end,
+                    "redraws": sum(len(entry["redrawn"]) for entry in writer.samples),
+                    "renderers": sorted({entry["renderer"] for entry in writer.samples}),
+                    "seconds": round(sum(entry["seconds"] for entry in writer.samples), 3),
+                }
+            )
+            return "complete"
+
+    def encode(self, pair: Pair, split: SplitName) -> tuple[dict[str, bytes], dict[str, Any]]:
+        """Encode a pair.
+
+        Args:
+            pair: the pair.
+            split: its split of the dataset.
+
+        Returns:
+            The pair's files by path, and its facts for the record of its shard.
+        """
+        config, layout = self.plan.config, self.plan.layout
+        encodings = layout.chosen_encodings(config)
+        key, most_px = self.plan.key(split, pair.index), ceil(config.disparity.max_px)
+        files = layout.encode(key, pair.frame, pair.provenance, most_px, encodings)
+        return files, {
+            # All frames of a sequence carry the same redraws.
+            "redrawn": pair.provenance.get("redrawn", []) if pair.provenance["frame"] == 0 else [],
+            "share_beyond": share_beyond(pair.frame, encodings),
+            "renderer": pair.provenance["renderer"],
+        }
+
+
+def _finished_pair(split: SplitName, index: int, facts: Mapping[str, Any], *, kept: bool) -> FinishedPair:
+    return FinishedPair(split, index, tuple(facts["redrawn"]), facts["share_beyond"], kept)

@@ -1,0 +1,46 @@
+"""The kinds of built-in models: builders by name, in two families, and their weights."""
+
+import difflib
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+
+from semisynth_gl.errors import InputError
+from semisynth_gl.geometry import furniture, hardware, plants, solids, structures, vessels
+from semisynth_gl.geometry.mesh import Mesh, merged, normalised
+
+Builder = Callable[[np.random.Generator], Mesh]
+"""Builds one model of a kind, normalised and named after the kind; all variation comes from the generator."""
+
+
+def _builders(*kinds: Callable[[np.random.Generator], Sequence[Mesh]]) -> Mapping[str, Builder]:
+    """Return a builder for each function that makes the parts of a model, by the function's name."""
+
+    def builder(kind: Callable[[np.random.Generator], Sequence[Mesh]]) -> Builder:
+        return lambda rng: normalised(merged(kind.__name__, kind(rng)))
+
+    return MappingProxyType({kind.__name__: builder(kind) for kind in kinds})
+
+
+SIMPLE_KINDS: Final = _builders(*solids.KINDS)
+"""Builders of simple models, the solids of a geometry book, by kind."""
+
+COMPLEX_KINDS: Final = _builders(*furniture.KINDS, *vessels.KINDS, *structures.KINDS, *plants.KINDS, *hardware.KINDS)
+"""Builders of complex models, by kind: everyday things with holes, thin parts and overlaps, where networks fail."""
+
+
+def kind_weights(given: Mapping[str, float]) -> dict[str, float]:
+    """Return the weights of all kinds, 1 where none is given.
+
+    Raises:
+        InputError: where a name is that of no kind.
+    """
+    known = [*SIMPLE_KINDS, *COMPLEX_KINDS]
+    unknown = [kind for kind in given if kind not in known]
+    if unknown:
+        near = difflib.get_close_matches(unknown[0], known, n=1)
+        hint = f"did you mean {near[0]}?" if near else f"expected some of: {', '.join(sorted(known))}"
+        raise InputError(f"models.kinds.{unknown[0]}: no such kind of model; {hint}")
+    return dict.fromkeys(known, 1.0) | dict(given)

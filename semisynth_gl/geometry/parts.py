@@ -1,0 +1,144 @@
+"""Parts of models: outlines, curves, rods and balls, and their places."""
+
+from collections.abc import Iterable
+
+import numpy as np
+import pyrr
+from numpy.typing import ArrayLike, NDArray
+
+from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh
+from semisynth_gl.geometry.surfaces import lathe, sweep
+
+
+def circle(radius: float, sides: int = 12, turn_rad: float = 0.0) -> NDArray[np.float64]:
+    """A regular polygon about the origin, anticlockwise; (sides, 2), model units."""
+    return on_circle(radius, turn_rad + np.arange(sides) * (2 * np.pi / sides))
+
+
+def rectangle(width: float, height: float) -> NDArray[np.float64]:
+    """A rectangle about the origin, anticlockwise; (4, 2), model units."""
+    return np.array([[-width, -height], [width, -height], [width, height], [-width, height]]) / 2
+
+
+def arc(radius: float, start_rad: float, stop_rad: float, count: int) -> NDArray[np.float64]:
+    """Points of a circle about the origin, both ends included; (count, 2), model units."""
+    return on_circle(radius, np.linspace(start_rad, stop_rad, count))
+
+
+def on_circle(radius: ArrayLike, angle_rad: ArrayLike) -> NDArray[np.float64]:
+    """Points in polar coordinates, (N,) each or a number; (N, 2), model units."""
+    return np.stack([np.multiply(radius, np.cos(angle_rad)), np.multiply(radius, np.sin(angle_rad))], axis=1)
+
+
+def upright(curve: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Stand a plane curve of (P, 2) points up in the plane y = 0, its second axis along z; (P, 3)."""
+    return np.column_stack([curve[:, 0], np.zeros(len(curve)), curve[:, 1]])
+
+
+def smooth(points: ArrayLike, steps: int = 6) -> NDArray[np.float64]:
+    """A Catmull-Rom curve through (N, D) points, with ``steps`` pieces between neighbours; (steps * (N - 1) + 1, D)."""
+    given = np.asarray(points, np.float64)
+    extended = np.concatenate([2 * given[:1] - given[1:2], given, 2 * given[-1:] - given[-2:-1]])[:, None]
+    p, start, stop, q = extended[:-3], extended[1:-2], extended[2:-1], extended[3:]
+    t = (np.arange(steps) / steps)[None, :, None]
+    from_start, to_stop = (stop - p) / 2, (q - start) / 2
+    bend = 3 * (stop - start) - 2 * from_start - to_stop
+    snap = 2 * (start - stop) + from_start + to_stop
+    curve = start + t * (from_start + t * (bend + t * snap))
+    return np.concatenate([curve.reshape(-1, given.shape[1]), given[-1:]])
+
+
+def rounded(corners: ArrayLike, radius: float, steps: int = 6) -> NDArray[np.float64]:
+    """A polyline whose inner corners are replaced by arcs.
+
+    Args:
+        corners: (N, 3), model units; neighbours are at least two tangents of an arc apart.
+        radius: of the arcs, model units.
+        steps: straight pieces of an arc.
+    """
+    given = np.asarray(corners, np.float64)
+    points = [given[:1]]
+    for before, corner, after in zip(given[:-2], given[1:-1], given[2:], strict=True):
+        arriving = (corner - before) / np.linalg.norm(corner - before)
+        leaving = (after - corner) / np.linalg.norm(after - corner)
+        turn = float(np.arccos(np.clip(arriving @ leaving, -1, 1)))
+        if turn < 1e-6:
+            points.append(corner[None])
+            continue
+        inward = (leaving - arriving @ leaving * arriving) / np.sin(turn)
+        start = corner - radius * np.tan(turn / 2) * arriving
+        angle = np.linspace(0, turn, steps + 1)[:, None]
+        points.append(start + radius * (np.sin(angle) * arriving + (1 - np.cos(angle)) * inward))
+    return np.concatenate([*points, given[-1:]])
+
+
+def rod(start: ArrayLike, stop: ArrayLike, radius: float, end_radius: float | None = None, sides: int = 8) -> Mesh:
+    """A straight round rod between two points, closed; a frustum where its ends differ in radius.
+
+    Args:
+        start: (3,), model units.
+        stop: (3,), model units.
+        radius: at the start, model units.
+        end_radius: at the stop; by default the radius at the start.
+        sides: of the polygon that stands for the circle.
+    """
+    first, last = np.asarray(start, np.float64), np.asarray(stop, np.float64)
+    length = float(np.linalg.norm(last - first))
+    taper = radius if end_radius is None else end_radius
+    axis = (last - first) / length
+    return placed(lathe([(0, 0), (radius, 0), (taper, length), (0, length)], sides), rotation=onto(axis), at=first)
+
+
+def ball(radius: float, segments: int, rings: int) -> Mesh:
+    """A ball about the origin.
+
+    Args:
+        radius: model units.
+        segments: sides of the polygon that stands for the equator.
+        rings: circles of latitude, poles included.
+    """
+    profile = arc(radius, -np.pi / 2, np.pi / 2, rings)
+    profile[[0, -1], 0] = 0
+    return lathe(profile, segments)
+
+
+def wire(path: ArrayLike, radius: float, sides: int = 8, *, closed: bool = False) -> Mesh:
+    """A round wire along a curve, (P, 3)."""
+    return sweep(circle(radius, sides), path, closed=closed)
+
+
+def turned(axis: ArrayLike, angle_rad: float) -> NDArray[np.float64]:
+    """Return the (3, 3) rotation about an axis through the origin, by the right-hand rule, for column vectors."""
+    # pyrr's matrices are for row vectors.
+    rotation: NDArray[np.float64] = np.asarray(
+        pyrr.matrix33.create_from_axis_rotation(np.asarray(axis, np.float64), angle_rad)
+    )
+    return rotation.T
+
+
+def placed(mesh: Mesh, at: ArrayLike = (0.0, 0.0, 0.0), *, rotation: NDArray[np.float64] | None = None) -> Mesh:
+    """Rotate a mesh, then move it.
+
+    Args:
+        mesh: the mesh.
+        at: (3,) new place of its origin, model units.
+        rotation: (3, 3) for column vectors.
+    """
+    positions = mesh.positions.astype(np.float64)
+    if rotation is not None:
+        # Not by BLAS, which rounds equal points of a seam differently, and differently on every machine.
+        positions = np.einsum("ij,vj->vi", rotation, positions)
+    return make_mesh(mesh.name, positions + np.asarray(at), mesh.uv, mesh.triangles)
+
+
+def around(count: int, start_rad: float = 0.0) -> Iterable[NDArray[np.float64]]:
+    """Yield ``count`` rotations about z, (3, 3) each, evenly spread over a full turn."""
+    return (turned((0, 0, 1), start_rad + 2 * np.pi * i / count) for i in range(count))
+
+
+def onto(axis: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a rotation that takes z onto a unit vector; (3, 3) for column vectors."""
+    sideways = np.eye(3)[np.argmin(np.abs(axis))]
+    x = cross(sideways, axis)
+    x /= np.linalg.norm(x)
+    return np.stack([x, cross(axis, x), axis], axis=1)

@@ -1,0 +1,81 @@
+"""Connections between triangles: vertices at equal positions, neighbours across edges, closed surfaces.
+
+trimesh has the like, but takes longer to load than all else together; scipy is no dependency.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.geometry.mesh import Mesh, cross
+
+NO_NEIGHBOUR = 0xFFFFFFFF
+"""Stands for a neighbour where a triangle has none."""
+
+
+def neighbours(mesh: Mesh) -> NDArray[np.uint32]:
+    """Find the triangle across each edge.
+
+    Returns:
+        (T, 3) uint32; entry k is the triangle across the edge from corner k to corner k + 1, or `NO_NEIGHBOUR` at a
+        border and where more than two triangles meet.
+    """
+    start, stop, count = _edges(mesh)
+    edge = np.minimum(start, stop) * count + np.maximum(start, stop)
+    by_edge = np.argsort(edge, kind="stable")
+    first = np.flatnonzero(np.r_[True, np.diff(edge[by_edge]) != 0])
+    sharing = np.diff(np.r_[first, len(by_edge)])
+    pairs = by_edge[first[sharing == 2][:, None] + [0, 1]]
+    result = np.full(len(edge), NO_NEIGHBOUR, np.uint32)
+    result[pairs] = pairs[:, ::-1] // 3
+    return result.reshape(-1, 3)
+
+
+def is_solid(mesh: Mesh) -> bool:
+    """Return whether a surface is closed and all its connected parts are wound anticlockwise seen from outside.
+
+    Every edge must be passed as often in one direction as in the other, and every part must enclose a positive volume.
+    Where no part turns inside out by crossing itself, a ray from outside then meets the front of a triangle first.
+    """
+    start, stop, count = _edges(mesh)
+    if not np.array_equal(np.sort(start * count + stop), np.sort(stop * count + start)):
+        return False
+    a, b, c = np.moveaxis(mesh.positions.astype(np.float64)[mesh.triangles], 1, 0)
+    volumes = np.einsum("tk,tk->t", a, cross(b, c)) / 6
+    part = _parts(start, stop, count)[start[::3]]
+    return bool((np.bincount(part, volumes)[np.unique(part)] > 0).all())
+
+
+def marked_solid(mesh: Mesh) -> Mesh:
+    """Return the mesh with ``solid`` set to the answer of `is_solid`."""
+    return replace(mesh, solid=is_solid(mesh))
+
+
+def _edges(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+    """Number vertices so that equal positions share a number, since UV seams do not cut a surface.
+
+    Returns:
+        Start and stop of the three edges of each triangle in turn, (3 T,) each, and the number of numbers.
+    """
+    # Adding 0 turns -0.0 into 0.0, whose bits differ.
+    bits = np.ascontiguousarray(mesh.positions + np.float32(0)).view(np.uint32).astype(np.uint64)
+    xy = bits[:, 0] | (bits[:, 1] << np.uint64(32))
+    order = np.lexsort((bits[:, 2], xy))
+    differs = (np.diff(xy[order]) != 0) | (np.diff(bits[order, 2]) != 0)
+    number = np.empty(len(order), np.int64)
+    number[order] = np.cumsum(np.r_[0, differs])
+    corners = number[mesh.triangles]
+    return corners.reshape(-1), np.roll(corners, -1, axis=1).reshape(-1), int(number.max()) + 1
+
+
+def _parts(start: NDArray[np.int64], stop: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """Return for each vertex the least number of a vertex that it is connected with."""
+    label = np.arange(count)
+    while True:
+        lower = label.copy()
+        np.minimum.at(lower, start, label[stop])
+        lower = lower[lower]
+        if np.array_equal(lower, label):
+            return label
+        label = lower

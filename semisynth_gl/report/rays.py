@@ -1,0 +1,214 @@
+"""Exact quantities of the surfaces that rays hit, in the rebuilt scenes of a dataset."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Self, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl import oracle
+from semisynth_gl.dataset.reader import Index
+from semisynth_gl.dataset.remake import RemadeScenes
+from semisynth_gl.dataset.stored import StoredFrame
+from semisynth_gl.errors import InputError
+from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.scene.raycast import Hits, cast_rays
+from semisynth_gl.scene.scene import Scene
+from semisynth_gl.scene.structures import STILL_MODELS
+from semisynth_gl.splits import SplitName
+
+# The renderer promises this error of disparity at a pixel's centre.
+_ERROR_PX = 1e-3
+# Pixels beside edges may show the surface on the other side. In a different scene, some rays agree by chance.
+_LEAST_AGREEING = 0.9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rays:
+    """Rays through the rebuilt scenes of one pair, or of several pairs together.
+
+    Attributes:
+        pairs: number of pairs.
+        cast: number of rays.
+        agreeing: number of rays that give the stored disparity; the arrays are of these rays alone.
+        slant_deg: (R,) float64, at each agreeing ray; see `Surfaces`.
+        texels_per_pixel: (R,) float64, likewise.
+        diameter_px: (I,) float64, of each object that a ray hits, once for each pair; see `diameters_px`.
+    """
+
+    pairs: int
+    cast: int
+    agreeing: int
+    slant_deg: NDArray[np.float64]
+    texels_per_pixel: NDArray[np.float64]
+    diameter_px: NDArray[np.float64]
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Join the rays of several pairs, or of none."""
+
+        def concatenate(arrays: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
+            return np.concatenate([np.empty(0), *arrays])
+
+        return cls(
+            pairs=sum(part.pairs for part in parts),
+            cast=sum(part.cast for part in parts),
+            agreeing=sum(part.agreeing for part in parts),
+            slant_deg=concatenate(part.slant_deg for part in parts),
+            texels_per_pixel=concatenate(part.texels_per_pixel for part in parts),
+            diameter_px=concatenate(part.diameter_px for part in parts),
+        )
+
+
+class RayCaster:
+    """Casts rays through the scenes of pairs, which it rebuilds.
+
+    Args:
+        index: the dataset's.
+    """
+
+    def __init__(self, index: Index) -> None:
+        self._index = index
+        # The scenes of each split, or why they cannot be rebuilt.
+        self._scenes: dict[str, RemadeScenes | str] = {}
+
+    def cast(self, frame: StoredFrame, x: NDArray[np.int64], y: NDArray[np.int64]) -> Rays:
+        """Cast rays through the scene of a pair.
+
+        Args:
+            frame: the stored pair.
+            x: (R,) columns of the rays in the left view.
+            y: (R,) rows.
+
+        Raises:
+            InputError: where the scene cannot be rebuilt, or differs from the stored pair.
+        """
+        scenes = self._rebuilt(frame.split)
+        scene = scenes.scene(frame)
+        if scene is None:
+            raise InputError("config and seed of the index give another camera than the pair's provenance has")
+        x_px, y_px = x.astype(np.float64), y.astype(np.float64)
+        hits = cast_rays(scene, scenes.models, "left", x_px, y_px)
+        exact, stored = oracle.disparity_px(scene.camera, hits), frame.disparity_left[y, x].astype(np.float64)
+        with np.errstate(invalid="ignore"):
+            agreeing = np.abs(exact - stored) <= _ERROR_PX + frame.rounding_px(stored)
+        agreeing |= exact == stored
+        if agreeing.mean() < _LEAST_AGREEING:
+            raise InputError(
+                "the rebuilt scene differs from the stored pair: another version made the dataset, or models changed"
+            )
+        surfaces = surfaces_at(scene, scenes.models, scenes.config.textures.patch_px, x_px, y_px, hits)
+        hit = agreeing & (hits.instance >= 0)
+        objects = objects_among(scene, np.unique(hits.instance[hit]))
+        return Rays(
+            pairs=1,
+            cast=len(x),
+            agreeing=int(agreeing.sum()),
+            slant_deg=surfaces.slant_deg[hit],
+            texels_per_pixel=surfaces.texels_per_pixel[hit],
+            diameter_px=diameters_px(scene, scenes.models, objects),
+        )
+
+    def _rebuilt(self, split: str) -> RemadeScenes:
+        if split not in self._scenes:
+            try:
+                self._scenes[split] = RemadeScenes(self._index, cast("SplitName", split))
+            except InputError as error:
+                self._scenes[split] = str(error)
+        scenes = self._scenes[split]
+        if isinstance(scenes, str):
+            raise InputError(scenes)
+        return scenes
+
+
+def objects_among(scene: Scene, instances: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the instances that are objects: all but those that stand still as background, ground or panel.
+
+    Args:
+        scene: the scene.
+        instances: (N,) int64, indices of instances of the scene.
+    """
+    return instances[scene.model[instances] >= len(STILL_MODELS)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surfaces:
+    """The surfaces at R hits; NaN for a ray that hits nothing.
+
+    Attributes:
+        slant_deg: (R,) float64, angle between the surface's normal and the ray: 0 where the surface faces the camera,
+            90 where it is seen edge on.
+        texels_per_pixel: (R,) float64, side in texels of a square with the area of patch that a pixel sees.
+    """
+
+    slant_deg: NDArray[np.float64]
+    texels_per_pixel: NDArray[np.float64]
+
+
+def surfaces_at(
+    scene: Scene,
+    models: Sequence[Mesh],
+    patch_px: int,
+    x_px: NDArray[np.float64],
+    y_px: NDArray[np.float64],
+    hits: Hits,
+) -> Surfaces:
+    """Measure the surfaces that rays from the left eye hit.
+
+    A ray r = ((x - cx) / f, (y - cy) / f, 1) meets the plane n . P = c of a triangle at P = Z r with Z = c / (n . r).
+    From there, the plane's point moves with the pixel as dP/dx = Z (r' - r (n . r') / (n . r)) where r' = dr/dx, and
+    likewise for y. Patch coordinates are affine on a triangle: G maps both of its edges to their differences in UV.
+    So J = patch_px diag(uv_scale) G (dP/dx, dP/dy) is the Jacobian of texels by pixels, and sqrt(|det J|), the
+    geometric mean of its two singular values, the number of texels along the side of a pixel. For UV without
+    stretching, of s patches per metre, this is patch_px s Z / (f sqrt(|n . r|)) with n of length 1.
+
+    Args:
+        scene: the scene.
+        models: the meshes that ``scene.model`` indexes.
+        patch_px: side of a patch in texels.
+        x_px: (R,) float64, columns of the rays in the left view.
+        y_px: (R,) float64, rows.
+        hits: the R hits of the rays.
+    """
+    slant, texels = np.full(len(x_px), np.nan), np.full(len(x_px), np.nan)
+    rays = scene.camera.rays("left", x_px, y_px)
+    for number in np.unique(hits.instance[hits.instance >= 0]):
+        on_instance = np.flatnonzero(hits.instance == number)
+        mesh = models[int(scene.model[number])]
+        view_from_model = (scene.camera_from_world @ scene.world_from_model[number])[:3]
+        triangles = mesh.triangles[hits.triangle[on_instance]]
+        corners = mesh.positions.astype(np.float64)[triangles] @ view_from_model[:, :3].T + view_from_model[:, 3]
+        uv = mesh.uv.astype(np.float64)[triangles] * scene.uv_scale[number]
+        # (R, 3, 2) and (R, 2, 2): both edges as columns, in metres and in patches.
+        edges = np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 2)
+        patches = np.moveaxis(uv[:, 1:] - uv[:, :1], 1, 2)
+        normal = np.cross(edges[..., 0], edges[..., 1])
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        ray = rays[on_instance]
+        towards = (normal * ray).sum(axis=1)
+        slant[on_instance] = np.rad2deg(np.arccos(np.clip(np.abs(towards) / np.linalg.norm(ray, axis=1), 0, 1)))
+        # The rays' derivatives are (1, 0, 0) / f and (0, 1, 0) / f: n . r' is a component of n.
+        moved = np.eye(3)[:, :2] - ray[:, :, None] * (normal[:, :2] / towards[:, None])[:, None, :]
+        moved *= (hits.depth_m[on_instance] / scene.camera.focal_px)[:, None, None]
+        jacobian = patch_px * patches @ np.linalg.pinv(edges) @ moved
+        texels[on_instance] = np.sqrt(np.abs(np.linalg.det(jacobian)))
+    return Surfaces(slant, texels)
+
+
+def diameters_px(scene: Scene, models: Sequence[Mesh], instances: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the diameters on the screen of instances' bounding spheres before stretching, (N,) float64.
+
+    Sizes in the config, such as ``particles.size_px``, mean this diameter: of the sphere about a model at the largest
+    of its three scales, seen at the depth of its centre.
+
+    Args:
+        scene: the scene.
+        models: the meshes that ``scene.model`` indexes.
+        instances: (N,) int64, indices of instances of the scene.
+    """
+    view_from_model = scene.camera_from_world @ scene.world_from_model[instances]
+    scale = np.linalg.norm(view_from_model[:, :3, :3], axis=1).max(axis=1)
+    radius = scale * np.array([models[number].radius for number in scene.model[instances]])
+    diameters: NDArray[np.float64] = 2 * scene.camera.focal_px * radius / view_from_model[:, 2, 3]
+    return diameters

@@ -1,0 +1,181 @@
+"""The number of particles that each depth layer needs for a wanted distribution of disparity.
+
+With particles thrown independently, a layer whose particles cover a pixel lambda times on average leaves it open with
+probability exp(-lambda) (a Boolean model). A pixel shows less than d px where no particle that covers it shows more:
+
+    F(d) = F_background(d) * product over layers k of exp(-lambda_k S_k(d)),
+
+with S_k(d) the probability that a particle of layer k shows d px or more where it covers a pixel. Particles are deep,
+so S_k is no step: the lambdas are those that bring F nearest to the wanted F at the edges of all layers at once.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.camera import StereoCamera
+from semisynth_gl.config.model import ParticlesSection
+from semisynth_gl.geometry.silhouette import Silhouette
+from semisynth_gl.histogram import Histogram
+from semisynth_gl.scene.particles import Sizes
+
+Floats = NDArray[np.float64]
+
+MOST_LAYERS = 48
+# Above this coverage a layer is closed for all practical purposes (98 %).
+_DENSEST = 4.0
+# Below this share of open pixels, more open pixels make no difference.
+_CLOSED = 0.01
+_ROUNDS = 200
+_SAMPLES = 128
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthLayers:
+    """K layers of depth.
+
+    Attributes:
+        low_px: (K,) float64, lowest disparity of a particle's middle.
+        high_px: (K,) float64, highest disparity of a particle's middle; equal to ``low_px`` in a layer without room.
+    """
+
+    low_px: Floats
+    high_px: Floats
+
+    @classmethod
+    def from_bins(cls, target: Histogram, min_px: float, max_px: float) -> "DepthLayers":
+        """Return a layer for each bin of a target, within the limits ``min_px`` and ``max_px``."""
+        low = np.maximum(target.edges_px[:-1], min_px)
+        return cls(low, np.maximum(low, np.minimum(target.edges_px[1:], max_px)))
+
+    def __len__(self) -> int:
+        return len(self.low_px)
+
+    @property
+    def middle_px(self) -> Floats:
+        """(K,) disparity of each layer's middle."""
+        return (self.low_px + self.high_px) / 2
+
+    @property
+    def has_room(self) -> NDArray[np.bool_]:
+        """(K,) whether the layer can hold particles."""
+        return self.low_px < self.high_px
+
+
+def merge_bins(target: Histogram) -> Histogram:
+    """Merge neighbouring bins until there are 48 at most: particles are deeper than narrower bins."""
+    step = -(-len(target.shares) // MOST_LAYERS)
+    edges = np.append(target.edges_px[:-1:step], target.edges_px[-1])
+    return target.rebinned(edges) if step > 1 else target
+
+
+def exceedance(
+    layers: DepthLayers,
+    edges_px: Floats,
+    camera: StereoCamera,
+    section: ParticlesSection,
+    sizes: Sizes,
+    silhouette: Silhouette,
+    near_m: float,
+) -> Floats:
+    """Return the probability that a particle shows at least a disparity where it covers a pixel, (K, J) float64.
+
+    Args:
+        layers: K layers.
+        edges_px: (J,) float64, the disparities.
+        camera: the camera.
+        section: drift of the particles.
+        sizes: sizes of the particles.
+        silhouette: mean relief of the models.
+        near_m: depth of the near plane; particles that cross it are not drawn.
+    """
+    where = _unit_points()
+    disparity = layers.low_px[:, None] + (layers.high_px - layers.low_px)[:, None] * where[:, 0]
+    radius = sizes.radius_px(camera, disparity, where[:, 1])
+    height = silhouette.heights[(where[:, 2] * len(silhouette.heights)).astype(np.int64)]
+    drift = section.drift.low + (section.drift.high - section.drift.low) * where[:, 3]
+    # Half a turn of headings covers both directions of an axis; a particle is at the path's middle at half its age.
+    path = drift * (where[:, 5] - 0.5) * (camera.height_px + 2 * radius)
+    depth = 1 + path * np.cos(np.pi * where[:, 4]) / camera.focal_px
+    # Particles that drift in are missing at the side they come from; on the right, the other view's margin has them.
+    sideways = path * np.sin(2 * np.pi * where[:, 4])
+    missing = np.maximum(sideways, 0) + np.maximum(-sideways - np.maximum(disparity, 0), 0)
+    shown = (disparity + camera.doffs_px) / (depth - height * radius / camera.focal_px) - camera.doffs_px
+    kept = camera.depth_m(disparity) * (depth - radius / camera.focal_px) > near_m
+    # A large particle covers more pixels. Particles that come nearer grow, but are as much farther apart.
+    weight = np.where(kept, radius**2 / (radius**2).sum(axis=1, keepdims=True), 0.0)
+    at_least = shown[:, :, None] >= edges_px
+    result: Floats = np.einsum("ks,ksj->kj", weight * np.maximum(1 - missing / camera.width_px, 0.0), at_least)
+    return result
+
+
+def solve_coverage(
+    shares: Floats, bare: Floats, exceedances: Floats, least: Floats, has_room: NDArray[np.bool_]
+) -> Floats:
+    """Solve the layers' mean coverages lambda, (..., K) float64, by least squares of F between their limits.
+
+    The solver stands beside scipy's `lsq_linear`, because it solves the views of all pilot scenes at once: for 32 views
+    it takes a twentieth of the time. Importing scipy takes about as long as importing all else that samples scenes, and
+    scipy's solutions differ from these, so that existing datasets would change.
+
+    Args:
+        shares: (K,) wanted share of a view in each bin.
+        bare: (..., K - 1) share of the view that shows less than each inner edge before the layers are filled.
+        exceedances: (..., K, K - 1), `exceedance` of the layers at the inner edges.
+        least: (..., K) smallest coverages.
+        has_room: (K,) whether the layer can hold particles.
+    """
+    wanted = np.maximum(np.cumsum(shares)[:-1], _CLOSED)
+    usable = bare > 0
+    needed = np.where(usable, np.log(np.where(usable, bare, 1.0) / wanted), 0.0)
+    most = np.where(has_room, _DENSEST, 0.0)
+    result, still_open = least, np.broadcast_to(wanted, bare.shape)
+    for _ in range(2):
+        # An error of log F is an error of F where much is open, and no error where all is closed.
+        weighted = exceedances * np.where(usable, np.maximum(still_open, wanted) ** 2, 0.0)[..., None, :]
+        product = weighted @ np.swapaxes(exceedances, -1, -2)
+        aim = weighted @ needed[..., None]
+        # Fast projected gradient (Beck and Teboulle 2009); the diagonal matrix of row sums bounds the quadratic form.
+        step = 1 / np.maximum(np.abs(product).sum(axis=-1), np.finfo(np.float64).tiny)
+        ahead, momentum = result, 1.0
+        for _ in range(_ROUNDS):
+            gradient = (product @ ahead[..., None] - aim)[..., 0]
+            before, result = result, np.clip(ahead - step * gradient, least, most)
+            following = (1 + (1 + 4 * momentum**2) ** 0.5) / 2
+            ahead = result + (momentum - 1) / following * (result - before)
+            momentum = following
+        still_open = _open_shares(result, bare, exceedances)
+    return result
+
+
+def expected_shares(coverage: Floats, bare: Floats, exceedances: Floats) -> Floats:
+    """Return the shares of the view in the bins, (..., K) float64, by the Boolean model.
+
+    Args:
+        coverage: (..., K) mean coverages.
+        bare: see `solve_coverage`.
+        exceedances: see `solve_coverage`.
+    """
+    ends = np.zeros((*coverage.shape[:-1], 1))
+    return np.diff(np.concatenate([ends, _open_shares(coverage, bare, exceedances), ends + 1], axis=-1))
+
+
+def _open_shares(coverage: Floats, bare: Floats, exceedances: Floats) -> Floats:
+    result: Floats = bare * np.exp(-coverage[..., None, :] @ exceedances)[..., 0, :]
+    return result
+
+
+@cache
+def _unit_points() -> Floats:
+    """Evenly spread points of the unit cube of six dimensions, (128, 6): Roberts' sequence.
+
+    Its steps are powers of the root of x^(d + 1) = x + 1.
+    """
+    root = 1.5
+    for _ in range(50):
+        root = (1 + root) ** (1 / 7)
+    steps = root ** -np.arange(1, 7, dtype=np.float64)
+    points: Floats = (np.arange(1, _SAMPLES + 1)[:, None] * steps + 0.5) % 1.0
+    return points

@@ -1,0 +1,204 @@
+"""The fate of every image and crop: counts of kept and rejected crops, and a few rejected ones to look at."""
+
+from collections import Counter, defaultdict
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from itertools import chain, zip_longest
+from typing import Literal, NamedTuple, get_args
+
+from semisynth_gl.errors import Skipped
+from semisynth_gl.textures.crops import Square
+
+Reason = Literal["flat", "blurred", "duplicate"]
+Outcome = Literal[Reason, "surplus", "kept", "kept_flat"]
+REASONS: tuple[Reason, ...] = get_args(Reason)
+REJECTIONS: tuple[Outcome, ...] = (*REASONS, "surplus")
+
+_EXAMPLES = 12
+
+
+class JudgedCrop(NamedTuple):
+    """A crop, and the reason against it.
+
+    Attributes:
+        reason: None where nothing speaks against the crop.
+        square: the crop.
+        like: of a duplicate, the crop that it hardly differs from.
+    """
+
+    reason: Reason | None
+    square: Square
+    like: Square | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedClip:
+    """All crops of an image, or of successive frames.
+
+    Attributes:
+        frame_count: number of frames; 1 for a still image.
+        crops: the crops, at least one.
+    """
+
+    frame_count: int
+    crops: Sequence[JudgedCrop]
+
+    @property
+    def source(self) -> str:
+        """Name of the image, as in `Square`."""
+        return self.crops[0].square.source
+
+
+@dataclass(frozen=True, slots=True)
+class CropCount:
+    """Numbers of crops of one side in one image; a square that is followed through several frames counts once.
+
+    Attributes:
+        source: name of the image, as in `Square`.
+        side_px: side of the squares in the image.
+        kept: crops that became patches, ``kept_flat`` included.
+        kept_flat: flat crops that became patches, as ``flat_share`` wants.
+        flat: rejected, less texture than ``min_texture`` in any frame.
+        blurred: rejected, less sharp than ``min_sharpness`` in any frame.
+        duplicate: rejected, differs less than ``min_difference`` from another crop.
+        surplus: rejected, as there were more than wanted.
+    """
+
+    source: str
+    side_px: int
+    kept: int = 0
+    kept_flat: int = 0
+    flat: int = 0
+    blurred: int = 0
+    duplicate: int = 0
+    surplus: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TextureReport:
+    """The fate of all images and of their crops. Each frame of an image sequence counts as an image.
+
+    ``images_used + images_unused + len(too_small) + len(images_skipped) + images_not_opened`` is the number of given
+    images, and ``counts`` has every crop of the images that were opened.
+
+    Attributes:
+        images_used: images with at least one patch in the atlas.
+        images_unused: images that were read, but have no patch in the atlas.
+        too_small: names of the images that are shorter than a patch along a side.
+        images_skipped: images that could not be read, and why.
+        images_not_opened: images that were not needed, because there were enough patches.
+        counts: by image and side of the squares, in this order; an image without a square has none.
+        examples: a few rejected crops, of different images where possible.
+        patch_px: side of a patch, pixels.
+        min_texture: least texture of a crop that is not flat, 8-bit levels of `texture_measure`.
+        flat_share: wanted share of flat patches.
+        longest_clip: most layers that one patch has.
+    """
+
+    images_used: int
+    images_unused: int = 0
+    too_small: tuple[str, ...] = ()
+    images_skipped: tuple[Skipped, ...] = ()
+    images_not_opened: int = 0
+    counts: tuple[CropCount, ...]
+    examples: tuple[JudgedCrop, ...] = ()
+    patch_px: int
+    min_texture: float = 0.0
+    flat_share: float = 0.0
+    longest_clip: int = 1
+
+    def total(self, outcome: Outcome) -> int:
+        """Return the number of crops with an outcome, over all images."""
+        return count_crops(self.counts, outcome)
+
+    @property
+    def scale_names(self) -> dict[int, str]:
+        """The scales of the crops, such as ``{256: "1x", 512: "2x"}``, by side."""
+        return {side: f"{side / self.patch_px:g}x" for side in sorted({count.side_px for count in self.counts})}
+
+    @property
+    def grouped_counts(self) -> dict[str, list[CropCount]]:
+        """The counts by `patch_group`, in their order."""
+        groups: dict[str, list[CropCount]] = defaultdict(list)
+        for count in self.counts:
+            groups[patch_group(count.source)].append(count)
+        return dict(groups)
+
+    def summary(self) -> str:
+        """Return a few lines: the patches, the rejected crops with the measures, and the images without a patch."""
+        kept, kept_flat = self.total("kept"), self.total("kept_flat")
+        frames = f" of up to {self.longest_clip} frames" if self.longest_clip > 1 else ""
+        text = (
+            f"{_counted(kept, 'patch')} of {self.patch_px} x {self.patch_px} pixels{frames} from "
+            f"{_counted(self.images_used, 'image')}; {_counted(self.total('flat'), 'crop')} left out as flat (median "
+            f"over 8 x 8 cells of the standard deviation of luminance below {self.min_texture:g} levels), "
+            f"{self.total('blurred')} as blurred, {self.total('duplicate')} as duplicates, "
+            f"{self.total('surplus')} as more than wanted"
+        )
+        lines = [text]
+        if self.flat_share:
+            lines.append(
+                f"{_counted(kept_flat, 'patch')} nearly without texture, {kept_flat / max(kept, 1):.1%} of all "
+                f"({self.flat_share:.1%} were wanted)"
+            )
+        unused = {
+            "not readable": len(self.images_skipped),
+            f"smaller than {self.patch_px} pixels": len(self.too_small),
+            "without a patch in the atlas": self.images_unused,
+            "not opened, enough patches had been found": self.images_not_opened,
+        }
+        if any(unused.values()):
+            lines.append(f"images left out: {'; '.join(f'{count} {why}' for why, count in unused.items() if count)}")
+        return "\n".join([*lines, *(f"not readable: {skipped}" for skipped in self.images_skipped)])
+
+
+def crop_counts(clips: Sequence[JudgedClip], kept: Collection[Square]) -> tuple[CropCount, ...]:
+    """Count the crops of each clip by side, given the squares that became patches."""
+    counts = []
+    for clip in clips:
+        outcomes: Counter[tuple[int, Outcome]] = Counter()
+        for crop in clip.crops:
+            outcome: Outcome = crop.reason or "surplus"
+            if crop.square in kept:
+                outcome = "kept_flat" if crop.reason else "kept"
+            outcomes[crop.square.side_px, outcome] += 1
+        counts += [
+            CropCount(
+                clip.source,
+                side,
+                kept=outcomes[side, "kept"] + outcomes[side, "kept_flat"],
+                kept_flat=outcomes[side, "kept_flat"],
+                **{outcome: outcomes[side, outcome] for outcome in REJECTIONS},
+            )
+            for side in sorted({side for side, _ in outcomes})
+        ]
+    return tuple(counts)
+
+
+def rejected_examples(clips: Sequence[JudgedClip], kept: Collection[Square]) -> tuple[JudgedCrop, ...]:
+    """Choose a few rejected crops: for each reason the same number from each clip, as far as its crops go."""
+    examples: list[JudgedCrop] = []
+    for reason in REASONS:
+        rejected = [
+            [crop for crop in clip.crops if crop.reason == reason and crop.square not in kept] for clip in clips
+        ]
+        # Evenly spread: the first ones would all show the upper border. Duplicates are in random order already.
+        spread = [crops if reason == "duplicate" else crops[:: -(-len(crops) // _EXAMPLES) or 1] for crops in rejected]
+        in_turn = [crop for crop in chain.from_iterable(zip_longest(*spread)) if crop is not None]
+        examples += sorted(in_turn[:_EXAMPLES])
+    return tuple(examples)
+
+
+def count_crops(counts: Collection[CropCount], outcome: Outcome, side_px: int | None = None) -> int:
+    """Return the number of crops with an outcome, of one side or of all."""
+    return sum(getattr(count, outcome) for count in counts if side_px in (None, count.side_px))
+
+
+def patch_group(source: str) -> str:
+    """Return the group that a patch is shown in: its image, or the kind of a procedural patch."""
+    return source.rsplit("/", 1)[0] if source.startswith("procedural/") else source
+
+
+def _counted(number: int, noun: str) -> str:
+    plural = noun + ("es" if noun.endswith("ch") else "s")
+    return f"{number} {noun if number == 1 else plural}"

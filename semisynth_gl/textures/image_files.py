@@ -1,0 +1,153 @@
+"""Image files: the files that sources name, their names in a dataset, and the photographs used where none are given."""
+
+import glob
+import os
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
+from importlib.util import find_spec
+from itertools import chain
+from pathlib import Path
+
+from ruamel.yaml import YAML
+
+from semisynth_gl.errors import InputError
+from semisynth_gl.resources import data_root
+from semisynth_gl.textures.images import image_extensions
+
+
+def find_images(sources: Sequence[str | Path]) -> list[Path]:
+    """Return the image files that the sources name.
+
+    Args:
+        sources: each a file, a folder (searched recursively, symbolic links followed) or a glob, in which ``**`` stands
+            for any folders and a matching folder is searched like a given one. ``~`` is the home folder. A file that
+            is named in full counts with any extension; in folders and globs only names with one of `image_extensions`
+            count.
+
+    Returns:
+        The files, sorted by name; a file that is reached twice, or by a link, appears once.
+
+    Raises:
+        InputError: where a source matches no image.
+    """
+    for source in sources:
+        if next(_expand(source, image_extensions()), None) is None:
+            raise InputError(
+                f"no image matches {str(source)!r}: expected an image file, a folder with images "
+                f"(.jpg, .png, .tif, .webp, ...) in it, or a glob such as 'photos/**/*.jpg'"
+            )
+    return find_files(sources, image_extensions())
+
+
+def find_files(sources: Sequence[str | Path], extensions: Collection[str]) -> list[Path]:
+    """Return files of any kind; sources are the same as for `find_images`.
+
+    Args:
+        sources: files, folders and globs.
+        extensions: extensions of files in folders and globs, in lower case and with the dot.
+
+    Returns:
+        The files, sorted by name, each once; a source that matches nothing adds none.
+    """
+    real_paths = dict(chain.from_iterable(_expand(source, extensions) for source in sources))
+    unique: dict[str, str] = {}
+    # Of several paths to a file the shortest gives its name: a link back up makes endless longer ones.
+    for path in sorted(real_paths, key=lambda path: (path.count("/"), path)):
+        unique.setdefault(real_paths[path], path)
+    return [Path(path) for path in sorted(unique.values())]
+
+
+def relative_names(images: Sequence[Path]) -> dict[Path, str]:
+    """Return the names of images relative to the folder that all share: the same wherever that folder lies."""
+    if not images:
+        return {}
+    absolute = [os.path.abspath(path) for path in images]  # noqa: PTH100  # links keep the user's names
+    folders = {os.path.dirname(path) for path in absolute}  # noqa: PTH120  # of strings: there may be thousands
+    start = len(os.path.join(os.path.commonpath(folders), ""))  # noqa: PTH118
+    return {path: name[start:] for path, name in zip(images, absolute, strict=True)}
+
+
+def printable(name: str) -> str:
+    """Return a name in one line: names of files may hold line breaks, and bytes that are no text."""
+    return "".join(letter if letter.isprintable() else "?" for letter in name)
+
+
+def builtin_licences() -> dict[str, str]:
+    """Return the licence of each of `builtin_photographs`, by file name."""
+    listed = YAML(typ="safe", pure=True).load(data_root("assets").joinpath("photographs.yaml").read_text("utf-8"))
+    return {photograph["file"]: photograph["licence"] for photograph in listed["photographs"]}
+
+
+def builtin_photographs() -> list[Path]:
+    """Return the photographs of the installed scikit-image package that ``assets/photographs.yaml`` lists.
+
+    The package is found without importing it, and nothing is ever downloaded.
+
+    Returns:
+        Their paths, in the order of the list.
+
+    Raises:
+        InputError: where scikit-image is not installed, or lacks a file of the list.
+    """
+    spec = find_spec("skimage")
+    if spec is None or not spec.submodule_search_locations:
+        raise InputError(
+            "no photographs: scikit-image, whose photographs are used where none are given, is not installed; "
+            "pass --images with your own, or install it: pip install 'semisynth-gl[photographs]'"
+        )
+    folder = Path(spec.submodule_search_locations[0]) / "data"
+    paths = [folder / name for name in builtin_licences()]
+    missing = [path.name for path in paths if not path.is_file()]
+    if missing:
+        raise InputError(
+            f"the installed scikit-image lacks {', '.join(missing)}: expected them in {folder}; "
+            f"pass --images with your own photographs, or reinstall: pip install 'semisynth-gl[photographs]'"
+        )
+    return paths
+
+
+# Paths are strings here and a file's real folder is looked up once: a folder may hold thousands.
+_Paths = Iterator[tuple[str, str]]
+"""The path of each file under the source, and its real path."""
+
+
+def _expand(source: str | Path, extensions: Collection[str]) -> _Paths:
+    source = str(Path(source).expanduser())
+    # An existing path comes before a glob: "[" and "*" may stand in a real file name.
+    if os.path.isfile(source):  # noqa: PTH113
+        yield source, os.path.realpath(source)
+    elif os.path.isdir(source):  # noqa: PTH112
+        yield from _files_below(source, extensions)
+    else:
+        for match in glob.glob(source, recursive=True):  # noqa: PTH207  # Path.glob takes no absolute pattern
+            path = str(Path(match))
+            if os.path.isdir(path):  # noqa: PTH112
+                yield from _files_below(path, extensions)
+            elif _has_extension(path, extensions) and os.path.isfile(path):  # noqa: PTH113
+                yield path, os.path.realpath(path)
+
+
+def _files_below(top: str, extensions: Collection[str]) -> _Paths:
+    entered: set[str] = set()
+    folders = [top]
+    for folder in folders:  # the list grows in the loop, so that folders nearer to the top come first
+        real = os.path.realpath(folder)
+        if real in entered:  # through a link
+            continue
+        entered.add(real)
+        below = []
+        with suppress(OSError):  # a folder without the right to read it is passed over, as is a broken link
+            below = sorted(os.scandir(folder), key=lambda entry: entry.name)
+        for entry in below:
+            path = entry.name if folder == "." else entry.path
+            with suppress(OSError):
+                if entry.is_dir():
+                    folders.append(path)
+                elif _has_extension(path, extensions) and entry.is_file():
+                    yield path, os.path.realpath(path) if entry.is_symlink() else f"{real}/{entry.name}"
+
+
+def _has_extension(path: str, extensions: Collection[str]) -> bool:
+    name = path[path.rfind("/") + 1 :]
+    dot = name.rfind(".")
+    return dot > 0 and name[dot:].lower() in extensions

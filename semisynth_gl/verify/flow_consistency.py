@@ -1,0 +1,172 @@
+"""Flow and change of disparity against those of the other view, and against the next frame of a sequence."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.camera import EYES, Eye
+from semisynth_gl.dataset.stored import StoredFrame
+from semisynth_gl.frame import OCCLUDED, VISIBLE
+from semisynth_gl.verify.agreement import (
+    UNCERTAIN,
+    Agreement,
+    Targets,
+    all_components,
+    check_mask_agreement,
+    spread_evenly,
+)
+from semisynth_gl.verify.photometry import check_flow_images
+from semisynth_gl.verify.single_view import OPPOSITE, has_flow, view_of
+from semisynth_gl.verify.verdict import Verdict
+from semisynth_gl.verify.view_consistency import HIDDEN_PX, SEEN_PX, SMOOTH_PX, ViewMatch, one_surface
+
+Values = NDArray[np.float32]
+Where = NDArray[np.bool_]
+
+# Enough for shares and medians; more would only take time.
+_MAX_PIXELS = 200_000
+
+
+def check_flow_views(frame: StoredFrame, match: ViewMatch, visible: Where, verdict: Verdict) -> None:
+    """Check the left view's flow and change of disparity against the right view's at x - d, where both see a point.
+
+    The point at x - d moves to x + u - (d + change). So the right u is the left one less the change, and v and the
+    change are the same. Backward there is no change to subtract, and v alone is judged.
+
+    Args:
+        frame: the pair as it was read.
+        match: of the left view.
+        visible: (H, W) bool, where both views see the point.
+        verdict: takes findings and measures.
+    """
+    left, right = view_of(frame, "left"), view_of(frame, "right")
+    smooth = visible & match.smooth
+    for channel in OPPOSITE.keys() & left.keys():
+        smooth &= _is_smooth(left[channel])
+    row, column = np.divmod(spread_evenly(np.flatnonzero(smooth), _MAX_PIXELS), visible.shape[1])
+    targets = Targets(row, column, match.position[row, column], row.astype(np.float64), on_rows=True)
+    surface = one_surface(match, visible)[row, column]
+
+    def check(check: str, measure: str, names: tuple[str, str], own: Values, other: Values, error_px: float) -> None:
+        """Compare arrays (H, W, C) of the left view and of the right one."""
+        agreement = Agreement((names[0], f"{names[1]} at x - d"), own, other, targets, error_px)
+        agreement.check(check, measure, agreement.known, surface & agreement.close, verdict)
+
+    change = left.get("disparity_change")
+    for channel in OPPOSITE:
+        own, other = left.get(channel), right.get(channel)
+        if own is None or other is None:
+            continue
+        names = f"{channel}_left", f"{channel}_right"
+        if channel == "flow" and change is not None:
+            own = own.copy()
+            with np.errstate(invalid="ignore"):
+                own[..., 0] -= change
+            names = f"{names[0]} less disparity_change_left", names[1]
+        else:
+            own, other = own[..., 1:], other[..., 1:]
+            names = f"the v of {names[0]}", f"the v of {names[1]}"
+        check("flow-views", f"{channel}_views", names, own, other, 2 * frame.flow_error_px)
+    right_change = right.get("disparity_change")
+    if change is not None and right_change is not None:
+        names = "disparity_change_left", "disparity_change_right"
+        check("change", "disparity_change_views", names, change[..., None], right_change[..., None], 0.0)
+
+
+def follow_flow(flow: Values, disparity: Values) -> Targets:
+    """Follow pixels along their flow, where it stays in the image and the surface goes on to all sides.
+
+    Of more than 200,000 pixels, as many are taken, evenly spread.
+
+    Args:
+        flow: (H, W, 2) float32 px.
+        disparity: (H, W) float32 px.
+    """
+    height, width = disparity.shape
+    followed = has_flow(flow) & _is_smooth(disparity[..., None]) & _is_smooth(flow)
+    known = np.where(followed[..., None], flow, 0).astype(np.float64)
+    x, y = np.arange(width) + known[..., 0], np.arange(height)[:, None] + known[..., 1]
+    followed &= (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
+    row, column = np.divmod(spread_evenly(np.flatnonzero(followed), _MAX_PIXELS), width)
+    return Targets(row, column, x[row, column], y[row, column])
+
+
+def check_frames(before: StoredFrame, after: StoredFrame, verdict: Verdict, *, images: bool) -> None:
+    """Check flow, its masks and changes of disparity between a frame and the next one of its sequence.
+
+    Args:
+        before: the earlier pair as it was read.
+        after: the next one; of the same size.
+        verdict: takes findings and measures.
+        images: whether the images of both show the same textures, bit for bit but for resampling.
+    """
+    for eye in EYES:
+        for channel in OPPOSITE:
+            start, end = (before, after) if channel == "flow" else (after, before)
+            _check_direction(channel, eye, start, end, verdict, images=images)
+
+
+def _check_direction(
+    channel: str, eye: Eye, start: StoredFrame, end: StoredFrame, verdict: Verdict, *, images: bool
+) -> None:
+    own, other = view_of(start, eye), view_of(end, eye)
+    if not own.keys() >= {channel, f"{channel}_visibility", "disparity"} or "disparity" not in other:
+        return
+    flow, disparity, other_disparity = own[channel], own["disparity"], other["disparity"]
+    name = f"{channel}_{eye}"
+    targets = follow_flow(flow, disparity)
+    values = own[f"{channel}_visibility"][targets.row, targets.column]
+    visible = values == VISIBLE
+    with np.errstate(invalid="ignore"):
+        surface = np.ptp(targets.corners(other_disparity[..., None]), axis=0)[:, 0] < 1
+    agrees, hidden = np.ones_like(surface), np.zeros_like(surface)
+    agreements: list[tuple[str, str, Agreement]] = []
+
+    flow_back = other.get(OPPOSITE[channel])
+    if flow_back is not None:
+        names = f"{name} of {start.name}", f"the reverse of {OPPOSITE[channel]}_{eye} of {end.name} at x + flow"
+        agreement = Agreement(names, flow, -flow_back, targets, 2 * start.flow_error_px)
+        agreements.append(("flow-frames", f"{name}_frames", agreement))
+        surface &= agreement.close
+
+    # Both frames have the disparity at the later one: the earlier frame's change leads to it.
+    forward = channel == "flow"
+    change = (own if forward else other).get("disparity_change")
+    if change is not None:
+        now, later = f"disparity_{eye}", f"disparity_{eye} plus disparity_change_{eye}"
+        names = (later, now) if forward else (now, later)
+        names = f"{names[0]} of {start.name}", f"{names[1]} of {end.name} at x + flow"
+        disparities = (disparity + change, other_disparity) if forward else (disparity, other_disparity + change)
+        error_px = start.disparity_error_px + end.disparity_error_px
+        agreement = Agreement(names, disparities[0][..., None], disparities[1][..., None], targets, error_px)
+        agreements.append(("change", f"{name}_change", agreement))
+        with np.errstate(invalid="ignore"):
+            nearer = agreement.corners.min(axis=0) > agreement.vectors + HIDDEN_PX + error_px
+        hidden = (nearer & np.isfinite(agreement.references))[:, 0]
+
+    for check, measure, agreement in agreements:
+        with np.errstate(invalid="ignore"):
+            difference = np.abs(agreement.vectors - agreement.references)
+        agrees &= all_components(difference < SEEN_PX + agreement.error_px)
+        # Points nearer than the near plane, and values beyond an encoding, have no reference.
+        agreement.check(check, measure, visible & agreement.known, surface, verdict)
+    if agreements:
+        # Two surfaces of similar disparity are told apart by the flow back alone.
+        seen = surface & agrees & (flow_back is not None)
+        expected = np.where(hidden, OCCLUDED, np.where(seen, VISIBLE, UNCERTAIN)).astype(np.uint8)
+        measure = f"{channel}_visibility_{eye}"
+        check_mask_agreement("flow-mask", f"{measure} of {start.name}", measure, values, expected, end.name, verdict)
+    if images:
+        label = f"{name} of {start.name} to {end.name}"
+        check_flow_images(label, name, (own["image"], other["image"]), targets.select(visible & surface), verdict)
+
+
+def _is_smooth(values: Values) -> Where:
+    """Return where a pixel and its neighbours in row and column are one surface, as (H, W, C) bends little; (H, W)."""
+    smooth = np.zeros(values.shape[:2], bool)
+    inner = smooth[1:-1, 1:-1]
+    inner[...] = True
+    for channel in np.moveaxis(values, 2, 0):
+        with np.errstate(invalid="ignore"):
+            inner &= np.abs(np.diff(channel[1:-1], 2, axis=1)) < SMOOTH_PX
+            inner &= np.abs(np.diff(channel[:, 1:-1], 2, axis=0)) < SMOOTH_PX
+    return smooth

@@ -1,0 +1,166 @@
+"""The strongest check: sample a pair's scene again, and cast float64 rays through some of its pixels."""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl import oracle
+from semisynth_gl.camera import EYES, Eye
+from semisynth_gl.dataset.reader import Index
+from semisynth_gl.dataset.remake import RemadeScenes
+from semisynth_gl.dataset.stored import StoredFrame
+from semisynth_gl.errors import InputError
+from semisynth_gl.scene.raycast import cast_rays
+from semisynth_gl.scene.sampler import SampledScene
+from semisynth_gl.scene.scene import Motion
+from semisynth_gl.splits import SplitName
+from semisynth_gl.verify.single_view import OPPOSITE, flow_bound_px, view_of
+from semisynth_gl.verify.verdict import Verdict, format_vector
+
+Values = NDArray[np.float64]
+RayValues = Mapping[str, Values]
+"""The values that R rays give for a view's channels, each (R, C) px."""
+
+# The renderer promises disparity at a pixel's centre to this error.
+_ERROR_PX = 1e-3
+# Rasterisers move vertices to a grid of 1/256 px at best, of 1/16 px at worst: beside an edge they may see the
+# surface on its other side.
+_EDGE_PX = 1 / 32
+# Rays around a pixel's centre: 25 steps to the right and down.
+_STEPS = (-_EDGE_PX, -_EDGE_PX / 8, 0.0, _EDGE_PX / 8, _EDGE_PX)
+_AROUND = tuple(steps.ravel() for steps in np.meshgrid(_STEPS, _STEPS))
+_MEASURES = {
+    "disparity": "oracle_largest_px",
+    "flow": "oracle_flow_largest_px",
+    "flow_backward": "oracle_flow_largest_px",
+    "disparity_change": "oracle_change_largest_px",
+}
+# The frame to which a motion leads, and the channels that compare with it.
+_MOTIONS = {"flow": (+1, ("flow", "disparity_change")), "flow_backward": (-1, ("flow_backward",))}
+
+
+class OracleCheck:
+    """Judges the pairs of a split by float64 rays through their scenes, sampled again.
+
+    Args:
+        index: the dataset.
+        split: the split of the pairs.
+
+    Raises:
+        InputError: where its scenes cannot be sampled again; see `RemadeScenes`.
+    """
+
+    def __init__(self, index: Index, split: SplitName) -> None:
+        try:
+            self._scenes = RemadeScenes(index, split)
+        except InputError as error:
+            raise InputError(
+                f"{error}. --oracle needs the scenes; verify without it to see what else is wrong with the dataset"
+            ) from None
+
+    def check(self, frame: StoredFrame, pixels: int, verdict: Verdict) -> None:
+        """Compare disparities, flow and changes of disparity with rays through randomly chosen pixels.
+
+        Args:
+            frame: the pair as it was read.
+            pixels: the number of rays, half of them in each view.
+            verdict: takes findings and measures.
+        """
+        sampled = self._scenes.sampled(frame)
+        if sampled is None:
+            verdict.add("oracle", "config and seed of the index give another camera than the pair's provenance has")
+            return
+        motions = {
+            name: self._scenes.motion(sampled, frames)
+            for name, (frames, channels) in _MOTIONS.items()
+            if any(channel in view_of(frame, eye) for channel in channels for eye in EYES)
+        }
+        rng = np.random.default_rng((self._scenes.seed, frame.index))
+        for eye in EYES:
+            if "disparity" not in view_of(frame, eye):
+                continue
+            height, width = view_of(frame, eye)["disparity"].shape
+            x = rng.integers(0, width, -(-pixels // 2)).astype(np.float64)
+            y = rng.integers(0, height, -(-pixels // 2)).astype(np.float64)
+            cast = partial(self._cast, sampled, eye)
+            _compare(frame, eye, (x, y), motions, cast, verdict)
+
+    def _cast(
+        self, sampled: SampledScene, eye: Eye, motions: Mapping[str, Motion], x: Values, y: Values
+    ) -> dict[str, Values]:
+        scene, models = sampled.scene, self._scenes.models
+        hits = cast_rays(scene, models, eye, x, y)
+        values = {"disparity": oracle.disparity_px(scene.camera, hits)[:, None]}
+        for name, motion in motions.items():
+            flows = oracle.flow(scene, models, motion, eye, x, y, hits)
+            values[name] = flows.flow_px
+            if name == "flow":
+                values["disparity_change"] = flows.disparity_change_px[:, None]
+        return values
+
+
+def _compare(
+    frame: StoredFrame,
+    eye: Eye,
+    pixels: tuple[Values, Values],
+    motions: Mapping[str, Motion],
+    cast: Callable[[Mapping[str, Motion], Values, Values], RayValues],
+    verdict: Verdict,
+) -> None:
+    """Compare a view's arrays with rays; the measures are the largest errors within the bounds."""
+    x, y = pixels
+    rays = cast(motions, x, y)
+    for channel, expected in rays.items():
+        array = view_of(frame, eye).get(channel)
+        if array is None:
+            continue
+        stored = array[y.astype(np.int64), x.astype(np.int64)].reshape(len(x), -1).astype(np.float64)
+        bound = _bound_px(frame, channel, stored)
+        encodable = _encodable(frame, channel, rays, stored)
+        with np.errstate(invalid="ignore"):
+            # Two inf agree.
+            error = np.where(stored == encodable, 0.0, np.abs(stored - encodable)).max(axis=1)
+        wrong = np.flatnonzero(~(error <= bound))
+        measure = _MEASURES[channel]
+        largest = float(error[error <= bound].max(initial=0.0))
+        verdict.measures[measure] = max(verdict.measures.get(measure, 0.0), largest)
+        if wrong.size:
+            needed = {name: motion for name, motion in motions.items() if channel in _MOTIONS[name][1]}
+            around = (np.add.outer(centre[wrong], step).ravel() for centre, step in zip(pixels, _AROUND, strict=True))
+            wrong = wrong[~_is_edge(frame, channel, cast(needed, *around), stored[wrong], bound[wrong])]
+        if wrong.size:
+            first = wrong[0]
+            verdict.add(
+                "oracle",
+                f"{channel}_{eye}: {wrong.size} of {len(x)} pixels are off by more than {bound[first]:.3g} px; at "
+                f"({x[first]:.0f}, {y[first]:.0f}) the ray gives {format_vector(expected[first])} px, "
+                f"the file has {format_vector(stored[first])} px",
+            )
+
+
+def _bound_px(frame: StoredFrame, channel: str, stored: Values) -> Values:
+    """Return the largest errors that values (R, C) of a file may have, (R,) px."""
+    if channel == "disparity":
+        return _ERROR_PX + frame.rounding_px(stored[:, 0])
+    known = np.where(np.isfinite(stored), stored, 0.0)
+    return flow_bound_px(known, 0.0 if channel == "disparity_change" else frame.flow_error_px)
+
+
+def _is_edge(frame: StoredFrame, channel: str, around: RayValues, stored: Values, bound: Values) -> NDArray[np.bool_]:
+    """Return whether a file's values (R, C) lie in the range of the rays around each pixel's centre, (R,)."""
+    repeated = np.repeat(stored, len(_AROUND[0]), axis=0)
+    values = _encodable(frame, channel, around, repeated).reshape(len(stored), -1, stored.shape[1])
+    low, high = values.min(axis=1) - bound[:, None], values.max(axis=1) + bound[:, None]
+    return np.asarray(((low <= stored) & (stored <= high)).all(axis=1))
+
+
+def _encodable(frame: StoredFrame, channel: str, rays: RayValues, stored: Values) -> Values:
+    """Return the rays' values (R, C), inf where they are beyond the file's encoding and the file (R, C) has inf."""
+    # Where the disparity is beyond the encoding, its change is missing too.
+    source, largest_px = rays["disparity"], frame.disparity_largest_px
+    if channel in OPPOSITE:
+        source, largest_px = np.abs(rays[channel]).max(axis=1, keepdims=True), frame.flow_largest_px
+    beyond = np.isinf(stored).all(axis=1, keepdims=True) & (source > largest_px)
+    return np.where(beyond, np.inf, rays[channel])

@@ -1,0 +1,295 @@
+"""Checks of one view by itself: disparity, calibration, depth, instances, flow and change of disparity."""
+
+from collections.abc import Mapping
+from dataclasses import fields
+from math import inf, isclose, isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.camera import EYES, Eye
+from semisynth_gl.dataset.stored import StoredFrame
+from semisynth_gl.frame import OUTSIDE, Frame
+from semisynth_gl.verify.agreement import all_components, check_mask_values, dot
+from semisynth_gl.verify.verdict import Verdict, count_pixels
+
+Where = NDArray[np.bool_]
+
+OPPOSITE: Mapping[str, str] = {"flow": "flow_backward", "flow_backward": "flow"}
+"""The two channels of flow, each with that of the other direction."""
+# Bounds of flow; docs/verify.md derives them.
+_FLOW_PX = 1e-3
+_FLOW_SHARE = 1e-5
+# calib.txt writes vmin and vmax with six digits, which loses at most 5e-6 of the value.
+_SIX_DIGITS = 1e-5
+# d = f B / Z - doffs in float32: f B and doffs are rounded once each, GPUs may divide with 2.5 units in the last place,
+# and depth and difference are rounded once each. 8 units of 2**-23 leave a margin of two.
+_FLOAT32 = 8 * 2.0**-23
+LAST_VALID_PX = 2.0
+"""A surface that leaves the valid range passes through 0; between two pixels its disparity falls by at most this."""
+
+
+def view_of(frame: StoredFrame, eye: Eye) -> Mapping[str, NDArray[Any]]:
+    """Return the arrays of one view by channel: ``image``, and those of `Frame` without the view's name."""
+    names = {field.name.removesuffix(eye).rstrip("_") or "image": field.name for field in fields(Frame)}
+    arrays = {channel: getattr(frame, name) for channel, name in names.items() if name.endswith(eye)}
+    return {channel: array for channel, array in arrays.items() if array is not None}
+
+
+def check_disparity(frame: StoredFrame, largest_px: float | None, verdict: Verdict) -> None:
+    """Check both disparities: no NaN, positive, inf only where the rig allows it.
+
+    Args:
+        frame: the pair as it was read.
+        largest_px: the largest disparity that the config allows, or None.
+        verdict: takes findings and measures.
+    """
+    invalid = pixels = 0
+    for eye in EYES:
+        disparity, name = view_of(frame, eye).get("disparity"), f"disparity_{eye}"
+        if disparity is None:
+            continue
+        valid, infinite = np.isfinite(disparity), np.isposinf(disparity)
+        pixels += disparity.size
+        invalid += int(infinite.sum())
+        verdict.add_pixels("disparity", name, "is NaN or -inf", ~(valid | infinite))
+        negative = valid & (disparity <= 0)
+        least = float(disparity.min(where=negative, initial=np.inf))
+        verdict.add_pixels("disparity", name, "is 0 or below", negative, f"; the least is {least:g} px")
+        if largest_px is not None and valid.any():
+            largest = float(disparity[valid].max())
+            if largest > largest_px * (1 + _SIX_DIGITS) + float(frame.rounding_px(largest)):
+                verdict.add("disparity", f"{name} reaches {largest:g} px, the config allows {largest_px:g} px")
+        if infinite.any():
+            _check_infinite(frame, eye, disparity, infinite, verdict)
+    verdict.measures["invalid_share"] = invalid / pixels
+
+
+def _check_infinite(
+    frame: StoredFrame, eye: Eye, disparity: NDArray[np.float32], infinite: Where, verdict: Verdict
+) -> None:
+    """Check that inf stands only where a surface may have left the valid range.
+
+    The background closes the view, so each pixel has a depth, and d = f B / Z - doffs is above 0 unless doffs is
+    positive and the surface far enough. A surface that goes so far passes through 0 first. Where disparities were
+    beyond the encoding, only the number of inf can be judged.
+    """
+    name, doffs_px = f"disparity_{eye}", frame.camera.doffs_px
+    beyond = count_beyond(frame, "disparity_beyond", eye, frame.disparity_largest_px)
+    if beyond:
+        count = int(infinite.sum())
+        if count < beyond or (doffs_px <= 0 and count != beyond):
+            verdict.add(
+                "disparity",
+                f"{name} is inf in {count_pixels(infinite)}, the provenance counts {beyond} beyond the encoding",
+            )
+        return
+    if doffs_px <= 0:
+        verdict.add_pixels("disparity", name, "is inf", infinite, f"; a doffs of {doffs_px:g} px rules that out")
+        return
+    around = disparity[neighbours(infinite) & np.isfinite(disparity)]
+    if around.size and float(around.min()) > LAST_VALID_PX:
+        least = f"; the disparities beside them are {float(around.min()):g} px or more"
+        verdict.add_pixels("disparity", name, "is inf", infinite, least)
+
+
+def count_beyond(frame: StoredFrame, key: str, eye: Eye, largest_px: float) -> int:
+    """Return how many values of a view were beyond the encoding, as the provenance counts them.
+
+    Args:
+        frame: the pair as it was read.
+        key: of the provenance.
+        eye: the view.
+        largest_px: the largest value that the encoding has; where that is inf, the number is 0.
+    """
+    counts = frame.provenance.get(key)
+    count = counts.get(eye) if isinstance(counts, dict) and isfinite(largest_px) else 0
+    return count if isinstance(count, int) else 0
+
+
+def check_calibration(frame: StoredFrame, verdict: Verdict) -> None:
+    """Check the camera against the pair's provenance, and calib.txt, where there is one, against the left disparity."""
+    calibration, camera = frame.calibration, frame.camera
+    recorded = frame.provenance.get("camera")
+    if isinstance(recorded, dict):
+        for name in camera.__slots__:
+            expected, value = recorded.get(name), getattr(camera, name)
+            # Through millimetres and back the baseline may lose its last digit.
+            if not (isinstance(expected, int | float) and isclose(value, expected, rel_tol=1e-12, abs_tol=1e-12)):
+                verdict.add("calib", f"{name} is {value!r}, in the pair's provenance {expected!r}")
+    else:
+        verdict.add("calib", "the pair's provenance has no camera to compare with")
+    if calibration is None:
+        return
+    # Each number is written with all its digits; their difference is rounded once.
+    if not isclose(calibration.doffs_px, camera.doffs_px, rel_tol=1e-9, abs_tol=1e-9):
+        verdict.add("calib", f"doffs is {calibration.doffs_px!r}, cx1 - cx0 is {camera.doffs_px!r}")
+    disparity = view_of(frame, "left")["disparity"]
+    valid = disparity[np.isfinite(disparity)]
+    if not valid.size:
+        return
+    least, largest = float(valid.min()), float(valid.max())
+    for name, written, stored in (("vmin", calibration.vmin_px, least), ("vmax", calibration.vmax_px, largest)):
+        # The encoding rounds the file's disparities, six digits round those of calib.txt.
+        if abs(written - stored) > float(frame.rounding_px(stored)) + _SIX_DIGITS * max(1.0, abs(written), abs(stored)):
+            verdict.add("calib", f"{name} is {written:g}, the left disparity's is {stored:g} px")
+    if calibration.ndisp < largest * (1 - _SIX_DIGITS) - float(frame.rounding_px(largest)):
+        verdict.add("calib", f"ndisp {calibration.ndisp} is below the largest disparity, {largest:g} px")
+
+
+def check_depth(frame: StoredFrame, verdict: Verdict) -> None:
+    """Check Z = f B / (d + doffs) where there are depth files, to the rounding of float32 and of the encoding."""
+    camera = frame.camera
+    for eye in EYES:
+        view = view_of(frame, eye)
+        disparity, depth = view.get("disparity"), view.get("depth")
+        if depth is None or disparity is None:
+            continue
+        seen = np.isfinite(depth) & (depth > 0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            expected = camera.focal_baseline / depth.astype(np.float64) - camera.doffs_px
+            bound = _FLOAT32 * (np.abs(expected) + 2 * abs(camera.doffs_px)) + frame.rounding_px(disparity)
+            encodable = expected < frame.disparity_largest_px - bound
+            missing = seen & (expected > bound) & encodable
+            wrong = np.where(np.isfinite(disparity), ~(np.abs(disparity - expected) <= bound), missing)
+        if wrong.any():
+            y, x = np.argwhere(wrong)[0]
+            values = f"{depth[y, x]:g} m or {expected[y, x]:g} px, and a disparity of {disparity[y, x]:g} px"
+            verdict.add_pixels("depth", f"depth_{eye}", "is not that of the disparity", wrong, f", which has {values}")
+
+
+def check_instances(frame: StoredFrame, verdict: Verdict) -> None:
+    """Check that instance ids count rows of pair.json's ``instances``, and that 0 stands where nothing is seen."""
+    rows = frame.provenance.get("instances")
+    for eye in EYES:
+        view, name = view_of(frame, eye), f"instances_{eye}"
+        ids, disparity = view.get("instances"), view.get("disparity")
+        if ids is None or disparity is None:
+            continue
+        if not isinstance(rows, list):
+            verdict.add("instances", f"{name}: there are ids, but the pair's provenance has no list of instances")
+        elif int(ids.max()) > len(rows):
+            verdict.add("instances", f"{name} reaches {ids.max()}, the provenance lists {len(rows)} instances")
+        verdict.add_pixels("instances", name, "is 0 in spite of a disparity", (ids == 0) & np.isfinite(disparity))
+
+
+def has_flow(flow: NDArray[np.float32]) -> Where:
+    """Return where both components of flow (H, W, 2) are finite, (H, W) bool."""
+    return all_components(np.isfinite(flow))
+
+
+def flow_bound_px(flow: NDArray[np.floating], encoding_px: float = 0.0) -> NDArray[np.float64]:
+    """Return the largest error of a component of flow, or of a change of disparity, after rendering and encoding.
+
+    Args:
+        flow: (..., C) px, finite.
+        encoding_px: the encoding's part.
+
+    Returns:
+        (...) float64 px.
+    """
+    return _FLOW_PX + _FLOW_SHARE * np.sqrt(dot(flow, flow)) + encoding_px
+
+
+def check_flow(frame: StoredFrame, channel: str, eye: Eye, verdict: Verdict) -> None:
+    """Check a view's flow in one direction: no NaN, both components of a pixel or none, and the mask's zeros.
+
+    A mask is 0 exactly where there is no flow, or the flow leads out of the image.
+
+    Args:
+        frame: the pair as it was read.
+        channel: "flow" or "flow_backward".
+        eye: the view.
+        verdict: takes findings and measures.
+    """
+    view, name = view_of(frame, eye), f"{channel}_{eye}"
+    flow, mask = view.get(channel), view.get(f"{channel}_visibility")
+    if flow is None:
+        return
+    infinite = np.isposinf(flow)
+    verdict.add_pixels("flow", name, "is NaN or -inf", ~all_components(np.isfinite(flow) | infinite))
+    verdict.add_pixels("flow", name, "is inf in one component alone", infinite[..., 0] != infinite[..., 1])
+    missing = int((~has_flow(flow)).sum())
+    beyond = count_beyond(frame, f"{channel}_beyond", eye, frame.flow_largest_px)
+    if missing < beyond:
+        verdict.add(
+            "flow", f"{name}: {missing} pixels without flow, the provenance counts {beyond} beyond the encoding"
+        )
+    verdict.measures[f"{name}_none_share"] = missing / infinite[..., 0].size
+    if mask is not None:
+        _check_outside(f"{channel}_visibility_{eye}", flow, mask, frame.flow_error_px, verdict)
+
+
+def _check_outside(
+    name: str, flow: NDArray[np.float32], mask: NDArray[np.uint8], encoding_px: float, verdict: Verdict
+) -> None:
+    check_mask_values("flow-mask", name, mask, verdict)
+    known = has_flow(flow)
+    verdict.add_pixels("flow-mask", name, "is not 0 without flow", ~known & (mask != OUTSIDE))
+    height, width = mask.shape
+    flow = np.where(known[..., None], flow, 0)
+    x = np.arange(width) + flow[..., 0].astype(np.float64)
+    y = np.arange(height)[:, None] + flow[..., 1].astype(np.float64)
+    # The image's border lies half a pixel beyond the last centres.
+    inside_px = np.minimum(np.minimum(x, width - 1 - x), np.minimum(y, height - 1 - y)) + 0.5
+    margin = flow_bound_px(flow, encoding_px)
+    for fault, wrong in (
+        ("is 0 for flow into the image", known & (inside_px > margin) & (mask == OUTSIDE)),
+        ("is not 0 for flow out of the image", known & (inside_px < -margin) & (mask != OUTSIDE)),
+    ):
+        if wrong.any():
+            row, column = np.argwhere(wrong)[0]
+            goal = f", which has {mask[row, column]} and goes to ({x[row, column]:.6g}, {y[row, column]:.6g})"
+            verdict.add_pixels("flow-mask", name, fault, wrong, goal)
+
+
+def check_change(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict: Verdict) -> None:
+    """Check a view's change of disparity: finite exactly where disparity and flow are, and to a possible disparity.
+
+    Args:
+        frame: the pair as it was read.
+        eye: the view.
+        largest_px: the largest disparity that the config allows, or None.
+        verdict: takes findings and measures.
+    """
+    view = view_of(frame, eye)
+    change, disparity, flow = view.get("disparity_change"), view.get("disparity"), view.get("flow")
+    if change is None or disparity is None:
+        return
+    name = f"disparity_change_{eye}"
+    finite, infinite = np.isfinite(change), np.isposinf(change)
+    verdict.add_pixels("change", name, "is NaN or -inf", ~(finite | infinite))
+    known = finite & np.isfinite(disparity)
+    verdict.add_pixels("change", name, "is finite without a disparity", finite & ~known)
+    with np.errstate(invalid="ignore"):
+        later = disparity.astype(np.float64) + change
+    bound = _FLOW_PX + _FLOW_SHARE * np.abs(np.where(finite, later, 0)) + frame.rounding_px(disparity)
+    impossible = known & ((later < -bound) | (later > (inf if largest_px is None else largest_px) + bound))
+    if impossible.any():
+        row, column = np.argwhere(impossible)[0]
+        step = f", which goes from {disparity[row, column]:g} to {later[row, column]:g} px"
+        verdict.add_pixels("change", name, "leads to an impossible disparity", impossible, step)
+    if flow is None:
+        return
+    flows = has_flow(flow)
+    beyond = count_beyond(frame, "flow_beyond", eye, frame.flow_largest_px)
+    if int((known & ~flows).sum()) > beyond:
+        detail = f"; the provenance counts {beyond} with flow beyond the encoding"
+        verdict.add_pixels("change", name, "is finite without flow", known & ~flows, detail)
+    missing = np.isfinite(disparity) & flows & infinite
+    if missing.any():
+        # A disparity that leaves the valid range passes through 0, which it can where doffs is positive.
+        around = later[neighbours(missing) & known]
+        if frame.camera.doffs_px <= 0 or (around.size and float(around.min()) > LAST_VALID_PX):
+            verdict.add_pixels("change", name, "is inf in spite of disparity and flow", missing)
+
+
+def neighbours(where: Where) -> Where:
+    """Return the neighbours in the row and the column of the pixels that are set, both (H, W) bool."""
+    beside = np.zeros_like(where)
+    beside[1:] |= where[:-1]
+    beside[:-1] |= where[1:]
+    beside[:, 1:] |= where[:, :-1]
+    beside[:, :-1] |= where[:, 1:]
+    return beside

@@ -1,0 +1,154 @@
+"""The two disparities against each other, and the visibility masks against both."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.verify.agreement import UNCERTAIN, Agreement, Targets, check_mask_agreement, check_mask_values
+from semisynth_gl.verify.verdict import Verdict, count_pixels
+
+Values = NDArray[np.float32]
+Where = NDArray[np.bool_]
+
+# Bounds; docs/verify.md derives them.
+SMOOTH_PX = 0.25
+"""A pixel and its neighbours are one surface where the second difference is smaller."""
+HIDDEN_PX = 0.25
+"""A point is hidden where both pixels around it are nearer by more."""
+SEEN_PX = 0.05
+"""A point is seen where the difference is smaller."""
+_BORDER_PX = 1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewMatch:
+    """The pixels of one view at their columns in the other view.
+
+    Attributes:
+        disparity: (H, W) float32, px; 0 where it is invalid.
+        valid: (H, W) bool.
+        position: (H, W) float64, column in the other view.
+        inside: (H, W) bool, where both pixels around that column lie in the image.
+        smooth: (H, W) bool, where the pixel and its neighbours in the row are one surface.
+        corners: (2, H, W) float32, the other view's disparity in the two pixels around that column.
+    """
+
+    disparity: Values
+    valid: Where
+    position: NDArray[np.float64]
+    inside: Where
+    smooth: Where
+    corners: Values
+
+    @property
+    def low(self) -> Values:
+        """The smaller disparity of the two pixels, (H, W) float32."""
+        result: Values = np.minimum(self.corners[0], self.corners[1])
+        return result
+
+    @property
+    def high(self) -> Values:
+        """The larger disparity of the two pixels, (H, W) float32."""
+        result: Values = np.maximum(self.corners[0], self.corners[1])
+        return result
+
+    @property
+    def reference(self) -> Values:
+        """The other view's disparity, interpolated at the column, (H, W) float32."""
+        fraction = (self.position - np.floor(self.position)).astype(np.float32)
+        with np.errstate(invalid="ignore"):
+            result: Values = self.corners[0] * (1 - fraction) + self.corners[1] * fraction
+        return result
+
+
+def match_views(own: Values, other: Values, direction: int) -> ViewMatch:
+    """Look each pixel of one view up in the other one by its disparity.
+
+    Args:
+        own: (H, W) float32 px, the disparity of the view whose pixels are looked up.
+        other: (H, W) float32 px, the disparity of the other view.
+        direction: -1 for the left view (x_right = x_left - d), +1 for the right one.
+    """
+    height, width = own.shape
+    valid = np.isfinite(own) & (own > 0)
+    disparity = np.where(valid, own, np.float32(0))
+    position = np.arange(width) + direction * disparity.astype(np.float64)
+    column = np.floor(position).astype(np.int64)
+    row = np.arange(height)[:, None]
+    smooth = np.zeros((height, width), bool)
+    if width > 2:
+        smooth[:, 1:-1] = np.abs(np.diff(disparity, 2, axis=1)) < SMOOTH_PX
+    return ViewMatch(
+        disparity=disparity,
+        valid=valid,
+        position=position,
+        inside=valid & (position >= 0) & (position <= width - 1),
+        smooth=smooth,
+        corners=np.stack([other[row, (column + step).clip(0, width - 1)] for step in (0, 1)]),
+    )
+
+
+def visible_pixels(match: ViewMatch, mask: NDArray[np.uint8] | None) -> Where:
+    """Return where both views see a point, (H, W) bool: by the mask, or by the two disparities without one."""
+    if mask is not None:
+        seen: Where = match.inside & (mask == VISIBLE)
+        return seen
+    with np.errstate(invalid="ignore"):
+        not_hidden: Where = match.inside & (match.low <= match.disparity + HIDDEN_PX)
+    return not_hidden
+
+
+def one_surface(match: ViewMatch, visible: Where) -> Where:
+    """Return which of the visible pixels lie on a surface that goes on to both sides in both views, (H, W) bool."""
+    with np.errstate(invalid="ignore"):
+        return visible & match.smooth & (match.high - match.low < 1)
+
+
+def check_left_right(left: Values, right: Values, match: ViewMatch, visible: Where, verdict: Verdict) -> None:
+    """Check the left disparity against the right one at x - d, in visible pixels.
+
+    Disparity is linear along the row of a plane, so the right one, interpolated at x - d, is d again.
+
+    Args:
+        left: (H, W) float32 px, the left disparity.
+        right: (H, W) float32 px, the right one.
+        match: of the left view.
+        visible: (H, W) bool, where both views see the point.
+        verdict: takes findings and measures.
+    """
+    row, column = np.nonzero(visible & match.smooth)
+    targets = Targets(row, column, match.position[row, column], row.astype(np.float64), on_rows=True)
+    names = "disparity_left", "disparity_right at x - d"
+    agreement = Agreement(names, left[..., None], right[..., None], targets, 0.0, scaled_from_px=0.0)
+    agreement.check("left-right", "left_right", np.ones(len(row), bool), agreement.close, verdict)
+
+
+def check_visibility(name: str, mask: NDArray[np.uint8], match: ViewMatch, verdict: Verdict) -> None:
+    """Check a mask's values, and that it agrees with the disparities where they leave no doubt.
+
+    Args:
+        name: the mask's, for messages and measures.
+        mask: (H, W) uint8.
+        match: of the mask's view.
+        verdict: takes findings and measures.
+    """
+    check_mask_values("mask", name, mask, verdict)
+    invalid = ~match.valid & (mask != OUTSIDE)
+    if invalid.any():
+        verdict.add("mask", f"{name}: expected 0 without a disparity, got other values in {count_pixels(invalid)}")
+    # Beside depth edges the mask depends on where between two pixels of the other view a surface ends.
+    border = mask.shape[1] - 0.5
+    within = (match.position >= -0.5 + _BORDER_PX) & (match.position <= border - _BORDER_PX)
+    beyond = (match.position < -0.5 - _BORDER_PX) | (match.position > border + _BORDER_PX)
+    judged = match.valid & within & match.smooth
+    with np.errstate(invalid="ignore"):
+        hidden = judged & (match.low > match.disparity + HIDDEN_PX)
+        close = np.abs(match.disparity - match.reference) < SEEN_PX
+        seen = judged & (match.high - match.low < 1) & close
+    expected = np.full(mask.shape, UNCERTAIN, np.uint8)
+    expected[~match.valid | beyond] = OUTSIDE
+    expected[hidden] = OCCLUDED
+    expected[seen] = VISIBLE
+    check_mask_agreement("mask", name, name, mask, expected, "the disparities", verdict)
