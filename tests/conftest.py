@@ -2,15 +2,14 @@
 
 import os
 from collections.abc import Callable, Iterator
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from backends import backend_fault
 
-from semisynth_gl.errors import BackendError
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
-from semisynth_gl.render.context import Backend, open_context
+from semisynth_gl.render.context import Backend
 from semisynth_gl.render.devices import context_facts
 from semisynth_gl.render.renderer import Renderer
 
@@ -23,16 +22,6 @@ def _cache_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[No
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SEMISYNTH_GL_CACHE", str(tmp_path_factory.mktemp("cache")))
         yield
-
-
-@cache
-def backend_fault(backend: Backend) -> str | None:
-    """Why a backend cannot be used here, or None."""
-    try:
-        open_context(backend).release()
-    except BackendError as error:
-        return str(error)
-    return None
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -74,6 +63,10 @@ def open_renderer(backend: Backend) -> Iterator[Callable[..., Renderer]]:
 
     yield opener
     for renderer in opened:
+        # `Renderer.render` raises the errors of drawing; this finds those of all other calls.
+        if not renderer._released:  # noqa: SLF001 - a context that was released has no errors to tell
+            with renderer._gl as context:  # noqa: SLF001 - nobody else has the context
+                assert context.error == "GL_NO_ERROR"
         renderer.release()
 
 
@@ -89,21 +82,3 @@ def square() -> Mesh:
     """The unit square in x and y, with z = 0 and u, v along x, y."""
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     return make_mesh("square", np.c_[corners, np.zeros(4)], corners, [[0, 1, 2], [0, 2, 3]])
-
-
-def noise_layers(count: int, side: int, seed: int = 0) -> np.ndarray:
-    """Patches of white noise, the hardest to reproduce bit for bit."""
-    layers = np.random.default_rng(seed).integers(0, 256, (count, side, side, 4), dtype=np.uint8)
-    layers[..., 3] = 255
-    return layers
-
-
-def facing(
-    camera: object, left_px: float, top_px: float, width_px: float, height_px: float, depth_m: float
-) -> np.ndarray:
-    """Place the unit square facing the camera so that it covers a rectangle of pixels of the left view."""
-    matrix = np.eye(4)
-    metre = depth_m / camera.focal_px
-    matrix[0, 0], matrix[1, 1] = width_px * metre, height_px * metre
-    matrix[:3, 3] = (left_px - 0.5 - camera.cx_left_px) * metre, (top_px - 0.5 - camera.cy_px) * metre, depth_m
-    return matrix

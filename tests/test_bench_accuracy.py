@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import backend_fault
+from backends import backend_fault
 
 from semisynth_gl import encodings
 from semisynth_gl.bench.accuracy import Effort, measure, table

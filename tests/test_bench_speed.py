@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import backend_fault
+from backends import backend_fault
 from recorder import Recorder
 
 from semisynth_gl.bench import scaling

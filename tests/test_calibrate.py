@@ -646,7 +646,7 @@ def test_a_real_pair_becomes_a_config_that_renders(call, tmp_path, monkeypatch):
     np.testing.assert_allclose(truth.histogram.shares, target.shares, atol=2e-3)
     assert config.disparity.min_px == pytest.approx(np.quantile(disparity[np.isfinite(disparity)], 0.001), abs=0.15)
 
-    from conftest import backend_fault
+    from backends import backend_fault
 
     from semisynth_gl.pairs.pipeline import render_pair
 

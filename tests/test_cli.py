@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import backend_fault
+from backends import backend_fault
 from PIL import Image
 
 from semisynth_gl.cli import main
@@ -387,6 +387,7 @@ def test_ctrl_c_stops_without_traceback_or_half_pairs(tmp_path, photographs):
     deadline = time.monotonic() + 60
     while time.monotonic() < deadline and not (scenes.is_dir() and len(list(scenes.iterdir())) > 2):
         time.sleep(0.02)
+    assert len(list(scenes.iterdir())) > 2
     process.send_signal(signal.SIGINT)
     output, messages = process.communicate(timeout=30)
     assert process.returncode == 2

@@ -2,21 +2,14 @@
 
 import numpy as np
 import pytest
+from scenes import assert_equal
+from tiny_datasets import lean
 
 from semisynth_gl.camera import Crop, StereoCamera
 from semisynth_gl.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
-from tests.test_pipeline import lean
 
 CROPS = (Crop(0, 0, 24, 16), Crop(100, 61, 87, 64), Crop(60, 40, 1, 1), Crop(0, 0, 187, 125))
-
-
-def assert_equal(frame, whole, crop):
-    assert frame.camera == whole.camera.cropped(crop)
-    assert set(frame.arrays()) == set(whole.arrays())
-    for role, array in frame.arrays().items():
-        expected = whole.arrays()[role][crop.y_px : crop.bottom_px, crop.x_px : crop.right_px]
-        np.testing.assert_array_equal(array, expected, err_msg=role)
 
 
 @pytest.mark.one_backend

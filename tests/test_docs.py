@@ -2,49 +2,159 @@
 
 import re
 from pathlib import Path
+from types import UnionType
+from typing import Annotated, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel
+from pydantic_core import PydanticUndefined
 
-from semisynth_gl.config import Config, load_config, packaged_configs
+from semisynth_gl.config import Config, Range, load_config, packaged_configs
+from semisynth_gl.config.distributions import MixturePart, TargetSection, UniformTarget
+from semisynth_gl.config.model import DepthLayerSection
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.textures.image_files import builtin_photographs
 
 ROOT = Path(__file__).resolve().parents[1]
+CONFIG_PAGE = (ROOT / "docs" / "config.md").read_text("utf-8")
+FOLDERS_OF_PAGES = (".", "docs", "benchmarks/results", "benchmarks/peers", "shaders")
+PAGES = [page for folder in FOLDERS_OF_PAGES for page in sorted((ROOT / folder).glob("*.md"))]
+
+# Defaults that follow from other keys, as the page says them; the model has None.
+DERIVED = {
+    "camera.focal_px": "",
+    "camera.focal_mm": "",
+    "camera.sensor_width_mm": "",
+    "camera.cx_left_px": "symmetric about the centre",
+    "camera.cx_right_px": "symmetric about the centre",
+    "camera.cy_px": "(height - 1) / 2",
+    "camera.doffs_px": "0",
+    "background.wall_disparity_px": "`min_px`",
+    "structures.panel_disparity_px": "[min_px, sqrt(min_px max_px)]",
+    "particles.size_m": "",
+    "particles.layers": "solved from the target",
+}
 
 
-def keys_of(model):
+def default_text(key, default):
+    """The default of a key as the page writes it."""
+    if default is None:
+        return DERIVED[key]
+    if isinstance(default, Range):
+        default = default.low if default.low == default.high else (default.low, default.high)
+    if isinstance(default, tuple) and default:
+        return f"[{', '.join(default_text(key, value) for value in default)}]"
+    if isinstance(default, float):
+        return f"{default:g}"
+    written = {PydanticUndefined: "required", UniformTarget(): "`{form: uniform}`", (): "none", False: "false"}
+    return "1 each" if default == {} else written.get(default, str(default))
+
+
+def keys_with_defaults(model, section=""):
+    """Each dotted key of a config with its default's text, in the order of the model."""
     for name, field in model.model_fields.items():
-        annotation = field.annotation
-        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-            yield from keys_of(annotation)
+        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+            yield from keys_with_defaults(field.annotation, f"{name}.")
         else:
-            yield name
+            yield section + name, default_text(section + name, field.get_default(call_default_factory=True))
 
 
-def test_every_key_is_documented():
-    text = (ROOT / "docs" / "config.md").read_text()
-    missing = [key for key in keys_of(Config) if f"`{key}`" not in text]
-    assert missing == []
-    assert [name for name in packaged_configs() if f"`{name}`" not in text] == []
+def rows(heading):
+    """The cells of each row of the table with this heading on the page of configs."""
+    table = CONFIG_PAGE.split(f"{heading}\n|---")[1].split("\n\n")[0]
+    for line in table.splitlines()[1:]:
+        yield [cell.strip() for cell in line.strip("|").split("|")]
+
+
+def documented_keys():
+    """Each dotted key on the page with its default's text."""
+    section = ""
+    for names, defaults, _ in rows("| key | default | meaning |"):
+        if names.startswith("**"):
+            section = "" if names == "**top level**" else names.strip("*`") + "."
+            continue
+        keys = [section + name.strip("`") for name in names.split(", ")]
+        texts = defaults.split(", ") if defaults.count(", ") == len(keys) - 1 else [defaults] * len(keys)
+        yield from zip(keys, texts, strict=True)
+
+
+def models_in(annotation):
+    """The models that an annotation names, and the distribution's that stand inside."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    if get_origin(annotation) in (Union, UnionType, Annotated):
+        return [model for part in get_args(annotation) for model in models_in(part)]
+    return []
+
+
+def test_every_key_is_documented_with_its_default():
+    documented, true = dict(documented_keys()), dict(keys_with_defaults(Config))
+    assert len(documented) == len(list(documented_keys()))  # no key twice
+    assert documented.keys() == true.keys()
+    assert {key: (text, true[key]) for key, text in documented.items() if text != true[key]} == {}
+
+
+def test_every_key_of_a_layer_is_documented():
+    clutter = next(meaning for names, _, meaning in rows("| key | default | meaning |") if names == "`clutter`")
+    assert f"{{{', '.join(DepthLayerSection.model_fields)}}}" in clutter
+
+
+def test_every_form_of_the_target_is_documented_with_its_keys():
+    documented = {form.strip("`"): keys for form, keys, _ in rows("| `form` | keys | shape |")}
+    forms = {get_args(model.model_fields["form"].annotation)[0]: model for model in models_in(TargetSection)}
+    assert documented.keys() == {*forms, "file"}
+    assert "`path`" in documented["file"]
+    for form, model in forms.items():
+        for key, field in model.model_fields.items():
+            if get_origin(field.annotation) is not Literal:
+                text = f"`{key}` ({field.default:g})" if isinstance(field.default, float) else f"`{key}`"
+                assert text in documented[form]
+    assert f"`{{{', '.join(MixturePart.model_fields)}}}`" in documented["mixture"]
+
+
+def test_every_packaged_config_is_documented():
+    assert [name for name in packaged_configs() if f"`{name}`" not in CONFIG_PAGE] == []
 
 
 def test_the_example_config_loads(tmp_path):
-    text = (ROOT / "docs" / "config.md").read_text()
-    example = text.split("```yaml\n")[1].split("```")[0]
-    (tmp_path / "lab.yaml").write_text(example)
+    (tmp_path / "lab.yaml").write_text(CONFIG_PAGE.split("```yaml\n")[1].split("```")[0])
     assert load_config(tmp_path / "lab.yaml").camera.width_px == 1280
 
 
 def test_counts_in_the_documentation_are_true():
-    assert f"{len(SIMPLE_KINDS)} simple and {len(COMPLEX_KINDS)} complex kinds" in (ROOT / "CHANGELOG.md").read_text()
-    readme = " ".join((ROOT / "README.md").read_text().split())
-    assert f"the {len(SIMPLE_KINDS) + len(COMPLEX_KINDS)} kinds that are built in" in readme
+    simple, complex_ = len(SIMPLE_KINDS), len(COMPLEX_KINDS)
+    assert f"{simple} simple and {complex_} complex kinds" in (ROOT / "CHANGELOG.md").read_text("utf-8")
+    readme = " ".join((ROOT / "README.md").read_text("utf-8").split())
+    assert f"the {simple + complex_} kinds that are built in" in readme
     assert len(builtin_photographs()) == 8
     assert "the eight photographs in the public domain that scikit-image ships" in readme
+    pairs = re.search(r"^PAIRS \?= (\d+)$", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE).group(1)
+    middlebury, kitti = load_config("middlebury").camera, load_config("kitti").camera
+    rendered = re.search(r"renders (\d+) pairs (?:of|at) (\d+) x (\d+)", readme).groups()
+    assert rendered == (pairs, str(middlebury.width_px), str(middlebury.height_px))
+    assert f"({kitti.height_px}, {kitti.width_px}, 3) uint8" in readme
+
+
+def prose(page):
+    """A page without its blocks of code, where # begins a comment and no heading."""
+    return re.sub(r"^```.*?^```", "", page.read_text("utf-8"), flags=re.MULTILINE | re.DOTALL)
+
+
+def anchors(page):
+    """The anchors that GitHub gives the headings of a page."""
+    headings = re.findall(r"^#+ (.*)$", prose(page), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 def test_links_lead_somewhere():
-    for page in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]:
-        for target in re.findall(r"\]\(([^)#]+)\)", page.read_text()):
-            if "://" not in target:
-                assert (page.parent / target).exists(), f"{page.name}: {target}"
+    links = [
+        (page, target, anchor)
+        for page in PAGES
+        for target, anchor in re.findall(r"\]\(([^)#]*)#?([^)]*)\)", prose(page))
+        if "://" not in target
+    ]
+    dead = [f"{page.name}: {target}" for page, target, _ in links if not (page.parent / target).exists()]
+    assert dead == []
+    anchored = [((page.parent / target) if target else page, anchor) for page, target, anchor in links if anchor]
+    assert [f"{page.name}#{anchor}" for page, anchor in anchored if anchor not in anchors(page)] == []
+    assert len(links) > len(PAGES)
+    assert len(anchored) > 1

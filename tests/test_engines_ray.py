@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 from recorder import Recorder
-from test_generation import digests
-from test_pipeline import tiny
+from tiny_datasets import digests, tiny
 
 from semisynth_gl.engines import cluster
 from semisynth_gl.engines.cluster import RayEngine

@@ -8,9 +8,9 @@ from contextlib import redirect_stderr, redirect_stdout
 
 import numpy as np
 import pytest
-from conftest import backend_fault
+from backends import backend_fault
 from PIL import Image
-from test_report import config_of
+from tiny_datasets import config_of
 
 from semisynth_gl.cli import main
 from semisynth_gl.codecs.disparity_map import read_disparity_map

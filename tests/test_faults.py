@@ -7,8 +7,7 @@ import subprocess
 import time
 
 import pytest
-from test_generation import PAIRS, SEED, command, digests
-from test_pipeline import tiny
+from tiny_datasets import PAIRS, SEED, command, digests, tiny
 
 from semisynth_gl.generation.generate import generate
 

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import facing, noise_layers
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import assert_equal, facing, noise_layers
+from tiny_datasets import lean
 
 from semisynth_gl import oracle
 from semisynth_gl.camera import EYES, Crop, StereoCamera
@@ -20,8 +21,6 @@ from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import STILL, draw_sway, near_depth_m, rotation_about_axis
 from semisynth_gl.scene.scene import Motion, make_scene, move
 from semisynth_gl.scene.structures import STILL_MODELS, draw_surroundings
-from tests.test_crop import assert_equal
-from tests.test_pipeline import lean
 
 CAMERA = StereoCamera(200, 150, 220.0, 0.2, 95.0, 103.0, 70.0)
 FLOWS = ("flow", "flow_backward", "disparity_change")

@@ -9,12 +9,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from hand_made_pairs import CAMERA, decode, encode, make_frame, write_tree
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from pydantic import ValidationError
-from test_layouts import CAMERA, decode, encode, make_frame, write_tree
-from test_pipeline import tiny
+from tiny_datasets import tiny
 
 from semisynth_gl.codecs import FLOW_CODECS, Encodings
 from semisynth_gl.codecs.png import GREY16, RGB8, RGB16

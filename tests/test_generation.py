@@ -1,26 +1,23 @@
 """Datasets in every layout: the same bytes however they come about, and nothing lost whatever happens."""
 
 import errno
-import hashlib
 import json
 import os
 import shutil
 import signal
 import subprocess
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import backend_fault
+from backends import backend_fault
 from recorder import Recorder
-from test_pipeline import tiny
+from tiny_datasets import PAIRS, SEED, command, digests, findings, tiny
 
 from semisynth_gl.dataset.files import DatasetFiles
 from semisynth_gl.dataset.places import Folder
 from semisynth_gl.dataset.plan import make_plan
-from semisynth_gl.dataset.reader import open_dataset, read_index
+from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.dataset.shard import ShardBusyError, ShardWriter
 from semisynth_gl.engines.local import LocalEngine
 from semisynth_gl.errors import ContextLostError, InputError
@@ -28,10 +25,6 @@ from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts import layout_names
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.sources import prepare_sources
-from semisynth_gl.verify.dataset import verify_dataset
-
-PAIRS = 7
-SEED = 5
 
 
 @pytest.fixture(scope="module")
@@ -41,29 +34,11 @@ def config():
     return tiny(models={"complex": 0.0}, particles={"size_px": [40.0, 120.0]})
 
 
-def digests(folder):
-    """Digest of each file; records without the time that their pairs took."""
-    found = {}
-    for path in sorted(Path(folder).rglob("*")):
-        if path.is_file():
-            data = path.read_bytes()
-            if path.parent.name == "shards" and path.name.startswith("semisynth-") and path.suffix == ".json":
-                record = json.loads(data)
-                assert record.pop("seconds") > 0
-                data = json.dumps(record).encode()
-            found[path.relative_to(folder).as_posix()] = hashlib.sha256(data).hexdigest()
-    return found
-
-
 @pytest.fixture(scope="module", params=["middlebury", "webdataset"])
 def undisturbed(request, config, tmp_path_factory):
     out = tmp_path_factory.mktemp("undisturbed") / request.param
     generate(config, out, PAIRS, SEED, layout=request.param, shard_pairs=3)
     return request.param, out, digests(out)
-
-
-def findings(out, rays=0):
-    return [str(finding) for verdict in verify_dataset(read_index(out), rays) for finding in verdict.findings]
 
 
 def resumed(config, out, layout):
@@ -214,14 +189,6 @@ def test_a_lost_context_is_opened_again(undisturbed, config, tmp_path, monkeypat
     generate(config, tmp_path / "o", PAIRS, SEED, layout=layout, shard_pairs=3, listener=recorder)
     assert any("lost its context" in message for message in recorder.messages)
     assert digests(tmp_path / "o") == wanted
-
-
-def command(config, out, layout, *options):
-    path = Path(out).parent / "config.yaml"
-    # JSON is YAML; what is None is what was not given.
-    path.write_text(json.dumps(config.model_dump(mode="json", exclude_none=True)))
-    arguments = ["--config", path, "--out", out, "--pairs", PAIRS, "--seed", SEED, "--layout", layout]
-    return [sys.executable, "-m", "semisynth_gl", "generate", *map(str, (*arguments, "--shard-pairs", 3, *options))]
 
 
 @pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGTERM], ids=["kill", "term"])

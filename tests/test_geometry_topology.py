@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import noise_layers
+from scenes import noise_layers
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import facing, noise_layers
+from scenes import facing, noise_layers
 
 from semisynth_gl import oracle
 from semisynth_gl.camera import EYES, StereoCamera

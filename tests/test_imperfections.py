@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_pipeline import lean
+from tiny_datasets import lean
 
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.errors import InputError

@@ -13,6 +13,7 @@ from pathlib import Path, PurePosixPath
 import cv2
 import numpy as np
 import pytest
+from hand_made_pairs import CAMERA, INF, PAIRS, decode, encode, make_frame, make_provenance, write_tree
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -25,133 +26,19 @@ from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY16, RGB8
 from semisynth_gl.config import load_config
 from semisynth_gl.config.model import FilesSection
-from semisynth_gl.dataset.sample import assemble_frame, decode_file, encode_pair, share_beyond
+from semisynth_gl.dataset.sample import decode_file, share_beyond
 from semisynth_gl.errors import InputError, ReadError
-from semisynth_gl.frame import OCCLUDED, OUTPUTS, OUTSIDE, ROLES, VISIBLE, Frame, View
+from semisynth_gl.frame import OUTPUTS, OUTSIDE, ROLES, VISIBLE, Frame, View
 from semisynth_gl.layouts import Key, find_layout, layout_names
 from semisynth_gl.layouts.roles import expose, mask_from_not_occluded, number_objects
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.splits import SPLITS
 
-CAMERA = StereoCamera.centred(48, 32, 60.0, 0.25, 1.5)
-PAIRS = 7
-INF = np.float32(np.inf)
 OTHER_ENCODINGS = [
     ("middlebury", Encodings.from_names("png", "png16", "png16")),
     ("webdataset", Encodings.from_names("png", "tiff", "pfm")),
     ("webdataset", Encodings.from_names("qoi", "png16", "flo")),
 ]
-
-
-def make_view(rng, index, side):
-    """Every channel of one eye; image and disparity are marked with the pair's number at (4, 4)."""
-    height, width = CAMERA.height_px, CAMERA.width_px
-    image = rng.integers(0, 256, (height, width, 3), np.uint8)
-    image[:8, :8] = index * 8, 0 if side == "left" else 255, 128
-    # Never where rounding decides whether a point leaves the image.
-    disparity = (rng.integers(1, 30, (height, width)) + rng.uniform(0.2, 0.3, (height, width))).astype(np.float32)
-    disparity[rng.random((height, width)) < 0.1] = np.inf
-    disparity[4, 4] = index + (1.25 if side == "left" else 101.25)
-    column = np.arange(width) + (-disparity if side == "left" else disparity)
-    inside = np.isfinite(disparity) & (column >= -0.5) & (column < width - 0.5)
-    mask = np.where(inside, rng.choice([VISIBLE, OCCLUDED], (height, width)), OUTSIDE).astype(np.uint8)
-    depth = np.where(np.isfinite(disparity), CAMERA.depth_m(disparity), np.inf).astype(np.float32)
-    channels = {"image": image, "disparity": disparity, "visibility": mask, "depth": depth}
-    channels["instances"] = rng.integers(0, 9, (height, width), np.uint16)
-    for kind in ("flow", "flow_backward"):
-        channels[kind], channels[f"{kind}_visibility"] = flow_of(rng)
-    change = rng.normal(0, 3, (height, width)).astype(np.float32)
-    channels["disparity_change"] = np.where(np.isfinite(disparity), change, INF)
-    normals = rng.normal(size=(height, width, 3))
-    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
-    channels["normals"] = np.where(np.isfinite(disparity)[..., None], normals, 0).astype(np.float32)
-    return View(channels)
-
-
-def flow_of(rng):
-    """Flow, and a mask that goes with it."""
-    height, width = CAMERA.height_px, CAMERA.width_px
-    # Never where rounding decides whether a point leaves the image.
-    flow = (rng.integers(-20, 20, (height, width, 2)) + rng.uniform(0.2, 0.3, (height, width, 2))).astype(np.float32)
-    flow[rng.random((height, width)) < 0.1] = np.inf
-    column, row = np.arange(width) + flow[..., 0], np.arange(height)[:, None] + flow[..., 1]
-    inside = (column >= -0.5) & (column < width - 0.5) & (row >= -0.5) & (row < height - 0.5)
-    return flow, np.where(inside, rng.choice([VISIBLE, OCCLUDED], (height, width)), OUTSIDE).astype(np.uint8)
-
-
-def make_frame(index, outputs=OUTPUTS, truth="both"):
-    rng = np.random.default_rng(index)
-    arrays = Frame(CAMERA, *(make_view(rng, index, side) for side in EYES)).arrays()
-    return Frame.from_arrays(CAMERA, {role: arrays[role] for role in arrays if is_asked_for(role, outputs, truth)})
-
-
-def is_asked_for(role, outputs, truth):
-    side, channel = ROLES[role]
-    return (channel.output is None or channel.output in outputs) and (
-        truth == "both" or side == "left" or channel is View.image
-    )
-
-
-def make_provenance(index):
-    """As the pipeline makes them: some keys are there only for some pairs, and 1 stands beside 0.5."""
-    provenance = {
-        "pair": index,
-        "program": "semisynth-gl",
-        "version": "0.1.0",
-        "config": "lab",
-        "config_sha256": "0" * 64,
-        "seed": 2**62 + 1,
-        "renderer": "llvmpipe",
-        "backend": "egl",
-        "sequence": index,
-        "frame": 0,
-        "background": "cuboid",
-        "near_m": 0.5 if index % 2 else 1,
-        "camera": {each.name: getattr(CAMERA, each.name) for each in fields(CAMERA)} | {"doffs_px": CAMERA.doffs_px},
-        "models": {"face": 6, f"model-{index}": 2},
-        "instances": [{"model": "face" if row < 6 else "cube", "patch": row} for row in range(8)],
-    }
-    if index > 5:
-        provenance["redrawn"] = ["too dark"]
-    return provenance
-
-
-def encode(layout, index, split="train", frame=None, encodings=None, length=None):
-    key = Key("lab", split, index, length)
-    frame = make_frame(index) if frame is None else frame
-    return encode_pair(layout, key, frame, make_provenance(index), 256, encodings or layout.encodings or Encodings())
-
-
-def decode(layout, index, files, split="train", encodings=None, length=None):
-    encodings = encodings or layout.encodings or Encodings()
-    key = Key("lab", split, index, length)
-    roles = {path: role for role, path in layout.files(key, encodings).items()}
-    values = {
-        roles[path]: decode_file(layout, roles[path], data, Path(path), encodings) for path, data in files.items()
-    }
-    return assemble_frame(key, values, encodings)
-
-
-def write_tree(name, root, pairs=PAIRS, splits=("train",), length=None):
-    """Write a dataset as the program does, with links and empty folders; a length is that of sequences with flow."""
-    layout = find_layout(name)
-    encodings = layout.encodings or Encodings()
-    for split in splits:
-        folder = root / layout.folder(split, splits)
-        keys = [Key("lab", split, index, length) for index in range(pairs)]
-        files = {path: data for key in keys for path, data in encode(layout, key.index, split, length=length).items()}
-        for path, data in (files | layout.lists(keys, encodings)).items():
-            (folder / path).parent.mkdir(parents=True, exist_ok=True)
-            (folder / path).write_bytes(data)
-        for path in layout.folders():
-            (folder / path).mkdir(parents=True, exist_ok=True)
-        for path, target in layout.links(keys).items():
-            link = folder / path
-            link.parent.mkdir(parents=True, exist_ok=True)
-            if not link.is_symlink():
-                link.symlink_to(target)
-                assert link.exists(), link
-    return root
 
 
 def write_tar(path, indices):

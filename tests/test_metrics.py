@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
@@ -292,13 +292,23 @@ def test_counts_are_those_of_the_loops(protocol, case):
     assert counted.outliers_estimated == sum(
         outlier and has for outlier, (_, _, has) in zip(outliers, scored, strict=True)
     )
-    errors = [float(e) for e, _, _ in scored]
-    np.testing.assert_allclose(counted.sum_px, sum(errors), rtol=1e-9)
-    if errors and np.isfinite(errors).all():
-        wanted = sorted(errors)
-        places = [int(np.floor(np.float32(len(errors)) * np.float32(q))) for q in (0.5, 0.9, 0.95, 0.99)]
-        assert counted.quantiles_px == tuple(wanted[place] for place in places)
-        np.testing.assert_allclose(counted.sum_squared_px2, sum(e * e for e in errors), rtol=1e-6)
+    np.testing.assert_allclose(counted.sum_px, sum(float(e) for e, _, _ in scored), rtol=1e-9)
+
+
+@pytest.mark.parametrize("protocol", PROTOCOL_NAMES)
+@given(case=cases())
+@settings(max_examples=50, deadline=None)
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_quantiles_and_squares_are_those_of_the_loops(protocol, case):
+    prediction, truth, mask, ndisp, isint = case
+    isint &= protocol == "middlebury"
+    errors = [float(e) for e, _, _ in naive(prediction, truth, mask, protocol, ndisp, isint)[0]]
+    assume(errors and np.isfinite(errors).all())
+    counted = score(prediction, truth, protocol, mask=mask, limits=Limits(ndisp, isint))
+    wanted = sorted(errors)
+    places = [int(np.floor(np.float32(len(errors)) * np.float32(q))) for q in (0.5, 0.9, 0.95, 0.99)]
+    assert counted.quantiles_px == tuple(wanted[place] for place in places)
+    np.testing.assert_allclose(counted.sum_squared_px2, sum(e * e for e in errors), rtol=1e-6)
 
 
 @given(case=cases())

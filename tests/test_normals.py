@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_pipeline import lean
+from tiny_datasets import lean
 
 from semisynth_gl import open_dataset, oracle
 from semisynth_gl.camera import EYES

@@ -4,56 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tiny_datasets import lean, tiny
 
 import semisynth_gl
-from semisynth_gl.config import Config, load_config, packaged_configs
+from semisynth_gl.config import load_config, packaged_configs
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
-from semisynth_gl.textures.image_files import builtin_photographs
-
-SCALE = 1 / 8
-
-
-def scaled(value):
-    """A quantity in pixels, an eighth as large: the same scene, seen by a smaller sensor."""
-    if isinstance(value, list):
-        return [each * SCALE for each in value]
-    return None if value is None else value * SCALE
-
-
-def tiny(name="middlebury", **sections):
-    """A packaged config at an eighth of its size, with keys of sections replaced."""
-    values = load_config(name).model_dump(mode="json")
-    camera, disparity, background = values["camera"], values["disparity"], values["background"]
-    for key in ("focal_px", "cx_left_px", "cx_right_px", "cy_px", "doffs_px"):
-        camera[key] = scaled(camera[key])
-    camera["width_px"], camera["height_px"] = int(camera["width_px"] * SCALE), int(camera["height_px"] * SCALE)
-    for key in ("min_px", "max_px"):
-        disparity[key] = scaled(disparity[key])
-    disparity["target"]["bin_px"] = scaled(disparity["target"]["bin_px"])
-    for key in ("wall_disparity_px", "plane_disparity_px"):
-        background[key] = scaled(background[key])
-    values["particles"]["size_px"] = scaled(values["particles"]["size_px"])
-    for layer in values["particles"]["layers"] or ():
-        layer["disparity_px"] = scaled(layer["disparity_px"])
-    values["models"]["variants"] = 1
-    values["textures"]["patch_px"] = 64
-    for section, keys in sections.items():
-        values[section] |= keys
-    if values["textures"]["source"] == "builtin":
-        try:
-            builtin_photographs()
-        except InputError as error:
-            pytest.skip(str(error))
-    return Config.model_validate(values)
-
-
-def lean(name="middlebury", **sections):
-    """Like `tiny`, with a tenth of the models: for what does not depend on how many there are."""
-    most = load_config(name).disparity.max_px * SCALE
-    few = {"layers": [{"disparity_px": [0.1 * most, 0.9 * most], "count": 60}]}
-    return tiny(name, **{"particles": few, "models": {"complex": 0.3}} | sections)
 
 
 @pytest.mark.one_backend

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_pipeline import tiny
+from tiny_datasets import tiny
 
 from semisynth_gl import oracle
 from semisynth_gl.camera import EYES, StereoCamera

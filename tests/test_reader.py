@@ -5,8 +5,8 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import backend_fault
-from test_pipeline import lean, tiny
+from backends import backend_fault
+from tiny_datasets import lean, tiny
 
 from semisynth_gl.cli import main
 from semisynth_gl.codecs import DISPARITY_CODECS, Encodings, codec

@@ -4,8 +4,7 @@ import subprocess
 import sys
 
 import pytest
-from test_generation import PAIRS, SEED, command, digests, findings
-from test_pipeline import tiny
+from tiny_datasets import PAIRS, SEED, command, digests, findings, tiny
 
 from semisynth_gl.dataset.places import Remote
 from semisynth_gl.errors import InputError

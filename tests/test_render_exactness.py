@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import facing, noise_layers
+from scenes import facing, noise_layers
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE

@@ -13,15 +13,13 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-import test_setup
-from conftest import backend_fault, facing
-from test_pipeline import tiny
-from test_setup import become_root, machine  # noqa: F401 - a fixture
+from backends import backend_fault
+from scenes import facing
+from tiny_datasets import config_of
 
 from semisynth_gl import oracle
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.cli import main
-from semisynth_gl.config import Range
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import OCCLUDED
@@ -41,15 +39,6 @@ from semisynth_gl.scene.scene import make_scene
 
 PAIRS = {"train": 4, "validation": 2}
 CAMERA = StereoCamera.centred(200, 100, 150.0, 0.1)
-
-
-def config_of(**changes):
-    """Large models of a small number of triangles, so that rays are cheap."""
-    config = tiny(
-        "middlebury", models={"complex": 0.0, "user": 0.0}, textures={"source": "procedural", "max_patches": 24}
-    )
-    particles = config.particles.model_copy(update={"size_px": Range(30.0, 120.0), "most": 120})
-    return config.model_copy(update={"particles": particles, **changes})
 
 
 @pytest.fixture(scope="module")
@@ -814,41 +803,3 @@ def test_nothing_sticks_out_of_the_window(opened, width):
     stage = element(opened, "stage").rect
     assert 0.5 * min(width, 1000) < stage["width"] <= width
     opened.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
-
-
-# Where the browser comes from.
-
-
-@pytest.fixture
-def bare(machine, monkeypatch):  # noqa: F811 - the fixture's name
-    monkeypatch.setattr(test_setup, "SCRIPT", test_setup.CHECKOUT / "tools" / "browser-packages.sh")
-    return machine
-
-
-def test_root_gets_a_browser(bare):
-    become_root(bare)
-    code, said = bare.run()
-    assert (code, said) == (0, "Installing chromium chromium-driver\n")
-    assert bare.installed().splitlines()[-1].endswith("chromium chromium-driver")
-
-
-def test_others_are_told_what_to_type_and_go_on(bare):
-    code, said = bare.run()
-    assert code == 0
-    assert "apt-get install -y chromium chromium-driver" in said
-    assert bare.installed() == ""
-
-
-def test_a_system_without_that_package_goes_on(bare):
-    become_root(bare)
-    bare.offers("apt-cache", "exit 100\n")
-    code, said = bare.run()
-    assert code == 0
-    assert "offers no package chromium-driver" in said
-    assert "install" not in bare.installed()
-
-
-def test_where_a_browser_is_nothing_is_done(bare):
-    bare.offers("chromium", "")
-    bare.offers("chromedriver", "")
-    assert bare.run() == (0, "")

@@ -1,4 +1,4 @@
-"""tools/system-packages.sh and the Makefile, on machines that are made up of stand-ins for apt-get, sudo and Python."""
+"""Scripts of tools/ and the Makefile, on machines that are made up of stand-ins for apt-get, sudo and Python."""
 
 import os
 import re
@@ -221,3 +221,41 @@ def test_only_the_target_ablation_takes_the_images() -> None:
 def test_a_sheet_shows_no_pair_that_the_dataset_lacks() -> None:
     [shown] = re.findall(r"preview .*--pairs \$\(\( (.*?) \)\)", make("-n", "eth3d", "PAIRS=3"))
     assert shown == "3 < 4 ? 3 : 4"
+
+
+# tools/browser-packages.sh
+
+
+@pytest.fixture
+def bare(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> Machine:
+    monkeypatch.setattr(f"{__name__}.SCRIPT", CHECKOUT / "tools" / "browser-packages.sh")
+    return machine
+
+
+def test_root_gets_a_browser(bare: Machine) -> None:
+    become_root(bare)
+    code, said = bare.run()
+    assert (code, said) == (0, "Installing chromium chromium-driver\n")
+    assert bare.installed().splitlines()[-1].endswith("chromium chromium-driver")
+
+
+def test_others_are_told_what_to_type_and_go_on(bare: Machine) -> None:
+    code, said = bare.run()
+    assert code == 0
+    assert "apt-get install -y chromium chromium-driver" in said
+    assert bare.installed() == ""
+
+
+def test_a_system_without_that_package_goes_on(bare: Machine) -> None:
+    become_root(bare)
+    bare.offers("apt-cache", "exit 100\n")
+    code, said = bare.run()
+    assert code == 0
+    assert "offers no package chromium-driver" in said
+    assert "install" not in bare.installed()
+
+
+def test_where_a_browser_is_nothing_is_done(bare: Machine) -> None:
+    bare.offers("chromium", "")
+    bare.offers("chromedriver", "")
+    assert bare.run() == (0, "")

@@ -13,11 +13,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import backend_fault
-from test_pipeline import tiny
+from backends import backend_fault
+from tiny_datasets import cheap
 
 from semisynth_gl.camera import Crop, StereoCamera
-from semisynth_gl.config import Config
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.engines.task import threads_each
 from semisynth_gl.errors import BackendError, InputError
@@ -38,18 +37,6 @@ TIMEOUT_S = 120
 SEED = 3
 STEPS = 500
 WARM = 100
-
-
-def cheap(**sections):
-    """A config of pairs that take milliseconds."""
-    particles = {"layers": [{"disparity_px": [2, 12], "count": 5}]}
-    base = {"particles": particles, "models": {"complex": 0, "variants": 1}, "textures": {"max_patches": 16}}
-    values = tiny("sceneflow", **base).model_dump(mode="json")
-    values["camera"] |= {"width_px": 64, "height_px": 48}
-    values["outputs"] = ["visibility", "instances", "depth"]
-    for section, keys in sections.items():
-        values[section] = values[section] | keys if isinstance(keys, dict) else keys
-    return Config.model_validate(values)
 
 
 def indices(batches):

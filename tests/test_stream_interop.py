@@ -9,6 +9,7 @@ from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
+from tiny_datasets import cheap
 
 from semisynth_gl.camera import Crop
 from semisynth_gl.errors import BackendError, InputError
@@ -17,8 +18,6 @@ from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.readers import PixelBuffers
 
 torch = pytest.importorskip("torch")
-
-from test_stream import cheap  # noqa: E402 - it needs torch too
 
 from semisynth_gl.torch import Hardware, Selection, StereoStream, stream  # noqa: E402
 from semisynth_gl.torch.interop import CudaReader  # noqa: E402

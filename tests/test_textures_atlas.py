@@ -204,6 +204,7 @@ def test_the_same_photograph_twice_counts_once(tmp_path: Path) -> None:
     assert (atlas.report.total("kept"), atlas.report.total("duplicate")) == (24, 24)
     same = [patch for patch in atlas.patches if patch.source != "other.png"]
     assert len({(patch.left_px, patch.top_px) for patch in same}) == len(same) == 12
+    assert atlas.report.examples
     for example in atlas.report.examples:
         assert example.reason == "duplicate"
         assert example.like is not None

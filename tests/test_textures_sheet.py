@@ -74,9 +74,11 @@ def test_the_sheet_shows_every_patch_and_what_was_left_out(photographs):
     assert report.too_small == ("small.png",)
     assert sheet.shape[1:] == (1600, 3)
     assert sheet.dtype == np.uint8
-    for patch in atlas.patches[::11]:
-        if patch.side_px == report.patch_px:  # others have their scale in the corner
-            assert places_of(sheet, atlas.layers[patch.first_layer, ..., :3]), patch
+    # Patches of other scales have them written in the corner.
+    unscaled = [patch for patch in atlas.patches[::11] if patch.side_px == report.patch_px]
+    assert unscaled
+    for patch in unscaled:
+        assert places_of(sheet, atlas.layers[patch.first_layer, ..., :3]), patch
 
 
 def test_flat_patches_are_framed(photographs):
@@ -90,7 +92,9 @@ def test_flat_patches_are_framed(photographs):
 
 def test_counts_are_those_of_the_patches(photographs):
     atlas, _ = drawn(section(photographs, flat_share=0.1))
-    for source, counts in atlas.report.grouped_counts.items():
+    grouped = atlas.report.grouped_counts
+    assert sum(count.kept for counts in grouped.values() for count in counts) == len(atlas.patches) > 0
+    for source, counts in grouped.items():
         for count in counts:
             own = [patch for patch in atlas.patches if (patch.source, patch.side_px) == (source, count.side_px)]
             assert count.kept == len(own)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import backend_fault
+from backends import backend_fault
 
 torch = pytest.importorskip("torch")
 ROOT = Path(__file__).resolve().parents[1]

@@ -7,13 +7,14 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import backend_fault
+from backends import backend_fault
 from PIL import Image
-from test_pipeline import lean, tiny
+from planted_faults import all_findings, change_disparity, change_image, checks, findings, swap
+from tiny_datasets import lean, tiny
 
 from semisynth_gl.cli import main
 from semisynth_gl.codecs.pfm import PFM
-from semisynth_gl.codecs.png import GREY8, GREY16, RGB8
+from semisynth_gl.codecs.png import GREY16
 from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.errors import InputError
 from semisynth_gl.generation.generate import generate
@@ -58,42 +59,12 @@ def scene_of(dataset, number=1):
     return dataset / SCENES / f"middlebury-{number:06d}"
 
 
-def all_findings(dataset, rays=0):
-    return [finding for verdict in verify_dataset(read_index(dataset), rays) for finding in verdict.findings]
-
-
-def findings(dataset, rays=0):
-    """What is found beside the digest, which gives every change of a file away."""
-    return [finding for finding in all_findings(dataset, rays) if finding.check != "sha256"]
-
-
-def checks(dataset, rays=0):
-    return {finding.check for finding in findings(dataset, rays)}
-
-
-def change_image(path, change):
-    image = np.asarray(Image.open(path))
-    changed = np.ascontiguousarray(change(image))
-    path.write_bytes((GREY8 if changed.ndim == 2 else RGB8).encode(changed))
-
-
-def change_disparity(path, change):
-    path.write_bytes(PFM.encode(np.asarray(change(PFM.read(path)), np.float32)))
-
-
 def fit_calibration(scene):
     """Make vmin and vmax those of the disparity, so that they do not give a fault away."""
     disparity = PFM.read(scene / "disp0GT.pfm")
     path = scene / "calib.txt"
     text = re.sub("vmin=.*", f"vmin={disparity.min():g}", path.read_text())
     path.write_text(re.sub("vmax=.*", f"vmax={disparity.max():g}", text))
-
-
-def swap(scene, *stems):
-    for one, other in stems:
-        (scene / one).rename(scene / "swapped")
-        (scene / other).rename(scene / one)
-        (scene / "swapped").rename(scene / other)
 
 
 IMAGES, DISPARITIES, MASKS = ("im0.png", "im1.png"), ("disp0GT.pfm", "disp1GT.pfm"), ("mask0nocc.png", "mask1nocc.png")

@@ -5,10 +5,10 @@ import shutil
 
 import numpy as np
 import pytest
-from conftest import backend_fault
+from backends import backend_fault
 from PIL import Image
-from test_pipeline import tiny
-from test_verify import all_findings, change_disparity, change_image, checks, findings, swap
+from planted_faults import all_findings, change_disparity, change_image, checks, findings, swap
+from tiny_datasets import tiny
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.codecs import FLOW_CODECS
@@ -125,6 +125,7 @@ def test_a_clean_sequence_has_no_finding(datasets, encoding):
     verdicts = list(verify_dataset(read_index(datasets / encoding)))
     assert [str(finding) for verdict in verdicts for finding in verdict.findings] == []
     allowed = 1e-2 if encoding == "png16" else 2e-3
+    assert len(verdicts) == 1 + 3
     for verdict in verdicts[1:]:
         measures = verdict.measures
         assert measures["flow_views_median_px"] < allowed

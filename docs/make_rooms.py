@@ -1,0 +1,33 @@
+"""Write the table of rooms into docs/architecture.md, from docs/rooms.toml.
+
+python docs/make_rooms.py
+"""
+
+import tomllib
+from pathlib import Path
+
+DOCS = Path(__file__).resolve().parent
+PACKAGE = DOCS.parent / "semisynth_gl"
+BEGIN = "<!-- The table comes from rooms.toml: python docs/make_rooms.py -->\n"
+END = "<!-- end of the table -->\n"
+
+
+def rooms_table() -> str:
+    """Return the rooms as the rows of a Markdown table."""
+    rows = ["| room | idea | may use |", "|---|---|---|"]
+    for room in tomllib.loads((DOCS / "rooms.toml").read_text("utf-8"))["room"]:
+        suffix = "/" if (PACKAGE / room["name"]).is_dir() else ".py"
+        rows.append(f"| `{room['name']}{suffix}` | {room['idea']} | {', '.join(room['uses'])} |")
+    return "\n".join(rows) + "\n"
+
+
+def page_with_rooms(page: str) -> str:
+    """Return the page with the table of rooms between its two markers."""
+    before, rest = page.split(BEGIN)
+    _, after = rest.split(END)
+    return before + BEGIN + rooms_table() + END + after
+
+
+if __name__ == "__main__":
+    path = DOCS / "architecture.md"
+    path.write_text(page_with_rooms(path.read_text("utf-8")), "utf-8")

@@ -1,0 +1,107 @@
+"""Configs of tiny pairs, and the datasets that are generated from them."""
+
+import hashlib
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from semisynth_gl.config import Config, Range, load_config
+from semisynth_gl.dataset.reader import read_index
+from semisynth_gl.errors import InputError
+from semisynth_gl.textures.image_files import builtin_photographs
+from semisynth_gl.verify.dataset import verify_dataset
+
+SCALE = 1 / 8
+# Of the datasets that `command` generates.
+PAIRS = 7
+SEED = 5
+
+
+def scaled(value):
+    """A quantity in pixels, an eighth as large: the same scene, seen by a smaller sensor."""
+    if isinstance(value, list):
+        return [each * SCALE for each in value]
+    return None if value is None else value * SCALE
+
+
+def tiny(name="middlebury", **sections):
+    """A packaged config at an eighth of its size, with keys of sections replaced."""
+    values = load_config(name).model_dump(mode="json")
+    camera, disparity, background = values["camera"], values["disparity"], values["background"]
+    for key in ("focal_px", "cx_left_px", "cx_right_px", "cy_px", "doffs_px"):
+        camera[key] = scaled(camera[key])
+    camera["width_px"], camera["height_px"] = int(camera["width_px"] * SCALE), int(camera["height_px"] * SCALE)
+    for key in ("min_px", "max_px"):
+        disparity[key] = scaled(disparity[key])
+    disparity["target"]["bin_px"] = scaled(disparity["target"]["bin_px"])
+    for key in ("wall_disparity_px", "plane_disparity_px"):
+        background[key] = scaled(background[key])
+    values["particles"]["size_px"] = scaled(values["particles"]["size_px"])
+    for layer in values["particles"]["layers"] or ():
+        layer["disparity_px"] = scaled(layer["disparity_px"])
+    values["models"]["variants"] = 1
+    values["textures"]["patch_px"] = 64
+    for section, keys in sections.items():
+        values[section] |= keys
+    if values["textures"]["source"] == "builtin":
+        try:
+            builtin_photographs()
+        except InputError as error:
+            pytest.skip(str(error))
+    return Config.model_validate(values)
+
+
+def lean(name="middlebury", **sections):
+    """Like `tiny`, with a tenth of the models: for what does not depend on how many there are."""
+    most = load_config(name).disparity.max_px * SCALE
+    few = {"layers": [{"disparity_px": [0.1 * most, 0.9 * most], "count": 60}]}
+    return tiny(name, **{"particles": few, "models": {"complex": 0.3}} | sections)
+
+
+def cheap(**sections):
+    """A config of pairs that take milliseconds."""
+    particles = {"layers": [{"disparity_px": [2, 12], "count": 5}]}
+    base = {"particles": particles, "models": {"complex": 0, "variants": 1}, "textures": {"max_patches": 16}}
+    values = tiny("sceneflow", **base).model_dump(mode="json")
+    values["camera"] |= {"width_px": 64, "height_px": 48}
+    values["outputs"] = ["visibility", "instances", "depth"]
+    for section, keys in sections.items():
+        values[section] = values[section] | keys if isinstance(keys, dict) else keys
+    return Config.model_validate(values)
+
+
+def config_of(**changes):
+    """Large models of a small number of triangles, so that rays are cheap."""
+    config = tiny(
+        "middlebury", models={"complex": 0.0, "user": 0.0}, textures={"source": "procedural", "max_patches": 24}
+    )
+    particles = config.particles.model_copy(update={"size_px": Range(30.0, 120.0), "most": 120})
+    return config.model_copy(update={"particles": particles, **changes})
+
+
+def digests(folder):
+    """Digest of each file; records without the time that their pairs took."""
+    found = {}
+    for path in sorted(Path(folder).rglob("*")):
+        if path.is_file():
+            data = path.read_bytes()
+            if path.parent.name == "shards" and path.name.startswith("semisynth-") and path.suffix == ".json":
+                record = json.loads(data)
+                assert record.pop("seconds") > 0
+                data = json.dumps(record).encode()
+            found[path.relative_to(folder).as_posix()] = hashlib.sha256(data).hexdigest()
+    return found
+
+
+def findings(out, rays=0):
+    return [str(finding) for verdict in verify_dataset(read_index(out), rays) for finding in verdict.findings]
+
+
+def command(config, out, layout, *options):
+    path = Path(out).parent / "config.yaml"
+    # JSON is YAML; what is None is what was not given.
+    path.write_text(json.dumps(config.model_dump(mode="json", exclude_none=True)))
+    arguments = ["--config", path, "--out", out, "--pairs", PAIRS, "--seed", SEED, "--layout", layout]
+    return [sys.executable, "-m", "semisynth_gl", "generate", *map(str, (*arguments, "--shard-pairs", 3, *options))]
