@@ -1,5 +1,6 @@
 """Random generators, one per purpose, so that a draw more for one purpose shifts no draw of another."""
 
+import zlib
 from enum import IntEnum
 
 import numpy as np
@@ -24,10 +25,15 @@ class Purpose(IntEnum):
     CROP = 13
 
 
-def generator(seed: int, purpose: Purpose, *numbers: int) -> np.random.Generator:
-    """Return the generator of a purpose; ``numbers`` (sequence, generation, ...) must not be negative.
+def generator(seed: int, purpose: Purpose, *keys: int | str) -> np.random.Generator:
+    """Return the generator of a purpose.
 
-    They go into the spawn key: as entropy, [1, 2] and [1, 2, 0] would give the same stream.
+    Args:
+        seed: the dataset's.
+        purpose: see `Purpose`.
+        keys: numbers of 0 or more (sequence, generation, ...), or names, which stand for the CRC-32 of their UTF-8
+            bytes. They go into the spawn key: as entropy, [1, 2] and [1, 2, 0] would give the same stream.
     """
-    key = np.random.SeedSequence(seed, spawn_key=(int(purpose), *numbers))
-    return np.random.Generator(np.random.PCG64(key))
+    numbers = (zlib.crc32(key.encode()) if isinstance(key, str) else key for key in keys)
+    sequence = np.random.SeedSequence(seed, spawn_key=(int(purpose), *numbers))
+    return np.random.Generator(np.random.PCG64(sequence))
