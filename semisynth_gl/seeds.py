@@ -1,5 +1,6 @@
 """Random generators, one per purpose: a further draw for one purpose shifts no draw for another purpose."""
 
+import zlib
 from enum import IntEnum
 
 import numpy as np
@@ -24,14 +25,15 @@ class Purpose(IntEnum):
     CROP = 13
 
 
-def generator(seed: int, purpose: Purpose, *numbers: int) -> np.random.Generator:
+def generator(seed: int, purpose: Purpose, *keys: int | str) -> np.random.Generator:
     """Return the generator of a purpose.
 
     Args:
-        seed: 0 or more.
-        purpose: the purpose.
-        numbers: further keys, such as sequence and generation, 0 or more.
+        seed: the dataset's.
+        purpose: see `Purpose`.
+        keys: numbers of 0 or more (sequence, generation, ...), or names, which stand for the CRC-32 of their UTF-8
+            bytes. They go into the spawn key: as entropy, [1, 2] and [1, 2, 0] would give the same stream.
     """
-    # As entropy instead of spawn keys, [1, 2] and [1, 2, 0] would give the same stream.
-    key = np.random.SeedSequence(seed, spawn_key=(int(purpose), *numbers))
-    return np.random.Generator(np.random.PCG64(key))
+    numbers = (zlib.crc32(key.encode()) if isinstance(key, str) else key for key in keys)
+    sequence = np.random.SeedSequence(seed, spawn_key=(int(purpose), *numbers))
+    return np.random.Generator(np.random.PCG64(sequence))

@@ -35,7 +35,9 @@ class Split:
             return seed
         return int(generator(seed, Purpose.SPLIT, SPLITS.index(self.name)).integers(2**63))
 
-    def share(self, items: Sequence[Item], seed: int, what: str, purpose: int) -> list[Item]:
+    def share(
+        self, items: Sequence[Item], seed: int, what: str, purpose: int, names: Sequence[str] | None = None
+    ) -> list[Item]:
         """Return the items that this split takes, in their order; no two splits take the same item.
 
         Args:
@@ -43,6 +45,8 @@ class Split:
             seed: the dataset's seed, the same for all splits.
             what: plural noun for the items, for the message.
             purpose: a number of its own for each kind of items.
+            names: the items' names. Where given, each item draws its rank by its own name, so that a further item moves
+                only the items next to a border between splits; without, by its position.
 
         Raises:
             InputError: where there are too few for each split to take one.
@@ -55,7 +59,11 @@ class Split:
                 f"{len(items)} {what} are too few to hold some out: {shares}, which leaves {max(rest, 0)} for train; "
                 "give more, make fewer splits, or lower the shares in the config's section splits"
             )
-        order = generator(seed, Purpose.SPLIT, len(SPLITS), purpose).permutation(len(items))
+        if names is None:
+            order = generator(seed, Purpose.SPLIT, len(SPLITS), purpose).permutation(len(items))
+        else:
+            ranks = [generator(seed, Purpose.SPLIT, len(SPLITS), purpose, name).random() for name in names]
+            order = np.argsort(ranks)
         begin = 0
         for name in ("validation", "test"):
             count = counts.get(name, 0)

@@ -1,4 +1,6 @@
 import itertools
+import zlib
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -14,8 +16,11 @@ from geometry_measures import (
     volume,
 )
 
+from semisynth_gl.config.model import ModelsSection, ParticlesSection
+from semisynth_gl.geometry import kinds, model_library
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.splits import SPLITS, Split
 
 KINDS = {**SIMPLE_KINDS, **COMPLEX_KINDS}
 SEEDS = range(4)
@@ -92,6 +97,61 @@ def test_same_seed_same_bytes(kind: str) -> None:
     first, second = built(kind, 0), KINDS[kind](np.random.default_rng(0))
     for name in ("positions", "uv", "triangles"):
         assert getattr(first, name).tobytes() == getattr(second, name).tobytes()
+
+
+def insert_kind(monkeypatch: pytest.MonkeyPatch, family: str, place: int) -> None:
+    def another(rng: np.random.Generator) -> Mesh:
+        return replace(KINDS["cuboid"](rng), name="another")
+
+    items = list((SIMPLE_KINDS if family == "SIMPLE_KINDS" else COMPLEX_KINDS).items())
+    items.insert(place, ("another", another))
+    for module in (kinds, model_library):
+        monkeypatch.setattr(module, family, dict(items))
+
+
+def models_by_name() -> dict[str, list[bytes]]:
+    library = model_library.build_library(ModelsSection(variants=2), ParticlesSection(), 3)
+    bits: dict[str, list[bytes]] = {}
+    for mesh in library.models:
+        arrays = (mesh.positions, mesh.uv, mesh.triangles)
+        bits.setdefault(mesh.name, []).append(b"".join(array.tobytes() for array in arrays) + bytes([mesh.solid]))
+    return bits
+
+
+def test_a_further_kind_changes_no_model_of_the_others() -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SEMISYNTH_GL_CACHE", "off")
+        before = models_by_name()
+    assert before.keys() == KINDS.keys()
+    for family, place in (("SIMPLE_KINDS", 0), ("COMPLEX_KINDS", 20)):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("SEMISYNTH_GL_CACHE", "off")
+            insert_kind(patch, family, place)
+            after = models_by_name()
+        assert len(after.pop("another")) == 2
+        assert after == before
+
+
+def test_a_further_kind_moves_only_kinds_at_borders_between_splits() -> None:
+    def split_by_kind(names: list[str]) -> dict[str, str]:
+        shares = {"validation": 0.2, "test": 0.2}
+        return {
+            name: split
+            for split in SPLITS
+            for name in Split(split, shares, models=True).share(names, 3, "kinds", 1, names)
+        }
+
+    names = list(COMPLEX_KINDS)
+    before = split_by_kind(names)
+    assert sorted(before) == sorted(names)
+    assert split_by_kind(names[::-1]) == before
+    for place in range(len(names)):
+        after = split_by_kind([*names[:place], f"another {place}", *names[place:]])
+        assert sum(after[name] != before[name] for name in names) <= 2
+
+
+def test_names_of_kinds_are_different_keys() -> None:
+    assert len({zlib.crc32(kind.encode()) for kind in KINDS}) == len(KINDS)
 
 
 @pytest.mark.parametrize("kind", sorted(set(KINDS) - CONSTANT))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from geometry_measures import components, edge_balance, euler_characteristic, stretch, volume
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from semisynth_gl.errors import InputError
@@ -46,6 +46,12 @@ def test_every_frustum_unrolls_exactly(bottom: float, top: float, height: float,
     st.lists(st.floats(0.1, 1), min_size=2, max_size=12),
     st.lists(st.floats(0.05, 0.5), min_size=12, max_size=12),
     st.integers(24, 48),
+)
+# Slopes that alternate within a band whose radii one cone fits.
+@example(
+    radii=[0.99446, 0.27994, 0.23044, 0.97164, 0.89656],
+    steps=[0.05, 0.0625, 0.125, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05],
+    sides=24,
 )
 @settings(max_examples=40, deadline=None)
 def test_lathe_keeps_its_bound_on_any_profile(radii: list[float], steps: list[float], sides: int) -> None:

@@ -123,26 +123,25 @@ def _build(section: ModelsSection, particles: ParticlesSection, seed: int, split
             # Imported here: trimesh takes longer to load than all else together.
             from semisynth_gl.geometry.model_files import load_models  # noqa: PLC0415
         user, skipped = load_models([Path(folder).expanduser() for folder in section.folders])
-    kinds = [list(enumerate(family.items())) for family in (SIMPLE_KINDS, COMPLEX_KINDS)]
+    kinds = [list(family) for family in (SIMPLE_KINDS, COMPLEX_KINDS)]
     if split.models and split.held_out:
         user = split.share(user, seed, "models of the user's", _USER) if user else user
-        kinds = [split.share(family, seed, "kinds of built-in models", number) for number, family in enumerate(kinds)]
+        kinds = [
+            split.share(names, seed, "kinds of built-in models", number, names) for number, names in enumerate(kinds)
+        ]
     seed = split.seed(seed)
     weights = kind_weights(section.kinds)
     families = [(section.user, user, [1.0] * len(user))]
-    for family, weight in enumerate((section.simple, section.complex)):
-        variants = [
-            (number, name, build, variant)
-            for number, (name, build) in kinds[family]
-            for variant in range(section.variants)
-            if weight > 0 and weights[name] > 0
-        ]
-        if variants:
+    builders = {**SIMPLE_KINDS, **COMPLEX_KINDS}
+    for names, weight in zip(kinds, (section.simple, section.complex), strict=True):
+        used = [name for name in names if weight > 0 and weights[name] > 0]
+        if used:
+            variants = [(name, number) for name in used for number in range(section.variants)]
+            # The kind's name is in the key, not its position: a further kind changes no model of the others.
             models = [
-                marked_solid(build(generator(seed, Purpose.MODELS, family, number, variant)))
-                for number, _, build, variant in variants
+                marked_solid(builders[name](generator(seed, Purpose.MODELS, name, number))) for name, number in variants
             ]
-            families.append((weight, models, [weights[name] for _, name, _, _ in variants]))
+            families.append((weight, models, [weights[name] for name, _ in variants]))
     if not any(weight > 0 and models for weight, models, _ in families):
         raise InputError(
             "there are no models to draw: models.simple and models.complex are 0, and of the user's there is none; "

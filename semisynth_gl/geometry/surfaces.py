@@ -18,6 +18,9 @@ from semisynth_gl.geometry.unwrap import facing_axes
 BAND_STRETCH = 1.1
 """Largest ratio of a length around a lathed surface to its length in UV, and of the length in UV to the other."""
 
+BAND_SHEAR = 0.15
+"""Largest shear of the texture on a facet of a lathed surface whose slope differs from that of its band's cone."""
+
 
 def grid_surface(points: ArrayLike, uv: ArrayLike | None = None) -> Mesh:
     """Triangulate a grid of points; its normal is (along a row) x (along a column).
@@ -44,7 +47,8 @@ def lathe(profile: ArrayLike, segments: int = 32, *, closed: bool = False) -> Me
 
     The surface is closed where the profile starts and ends on the axis, or where ``closed`` joins its ends. The
     profile is cut into bands, and each band is unrolled like the cone that fits it best: an equidistant conic
-    projection, exact along the profile and within `BAND_STRETCH` around it. Cones, cylinders and discs are exact.
+    projection, exact along the profile, and around it within `BAND_STRETCH` and `BAND_SHEAR`. Cones, cylinders and
+    discs are exact.
 
     Args:
         profile: (P, 2) radius and height, model units. The outside is to the right of its direction: outwards along
@@ -66,14 +70,16 @@ def lathe(profile: ArrayLike, segments: int = 32, *, closed: bool = False) -> Me
     bands = []
     start = 0
     while start < len(points) - 1:
-        stop, offset, slope = _longest_band(radius, arc, start)
+        stop, offset, slope = _longest_band(radius, arc, start, segments)
         rows = slice(start, stop + 1)
         bands.append(grid_surface(grid[rows], _conic_uv(arc[rows], offset, slope, angle, segments)))
         start = stop
     return merged("lathe", bands)
 
 
-def _longest_band(radius: NDArray[np.float64], arc: NDArray[np.float64], start: int) -> tuple[int, float, float]:
+def _longest_band(
+    radius: NDArray[np.float64], arc: NDArray[np.float64], start: int, segments: int
+) -> tuple[int, float, float]:
     """Return the last profile point that one cone fits, and the cone as radius = offset + slope * arc."""
     fit = (start + 1, *_fitted_cone(radius[start : start + 2], arc[start : start + 2]))
     for stop in range(start + 2, len(radius)):
@@ -81,6 +87,9 @@ def _longest_band(radius: NDArray[np.float64], arc: NDArray[np.float64], start: 
         offset, slope = _fitted_cone(r, s)
         cone, seen = (offset + slope * s)[r > 0], r[r > 0]
         if (cone > BAND_STRETCH * seen).any() or (cone * BAND_STRETCH < seen).any():
+            break
+        shear = np.abs(np.diff(r) - slope * np.diff(s)) * np.sin(np.pi / segments)
+        if (shear > BAND_SHEAR * np.diff(s)).any():
             break
         fit = (stop, offset, slope)
     return fit
