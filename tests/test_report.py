@@ -238,7 +238,7 @@ def test_a_config_of_another_version_leaves_out_target_and_scenes(changed):
     report = build_report(read_index(changed), pairs=2, sample=2)
     assert report.measurement.target is None
     [(reason, count)] = report.measurement.ray_faults.items()
-    assert "cannot be made again" in reason
+    assert "cannot be rebuilt" in reason
     assert "of_the_future" in reason
     assert count == 2
     assert "The target is not drawn" in report.page

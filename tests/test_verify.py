@@ -248,7 +248,7 @@ def test_another_seed_is_found_by_the_oracle(dataset):
 def test_the_oracle_refuses_what_it_cannot_make_again(dataset, key, value):
     index = json.loads((dataset / "index.json").read_text()) | {key: value}
     (dataset / "index.json").write_text(json.dumps(index))
-    with pytest.raises(InputError, match="cannot be made again"):
+    with pytest.raises(InputError, match="cannot be rebuilt"):
         findings(dataset, 50)
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl import oracle
 from semisynth_gl.dataset.reader import Index
-from semisynth_gl.dataset.remake import RemadeScenes
+from semisynth_gl.dataset.rebuild import RebuiltScenes
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh
@@ -71,7 +71,7 @@ class RayCaster:
     def __init__(self, index: Index) -> None:
         self._index = index
         # The scenes of each split, or why they cannot be rebuilt.
-        self._scenes: dict[str, RemadeScenes | str] = {}
+        self._scenes: dict[str, RebuiltScenes | str] = {}
 
     def cast(self, frame: StoredFrame, x: NDArray[np.int64], y: NDArray[np.int64]) -> Rays:
         """Cast rays through the scene of a pair.
@@ -110,10 +110,10 @@ class RayCaster:
             diameter_px=diameters_px(scene, scenes.models, objects),
         )
 
-    def _rebuilt(self, split: str) -> RemadeScenes:
+    def _rebuilt(self, split: str) -> RebuiltScenes:
         if split not in self._scenes:
             try:
-                self._scenes[split] = RemadeScenes(self._index, cast("SplitName", split))
+                self._scenes[split] = RebuiltScenes(self._index, cast("SplitName", split))
             except InputError as error:
                 self._scenes[split] = str(error)
         scenes = self._scenes[split]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from semisynth_gl import oracle
 from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.dataset.reader import Index
-from semisynth_gl.dataset.remake import RemadeScenes
+from semisynth_gl.dataset.rebuild import RebuiltScenes
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.errors import InputError
 from semisynth_gl.scene.raycast import cast_rays
@@ -49,12 +49,12 @@ class OracleCheck:
         split: the split of the pairs.
 
     Raises:
-        InputError: where its scenes cannot be sampled again; see `RemadeScenes`.
+        InputError: where its scenes cannot be sampled again; see `RebuiltScenes`.
     """
 
     def __init__(self, index: Index, split: SplitName) -> None:
         try:
-            self._scenes = RemadeScenes(index, split)
+            self._scenes = RebuiltScenes(index, split)
         except InputError as error:
             raise InputError(
                 f"{error}. --oracle needs the scenes; verify without it to see what else is wrong with the dataset"

@@ -1,4 +1,4 @@
-"""The scenes of a finished dataset, made again from its index: config, seed and patches."""
+"""The scenes of a finished dataset, rebuilt from config, seed and patches in its index."""
 
 from pydantic import ValidationError
 
@@ -14,8 +14,8 @@ from semisynth_gl.splits import SplitName
 from semisynth_gl.textures.atlas import Patch
 
 
-class RemadeScenes:
-    """Makes the scenes of a split again. Photographs are not needed: patches colour a scene and do not shape it.
+class RebuiltScenes:
+    """Rebuilds the scenes of a split. Photographs are not needed: patches colour a scene and do not shape it.
 
     Args:
         index: the dataset's.
@@ -42,11 +42,11 @@ class RemadeScenes:
         except (ValidationError, KeyError, TypeError, ValueError) as error:
             reason = " ".join(str(error).splitlines()[:3]) if index.fault is None else index.fault
             raise InputError(
-                f"{index.place.address}: the scenes cannot be made again from the index: {reason}"
+                f"{index.place.address}: the scenes cannot be rebuilt from the index: {reason}"
             ) from None
         if not patches or self.seed < 0:
             raise InputError(
-                f"{index.place.address}: the scenes cannot be made again from the index: expected patches and a "
+                f"{index.place.address}: the scenes cannot be rebuilt from the index: expected patches and a "
                 f"seed of 0 or more, got {len(patches)} and {self.seed}"
             )
         library = build_library(self.config.models, self.config.particles, self.seed, part)
@@ -54,7 +54,7 @@ class RemadeScenes:
         self.models: tuple[Mesh, ...] = self._sampler.models
 
     def sampled(self, frame: StoredFrame) -> SampledScene | None:
-        """Make a pair's scene again, with what it was made of.
+        """Rebuild a pair's scene, with the origin of its instances.
 
         Args:
             frame: the pair as it was read.
@@ -64,19 +64,19 @@ class RemadeScenes:
         """
         # A sequence whose first frame failed the config's checks was drawn again, once for each entry.
         redrawn = frame.provenance.get("redrawn")
-        made = self._sampler.sample(frame.index, len(redrawn) if isinstance(redrawn, list) else 0)
-        recorded, camera = frame.provenance.get("camera"), made.scene.camera
+        rebuilt = self._sampler.sample(frame.index, len(redrawn) if isinstance(redrawn, list) else 0)
+        recorded, camera = frame.provenance.get("camera"), rebuilt.scene.camera
         if not isinstance(recorded, dict) or any(
             recorded.get(name) != getattr(camera, name) for name in camera.__slots__
         ):
             return None
-        return made
+        return rebuilt
 
     def scene(self, frame: StoredFrame) -> Scene | None:
-        """Make a pair's scene again; see `sampled`."""
-        made = self.sampled(frame)
-        return None if made is None else made.scene
+        """Rebuild a pair's scene; see `sampled`."""
+        rebuilt = self.sampled(frame)
+        return None if rebuilt is None else rebuilt.scene
 
-    def motion(self, made: SampledScene, frames: int) -> Motion:
-        """Return how a scene that was made again gets to another frame; see `SceneSampler.motion`."""
-        return self._sampler.motion(made, frames)
+    def motion(self, rebuilt: SampledScene, frames: int) -> Motion:
+        """Return how a rebuilt scene gets to another frame; see `SceneSampler.motion`."""
+        return self._sampler.motion(rebuilt, frames)
