@@ -82,7 +82,7 @@ def make_provenance(index):
         "near_m": 0.5 if index % 2 else 1,
         "camera": {each.name: getattr(CAMERA, each.name) for each in fields(CAMERA)} | {"doffs_px": CAMERA.doffs_px},
         "models": {"face": 6, f"model-{index}": 2},
-        "instances": [{"model": "face" if row < 6 else "cube", "patch": row} for row in range(8)],
+        "instances": [{"model": "face" if row < 6 else "cube", "patch": row, "still": row < 6} for row in range(8)],
     }
     if index > 5:
         provenance["redrawn"] = ["too dark"]

@@ -299,8 +299,8 @@ def test_other_exposures_are_those_of_the_imperfections():
         )
 
 
-def test_kittis_objects_leave_out_the_background():
-    rows = [{"model": "face"}] * 6 + [{"model": f"model-{k}"} for k in range(600)]
+def test_kittis_objects_leave_out_what_stands_still():
+    rows = [{"still": True}] * 6 + [{"still": False}] * 600
     ids = np.array([[0, 1, 6, 7, 8, 255, 256, 257, 511, 606]], np.uint16)
     assert number_objects(ids, rows).tolist() == [[0, 0, 0, 7, 8, 255, 1, 2, 1, 96]]
     assert number_objects(ids, rows).dtype == np.uint8

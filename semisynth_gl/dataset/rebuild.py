@@ -41,9 +41,7 @@ class RebuiltScenes:
             part = self.config.splits.split(split, tuple(index.pairs))
         except (ValidationError, KeyError, TypeError, ValueError) as error:
             reason = " ".join(str(error).splitlines()[:3]) if index.fault is None else index.fault
-            raise InputError(
-                f"{index.place.address}: the scenes cannot be rebuilt from the index: {reason}"
-            ) from None
+            raise InputError(f"{index.place.address}: the scenes cannot be rebuilt from the index: {reason}") from None
         if not patches or self.seed < 0:
             raise InputError(
                 f"{index.place.address}: the scenes cannot be rebuilt from the index: expected patches and a "

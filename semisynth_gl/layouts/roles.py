@@ -20,7 +20,6 @@ from semisynth_gl.errors import ReadError
 from semisynth_gl.frame import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, Channel, Frame
 from semisynth_gl.frame import ROLES as FRAME_ROLES
 from semisynth_gl.layouts.key import Key
-from semisynth_gl.scene.background import FACE
 
 DISPARITY_BEYOND = "disparity_beyond"
 """Key of a pair's provenance: how many pixels of each view have a disparity that the codec cannot store.
@@ -116,7 +115,7 @@ def mask_from_not_occluded(
 
 
 def number_objects(instances: NDArray[np.uint16], table: Sequence[Mapping[str, Any]]) -> NDArray[np.uint8]:
-    """Return KITTI's map of objects: 0 where the background or nothing is seen, else the instance's id, cut to 8 bits.
+    """Return KITTI's map of objects: 0 for nothing and for what stands still, else the instance's id, cut to 8 bits.
 
     Args:
         instances: (H, W) uint16 ids.
@@ -125,7 +124,7 @@ def number_objects(instances: NDArray[np.uint16], table: Sequence[Mapping[str, A
     ids = np.arange(len(table) + 1)
     objects = 1 + (ids - 1) % _LARGEST_OBJECT
     objects[0] = 0
-    objects[1:][[row["model"] == FACE.name for row in table]] = 0
+    objects[1:][[row["still"] for row in table]] = 0
     mapped: NDArray[np.uint8] = objects.astype(np.uint8)[instances]
     return mapped
 
@@ -205,7 +204,7 @@ ROLES: Mapping[str, Role] = {
         for eye in EYES
     },
     **{name: _exposed_right(stops) for name, stops in _STOPS.items()},
-    "objects": _fixed("8-bit: 0 in the background, 1 to 255 elsewhere; of the left view", GREY8, _objects, "instances"),
+    "objects": _fixed("8-bit: 1 to 255 for objects, 0 for all else; of the left view", GREY8, _objects, "instances"),
     "calibration": _fixed("the cameras, as Middlebury's calib.txt has them", MIDDLEBURY_CALIB, _calibration),
     "calib_cam_to_cam": _fixed("the cameras, as KITTI's calib_cam_to_cam.txt has them", KITTI_CALIB, _camera),
     "provenance": _fixed("what made the pair: seeds, camera, and every instance in the scene", JSON_OBJECT, _facts),

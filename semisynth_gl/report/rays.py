@@ -15,7 +15,6 @@ from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.scene.raycast import Hits, cast_rays
 from semisynth_gl.scene.scene import Scene
-from semisynth_gl.scene.structures import STILL_MODELS
 from semisynth_gl.splits import SplitName
 
 # The renderer promises this error of disparity at a pixel's centre.
@@ -85,9 +84,10 @@ class RayCaster:
             InputError: where the scene cannot be rebuilt, or differs from the stored pair.
         """
         scenes = self._rebuilt(frame.split)
-        scene = scenes.scene(frame)
-        if scene is None:
+        rebuilt = scenes.sampled(frame)
+        if rebuilt is None:
             raise InputError("config and seed of the index give another camera than the pair's provenance has")
+        scene = rebuilt.scene
         x_px, y_px = x.astype(np.float64), y.astype(np.float64)
         hits = cast_rays(scene, scenes.models, "left", x_px, y_px)
         exact, stored = oracle.disparity_px(scene.camera, hits), frame.left.disparity[y, x].astype(np.float64)
@@ -100,7 +100,8 @@ class RayCaster:
             )
         surfaces = surfaces_at(scene, scenes.models, scenes.config.textures.patch_px, x_px, y_px, hits)
         hit = agreeing & (hits.instance >= 0)
-        objects = objects_among(scene, np.unique(hits.instance[hit]))
+        seen = np.unique(hits.instance[hit])
+        objects = seen[~rebuilt.still[seen]]
         return Rays(
             pairs=1,
             cast=len(x),
@@ -120,16 +121,6 @@ class RayCaster:
         if isinstance(scenes, str):
             raise InputError(scenes)
         return scenes
-
-
-def objects_among(scene: Scene, instances: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the instances that are objects: all but those that stand still as background, ground or panel.
-
-    Args:
-        scene: the scene.
-        instances: (N,) int64, indices of instances of the scene.
-    """
-    return instances[scene.model[instances] >= len(STILL_MODELS)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

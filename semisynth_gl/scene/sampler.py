@@ -48,6 +48,11 @@ class SampledScene:
     slot: NDArray[np.int64]
     generation: NDArray[np.int64]
 
+    @property
+    def still(self) -> NDArray[np.bool_]:
+        """Whether an instance stands still as background, ground or panel, (N,) bool; all others are objects."""
+        return self.slot < 0
+
 
 @dataclass(frozen=True, slots=True)
 class _Draw:
@@ -165,6 +170,7 @@ class SceneSampler:
             {
                 "model": self.models[scene.model[k]].name,
                 "patch": int(sampled.patch[k]),
+                "still": bool(sampled.still[k]),
                 "world_from_model": scene.world_from_model[k, :3].tolist(),
             }
             for k in range(len(scene))
