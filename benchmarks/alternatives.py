@@ -87,7 +87,7 @@ def measure(config: Config, seed: int, backend: Backend, effort: Effort) -> dict
     with DisparityVariants(bench.models, backend) as variants:
         rows, refused = measure_variants(bench, variants, truths, effort.repeats), variants.left_out
     maps = [frame.view(eye).disparity for frame in frames for eye in EYES]
-    images = [getattr(frame, eye) for frame in frames for eye in EYES]
+    images = [frame.view(eye).image for frame in frames for eye in EYES]
     offered, left_out = image_encodings()
     stored = measure_encodings(
         maps, [*disparity_encodings(), *more_disparity_encodings()], DEFAULT_DISPARITY_ENCODING, effort.repeats

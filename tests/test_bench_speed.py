@@ -205,7 +205,7 @@ def test_a_renderer_reports_its_stages_in_their_order(config):
         plain = renderer.render(0)
     # Encoding and writing follow the renderer.
     assert (*dict.fromkeys(recorder.stages), "encode", "write") == PAIR_STAGES
-    np.testing.assert_array_equal(pair.frame.left, plain.frame.left)
+    np.testing.assert_array_equal(pair.frame.left.image, plain.frame.left.image)
     np.testing.assert_array_equal(pair.frame.right.visibility, plain.frame.right.visibility)
 
 

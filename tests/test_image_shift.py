@@ -59,7 +59,7 @@ def truth_shift_px(mode, backend):
 
     y, x = np.mgrid[: camera.height_px, : camera.width_px].astype(np.float64)
     largest = 0.0
-    for eye, image in zip(EYES, (frame.left, frame.right), strict=True):
+    for eye, image in zip(EYES, (frame.left.image, frame.right.image), strict=True):
         shift = shift_px(
             image.astype(np.float64).ravel(),
             expected(eye, x, y).ravel(),

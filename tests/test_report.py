@@ -700,7 +700,7 @@ def test_flicker_and_hold_change_the_image(opened, dataset):
     left = pixels(opened)
     frame = shown_frame(dataset)
     # JPEG, but nothing else: it is the left image, and not the right one.
-    assert np.abs(left[..., :3].astype(int) - frame.left).mean() < 8
+    assert np.abs(left[..., :3].astype(int) - frame.left.image).mean() < 8
     opened.execute_script("const r = document.getElementById('rate'); r.value = 8; r.dispatchEvent(new Event('input'))")
     element(opened, "flicker").click()
     wait(opened, lambda: attribute(opened, "image") == "right")
@@ -714,7 +714,7 @@ def test_flicker_and_hold_change_the_image(opened, dataset):
     ActionChains(opened).click_and_hold(button).perform()
     held = pixels(opened)
     assert attribute(opened, "image") == "right"
-    assert np.abs(held[..., :3].astype(int) - frame.right).mean() < 8
+    assert np.abs(held[..., :3].astype(int) - frame.right.image).mean() < 8
     assert np.abs(held.astype(int) - left).mean() > 8
     ActionChains(opened).release().perform()
     assert attribute(opened, "image") == "left"
@@ -725,7 +725,7 @@ def test_the_warped_right_image_is_the_left_one(opened, dataset):
     opened.find_element("css selector", "[name=image][value=warped]").click()
     warped = pixels(opened)[..., :3].astype(int)
     visible = shown_frame(dataset).left.visibility == 255
-    right = np.asarray(shown_frame(dataset).right, int)
+    right = np.asarray(shown_frame(dataset).right.image, int)
     assert np.abs(warped - left)[visible].mean() < np.abs(right - left)[visible].mean() / 2
     hidden = shown_frame(dataset).left.visibility != 255
     assert (warped[hidden] == 119).all()

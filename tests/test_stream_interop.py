@@ -164,7 +164,7 @@ def test_what_cuda_refuses_is_told_and_unmapped(backend, runtime, reader, refuse
         assert ("unmap" in runtime.calls) == (refused in ("pointer", "copy", "unmap"))
         # The next one is drawn as ever.
         runtime.refused = None
-        assert isinstance(renderer.render(0, checked=False).frame.left, torch.Tensor)
+        assert isinstance(renderer.render(0, checked=False).frame.left.image, torch.Tensor)
         reader.close()
         assert not runtime.registered
 

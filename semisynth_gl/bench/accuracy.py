@@ -74,7 +74,7 @@ def measure(
     maps = [frame.view(eye).disparity for frame in frames for eye in EYES]
     stored = measure_encodings(maps, disparity_encodings(), DEFAULT_DISPARITY_ENCODING, effort.repeats)
     listener.on_message("encodings of images")
-    images = [getattr(frame, eye) for frame in frames for eye in EYES]
+    images = [frame.view(eye).image for frame in frames for eye in EYES]
     usable, left_out = image_encodings()
     stored_images = measure_encodings(images, usable, DEFAULT_IMAGE_ENCODING, effort.repeats)
     listener.on_message("antialiasing")

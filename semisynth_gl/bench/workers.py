@@ -180,8 +180,7 @@ class StagedPairs:
         # Beginning and end of a shard are part of writing, and take the less the more pairs it has.
         listener.on_stage("write")
         shutil.rmtree(place.path(""))
-        arrays = (getattr(pair.frame, name) for name in pair.frame.__slots__)
-        return sum(array.nbytes for array in arrays if isinstance(array, np.ndarray)), record["bytes"]
+        return sum(array.nbytes for array in pair.frame.arrays().values()), record["bytes"]
 
 
 def measure_workers(
