@@ -3,7 +3,7 @@
 import numpy as np
 from PIL import Image
 
-from semisynth_gl.codecs.pfm import PFM
+from semisynth_gl.codecs.pfm import PFM, PFM3
 from semisynth_gl.codecs.png import GREY8, RGB8
 from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.verify.dataset import verify_dataset
@@ -30,6 +30,10 @@ def change_image(path, change):
 
 def change_disparity(path, change):
     path.write_bytes(PFM.encode(np.asarray(change(PFM.read(path)), np.float32)))
+
+
+def change_normals(path, change):
+    path.write_bytes(PFM3.encode(np.asarray(change(PFM3.read(path)), np.float32)))
 
 
 def swap(scene, *stems):

@@ -76,6 +76,7 @@ def _summary(index: Index, verdicts: list[Verdict], seconds: float) -> str:
         ("visibility_left_disagree_share", "masks disagree in {:.3%}"),
         ("invalid_share", "{:.3%} of the pixels without disparity"),
         ("oracle_largest_px", "rays within {:.1e} px"),
+        ("oracle_normals_largest_deg", "normals of rays within {:.1e} degrees"),
         ("oracle_flow_largest_px", "flow of rays within {:.1e} px"),
     ):
         value = worst(name)

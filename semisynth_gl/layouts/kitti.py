@@ -5,13 +5,13 @@
 - ``image_2/NNNNNN_10.png`` and ``image_3/NNNNNN_10.png``, the left and the right image
 - ``disp_occ_0/NNNNNN_10.png``, the left view's disparity, and ``disp_noc_0/``, the same where the right view sees the
   point too; ``disp_occ_1/`` and ``disp_noc_1/`` are the right view's
-- ``obj_map/NNNNNN_10.png``, 0 in the background and 1 to 255 elsewhere, of the left view
+- ``obj_map/NNNNNN_10.png``, 0 where an instance stands still and 1 to 255 elsewhere, of the left view
 - ``calib_cam_to_cam/NNNNNN.txt``
 - ``flow_occ/NNNNNN_10.png``, the left view's flow to the next frame, and ``flow_noc/``, the same where that frame
   shows the point too
-- what no loader of KITTI looks for: ``instances_0/``, ``instances_1/``, ``depth_0/`` and ``depth_1/``;
-  ``flow_occ_right/`` and ``flow_noc_right/``; ``flow_backward_occ/`` and ``flow_backward_noc/``, to the previous frame,
-  and the right view's; ``disparity_change_0/NNNNNN_10.pfm`` and ``disparity_change_1/``
+- what no loader of KITTI looks for: ``instances_0/``, ``instances_1/``, ``depth_0/``, ``depth_1/``, ``normals_0/`` and
+  ``normals_1/``; ``flow_occ_right/`` and ``flow_noc_right/``; ``flow_backward_occ/`` and ``flow_backward_noc/``, to the
+  previous frame, and the right view's; ``disparity_change_0/NNNNNN_10.pfm`` and ``disparity_change_1/``
 
 ``pairs/NNNNNN.json`` is the provenance, ``filenames/KITTI_2015_train.txt`` a list for loaders that read such, and
 ``Kitti2015/training`` leads to the same files, for torchvision. Masks have no file: they follow from disparities and

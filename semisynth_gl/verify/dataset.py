@@ -18,6 +18,7 @@ from semisynth_gl.verify.single_view import (
     check_disparity,
     check_flow,
     check_instances,
+    check_normals,
 )
 from semisynth_gl.verify.verdict import DATASET, Verdict
 from semisynth_gl.verify.view_consistency import (
@@ -96,6 +97,7 @@ def _check_frame(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
     check_depth(frame, verdict)
     check_instances(frame, verdict)
     for eye in EYES:
+        check_normals(frame, eye, verdict)
         for channel in OPPOSITE:
             check_flow(frame, channel, eye, verdict)
         check_change(frame, eye, largest_px, verdict)

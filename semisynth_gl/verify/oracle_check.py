@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from functools import partial
+from math import degrees
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from semisynth_gl.dataset.reader import Index
 from semisynth_gl.dataset.rebuild import RebuiltScenes
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.errors import InputError
+from semisynth_gl.frame import View
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.scene import Motion
@@ -21,10 +23,11 @@ from semisynth_gl.verify.verdict import Verdict, format_vector
 
 Values = NDArray[np.float64]
 RayValues = Mapping[str, Values]
-"""The values that R rays give for a view's channels, each (R, C) px."""
+"""The values that R rays give for a view's channels, each (R, C), px for all but normals."""
 
 # The renderer promises disparity at a pixel's centre to this error.
 _ERROR_PX = 1e-3
+_NORMALS_DEG = 0.01
 # Rasterisers move vertices to a grid of 1/256 px at best, of 1/16 px at worst: beside an edge they may see the
 # surface on its other side.
 _EDGE_PX = 1 / 32
@@ -33,6 +36,7 @@ _STEPS = (-_EDGE_PX, -_EDGE_PX / 8, 0.0, _EDGE_PX / 8, _EDGE_PX)
 _AROUND = tuple(steps.ravel() for steps in np.meshgrid(_STEPS, _STEPS))
 _MEASURES = {
     "disparity": "oracle_largest_px",
+    "normals": "oracle_normals_largest_deg",
     "flow": "oracle_flow_largest_px",
     "flow_backward": "oracle_flow_largest_px",
     "disparity_change": "oracle_change_largest_px",
@@ -61,7 +65,7 @@ class OracleCheck:
             ) from None
 
     def check(self, frame: StoredFrame, pixels: int, verdict: Verdict) -> None:
-        """Compare disparities, flow and changes of disparity with rays through randomly chosen pixels.
+        """Compare disparities, normals, flow and changes of disparity with rays through randomly chosen pixels.
 
         Args:
             frame: the pair as it was read.
@@ -84,15 +88,17 @@ class OracleCheck:
             height, width = frame.view(eye)["disparity"].shape
             x = rng.integers(0, width, -(-pixels // 2)).astype(np.float64)
             y = rng.integers(0, height, -(-pixels // 2)).astype(np.float64)
-            cast = partial(self._cast, sampled, eye)
+            cast = partial(self._cast, sampled, eye, frame.view(eye))
             _compare(frame, eye, (x, y), motions, cast, verdict)
 
     def _cast(
-        self, sampled: SampledScene, eye: Eye, motions: Mapping[str, Motion], x: Values, y: Values
+        self, sampled: SampledScene, eye: Eye, view: View, motions: Mapping[str, Motion], x: Values, y: Values
     ) -> dict[str, Values]:
         scene, models = sampled.scene, self._scenes.models
         hits = cast_rays(scene, models, eye, x, y)
         values = {"disparity": oracle.disparity_px(scene.camera, hits)[:, None]}
+        if "normals" in view:
+            values["normals"] = oracle.normals(scene, models, eye, hits)
         for name, motion in motions.items():
             flows = oracle.flow(scene, models, motion, eye, x, y, hits)
             values[name] = flows.flow_px
@@ -117,15 +123,18 @@ def _compare(
         if array is None:
             continue
         stored = array[y.astype(np.int64), x.astype(np.int64)].reshape(len(x), -1).astype(np.float64)
-        bound = _bound_px(frame, channel, stored)
+        bound = _bound(frame, channel, stored)
         encodable = _encodable(frame, channel, rays, stored)
         with np.errstate(invalid="ignore"):
             # Two inf agree.
-            error = np.where(stored == encodable, 0.0, np.abs(stored - encodable)).max(axis=1)
+            errors = np.where(stored == encodable, 0.0, np.abs(stored - encodable))
+        # The chord of a small angle is its radians; its cosine would round to 1.
+        error = np.linalg.norm(errors, axis=1) if channel == "normals" else errors.max(axis=1)
+        scale, unit, suffix = (degrees(1), "degrees", "") if channel == "normals" else (1.0, "px", " px")
         wrong = np.flatnonzero(~(error <= bound))
         measure = _MEASURES[channel]
         largest = float(error[error <= bound].max(initial=0.0))
-        verdict.measures[measure] = max(verdict.measures.get(measure, 0.0), largest)
+        verdict.measures[measure] = max(verdict.measures.get(measure, 0.0), scale * largest)
         if wrong.size:
             needed = {name: motion for name, motion in motions.items() if channel in _MOTIONS[name][1]}
             around = (np.add.outer(centre[wrong], step).ravel() for centre, step in zip(pixels, _AROUND, strict=True))
@@ -134,14 +143,16 @@ def _compare(
             first = wrong[0]
             verdict.add(
                 "oracle",
-                f"{channel}_{eye}: {wrong.size} of {len(x)} pixels are off by more than {bound[first]:.3g} px; at "
-                f"({x[first]:.0f}, {y[first]:.0f}) the ray gives {format_vector(expected[first])} px, "
-                f"the file has {format_vector(stored[first])} px",
+                f"{channel}_{eye}: {wrong.size} of {len(x)} pixels are off by more than {scale * bound[first]:.3g} "
+                f"{unit}; at ({x[first]:.0f}, {y[first]:.0f}) the ray gives {format_vector(expected[first])}{suffix}, "
+                f"the file has {format_vector(stored[first])}{suffix}",
             )
 
 
-def _bound_px(frame: StoredFrame, channel: str, stored: Values) -> Values:
-    """Return the largest errors that values (R, C) of a file may have, (R,) px."""
+def _bound(frame: StoredFrame, channel: str, stored: Values) -> Values:
+    """Return the largest errors that values (R, C) of a file may have, (R,), px or the radians of normals."""
+    if channel == "normals":
+        return np.full(len(stored), np.deg2rad(_NORMALS_DEG))
     if channel == "disparity":
         return _ERROR_PX + frame.rounding_px(stored[:, 0])
     known = np.where(np.isfinite(stored), stored, 0.0)

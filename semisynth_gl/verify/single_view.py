@@ -1,4 +1,4 @@
-"""Checks of one view by itself: disparity, calibration, depth, instances, flow and change of disparity."""
+"""Checks of one view by itself: disparity, calibration, depth, instances, normals, flow and change of disparity."""
 
 from collections.abc import Mapping
 from math import inf, isclose, isfinite
@@ -24,6 +24,9 @@ _SIX_DIGITS = 1e-5
 # d = f B / Z - doffs in float32: f B and doffs are rounded once each, GPUs may divide with 2.5 units in the last place,
 # and depth and difference are rounded once each. 8 units of 2**-23 leave a margin of two.
 _FLOAT32 = 8 * 2.0**-23
+_UNIT_LENGTH = 1e-5
+# Rasterisers move edges by less than this, so that a pixel may show a surface that its own ray sees from behind.
+_EDGE_PX = 1 / 16
 LAST_VALID_PX = 2.0
 """A surface that leaves the valid range passes through 0; between two pixels its disparity falls by at most this."""
 
@@ -163,6 +166,41 @@ def check_instances(frame: StoredFrame, verdict: Verdict) -> None:
         elif int(ids.max()) > len(rows):
             verdict.add("instances", f"{name} reaches {ids.max()}, the provenance lists {len(rows)} instances")
         verdict.add_pixels("instances", name, "is 0 in spite of a disparity", (ids == 0) & np.isfinite(disparity))
+
+
+def check_normals(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
+    """Check that a view's normals are unit vectors towards the eye, and 0 exactly where nothing is seen.
+
+    Something is seen where a disparity, a depth or an id says so. The opposite follows only where the view has depth or
+    ids, or where the rig and the encoding give every surface a disparity.
+
+    Args:
+        frame: the pair as it was read.
+        eye: the view.
+        verdict: takes findings and measures.
+    """
+    view, camera, name = frame.view(eye), frame.camera, f"normals_{eye}"
+    normals, disparity, depth, ids = (view.get(key) for key in ("normals", "disparity", "depth", "instances"))
+    if normals is None or disparity is None:
+        return
+    seen = np.isfinite(disparity)
+    seen |= False if depth is None else np.isfinite(depth)
+    seen |= False if ids is None else ids > 0
+    beyond = count_beyond(frame, "disparity_beyond", eye, frame.encodings.disparity.limit_px)
+    always_disparity = camera.doffs_px <= 0 < camera.focal_baseline and beyond == 0
+    nothing_known = depth is not None or ids is not None or always_disparity
+    zero = all_components(normals == 0)
+    verdict.add_pixels("normals", name, "is 0 though something is seen", seen & zero)
+    verdict.add_pixels("normals", name, "is not 0 where nothing is seen", ~seen & ~zero & nothing_known)
+    height, width = disparity.shape
+    column, row = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
+    with np.errstate(invalid="ignore"):
+        length = np.sqrt(dot(normals, normals))
+        away = dot(normals, camera.rays(eye, column, row)) > _UNIT_LENGTH + _EDGE_PX / camera.focal_px
+    wrong = ~zero & ~(np.abs(length - 1) <= _UNIT_LENGTH)
+    detail = f"; the lengths of these go up to {length[wrong].max():.6g}" if wrong.any() else ""
+    verdict.add_pixels("normals", name, "is no unit vector", wrong, detail)
+    verdict.add_pixels("normals", name, "points away from the eye", away)
 
 
 def has_flow(flow: NDArray[np.float32]) -> Where:
