@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from backends import backend_fault
 
-from semisynth_gl import encodings
 from semisynth_gl.bench.accuracy import Effort, measure, table
 from semisynth_gl.bench.antialias import MODES, REFERENCE, psnr_db
-from semisynth_gl.bench.encodings import image_encodings
+from semisynth_gl.bench.encodings import usable_encodings
 from semisynth_gl.bench.scenes import cast_truth, edges, grown, sample_scenes
 from semisynth_gl.bench.summary import front
 from semisynth_gl.bench.timing import alternated, compare_times
@@ -84,7 +83,7 @@ def test_truth_lies_off_edges_and_on_the_drawn_surface():
         assert len(part.row) + part.dropped == 2000
         assert len(part.row) > 300
         assert not grown(outline, 2)[part.row, part.column].any()
-        drawn = getattr(frame, f"disparity_{part.eye}")[part.row, part.column]
+        drawn = frame.view(part.eye).disparity[part.row, part.column]
         np.testing.assert_allclose(drawn, part.disparity_px, rtol=0, atol=1e-4)
 
 
@@ -99,8 +98,8 @@ def test_images_without_imagecodecs_are_left_out_with_the_reason(monkeypatch):
     def refuse(name):
         raise ImportError(name)
 
-    monkeypatch.setattr(encodings, "import_module", refuse)
-    usable, left_out = image_encodings()
+    monkeypatch.setattr("semisynth_gl.codecs.codec.import_module", refuse)
+    usable, left_out = usable_encodings(IMAGE_CODECS)
     assert [encoding.name for encoding in usable] == ["png"]
     assert set(left_out) == {"qoi", "jxl"}
     assert all("imagecodecs" in reason for reason in left_out.values())

@@ -62,7 +62,7 @@ class SemisynthGl:
     def write_pair(self, frame: int, folder: Path) -> None:
         """See `loop.Peer`."""
         pair = self._renderer.render(own_scene(self._scene, frame))
-        write_arrays(folder, pair.left, pair.right, pair.left.disparity, our_encoders=True)
+        write_arrays(folder, pair.left.image, pair.right.image, pair.left.disparity, our_encoders=True)
         if self._all:
             (folder / "disp_right.pfm").write_bytes(PFM.encode(pair.right.disparity))
             (folder / "visibility_left.png").write_bytes(GREY8.encode(pair.left.visibility))
