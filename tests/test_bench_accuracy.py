@@ -74,7 +74,7 @@ def test_storing_loses_what_the_format_says(report):
 def test_truth_lies_off_edges_and_on_the_drawn_surface():
     if backend_fault("auto"):
         pytest.skip("no OpenGL here")
-    bench = sample_scenes(load_config("eth3d", SMALL), 5, 1)
+    bench = sample_scenes(load_config("eth3d", SMALL), 6, 1)
     with bench.open_renderer("auto", outputs=("instances",)) as renderer:
         frame = renderer.render(bench.scenes[0])
     truths, outlines = cast_truth(bench, [frame], 2000, np.random.default_rng(0))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.bench.scenes import BenchScenes, grown
 from semisynth_gl.bench.summary import front
-from semisynth_gl.bench.timing import compare_times
+from semisynth_gl.bench.timing import compare_times, turns
 from semisynth_gl.camera import EYES
 from semisynth_gl.errors import BackendError
 from semisynth_gl.render.context import Backend
@@ -86,14 +86,13 @@ def _alternated_renderers(
     To open a context takes longer than to draw a pair, so only the drawing is timed.
     """
     seconds = {mode: np.zeros(repeats) for mode in modes}
-    for number in range(repeats):
-        for mode in modes:
-            with bench.open_renderer(backend, outputs=(), antialias=mode) as renderer:
-                renderer.render(bench.scenes[0])
-                start = time.perf_counter()
-                for scene in bench.scenes:
-                    renderer.render(scene)
-                seconds[mode][number] = time.perf_counter() - start
+    for number, mode in turns(modes, repeats):
+        with bench.open_renderer(backend, outputs=(), antialias=mode) as renderer:
+            renderer.render(bench.scenes[0])
+            start = time.perf_counter()
+            for scene in bench.scenes:
+                renderer.render(scene)
+            seconds[mode][number] = time.perf_counter() - start
     return seconds
 
 

@@ -18,12 +18,10 @@ from numpy.typing import NDArray
 
 from semisynth_gl.bench.shards import LAYOUT, SPLIT, do_all, shard_job
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.plan import Shard
 from semisynth_gl.engines.task import Task
 from semisynth_gl.errors import SemisynthError
 from semisynth_gl.generation.shard_job import ShardJob
 from semisynth_gl.listener import Listener
-from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.context import Backend
 
 _POLL_S = 0.002
@@ -49,16 +47,16 @@ class _MemoryJob:
     @contextmanager
     def open(self, worker: int) -> Iterator[Task[_Memory]]:
         del worker
-        plan = self.job.plan
-        shards = plan.shards
-        with PairRenderer(plan.config, plan.seed, self.job.backend, plan.split(SPLIT)) as renderer:
-            yield lambda number, listener: self._make(renderer, shards[number], listener)
+        shards = self.job.plan.shards
+        with self.job.open_renderer(SPLIT) as renderer:
 
-    def _make(self, renderer: PairRenderer, shard: Shard, listener: Listener) -> _Memory:
-        self.job.make(shard, lambda _: renderer, listener)
-        shutil.rmtree(self.job.place.path(""))
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-        return _Memory(pages * os.sysconf("SC_PAGE_SIZE"), renderer.count_objects())
+            def make(number: int, listener: Listener) -> _Memory:
+                self.job.make(shards[number], lambda _: renderer, listener)
+                shutil.rmtree(self.job.place.path(""))
+                pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+                return _Memory(pages * os.sysconf("SC_PAGE_SIZE"), renderer.count_objects())
+
+            yield make
 
 
 def measure_memory(config: Config, seed: int, backend: Backend, pairs: int) -> dict[str, Any]:

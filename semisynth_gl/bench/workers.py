@@ -22,6 +22,7 @@ import numpy as np
 
 from semisynth_gl.bench.shards import SPLIT, do_all, shard_job
 from semisynth_gl.bench.stages import Costs, speed_limit, stage_rows
+from semisynth_gl.bench.timing import turns
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.places import Folder
 from semisynth_gl.dataset.plan import Shard
@@ -57,9 +58,8 @@ class _TimedShards:
     @contextmanager
     def open(self, worker: int) -> Iterator[Task[_ShardTimes]]:
         job = replace(self.job, place=Folder(self.job.place.path(str(worker))))
-        plan = job.plan
-        shards = plan.shards
-        with PairRenderer(plan.config, plan.seed, job.backend, plan.split(SPLIT)) as renderer:
+        shards = job.plan.shards
+        with job.open_renderer(SPLIT) as renderer:
             # Buffers are made and shaders compiled with the first pair.
             job.make(shards[0], lambda _: renderer, Listener())
             self.opened.wait()
@@ -104,9 +104,8 @@ class _TimedStages:
     @contextmanager
     def open(self, worker: int) -> Iterator[Task[_PairTimes]]:
         del worker
-        plan = self.job.plan
-        shards = plan.shards
-        with PairRenderer(plan.config, plan.seed, self.job.backend, plan.split(SPLIT)) as renderer:
+        shards = self.job.plan.shards
+        with self.job.open_renderer(SPLIT) as renderer:
             self._write(renderer, shards[0], Listener())
             yield lambda number, _: self._time(renderer, shards[number])
 
@@ -164,14 +163,11 @@ def measure_workers(
     pair_counts = {name: max(pairs, _PAIRS_EACH * count) for name, (count, _) in settings.items()}
     rates: dict[str, list[float]] = defaultdict(list)
     times_by_round: list[list[_PairTimes]] = []
-    order = ["stages", *settings]
-    for number in range(rounds):
-        first = number % len(order)
-        for name in order[first:] + order[:first]:
-            if name == "stages":
-                times_by_round.append(_stage_times(config, seed, backend, pairs))
-            else:
-                rates[name].append(_rate(config, seed, backend, *settings[name], pair_counts[name]))
+    for _, name in turns(["stages", *settings], rounds):
+        if name == "stages":
+            times_by_round.append(_stage_times(config, seed, backend, pairs))
+        else:
+            rates[name].append(_rate(config, seed, backend, *settings[name], pair_counts[name]))
     rows: list[dict[str, Any]] = [
         {
             "name": name,
