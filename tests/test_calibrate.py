@@ -655,7 +655,7 @@ def test_a_real_pair_becomes_a_config_that_renders(call, tmp_path, monkeypatch):
     small = load_config(tmp_path / "my rig.yaml", {"models.variants": 1, "models.complex": 0.0})
     frame = render_pair(small, index=0, seed=0)
     seen = frame.left.disparity[np.isfinite(frame.left.disparity)]
-    assert frame.left.shape == (500, 741, 3)
+    assert frame.left.image.shape == (500, 741, 3)
     assert seen.max() <= config.disparity.max_px
     assert abs(np.median(seen) - np.nanmedian(read_map(tmp_path / "disp0.pfm"))) < 20
 
