@@ -12,7 +12,6 @@ import json
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -28,14 +27,14 @@ from semisynth_gl.bench.encodings import (
     DEFAULT_DISPARITY_ENCODING,
     DEFAULT_IMAGE_ENCODING,
     Encoding,
-    disparity_encodings,
-    image_encodings,
     measure_encodings,
+    usable_encodings,
 )
 from semisynth_gl.bench.scenes import BenchScenes, Truth, cast_truth, sample_scenes
-from semisynth_gl.bench.summary import ErrorStats, error_stats, front, machine_facts
+from semisynth_gl.bench.summary import error_stats, front, machine_facts
 from semisynth_gl.bench.timing import alternated, compare_times
 from semisynth_gl.camera import EYES
+from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.render.context import BACKENDS, Backend
 from semisynth_gl.render.variants import RENDERERS_VARIANT, DisparityVariants, Variant
@@ -57,27 +56,6 @@ _Map = NDArray[np.float32]
 _Shape = tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class VariantRow:
-    """Measurements of one variant of the disparity.
-
-    Attributes:
-        name: the variant's name.
-        text: its description.
-        seconds_per_pair: both eyes drawn and read back, disparity alone.
-        time_ratio: that time relative to the renderer's own variant.
-        error: against the oracle.
-        on_front: no other variant is both faster and more exact (at 99.9 %).
-    """
-
-    name: str
-    text: str
-    seconds_per_pair: float
-    time_ratio: float
-    error: ErrorStats
-    on_front: bool
-
-
 def measure(config: Config, seed: int, backend: Backend, effort: Effort) -> dict[str, Any]:
     """Measure all alternatives on the first pairs of a config; the report is in JSON's types."""
     bench = sample_scenes(config, seed, effort.pairs)
@@ -86,12 +64,13 @@ def measure(config: Config, seed: int, backend: Backend, effort: Effort) -> dict
     truths, _ = cast_truth(bench, frames, effort.rays, np.random.default_rng(seed))
     with DisparityVariants(bench.models, backend) as variants:
         rows, refused = measure_variants(bench, variants, truths, effort.repeats), variants.left_out
-    maps = [frame.view(eye).disparity for frame in frames for eye in EYES]
-    images = [frame.view(eye).image for frame in frames for eye in EYES]
-    offered, left_out = image_encodings()
+    views = [frame.view(eye) for frame in frames for eye in EYES]
+    maps, images = [view.disparity for view in views], [view.image for view in views]
+    offered, _ = usable_encodings(DISPARITY_CODECS)
     stored = measure_encodings(
-        maps, [*disparity_encodings(), *more_disparity_encodings()], DEFAULT_DISPARITY_ENCODING, effort.repeats
+        maps, [*offered, *more_disparity_encodings()], DEFAULT_DISPARITY_ENCODING, effort.repeats
     )
+    offered, left_out = usable_encodings(IMAGE_CODECS)
     stored_images = measure_encodings(images, [*offered, PILLOW_PNG], DEFAULT_IMAGE_ENCODING, effort.repeats)
     return {
         **scene_facts(bench, seed, effort, frames, truths),
@@ -104,8 +83,13 @@ def measure(config: Config, seed: int, backend: Backend, effort: Effort) -> dict
 
 def measure_variants(
     bench: BenchScenes, variants: DisparityVariants, truths: Sequence[Truth], repeats: int
-) -> list[VariantRow]:
-    """Measure every variant that the driver can do; each draws all scenes ``repeats`` times, in turns."""
+) -> list[dict[str, Any]]:
+    """Measure every variant that the driver can do; each draws all scenes ``repeats`` times, in turns.
+
+    Returns:
+        A row of each variant. The time is that to draw and read back the disparity of both eyes; "on_front" says that
+        no other variant is both faster and more exact (at 99.9 %).
+    """
     truth = np.concatenate([part.disparity_px for part in truths])
     errors = {}
     for variant in variants.usable:
@@ -121,14 +105,18 @@ def measure_variants(
 
     seconds = alternated({variant: partial(draw, variant) for variant in variants.usable}, repeats)
     times = compare_times(seconds, RENDERERS_VARIANT, len(bench.scenes))
-    best = front({variant: (times[variant].ratio, errors[variant].p999_px) for variant in variants.usable})
+    best = front({variant: (times[variant].ratio, errors[variant]["p999_px"]) for variant in variants.usable})
     return [
-        VariantRow(
-            variant, VARIANT_TEXTS[variant], times[variant].seconds, times[variant].ratio, errors[variant],
-            variant in best,
-        )
+        {
+            "name": variant,
+            "text": VARIANT_TEXTS[variant],
+            "seconds_per_pair": times[variant].seconds,
+            "time_ratio": times[variant].ratio,
+            "error": errors[variant],
+            "on_front": variant in best,
+        }
         for variant in variants.usable
-    ]  # fmt: skip
+    ]
 
 
 def more_disparity_encodings() -> list[Encoding]:

@@ -9,7 +9,7 @@ from backends import backend_fault
 
 from semisynth_gl.bench.accuracy import Effort, measure, table
 from semisynth_gl.bench.antialias import MODES, REFERENCE, psnr_db
-from semisynth_gl.bench.encodings import image_encodings
+from semisynth_gl.bench.encodings import usable_encodings
 from semisynth_gl.bench.scenes import cast_truth, edges, grown, sample_scenes
 from semisynth_gl.bench.summary import front
 from semisynth_gl.bench.timing import alternated, compare_times
@@ -74,7 +74,7 @@ def test_storing_loses_what_the_format_says(report):
 def test_truth_lies_off_edges_and_on_the_drawn_surface():
     if backend_fault("auto"):
         pytest.skip("no OpenGL here")
-    bench = sample_scenes(load_config("eth3d", SMALL), 5, 1)
+    bench = sample_scenes(load_config("eth3d", SMALL), 6, 1)
     with bench.open_renderer("auto", outputs=("instances",)) as renderer:
         frame = renderer.render(bench.scenes[0])
     truths, outlines = cast_truth(bench, [frame], 2000, np.random.default_rng(0))
@@ -99,7 +99,7 @@ def test_images_without_imagecodecs_are_left_out_with_the_reason(monkeypatch):
         raise ImportError(name)
 
     monkeypatch.setattr("semisynth_gl.codecs.codec.import_module", refuse)
-    usable, left_out = image_encodings()
+    usable, left_out = usable_encodings(IMAGE_CODECS)
     assert [encoding.name for encoding in usable] == ["png"]
     assert set(left_out) == {"qoi", "jxl"}
     assert all("imagecodecs" in reason for reason in left_out.values())

@@ -9,11 +9,11 @@ import pytest
 from backends import backend_fault
 
 from semisynth_gl.bench.accuracy import Effort, table
-from semisynth_gl.bench.encodings import disparity_encodings
+from semisynth_gl.bench.encodings import usable_encodings
 from semisynth_gl.bench.scenes import sample_scenes
 from semisynth_gl.bench.summary import error_stats
 from semisynth_gl.camera import EYES, StereoCamera
-from semisynth_gl.codecs import IMAGE_CODECS
+from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS
 from semisynth_gl.config import load_config
 from semisynth_gl.render.variants import RENDERERS_VARIANT, VARIANTS, DisparityVariants
 from semisynth_gl.scene.background import FACE
@@ -36,7 +36,7 @@ SMALL = (
 )
 LOSSLESS = {"pfm", "tiff", "deflate", "delta", "blosc2"}
 LARGEST_ERROR_PX = {"png16": 1 / 512, "grid": 1 / 2048, "grid-delta": 1 / 2048}
-ENCODINGS = [*disparity_encodings(), *more_disparity_encodings()]
+ENCODINGS = [*usable_encodings(DISPARITY_CODECS)[0], *more_disparity_encodings()]
 
 
 @pytest.fixture(scope="module")
@@ -141,4 +141,4 @@ def test_disparities_beyond_an_encoding_count_as_missing():
     disparity = np.array([[0.001, 255.99, 256.1, 300, np.inf]], np.float32)
     back = png16.decode(png16.encode(disparity), disparity.shape)
     assert np.isfinite(back).tolist() == [[True, True, False, False, False]]
-    assert error_stats(back, disparity.astype(np.float64)).missing == 2
+    assert error_stats(back, disparity.astype(np.float64))["missing"] == 2

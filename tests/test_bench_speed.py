@@ -14,7 +14,7 @@ from semisynth_gl.bench.lifetime import line_slope
 from semisynth_gl.bench.scaling import ball, measure_stress
 from semisynth_gl.bench.scenes import sample_scenes
 from semisynth_gl.bench.speed import Effort, limit_text, measure, table, usual_workers
-from semisynth_gl.bench.stages import Costs, limit_of, stage_rows
+from semisynth_gl.bench.stages import Costs, speed_limit, stage_rows
 from semisynth_gl.bench.workers import is_software, worker_threads
 from semisynth_gl.cli import main
 from semisynth_gl.config import load_config
@@ -51,7 +51,7 @@ def report(config):
     effort = Effort(pairs=PAIRS, repeats=1, workers=(2,), memory_pairs=4, stress=False)
     with pytest.MonkeyPatch.context() as patch:
         # Each row opens a renderer of its own, which takes longer than to draw these scenes.
-        patch.setattr(scaling, "ANTIALIAS_MODES", ("none",))
+        patch.setattr(scaling, "MODES", ("none",))
         patch.setattr(
             scaling, "OUTPUT_OPTIONS", {name: scaling.OUTPUT_OPTIONS[name] for name in ("left disparity", USUAL)}
         )
@@ -126,13 +126,13 @@ def costs(**seconds):
     return {stage: Costs(2 * seconds.get(stage, 0.0), seconds.get(stage, 0.0), None) for stage in PAIR_STAGES}
 
 
-def test_the_limit_of_made_up_stages():
+def test_the_speed_limit_made_up_stages():
     pairs = [costs(draw=0.1, encode=0.05), costs(draw=0.3, encode=0.05, write=0.1)]
-    rows = {row.name: row for row in stage_rows(pairs, 4, software=True)}
-    assert rows["draw"].allows_per_second == pytest.approx(4 / 0.2)
-    assert rows["draw"].share == pytest.approx(0.2 / 0.3)
-    assert rows["processor"].allows_per_second == pytest.approx(4 / 0.3)
-    limit = limit_of(list(rows.values()), 4, 12.0, [0.8, 0.9, 1.0])
+    rows = {row["name"]: row for row in stage_rows(pairs, 4, software=True)}
+    assert rows["draw"]["allows_per_second"] == pytest.approx(4 / 0.2)
+    assert rows["draw"]["share"] == pytest.approx(0.2 / 0.3)
+    assert rows["processor"]["allows_per_second"] == pytest.approx(4 / 0.3)
+    limit = speed_limit(list(rows.values()), 4, 12.0, [0.8, 0.9, 1.0])
     assert (limit["narrowest_stage"], limit["by"], limit["share"]) == ("draw", "processor", 0.9)
     assert limit["narrowest_allows_per_second"] == pytest.approx(20)
     assert limit["allows_per_second"] == pytest.approx(4 / 0.3)
@@ -142,10 +142,10 @@ def test_the_limit_of_made_up_stages():
 
 
 def test_on_a_gpu_drawing_is_not_shared_out_to_cores():
-    rows = {row.name: row for row in stage_rows([costs(draw=0.1, encode=0.05)], 8, software=False)}
-    assert rows["draw"].allows_per_second == pytest.approx(1 / 0.2)
-    assert rows["encode"].allows_per_second == pytest.approx(8 / 0.05)
-    limit = limit_of(list(rows.values()), 8, 4.0, [0.8])
+    rows = {row["name"]: row for row in stage_rows([costs(draw=0.1, encode=0.05)], 8, software=False)}
+    assert rows["draw"]["allows_per_second"] == pytest.approx(1 / 0.2)
+    assert rows["encode"]["allows_per_second"] == pytest.approx(8 / 0.05)
+    limit = speed_limit(list(rows.values()), 8, 4.0, [0.8])
     assert (limit["narrowest_stage"], limit["by"]) == ("draw", "draw")
 
 
@@ -190,8 +190,8 @@ def test_balls_are_closed_and_round(rings):
 
 def test_the_stress_pair_has_what_was_asked_for(config):
     row = measure_stress(sample_scenes(config, 0, 1), 0, "auto", 50, 3000)
-    assert row.instances == 51
-    assert row.triangles >= 3000
+    assert row["instances"] == 51
+    assert row["triangles"] >= 3000
 
 
 def test_a_renderer_reports_its_stages_in_their_order(config):

@@ -2,6 +2,7 @@
 
 import os
 import struct
+import subprocess
 import sys
 import zlib
 from pathlib import Path
@@ -14,8 +15,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks" / "pee
 
 from accuracy import cast_truth, errors_px
 from exr import read_exr
+from loop import write_arrays
 from run import (
     CANDIDATES,
+    ENCODER_PACKAGES,
     OURS,
     REFERENCE,
     SYSTEM_BLENDER,
@@ -31,6 +34,9 @@ from run import (
     table,
 )
 from scene import PeerScene, library_meshes, make_scene
+
+from semisynth_gl.codecs.pfm import PFM
+from semisynth_gl.codecs.png import RGB8
 
 
 def small_scene(folder: Path, frames: int) -> PeerScene:
@@ -74,6 +80,31 @@ def test_our_peer_writes_exact_pairs_in_two_processes_as_in_one(tmp_path):
             "visibility_right.png",
         )
     ]
+
+
+@pytest.mark.parametrize("our_encoders", [False, True])
+def test_arrays_are_written_without_loss_by_pillow_and_by_our_encoders(tmp_path, our_encoders):
+    rng = np.random.default_rng(0)
+    left, right = rng.integers(0, 256, (2, 5, 7, 3), np.uint8)
+    disparity = rng.random((5, 7), np.float32)
+    write_arrays(tmp_path, left, right, disparity, our_encoders=our_encoders)
+    for name, image in (("left.png", left), ("right.png", right)):
+        data = (tmp_path / name).read_bytes()
+        assert (data == RGB8.encode(image)) == our_encoders
+        np.testing.assert_array_equal(RGB8.decode(data, tmp_path / name), image)
+    data = (tmp_path / "disp.pfm").read_bytes()
+    np.testing.assert_array_equal(PFM.decode(data, tmp_path / "disp.pfm"), disparity)
+
+
+def test_a_peers_environment_has_what_our_encoders_import():
+    show = (
+        "import sys, semisynth_gl.codecs.pfm, semisynth_gl.codecs.png; "
+        "print(*{name.partition('.')[0] for name in sys.modules} - sys.stdlib_module_names)"
+    )
+    command = [sys.executable, "-S", "-c", f"import sys; sys.path[:] = {sys.path!r}; {show}"]
+    imported = set(subprocess.run(command, capture_output=True, text=True, check=True).stdout.split())
+    assert imported - {"__main__"} == {"semisynth_gl", "numpy", "isal", "PIL"}
+    assert set(ENCODER_PACKAGES) == {"isal", "Pillow"}
 
 
 def test_a_peer_that_breaks_is_reported_and_ends_nothing(tmp_path, monkeypatch, capsys):

@@ -19,7 +19,7 @@ from typing import Protocol
 import numpy as np
 from scene import PeerScene, load_scene
 
-# The encoders of semisynth_gl.write need numpy and isal alone, which every peer's environment has.
+# The encoders of semisynth_gl need numpy, isal and Pillow: see `ENCODER_PACKAGES` in run.py.
 sys.path.append(str(Path(__file__).resolve().parents[2]))
 
 
@@ -65,12 +65,11 @@ def write_arrays(
         disparity: (H, W) float32.
         our_encoders: see `Options`.
     """
-    from semisynth_gl.codecs.pfm import PFM  # noqa: PLC0415 - found once the path above is set
+    # Found once the path above is set.
+    from semisynth_gl.codecs.pfm import PFM  # noqa: PLC0415
+    from semisynth_gl.codecs.png import RGB8  # noqa: PLC0415
 
-    if our_encoders:
-        pass
-    else:
-        encode = _pillow_png
+    encode = RGB8.encode if our_encoders else _pillow_png
     (folder / "left.png").write_bytes(encode(left))
     (folder / "right.png").write_bytes(encode(right))
     (folder / "disp.pfm").write_bytes(PFM.encode(disparity))
@@ -118,7 +117,7 @@ def _timed(peer: Peer, frame: int, out: Path) -> float:
 
 
 def _pillow_png(image: np.ndarray) -> bytes:
-    from PIL import Image  # noqa: PLC0415 - not every peer has it
+    from PIL import Image  # noqa: PLC0415 - Blender the program may lack it
 
     data = io.BytesIO()
     Image.fromarray(image).save(data, "PNG", compress_level=1)

@@ -17,7 +17,7 @@ import tempfile
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-# Blender the program has a Python of its own, without isal.
+# Blender the program has a Python of its own, without isal and Pillow.
 sys.path.extend(filter(None, [os.environ.get("PEER_PACKAGES")]))
 
 import bpy

@@ -34,13 +34,15 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 
 OURS = "semisynth_gl"
-# The Python of a machine's own Blender finds isal in the environment of the Blender package.
+# The Python of a machine's own Blender finds `ENCODER_PACKAGES` in the environment of the Blender package.
 SYSTEM_BLENDER = "blender-system"
 PACKAGES = {
-    "pyrender": ("pyrender==0.1.45", "numpy==1.26.4", "trimesh==4.5.3", "PyOpenGL-accelerate==3.1.10", "Pillow"),
+    "pyrender": ("pyrender==0.1.45", "numpy==1.26.4", "trimesh==4.5.3", "PyOpenGL-accelerate==3.1.10"),
     "blender": ("bpy==5.0.1",),  # for Python 3.11 alone
-    "pygfx": ("pygfx==0.17.0", "wgpu==0.32.0", "Pillow"),
+    "pygfx": ("pygfx==0.17.0", "wgpu==0.32.0"),
 }
+# What semisynth_gl.codecs imports beside numpy, which every peer depends on; peers read patches with Pillow too.
+ENCODER_PACKAGES = ("isal", "Pillow")
 # What a peer needs besides its environment: programs, shared libraries, and Debian's packages that have them.
 PROGRAMS: dict[str, dict[str, str]] = {SYSTEM_BLENDER: {"blender": "blender", "xvfb-run": "xvfb", "xauth": "xauth"}}
 LIBRARIES: dict[str, dict[str, str]] = {
@@ -61,7 +63,7 @@ class Candidate:
         peer: whose environment runs it.
         variant: see the peer's script.
         label: what the table calls it.
-        our_encoders: whether the peer is given the encoders of semisynth_gl.
+        our_encoders: True where the peer writes with the encoders of semisynth_gl.
         frames_divisor: a slow candidate draws only the frames divided by this.
     """
 
@@ -207,10 +209,10 @@ def missing(peer: str, work: Path) -> list[str]:
 def set_up(peer: str, work: Path) -> None:
     """Build a peer's virtual environment with the Python that runs this."""
     folder = work / f"venv-{peer}"
-    print(f"Installing {', '.join(PACKAGES[peer])} into {folder}")
+    packages = (*PACKAGES[peer], *ENCODER_PACKAGES)
+    print(f"Installing {', '.join(packages)} into {folder}")
     venv.create(folder, with_pip=True, clear=True)
-    pip = [str(_python_of(peer, work)), "-m", "pip", "install", "--quiet"]
-    subprocess.run([*pip, *PACKAGES[peer], "isal"], check=True)
+    subprocess.run([str(_python_of(peer, work)), "-m", "pip", "install", "--quiet", *packages], check=True)
 
 
 def measure(candidates: Sequence[Candidate], scene: PeerScene, work: Path, rounds: int) -> dict[Candidate, Measured]:

@@ -14,13 +14,13 @@ from semisynth_gl.bench.antialias import DEFAULT_MODE, REFERENCE, measure_modes
 from semisynth_gl.bench.encodings import (
     DEFAULT_DISPARITY_ENCODING,
     DEFAULT_IMAGE_ENCODING,
-    disparity_encodings,
-    image_encodings,
     measure_encodings,
+    usable_encodings,
 )
 from semisynth_gl.bench.scenes import BenchScenes, Truth, cast_truth, sample_scenes
 from semisynth_gl.bench.summary import error_stats, machine_facts, markdown
 from semisynth_gl.camera import EYES
+from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS
 from semisynth_gl.config import Config
 from semisynth_gl.frame import Frame
 from semisynth_gl.listener import Listener
@@ -71,19 +71,21 @@ def measure(
     drawn = [frames[part.scene].view(part.eye).disparity[part.row, part.column] for part in truths]
     error = error_stats(np.concatenate(drawn), np.concatenate([part.disparity_px for part in truths]))
     listener.on_message("encodings of disparities")
-    maps = [frame.view(eye).disparity for frame in frames for eye in EYES]
-    stored = measure_encodings(maps, disparity_encodings(), DEFAULT_DISPARITY_ENCODING, effort.repeats)
+    views = [frame.view(eye) for frame in frames for eye in EYES]
+    disparity_encodings, _ = usable_encodings(DISPARITY_CODECS)
+    stored = measure_encodings(
+        [view.disparity for view in views], disparity_encodings, DEFAULT_DISPARITY_ENCODING, effort.repeats
+    )
     listener.on_message("encodings of images")
-    images = [frame.view(eye).image for frame in frames for eye in EYES]
-    usable, left_out = image_encodings()
-    stored_images = measure_encodings(images, usable, DEFAULT_IMAGE_ENCODING, effort.repeats)
+    usable, left_out = usable_encodings(IMAGE_CODECS)
+    stored_images = measure_encodings([view.image for view in views], usable, DEFAULT_IMAGE_ENCODING, effort.repeats)
     listener.on_message("antialiasing")
     # Each turn opens a renderer anew, which takes long: half as many turns.
     modes, modes_left_out = measure_modes(bench, outlines, backend, max(1, effort.repeats // 2))
     return {
         **scene_facts(bench, seed, effort, frames, truths),
         "machine": machine_facts() | driver,
-        "disparity": plain(asdict(error)),
+        "disparity": plain(error),
         "store": section(DEFAULT_DISPARITY_ENCODING, {}, stored),
         "images_store": section(DEFAULT_IMAGE_ENCODING, left_out, stored_images),
         "antialias": section(DEFAULT_MODE, modes_left_out, modes) | {"reference": REFERENCE},
@@ -111,20 +113,20 @@ def scene_facts(
     }
 
 
-def section(default: str, left_out: Mapping[str, str], rows: Sequence[Any]) -> dict[str, Any]:
-    """Put the rows of alternatives, which are dataclasses, into JSON's types.
+def section(default: str, left_out: Mapping[str, str], rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Put the rows of alternatives into JSON's types.
 
     Args:
         default: name of the row that the program uses unless another is asked for.
         left_out: why other alternatives could not be measured, by name.
         rows: a row of each alternative.
     """
-    return {"default": default, "left_out": dict(left_out), "rows": [plain(asdict(row)) for row in rows]}
+    return {"default": default, "left_out": dict(left_out), "rows": [plain(row) for row in rows]}
 
 
 def plain(value: Any) -> Any:  # noqa: ANN401 - any of JSON's types
     """Replace numbers that JSON lacks, NaN and infinity, by None."""
-    if isinstance(value, dict):
+    if isinstance(value, Mapping):
         return {key: plain(item) for key, item in value.items()}
     return None if isinstance(value, float) and not isfinite(value) else value
 
@@ -144,7 +146,9 @@ def table(report: Mapping[str, Any]) -> str:
     parts = [_disparity_text(report)] if "disparity" in report else []
     for name in sections:
         head, cells = _COLUMNS[name]
-        rows = [(_name(row, report[name]), *_cost(row), *cells(row), row["text"]) for row in report[name]["rows"]]
+        rows = [
+            (*_common_cells(row, report[name]["default"]), *cells(row), row["text"]) for row in report[name]["rows"]
+        ]
         parts.append(markdown((head[0], "ms a pair", "x", *head[1:], "what it is"), rows))
     reasons = {name: reason for part in sections for name, reason in report[part]["left_out"].items()}
     return "\n\n".join([*parts, *(f"{name} left out: {reason}" for name, reason in reasons.items())])
@@ -158,13 +162,9 @@ def _disparity_text(report: Mapping[str, Any]) -> str:
     )
 
 
-def _name(row: Mapping[str, Any], part: Mapping[str, Any]) -> str:
-    name = f"**{row['name']}**" if row["name"] == part["default"] else row["name"]
-    return f"{name} *" if row["on_front"] else name
-
-
-def _cost(row: Mapping[str, Any]) -> tuple[str, str]:
-    return f"{1e3 * row['seconds_per_pair']:.1f}", f"{row['time_ratio']:.2f}"
+def _common_cells(row: Mapping[str, Any], default: str) -> tuple[str, str, str]:
+    name = f"**{row['name']}**" if row["name"] == default else row["name"]
+    return f"{name} *" if row["on_front"] else name, f"{1e3 * row['seconds_per_pair']:.1f}", f"{row['time_ratio']:.2f}"
 
 
 def _file_cost(row: Mapping[str, Any]) -> tuple[str, str]:

@@ -3,7 +3,7 @@
 The encodings are the codecs that a config may choose.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.bench.summary import ErrorStats, error_stats, front
+from semisynth_gl.bench.summary import error_stats, front
 from semisynth_gl.bench.timing import alternated, compare_times
-from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS, Codec, Encodings
+from semisynth_gl.codecs import Codec, Encodings
 from semisynth_gl.errors import InputError
 
 DEFAULT_DISPARITY_ENCODING = Encodings().disparity.name
@@ -41,59 +41,29 @@ class Encoding:
     decode: Callable[[bytes, tuple[int, ...]], NDArray[Any]]
 
 
-@dataclass(frozen=True, slots=True)
-class EncodingRow:
-    """Measurements of one encoding.
-
-    Attributes:
-        name: the encoding's name.
-        text: its description.
-        seconds_per_pair: time to encode both arrays of a pair.
-        time_ratio: that time relative to the default's.
-        read_seconds_per_pair: time to decode both.
-        bytes_per_pair: size of both.
-        lossless: the decoded arrays are equal to the encoded ones.
-        error: of decoded disparities; None for images.
-        on_front: no other encoding dominates it in time to write, time to read, bytes and worst error.
-    """
-
-    name: str
-    text: str
-    seconds_per_pair: float
-    time_ratio: float
-    read_seconds_per_pair: float
-    bytes_per_pair: float
-    lossless: bool
-    error: ErrorStats | None
-    on_front: bool
-
-
-def disparity_encodings() -> list[Encoding]:
-    """List the encodings of disparity that a config may choose."""
-    return [_codec_encoding(codec) for codec in DISPARITY_CODECS.values()]
-
-
-def image_encodings() -> tuple[list[Encoding], dict[str, str]]:
-    """List the encodings of images that a config may choose and, by name, why others cannot be measured here."""
+def usable_encodings(codecs: Mapping[str, Codec[Any]]) -> tuple[list[Encoding], dict[str, str]]:
+    """List the encodings of codecs that are installed and, by name, why the others cannot be measured here."""
     usable: list[Encoding] = []
     left_out: dict[str, str] = {}
-    for name, codec in IMAGE_CODECS.items():
+    for name, codec in codecs.items():
         try:
             codec.check_installed()
         except InputError as error:
             left_out[name] = str(error)
         else:
-            usable.append(_codec_encoding(codec))
+            usable.append(Encoding(name, codec.description, codec.encode, partial(_decode_file, codec)))
     return usable, left_out
 
 
-def _codec_encoding(codec: Codec[Any]) -> Encoding:
-    return Encoding(codec.name, codec.description, codec.encode, _whole_file(codec.decode))
+def _decode_file(codec: Codec[Any], data: bytes, _: tuple[int, ...]) -> NDArray[Any]:
+    """Decode a file, which has its array's shape in it."""
+    array: NDArray[Any] = codec.decode(data, _MEMORY)
+    return array
 
 
 def measure_encodings(
     arrays: Sequence[NDArray[Any]], encodings: Sequence[Encoding], default: str, repeats: int
-) -> list[EncodingRow]:
+) -> list[dict[str, Any]]:
     """Encode and decode arrays and compare the result with them.
 
     Args:
@@ -101,6 +71,10 @@ def measure_encodings(
         encodings: the alternatives.
         default: name of the encoding whose time to write is 1.
         repeats: how often each encoding encodes and decodes all arrays, in turns.
+
+    Returns:
+        A row of each encoding. "error" is that of decoded disparities, None for images; "on_front" says that no other
+        encoding dominates this one in time to write, time to read, bytes and worst error.
     """
     encoded = {encoding.name: [encoding.encode(array) for array in arrays] for encoding in encodings}
 
@@ -126,29 +100,31 @@ def measure_encodings(
         {name: (writing[name].ratio, reading[name].ratio, sizes[name], _worst_px(errors[name])) for name in sizes}
     )
     return [
-        EncodingRow(
-            name, encoding.text, writing[name].seconds, writing[name].ratio, reading[name].seconds, sizes[name],
-            lossless[name], errors[name], name in best,
-        )
+        {
+            "name": name,
+            "text": encoding.text,
+            "seconds_per_pair": writing[name].seconds,
+            "time_ratio": writing[name].ratio,
+            "read_seconds_per_pair": reading[name].seconds,
+            "bytes_per_pair": sizes[name],
+            "lossless": lossless[name],
+            "error": errors[name],
+            "on_front": name in best,
+        }
         for encoding in encodings
         for name in [encoding.name]
-    ]  # fmt: skip
+    ]
 
 
-def _whole_file(decode: Callable[[bytes, Path], NDArray[Any]]) -> Callable[[bytes, tuple[int, ...]], NDArray[Any]]:
-    """Adapt a decoder of files, which hold their shape."""
-    return lambda data, _: decode(data, _MEMORY)
-
-
-def _error(decoded: Sequence[NDArray[Any]], arrays: Sequence[NDArray[Any]]) -> ErrorStats | None:
+def _error(decoded: Sequence[NDArray[Any]], arrays: Sequence[NDArray[Any]]) -> dict[str, Any] | None:
     if arrays[0].dtype != np.float32:
         return None
-    truth = np.concatenate([array.ravel() for array in arrays]).astype(np.float64)
-    return error_stats(np.concatenate([array.ravel() for array in decoded]), truth)
+    values, truth = (np.concatenate([array.ravel() for array in part]) for part in (decoded, arrays))
+    return error_stats(values, truth.astype(np.float64))
 
 
-def _worst_px(error: ErrorStats | None) -> float:
+def _worst_px(error: Mapping[str, Any] | None) -> float:
     """Return the error that the front weighs: an encoding that drops pixels is worse than one that keeps them."""
     if error is None:
         return 0.0
-    return np.inf if error.missing else error.worst_px
+    return np.inf if error["missing"] else float(error["worst_px"])

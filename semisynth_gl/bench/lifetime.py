@@ -11,18 +11,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.bench.shards import LAYOUT, SPLIT, do_all, shard_job
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.plan import Shard
 from semisynth_gl.engines.task import Task
 from semisynth_gl.errors import SemisynthError
 from semisynth_gl.generation.shard_job import ShardJob
 from semisynth_gl.listener import Listener
-from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.context import Backend
 
 _POLL_S = 0.002
@@ -32,83 +31,56 @@ _DRIVER_CACHES = ("MESA_SHADER_CACHE_DIR", "MESA_GLSL_CACHE_DIR", "__GL_SHADER_D
 _SETTLING = 0.25
 
 
-@dataclass(frozen=True, slots=True)
-class StartRow:
-    """Seconds from the start of ``semisynth-gl generate --pairs 1`` on.
-
-    Attributes:
-        name: "empty caches" or "warm caches", of the program and of the driver.
-        first_pair_seconds: until the pair is on disk; median over the repeats.
-        end_seconds: until the process has ended; median over the repeats.
-    """
-
-    name: str
-    first_pair_seconds: float
-    end_seconds: float
-
-
-@dataclass(frozen=True, slots=True)
-class MemoryRow:
-    """Memory of one process while it makes pairs.
-
-    Attributes:
-        pairs: number of pairs.
-        rss_bytes: resident memory at the end; with a software renderer, images and textures too.
-        peak_bytes: largest resident memory after any pair.
-        slope_bytes_per_pair: slope of a line through the resident memory after each pair, without the first quarter.
-        slope_error_bytes_per_pair: standard error of the slope.
-        objects: number of OpenGL objects at the end by kind.
-        objects_constant: there were as many objects after the first pair.
-    """
-
-    pairs: int
-    rss_bytes: int
-    peak_bytes: int
-    slope_bytes_per_pair: float
-    slope_error_bytes_per_pair: float
-    objects: dict[str, int]
-    objects_constant: bool
-
-
-@dataclass(frozen=True, slots=True)
-class _Held:
-    """Memory and OpenGL objects after one pair."""
+class _Memory(NamedTuple):
+    """Resident memory and the number of OpenGL objects by kind, after a pair."""
 
     rss_bytes: int
     objects: dict[str, int]
 
 
 @dataclass(frozen=True, slots=True)
-class _PairsThenLook:
-    """Makes a pair, removes it from the disk and reads the process's memory."""
+class _MemoryJob:
+    """Makes pairs, removes each from the disk and reads the process's memory."""
 
     job: ShardJob
 
     @contextmanager
-    def open(self, worker: int) -> Iterator[Task[_Held]]:
+    def open(self, worker: int) -> Iterator[Task[_Memory]]:
         del worker
-        plan = self.job.plan
-        shards = plan.shards
-        with PairRenderer(plan.config, plan.seed, self.job.backend, plan.split(SPLIT)) as renderer:
-            yield lambda number, listener: self._look(renderer, shards[number], listener)
+        shards = self.job.plan.shards
+        with self.job.open_renderer(SPLIT) as renderer:
 
-    def _look(self, renderer: PairRenderer, shard: Shard, listener: Listener) -> _Held:
-        self.job.make(shard, lambda _: renderer, listener)
-        shutil.rmtree(self.job.place.path(""))
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-        return _Held(pages * os.sysconf("SC_PAGE_SIZE"), renderer.count_objects())
+            def make(number: int, listener: Listener) -> _Memory:
+                self.job.make(shards[number], lambda _: renderer, listener)
+                shutil.rmtree(self.job.place.path(""))
+                pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+                return _Memory(pages * os.sysconf("SC_PAGE_SIZE"), renderer.count_objects())
+
+            yield make
 
 
-def measure_memory(config: Config, seed: int, backend: Backend, pairs: int) -> MemoryRow:
-    """Make pairs in a process of its own and follow its memory."""
+def measure_memory(config: Config, seed: int, backend: Backend, pairs: int) -> dict[str, Any]:
+    """Make pairs in a process of its own and follow its memory.
+
+    Returns:
+        Resident memory at the end and the largest one after any pair, with a software renderer images and textures
+        too; the slope, with its standard error, of a line through the resident memory after each pair but the first
+        quarter; the number of OpenGL objects at the end by kind, and whether it is the number after the first pair.
+    """
     with tempfile.TemporaryDirectory() as scratch:
         job = shard_job(config, seed, backend, pairs, 1, Path(scratch) / "out")
-        held = do_all(_PairsThenLook(job), range(pairs), 1)
-    rss = np.array([after.rss_bytes for after in held], np.float64)
+        memory = do_all(_MemoryJob(job), range(pairs), 1)
+    rss = np.array([after.rss_bytes for after in memory], np.float64)
     slope, error = line_slope(rss[int(_SETTLING * pairs) :])
-    return MemoryRow(
-        pairs, int(rss[-1]), int(rss.max()), slope, error, held[-1].objects, held[-1].objects == held[0].objects
-    )
+    return {
+        "pairs": pairs,
+        "rss_bytes": int(rss[-1]),
+        "peak_bytes": int(rss.max()),
+        "slope_bytes_per_pair": slope,
+        "slope_error_bytes_per_pair": error,
+        "objects": memory[-1].objects,
+        "objects_constant": memory[-1].objects == memory[0].objects,
+    }
 
 
 def line_slope(values: NDArray[np.float64]) -> tuple[float, float]:
@@ -119,33 +91,34 @@ def line_slope(values: NDArray[np.float64]) -> tuple[float, float]:
     return float(slope), float(np.sqrt(covariance[0, 0]))
 
 
-def measure_start(config: Config, seed: int, backend: Backend, repeats: int) -> list[StartRow]:
-    """Start the program with empty caches and then with the caches of that start, in turns."""
+def measure_start(config: Config, seed: int, backend: Backend, repeats: int) -> list[dict[str, Any]]:
+    """Start ``semisynth-gl generate --pairs 1`` with empty caches and then with the caches of that start, in turns.
+
+    Returns:
+        A row of each, with seconds until the pair is on disk and until the process has ended: medians over the repeats.
+    """
     names = ("empty caches", "warm caches")
     times: dict[str, list[tuple[float, float]]] = {name: [] for name in names}
     for _ in range(repeats):
         with tempfile.TemporaryDirectory() as scratch:
             for name in names:
                 times[name].append(_start(config, seed, backend, Path(scratch)))
-    return [StartRow(name, *(float(value) for value in np.median(times[name], axis=0))) for name in names]
+    medians = {name: np.median(times[name], axis=0).tolist() for name in names}
+    return [{"name": name, "first_pair_seconds": first, "end_seconds": end} for name, (first, end) in medians.items()]
 
 
 def _start(config: Config, seed: int, backend: Backend, scratch: Path) -> tuple[float, float]:
     """Run the program with its caches below a folder."""
     # JSON is YAML. None stands for a key that was not given.
-    (scratch / "config.yaml").write_text(
-        json.dumps(config.model_dump(mode="json", exclude_none=True)), encoding="utf-8"
-    )
-    out = scratch / "out"
+    config_path, out, driver_cache = scratch / "config.yaml", scratch / "out", scratch / "driver"
+    config_path.write_text(json.dumps(config.model_dump(mode="json", exclude_none=True)), encoding="utf-8")
     command = [
-        *(sys.executable, "-m", "semisynth_gl", "generate", "--config", str(scratch / "config.yaml")),
+        *(sys.executable, "-m", "semisynth_gl", "generate", "--config", str(config_path)),
         *("--pairs", "1", "--out", str(out), "--seed", str(seed), "--backend", backend, "--layout", LAYOUT),
     ]
     shutil.rmtree(out, ignore_errors=True)
-    caches = {"SEMISYNTH_GL_CACHE": str(scratch / "cache")}
-    for name in _DRIVER_CACHES:
-        (scratch / "driver").mkdir(exist_ok=True)
-        caches[name] = str(scratch / "driver")
+    driver_cache.mkdir(exist_ok=True)
+    caches = {"SEMISYNTH_GL_CACHE": str(scratch / "cache")} | dict.fromkeys(_DRIVER_CACHES, str(driver_cache))
     plan = shard_job(config, seed, backend, 1, 1, out).plan
     # The file of a pair that appears last.
     last_file = out / plan.layout.files(plan.key(SPLIT, 0), plan.layout.encodings_for(config))["provenance"]
@@ -157,7 +130,7 @@ def _start(config: Config, seed: int, backend: Backend, scratch: Path) -> tuple[
                 first_pair = time.perf_counter() - start
             time.sleep(_POLL_S)
         end = time.perf_counter() - start
-        _, said = run.communicate()
+        _, message = run.communicate()
     if run.returncode != 0:
-        raise SemisynthError(f"the program could not be started:\n{said.decode(errors='replace')}")
+        raise SemisynthError(f"the program could not be started:\n{message.decode(errors='replace')}")
     return first_pair if first_pair is not None else end, end

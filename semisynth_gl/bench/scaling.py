@@ -3,13 +3,14 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.bench.antialias import DEFAULT_MODE, MODES
 from semisynth_gl.bench.scenes import BenchScenes
 from semisynth_gl.bench.timing import alternated, compare_times
 from semisynth_gl.camera import StereoCamera
@@ -37,7 +38,6 @@ _INSTANCES = (10, 100, 1000)
 _IN_VIEW, _OUTSIDE = 1000, (0, 1000, 10_000)
 _BASE_INSTANCES = 100
 _SIZES = (0.5, 1.0, 2.0)
-ANTIALIAS_MODES = ("none", "msaa4", "ssaa2", "ssaa3")
 # Options of a renderer by the row's name.
 OUTPUT_OPTIONS: Mapping[str, dict[str, Any]] = {
     "left disparity": {"truth": "left", "outputs": ()},
@@ -50,34 +50,27 @@ STRESS = (10_000, 5_000_000)
 """Instances and triangles, all in view."""
 
 
-@dataclass(frozen=True, slots=True)
-class ScalingRow:
-    """Measurements of one scene, or of the config's scenes with some options.
-
-    Attributes:
-        name: the row's name.
-        instances: number of instances, the wall included; mean over the scenes.
-        triangles: number of triangles in view; mean over the scenes.
-        pixels: of one image.
-        seconds_per_pair: both eyes drawn and read back; median over the repeats.
-        ratio: time relative to the baseline's, median over the repeats.
-    """
-
-    name: str
-    instances: float
-    triangles: float
-    pixels: int
-    seconds_per_pair: float
-    ratio: float
-
-
-@dataclass(frozen=True, slots=True)
-class _Case:
-    """Scenes with a function that draws one of them."""
+class _Case(NamedTuple):
+    """Scenes, the mean number of their triangles in view, and a function that draws a scene."""
 
     scenes: Sequence[Scene]
     triangles: float
     draw: Callable[[Scene], object]
+
+    def draw_all(self) -> None:
+        for scene in self.scenes:
+            self.draw(scene)
+
+    def row(self, name: str, seconds_per_pair: float, ratio: float) -> dict[str, Any]:
+        camera = self.scenes[0].camera
+        return {
+            "name": name,
+            "instances": float(np.mean([len(scene) for scene in self.scenes])),
+            "triangles": self.triangles,
+            "pixels": camera.width_px * camera.height_px,
+            "seconds_per_pair": seconds_per_pair,
+            "ratio": ratio,
+        }
 
 
 def measure_scaling(bench: BenchScenes, seed: int, backend: Backend, repeats: int) -> dict[str, dict[str, Any]]:
@@ -93,7 +86,10 @@ def measure_scaling(bench: BenchScenes, seed: int, backend: Backend, repeats: in
         repeats: how often each row takes its turn.
 
     Returns:
-        By quantity: "text", "baseline" (a row's name), "left_out" (names with the driver's reason) and "rows".
+        By quantity: "text", "baseline" (a row's name), "left_out" (names with the driver's reason) and "rows". In a
+        row, instances, the wall included, and triangles in view are means over the scenes, pixels those of an image;
+        the time is that to draw and read back both eyes, and "ratio" the time relative to the baseline's: medians over
+        the repeats.
     """
     layers = bench.layers[:_LAYERS]
     balls = [marked_solid(ball(rings)) for rings in _RINGS]
@@ -123,18 +119,17 @@ def measure_scaling(bench: BenchScenes, seed: int, backend: Backend, repeats: in
             repeats,
             baseline=f"{size[0]} x {size[1]}",
         )
-    groups["antialias"] = _option_group(
-        bench, {mode: {"antialias": mode} for mode in ANTIALIAS_MODES}, "none", backend, repeats
-    )
+    modes = {mode: {"antialias": mode} for mode in MODES}
+    groups["antialias"] = _option_group(bench, modes, DEFAULT_MODE, backend, repeats)
     groups["outputs"] = _option_group(bench, OUTPUT_OPTIONS, _USUAL_OUTPUTS, backend, repeats)
     return groups
 
 
 def measure_stress(
     bench: BenchScenes, seed: int, backend: Backend, instances: int = STRESS[0], triangles: int = STRESS[1]
-) -> ScalingRow:
+) -> dict[str, Any]:
     """Time one pair with at least as many instances and triangles in view, drawn once, masks included."""
-    rings = next(rings for rings in range(3, 10_000) if instances * _triangle_count(rings) >= triangles)
+    rings = next(rings for rings in range(3, 10_000) if instances * 4 * rings * (rings - 1) >= triangles)
     model = marked_solid(ball(rings))
     layers = bench.layers[:_LAYERS]
     size = bench.scenes[0].camera.width_px, bench.scenes[0].camera.height_px
@@ -145,7 +140,7 @@ def measure_stress(
         start = time.perf_counter()
         renderer.render(case.scenes[0])
         seconds = time.perf_counter() - start
-    return ScalingRow("stress", instances + 1, case.triangles, size[0] * size[1], seconds, 1.0)
+    return case.row("stress", seconds, 1.0)
 
 
 def ball(rings: int) -> Mesh:
@@ -154,10 +149,6 @@ def ball(rings: int) -> Mesh:
     profile = np.stack([np.cos(latitude), np.sin(latitude)], axis=-1)
     profile[[0, -1], 0] = 0.0
     return without_degenerate(lathe(profile, 2 * rings))
-
-
-def _triangle_count(rings: int) -> int:
-    return 4 * rings * (rings - 1)
 
 
 def _case(
@@ -231,21 +222,11 @@ def _option_group(
 def _group(text: str, cases: Mapping[str, _Case], repeats: int, *, baseline: str | None = None) -> dict[str, Any]:
     """Time cases in turns; without a name, the first case is the baseline."""
     baseline = next(iter(cases)) if baseline is None else baseline
-    calls = {name: partial(_draw_all, case) for name, case in cases.items()}
-    for call in calls.values():  # buffers grow once
-        call()
-    seconds = alternated(calls, repeats)
-    rows = {}
+    for case in cases.values():  # buffers grow once
+        case.draw_all()
+    seconds = alternated({name: case.draw_all for name, case in cases.items()}, repeats)
+    rows = []
     for name, case in cases.items():
         times = compare_times({name: seconds[name], baseline: seconds[baseline]}, baseline, len(case.scenes))[name]
-        camera = case.scenes[0].camera
-        rows[name] = ScalingRow(
-            name, float(np.mean([len(scene) for scene in case.scenes])), case.triangles,
-            camera.width_px * camera.height_px, times.seconds, times.ratio,
-        )  # fmt: skip
-    return {"text": text, "baseline": baseline, "left_out": {}, "rows": list(rows.values())}
-
-
-def _draw_all(case: _Case) -> None:
-    for scene in case.scenes:
-        case.draw(scene)
+        rows.append(case.row(name, times.seconds, times.ratio))
+    return {"text": text, "baseline": baseline, "left_out": {}, "rows": rows}

@@ -4,13 +4,12 @@ config -> {workers and stages, scaling, stress, memory, start} -> report, a dict
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from semisynth_gl.bench.lifetime import measure_memory, measure_start
 from semisynth_gl.bench.scaling import measure_scaling, measure_stress
 from semisynth_gl.bench.scenes import sample_scenes
-from semisynth_gl.bench.stages import limit_of
 from semisynth_gl.bench.summary import machine_facts, markdown
 from semisynth_gl.bench.workers import measure_workers
 from semisynth_gl.config import Config
@@ -71,18 +70,16 @@ def measure(
     listener.on_message(f"scenes of {config.name}")
     bench = sample_scenes(config, seed, _SCENES)
     listener.on_message(f"stages, and {', '.join(map(str, counts))} workers, in {rounds} rounds")
-    throughput = measure_workers(config, seed, backend, counts, effort.pairs, rounds)
+    sections, facts = measure_workers(config, seed, backend, counts, effort.pairs, rounds)
     listener.on_message("instances, triangles, pixels, antialiasing, outputs")
     scaling = measure_scaling(bench, seed, backend, effort.repeats)
     listener.on_message("many instances and triangles")
-    stress = asdict(measure_stress(bench, seed, backend)) if effort.stress else None
+    stress = measure_stress(bench, seed, backend) if effort.stress else None
     listener.on_message(f"memory over {effort.memory_pairs} pairs")
     memory = measure_memory(config, seed, backend, effort.memory_pairs)
     listener.on_message("start")
     start = measure_start(config, seed, backend, rounds)
     camera = bench.scenes[0].camera
-    most = max(throughput.workers, key=lambda row: row.workers)
-    limit = limit_of(throughput.stages, cores(), most.pairs_per_second, throughput.shares)
     return {
         "config": config.name,
         "config_sha256": config.digest(),
@@ -91,17 +88,13 @@ def measure(
         "pairs": effort.pairs,
         "repeats": effort.repeats,
         "rounds": rounds,
-        "machine": machine_facts() | {"usable_cores": cores()} | throughput.facts,
-        "stages": {"pair_seconds": throughput.pair_seconds, "rows": [asdict(row) for row in throughput.stages]},
-        "limit": {"workers": most.workers} | limit,
-        "workers": {"rows": [asdict(row) for row in throughput.workers]},
-        "scaling": {
-            name: part | {"rows": [asdict(row) for row in part["rows"]]} for name, part in scaling.items()
-        },
+        "machine": machine_facts() | {"usable_cores": cores()} | facts,
+        **sections,
+        "scaling": scaling,
         "stress": stress,
-        "memory": asdict(memory),
-        "start": {"rows": [asdict(row) for row in start]},
-    }  # fmt: skip
+        "memory": memory,
+        "start": {"rows": start},
+    }
 
 
 def headline(report: Mapping[str, Any]) -> str:
@@ -115,6 +108,8 @@ def headline(report: Mapping[str, Any]) -> str:
 
 def table(report: Mapping[str, Any]) -> str:
     """Lay a report out in Markdown: tables, and a sentence in place of a table with one row."""
+    stages, workers, start = (report[name]["rows"] for name in ("stages", "workers", "start"))
+    scaling = report["scaling"].items()
     parts = [
         markdown(
             ("stage", "ms a pair", "ms of CPU", "share", "MB a pair", "pairs/s alone", "what it is"),
@@ -122,7 +117,7 @@ def table(report: Mapping[str, Any]) -> str:
                 (row["name"], f"{1e3 * row['seconds']:.1f}", f"{1e3 * row['cpu_seconds']:.1f}",
                  f"{100 * row['share']:.0f} %", _megabytes(row["bytes_per_pair"]), f"{row['allows_per_second']:.3g}",
                  row["text"])
-                for row in report["stages"]["rows"]
+                for row in stages
             ],
         ),
         limit_text(report),
@@ -131,7 +126,7 @@ def table(report: Mapping[str, Any]) -> str:
             [
                 (row["name"], str(row["threads"]), str(row["pairs"]), f"{row['pairs_per_second']:.2f}",
                  f"{row['ratio']:.2f}")
-                for row in report["workers"]["rows"]
+                for row in workers
             ],
             text_last=False,
         ),
@@ -141,24 +136,17 @@ def table(report: Mapping[str, Any]) -> str:
                 (f"{name}: {part['text']}" if number == 0 else "", row["name"], f"{row['instances']:.0f}",
                  f"{row['triangles']:.0f}", str(row["pixels"]), f"{1e3 * row['seconds_per_pair']:.0f}",
                  f"{row['ratio']:.2f}")
-                for name, part in report["scaling"].items()
+                for name, part in scaling
                 for number, row in enumerate(part["rows"])
             ],
             text_last=False,
         ),
-        *(
-            f"{name} left out: {reason}"
-            for part in report["scaling"].values()
-            for name, reason in part["left_out"].items()
-        ),
+        *(f"{name} left out: {reason}" for _, part in scaling for name, reason in part["left_out"].items()),
         *([_stress_text(report["stress"])] if report["stress"] else []),
         _memory_text(report["memory"]),
         markdown(
             ("start with", "s to the first pair on disk", "s to the end"),
-            [
-                (row["name"], f"{row['first_pair_seconds']:.2f}", f"{row['end_seconds']:.2f}")
-                for row in report["start"]["rows"]
-            ],
+            [(row["name"], f"{row['first_pair_seconds']:.2f}", f"{row['end_seconds']:.2f}") for row in start],
             text_last=False,
         ),
     ]  # fmt: skip

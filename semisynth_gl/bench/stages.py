@@ -1,8 +1,7 @@
 """Costs of the stages of a pair, and the stage that limits how many pairs a machine can make."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,8 +20,7 @@ _ON_THE_GPU = ("draw", "visibility", "readback")
 PROCESSOR = "processor"
 
 
-@dataclass(frozen=True, slots=True)
-class Costs:
+class Costs(NamedTuple):
     """Costs of one stage of one pair.
 
     Attributes:
@@ -36,30 +34,7 @@ class Costs:
     result_bytes: int | None
 
 
-@dataclass(frozen=True, slots=True)
-class StageRow:
-    """One stage alone: one process, one thread, the driver made to finish it before the next begins.
-
-    Attributes:
-        name: one of `PAIR_STAGES`, or "processor", the processor's part of all stages.
-        text: a description.
-        seconds: mean over the pairs.
-        cpu_seconds: mean over the pairs.
-        share: part of the seconds of all stages.
-        bytes_per_pair: mean size of the stage's result; None where it stays with the driver or is small.
-        allows_per_second: pairs per second if a pair were this alone: on the processor, with all cores at work.
-    """
-
-    name: str
-    text: str
-    seconds: float
-    cpu_seconds: float
-    share: float
-    bytes_per_pair: float | None
-    allows_per_second: float
-
-
-def stage_rows(pairs: Sequence[Mapping[str, Costs]], cores: int, *, software: bool) -> list[StageRow]:
+def stage_rows(pairs: Sequence[Mapping[str, Costs]], cores: int, *, software: bool) -> list[dict[str, Any]]:
     """Average the costs of pairs.
 
     Args:
@@ -68,29 +43,38 @@ def stage_rows(pairs: Sequence[Mapping[str, Costs]], cores: int, *, software: bo
         software: True where the processor draws.
 
     Returns:
-        A row of each stage in their order, then the row of the processor.
+        A row of each stage in their order, then the row of the processor's part of all stages. "share" is the stage's
+        part of the seconds of all stages; "allows_per_second" is the number of pairs per second if a pair were this
+        stage alone: on the processor, with all cores at work.
     """
-    seconds = {stage: float(np.mean([pair[stage].seconds for pair in pairs])) for stage in PAIR_STAGES}
-    processor = {stage: float(np.mean([pair[stage].cpu_seconds for pair in pairs])) for stage in PAIR_STAGES}
-    total, total_processor = sum(seconds.values()), sum(processor.values())
+    costs = np.array([[pair[stage][:2] for stage in PAIR_STAGES] for pair in pairs])
+    seconds, processor = np.moveaxis(costs, -1, 0).mean(axis=1).tolist()
+    total = sum(seconds)
+
+    def row(name: str, text: str, wall: float, cpu: float, size: float | None, *, on_gpu: bool) -> dict[str, Any]:
+        return {
+            "name": name,
+            "text": text,
+            "seconds": wall,
+            "cpu_seconds": cpu,
+            "share": wall / total,
+            "bytes_per_pair": size,
+            # A microsecond stands for times below the clock's resolution.
+            "allows_per_second": 1 / max(wall, 1e-6) if on_gpu else cores / max(cpu, 1e-6),
+        }
+
     rows = []
-    for stage in PAIR_STAGES:
-        sizes = [pair[stage].result_bytes for pair in pairs]
+    for stage, wall, cpu in zip(PAIR_STAGES, seconds, processor, strict=True):
+        sizes = [size for pair in pairs if (size := pair[stage].result_bytes) is not None]
+        mean = float(np.mean(sizes)) if len(sizes) == len(pairs) else None
         on_gpu = stage in _ON_THE_GPU and not software
-        allows = _per_second(1, seconds[stage]) if on_gpu else _per_second(cores, processor[stage])
-        rows.append(
-            StageRow(
-                stage, STAGE_TEXTS[stage], seconds[stage], processor[stage], seconds[stage] / total,
-                float(np.mean([count for count in sizes if count is not None])) if None not in sizes else None, allows,
-            )
-        )  # fmt: skip
+        rows.append(row(stage, STAGE_TEXTS[stage], wall, cpu, mean, on_gpu=on_gpu))
     text = "all of the above" if software else "the processor's part of all of the above"
-    allows = _per_second(cores, total_processor)
-    return [*rows, StageRow(PROCESSOR, text, total, total_processor, 1.0, None, allows)]
+    return [*rows, row(PROCESSOR, text, total, sum(processor), None, on_gpu=False)]
 
 
-def limit_of(
-    rows: Sequence[StageRow], cores: int, reached_per_second: float, shares: Sequence[float]
+def speed_limit(
+    rows: Sequence[Mapping[str, Any]], cores: int, reached_per_second: float, shares: Sequence[float]
 ) -> dict[str, Any]:
     """Name the limit of a run, and how near to it the run came.
 
@@ -103,20 +87,15 @@ def limit_of(
         reached_per_second: pairs per second from start to end.
         shares: of each round, pairs per second divided by the limit of that round's stages.
     """
-    narrowest = min((row for row in rows if row.name != PROCESSOR), key=lambda row: row.allows_per_second)
-    limit = min(rows, key=lambda row: row.allows_per_second)
+    limit = min(rows, key=lambda row: row["allows_per_second"])
+    narrowest = min(rows[:-1], key=lambda row: row["allows_per_second"])  # the last row is the processor's
     return {
         "cores": cores,
-        "narrowest_stage": narrowest.name,
-        "narrowest_allows_per_second": narrowest.allows_per_second,
-        "by": limit.name,
-        "allows_per_second": limit.allows_per_second,
+        "narrowest_stage": narrowest["name"],
+        "narrowest_allows_per_second": narrowest["allows_per_second"],
+        "by": limit["name"],
+        "allows_per_second": limit["allows_per_second"],
         "reached_per_second": reached_per_second,
         "share": float(np.median(shares)),
-        "shares": [float(share) for share in shares],
+        "shares": list(shares),
     }
-
-
-def _per_second(at_once: int, seconds: float) -> float:
-    """Divide, with a microsecond in place of times below the clock's resolution."""
-    return at_once / max(seconds, 1e-6)

@@ -3,10 +3,11 @@
 import os
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,31 +15,18 @@ from numpy.typing import NDArray
 _PACKAGES = ("semisynth-gl", "moderngl", "numpy", "isal", "Pillow", "imagecodecs", "blosc2")
 
 
-@dataclass(frozen=True, slots=True)
-class ErrorStats:
-    """Absolute errors, px.
+def error_stats(values: NDArray[np.floating], truth: NDArray[np.float64]) -> dict[str, Any]:
+    """Compare values of any shape, px, with the truth.
 
-    Attributes:
-        median_px: median.
-        p999_px: 99.9th percentile.
-        worst_px: largest error.
-        missing: number of pixels with a truth but no value, or with a value but no truth.
+    Returns:
+        "median_px", "p999_px" (the 99.9th percentile) and "worst_px" of the absolute errors of pixels that are finite
+        in both, NaN without such pixels; "missing", the number of pixels that are finite in one of both.
     """
-
-    median_px: float
-    p999_px: float
-    worst_px: float
-    missing: int
-
-
-def error_stats(values: NDArray[np.floating], truth: NDArray[np.float64]) -> ErrorStats:
-    """Compare values of any shape, px, with the truth; errors are those of pixels that are finite in both."""
     finite = np.isfinite(values) & np.isfinite(truth)
     error = np.abs(values[finite].astype(np.float64) - truth[finite])
+    quantiles = np.quantile(error, [0.5, 0.999, 1]).tolist() if error.size else [np.nan] * 3
     missing = int((np.isfinite(values) != np.isfinite(truth)).sum())
-    if not error.size:
-        return ErrorStats(np.nan, np.nan, np.nan, missing)
-    return ErrorStats(float(np.median(error)), float(np.quantile(error, 0.999)), float(error.max()), missing)
+    return dict(zip(("median_px", "p999_px", "worst_px", "missing"), (*quantiles, missing), strict=True))
 
 
 def front(points: Mapping[str, Sequence[float]], tolerance: float = 0.05) -> set[str]:
@@ -67,7 +55,7 @@ def machine_facts() -> dict[str, object]:
         "cores": os.cpu_count(),
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
-        "versions": {package: installed for package in _PACKAGES if (installed := _version(package))},
+        "versions": _versions(),
     }
 
 
@@ -101,8 +89,9 @@ def _processor() -> str:
         return platform.processor() or platform.machine()
 
 
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return ""
+def _versions() -> dict[str, str]:
+    versions = {}
+    for package in _PACKAGES:
+        with suppress(PackageNotFoundError):
+            versions[package] = version(package)
+    return versions

@@ -1,15 +1,14 @@
 """Comparable times: alternatives take turns, so that other work of the machine meets all of them alike."""
 
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 
-@dataclass(frozen=True, slots=True)
-class Timing:
+class Timing(NamedTuple):
     """Time of one alternative.
 
     Attributes:
@@ -21,20 +20,24 @@ class Timing:
     ratio: float
 
 
+def turns(names: Sequence[str], rounds: int) -> Iterator[tuple[int, str]]:
+    """Yield the number of each round with all names in turn; each round begins with the next name."""
+    for number in range(rounds):
+        for k in range(len(names)):
+            yield number, names[(number + k) % len(names)]
+
+
 def alternated(calls: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, NDArray[np.float64]]:
     """Call all functions in turn, ``repeats`` times round; each round begins with the next function.
 
     Returns:
         (repeats,) float64 seconds of each function.
     """
-    names = list(calls)
-    seconds = {name: np.zeros(repeats) for name in names}
-    for number in range(repeats):
-        first = number % len(names)
-        for name in names[first:] + names[:first]:
-            start = time.perf_counter()
-            calls[name]()
-            seconds[name][number] = time.perf_counter() - start
+    seconds = {name: np.zeros(repeats) for name in calls}
+    for number, name in turns(list(calls), repeats):
+        start = time.perf_counter()
+        calls[name]()
+        seconds[name][number] = time.perf_counter() - start
     return seconds
 
 

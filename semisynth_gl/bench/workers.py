@@ -11,15 +11,18 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from math import ceil
 from multiprocessing import get_context
 from multiprocessing.synchronize import Barrier
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from semisynth_gl.bench.shards import SPLIT, do_all, shard_job
-from semisynth_gl.bench.stages import Costs, StageRow, stage_rows
+from semisynth_gl.bench.stages import Costs, speed_limit, stage_rows
+from semisynth_gl.bench.timing import turns
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.places import Folder
 from semisynth_gl.dataset.plan import Shard
@@ -36,49 +39,8 @@ _PAIRS_EACH = 4
 _SINGLE = "1, one thread"
 
 
-@dataclass(frozen=True, slots=True)
-class WorkersRow:
-    """Measurements of one number of workers.
-
-    Attributes:
-        name: the row's name.
-        workers: number of processes.
-        threads: number of threads that llvmpipe draws with in each process; with 0 it draws in the thread that calls.
-        pairs: number of pairs in each round.
-        pairs_per_second: median over the rounds, files written.
-        ratio: median over the rounds of its pairs per second divided by those of one worker with one thread.
-    """
-
-    name: str
-    workers: int
-    threads: int
-    pairs: int
-    pairs_per_second: float
-    ratio: float
-
-
-@dataclass(frozen=True, slots=True)
-class Throughput:
-    """Measurements of workers and stages.
-
-    Attributes:
-        workers: a row of each number of workers, the single-threaded worker first.
-        stages: a row of each stage.
-        pair_seconds: time of a pair in one process with one thread, its stages following each other without a wait.
-        shares: of each round, the part of the stages' limit that most workers reached; see `limit_of`.
-        facts: backend, renderer and version of OpenGL.
-    """
-
-    workers: list[WorkersRow]
-    stages: list[StageRow]
-    pair_seconds: float
-    shares: list[float]
-    facts: dict[str, str]
-
-
-@dataclass(frozen=True, slots=True)
-class _Done:
-    """A task of `_WholePairs`; its clock is the machine's, not the process's."""
+class _ShardTimes(NamedTuple):
+    """A task of `_TimedShards`; its clock is the machine's, not the process's."""
 
     worker: int
     pairs: int
@@ -87,27 +49,26 @@ class _Done:
 
 
 @dataclass(frozen=True, slots=True)
-class _WholePairs:
+class _TimedShards:
     """Makes shards and tells who did it and when, once all workers are open; each writes to a folder of its own."""
 
     job: ShardJob
     opened: Barrier
 
     @contextmanager
-    def open(self, worker: int) -> Iterator[Task[_Done]]:
+    def open(self, worker: int) -> Iterator[Task[_ShardTimes]]:
         job = replace(self.job, place=Folder(self.job.place.path(str(worker))))
-        plan = job.plan
-        shards = plan.shards
-        with PairRenderer(plan.config, plan.seed, job.backend, plan.split(SPLIT)) as renderer:
+        shards = job.plan.shards
+        with job.open_renderer(SPLIT) as renderer:
             # Buffers are made and shaders compiled with the first pair.
             job.make(shards[0], lambda _: renderer, Listener())
             self.opened.wait()
             start = time.perf_counter()
 
-            def make(number: int, listener: Listener) -> _Done:
+            def make(number: int, listener: Listener) -> _ShardTimes:
                 shard = shards[number]
                 job.make(shard, lambda _: renderer, listener)
-                return _Done(worker, shard.end - shard.first, start, time.perf_counter())
+                return _ShardTimes(worker, shard.end - shard.first, start, time.perf_counter())
 
             yield make
 
@@ -126,46 +87,40 @@ class _StageClock(Listener):
         self.cpu_seconds[stage] += self._last[1] - last[1]
 
 
-@dataclass(frozen=True, slots=True)
-class _Staged:
-    """A task of `StagedPairs`."""
+class _PairTimes(NamedTuple):
+    """A task of `_TimedStages`: costs by stage, seconds without a wait between stages, facts about OpenGL."""
 
     costs: Mapping[str, Costs]
-    pair_seconds: float
+    seconds: float
     facts: dict[str, str]
 
 
 @dataclass(frozen=True, slots=True)
-class StagedPairs:
-    """Makes single pairs and times their stages; the driver finishes each before the next begins.
-
-    Attributes:
-        job: the pairs, each a shard.
-    """
+class _TimedStages:
+    """Makes single pairs and times their stages; the driver finishes each before the next begins."""
 
     job: ShardJob
 
     @contextmanager
-    def open(self, worker: int) -> Iterator[Task[_Staged]]:
-        """Open a renderer."""
+    def open(self, worker: int) -> Iterator[Task[_PairTimes]]:
         del worker
-        plan = self.job.plan
-        shards = plan.shards
-        with PairRenderer(plan.config, plan.seed, self.job.backend, plan.split(SPLIT)) as renderer:
+        shards = self.job.plan.shards
+        with self.job.open_renderer(SPLIT) as renderer:
             self._write(renderer, shards[0], Listener())
-            yield lambda number, _: self._staged(renderer, shards[number])
+            yield lambda number, _: self._time(renderer, shards[number])
 
-    def _staged(self, renderer: PairRenderer, shard: Shard) -> _Staged:
+    def _time(self, renderer: PairRenderer, shard: Shard) -> _PairTimes:
         start = time.perf_counter()
         self._write(renderer, shard, Listener())
-        whole = time.perf_counter() - start
-        made: dict[str, int] = {}
+        seconds = time.perf_counter() - start
         renderer.listener = clock = _StageClock()
-        made["readback"], made["write"] = self._write(renderer, shard, clock)
+        array_bytes, file_bytes = self._write(renderer, shard, clock)
         renderer.listener = None
-        made["encode"] = made["write"]
-        costs = {stage: Costs(clock.seconds[stage], clock.cpu_seconds[stage], made.get(stage)) for stage in PAIR_STAGES}
-        return _Staged(costs, whole, renderer.facts)
+        sizes = {"readback": array_bytes, "encode": file_bytes, "write": file_bytes}
+        costs = {
+            stage: Costs(clock.seconds[stage], clock.cpu_seconds[stage], sizes.get(stage)) for stage in PAIR_STAGES
+        }
+        return _PairTimes(costs, seconds, renderer.facts)
 
     def _write(self, renderer: PairRenderer, shard: Shard, listener: Listener) -> tuple[int, int]:
         """Make a pair as `ShardJob.make` does; return the bytes of its arrays and of its files, which are removed."""
@@ -185,7 +140,7 @@ class StagedPairs:
 
 def measure_workers(
     config: Config, seed: int, backend: Backend, counts: Sequence[int], pairs: int, rounds: int
-) -> Throughput:
+) -> tuple[dict[str, Any], dict[str, str]]:
     """Measure all numbers of workers and the stages, in turns.
 
     Args:
@@ -195,39 +150,50 @@ def measure_workers(
         counts: numbers of workers.
         pairs: pairs of each number of workers in each round, or four of each worker, if that is more.
         rounds: how often each number takes its turn.
+
+    Returns:
+        Three sections of the report, and facts about OpenGL. "stages" has `stage_rows` and the seconds of a pair in one
+        process with one thread, its stages following each other without a wait; "limit" is the `speed_limit` of most
+        workers; "workers" has a row of each number of workers, the single-threaded worker first: pairs per second,
+        files written, and their ratio to the first row's, medians over the rounds. Llvmpipe with 0 threads draws in the
+        thread that calls.
     """
     settings: dict[str, tuple[int, str | None]] = {_SINGLE: (1, "0")}
     settings |= {str(count): (count, None) for count in sorted(set(counts))}
+    pair_counts = {name: max(pairs, _PAIRS_EACH * count) for name, (count, _) in settings.items()}
     rates: dict[str, list[float]] = defaultdict(list)
-    staged: list[list[_Staged]] = []
-    order = ["stages", *settings]
-    for number in range(rounds):
-        first = number % len(order)
-        for name in order[first:] + order[:first]:
-            if name == "stages":
-                staged.append(_stages(config, seed, backend, pairs))
-            else:
-                count, threads = settings[name]
-                rates[name].append(_rate(config, seed, backend, count, threads, _pairs_of(count, pairs)))
-    single = np.array(rates[_SINGLE])
-    rows = [
-        WorkersRow(
-            name, count, _threads_of(count, threads), _pairs_of(count, pairs), float(np.median(rates[name])),
-            float(np.median(rates[name] / single)),
-        )
+    times_by_round: list[list[_PairTimes]] = []
+    for _, name in turns(["stages", *settings], rounds):
+        if name == "stages":
+            times_by_round.append(_stage_times(config, seed, backend, pairs))
+        else:
+            rates[name].append(_rate(config, seed, backend, *settings[name], pair_counts[name]))
+    rows: list[dict[str, Any]] = [
+        {
+            "name": name,
+            "workers": count,
+            "threads": _thread_count(count, threads),
+            "pairs": pair_counts[name],
+            "pairs_per_second": float(np.median(rates[name])),
+            "ratio": float(np.median(np.divide(rates[name], rates[_SINGLE]))),
+        }
         for name, (count, threads) in settings.items()
-    ]  # fmt: skip
-    facts = staged[0][0].facts
-    software = is_software(facts["renderer"])
-    stages = stage_rows([pair.costs for part in staged for pair in part], cores(), software=software)
-    by_round = [stage_rows([pair.costs for pair in part], cores(), software=software) for part in staged]
-    most = max(settings, key=lambda name: settings[name][0])
-    shares = [
-        rate / min(row.allows_per_second for row in allowed)
-        for rate, allowed in zip(rates[most], by_round, strict=True)
-    ]  # fmt: skip
-    pair_seconds = float(np.mean([pair.pair_seconds for part in staged for pair in part]))
-    return Throughput(rows, stages, pair_seconds, shares, facts)
+    ]
+    facts = times_by_round[0][0].facts
+    rows_of = partial(stage_rows, cores=cores(), software=is_software(facts["renderer"]))
+    times = [pair for by_pair in times_by_round for pair in by_pair]
+    stages = rows_of([pair.costs for pair in times])
+    limits = [
+        min(row["allows_per_second"] for row in rows_of([pair.costs for pair in by_pair])) for by_pair in times_by_round
+    ]
+    most = max(rows, key=lambda row: row["workers"])
+    shares = np.divide(rates[most["name"]], limits).tolist()
+    sections = {
+        "stages": {"pair_seconds": float(np.mean([pair.seconds for pair in times])), "rows": stages},
+        "limit": {"workers": most["workers"]} | speed_limit(stages, cores(), most["pairs_per_second"], shares),
+        "workers": {"rows": rows},
+    }
+    return sections, facts
 
 
 def is_software(renderer: str) -> bool:
@@ -250,23 +216,16 @@ def worker_threads(threads: str | None) -> Iterator[None]:
                 os.environ[_THREADS] = before
 
 
-def _pairs_of(count: int, pairs: int) -> int:
-    return max(pairs, _PAIRS_EACH * count)
-
-
-def _threads_of(count: int, threads: str | None) -> int:
+def _thread_count(count: int, threads: str | None) -> int:
     """Return the number of threads that the engine gives each worker."""
-    set_by_hand = threads or os.environ.get(_THREADS)
-    if set_by_hand:
-        return int(set_by_hand)
-    return threads_each(count)
+    return int(threads or os.environ.get(_THREADS) or threads_each(count))
 
 
-def _stages(config: Config, seed: int, backend: Backend, pairs: int) -> list[_Staged]:
+def _stage_times(config: Config, seed: int, backend: Backend, pairs: int) -> list[_PairTimes]:
     with tempfile.TemporaryDirectory() as scratch, worker_threads("0"):
         job = shard_job(config, seed, backend, 1 + pairs, 1, Path(scratch) / "out")
         # Pairs after the first, which has been drawn on opening: the same as the workers'.
-        return do_all(StagedPairs(job), range(1, 1 + pairs), 1)
+        return do_all(_TimedStages(job), range(1, 1 + pairs), 1)
 
 
 def _rate(config: Config, seed: int, backend: Backend, count: int, threads: str | None, pairs: int) -> float:
@@ -282,9 +241,9 @@ def _rate(config: Config, seed: int, backend: Backend, count: int, threads: str 
         job = shard_job(config, seed, backend, (1 + sequences) * length, length, Path(scratch))
         # Workers are spawned, and a barrier goes to processes of its own kind alone.
         opened = get_context("spawn").Barrier(count)
-        shards = do_all(_WholePairs(job, opened), range(1, 1 + sequences), count)
+        shards = do_all(_TimedShards(job, opened), range(1, 1 + sequences), count)
     start = min(shard.start_s for shard in shards)
-    last: dict[int, float] = {}
+    last: dict[int, float] = defaultdict(float)
     for shard in shards:
-        last[shard.worker] = max(last.get(shard.worker, 0.0), shard.end_s - start)
+        last[shard.worker] = max(last[shard.worker], shard.end_s - start)
     return sum(shard.pairs for shard in shards) / float(np.mean(list(last.values())))

@@ -23,13 +23,11 @@ class MeasuredMaps:
     """The disparities of several maps, each counting the same whatever its number of values.
 
     Attributes:
-        paths: the maps.
         histogram: mean of the maps' histograms, in fine bins, from 0.
         pixels: number of pixels of all maps.
         valid: number of pixels with a disparity.
     """
 
-    paths: Sequence[Path]
     histogram: Histogram
     pixels: int
     valid: int
@@ -120,7 +118,7 @@ def measure_maps(
         shares += counted.histogram.shares
         pixels += disparity.size
         valid += count
-    return MeasuredMaps(paths, Histogram.from_counts(edges, shares), pixels, valid)
+    return MeasuredMaps(Histogram.from_counts(edges, shares), pixels, valid)
 
 
 def _is_grey16(path: Path) -> bool:

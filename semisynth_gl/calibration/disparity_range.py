@@ -74,8 +74,8 @@ def disparity_range(source: DisparitySource, rigs: Sequence[Rig], least_doffs_px
         ReadError: where a map cannot be read.
     """
     if source.maps:
-        measured = measure_maps(find_maps(source.maps), {rig.size for rig in rigs}, source.png_scale)
-        paths = measured.paths
+        paths = find_maps(source.maps)
+        measured = measure_maps(paths, {rig.size for rig in rigs}, source.png_scale)
         names = ", ".join(map(str, paths[:3])) + (f" and {len(paths) - 3} more" if len(paths) > 3 else "")
         low, high = (measured.histogram.quantile(share) for share in (_LOWEST, _HIGHEST))
         origin = (

@@ -5,6 +5,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import click
@@ -30,12 +31,14 @@ class _BenchOptions:
     backend: Backend
     json_path: Path | None
 
-    def publish(self, report: dict[str, Any], headline: str, table: str) -> None:
-        """Write the report as JSON where a path is given, and print it."""
+    def run(self, benchmark: ModuleType, effort: Any) -> None:  # noqa: ANN401 - each benchmark has its own
+        """Measure; write the report as JSON where a path is given, and print it."""
+        config = load_config(self.config_name, self.settings)
+        report = benchmark.measure(config, self.seed, self.backend, effort, _Parts())
         report["command"] = " ".join(["semisynth-gl", *sys.argv[1:]])
         if self.json_path is not None:
             self.json_path.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-        click.echo(f"{headline}\n\n{table}")
+        click.echo(f"{benchmark.headline(report)}\n\n{benchmark.table(report)}")
 
 
 def _bench_options(config: str) -> Callable[[Command], Command]:
@@ -71,10 +74,7 @@ def accuracy(options: _BenchOptions, pairs: int, rays: int, repeats: int) -> Non
     """
     from semisynth_gl.bench import accuracy as benchmark  # noqa: PLC0415 - other commands need no renderer
 
-    config = load_config(options.config_name, options.settings)
-    effort = benchmark.Effort(pairs, rays, repeats)
-    report = benchmark.measure(config, options.seed, options.backend, effort, _Parts())
-    options.publish(report, benchmark.headline(report), benchmark.table(report))
+    options.run(benchmark, benchmark.Effort(pairs, rays, repeats))
 
 
 def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int, ...]:
@@ -102,12 +102,7 @@ def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[i
 @option("--memory-pairs", type=COUNT, default=40, help="Pairs that memory is followed over.")
 @option("--no-stress", is_flag=True, help="Leave out the pair of 10,000 instances and 5 million triangles.")
 def speed(
-    options: _BenchOptions,
-    pairs: int,
-    repeats: int,
-    workers: tuple[int, ...],
-    memory_pairs: int,
-    no_stress: bool,  # noqa: FBT001 - click passes flags so
+    options: _BenchOptions, pairs: int, repeats: int, workers: tuple[int, ...], memory_pairs: int, no_stress: bool
 ) -> None:
     """Measure pairs per second, what limits them, and what they depend on.
 
@@ -116,7 +111,4 @@ def speed(
     """
     from semisynth_gl.bench import speed as benchmark  # noqa: PLC0415 - other commands need no renderer
 
-    config = load_config(options.config_name, options.settings)
-    effort = benchmark.Effort(pairs, repeats, workers, memory_pairs, stress=not no_stress)
-    report = benchmark.measure(config, options.seed, options.backend, effort, _Parts())
-    options.publish(report, benchmark.headline(report), benchmark.table(report))
+    options.run(benchmark, benchmark.Effort(pairs, repeats, workers, memory_pairs, stress=not no_stress))

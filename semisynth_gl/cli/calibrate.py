@@ -11,7 +11,7 @@ from semisynth_gl.calibration.disparity_range import DisparitySource
 from semisynth_gl.calibration.photographs import impossible_splits
 from semisynth_gl.calibration.rig import Rig, Size, plain_rig
 from semisynth_gl.calibration.rig_files import read_rigs
-from semisynth_gl.cli.options import OutputFile, option, write_output
+from semisynth_gl.cli.options import OutputFile, images_option, option, write_output
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.errors import InputError
@@ -22,13 +22,7 @@ _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
 @click.command()
-@option(
-    "--images",
-    multiple=True,
-    required=True,
-    metavar="PATH_OR_GLOB",
-    help="Photographs to cut patches from: a file, folder or glob. May be repeated.",
-)
+@images_option(required=True)
 @option(
     "--calib",
     multiple=True,
@@ -73,9 +67,9 @@ def calibrate(
     maps: tuple[str, ...],
     png_scale: float,
     range_px: tuple[float, float] | None,
-    other_camera: bool,  # noqa: FBT001 - click passes flags so
+    other_camera: bool,
     out: Path,
-    overwrite: bool,  # noqa: FBT001
+    overwrite: bool,
 ) -> None:
     """Write a config for a rig: its camera, the disparities that it sees, and the photographs to cut patches from."""
     if out.exists() and not overwrite:

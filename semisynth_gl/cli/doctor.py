@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.cache.store import cache_summary
-from semisynth_gl.camera import Eye, StereoCamera
+from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.errors import BackendError
 from semisynth_gl.render.context import INSTALL_COMMAND, INSTALL_COMMAND_OSMESA, Backend, as_root
 from semisynth_gl.render.devices import context_facts, egl_devices, missing_libraries
@@ -86,13 +86,10 @@ def plane_error_px(backend: Backend) -> float:
         frame = renderer.render(make_scene(camera, model=[0], world_from_model=[matrix], layer=[0]))
     y, x = np.mgrid[:240, :320]
     worst = 0.0
-    rendered: dict[Eye, NDArray[np.float32] | None] = {"left": frame.left.disparity, "right": frame.right.disparity}
-    for eye, disparity in rendered.items():
-        if disparity is None:
-            raise RuntimeError("truth of both views was asked for")
+    for eye in EYES:
         origin = normal[0] * camera.offset_m(eye)
         depth = (2.0 - origin) / (camera.rays(eye, x, y) @ normal)
-        worst = max(worst, float(np.abs(disparity - camera.disparity_px(depth)).max()))
+        worst = max(worst, float(np.abs(frame.view(eye).disparity - camera.disparity_px(depth)).max()))
     return worst
 
 

@@ -44,7 +44,7 @@ def evaluate(
     protocol_name: ProtocolName | None,
     masks: Path | None,
     split: SplitName | None,
-    partial: bool,  # noqa: FBT001 - click passes flags so
+    partial: bool,
     json_path: Path | None,
     maps: Path | None,
 ) -> None:

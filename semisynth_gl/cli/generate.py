@@ -2,7 +2,6 @@
 
 import re
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import click
@@ -43,18 +42,14 @@ class _DatasetOptions:
     validation: int
     test: int
 
-    def counts(self) -> Mapping[SplitName, int]:
+    def counts(self) -> dict[SplitName, int]:
         """Return the number of pairs of each split."""
         return {"train": self.pairs, "validation": self.validation, "test": self.test}
 
     def settings(self) -> list[str]:
         """Return the options that override keys of the config, as --set takes them."""
-        settings = []
-        if self.outputs is not None:
-            settings.append(f"outputs=[{'' if self.outputs == 'none' else self.outputs}]")
-        if self.truth is not None:
-            settings.append(f"truth={self.truth}")
-        return settings
+        outputs = [] if self.outputs is None else [f"outputs=[{'' if self.outputs == 'none' else self.outputs}]"]
+        return outputs + ([] if self.truth is None else [f"truth={self.truth}"])
 
 
 _dataset_options = option_group(
@@ -77,15 +72,8 @@ _dataset_options = option_group(
         help="Views to write disparity and outputs of.  [default: the config's]",
     ),
     option("--pairs", type=NATURAL, default=24, help="How many pairs to train on."),
-    option(
-        "--validation",
-        type=NATURAL,
-        default=0,
-        show_default=False,
-        metavar="N",
-        help="How many besides, of other photographs.",
-    ),
-    option("--test", type=NATURAL, default=0, show_default=False, metavar="N", help="Likewise, of others again."),
+    click.option("--validation", type=NATURAL, default=0, metavar="N", help="How many besides, of other photographs."),
+    click.option("--test", type=NATURAL, default=0, metavar="N", help="Likewise, of others again."),
 )
 
 
@@ -146,11 +134,10 @@ _worker_options = option_group(
         f"most one for {_PAIRS_PER_WORKER} pairs]",
     ),
     option("--gpus", metavar="A,B", help="CUDA's numbers of the GPUs that workers take turns on."),
-    option(
+    click.option(
         "--gpu-share",
         type=click.FloatRange(min=0),
         default=0.0,
-        show_default=False,
         metavar="X",
         help="GPUs, or part of one, of a Ray task.",
     ),
@@ -169,9 +156,7 @@ _worker_options = option_group(
 @scene_options
 @_dataset_options
 @_worker_options
-@option(
-    "--shard-pairs", type=COUNT, metavar="N", help="Pairs in a shard.  [default: about 1 GB]"
-)  # fmt: skip
+@option("--shard-pairs", type=COUNT, metavar="N", help="Pairs in a shard.  [default: about 1 GB]")
 @option("--shards", metavar="A-B", help="Make these alone, counted from 0: a share of the work for each machine.")
 @option("--overwrite", is_flag=True, help="Replace the dataset that is in the folder.")
 def generate(
@@ -180,7 +165,7 @@ def generate(
     workers: _WorkerOptions,
     shard_pairs: int | None,
     shards: str | None,
-    overwrite: bool,  # noqa: FBT001 - click passes flags so
+    overwrite: bool,
 ) -> None:
     """Write a dataset: left, right, both disparities, masks and calibration of each pair.
 

@@ -65,7 +65,8 @@ def option_group(name: str, group: type, *options: Callable[[Command], Command])
     return decorate
 
 
-IMAGES_OPTION = option(
+images_option = partial(
+    option,
     "--images",
     multiple=True,
     metavar="PATH_OR_GLOB",
@@ -99,7 +100,7 @@ scene_options = option_group(
         metavar="NAME_OR_PATH",
         help=f"A YAML file, or a packaged config: {', '.join(packaged_configs())}.",
     ),
-    IMAGES_OPTION,
+    images_option(),
     option(
         "--models",
         multiple=True,

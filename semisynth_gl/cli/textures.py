@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import IMAGES_OPTION, NATURAL, OutputFile, option, read_config, write_output
+from semisynth_gl.cli.options import NATURAL, OutputFile, images_option, option, read_config, write_output
 from semisynth_gl.config import packaged_configs
 from semisynth_gl.textures.crop_report import REJECTIONS, TextureReport, count_crops
 from semisynth_gl.textures.image_files import printable, relative_names
@@ -20,7 +20,7 @@ from semisynth_gl.textures.prepare import prepare_atlas, split_images
     metavar="NAME_OR_PATH",
     help=f"Its section textures counts: a YAML file, or a packaged config: {', '.join(packaged_configs())}.",
 )
-@IMAGES_OPTION
+@images_option()
 @option("--seed", type=NATURAL, default=0, help="As of the dataset.")
 @option(
     "--set",

@@ -20,12 +20,7 @@ from semisynth_gl.verify.verdict import Verdict
 @option("--oracle", is_flag=True, help="Also make each scene again and compare with float64 rays.")
 @option("--pixels", type=COUNT, default=500, help="Rays per pair, with --oracle.")
 @option("--json", "json_path", type=OutputFile(), help="Also write findings and measures here.")
-def verify(
-    directory: str,
-    oracle: bool,  # noqa: FBT001 - click passes flags so
-    pixels: int,
-    json_path: Path | None,
-) -> None:
+def verify(directory: str, oracle: bool, pixels: int, json_path: Path | None) -> None:
     """Read a dataset back as a stranger would, and tell what is wrong with it.
 
     One line per finding: scene, check, what was expected and what came. Exit code 1 where there is any.
@@ -63,12 +58,7 @@ def _report(index: Index, verdicts: list[Verdict]) -> dict[str, object]:
 
 
 def _summary(index: Index, verdicts: list[Verdict], seconds: float) -> str:
-    """One line with the worst of each measure."""
-
-    def worst(name: str) -> float | None:
-        values = [abs(verdict.measures[name]) for verdict in verdicts if name in verdict.measures]
-        return max(values) if values else None
-
+    """Return a line with the worst of each measure."""
     parts = []
     for name, text in (
         ("left_right_median_px", "left against right {:.5f} px"),
@@ -79,9 +69,8 @@ def _summary(index: Index, verdicts: list[Verdict], seconds: float) -> str:
         ("oracle_normals_largest_deg", "normals of rays within {:.1e} degrees"),
         ("oracle_flow_largest_px", "flow of rays within {:.1e} px"),
     ):
-        value = worst(name)
-        if value is not None:
-            parts.append(text.format(value))
+        values = [abs(verdict.measures[name]) for verdict in verdicts if name in verdict.measures]
+        if values:
+            parts.append(text.format(max(values)))
     count = sum(index.pairs.values())
-    rate = f"{seconds / max(count, 1):.2f} s a pair"
-    return f"{count} pairs, nothing found; at worst: {', '.join(parts)} ({rate})"
+    return f"{count} pairs, nothing found; at worst: {', '.join(parts)} ({seconds / max(count, 1):.2f} s a pair)"

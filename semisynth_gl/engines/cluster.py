@@ -19,20 +19,15 @@ from semisynth_gl.listener import Listener
 
 # How often Ray repeats a task after a loss of its worker or node.
 _RETRIES = 3
-
 # Submitted tasks for each task that can run: enough that no worker waits, few enough to stop soon.
 _AHEAD = 2
-
 # After an error, the other workers may finish their tasks for so long.
 _GRACE_S = 5.0
-
 # How soon the wish to stop is noticed, and how often the tasks' calls are fetched.
 _TICK_S = 0.2
 _COLLECT_S = 0.5
-
 # How long a cluster may take to answer at all.
 _KNOCK_S = 5.0
-
 # Ray reports usage to its makers unless told otherwise, and older versions warn that this is about to change.
 _ENVIRONMENT = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
 
@@ -80,14 +75,7 @@ class RayEngine:
 class _Submission(Generic[Result]):
     """The tasks of one run that Ray has."""
 
-    def __init__(
-        self,
-        ray: Any,  # noqa: ANN401 - a module
-        job: Job[Result],
-        cpus: float,
-        gpus: float,
-        listener: Listener,
-    ) -> None:
+    def __init__(self, ray: Any, job: Job[Result], cpus: float, gpus: float, listener: Listener) -> None:  # noqa: ANN401 - a module
         self._ray = ray
         self._needs = {"CPU": cpus, "GPU": gpus}
         self._listener = listener

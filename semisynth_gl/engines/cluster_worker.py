@@ -7,7 +7,6 @@ import atexit
 import os
 from collections import Counter
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
 from socket import gethostname
 from time import monotonic
 from typing import Any
@@ -110,36 +109,28 @@ class _PostRelay(Relay):
         return self._stopping
 
 
-@dataclass(frozen=True, slots=True)
-class _OpenJob:
-    """An open job: Ray lends a worker process to one task after the other."""
-
-    job: bytes
-    devices: str | None
-    task: Task[Any]
-    stack: ExitStack
-
-
-_open_jobs: list[_OpenJob] = []
+# The function and the resources of the open job, by the job's bytes and the GPUs of the process. Ray lends a worker
+# process to one task after the other.
+_open_jobs: dict[tuple[bytes, str | None], tuple[Task[Any], ExitStack]] = {}
 
 
 def _open(job: bytes) -> Task[Any]:
     """Return the job's function; open the job first unless it is open."""
     # Ray may give the process another GPU for the next task.
-    devices = os.environ.get("CUDA_VISIBLE_DEVICES")
-    if _open_jobs and (_open_jobs[0].job, _open_jobs[0].devices) != (job, devices):
+    key = job, os.environ.get("CUDA_VISIBLE_DEVICES")
+    if key not in _open_jobs:
         _close()
-    if not _open_jobs:
         from ray import cloudpickle  # noqa: PLC0415 - an extra
 
         unpickled: Job[Any] = cloudpickle.loads(job)
-        stack = ExitStack()
-        _open_jobs.append(_OpenJob(job, devices, stack.enter_context(unpickled.open(0)), stack))
-    return _open_jobs[0].task
+        resources = ExitStack()
+        _open_jobs[key] = resources.enter_context(unpickled.open(0)), resources
+    return _open_jobs[key][0]
 
 
 @atexit.register
 def _close() -> None:
     while _open_jobs:
+        _, (_, resources) = _open_jobs.popitem()
         with suppress(ContextLostError):
-            _open_jobs.pop().stack.close()
+            resources.close()

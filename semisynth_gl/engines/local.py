@@ -19,13 +19,10 @@ from semisynth_gl.listener import Listener
 
 # How often a task is repeated after a loss of its context or worker.
 _RETRIES = 2
-
 # After an error, the other workers may finish their tasks for so long.
 _GRACE_S = 5.0
-
 # A worker that has closed its pipe is about to end, with an exit code that tells why.
 _LAST_BREATH_S = 1.0
-
 # How soon the wish to stop is noticed.
 _TICK_S = 0.1
 

@@ -36,9 +36,6 @@ class Square(NamedTuple):
 
     Attributes:
         source: name of the image, relative to the folder that all images share; of an image sequence its first frame.
-        left_px: column of the first pixel.
-        top_px: row of the first pixel.
-        side_px: width and height.
     """
 
     source: str

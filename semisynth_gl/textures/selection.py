@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from itertools import chain, zip_longest
+from itertools import accumulate, chain, zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -124,7 +124,13 @@ def build_atlas(
         raise InputError(_no_patch_message(len(images), report))
     # The headers of all successive frames are read.
     unopened = set() if section.sequence else {path for index in pending for path in clips[index]}
-    return _assemble(chosen, report), [path for path in images if path not in unopened]
+    first_layers = accumulate((len(patch.frames) for patch in chosen), initial=0)
+    described = [
+        Patch(*patch.square, layer, len(patch.frames), patch.texture)
+        for patch, layer in zip(chosen, first_layers, strict=False)
+    ]
+    atlas = Atlas(opaque_layers([patch.frames for patch in chosen]), tuple(described), report)
+    return atlas, [path for path in images if path not in unopened]
 
 
 class _Quota:
@@ -182,32 +188,20 @@ def _judged(survey: ClipSurvey, duplicates: Mapping[Square, Square]) -> JudgedCl
     return JudgedClip(len(survey.frames), crops)
 
 
-def _assemble(chosen: Sequence[PatchFrames], report: TextureReport) -> Atlas:
-    patches: list[Patch] = []
-    layer = 0
-    for patch in chosen:
-        patches.append(Patch(*patch.square, layer, len(patch.frames), patch.texture))
-        layer += len(patch.frames)
-    return Atlas(opaque_layers([patch.frames for patch in chosen]), tuple(patches), report)
-
-
 def _no_patch_message(images_given: int, report: TextureReport) -> str:
     if images_given == 0:
         return "no patch can be cut: no images were given"
     reasons = Counter(skipped.reason for skipped in report.images_skipped)
-    if report.too_small:
-        reasons[f"smaller than a patch of {report.patch_px} pixels along a side (try a smaller patch_px)"] = len(
-            report.too_small
-        )
-    if report.images_unused:
-        flat, blurred = report.total("flat"), report.total("blurred")
-        reasons[
-            f"without a sharp crop: {blurred} are blurred, {flat} flat (below {report.min_texture:g} levels; try "
-            f"smaller min_sharpness and min_texture, or other images)"
-            if blurred
-            else f"without texture: none of {flat} crops reaches {report.min_texture:g} levels (try a smaller "
-            f"min_texture, or other images)"
-        ] = report.images_unused
+    small = f"smaller than a patch of {report.patch_px} pixels along a side (try a smaller patch_px)"
+    flat, blurred = report.total("flat"), report.total("blurred")
+    unused = (
+        f"without a sharp crop: {blurred} are blurred, {flat} flat (below {report.min_texture:g} levels; try smaller "
+        "min_sharpness and min_texture, or other images)"
+        if blurred
+        else f"without texture: none of {flat} crops reaches {report.min_texture:g} levels (try a smaller min_texture, "
+        "or other images)"
+    )
+    reasons += Counter({small: len(report.too_small), unused: report.images_unused})
     shown = [f"{count} {reason}" for reason, count in reasons.most_common(_REASONS_SHOWN)]
     more = f"; and {len(reasons) - len(shown)} more reasons" if len(reasons) > len(shown) else ""
     unreadable = "".join(f"\n  {skipped}" for skipped in report.images_skipped[:_REASONS_SHOWN])
