@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from disparity_variants import RENDERERS_VARIANT, DisparityVariants, Variant
 from isal import isal_zlib
 from numpy.typing import NDArray
 from PIL import Image
@@ -38,7 +39,6 @@ from semisynth_gl.bench.timing import alternated, compare_times
 from semisynth_gl.camera import EYES
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.render.context import BACKENDS, Backend
-from semisynth_gl.render.variants import RENDERERS_VARIANT, DisparityVariants, Variant
 
 VARIANT_TEXTS: Mapping[Variant, str] = {
     "depth24": "24-bit depth buffer, near plane at 0.05 m, made linear in float64",
@@ -87,7 +87,7 @@ def measure(config: Config, seed: int, backend: Backend, effort: Effort) -> dict
     with DisparityVariants(bench.models, backend) as variants:
         rows, refused = measure_variants(bench, variants, truths, effort.repeats), variants.left_out
     maps = [frame.view(eye).disparity for frame in frames for eye in EYES]
-    images = [getattr(frame, eye) for frame in frames for eye in EYES]
+    images = [frame.view(eye).image for frame in frames for eye in EYES]
     offered, left_out = image_encodings()
     stored = measure_encodings(
         maps, [*disparity_encodings(), *more_disparity_encodings()], DEFAULT_DISPARITY_ENCODING, effort.repeats

@@ -11,12 +11,12 @@ from semisynth_gl.render.structs import check_blocks
 
 
 def link_program(context: GraphicsContext, vertex: str, fragment: str, defines: Mapping[str, int]) -> moderngl.Program:
-    """Compile and link two files of shaders/, and check the blocks that numpy packs for them.
+    """Compile and link two shaders, and check the blocks that numpy packs for them.
 
     Args:
         context: the open context.
-        vertex: name of the vertex shader's file.
-        fragment: name of the fragment shader's file.
+        vertex: file of the vertex shader; see `shader_source`.
+        fragment: file of the fragment shader, likewise.
         defines: for the fragment shader.
 
     Raises:

@@ -9,10 +9,10 @@ _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 
 
 def shader_source(name: str, defines: Mapping[str, int] | None = None) -> str:
-    """Return the text of ``shaders/<name>``.
+    """Return the text of a shader: ``shaders/<name>``, or a file elsewhere whose absolute path the name is.
 
-    Each ``#include "file"`` line is replaced by that file. Each name of ``defines`` is defined as its number, right
-    after the ``#version`` line; what a shader tests with #ifdef and is not given stays undefined.
+    Each ``#include "file"`` line is replaced by that file of shaders/. Each name of ``defines`` is defined as its
+    number, right after the ``#version`` line.
 
     Raises:
         FileNotFoundError: where the file, or one that it includes, does not exist.

@@ -30,17 +30,6 @@ INSTANCE = np.dtype([("view_from_model", "<f4", (3, 4)), ("model", "<u4", 4)])
 MOVE = np.dtype([("turn_and_shift", "<f4", (3, 4)), ("centre", "<f4", 3), ("", "<f4"), ("then", "<u4"), ("", "<u4", 3)])
 """The struct of flow.frag, std430."""
 
-CAMERA_64 = np.dtype(
-    [
-        ("centre_px_64", "<f8", 2),
-        ("focal_px_64", "<f8"),
-        ("focal_baseline_64", "<f8"),
-        ("doffs_px_64", "<f8"),
-        ("", "<f8"),
-    ]
-)
-"""The uniform block of variant.frag, std140."""
-
 VERTEX = np.dtype([("position", "<f4", 3), ("uv", "<f4", 2)])
 """The attributes of a vertex in mesh.vert."""
 
@@ -72,11 +61,10 @@ class Block:
 
 BLOCKS: dict[str, Block] = {
     "Constants": Block(0, CONSTANTS),
-    "Camera64": Block(1, CAMERA_64),
     "Instances": Block(3, INSTANCE, "instances"),
     "Moves": Block(4, MOVE, "moves"),
 }
-"""All blocks by their names in GLSL."""
+"""The blocks that `link_program` checks, by their names in GLSL."""
 
 
 def members(dtype: np.dtype[Any]) -> Iterator[tuple[str, int, int]]:

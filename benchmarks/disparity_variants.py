@@ -1,9 +1,7 @@
-"""Variants of how a pixel gets its disparity: the renderer's own and those that it does not offer.
-
-`benchmarks/alternatives.py` measures them. They stand here because this room alone knows OpenGL.
-"""
+"""Variants of how a pixel gets its disparity: the renderer's own and those that it does not offer."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self, get_args
 
@@ -19,7 +17,7 @@ from semisynth_gl.render.context import Backend, open_context
 from semisynth_gl.render.model_buffers import ModelBuffers
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.projection import clip_from_view
-from semisynth_gl.render.structs import BLOCKS, CAMERA_64
+from semisynth_gl.render.structs import BLOCKS, Block
 from semisynth_gl.render.targets import EyeTargets
 from semisynth_gl.scene.scene import Scene
 
@@ -40,6 +38,22 @@ _CUSTOMARY_NEAR_M = 0.05
 _FAR_M = 1e5
 _STEPS_24 = 2**24 - 1
 _POSES = 4  # the binding in variant.frag
+
+CAMERA_64 = np.dtype(
+    [
+        ("centre_px_64", "<f8", 2),
+        ("focal_px_64", "<f8"),
+        ("focal_baseline_64", "<f8"),
+        ("doffs_px_64", "<f8"),
+        ("", "<f8"),
+    ]
+)
+"""The uniform block of variant.frag, std140."""
+# From here on, `link_program` checks this block too.
+BLOCKS["Camera64"] = Block(1, CAMERA_64)
+
+_SHADERS = Path(__file__).resolve().parent / "shaders"
+VARIANT_SHADERS = str(_SHADERS / "variant.vert"), str(_SHADERS / "variant.frag")
 
 
 class DisparityVariants:
@@ -69,7 +83,7 @@ class DisparityVariants:
         self._depth_only: dict[int, tuple[moderngl.Renderbuffer, moderngl.Framebuffer]] = {}
         self._programs: dict[Variant, moderngl.Program] = {}
         self.left_out: dict[str, str] = {}
-        depth_only = link_program(self._context, "variant.vert", "variant.frag", {})
+        depth_only = link_program(self._context, *VARIANT_SHADERS, {})
         for variant in VARIANTS:
             if variant in _DEPTH_BUFFER_VARIANTS:
                 self._programs[variant] = depth_only
@@ -77,13 +91,13 @@ class DisparityVariants:
                 self._programs[variant] = link_program(self._context, "mesh.vert", "mesh.frag", {"DISPARITY": 0})
             else:
                 try:
-                    program = link_program(self._context, "variant.vert", "variant.frag", _DEFINES[variant])
+                    program = link_program(self._context, *VARIANT_SHADERS, _DEFINES[variant])
                 except BackendError as error:
                     self.left_out[variant] = str(error)
                 else:
                     self._programs[variant] = program
         self.usable = tuple(self._programs)
-        self._from_depth = link_program(self._context, "whole_image.vert", "variant_depth.frag", {})
+        self._from_depth = link_program(self._context, "whole_image.vert", str(_SHADERS / "variant_depth.frag"), {})
         self._from_depth_vao = self._gl.vertex_array(self._from_depth, [])
 
     def __enter__(self) -> Self:
