@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Literal, Self, get_args
 
 import moderngl
@@ -14,7 +13,7 @@ from semisynth_gl.errors import BackendError
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import Backend, open_context
-from semisynth_gl.render.model_buffers import ModelBuffers
+from semisynth_gl.render.model_buffers import ModelBuffers, refill
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.projection import clip_from_view
 from semisynth_gl.render.structs import BLOCKS, Block
@@ -103,9 +102,7 @@ class DisparityVariants:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.release()
 
     def disparity(self, scene: Scene, eye: Eye, variant: Variant) -> NDArray[np.float32]:
@@ -146,7 +143,8 @@ class DisparityVariants:
             self._from_depth_vao.render(moderngl.TRIANGLES, 3)
             return np.asarray(targets.read("disparity"))
         if variant == "plane64":
-            self._bind_poses(scene, eye)
+            refill(self._poses, self._models.place(scene).rows(eye))
+            self._poses.bind_to_storage_buffer(_POSES)
             constants = (camera.cx_px(eye), camera.cy_px), camera.focal_px, camera.focal_baseline, camera.doffs_px, 0.0
             self._camera_64.write(np.array(constants, CAMERA_64))
             self._camera_64.bind_to_uniform_block(BLOCKS["Camera64"].binding)
@@ -189,19 +187,12 @@ class DisparityVariants:
         self._constants.write(scene.camera, eye, scene.near_m, projection=projection)
         self._models.draw(program, filled)
 
-    def _bind_poses(self, scene: Scene, eye: Eye) -> None:
-        rows = self._models.place(scene).rows(eye)
-        self._poses.orphan(max(rows.nbytes, 1))
-        if rows.nbytes:
-            self._poses.write(rows)
-        self._poses.bind_to_storage_buffer(_POSES)
-
     def _sized(self, scene: Scene) -> EyeTargets:
         size = scene.camera.width_px, scene.camera.height_px
         if self._targets is None or self._targets.framebuffer.size != size:
             outgrown = [targets for targets in (self._targets, self._depth_m) if targets is not None]
-            self._targets = EyeTargets(self._context, *size, ("disparity",), visibility=False)
-            self._depth_m = EyeTargets(self._context, *size, ("depth",), visibility=False)
+            self._targets = EyeTargets(self._context, size, ("disparity",), visibility=False)
+            self._depth_m = EyeTargets(self._context, size, ("depth",), visibility=False)
             self._targets.framebuffer.use()
             for targets in outgrown:
                 targets.release()
