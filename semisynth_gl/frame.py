@@ -254,13 +254,11 @@ class Frame:
     @classmethod
     def from_arrays(cls, camera: StereoCamera, arrays: Mapping[str, NDArray[Any]]) -> "Frame":
         """Build a frame from arrays by role, as `arrays` returns them."""
-        views: dict[Eye, View] = {
-            eye: View(
-                {name: arrays[channel.role(eye)] for name, channel in CHANNELS.items() if channel.role(eye) in arrays}
-            )
+        left, right = (
+            View({name: arrays[row.role(eye)] for name, row in CHANNELS.items() if row.role(eye) in arrays})
             for eye in EYES
-        }
-        return cls(camera, views["left"], views["right"])
+        )
+        return cls(camera, left, right)
 
     def view(self, eye: Eye) -> View:
         """Return one eye's view."""
@@ -268,12 +266,8 @@ class Frame:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return both views' arrays by role: ``left``, ``right``, ``disparity_left`` and so on."""
-        return {
-            CHANNELS[name].role(eye): self.view(eye)[name]
-            for name in CHANNELS
-            for eye in EYES
-            if name in self.view(eye)
-        }
+        views = {role: (self.view(eye), channel.name) for role, (eye, channel) in ROLES.items()}
+        return {role: view[name] for role, (view, name) in views.items() if name in view}
 
     def cropped(self, crop: Crop) -> "Frame":
         """Return a crop of both views, in arrays of its own.

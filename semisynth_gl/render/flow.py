@@ -12,7 +12,7 @@ from semisynth_gl.render.model_buffers import ModelBuffers, Placed, refill
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.readers import Reader
 from semisynth_gl.render.structs import BLOCKS, MOVE
-from semisynth_gl.render.targets import FLOW, EyeTargets, FlowTargets
+from semisynth_gl.render.targets import FLOW, EyeTargets, Targets
 from semisynth_gl.scene.scene import Motion
 
 _FEWEST_MOVES = 256
@@ -42,12 +42,12 @@ class FlowPass:
             self._draws.append(context.gl.vertex_array(program, []))
         self._moves = context.gl.buffer(reserve=_FEWEST_MOVES * MOVE.itemsize, dynamic=True)
         self._then: EyeTargets | None = None
-        self._targets: FlowTargets | None = None
+        self._targets: Targets | None = None
 
     def resize(self, size: tuple[int, int]) -> None:
         """Make room for another image size; a size that the driver refuses leaves the pass as it was."""
         then = EyeTargets(self._context, size, ("depth", "surface"), visibility=False)
-        targets = FlowTargets(self._context, size, self._read)
+        targets = Targets(self._context, size, FLOW, self._read)
         # moderngl binds the framebuffer in use again after making a new one, so the old ones go last.
         targets.framebuffer.use()
         self.release()
@@ -85,7 +85,7 @@ class FlowPass:
         own: EyeTargets,
         models: ModelBuffers,
         crop: Crop | None,
-    ) -> FlowTargets:
+    ) -> Targets:
         """Find the flow of what one eye's targets show; return the targets that hold it until the next call."""
         if self._then is None or self._targets is None:
             raise RuntimeError("the flow pass has no targets yet")
@@ -106,7 +106,9 @@ class FlowPass:
         own.bind("surface", _OWN_SURFACE)
         self._then.bind("depth", _THEN_DEPTH)
         self._then.bind("surface", _THEN_SURFACE)
-        self._targets.clear(crop)
+        self._targets.limit(crop)
+        self._targets.framebuffer.use()
+        self._context.unbound.clear_depth(1.0)
         self._gl.enable_only(moderngl.DEPTH_TEST)
         # As in the visibility pass: what the first draw discards keeps the depth that the clearing gave it.
         self._constants.write(camera, eye, scene.near_m)

@@ -37,7 +37,7 @@ class Placed:
     solid: NDArray[np.bool_]
 
     def rows(self, eye: Eye) -> NDArray[np.float64]:
-        """The first three rows of view_from_model relative to one eye, (N, 3, 4) float64."""
+        """Return the first three rows of view_from_model relative to one eye, (N, 3, 4) float64."""
         rows = self.view_from_model[:, :3].copy()
         rows[:, 0, 3] -= self.scene.camera.offset_m(eye)
         return rows

@@ -107,7 +107,7 @@ class Renderer:
         self._released = False
         self._read_pixels = read
         self._outputs = frozenset(outputs)
-        self._channels = [each for each in CHANNELS.values() if each.output is None or each.output in outputs]
+        self._channels = [row for row in CHANNELS.values() if row.output is None or row.output in outputs]
         self._truth_eyes: tuple[Eye, ...] = EYES if truth == "both" else ("left",)
         self._antialias = parse_antialias(antialias)
         self._attachments: dict[Eye, tuple[str, ...]] = {eye: self._drawn(eye) for eye in EYES}
@@ -139,7 +139,7 @@ class Renderer:
 
     @property
     def renderer_name(self) -> str:
-        """What the driver calls itself (GL_RENDERER)."""
+        """The driver's name for itself (GL_RENDERER)."""
         return self._context.renderer
 
     @property
@@ -172,9 +172,9 @@ class Renderer:
             BackendError: where the image is larger than the driver allows, or drawing failed.
             ContextLostError: where the driver took the context away; another renderer may still be opened.
         """
-        for each in (scene, *(motion.scene for motion in (future, past) if motion is not None)):
-            self._check(each)
         motions = {"future": future, "past": past}
+        for shown in (scene, *(motion.scene for motion in motions.values() if motion is not None)):
+            self._check(shown)
         for name, outputs in _NEEDS_MOTION.items():
             wanted = sorted(self._outputs & outputs)
             if wanted and motions[name] is None:

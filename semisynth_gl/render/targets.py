@@ -173,25 +173,3 @@ class EyeTargets(Targets):
         if self.visibility is not None:
             self.visibility.release()
         super().release()
-
-
-class FlowTargets(Targets):
-    """The targets of the flow pass, for one eye and moment after the other; their depth tells which pixels are decided.
-
-    Args:
-        context: the open context.
-        size: width and height, px.
-        read: what takes pixels.
-
-    Raises:
-        BackendError: where the driver has no textures or framebuffers of that size.
-    """
-
-    def __init__(self, context: GraphicsContext, size: tuple[int, int], read: Reader) -> None:
-        super().__init__(context, size, FLOW, read)
-
-    def clear(self, part: Crop | None) -> None:
-        """Bind the framebuffer, let it be drawn inside a rectangle alone, and leave all its pixels undecided."""
-        self.limit(part)
-        self.framebuffer.use()
-        self._unbound.clear_depth(1.0)
