@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from disparity_variants import RENDERERS_VARIANT, DisparityVariants, Variant
 from isal import isal_zlib
 from numpy.typing import NDArray
 from PIL import Image
@@ -37,7 +38,6 @@ from semisynth_gl.camera import EYES
 from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.render.context import BACKENDS, Backend
-from semisynth_gl.render.variants import RENDERERS_VARIANT, DisparityVariants, Variant
 
 VARIANT_TEXTS: Mapping[Variant, str] = {
     "depth24": "24-bit depth buffer, near plane at 0.05 m, made linear in float64",

@@ -1,7 +1,7 @@
 """The renderer's answer: a stereo pair as arrays, top-left origin, and the table of its channels."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass, field, replace
 from math import inf
 from typing import Any, Generic, Literal, Self, TypeVar, get_args, overload
 
@@ -25,60 +25,48 @@ TRUTH_VIEWS: tuple[TruthViews, ...] = get_args(TruthViews)
 ANTIALIAS_PATTERN = r"^(none|msaa(2|4|8|16|32)|ssaa[2-8])$"
 
 Value = TypeVar("Value", bound=np.generic)
+_UINT8, _FLOAT32 = np.dtype(np.uint8), np.dtype(np.float32)
 
 
+@dataclass(eq=False)
 class Channel(Generic[Value]):
     """One quantity of every pixel of a view: a row of the table that `View` is.
 
     Attributes:
-        name: its name in `View`.
-        dtype: of its values.
+        dtype: the dtype of the values.
+        meaning: what a value says, with ``{view}`` and ``{other}`` for the view's name and the other view's.
+        codec: see `semisynth_gl.codecs.Encodings.codec`.
         components: values per pixel; the array is (H, W) for 1, else (H, W, components).
         nothing: the value of a pixel that shows nothing, or for which the quantity does not exist.
-        output: the output that a user asks for to get it; None for a channel that every pair has.
+        output: the output that a user asks for to get the channel; None for a channel that every pair has.
         moment: "next" or "previous" where it compares the scene with that frame, which needs the scene's motion.
         drawn_by: the pass of the renderer that writes it.
         attachment: the pass's attachment that holds it; by default called like the channel.
-        reads_triangles: whether that pass looks up the scene's triangles.
-        codec: see `semisynth_gl.codecs.Encodings.codec`.
+        reads_triangles: whether that pass looks up the scene's triangles, as all passes behind the drawing do.
         mask: the channel that says whether the other view, or the other moment, shows the same point.
-        unit: of its values, "" for none.
-        meaning: what a value says, with ``{view}`` and ``{other}`` for the view's name and the other view's.
+        unit: the unit of the values, "" for none.
+        name: the channel's name in `View`.
     """
 
-    name: str
-
-    def __init__(
-        self,
-        dtype: type[Value],
-        meaning: str,
-        *,
-        codec: str,
-        components: int = 1,
-        nothing: float = 0,
-        output: str | None = None,
-        moment: Moment = "now",
-        drawn_by: Pass = "drawing",
-        attachment: str | None = None,
-        reads_triangles: bool = False,
-        mask: str | None = None,
-        unit: str = "",
-    ) -> None:
-        self.dtype = np.dtype(dtype)
-        self.meaning = meaning
-        self.codec = codec
-        self.components = components
-        self.nothing = nothing
-        self.output = output
-        self.moment = moment
-        self.drawn_by = drawn_by
-        self.reads_triangles = reads_triangles
-        self._attachment = attachment
-        self.mask = mask
-        self.unit = unit
+    dtype: np.dtype[Value]
+    meaning: str
+    _: KW_ONLY
+    codec: str
+    components: int = 1
+    nothing: float = 0
+    output: str | None = None
+    moment: Moment = "now"
+    drawn_by: Pass = "drawing"
+    attachment: str = ""
+    reads_triangles: bool = False
+    mask: str | None = None
+    unit: str = ""
+    name: str = field(init=False)
 
     def __set_name__(self, owner: type["View"], name: str) -> None:
         self.name = name
+        self.attachment = self.attachment or name
+        self.reads_triangles |= self.drawn_by != "drawing"
 
     @overload
     def __get__(self, view: None, owner: type["View"]) -> Self: ...
@@ -94,11 +82,6 @@ class Channel(Generic[Value]):
             hint = "truth of this view" if self.output is None else f"the output {self.output}, in this view,"
             raise AttributeError(f"this view has no {self.name}: {hint} was not made")
         return array
-
-    @property
-    def attachment(self) -> str:
-        """The name of the pass's attachment that holds the channel."""
-        return self._attachment or self.name
 
     def role(self, eye: Eye) -> str:
         """Return the name of one eye's array among both views': ``left`` for its image, else ``disparity_left``."""
@@ -117,33 +100,27 @@ class View(Mapping[str, NDArray[Any]]):
         InputError: where a name is no channel's, or an array has another dtype or another number of components.
     """
 
-    image = Channel(np.uint8, "{view} image, 8-bit RGB", components=3, attachment="colour", codec="image")
+    image = Channel(_UINT8, "{view} image, 8-bit RGB", components=3, attachment="colour", codec="image")
     disparity = Channel(
-        np.float32,
-        "disparity of the {view} view's pixels",
-        nothing=inf,
-        codec="disparity",
-        mask="visibility",
-        unit="px",
+        _FLOAT32, "disparity of the {view} view's pixels", nothing=inf, codec="disparity", mask="visibility", unit="px"
     )
     visibility = Channel(
-        np.uint8,
+        _UINT8,
         f"8-bit: {VISIBLE} where the {{other}} view sees the point too, {OCCLUDED} where something hides it there, "
         f"{OUTSIDE} where it is outside the {{other}} image or has no disparity",
         nothing=OUTSIDE,
         output="visibility",
         drawn_by="visibility",
-        reads_triangles=True,
         codec="grey8",
     )
     instances = Channel(
-        np.uint16,
+        np.dtype(np.uint16),
         "16-bit: k + 1 where instance k of the scene is seen, 0 where there is none",
         output="instances",
         codec="grey16",
     )
     depth = Channel(
-        np.float32,
+        _FLOAT32,
         "planar depth in metres, float32; inf where nothing is seen",
         nothing=inf,
         output="depth",
@@ -151,7 +128,7 @@ class View(Mapping[str, NDArray[Any]]):
         unit="m",
     )
     normals = Channel(
-        np.float32,
+        _FLOAT32,
         "unit normal of the surface seen, towards the camera and in its frame (x right, y down, z forward), float32; 0 "
         "where nothing is seen",
         components=3,
@@ -160,63 +137,49 @@ class View(Mapping[str, NDArray[Any]]):
         codec="vector",
     )
     flow = Channel(
-        np.float32,
+        _FLOAT32,
         "flow of the {view} view's pixels to the next frame",
         components=2,
         nothing=inf,
         output="flow",
         moment="next",
         drawn_by="flow",
-        reads_triangles=True,
         codec="flow",
         mask="flow_visibility",
         unit="px",
     )
     flow_visibility = Channel(
-        np.uint8,
+        _UINT8,
         f"8-bit: {VISIBLE} where the {{view}} view shows the point at the next frame too, {OCCLUDED} where it does "
         f"not, {OUTSIDE} where the point has left the image or has no flow",
         nothing=OUTSIDE,
         output="flow",
         moment="next",
         drawn_by="flow",
-        reads_triangles=True,
         codec="grey8",
     )
-    flow_backward = Channel(
-        np.float32,
-        "flow of the {view} view's pixels to the previous frame",
-        components=2,
-        nothing=inf,
+    flow_backward = replace(
+        flow,
+        meaning=flow.meaning.replace("next", "previous"),
         output="flow_backward",
         moment="previous",
-        drawn_by="flow",
         attachment="flow",
-        reads_triangles=True,
-        codec="flow",
         mask="flow_backward_visibility",
-        unit="px",
     )
-    flow_backward_visibility = Channel(
-        np.uint8,
-        f"8-bit: {VISIBLE} where the {{view}} view shows the point at the previous frame too, {OCCLUDED} where it does "
-        f"not, {OUTSIDE} where the point has left the image or has no flow",
-        nothing=OUTSIDE,
+    flow_backward_visibility = replace(
+        flow_visibility,
+        meaning=flow_visibility.meaning.replace("next", "previous"),
         output="flow_backward",
         moment="previous",
-        drawn_by="flow",
         attachment="flow_visibility",
-        reads_triangles=True,
-        codec="grey8",
     )
     disparity_change = Channel(
-        np.float32,
+        _FLOAT32,
         "disparity of the point at the next frame minus the one here, float32 px; inf for none",
         nothing=inf,
         output="disparity_change",
         moment="next",
         drawn_by="flow",
-        reads_triangles=True,
         codec="float",
         unit="px",
     )
@@ -263,12 +226,10 @@ OUTPUTS: tuple[str, ...] = tuple(
 DEFAULT_OUTPUTS = ("visibility",)
 
 
-def outputs_at(*moments: Moment) -> frozenset[str]:
-    """Return the outputs that compare a pair with the one at another moment."""
-    return frozenset(channel.output for channel in CHANNELS.values() if channel.output and channel.moment in moments)
-
-
-FUTURE_OUTPUTS, PAST_OUTPUTS = outputs_at("next"), outputs_at("previous")
+FUTURE_OUTPUTS, PAST_OUTPUTS = (
+    frozenset(channel.output for channel in CHANNELS.values() if channel.output and channel.moment == moment)
+    for moment in ("next", "previous")
+)
 FLOW_OUTPUTS = FUTURE_OUTPUTS | PAST_OUTPUTS
 """The outputs that need a scene's motion."""
 
@@ -293,13 +254,11 @@ class Frame:
     @classmethod
     def from_arrays(cls, camera: StereoCamera, arrays: Mapping[str, NDArray[Any]]) -> "Frame":
         """Build a frame from arrays by role, as `arrays` returns them."""
-        views: dict[Eye, View] = {
-            eye: View(
-                {name: arrays[channel.role(eye)] for name, channel in CHANNELS.items() if channel.role(eye) in arrays}
-            )
+        left, right = (
+            View({name: arrays[row.role(eye)] for name, row in CHANNELS.items() if row.role(eye) in arrays})
             for eye in EYES
-        }
-        return cls(camera, views["left"], views["right"])
+        )
+        return cls(camera, left, right)
 
     def view(self, eye: Eye) -> View:
         """Return one eye's view."""
@@ -307,12 +266,8 @@ class Frame:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return both views' arrays by role: ``left``, ``right``, ``disparity_left`` and so on."""
-        return {
-            CHANNELS[name].role(eye): self.view(eye)[name]
-            for name in CHANNELS
-            for eye in EYES
-            if name in self.view(eye)
-        }
+        views = {role: (self.view(eye), channel.name) for role, (eye, channel) in ROLES.items()}
+        return {role: view[name] for role, (view, name) in views.items() if name in view}
 
     def cropped(self, crop: Crop) -> "Frame":
         """Return a crop of both views, in arrays of its own.

@@ -15,13 +15,13 @@ from semisynth_gl.bench.summary import error_stats
 from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS
 from semisynth_gl.config import load_config
-from semisynth_gl.render.variants import RENDERERS_VARIANT, VARIANTS, DisparityVariants
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.scene import make_scene
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
 from alternatives import measure, more_disparity_encodings
+from disparity_variants import RENDERERS_VARIANT, VARIANTS, DisparityVariants
 
 SMALL = (
     "camera.width_px=160",

@@ -14,7 +14,7 @@ from PIL import Image
 from pydantic import ValidationError
 
 from semisynth_gl.camera import StereoCamera
-from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS, Encodings, codec
+from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS, Encodings, by_imagecodecs
 from semisynth_gl.codecs.calib import MIDDLEBURY_CALIB, Calibration
 from semisynth_gl.codecs.jpeg import Jpeg
 from semisynth_gl.codecs.json_object import JSON_OBJECT
@@ -315,7 +315,7 @@ def test_a_missing_imagecodecs_is_an_error_that_says_what_to_install(monkeypatch
     def refuse(module):
         raise ImportError(f"No module named {module!r}")
 
-    monkeypatch.setattr(codec, "import_module", refuse)
+    monkeypatch.setattr(by_imagecodecs, "import_module", refuse)
     entry = IMAGE_CODECS[name]
     for call in (
         entry.check_installed,

@@ -16,8 +16,8 @@ from semisynth_gl.frame import FLOW_OUTPUTS, OUTPUTS
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.devices import context_facts, egl_devices
+from semisynth_gl.render.programs import shader_source
 from semisynth_gl.render.renderer import Renderer
-from semisynth_gl.render.shader_source import shader_source
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.scene import make_scene
 
@@ -316,7 +316,7 @@ def test_shaders_resolve_their_includes(tmp_path, monkeypatch):
     assert shader_source("visibility.frag", {"TRACE": 1}).splitlines()[:2] == ["#version 450 core", "#define TRACE 1"]
     with pytest.raises(ValueError, match="does not know TARCE"):
         shader_source("visibility.frag", {"TARCE": 1})
-    monkeypatch.setattr("semisynth_gl.render.shader_source.data_root", lambda _: tmp_path)
+    monkeypatch.setattr("semisynth_gl.render.programs.data_root", lambda _: tmp_path)
     (tmp_path / "a.glsl").write_text('#include "b.glsl"\n')
     (tmp_path / "b.glsl").write_text('#include "a.glsl"\n')
     (tmp_path / "c.glsl").write_text('#include "missing.glsl"\n')

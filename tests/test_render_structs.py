@@ -1,5 +1,8 @@
 """The structs that numpy packs, against the driver's layouts of the shaders' blocks."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -8,6 +11,10 @@ from semisynth_gl.render import structs
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.structs import BLOCKS, Block, check_attributes, members
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+
+from disparity_variants import VARIANT_SHADERS  # and adds its block to BLOCKS
 
 FLOW = ("whole_image.vert", "flow.frag", {"FLOW": 0, "FLOW_VISIBILITY": 1, "DISPARITY_CHANGE": 2, "TRACE": 1})
 
@@ -29,7 +36,7 @@ def test_a_struct_that_is_packed_otherwise_is_an_error_with_both_layouts(context
         "itemsize": block.dtype.itemsize + 16,
     })  # fmt: skip
     monkeypatch.setitem(structs.BLOCKS, name, Block(block.binding, wrong, block.array))
-    shaders = ("variant.vert", "variant.frag", {"PLANE64": 1}) if name == "Camera64" else FLOW
+    shaders = (*VARIANT_SHADERS, {"PLANE64": 1}) if name == "Camera64" else FLOW
     with pytest.raises(BackendError, match=rf"lays out the block {name} as .* bytes, but the program packs .* bytes"):
         link_program(context, *shaders)
 

@@ -4,13 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from semisynth_gl.codecs.by_imagecodecs import JXL, QOI
 from semisynth_gl.codecs.codec import Codec, read_bytes
 from semisynth_gl.codecs.flo import Flo
-from semisynth_gl.codecs.jxl import Jxl
 from semisynth_gl.codecs.pfm import PFM, PFM3, FlowPfm
 from semisynth_gl.codecs.png import GREY8, GREY16, RGB8
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, FlowPng16
-from semisynth_gl.codecs.qoi import Qoi
 from semisynth_gl.codecs.tiff import Tiff
 
 __all__ = ["DISPARITY_CODECS", "FLOW_CODECS", "IMAGE_CODECS", "Codec", "Encodings", "read_bytes"]
@@ -20,7 +19,7 @@ def _by_name(*codecs: Codec[Any]) -> Mapping[str, Codec[Any]]:
     return {codec.name: codec for codec in codecs}
 
 
-IMAGE_CODECS = _by_name(RGB8, Qoi(), Jxl())
+IMAGE_CODECS = _by_name(RGB8, QOI, JXL)
 """Codecs of (H, W, 3) uint8 RGB for the config's ``files.image``."""
 
 DISPARITY_CODECS = _by_name(PFM, KITTI_DISPARITY, Tiff())

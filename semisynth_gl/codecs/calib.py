@@ -34,7 +34,6 @@ class MiddleburyCalib(Codec[Calibration]):
     """Middlebury's calib.txt; the baseline in millimetres."""
 
     name = "txt"
-    suffix = ".txt"
     media_type = "text/plain"
     description = "Middlebury's calib.txt"
     is_image = False
@@ -94,7 +93,6 @@ class KittiCalib(Codec[StereoCamera]):
     """Size, rotation and projection of both colour cameras as KITTI's calib_cam_to_cam.txt has them; metres."""
 
     name = "txt"
-    suffix = ".txt"
     media_type = "text/plain"
     description = "KITTI's calib_cam_to_cam.txt"
     is_image = False

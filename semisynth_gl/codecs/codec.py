@@ -1,7 +1,6 @@
 """The base of all codecs: one file format, in both directions, with its limits."""
 
 from abc import ABC, abstractmethod
-from importlib import import_module
 from math import inf
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
@@ -9,7 +8,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.errors import InputError, ReadError
+from semisynth_gl.errors import ReadError
 
 Value = TypeVar("Value")
 
@@ -19,7 +18,6 @@ class Codec(ABC, Generic[Value]):
 
     Attributes:
         name: the codec's name in a config; also the ending of its files, unless `suffix` says otherwise.
-        suffix: the ending of its files, with the dot.
         media_type: the format's media type, or the address of its specification where it has none.
         description: the format in a few words.
         nothing: how the format stores "no value".
@@ -30,14 +28,18 @@ class Codec(ABC, Generic[Value]):
     """
 
     name: str
-    suffix: ClassVar[str]
-    media_type: ClassVar[str]
+    media_type: str
     description: str
     nothing: ClassVar[str] = "inf"
     error_px: float = 0.0
     limit_px: float = inf
     is_image: bool = True
     lossless: ClassVar[bool] = True
+
+    @property
+    def suffix(self) -> str:
+        """The ending of the format's files, with the dot."""
+        return f".{self.name}"
 
     def __eq__(self, other: object) -> bool:
         return type(self) is type(other) and vars(self) == vars(other)
@@ -115,18 +117,3 @@ def check_numbers(values: NDArray[np.float32], path: Path) -> None:
     wrong = int(np.isnan(values).any(axis=2).sum())
     if wrong:
         raise ReadError(path, f"expected a number, or inf for none, of each pixel, got NaN at {wrong} pixels")
-
-
-def import_imagecodecs(codec: str) -> Any:  # noqa: ANN401 - a module without types
-    """Import imagecodecs, which is an extra because its wheel of all codecs has 26 MB.
-
-    Raises:
-        InputError: where it is not installed; the message names the codec.
-    """
-    try:
-        return import_module("imagecodecs")
-    except ImportError as error:
-        raise InputError(
-            f"the encoding {codec} needs the package imagecodecs, which cannot be imported ({error}): "
-            "pip install 'semisynth-gl[codecs]', or choose another with files.image"
-        ) from None

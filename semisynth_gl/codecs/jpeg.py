@@ -17,7 +17,6 @@ class Jpeg(Codec[NDArray[np.uint8]]):
     """JPEG of (H, W, 3) uint8 RGB: quality 100, colour at full size."""
 
     name = "jpg"
-    suffix = ".jpg"
     media_type = "image/jpeg"
     description = "JPEG of quality 100"
     lossless = False

@@ -13,7 +13,6 @@ class JsonObject(Codec[Mapping[str, Any]]):
     """A mapping in JSON's types, readable, with a line break at the end."""
 
     name = "json"
-    suffix = ".json"
     media_type = "application/json"
     description = "JSON"
     is_image = False

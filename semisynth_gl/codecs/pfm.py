@@ -24,7 +24,6 @@ class Pfm(Codec[NDArray[np.float32]]):
     """
 
     name = "pfm"
-    suffix = ".pfm"
     media_type = "https://netpbm.sourceforge.net/doc/pfm.html"
     description = "PFM, float32"
 
@@ -64,7 +63,6 @@ class FlowPfm(Codec[NDArray[np.float32]]):
     """SceneFlow's flow as PFM of three channels, (H, W, 2) float32 px: u, v and 0; inf stands for none."""
 
     name = "pfm"
-    suffix = ".pfm"
     media_type = Pfm.media_type
     description = "PFM of three channels, u, v and 0, float32"
     is_image = False

@@ -35,7 +35,6 @@ class Png(Codec[NDArray[Any]]):
     """
 
     name = "png"
-    suffix = ".png"
     media_type = "image/png"
 
     def __init__(self, dtype: type[np.uint8 | np.uint16], components: int) -> None:

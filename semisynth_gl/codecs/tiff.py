@@ -27,7 +27,6 @@ class Tiff(Codec[NDArray[np.float32]]):
     """TIFF of (H, W) float32, little-endian, one strip, which ends the file; inf stands for "nothing"."""
 
     name = "tiff"
-    suffix = ".tiff"
     media_type = "image/tiff"
     description = "TIFF, float32, lossless"
 

@@ -73,7 +73,7 @@ def scene_stems(names: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str
         Those of the pair's own moment, and those that compare it with another one, view by view.
     """
     stems = view_stems({**_NAMES, **names}, "{channel}{n}")
-    flow = [role for eye in EYES for role, (of, channel) in ROLES.items() if of == eye and channel.moment != "now"]
+    flow = [role for eye in EYES for role, (view, channel) in ROLES.items() if view == eye and channel.moment != "now"]
     return {role: stem for role, stem in stems.items() if role not in flow}, {role: stems[role] for role in flow}
 
 

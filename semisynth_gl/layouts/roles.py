@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import EYES, Eye, StereoCamera
+from semisynth_gl.camera import EYES, OTHER_EYE, Eye
 from semisynth_gl.codecs import Codec, Encodings
 from semisynth_gl.codecs.calib import KITTI_CALIB, MIDDLEBURY_CALIB, Calibration
 from semisynth_gl.codecs.json_object import JSON_OBJECT
@@ -145,9 +145,9 @@ def _channel_role(eye: Eye, channel: Channel[Any]) -> Role:
     def value(sample: Sample) -> NDArray[Any] | None:
         return sample.frame.view(eye).get(channel.name)
 
-    meaning = channel.meaning.format(view=eye, other="right" if eye == "left" else "left")
-    truth_of = None if channel.name == "image" else eye
-    return Role(meaning, lambda encodings: encodings.codec(channel.codec), value, channel.output, truth_of)
+    meaning = channel.meaning.format(view=eye, other=OTHER_EYE[eye])
+    truth_eye = None if channel.name == "image" else eye
+    return Role(meaning, lambda encodings: encodings.codec(channel.codec), value, channel.output, truth_eye)
 
 
 def _not_occluded(eye: Eye, channel: Channel[Any], mask: Channel[Any]) -> Role:
@@ -175,24 +175,14 @@ def _calibration(sample: Sample) -> Calibration:
     return Calibration(camera, camera.doffs_px, sample.ndisp, vmin, vmax)
 
 
-def _camera(sample: Sample) -> StereoCamera:
-    return sample.frame.camera
-
-
-def _facts(sample: Sample) -> Mapping[str, Any]:
-    return sample.provenance
-
-
 def _fixed(meaning: str, codec: Codec[Any], value: Callable[[Sample], Any], output: str | None = None) -> Role:
     """Return a role whose codec is always the same."""
     return Role(meaning, lambda _: codec, value, output)
 
 
 def _exposed_right(stops: int) -> Role:
-    def value(sample: Sample) -> NDArray[np.uint8]:
-        return expose(sample.frame.right.image, stops)
-
-    return _fixed(f"right image a stop {'darker' if stops < 0 else 'brighter'}", RGB8, value)
+    meaning = f"right image a stop {'darker' if stops < 0 else 'brighter'}"
+    return _fixed(meaning, RGB8, lambda sample: expose(sample.frame.right.image, stops))
 
 
 ROLES: Mapping[str, Role] = {
@@ -206,6 +196,12 @@ ROLES: Mapping[str, Role] = {
     **{name: _exposed_right(stops) for name, stops in _STOPS.items()},
     "objects": _fixed("8-bit: 1 to 255 for objects, 0 for all else; of the left view", GREY8, _objects, "instances"),
     "calibration": _fixed("the cameras, as Middlebury's calib.txt has them", MIDDLEBURY_CALIB, _calibration),
-    "calib_cam_to_cam": _fixed("the cameras, as KITTI's calib_cam_to_cam.txt has them", KITTI_CALIB, _camera),
-    "provenance": _fixed("what made the pair: seeds, camera, and every instance in the scene", JSON_OBJECT, _facts),
+    "calib_cam_to_cam": _fixed(
+        "the cameras, as KITTI's calib_cam_to_cam.txt has them", KITTI_CALIB, lambda sample: sample.frame.camera
+    ),
+    "provenance": _fixed(
+        "what made the pair: seeds, camera, and every instance in the scene",
+        JSON_OBJECT,
+        lambda sample: sample.provenance,
+    ),
 }

@@ -48,8 +48,7 @@ class ColourTargets:
 
     Args:
         context: the open context.
-        width_px: image width.
-        height_px: image height.
+        image_size: width and height of the image, px.
         antialias: "msaa" or "ssaa".
         read: what takes pixels.
 
@@ -58,7 +57,7 @@ class ColourTargets:
     """
 
     def __init__(
-        self, context: GraphicsContext, width_px: int, height_px: int, antialias: Antialias, read: Reader
+        self, context: GraphicsContext, image_size: tuple[int, int], antialias: Antialias, read: Reader
     ) -> None:
         gl, factor = context.gl, antialias.factor
         self._gl = gl
@@ -71,7 +70,7 @@ class ColourTargets:
                 f"antialias msaa{samples} was asked for, but {context.renderer} has up to {gl.max_samples} samples "
                 "a pixel: take fewer, or ssaa2"
             )
-        size = (width_px * scale, height_px * scale)
+        size = image_size[0] * scale, image_size[1] * scale
         if max(size) > int(gl.info["GL_MAX_TEXTURE_SIZE"]):
             raise BackendError(
                 f"antialias ssaa{factor} draws {size[0]} x {size[1]} px, but {context.renderer} goes up to "
@@ -81,7 +80,7 @@ class ColourTargets:
         self._depth_buffer = gl.depth_renderbuffer(size, samples=samples)
         context.unbound.make_depth_float32(self._depth_buffer.glo, *size, samples)
         self.fine = gl.framebuffer([self._colour], self._depth_buffer)
-        self._resolved = gl.texture((width_px, height_px), 4)
+        self._resolved = gl.texture(image_size, 4)
         self._resolve = gl.framebuffer([self._resolved])
         self._program: moderngl.Program | None = None
         if antialias.kind == "ssaa":

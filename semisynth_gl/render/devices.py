@@ -1,4 +1,4 @@
-"""What OpenGL this machine offers: EGL devices, libraries, limits of a context."""
+"""OpenGL on this machine: EGL devices, libraries, limits of a context."""
 
 import ctypes
 import json
@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
+from itertools import takewhile
 from typing import Any
 
 from semisynth_gl.errors import InputError
@@ -68,7 +69,7 @@ class ContextFacts:
 
 
 def missing_libraries() -> dict[str, str]:
-    """Libraries that cannot be loaded, each with the Debian package that brings it."""
+    """Return the libraries that cannot be loaded, each with the Debian package that brings it."""
     return {library: package for library, package in LIBRARIES.items() if not _loads(library)}
 
 
@@ -113,27 +114,27 @@ def egl_index_of_gpu(gpu: int, devices: Sequence[Device], visible: str | None) -
     Raises:
         InputError: where there is no such GPU, or it cannot be told which one it is.
     """
-    of_cuda = {device.cuda: device for device in devices if device.cuda is not None}
-    if not of_cuda:
+    by_cuda = {device.cuda: device for device in devices if device.cuda is not None}
+    if not by_cuda:
         raise InputError(
             f"--gpus {gpu}: none of EGL's devices says which GPU of CUDA's it is. `semisynth-gl doctor` lists them; "
             "NVIDIA's driver tells where its libEGL is installed"
         )
     if visible is None:
-        if gpu not in of_cuda:
-            raise InputError(f"--gpus {gpu}: CUDA sees {_gpus(sorted(of_cuda))}")
-        return of_cuda[gpu].index
+        if gpu not in by_cuda:
+            raise InputError(f"--gpus {gpu}: CUDA sees {_gpus(sorted(by_cuda))}")
+        return by_cuda[gpu].index
     entries = _visible_entries(visible)
     if not 0 <= gpu < len(entries):
         raise InputError(f"--gpus {gpu}: with {_VISIBLE}={visible} CUDA sees {_gpus(range(len(entries)))}")
     entry = entries[gpu]
     if entry.isdigit():
-        if int(entry) not in of_cuda:
-            raise InputError(f"--gpus {gpu}: {_VISIBLE}={visible} names {entry}, but there is {_gpus(sorted(of_cuda))}")
-        return of_cuda[int(entry)].index
-    matching = [device for device in of_cuda.values() if (device.uuid or "").lower().startswith(entry.lower())]
+        if int(entry) not in by_cuda:
+            raise InputError(f"--gpus {gpu}: {_VISIBLE}={visible} names {entry}, but there is {_gpus(sorted(by_cuda))}")
+        return by_cuda[int(entry)].index
+    matching = [device for device in by_cuda.values() if (device.uuid or "").lower().startswith(entry.lower())]
     if len(matching) != 1:
-        known = ", ".join(f"{device.cuda} is {device.uuid or 'unknown'}" for device in of_cuda.values())
+        known = ", ".join(f"{device.cuda} is {device.uuid or 'unknown'}" for device in by_cuda.values())
         raise InputError(
             f"--gpus {gpu}: {_VISIBLE}={visible} names {entry}, which cannot be told among EGL's devices ({known}). "
             f"Give numbers in {_VISIBLE}"
@@ -143,12 +144,8 @@ def egl_index_of_gpu(gpu: int, devices: Sequence[Device], visible: str | None) -
 
 def _visible_entries(visible: str) -> list[str]:
     """Return the entries that count: CUDA ignores the first one that is wrong, such as -1, and all behind it."""
-    entries: list[str] = []
-    for entry in (each.strip() for each in visible.split(",")):
-        if not (entry.isdigit() or entry.startswith(("GPU-", "MIG-"))):
-            break
-        entries.append(entry)
-    return entries
+    entries = (entry.strip() for entry in visible.split(","))
+    return list(takewhile(lambda entry: entry.isdigit() or entry.startswith(("GPU-", "MIG-")), entries))
 
 
 def _gpus(numbers: Sequence[int]) -> str:
@@ -160,10 +157,10 @@ def devices_without_mask() -> tuple[Device, ...]:
     """Ask another process, in which CUDA_VISIBLE_DEVICES is not set, for EGL's devices."""
     program = f"from {__name__} import print_devices; print_devices()"
     environment = {name: value for name, value in os.environ.items() if name != _VISIBLE}
-    asked = subprocess.run(  # noqa: S603 - this interpreter and this module
+    answer = subprocess.run(  # noqa: S603 - this interpreter and this module
         [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
     )
-    return tuple(Device(**device) for device in json.loads(asked.stdout))
+    return tuple(Device(**device) for device in json.loads(answer.stdout))
 
 
 def print_devices() -> None:

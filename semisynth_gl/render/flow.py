@@ -1,7 +1,5 @@
 """The flow pass: where what one eye sees is at another moment, and whether the same eye sees it then."""
 
-from dataclasses import dataclass
-
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
@@ -10,29 +8,16 @@ from semisynth_gl.camera import Crop, Eye
 from semisynth_gl.errors import InputError
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import GraphicsContext
-from semisynth_gl.render.model_buffers import ModelBuffers, Placed
+from semisynth_gl.render.model_buffers import ModelBuffers, Placed, refill
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.readers import Reader
 from semisynth_gl.render.structs import BLOCKS, MOVE
-from semisynth_gl.render.targets import FLOW, EyeTargets, FlowTargets
+from semisynth_gl.render.targets import FLOW, EyeTargets, Targets
 from semisynth_gl.scene.scene import Motion
 
 _FEWEST_MOVES = 256
 # Texture units of flow.frag.
 _OWN_DEPTH, _OWN_SURFACE, _THEN_DEPTH, _THEN_SURFACE = range(4)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Moved:
-    """A motion as the renderer needs it.
-
-    Attributes:
-        then: the other moment's instances.
-        moves: (N,) of `MOVE`, relative to the left eye.
-    """
-
-    then: Placed
-    moves: NDArray[np.void]
 
 
 class FlowPass:
@@ -57,19 +42,19 @@ class FlowPass:
             self._draws.append(context.gl.vertex_array(program, []))
         self._moves = context.gl.buffer(reserve=_FEWEST_MOVES * MOVE.itemsize, dynamic=True)
         self._then: EyeTargets | None = None
-        self._targets: FlowTargets | None = None
+        self._targets: Targets | None = None
 
-    def resize(self, width_px: int, height_px: int) -> None:
+    def resize(self, size: tuple[int, int]) -> None:
         """Make room for another image size; a size that the driver refuses leaves the pass as it was."""
-        then = EyeTargets(self._context, width_px, height_px, ("depth", "surface"), visibility=False)
-        targets = FlowTargets(self._context, width_px, height_px, self._read)
+        then = EyeTargets(self._context, size, ("depth", "surface"), visibility=False)
+        targets = Targets(self._context, size, FLOW, self._read)
         # moderngl binds the framebuffer in use again after making a new one, so the old ones go last.
         targets.framebuffer.use()
         self.release()
         self._then, self._targets = then, targets
 
-    def place(self, placed: Placed, motion: Motion, models: ModelBuffers) -> Moved:
-        """Compose how each instance moves, in float64.
+    def place(self, placed: Placed, motion: Motion, models: ModelBuffers) -> tuple[Placed, NDArray[np.void]]:
+        """Place the other moment's instances, and compose how each instance moves: (N,) of `MOVE`, for the left eye.
 
         Raises:
             InputError: where the motion is of another scene, or its camera of other intrinsics.
@@ -90,15 +75,21 @@ class FlowPass:
         moves["turn_and_shift"][:, :, 3] = view_from_model[:, :3, 3] - centre
         moves["centre"] = centre
         moves["then"] = motion.instance.astype(np.uint32)  # -1 becomes GONE
-        return Moved(models.place(then), moves)
+        return models.place(then), moves
 
     def draw(
-        self, placed: Placed, moved: Moved, eye: Eye, own: EyeTargets, models: ModelBuffers, crop: Crop | None
-    ) -> FlowTargets:
-        """Find the flow of what one eye's targets show; return what holds it until the next call."""
+        self,
+        placed: Placed,
+        moved: tuple[Placed, NDArray[np.void]],
+        eye: Eye,
+        own: EyeTargets,
+        models: ModelBuffers,
+        crop: Crop | None,
+    ) -> Targets:
+        """Find the flow of what one eye's targets show; return the targets that hold it until the next call."""
         if self._then is None or self._targets is None:
             raise RuntimeError("the flow pass has no targets yet")
-        scene, camera, then = placed.scene, placed.scene.camera, moved.then
+        scene, camera, (then, moves) = placed.scene, placed.scene.camera, moved
         filled = models.fill(then, eye)
         self._then.clear()
         self._gl.enable_only(moderngl.DEPTH_TEST)
@@ -106,13 +97,18 @@ class FlowPass:
         self._constants.write(camera, eye, then.scene.near_m)
         models.draw(self._draw_program, filled)
 
-        self._bind_moves(moved, camera.offset_m(eye))
+        moves = moves.copy()
+        moves["centre"][:, 0] -= camera.offset_m(eye)
+        refill(self._moves, moves)
+        self._moves.bind_to_storage_buffer(BLOCKS["Moves"].binding)
         models.bind_triangles(then, eye)
         own.bind("depth", _OWN_DEPTH)
         own.bind("surface", _OWN_SURFACE)
         self._then.bind("depth", _THEN_DEPTH)
         self._then.bind("surface", _THEN_SURFACE)
-        self._targets.clear(crop)
+        self._targets.limit(crop)
+        self._targets.framebuffer.use()
+        self._context.unbound.clear_depth(1.0)
         self._gl.enable_only(moderngl.DEPTH_TEST)
         # As in the visibility pass: what the first draw discards keeps the depth that the clearing gave it.
         self._constants.write(camera, eye, scene.near_m)
@@ -120,17 +116,6 @@ class FlowPass:
             self._gl.depth_func = "1" if number == 0 else "!="
             draw.render(moderngl.TRIANGLES, 3)
         return self._targets
-
-    def _bind_moves(self, moved: Moved, offset_m: float) -> None:
-        moves = moved.moves.copy()
-        moves["centre"][:, 0] -= offset_m
-        if moves.nbytes > self._moves.size:
-            self._moves.orphan(2 * moves.nbytes)
-        else:
-            self._moves.orphan()
-        if len(moves):
-            self._moves.write(moves)
-        self._moves.bind_to_storage_buffer(BLOCKS["Moves"].binding)
 
     def release(self) -> None:
         """Free the targets."""

@@ -37,7 +37,7 @@ class Placed:
     solid: NDArray[np.bool_]
 
     def rows(self, eye: Eye) -> NDArray[np.float64]:
-        """The first three rows of view_from_model relative to one eye, (N, 3, 4) float64."""
+        """Return the first three rows of view_from_model relative to one eye, (N, 3, 4) float64."""
         rows = self.view_from_model[:, :3].copy()
         rows[:, 0, 3] -= self.scene.camera.offset_m(eye)
         return rows
@@ -77,7 +77,8 @@ class ModelBuffers:
         self._model_commands["base_vertex"] = np.cumsum(vertex_counts) - vertex_counts
         self._solid = np.array([mesh.solid for mesh in models])
         self._vaos: dict[int, moderngl.VertexArray] = {}
-        self._make_room(_FEWEST_INSTANCES)
+        self._instances = gl.buffer(reserve=_FEWEST_INSTANCES * DRAWN_INSTANCE.itemsize, dynamic=True)
+        self._commands = gl.buffer(reserve=_FEWEST_INSTANCES * COMMAND.itemsize, dynamic=True)
 
     def __len__(self) -> int:
         return len(self._model_commands)
@@ -110,8 +111,6 @@ class ModelBuffers:
         fronts_only = placed.solid[seen] & (centre_m[seen, 2] - radius_m[seen] > scene.near_m)
         seen = seen[np.lexsort((centre_m[seen, 2] + radius_m[seen], ~fronts_only))]
         fronts = int(fronts_only.sum())
-        if len(seen) == 0:
-            return Filled(0, 0)
         instances = np.zeros(len(seen), DRAWN_INSTANCE)
         instances["view_from_model"] = view_from_model[seen]
         instances["patch_from_uv"][:, :2] = scene.uv_scale[seen]
@@ -121,17 +120,8 @@ class ModelBuffers:
         commands = self._model_commands[scene.model[seen]]
         commands["instances"] = 1
         commands["base_instance"] = np.arange(len(seen))
-        if len(seen) > self._capacity:
-            for vao in self._vaos.values():
-                vao.release()
-            self._vaos = {}
-            self._instances.release()
-            self._commands.release()
-            self._make_room(2 * len(seen))
-        self._instances.orphan()
-        self._instances.write(instances)
-        self._commands.orphan()
-        self._commands.write(commands)
+        refill(self._instances, instances)
+        refill(self._commands, commands)
         return Filled(fronts, len(seen) - fronts)
 
     def draw(self, program: moderngl.Program, filled: Filled) -> None:
@@ -156,12 +146,7 @@ class ModelBuffers:
         rows["view_from_model"] = placed.rows(eye)
         rows["model"][:, 0] = self._model_commands["first_index"][scene.model] // 3
         rows["model"][:, 1] = self._model_commands["base_vertex"][scene.model]
-        if rows.nbytes > self._traced.size:
-            self._traced.orphan(2 * rows.nbytes)
-        else:
-            self._traced.orphan()
-        if len(rows):
-            self._traced.write(rows)
+        refill(self._traced, rows)
         buffers = (self._vertices, self._indices, self._neighbours, self._traced)
         largest, limit = max(buffer.size for buffer in buffers), int(self._gl.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
         if largest > limit:
@@ -171,11 +156,6 @@ class ModelBuffers:
             )
         for binding, buffer in enumerate(buffers):
             buffer.bind_to_storage_buffer(binding)
-
-    def _make_room(self, capacity: int) -> None:
-        self._capacity = capacity
-        self._instances = self._gl.buffer(reserve=capacity * DRAWN_INSTANCE.itemsize, dynamic=True)
-        self._commands = self._gl.buffer(reserve=capacity * COMMAND.itemsize, dynamic=True)
 
     def _vao(self, program: moderngl.Program) -> moderngl.VertexArray:
         if program.glo not in self._vaos:
@@ -190,8 +170,15 @@ class ModelBuffers:
         return self._vaos[program.glo]
 
 
+def refill(buffer: moderngl.Buffer, rows: NDArray[Any]) -> None:
+    """Replace the content of a buffer, which grows where the rows need more room and never shrinks."""
+    buffer.orphan(2 * rows.nbytes if rows.nbytes > buffer.size else -1)
+    if len(rows):
+        buffer.write(rows)
+
+
 def _format(program: moderngl.Program, dtype: np.dtype[Any], suffix: str) -> tuple[str, list[str]]:
-    """Buffer format and names; an attribute that the compiler removed from a program is passed over."""
+    """Return buffer format and names; an attribute that the compiler removed from a program is passed over."""
     parts, names = [], []
     check_attributes(program, dtype, _INTEGERS)
     for name, _, count in members(dtype):

@@ -5,8 +5,7 @@ glcontext has no OSMesa backend, so this loads the library with ctypes. moderngl
 """
 
 import ctypes
-import ctypes.util
-from types import TracebackType
+from contextlib import suppress
 from typing import Self
 
 from semisynth_gl.errors import BackendError
@@ -25,17 +24,10 @@ _GL_UNSIGNED_BYTE = 0x1401
 _LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
 
 
-def load_library() -> ctypes.CDLL:
-    """Open libOSMesa.
-
-    Raises:
-        BackendError: where it is not installed.
-    """
+def _load_library() -> ctypes.CDLL:
     for name in _LIBRARIES:
-        try:
+        with suppress(OSError):
             return ctypes.CDLL(name)
-        except OSError:
-            continue
     raise BackendError(f"OSMesa is not installed: none of {', '.join(_LIBRARIES)} could be loaded")
 
 
@@ -47,7 +39,7 @@ class OSMesaContext:
     """
 
     def __init__(self, major: int, minor: int) -> None:
-        library = load_library()
+        library = _load_library()
         try:
             create = library.OSMesaCreateContextAttribs
         except AttributeError:
@@ -56,13 +48,7 @@ class OSMesaContext:
         create.argtypes = [ctypes.POINTER(ctypes.c_int), ctypes.c_void_p]
         library.OSMesaGetProcAddress.restype = ctypes.c_void_p
         library.OSMesaGetProcAddress.argtypes = [ctypes.c_char_p]
-        library.OSMesaMakeCurrent.argtypes = [
-            ctypes.c_void_p,
-            ctypes.c_void_p,
-            ctypes.c_uint,
-            ctypes.c_int,
-            ctypes.c_int,
-        ]
+        library.OSMesaMakeCurrent.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint, *[ctypes.c_int] * 2]
         library.OSMesaMakeCurrent.restype = ctypes.c_ubyte
         library.OSMesaDestroyContext.argtypes = [ctypes.c_void_p]
         attributes = [
@@ -93,12 +79,7 @@ class OSMesaContext:
         self._make_current()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None = None,
-        error: BaseException | None = None,
-        trace: TracebackType | None = None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Leave the context current: whoever draws with another makes that one current. moderngl gives no arguments."""
 
     def release(self) -> None:

@@ -1,22 +1,25 @@
-"""Linked shader programs, with errors that say what is wrong."""
+"""Shader programs: the GLSL of shaders/ with its #include and #define lines, compiled, linked and checked."""
 
+import re
 from collections.abc import Mapping
 
 import moderngl
 
 from semisynth_gl.errors import BackendError
 from semisynth_gl.render.context import GraphicsContext
-from semisynth_gl.render.shader_source import shader_source
 from semisynth_gl.render.structs import check_blocks
+from semisynth_gl.resources import data_root
+
+_INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 
 
 def link_program(context: GraphicsContext, vertex: str, fragment: str, defines: Mapping[str, int]) -> moderngl.Program:
-    """Compile and link two files of shaders/, and check the blocks that numpy packs for them.
+    """Compile and link two shaders, and check the blocks that numpy packs for them.
 
     Args:
         context: the open context.
-        vertex: name of the vertex shader's file.
-        fragment: name of the fragment shader's file.
+        vertex: file of the vertex shader; see `shader_source`.
+        fragment: file of the fragment shader, likewise.
         defines: for the fragment shader.
 
     Raises:
@@ -30,3 +33,34 @@ def link_program(context: GraphicsContext, vertex: str, fragment: str, defines: 
         raise BackendError(f"{context.renderer} does not compile {vertex} and {fragment}: {error}") from error
     check_blocks(context, program)
     return program
+
+
+def shader_source(name: str, defines: Mapping[str, int] | None = None) -> str:
+    """Return the text of a shader: ``shaders/<name>``, or a file elsewhere whose absolute path the name is.
+
+    Each ``#include "file"`` line is replaced by that file of shaders/. Each name of ``defines`` is defined as its
+    number, right after the ``#version`` line.
+
+    Raises:
+        FileNotFoundError: where the file, or one that it includes, does not exist.
+        ValueError: where files include each other in a circle, or the text never mentions a name to define.
+    """
+    version, *body = _lines(name, ())
+    text = "\n".join(body)
+    for defined in defines or {}:
+        if not re.search(rf"\b{defined}\b", text):
+            raise ValueError(f"{name} does not know {defined}")
+    return "\n".join([version, *(f"#define {key} {value}" for key, value in (defines or {}).items()), text])
+
+
+def _lines(name: str, parents: tuple[str, ...]) -> list[str]:
+    if name in parents:
+        raise ValueError(f"shaders include each other in a circle: {' -> '.join((*parents, name))}")
+    path = data_root("shaders") / name
+    if not path.is_file():
+        raise FileNotFoundError(f"no shader {name} (included from {parents[-1] if parents else 'the program'})")
+    lines: list[str] = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        match = _INCLUDE.match(line)
+        lines += _lines(match[1], (*parents, name)) if match else [line]
+    return lines

@@ -7,7 +7,7 @@ from semisynth_gl.camera import Eye, StereoCamera
 
 
 def clip_from_view(camera: StereoCamera, eye: Eye, near_m: float) -> NDArray[np.float64]:
-    """Projection of one eye, (4, 4) float64, for clip control ZERO_TO_ONE and a depth test of GREATER.
+    """Return the projection of one eye, (4, 4) float64, for clip control ZERO_TO_ONE and a depth test of GREATER.
 
     The pixel whose centre is at (x, y) has its window coordinate at (x + 1/2, y + 1/2). Window y is left to run
     downwards with the image's, so that the first row read back is the top one and nothing is flipped afterwards.
@@ -25,13 +25,9 @@ def clip_from_view(camera: StereoCamera, eye: Eye, near_m: float) -> NDArray[np.
 
 
 def in_view(
-    camera: StereoCamera,
-    eye: Eye,
-    near_m: float,
-    centre_m: NDArray[np.float64],
-    radius_m: NDArray[np.float64],
+    camera: StereoCamera, eye: Eye, near_m: float, centre_m: NDArray[np.float64], radius_m: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Whether bounding spheres may reach into one eye's image.
+    """Return which bounding spheres may reach into one eye's image.
 
     Args:
         camera: the camera.

@@ -1,4 +1,4 @@
-"""Who takes drawn pixels: by default arrays in the computer's memory, or whatever a reader makes of them."""
+"""Readers of drawn pixels: into arrays in the computer's memory by default, or into buffers of the driver."""
 
 from typing import Any, Protocol
 
@@ -14,13 +14,7 @@ class Reader(Protocol):
     """Makes something of an attachment's pixels that stands for the array of shape (H, W) or (H, W, C)."""
 
     def __call__(
-        self,
-        framebuffer: moderngl.Framebuffer,
-        viewport: Viewport,
-        attachment: int,
-        kind: str,
-        components: int,
-        /,
+        self, framebuffer: moderngl.Framebuffer, viewport: Viewport, attachment: int, kind: str, components: int, /
     ) -> Any:  # noqa: ANN401 - whatever the caller works with
         """Take a rectangle of an attachment.
 

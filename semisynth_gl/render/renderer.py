@@ -7,7 +7,6 @@ copy of the results into arrays.
 
 from collections.abc import Collection, Mapping, Sequence
 from math import ceil
-from types import TracebackType
 from typing import Any, Literal, Self
 
 import moderngl
@@ -108,7 +107,7 @@ class Renderer:
         self._released = False
         self._read_pixels = read
         self._outputs = frozenset(outputs)
-        self._channels = [each for each in CHANNELS.values() if each.output is None or each.output in outputs]
+        self._channels = [row for row in CHANNELS.values() if row.output is None or row.output in outputs]
         self._truth_eyes: tuple[Eye, ...] = EYES if truth == "both" else ("left",)
         self._antialias = parse_antialias(antialias)
         self._attachments: dict[Eye, tuple[str, ...]] = {eye: self._drawn(eye) for eye in EYES}
@@ -130,9 +129,7 @@ class Renderer:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.release()
 
     @property
@@ -142,7 +139,7 @@ class Renderer:
 
     @property
     def renderer_name(self) -> str:
-        """What the driver calls itself (GL_RENDERER)."""
+        """The driver's name for itself (GL_RENDERER)."""
         return self._context.renderer
 
     @property
@@ -156,20 +153,15 @@ class Renderer:
             return self._context.unbound.count_objects()
 
     def render(
-        self,
-        scene: Scene,
-        crop: Crop | None = None,
-        *,
-        future: Motion | None = None,
-        past: Motion | None = None,
+        self, scene: Scene, crop: Crop | None = None, *, future: Motion | None = None, past: Motion | None = None
     ) -> Frame:
         """Draw one pair.
 
         Args:
             scene: indices must lie within the renderer's models and layers.
+            crop: draw and return this part of both images alone; its pixels are those of the whole image, bit for bit.
             future: how the scene gets to the next frame, for the outputs "flow" and "disparity_change".
             past: how it gets to the previous frame, for the output "flow_backward".
-            crop: draw and return this part of both images alone; its pixels are those of the whole image, bit for bit.
 
         Returns:
             Both images, both disparities and the outputs that were asked for, in new arrays.
@@ -180,9 +172,9 @@ class Renderer:
             BackendError: where the image is larger than the driver allows, or drawing failed.
             ContextLostError: where the driver took the context away; another renderer may still be opened.
         """
-        for each in (scene, *(motion.scene for motion in (future, past) if motion is not None)):
-            self._check(each)
         motions = {"future": future, "past": past}
+        for shown in (scene, *(motion.scene for motion in motions.values() if motion is not None)):
+            self._check(shown)
         for name, outputs in _NEEDS_MOTION.items():
             wanted = sorted(self._outputs & outputs)
             if wanted and motions[name] is None:
@@ -199,25 +191,20 @@ class Renderer:
             return frame
 
     def _fault(self, error: str) -> BackendError:
-        """What is wrong when drawing failed."""
+        """Return the error of a drawing that failed."""
         # moderngl knows the errors of a context that lives; any other one is that it does not.
         if self._context.unbound.is_lost() or _UNKNOWN_ERROR in (self._gl.error, error):
             return ContextLostError(f"{self.renderer_name} lost its context while it drew a pair: was the GPU reset?")
         return BackendError(f"{self.renderer_name} reported {error} while drawing a pair")
 
-    def _render(
-        self,
-        scene: Scene,
-        crop: Crop | None,
-        motions: Mapping[str, Motion | None],
-    ) -> Frame:
+    def _render(self, scene: Scene, crop: Crop | None, motions: Mapping[str, Motion | None]) -> Frame:
         def finish(stage: RenderStage) -> None:
             if self.listener is not None:
                 self._gl.finish()
                 self.listener.on_stage(stage)
 
         camera = scene.camera if crop is None else scene.camera.cropped(crop)
-        self._resize(scene.camera.width_px, scene.camera.height_px)
+        self._resize((scene.camera.width_px, scene.camera.height_px))
         placed = self._models.place(scene)
         colour = {eye: self._draw(placed, eye, crop) for eye in EYES}
         finish("draw")
@@ -275,12 +262,9 @@ class Renderer:
             return
         self._released = True
         with self._gl:
-            for targets in self._targets.values():
-                targets.release()
-            if self._colour_targets is not None:
-                self._colour_targets.release()
-            if self._flow is not None:
-                self._flow.release()
+            for part in (*self._targets.values(), self._colour_targets, self._flow):
+                if part is not None:
+                    part.release()
         self._targets, self._colour_targets = {}, None
         self._context.release()
 
@@ -315,29 +299,18 @@ class Renderer:
         return tuple(name for name, drawn in names.items() if drawn)
 
     def _link_programs(self, anisotropy: int) -> None:
-        self._draw_programs: dict[Eye, moderngl.Program] = {}
-        for eye, names in self._attachments.items():
-            # Both eyes' are the same where they write the same.
-            same = next((other for other in self._draw_programs if self._attachments[other] == names), None)
-            self._draw_programs[eye] = (
-                self._draw_programs[same]
-                if same
-                else link_program(
-                    self._context,
-                    "mesh.vert",
-                    "mesh.frag",
-                    {name.upper(): number for number, name in enumerate(names)} | {"ANISOTROPY": anisotropy},
-                )
-            )
-        self._colour_program: moderngl.Program | None = None
-        if self._antialias.kind != "none":
-            self._colour_program = link_program(
-                self._context, "mesh.vert", "mesh.frag", {"COLOUR": 0, "ANISOTROPY": anisotropy}
-            )
+        def link(names: tuple[str, ...]) -> moderngl.Program:
+            locations = {name.upper(): number for number, name in enumerate(names)}
+            return link_program(self._context, "mesh.vert", "mesh.frag", locations | {"ANISOTROPY": anisotropy})
+
+        # Both eyes have one program where they write the same.
+        programs = {names: link(names) for names in dict.fromkeys(self._attachments.values())}
+        self._draw_programs = {eye: programs[names] for eye, names in self._attachments.items()}
+        self._colour_program = link(("colour",)) if self._antialias.kind != "none" else None
         self._visibility = VisibilityPass(self._context, self._constants) if "visibility" in self._outputs else None
-        self._flow = (
-            FlowPass(self._context, self._constants, self._read_pixels) if self._outputs & FLOW_OUTPUTS else None
-        )
+        self._flow = None
+        if self._outputs & FLOW_OUTPUTS:
+            self._flow = FlowPass(self._context, self._constants, self._read_pixels)
 
     def _check(self, scene: Scene) -> None:
         ranges = (("model", scene.model, len(self._models)), ("layer", scene.layer, self._atlas.layers))
@@ -352,22 +325,18 @@ class Renderer:
                 f"to {_MOST_INSTANCE_IDS}: leave that output out"
             )
 
-    def _resize(self, width_px: int, height_px: int) -> None:
-        if self._size == (width_px, height_px):
+    def _resize(self, size: tuple[int, int]) -> None:
+        if self._size == size:
             return
-        antialiased = self._antialias.kind != "none"
-        outgrown, outgrown_colour = list(self._targets.values()), self._colour_targets
+        outgrown = [*self._targets.values(), self._colour_targets]
         # All or nothing: a size that the driver refuses leaves the renderer as it was.
-        colour_targets = (
-            ColourTargets(self._context, width_px, height_px, self._antialias, self._read_pixels)
-            if antialiased
-            else None
-        )
+        colour_targets = None
+        if self._antialias.kind != "none":
+            colour_targets = ColourTargets(self._context, size, self._antialias, self._read_pixels)
         self._targets = {
             eye: EyeTargets(
                 self._context,
-                width_px,
-                height_px,
+                size,
                 names,
                 visibility="visibility" in self._outputs and eye in self._truth_eyes,
                 read=self._read_pixels,
@@ -376,14 +345,13 @@ class Renderer:
         }
         self._colour_targets = colour_targets
         if self._flow is not None:
-            self._flow.resize(width_px, height_px)
+            self._flow.resize(size)
         # moderngl binds the framebuffer in use again after making a new one, so the old ones go last.
         self._targets["left"].framebuffer.use()
         for targets in outgrown:
-            targets.release()
-        if outgrown_colour is not None:
-            outgrown_colour.release()
-        self._size = (width_px, height_px)
+            if targets is not None:
+                targets.release()
+        self._size = size
 
     def _draw(self, placed: Placed, eye: Eye, crop: Crop | None) -> NDArray[np.uint8] | None:
         """Draw one eye; return the colour where it is antialiased."""
@@ -392,7 +360,6 @@ class Renderer:
         scene, filled = placed.scene, self._models.fill(placed, eye, part)
         self._constants.write(scene.camera, eye, scene.near_m)
         self._atlas.use(0)
-        program = self._draw_programs[eye]
         if self._attachments[eye]:
             targets = self._targets[eye]
             targets.limit(part)
@@ -401,7 +368,7 @@ class Renderer:
             targets.clear()
             if any(channel.reads_triangles for channel in self._drawn_by("drawing")):
                 self._models.bind_triangles(placed, eye)
-            self._draw_models(program, filled)
+            self._draw_models(self._draw_programs[eye], filled)
         if self._colour_targets is None or self._colour_program is None:
             return None
         self._colour_targets.limit(crop)
@@ -417,14 +384,7 @@ class Renderer:
 
 
 def _drawn_part(scene: Scene, eye: Eye, crop: Crop, *, looked_up: bool) -> Crop:
-    """What has to be drawn of one eye's image for a crop.
-
-    Args:
-        scene: what is drawn.
-        eye: whose image.
-        crop: what is wanted of it.
-        looked_up: whether the points of the other eye's crop are looked up in it.
-    """
+    """Return the part of one eye's image that a crop needs, more where the other eye's points are looked up in it."""
     if not looked_up:
         return crop
     camera = scene.camera

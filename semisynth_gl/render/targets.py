@@ -125,8 +125,7 @@ class EyeTargets(Targets):
 
     Args:
         context: the open context.
-        width_px: image width.
-        height_px: image height.
+        size: width and height, px.
         names: attachments of the drawing pass, in the order of the shader's outputs.
         visibility: whether there is a visibility pass.
         read: what takes pixels.
@@ -138,8 +137,7 @@ class EyeTargets(Targets):
     def __init__(
         self,
         context: GraphicsContext,
-        width_px: int,
-        height_px: int,
+        size: tuple[int, int],
         names: Iterable[str],
         *,
         visibility: bool,
@@ -147,14 +145,13 @@ class EyeTargets(Targets):
     ) -> None:
         info = context.gl.info
         limit = min(int(info["GL_MAX_TEXTURE_SIZE"]), *(int(side) for side in info["GL_MAX_VIEWPORT_DIMS"]))
-        if max(width_px, height_px) > limit:
+        if max(size) > limit:
             raise BackendError(
-                f"an image of {width_px} x {height_px} px was asked for, but {context.renderer} goes up to "
+                f"an image of {size[0]} x {size[1]} px was asked for, but {context.renderer} goes up to "
                 f"{limit} px a side: lower camera.width_px or camera.height_px"
             )
-        size = width_px, height_px
         super().__init__(context, size, {name: DRAWING[name] for name in names}, read)
-        context.unbound.make_depth_float32(self.depth_buffer.glo, width_px, height_px)
+        context.unbound.make_depth_float32(self.depth_buffer.glo, *size)
         # The visibility pass marks decided pixels in the depth buffer that the drawing pass no longer needs.
         self.visibility = Targets(context, size, VISIBILITY, read, self.depth_buffer) if visibility else None
         for texture in self._textures.values():
@@ -176,26 +173,3 @@ class EyeTargets(Targets):
         if self.visibility is not None:
             self.visibility.release()
         super().release()
-
-
-class FlowTargets(Targets):
-    """The targets of the flow pass, for one eye and moment after the other; their depth tells which pixels are decided.
-
-    Args:
-        context: the open context.
-        width_px: image width.
-        height_px: image height.
-        read: what takes pixels.
-
-    Raises:
-        BackendError: where the driver has no textures or framebuffers of that size.
-    """
-
-    def __init__(self, context: GraphicsContext, width_px: int, height_px: int, read: Reader) -> None:
-        super().__init__(context, (width_px, height_px), FLOW, read)
-
-    def clear(self, part: Crop | None) -> None:
-        """Bind the framebuffer, let it be drawn inside a rectangle alone, and leave all its pixels undecided."""
-        self.limit(part)
-        self.framebuffer.use()
-        self._unbound.clear_depth(1.0)

@@ -2,7 +2,7 @@
 
 import ctypes
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 from semisynth_gl.errors import BackendError
 
@@ -27,18 +27,6 @@ _NAMES = 2048
 
 _UINT, _INT, _INTS = ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_int)
 _FLOATS, _UINTS = ctypes.POINTER(ctypes.c_float), ctypes.POINTER(ctypes.c_uint)
-
-
-class BlockLayout(NamedTuple):
-    """How the driver lays out a block of a program.
-
-    Attributes:
-        offsets: of its members, bytes.
-        size: of the block, or of one element of its array, bytes.
-    """
-
-    offsets: dict[str, int]
-    size: int
 
 
 class UnboundCalls:
@@ -96,8 +84,12 @@ class UnboundCalls:
         """Clear the depth buffer of the framebuffer in use."""
         self._clear_float(_GL_DEPTH, 0, ctypes.byref(ctypes.c_float(value)))
 
-    def block_layout(self, program: int, block: str, members: Sequence[str], array: str) -> BlockLayout | None:
+    def block_layout(
+        self, program: int, block: str, members: Sequence[str], array: str
+    ) -> tuple[dict[str, int], int] | None:
         """Return how the driver lays out a block of a linked program, or None where the program has no such block.
+
+        The layout is the offset of each member, and the size of the block or of one element of its array, in bytes.
 
         Args:
             program: OpenGL's name of it.
@@ -116,7 +108,7 @@ class UnboundCalls:
                 offsets[member] = self._property(program, variables, variable, _GL_OFFSET)
                 if array:
                     size = self._property(program, variables, variable, _GL_TOP_LEVEL_ARRAY_STRIDE)
-        return BlockLayout(offsets, size)
+        return offsets, size
 
     def _property(self, program: int, interface: int, index: int, name: int) -> int:
         value = ctypes.c_int(-1)

@@ -1,4 +1,4 @@
-"""The visibility pass: what of one eye's picture the other eye sees too."""
+"""The visibility pass: marks the pixels of one eye's image that the other eye sees too."""
 
 import moderngl
 

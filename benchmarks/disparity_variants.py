@@ -1,10 +1,7 @@
-"""Variants of how a pixel gets its disparity: the renderer's own and those that it does not offer.
-
-`benchmarks/alternatives.py` measures them. They stand here because this room alone knows OpenGL.
-"""
+"""Variants of how a pixel gets its disparity: the renderer's own and those that it does not offer."""
 
 from collections.abc import Sequence
-from types import TracebackType
+from pathlib import Path
 from typing import Literal, Self, get_args
 
 import moderngl
@@ -16,10 +13,10 @@ from semisynth_gl.errors import BackendError
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import Backend, open_context
-from semisynth_gl.render.model_buffers import ModelBuffers
+from semisynth_gl.render.model_buffers import ModelBuffers, refill
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.projection import clip_from_view
-from semisynth_gl.render.structs import BLOCKS, CAMERA_64
+from semisynth_gl.render.structs import BLOCKS, Block
 from semisynth_gl.render.targets import EyeTargets
 from semisynth_gl.scene.scene import Scene
 
@@ -40,6 +37,22 @@ _CUSTOMARY_NEAR_M = 0.05
 _FAR_M = 1e5
 _STEPS_24 = 2**24 - 1
 _POSES = 4  # the binding in variant.frag
+
+CAMERA_64 = np.dtype(
+    [
+        ("centre_px_64", "<f8", 2),
+        ("focal_px_64", "<f8"),
+        ("focal_baseline_64", "<f8"),
+        ("doffs_px_64", "<f8"),
+        ("", "<f8"),
+    ]
+)
+"""The uniform block of variant.frag, std140."""
+# From here on, `link_program` checks this block too.
+BLOCKS["Camera64"] = Block(1, CAMERA_64)
+
+_SHADERS = Path(__file__).resolve().parent / "shaders"
+VARIANT_SHADERS = str(_SHADERS / "variant.vert"), str(_SHADERS / "variant.frag")
 
 
 class DisparityVariants:
@@ -69,7 +82,7 @@ class DisparityVariants:
         self._depth_only: dict[int, tuple[moderngl.Renderbuffer, moderngl.Framebuffer]] = {}
         self._programs: dict[Variant, moderngl.Program] = {}
         self.left_out: dict[str, str] = {}
-        depth_only = link_program(self._context, "variant.vert", "variant.frag", {})
+        depth_only = link_program(self._context, *VARIANT_SHADERS, {})
         for variant in VARIANTS:
             if variant in _DEPTH_BUFFER_VARIANTS:
                 self._programs[variant] = depth_only
@@ -77,21 +90,19 @@ class DisparityVariants:
                 self._programs[variant] = link_program(self._context, "mesh.vert", "mesh.frag", {"DISPARITY": 0})
             else:
                 try:
-                    program = link_program(self._context, "variant.vert", "variant.frag", _DEFINES[variant])
+                    program = link_program(self._context, *VARIANT_SHADERS, _DEFINES[variant])
                 except BackendError as error:
                     self.left_out[variant] = str(error)
                 else:
                     self._programs[variant] = program
         self.usable = tuple(self._programs)
-        self._from_depth = link_program(self._context, "whole_image.vert", "variant_depth.frag", {})
+        self._from_depth = link_program(self._context, "whole_image.vert", str(_SHADERS / "variant_depth.frag"), {})
         self._from_depth_vao = self._gl.vertex_array(self._from_depth, [])
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.release()
 
     def disparity(self, scene: Scene, eye: Eye, variant: Variant) -> NDArray[np.float32]:
@@ -132,7 +143,8 @@ class DisparityVariants:
             self._from_depth_vao.render(moderngl.TRIANGLES, 3)
             return np.asarray(targets.read("disparity"))
         if variant == "plane64":
-            self._bind_poses(scene, eye)
+            refill(self._poses, self._models.place(scene).rows(eye))
+            self._poses.bind_to_storage_buffer(_POSES)
             constants = (camera.cx_px(eye), camera.cy_px), camera.focal_px, camera.focal_baseline, camera.doffs_px, 0.0
             self._camera_64.write(np.array(constants, CAMERA_64))
             self._camera_64.bind_to_uniform_block(BLOCKS["Camera64"].binding)
@@ -175,19 +187,12 @@ class DisparityVariants:
         self._constants.write(scene.camera, eye, scene.near_m, projection=projection)
         self._models.draw(program, filled)
 
-    def _bind_poses(self, scene: Scene, eye: Eye) -> None:
-        rows = self._models.place(scene).rows(eye)
-        self._poses.orphan(max(rows.nbytes, 1))
-        if rows.nbytes:
-            self._poses.write(rows)
-        self._poses.bind_to_storage_buffer(_POSES)
-
     def _sized(self, scene: Scene) -> EyeTargets:
         size = scene.camera.width_px, scene.camera.height_px
         if self._targets is None or self._targets.framebuffer.size != size:
             outgrown = [targets for targets in (self._targets, self._depth_m) if targets is not None]
-            self._targets = EyeTargets(self._context, *size, ("disparity",), visibility=False)
-            self._depth_m = EyeTargets(self._context, *size, ("depth",), visibility=False)
+            self._targets = EyeTargets(self._context, size, ("disparity",), visibility=False)
+            self._depth_m = EyeTargets(self._context, size, ("depth",), visibility=False)
             self._targets.framebuffer.use()
             for targets in outgrown:
                 targets.release()

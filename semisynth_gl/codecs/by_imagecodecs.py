@@ -1,0 +1,70 @@
+"""QOI and JPEG XL, through imagecodecs, which is an extra because its wheel of all codecs has 26 MB."""
+
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.codecs.codec import Codec, check_rgb
+from semisynth_gl.errors import InputError, ReadError
+
+_QOI_END = bytes(7) + b"\x01"
+# The fastest effort: the next one takes ten times as long for a tenth of the bytes.
+_JXL_EFFORT = 1
+
+
+class ByImagecodecs(Codec[NDArray[np.uint8]]):
+    """A format of (H, W, 3) uint8 RGB that imagecodecs encodes and decodes, in one thread as all codecs do.
+
+    Args:
+        name: the codec's name in a config.
+        media_type: see `Codec`.
+        description: see `Codec`.
+        function: imagecodecs' name of the format.
+        options: imagecodecs' options of the encoder.
+    """
+
+    def __init__(self, name: str, media_type: str, description: str, function: str, **options: Any) -> None:  # noqa: ANN401 - imagecodecs has no types
+        self.name = name
+        self.media_type = media_type
+        self.description = description
+        self._function = function
+        self._options = options
+
+    def check_installed(self) -> None:
+        """Raise InputError where imagecodecs is not installed."""
+        self._library()
+
+    def encode(self, value: NDArray[np.uint8]) -> bytes:
+        """Encode an image."""
+        encode = getattr(self._library(), f"{self._function}_encode")
+        data: bytes = encode(np.ascontiguousarray(value), **self._options)
+        return data
+
+    def decode(self, data: bytes, path: Path) -> NDArray[np.uint8]:
+        """Decode an image; see `Codec.decode`."""
+        # Decoders of QOI make up what is missing at the end.
+        if data[:4] == b"qoif" and not data.endswith(_QOI_END):
+            raise ReadError(path, "does not end as a QOI does: cut off, or something follows")
+        decode = getattr(self._library(), f"{self._function}_decode")
+        try:
+            return check_rgb(np.asarray(decode(data)), path)
+        except (RuntimeError, ValueError, LookupError) as error:
+            raise ReadError(path, f"cannot be decoded: {error}") from None
+
+    def _library(self) -> Any:  # noqa: ANN401 - a module without types
+        try:
+            return import_module("imagecodecs")
+        except ImportError as error:
+            raise InputError(
+                f"the encoding {self.name} needs the package imagecodecs, which cannot be imported ({error}): "
+                "pip install 'semisynth-gl[codecs]', or choose another with files.image"
+            ) from None
+
+
+QOI = ByImagecodecs("qoi", "https://qoiformat.org/qoi-specification.pdf", "QOI, 8-bit RGB, lossless", "qoi")
+JXL = ByImagecodecs(
+    "jxl", "image/jxl", "JPEG XL, 8-bit RGB, lossless", "jpegxl", lossless=True, effort=_JXL_EFFORT, numthreads=1
+)
