@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
-from semisynth_gl.dataset.tar import tar_end, tar_member
 
 from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.codecs.flo import Flo
@@ -20,6 +19,7 @@ from semisynth_gl.dataset.croissant import encode_croissant
 from semisynth_gl.dataset.index import describe_dataset
 from semisynth_gl.dataset.plan import Plan, make_plan
 from semisynth_gl.dataset.sample import encode_pair
+from semisynth_gl.dataset.shard import tar_end, tar_member
 from semisynth_gl.frame import OUTPUTS, Frame, View
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
@@ -93,7 +93,7 @@ def write(plan: Plan, folder: Path | None = None) -> dict[str, Any]:
     provenance = {
         "pair": 0, "config": plan.config.name, "config_sha256": "", "version": "1", "renderer": "none",
         "backend": "egl", "seed": 3, "sequence": 0, "frame": 0, "near_m": 0.1,
-        "instances": [{"model": "background"}] * 9,
+        "instances": [{"model": "background", "still": True}] * 9,
     }  # fmt: skip
     records = []
     for shard in plan.shards:
