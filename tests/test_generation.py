@@ -58,8 +58,8 @@ def test_every_layout_reads_back_and_verifies_clean(config, tmp_path, layout):
     assert len(dataset) == 2
     read = dataset[1]
     if read.encodings.image.lossless:
-        np.testing.assert_array_equal(read.left, frame.left)
-        np.testing.assert_array_equal(read.right, frame.right)
+        np.testing.assert_array_equal(read.left.image, frame.left.image)
+        np.testing.assert_array_equal(read.right.image, frame.right.image)
     for side in ("left", "right"):
         came, made = read.view(side).disparity, frame.view(side).disparity
         np.testing.assert_allclose(came, made, rtol=0, atol=read.encodings.disparity.error_px)
@@ -343,4 +343,4 @@ def test_object_stores_take_whole_shards(undisturbed, config, tmp_path):
         (tmp_path / "o" / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "o" / name).write_bytes(made.place.read(name))
     assert digests(tmp_path / "o") == wanted
-    assert open_dataset(address)[6].left.shape == (config.camera.height_px, config.camera.width_px, 3)
+    assert open_dataset(address)[6].left.image.shape == (config.camera.height_px, config.camera.width_px, 3)

@@ -29,9 +29,7 @@ _LICENCES = frozenset(
     """.split()  # noqa: SIM905 - so many words read better without quotes
 )
 _SIZE_NAMES = ("1K", "10K", "100K", "1M", "10M", "100M", "1B", "10B", "100B", "1T")
-_FIRST_SIZE = 1000
 _UNITS = ("kB", "MB", "GB", "TB")
-_UNIT = 1000
 
 _CAVEATS: Mapping[str, str] = {
     "kitti": (
@@ -111,11 +109,11 @@ def _quoted(text: str) -> str:
 
 
 def _size_category(pairs: int) -> str:
-    limit, lower = _FIRST_SIZE, ""
-    for name in _SIZE_NAMES:
-        if pairs < limit:
+    lower = ""
+    for power, name in enumerate(_SIZE_NAMES, 3):
+        if pairs < 10**power:
             return f"{lower}n<{name}"
-        limit, lower = limit * 10, f"{name}<"
+        lower = f"{name}<"
     return f"n>{_SIZE_NAMES[-1]}"
 
 
@@ -146,18 +144,9 @@ def _source(plan: Plan) -> str:
 def _splits(plan: Plan, index: Mapping[str, Any]) -> str:
     rows = []
     for split in plan.splits:
-        shards = [shard for shard in index["shards"] if shard["split"] == split]
-        described = index["splits"][split]
-        rows.append(
-            (
-                split,
-                plan.pairs[split],
-                len(shards),
-                _bytes(sum(shard["bytes"] for shard in shards)),
-                len(described["photographs"]),
-                len(described["patches"]),
-            )
-        )
+        sizes = [shard["bytes"] for shard in index["shards"] if shard["split"] == split]
+        photographs, patches = (len(index["splits"][split][key]) for key in ("photographs", "patches"))
+        rows.append((split, plan.pairs[split], len(sizes), _bytes(sum(sizes)), photographs, patches))
     source = f"{_source(plan)}s"
     apart = "\n\nPhotographs of one split show up in no other." if len(rows) > 1 and source == "photographs" else ""
     return "## Splits\n\n" + _table(("split", "pairs", "shards", "size", source, "patches"), rows) + apart
@@ -309,7 +298,5 @@ def _count(number: int, noun: str) -> str:
 
 
 def _bytes(count: int) -> str:
-    if count < _UNIT:
-        return f"{count} B"
     power = min((len(str(count)) - 1) // 3, len(_UNITS))
-    return f"{count / _UNIT**power:.1f} {_UNITS[power - 1]}"
+    return f"{count / 1000**power:.1f} {_UNITS[power - 1]}" if power else f"{count} B"

@@ -45,7 +45,6 @@ _SPLITS: Mapping[SplitName, str] = {
     "validation": "cr:ValidationSplit",
     "test": "cr:TestSplit",
 }
-_UNKNOWN = "unknown"
 _DIGITS = "0123456789"
 # Numbers of sequences whose names differ wherever the names of any two sequences can.
 _SEQUENCES = (0, 1, 3, 123_456)
@@ -81,7 +80,8 @@ def encode_croissant(index: Mapping[str, Any]) -> bytes:
     file_sets = [file_set for split in plan.splits for file_set in _file_sets(plan, split)]
     width, height = plan.config.camera.width_px, plan.config.camera.height_px
     licence = plan.config.licences.dataset
-    described: dict[str, Any] = {
+    several = len(plan.splits) > 1
+    described = {
         "@context": _CONTEXT,
         "@type": "sc:Dataset",
         "name": plan.config.name,
@@ -93,18 +93,16 @@ def encode_croissant(index: Mapping[str, Any]) -> bytes:
         "conformsTo": _VERSION,
         "version": index["version"],
         "keywords": ["stereo", "disparity", "synthetic"],
+        **({} if licence == "unknown" else {"license": licence}),
+        "distribution": [
+            *(_file_object(tar) for tar in tars),
+            *(_describe_file_set(file_set, tars) for file_set in file_sets),
+        ],
+        "recordSet": [
+            *([_splits(plan.splits)] if several else []),
+            *(_record_set(file_set, several=several) for file_set in file_sets),
+        ],
     }
-    if licence != _UNKNOWN:
-        described["license"] = licence
-    several = len(plan.splits) > 1
-    described["distribution"] = [
-        *(_file_object(tar) for tar in tars),
-        *(_describe_file_set(file_set, tars) for file_set in file_sets),
-    ]
-    described["recordSet"] = [
-        *([_splits(plan.splits)] if several else []),
-        *(_record_set(file_set, several=several) for file_set in file_sets),
-    ]
     return JSON_OBJECT.encode(described)
 
 
@@ -188,13 +186,7 @@ def _key_regexes(pattern: str) -> list[str]:
     """Return a regex for each star of a glob that captures the star's text; readers may put folders in front."""
     parts = [re.escape(part) for part in pattern.split("*")]
     return [
-        "^(?:.*/)?"
-        + "".join(
-            part + ("" if at == len(parts) - 1 else "([^/]+)" if at == star else "[^/]+")
-            for at, part in enumerate(parts)
-        )
-        + "$"
-        for star in range(len(parts) - 1)
+        f"^(?:.*/)?{'[^/]+'.join(parts[:star])}([^/]+){'[^/]+'.join(parts[star:])}$" for star in range(1, len(parts))
     ]
 
 

@@ -45,6 +45,7 @@ class DatasetFiles:
 
     Attributes:
         complete: whether the dataset is complete already.
+        replaces: whether `open` will delete an earlier dataset.
 
     Raises:
         InputError: where the place is a file, holds other people's files, or holds a dataset of another plan; the
@@ -74,12 +75,8 @@ class DatasetFiles:
             self._obsolete = self._deletable_names(self._beginning)
         else:
             self._check_same(self._beginning)
+        self.replaces = bool(self._obsolete)
         self.complete = not overwrite and place.size(INDEX) is not None and not self.missing(plan.shards, quick=True)
-
-    @property
-    def replaces(self) -> bool:
-        """Whether `open` will delete an earlier dataset."""
-        return bool(self._obsolete)
 
     def open(self, sources: Mapping[SplitName, Mapping[str, str]]) -> None:
         """Begin the dataset, or resume it.
@@ -115,7 +112,7 @@ class DatasetFiles:
             if self._lock is not None:
                 lock(self._lock.fileno(), shared=True)
         except BlockingIOError:
-            other_run = "writes to" if self._obsolete else "is replacing"
+            other_run = "writes to" if self.replaces else "is replacing"
             raise InputError(
                 f"{place.address}: another run {other_run} this dataset: wait for its end, or stop it"
             ) from None
@@ -217,13 +214,15 @@ class DatasetFiles:
 
         Of two runs that begin a dataset at once, one waits until the other has written the plan.
         """
-        place, replacing = self._place, bool(self._obsolete)
+        place = self._place
         if place.local is None:
             return
         self._lock = open_locked(
-            place.local / LOCK, lambda: not replacing and read_beginning(place) is not None, patient=not replacing
+            place.local / LOCK,
+            lambda: not self.replaces and read_beginning(place) is not None,
+            patient=not self.replaces,
         )
-        if replacing:
+        if self.replaces:
             # Unfinished files belong to the dataset that is replaced.
             for path in sorted((place.local / PARTIAL).iterdir()):
                 if path != place.local / LOCK:

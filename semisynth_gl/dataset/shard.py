@@ -167,21 +167,15 @@ class ShardWriter:
         return {"files": described, "end": at, "crc32": checksum}
 
     def _finish_files(self) -> dict[str, Any]:
-        digest = hashlib.sha256()
-        size = 0
-        folders: set[Path] = set()
-        for entry in self.samples:
-            for name, file in entry["files"].items():
-                # As `sha256sum` writes it.
-                digest.update(f"{file['sha256']}  {name}\n".encode())
-                size += file["bytes"]
-                if self._place.local is not None:
-                    path = self._place.path(name)
-                    sync(path)
-                    folders.add(path.parent)
-        for folder in folders:
-            sync(folder)
-        return {"bytes": size, "sha256": digest.hexdigest()}
+        files = [file for entry in self.samples for file in entry["files"].items()]
+        if self._place.local is not None:
+            paths = [self._place.path(name) for name, _ in files]
+            for path in (*paths, *{path.parent for path in paths}):
+                sync(path)
+        # The lines that `sha256sum` writes.
+        lines = "".join(f"{facts['sha256']}  {name}\n" for name, facts in files)
+        size = sum(facts["bytes"] for _, facts in files)
+        return {"bytes": size, "sha256": hashlib.sha256(lines.encode()).hexdigest()}
 
     def _finish_tar(self, tar: BufferedRandom) -> dict[str, Any]:
         tar.write(tar_end(tar.tell()))
