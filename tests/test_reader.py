@@ -6,13 +6,14 @@ import sys
 import numpy as np
 import pytest
 from backends import backend_fault
+from recorder import Recorder
 from tiny_datasets import lean, tiny
 
 from semisynth_gl.cli import main
 from semisynth_gl.codecs import DISPARITY_CODECS, Encodings, codec
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.errors import InputError
-from semisynth_gl.generation.generate import Listener, generate
+from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.pairs.pipeline import render_pair
 from semisynth_gl.verify.dataset import verify_dataset
@@ -77,9 +78,9 @@ def test_a_dataset_reads_back_and_verifies_clean(drawn, tmp_path, names):
     encodings = Encodings.from_names(*names)
     config = lean(files={"image": names[0], "disparity": names[1]})
     config = config.model_copy(update={"outputs": ("visibility", "instances", "depth")})
-    shares = []
-    generate(config, tmp_path, 1, 5, listener=Listener(written=lambda pair: shares.append(pair.share_beyond)))
-    assert shares == [0]
+    recorder = Recorder()
+    generate(config, tmp_path, 1, 5, listener=recorder)
+    assert [pair.share_beyond for pair in recorder.pairs] == [0]
     scene = tmp_path / SCENES / "middlebury-000000"
     files = {file.name for file in scene.iterdir()}
     image, disparity = encodings.image.suffix, encodings.disparity.suffix
