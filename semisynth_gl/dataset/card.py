@@ -1,4 +1,4 @@
-"""The dataset card: README.md, which people read and hubs too, which take what stands in front of the text."""
+"""The dataset card: a README.md for people, with the front matter that hubs read."""
 
 import io
 import re
@@ -10,13 +10,13 @@ from typing import Any
 from ruamel.yaml import YAML
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
-from semisynth_gl.config import Range
+from semisynth_gl.codecs import Codec
 from semisynth_gl.dataset.files import plan_from_values
 from semisynth_gl.dataset.plan import Plan
 from semisynth_gl.frame import FLOW_OUTPUTS
 from semisynth_gl.splits import SplitName
 
-# From Hugging Face's documentation of its hub, for data and for code; for any other licence it has "other" and a name.
+# The names in the documentation of Hugging Face's hub; any other licence is "other" with a name of its own.
 _LICENCES = frozenset(
     """
     apache-2.0 mit openrail bigscience-openrail-m creativeml-openrail-m bigscience-bloom-rail-1.0 bigcode-openrail-m
@@ -28,11 +28,8 @@ _LICENCES = frozenset(
     pddl lgpl-lr unknown other
     """.split()  # noqa: SIM905 - so many words read better without quotes
 )
-_OTHER = "other"
 _SIZE_NAMES = ("1K", "10K", "100K", "1M", "10M", "100M", "1B", "10B", "100B", "1T")
-_FIRST_SIZE = 1000
 _UNITS = ("kB", "MB", "GB", "TB")
-_UNIT = 1000
 
 _CAVEATS: Mapping[str, str] = {
     "kitti": (
@@ -52,7 +49,7 @@ _CAVEATS: Mapping[str, str] = {
 
 
 def encode_card(index: Mapping[str, Any]) -> bytes:
-    """Encode a dataset's README.md, which follows from its index alone.
+    """Encode a dataset's README.md from its index.
 
     Args:
         index: as `semisynth_gl.dataset.index.describe_dataset` returns it.
@@ -102,7 +99,7 @@ def _licence(name: str) -> dict[str, str]:
     if name.lower() in _LICENCES:
         return {"license": name.lower()}
     slug = re.sub(r"[^a-z0-9.]+", "-", name.lower()).strip("-.")
-    return {"license": _OTHER} | ({"license_name": _quoted(slug)} if slug else {})
+    return {"license": "other"} | ({"license_name": _quoted(slug)} if slug else {})
 
 
 def _quoted(text: str) -> str:
@@ -112,18 +109,21 @@ def _quoted(text: str) -> str:
 
 
 def _size_category(pairs: int) -> str:
-    limit, lower = _FIRST_SIZE, ""
-    for name in _SIZE_NAMES:
-        if pairs < limit:
+    lower = ""
+    for power, name in enumerate(_SIZE_NAMES, 3):
+        if pairs < 10**power:
             return f"{lower}n<{name}"
-        limit, lower = limit * 10, f"{name}<"
+        lower = f"{name}<"
     return f"n>{_SIZE_NAMES[-1]}"
 
 
 def _introduction(plan: Plan) -> str:
     config = plan.config
     camera, disparity = config.camera, config.disparity
-    patches = "procedural patterns" if _is_procedural(plan) else "patches of photographs"
+    patches = "procedural patterns" if _source(plan) == "pattern" else "patches of photographs"
+    baseline = f"{camera.baseline_m.low:g}"
+    if camera.baseline_m.high != camera.baseline_m.low:
+        baseline += f" to {camera.baseline_m.high:g}"
     return (
         f"# {config.name}\n\n"
         f"{_count(sum(plan.pairs.values()), 'rectified stereo pair')} with exact disparity, rendered with OpenGL. "
@@ -132,36 +132,23 @@ def _introduction(plan: Plan) -> str:
         f"- Images: {camera.width_px} x {camera.height_px} pixels\n"
         f"- Disparity: {disparity.min_px:g} to {disparity.max_px:g} px; none exceeds the upper end, a far plane may be "
         "below the lower one\n"
-        f"- Baseline: {_range(camera.baseline_m)} m"
+        f"- Baseline: {baseline} m"
     )
 
 
-def _is_procedural(plan: Plan) -> bool:
-    return plan.config.textures.source == "procedural"
-
-
 def _source(plan: Plan) -> str:
-    """Name what patches come from."""
-    return "pattern" if _is_procedural(plan) else "photograph"
+    """Return the name of a source of patches."""
+    return "pattern" if plan.config.textures.source == "procedural" else "photograph"
 
 
 def _splits(plan: Plan, index: Mapping[str, Any]) -> str:
     rows = []
     for split in plan.splits:
-        shards = [shard for shard in index["shards"] if shard["split"] == split]
-        described = index["splits"][split]
-        rows.append(
-            (
-                split,
-                plan.pairs[split],
-                len(shards),
-                _bytes(sum(shard["bytes"] for shard in shards)),
-                len(described["photographs"]),
-                len(described["patches"]),
-            )
-        )
+        sizes = [shard["bytes"] for shard in index["shards"] if shard["split"] == split]
+        photographs, patches = (len(index["splits"][split][key]) for key in ("photographs", "patches"))
+        rows.append((split, plan.pairs[split], len(sizes), _bytes(sum(sizes)), photographs, patches))
     source = f"{_source(plan)}s"
-    apart = "\n\nPhotographs of one split show up in no other." if len(rows) > 1 and not _is_procedural(plan) else ""
+    apart = "\n\nPhotographs of one split show up in no other." if len(rows) > 1 and source == "photographs" else ""
     return "## Splits\n\n" + _table(("split", "pairs", "shards", "size", source, "patches"), rows) + apart
 
 
@@ -186,38 +173,36 @@ def _reading(plan: Plan, index: Mapping[str, Any]) -> str:
         lines += ["from datasets import load_dataset", ""]
         lines += [f'load_dataset("webdataset", data_files={{{files}}}, streaming=True)', "```"]
     else:
-        # Without its docstrings, as python -OO leaves it, the program does not know who reads a layout.
+        # Under python -OO, which drops docstrings, the loaders of a layout are unknown.
         name, _, loaders = (type(plan.layout).__doc__ or "").partition("\n")[0].partition(": ")
         lines += ["", f"Files stand as in {name}, for loaders of that: {loaders}"] if loaders else []
     return "\n".join(lines)
 
 
 def _files(plan: Plan) -> str:
-    layout, config = plan.layout, plan.config
-    split = plan.splits[0]
-    encodings = layout.encodings_for(config)
-    folder = "" if layout.packed else plan.folder(split)
-    rows = [
-        (role, f"`{folder}{path}`", layout.role(role).meaning)
-        for role, path in layout.files(plan.key(split, 0), encodings, config.outputs, config.truth).items()
-    ]
+    layout, split = plan.layout, plan.splits[0]
+    rows = [(role, f"`{path}`", layout.role(role).meaning) for role, path in plan.files(split, 0).items()]
     where = f"in the tar of its shard, if it is of {split}" if layout.packed else f"if it is of {split}"
     return f"## What a pair holds\n\nPair 0, {where}:\n\n" + _table(("role", "file", "what it is"), rows)
 
 
 def _disparity(plan: Plan) -> str:
-    codec = plan.layout.encodings_for(plan.config).disparity
     sentences = [
         "A disparity d is x_left - x_right, in pixels, and positive in both views.",
         "What the left view has at column x is at column x - d of the right one.",
         "What the right view has at column x is at column x + d of the left one.",
-        f"It is stored as {codec.description}; {codec.nothing} says that there is none.",
+        *_storage(plan.layout.encodings_for(plan.config).disparity, "Above {:g} px"),
     ]
+    return "## Disparity\n\n" + " ".join(sentences)
+
+
+def _storage(codec: Codec[Any], beyond: str) -> list[str]:
+    sentences = [f"It is stored as {codec.description}; {codec.nothing} says that there is none."]
     if codec.error_px:
         sentences.append(f"Rounding puts it off by at most {codec.error_px:g} px.")
     if isfinite(codec.limit_px):
-        sentences.append(f"Above {codec.limit_px:g} px it cannot be stored: such pixels have none.")
-    return "## Disparity\n\n" + " ".join(sentences)
+        sentences.append(f"{beyond.format(codec.limit_px)} it cannot be stored: such pixels have none.")
+    return sentences
 
 
 def _has_flow(plan: Plan) -> bool:
@@ -228,17 +213,12 @@ def _flow(plan: Plan) -> str:
     if not _has_flow(plan):
         return ""
     length, frame_s = plan.config.sequence.length, plan.config.sequence.frame_s
-    codec = plan.layout.encodings_for(plan.config).flow
     sentences = [
         f"Pairs {length} i to {length} i + {length - 1} of a split are the frames of a sequence, {frame_s:g} s apart.",
         "Flow (u, v) is where the point seen at a pixel is in the same view at another frame, minus the pixel.",
         "It is in pixels, u to the right and v downwards.",
-        f"It is stored as {codec.description}; {codec.nothing} says that there is none.",
+        *_storage(plan.layout.encodings_for(plan.config).flow, "Beyond {:g} px in any direction"),
     ]
-    if codec.error_px:
-        sentences.append(f"Rounding puts it off by at most {codec.error_px:g} px.")
-    if isfinite(codec.limit_px):
-        sentences.append(f"Beyond {codec.limit_px:g} px in any direction it cannot be stored: such pixels have none.")
     return "## Flow\n\n" + " ".join(sentences)
 
 
@@ -260,22 +240,15 @@ def _origin(plan: Plan, index: Mapping[str, Any]) -> str:
 
 
 def _rights(plan: Plan, index: Mapping[str, Any]) -> str:
-    splits = index["splits"].values()
-    photographs = {(each["name"], each["licence"]) for split in splits for each in split["photographs"]}
-    models = {(each["name"], each["licence"]) for split in splits for each in split["models"]}
-    rows = [
-        *_licence_rows(_source(plan), (licence for _, licence in photographs)),
-        *_licence_rows("kind of model", (licence for _, licence in models)),
-    ]
+    rows: list[tuple[str, str]] = []
+    for source, key in ((_source(plan), "photographs"), ("kind of model", "models")):
+        named = {(item["name"], item["licence"]) for split in index["splits"].values() for item in split[key]}
+        counts = Counter(licence for _, licence in named)
+        rows += [(_count(count, source), _escaped(licence)) for licence, count in sorted(counts.items())]
     return (
         f"## Rights\n\nThe dataset as a whole: {_escaped(plan.config.licences.dataset)}. It was made of:\n\n"
         + _table(("what", "licence"), rows)
     )
-
-
-def _licence_rows(what: str, licences: Iterable[str]) -> list[tuple[str, str]]:
-    counted = sorted(Counter(licences).items())
-    return [(_count(count, what), _escaped(licence)) for licence, count in counted]
 
 
 def _caveats(plan: Plan) -> str:
@@ -288,8 +261,8 @@ def _caveats(plan: Plan) -> str:
         )
     for split in plan.splits:
         label = f"{split}: " if len(plan.splits) > 1 else ""
-        caveats += [f"{label}{_escaped(each)}" for each in layout.advice(plan.pairs[split], plan.config, split)]
-    return "## What to know\n\n" + "\n".join(f"- {each}" for each in caveats) if caveats else ""
+        caveats += [f"{label}{_escaped(advice)}" for advice in layout.advice(plan.pairs[split], plan.config, split)]
+    return "## What to know\n\n" + "\n".join(f"- {caveat}" for caveat in caveats) if caveats else ""
 
 
 def _tars(index: Mapping[str, Any], split: SplitName) -> list[str]:
@@ -297,12 +270,12 @@ def _tars(index: Mapping[str, Any], split: SplitName) -> list[str]:
 
 
 def _glob(index: Mapping[str, Any], split: SplitName) -> str:
-    """Return a glob for the tars of a split; with all that comes before it, since a config may be named as a split."""
+    """Return a glob for the tars of a split, with the names' beginning: a config's name may contain a split's."""
     return f"{_tars(index, split)[0].rpartition('-')[0]}-*.tar"
 
 
 def _braces(index: Mapping[str, Any], split: SplitName) -> str:
-    """Write the tars of a split as the webdataset package takes many."""
+    """Return the tars of a split as one name with a range in braces, which the webdataset package expands."""
     tars = _tars(index, split)
     begin, _, first = tars[0].removesuffix(".tar").rpartition("-")
     last = tars[-1].removesuffix(".tar").rpartition("-")[2]
@@ -315,22 +288,15 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def _escaped(text: str) -> str:
-    """Write anyone's words on one line such that Markdown takes them for words."""
+    """Return a text on one line without Markdown's meaning of its characters."""
     return re.sub(r"([\\`*_\[\]<>|#~$])", r"\\\1", " ".join(text.split()))
 
 
-def _count(number: int, what: str) -> str:
-    one, _, rest = what.partition(" of ")
-    many = one if number == 1 else f"{one}s"
-    return f"{number} {many}" + (f" of {rest}" if rest else "")
-
-
-def _range(values: Range) -> str:
-    return f"{values.low:g}" if values.low == values.high else f"{values.low:g} to {values.high:g}"
+def _count(number: int, noun: str) -> str:
+    head, preposition, rest = noun.partition(" of ")
+    return f"{number} {head}{'' if number == 1 else 's'}{preposition}{rest}"
 
 
 def _bytes(count: int) -> str:
-    if count < _UNIT:
-        return f"{count} B"
     power = min((len(str(count)) - 1) // 3, len(_UNITS))
-    return f"{count / _UNIT**power:.1f} {_UNITS[power - 1]}"
+    return f"{count / 1000**power:.1f} {_UNITS[power - 1]}" if power else f"{count} B"

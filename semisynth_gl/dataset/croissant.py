@@ -1,81 +1,58 @@
-"""Croissant 1.1: what a dataset is and where its files are, as JSON-LD for hubs and search engines.
+"""Croissant 1.1: a description of a dataset and its files, as JSON-LD for hubs and search engines.
 
-Files of one role and split make a file set, and a record set with one record a pair: the pair's key, the split, and the
-file's content. Records of one key belong together.
+Files of the same role and split make a file set, and a record set with a record for each pair: the pair's key, the
+split, and the file's content. Records of the same key belong together.
 """
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import takewhile
+from os.path import commonprefix
 from pathlib import PurePosixPath
 from typing import Any
 
 from semisynth_gl.codecs import Codec
+from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.dataset.files import plan_from_values
 from semisynth_gl.dataset.plan import Plan
 from semisynth_gl.splits import SplitName
 
 _VERSION = "http://mlcommons.org/croissant/1.1"
-# Croissant's own: readers compare it key by key.
+_TERMS = """
+    arrayShape citeAs column conformsTo containedIn cr rai data dataType dct description equivalentProperty
+    examples extract field fileProperty fileObject fileSet format includes isArray isLiveDataset jsonPath key
+    md5 name parentField path recordSet references regex repeated replace samplingRate sc separator source
+    subField transform
+    """.split()  # noqa: SIM905 - so many words read better without quotes
+# The context in Croissant's specification: readers compare it key by key.
 _CONTEXT: Mapping[str, Any] = {
     "@language": "en",
     "@vocab": "https://schema.org/",
-    "arrayShape": "cr:arrayShape",
-    "citeAs": "cr:citeAs",
-    "column": "cr:column",
+    **{term: f"cr:{term}" for term in _TERMS},
     "conformsTo": "dct:conformsTo",
-    "containedIn": "cr:containedIn",
     "cr": "http://mlcommons.org/croissant/",
     "rai": "http://mlcommons.org/croissant/RAI/",
     "data": {"@id": "cr:data", "@type": "@json"},
     "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
     "dct": "http://purl.org/dc/terms/",
     "description": {"@container": "@language"},
-    "equivalentProperty": "cr:equivalentProperty",
     "examples": {"@id": "cr:examples", "@type": "@json"},
-    "extract": "cr:extract",
-    "field": "cr:field",
-    "fileProperty": "cr:fileProperty",
-    "fileObject": "cr:fileObject",
-    "fileSet": "cr:fileSet",
-    "format": "cr:format",
-    "includes": "cr:includes",
-    "isArray": "cr:isArray",
-    "isLiveDataset": "cr:isLiveDataset",
-    "jsonPath": "cr:jsonPath",
-    "key": "cr:key",
-    "md5": "cr:md5",
     "name": {"@container": "@language"},
-    "parentField": "cr:parentField",
-    "path": "cr:path",
-    "recordSet": "cr:recordSet",
-    "references": "cr:references",
-    "regex": "cr:regex",
-    "repeated": "cr:repeated",
-    "replace": "cr:replace",
-    "samplingRate": "cr:samplingRate",
     "sc": "https://schema.org/",
-    "separator": "cr:separator",
-    "source": "cr:source",
-    "subField": "cr:subField",
-    "transform": "cr:transform",
 }
 _SPLITS: Mapping[SplitName, str] = {
     "train": "cr:TrainingSplit",
     "validation": "cr:ValidationSplit",
     "test": "cr:TestSplit",
 }
-_UNKNOWN = "unknown"
 _DIGITS = "0123456789"
-# Of sequences, or of pairs that are named by themselves: names differ wherever those of any two pairs can.
-_SAMPLES = (0, 1, 3, 123_456)
+# Numbers of sequences whose names differ wherever the names of any two sequences can.
+_SEQUENCES = (0, 1, 3, 123_456)
 
 
 @dataclass(frozen=True, slots=True)
 class _FileSet:
-    """The files of one role and split; the stars of the pattern tell the pair."""
+    """The files of a role and a split; the stars of the pattern stand for the pair."""
 
     split: SplitName
     role: str
@@ -88,9 +65,9 @@ class _FileSet:
 
 
 def encode_croissant(index: Mapping[str, Any]) -> bytes:
-    """Encode a dataset's croissant.json, which follows from its index alone.
+    """Encode a dataset's croissant.json from its index.
 
-    Left out is what nobody told: when it was published, by whom, where it is, and how to cite it.
+    The index does not know the publisher, the date, the address and the citation of the dataset: they are left out.
 
     Args:
         index: as `semisynth_gl.dataset.index.describe_dataset` returns it.
@@ -99,11 +76,12 @@ def encode_croissant(index: Mapping[str, Any]) -> bytes:
         JSON-LD, readable, with a line break at the end.
     """
     plan = plan_from_values(index)
-    tars = _tars(index)
+    tars = [shard for shard in index["shards"] if "tar" in shard]
     file_sets = [file_set for split in plan.splits for file_set in _file_sets(plan, split)]
     width, height = plan.config.camera.width_px, plan.config.camera.height_px
     licence = plan.config.licences.dataset
-    described: dict[str, Any] = {
+    several = len(plan.splits) > 1
+    described = {
         "@context": _CONTEXT,
         "@type": "sc:Dataset",
         "name": plan.config.name,
@@ -115,15 +93,17 @@ def encode_croissant(index: Mapping[str, Any]) -> bytes:
         "conformsTo": _VERSION,
         "version": index["version"],
         "keywords": ["stereo", "disparity", "synthetic"],
+        **({} if licence == "unknown" else {"license": licence}),
+        "distribution": [
+            *(_file_object(tar) for tar in tars),
+            *(_describe_file_set(file_set, tars) for file_set in file_sets),
+        ],
+        "recordSet": [
+            *([_splits(plan.splits)] if several else []),
+            *(_record_set(file_set, several=several) for file_set in file_sets),
+        ],
     }
-    if licence != _UNKNOWN:
-        described["license"] = licence
-    several = len(plan.splits) > 1
-    described["distribution"] = [_file_object(shard) for shard in index["shards"] if "tar" in shard]
-    described["distribution"] += [_describe_file_set(each, tars.get(each.split, ())) for each in file_sets]
-    described["recordSet"] = [_splits(plan.splits)] if several else []
-    described["recordSet"] += [_record_set(each, several=several) for each in file_sets]
-    return (json.dumps(described, indent=1) + "\n").encode()
+    return JSON_OBJECT.encode(described)
 
 
 def _file_sets(plan: Plan, split: SplitName) -> list[_FileSet]:
@@ -131,40 +111,21 @@ def _file_sets(plan: Plan, split: SplitName) -> list[_FileSet]:
     layout = plan.layout
     encodings = layout.encodings_for(plan.config)
     length = plan.key(split, 0).sequence_length or 1
-    indices = (*(length * number for number in _SAMPLES), min(1, length - 1))
-    config = plan.config
-    pairs = [layout.files(plan.key(split, index), encodings, config.outputs, config.truth) for index in indices]
-    folder = "" if layout.packed else plan.folder(split)
+    pairs = [plan.files(split, index) for index in (*(length * number for number in _SEQUENCES), min(1, length - 1))]
     return [
-        _FileSet(split, role, folder + _pattern([files[role] for files in pairs]), layout.role(role).codec(encodings))
+        _FileSet(split, role, _pattern([files[role] for files in pairs]), layout.role(role).codec(encodings))
         for role in pairs[0]
     ]
 
 
 def _pattern(paths: Sequence[str]) -> str:
-    return "/".join(_joined(parts) for parts in zip(*(path.split("/") for path in paths), strict=True))
-
-
-def _joined(parts: Sequence[str]) -> str:
-    """Put a star where names differ; numbers are not cut in two."""
-    if len(set(parts)) == 1:
-        return parts[0]
-    begin = _common(parts).rstrip(_DIGITS)
-    end = _common([part[::-1] for part in parts])[::-1].lstrip(_DIGITS)
-    return f"{begin}*{end}"
-
-
-def _common(texts: Sequence[str]) -> str:
-    """Return what all begin with."""
-    return "".join(each[0] for each in takewhile(lambda each: len(set(each)) == 1, zip(*texts, strict=False)))
-
-
-def _tars(index: Mapping[str, Any]) -> dict[str, list[str]]:
-    tars: dict[str, list[str]] = {}
-    for shard in index["shards"]:
-        if "tar" in shard:
-            tars.setdefault(shard["split"], []).append(shard["tar"])
-    return tars
+    """Return the paths with a star where the names of files or folders differ; numbers are not cut in two."""
+    parts = []
+    for names in zip(*(path.split("/") for path in paths), strict=True):
+        turned = [name[::-1] for name in names]
+        begin, end = (commonprefix(texts) for texts in (names, turned))  # noqa: RUF071 - names, not paths
+        parts.append(names[0] if len(set(names)) == 1 else f"{begin.rstrip(_DIGITS)}*{end[::-1].lstrip(_DIGITS)}")
+    return "/".join(parts)
 
 
 def _file_object(shard: Mapping[str, Any]) -> dict[str, Any]:
@@ -179,8 +140,9 @@ def _file_object(shard: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _describe_file_set(file_set: _FileSet, tars: Sequence[str]) -> dict[str, Any]:
-    contained = {"containedIn": [{"@id": tar} for tar in tars]} if tars else {}
+def _describe_file_set(file_set: _FileSet, tars: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    own = [{"@id": tar["tar"]} for tar in tars if tar["split"] == file_set.split]
+    contained = {"containedIn": own} if own else {}
     return {
         "@type": "cr:FileSet",
         "@id": file_set.id,
@@ -195,46 +157,36 @@ def _record_set(file_set: _FileSet, *, several: bool) -> dict[str, Any]:
     name, split = f"{file_set.split}-{file_set.role}", file_set.split
     source = {"fileSet": {"@id": file_set.id}}
     regexes = _key_regexes(file_set.pattern)
-    # A pair's key in all roles is what stands for the stars, each a field. It does not reference the other record sets'
-    # keys though it could: mlcroissant then joins what it has not read yet, and fails.
+    # The text that stands for each star is a field; together they are the pair's key, the same in all roles. The keys
+    # do not reference those of other record sets: mlcroissant would join records before it reads them, and fail.
     keys = [
-        {
-            "@type": "cr:Field",
-            "@id": f"{name}/key" if len(regexes) == 1 else f"{name}/key_{number}",
-            "dataType": "sc:Text",
-            "source": source | {"extract": {"fileProperty": "fullpath"}, "transform": {"regex": regex}},
-        }
+        _field(
+            f"{name}/key" if len(regexes) == 1 else f"{name}/key_{number}",
+            source=source | {"extract": {"fileProperty": "fullpath"}, "transform": {"regex": regex}},
+        )
         for number, regex in enumerate(regexes, 1)
     ]
-    of_split: dict[str, Any] = {"@type": "cr:Field", "@id": f"{name}/split", "dataType": "sc:Text", "value": split}
-    if several:
-        of_split["references"] = {"field": {"@id": "splits/name"}}
-    content = {
-        "@type": "cr:Field",
-        "@id": f"{name}/content",
-        "dataType": "sc:ImageObject" if file_set.codec.is_image else "sc:Text",
-        "source": source | {"extract": {"fileProperty": "content"}},
-    }
+    references = {"references": {"field": {"@id": "splits/name"}}} if several else {}
+    data_type = "sc:ImageObject" if file_set.codec.is_image else "sc:Text"
+    content = _field(f"{name}/content", data_type, source=source | {"extract": {"fileProperty": "content"}})
     return {
         "@type": "cr:RecordSet",
         "@id": name,
         "name": name,
         "key": [{"@id": key["@id"]} for key in keys],
-        "field": [*keys, of_split, content],
+        "field": [*keys, _field(f"{name}/split", value=split, **references), content],
     }
 
 
+def _field(name: str, data_type: object = "sc:Text", **properties: object) -> dict[str, Any]:
+    return {"@type": "cr:Field", "@id": name, "dataType": data_type, **properties}
+
+
 def _key_regexes(pattern: str) -> list[str]:
-    """Return for each star of a glob a regex that captures what stands for it; readers may put folders in front."""
+    """Return a regex for each star of a glob that captures the star's text; readers may put folders in front."""
     parts = [re.escape(part) for part in pattern.split("*")]
     return [
-        "^(?:.*/)?"
-        + "".join(
-            part + ("" if at == len(parts) - 1 else "([^/]+)" if at == star else "[^/]+")
-            for at, part in enumerate(parts)
-        )
-        + "$"
-        for star in range(len(parts) - 1)
+        f"^(?:.*/)?{'[^/]+'.join(parts[:star])}([^/]+){'[^/]+'.join(parts[star:])}$" for star in range(1, len(parts))
     ]
 
 
@@ -246,8 +198,8 @@ def _splits(splits: Sequence[SplitName]) -> dict[str, Any]:
         "dataType": "cr:Split",
         "key": {"@id": "splits/name"},
         "field": [
-            {"@type": "cr:Field", "@id": "splits/name", "dataType": "sc:Text"},
-            {"@type": "cr:Field", "@id": "splits/url", "dataType": ["sc:URL", "cr:Split"]},
+            _field("splits/name"),
+            _field("splits/url", ["sc:URL", "cr:Split"]),
         ],
         "data": [{"splits/name": split, "splits/url": _SPLITS[split]} for split in splits],
     }

@@ -1,19 +1,20 @@
 """A dataset's files as a run writes them: the plan first, shards in any order, the index last."""
 
-import json
 import shutil
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import IO, Any
 
 from pydantic import ValidationError
 
+from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.locks import lock, open_locked
-from semisynth_gl.dataset.places import Place, remove_entries
+from semisynth_gl.dataset.places import Place
 from semisynth_gl.dataset.plan import Plan, Shard, abbreviate, differences
 from semisynth_gl.dataset.schema import (
     CARD,
@@ -27,7 +28,7 @@ from semisynth_gl.dataset.schema import (
     record_path,
     tar_path,
 )
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.layouts import layout_names
 from semisynth_gl.splits import SplitName
 
@@ -43,18 +44,17 @@ class DatasetFiles:
         overwrite: replace an earlier dataset of this program. Other people's files are never deleted.
 
     Attributes:
-        place: the dataset's root.
-        plan: the dataset's plan.
         complete: whether the dataset is complete already.
+        replaces: whether `open` will delete an earlier dataset.
 
     Raises:
-        InputError: where the place is a file, holds files of others, or holds a dataset of another plan; the message
-            names the keys that differ.
+        InputError: where the place is a file, holds other people's files, or holds a dataset of another plan; the
+            message names the keys that differ.
     """
 
     def __init__(self, place: Place, plan: Plan, *, overwrite: bool) -> None:
-        self.place = place
-        self.plan = plan
+        self._place = place
+        self._plan = plan
         self._overwrite = overwrite
         self._lock: IO[bytes] | None = None
         self._created = place.local is not None and not place.local.exists()
@@ -64,7 +64,7 @@ class DatasetFiles:
         self._obsolete: list[str] = []
         if self._beginning is None:
             # Another run may have begun the dataset since the line above: `open` resumes it.
-            names = [name for name in _top_names(place) if name != PARTIAL]
+            names = _top_names(place)
             if names and read_beginning(place) is None:
                 advice = "--overwrite replaces only what this program wrote. " if overwrite else ""
                 raise InputError(
@@ -72,15 +72,11 @@ class DatasetFiles:
                     f"this program. {advice}Choose another with --out"
                 )
         elif overwrite:
-            self._obsolete = self._deletable_names()
+            self._obsolete = self._deletable_names(self._beginning)
         else:
             self._check_same(self._beginning)
+        self.replaces = bool(self._obsolete)
         self.complete = not overwrite and place.size(INDEX) is not None and not self.missing(plan.shards, quick=True)
-
-    @property
-    def replaces(self) -> bool:
-        """Whether `open` will delete an earlier dataset."""
-        return bool(self._obsolete)
 
     def open(self, sources: Mapping[SplitName, Mapping[str, str]]) -> None:
         """Begin the dataset, or resume it.
@@ -92,68 +88,68 @@ class DatasetFiles:
             InputError: where the place cannot be written to, the dataset was begun with other sources, or another run
                 writes to a dataset that is to be replaced.
         """
-        values = self.plan.values() | {"sources": {split: dict(digests) for split, digests in sources.items()}}
+        values = self._plan.values() | {"sources": {split: dict(digests) for split, digests in sources.items()}}
+        place = self._place
         try:
             self._take_lock()
             if not self._overwrite:
-                self._beginning = read_beginning(self.place)
+                self._beginning = read_beginning(place)
             if self._beginning is not None and not self._overwrite:
                 self._check_same(self._beginning)
-                self._check_sources(self._beginning, values["sources"])
-            if self._obsolete and self.place.local is not None:
-                # The index goes first: from here on the folder does not claim to be finished.
-                (self.place.local / INDEX).unlink(missing_ok=True)
-                remove_entries(self.place.local, self._obsolete)
-            for name in self._obsolete if self.place.local is None else ():
-                self.place.remove(name)
-            if self.place.size(INDEX) is not None:
-                self.place.remove(INDEX)
+                changed = differences(self._beginning.get("sources", {}), values["sources"])
+                if changed:
+                    raise InputError(
+                        f"{place.address}: photographs or models are not those that the dataset was begun with: "
+                        f"{abbreviate(changed)}. Give the same again, or choose another folder with --out"
+                    )
+            # The index goes first: from here on the folder does not claim to be finished.
+            if place.size(INDEX) is not None:
+                place.remove(INDEX)
+            for name in self._obsolete:
+                place.remove(name)
             if self._beginning is None or self._beginning != values:
-                self.place.write(PLAN, _encoded(values))
+                place.write(PLAN, JSON_OBJECT.encode(values))
             if self._lock is not None:
                 lock(self._lock.fileno(), shared=True)
         except BlockingIOError:
-            raise self._busy_error() from None
-        except OSError as error:
+            other_run = "writes to" if self.replaces else "is replacing"
             raise InputError(
-                f"{self.place.address}: the folder cannot be written to: {error.strerror or error}"
+                f"{place.address}: another run {other_run} this dataset: wait for its end, or stop it"
             ) from None
+        except OSError as error:
+            raise InputError(f"{place.address}: the folder cannot be written to: {error.strerror or error}") from None
 
     def missing(self, shards: Iterable[Shard], *, quick: bool = False) -> list[Shard]:
-        """Return the shards that are incomplete: without a record, or with files of another size than it says.
+        """Return the incomplete shards, which have no record or have files of another size than the record's.
 
         Args:
             shards: the shards to look at.
             quick: stop at the first incomplete shard.
         """
-        if self.place.local is not None or quick:
-            missing = (shard for shard in shards if self.record(shard) is None)
+        read_record = partial(complete_record, self._place)
+        if self._place.local is not None or quick:
+            missing = (shard for shard in shards if read_record(shard) is None)
             return list(islice(missing, 1 if quick else None))
         # Stores answer each question late, and many at once.
-        asked = list(shards)
         with ThreadPoolExecutor(_QUESTIONS) as pool:
-            return [shard for shard, record in zip(asked, pool.map(self.record, asked), strict=True) if record is None]
-
-    def record(self, shard: Shard) -> dict[str, Any] | None:
-        """Return a shard's record, or None where the shard is incomplete."""
-        return complete_record(self.place, shard)
+            shards = list(shards)
+            return [shard for shard, record in zip(shards, pool.map(read_record, shards), strict=True) if not record]
 
     def finish(self, index: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
         """Write the files about the whole dataset, last of all the index, which says that the dataset is complete.
 
         Args:
-            index: in JSON's types.
-            files: the contents of the card and its like, by path.
+            index: the index in JSON's types.
+            files: the contents of the card and the Croissant file, by path.
 
         Raises:
             OSError: where the disk refuses.
         """
-        local = self.place.local
-        for split in self.plan.splits:
-            folder, keys, layout = self.plan.folder(split), self.plan.keys(split), self.plan.layout
-            encodings = layout.encodings_for(self.plan.config)
-            for path, data in layout.lists(keys, encodings).items():
-                self.place.write(f"{folder}{path}", data)
+        local, layout = self._place.local, self._plan.layout
+        for split in self._plan.splits:
+            folder, keys = self._plan.folder(split), self._plan.keys(split)
+            for path, data in layout.lists(keys, layout.encodings_for(self._plan.config)).items():
+                self._place.write(f"{folder}{path}", data)
             if local is None:
                 continue  # stores have neither links nor empty folders
             for path in layout.folders():
@@ -164,18 +160,18 @@ class DatasetFiles:
                 if not link.is_symlink():
                     link.symlink_to(target)
         for path, data in files.items():
-            self.place.write(path, data)
-        self.place.write(INDEX, _encoded(index))
+            self._place.write(path, data)
+        self._place.write(INDEX, JSON_OBJECT.encode(index))
         if local is not None and self._is_alone():
             shutil.rmtree(local / PARTIAL, ignore_errors=True)
 
     def close(self) -> None:
         """Unlock the dataset, and remove a folder that this run created and that holds no pair."""
-        if self._created and self.place.local is not None and self._is_alone():
+        local = self._place.local
+        if self._created and local is not None and self._is_alone():
             with suppress(OSError):
-                local = self.place.local
                 journals = (local / PARTIAL).glob("*.jsonl")
-                if self.place.names(RECORDS) in ([], [PLAN]) and not any(each.stat().st_size for each in journals):
+                if self._place.names(RECORDS) in ([], [PLAN]) and not any(file.stat().st_size for file in journals):
                     shutil.rmtree(local, ignore_errors=True)
         if self._lock is not None:
             self._lock.close()
@@ -183,7 +179,7 @@ class DatasetFiles:
 
     def _check_same(self, beginning: Mapping[str, Any]) -> None:
         """Raise InputError where the dataset was begun with another plan; it may have been smaller."""
-        values = self.plan.values()
+        values = self._plan.values()
         keys = ("version", "config_values", "seed", "layout", "shard_pairs")
         changed = differences({key: beginning.get(key) for key in keys}, {key: values[key] for key in keys})
         pairs = beginning.get("pairs", {})
@@ -191,69 +187,46 @@ class DatasetFiles:
             changed += differences({"pairs": pairs}, {"pairs": values["pairs"]})
         if changed:
             raise InputError(
-                f"{self.place.address}: holds a dataset that was begun with other values: {abbreviate(changed)}. Give "
+                f"{self._place.address}: holds a dataset that was begun with other values: {abbreviate(changed)}. Give "
                 "the same to go on with it, choose another folder with --out, or give --overwrite to replace it"
             )
-        fewer = [f"{name} ({pairs[name]} there, {count} now)" for name, count in self.plan.pairs.items()
+        fewer = [f"{name} ({pairs[name]} there, {count} now)" for name, count in self._plan.pairs.items()
                  if count < pairs[name]]  # fmt: skip
         if fewer:
             raise InputError(
-                f"{self.place.address}: holds a dataset of more pairs: {abbreviate(fewer)}. Ask for as many or more to "
-                "go on with it, choose another folder with --out, or give --overwrite to replace it"
+                f"{self._place.address}: holds a dataset of more pairs: {abbreviate(fewer)}. Ask for as many or more "
+                "to go on with it, choose another folder with --out, or give --overwrite to replace it"
             )
 
-    def _check_sources(self, beginning: Mapping[str, Any], sources: Mapping[str, Any]) -> None:
-        changed = differences(beginning.get("sources", {}), sources)
-        if changed:
-            raise InputError(
-                f"{self.place.address}: photographs or models are not those that the dataset was begun with: "
-                f"{abbreviate(changed)}. Give the same again, or choose another folder with --out"
-            )
-
-    def _deletable_names(self) -> list[str]:
-        """Return the names of an earlier dataset's files and folders.
-
-        Raises:
-            InputError: where files of others lie beside them.
-        """
-        files = self.place.names()
-        own = _own_names(self._beginning or {})
+    def _deletable_names(self, beginning: Mapping[str, Any]) -> list[str]:
+        """Return the names of an earlier dataset's files and folders; raise InputError where files of others remain."""
+        files, own = self._place.names(), _own_names(beginning)
         foreign = [name for name in files if name not in own and not name.startswith(f"{PARTIAL}/")]
-        local = self.place.local
         if foreign:
             raise InputError(
-                f"{self.place.address}: --overwrite replaces only what this program wrote, but the folder holds "
+                f"{self._place.address}: --overwrite replaces only what this program wrote, but the folder holds "
                 f"{abbreviate(foreign, 3)}. Choose another folder with --out, or remove these yourself"
             )
-        if local is None:
-            return files
-        return [name for name in _top_names(self.place) if name != PARTIAL]
+        return files if self._place.local is None else _top_names(self._place)
 
     def _take_lock(self) -> None:
         """Lock the dataset: exclusively where this run begins or replaces it, else beside other runs.
 
         Of two runs that begin a dataset at once, one waits until the other has written the plan.
         """
-        local = self.place.local
-        if local is None:
+        place = self._place
+        if place.local is None:
             return
-        try:
-            self._lock = open_locked(
-                local / LOCK,
-                lambda: not self._obsolete and read_beginning(self.place) is not None,
-                patient=not self._obsolete,
-            )
-        except BlockingIOError:
-            raise self._busy_error() from None
-        if self._obsolete:
-            # Unfinished files belong to the dataset that is replaced.
-            remove_entries(local / PARTIAL, [name for name in _names(local / PARTIAL) if name != Path(LOCK).name])
-
-    def _busy_error(self) -> InputError:
-        return InputError(
-            f"{self.place.address}: another run "
-            f"{'writes to' if self._obsolete else 'is replacing'} this dataset: wait for its end, or stop it"
+        self._lock = open_locked(
+            place.local / LOCK,
+            lambda: not self.replaces and read_beginning(place) is not None,
+            patient=not self.replaces,
         )
+        if self.replaces:
+            # Unfinished files belong to the dataset that is replaced.
+            for path in sorted((place.local / PARTIAL).iterdir()):
+                if path != place.local / LOCK:
+                    place.remove(f"{PARTIAL}/{path.name}")
 
     def _is_alone(self) -> bool:
         """Return whether no other run works on the dataset; if so, no other run will until `close`."""
@@ -269,7 +242,7 @@ class DatasetFiles:
 def read_beginning(place: Place) -> dict[str, Any] | None:
     """Return the values that a dataset was begun with, from its index, else from its plan; None without either."""
     for name in (INDEX, PLAN):
-        values = _json(place, name)
+        values = _read_json(place, name)
         if values is not None and values.get("program") == PROGRAM and values.get("layout") in layout_names():
             return values
     return None
@@ -277,9 +250,8 @@ def read_beginning(place: Place) -> dict[str, Any] | None:
 
 def complete_record(place: Place, shard: Shard) -> dict[str, Any] | None:
     """Return a shard's record, or None where the record or a file is missing, or a file has another size."""
-    record = _json(place, record_path(shard.name))
-    identity = {"split": shard.split, "first": shard.first, "end": shard.end}
-    if record is None or any(record.get(key) != value for key, value in identity.items()):
+    record = _read_json(place, record_path(shard.name))
+    if record is None or any(record.get(key) != getattr(shard, key) for key in ("split", "first", "end")):
         return None
     sizes = (
         {record["tar"]: record["bytes"]}
@@ -307,35 +279,27 @@ def _own_names(values: Mapping[str, Any]) -> set[str]:
     own = {INDEX, CARD, CROISSANT, PLAN}
     plan = plan_from_values(values)
     layout = plan.layout
-    encodings = layout.encodings_for(plan.config)
     for split in plan.splits:
         folder, keys = plan.folder(split), plan.keys(split)
-        own |= {f"{folder}{path}" for path in (*layout.lists(keys, encodings), *layout.links(keys))}
+        lists = layout.lists(keys, layout.encodings_for(plan.config))
+        own |= {f"{folder}{path}" for path in (*lists, *layout.links(keys))}
         if not layout.packed:
-            own |= {f"{folder}{path}" for key in keys for path in layout.files(key, encodings).values()}
+            own.update(path for key in keys for path in plan.files(split, key.index).values())
     for shard in plan.shards:
         own |= {record_path(shard.name), tar_path(shard.name)}
     return own
 
 
-def _json(place: Place, name: str) -> dict[str, Any] | None:
-    try:
-        values = json.loads(place.read(name))
-    except (FileNotFoundError, NotADirectoryError, IsADirectoryError, ValueError):
-        return None
-    return values if isinstance(values, dict) else None
-
-
-def _encoded(values: Mapping[str, Any]) -> bytes:
-    return (json.dumps(values, indent=1) + "\n").encode()
+def _read_json(place: Place, name: str) -> dict[str, Any] | None:
+    with suppress(FileNotFoundError, NotADirectoryError, IsADirectoryError, ReadError):
+        return JSON_OBJECT.decode(place.read(name), Path(name))
+    return None
 
 
 def _top_names(place: Place) -> list[str]:
-    """Return the names of the files and folders at the top of a place."""
-    if place.local is not None:
-        return _names(place.local)
-    return sorted({name.partition("/")[0] for name in place.names()})
-
-
-def _names(folder: Path) -> list[str]:
-    return sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
+    """Return the names of the files and folders at the top of a place, without the folder of unfinished files."""
+    if place.local is None:
+        names = {name.partition("/")[0] for name in place.names()}
+    else:
+        names = {path.name for path in place.local.iterdir()} if place.local.is_dir() else set()
+    return sorted(names - {PARTIAL})

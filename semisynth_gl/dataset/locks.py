@@ -16,14 +16,14 @@ def lock(descriptor: int, *, shared: bool) -> None:
     """Lock an open file, or go without where the file system has no locks.
 
     Raises:
-        BlockingIOError: where another process holds it.
+        BlockingIOError: where another process holds the lock.
     """
     try:
         fcntl.flock(descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
     except BlockingIOError:
         raise
     except OSError:
-        # Some network file systems have none: two runs then do the same work twice, and write the same bytes.
+        # Some network file systems have no locks: two runs then do the same work twice, and write the same bytes.
         return
 
 
@@ -31,30 +31,30 @@ def open_locked(path: Path, shared: Callable[[], bool], *, patient: bool) -> Bin
     """Open and lock a file, which other runs may remove when they end.
 
     Args:
-        path: it is created where it is missing, and its folder too.
-        shared: whether to lock beside others; asked anew before each try.
-        patient: wait up to half a minute for another run to let go.
+        path: the file; a missing file is created, and its folder too.
+        shared: returns whether to lock beside other runs; called before each try.
+        patient: whether to wait up to half a minute for another run's unlocking.
 
     Returns:
         The file; close it to unlock it.
 
     Raises:
-        BlockingIOError: where another run holds it.
-        OSError: where it cannot be opened.
+        BlockingIOError: where another run holds the lock.
+        OSError: where the file cannot be opened.
     """
-    given_up = time.monotonic() + (_PATIENCE_S if patient else 0.0)
+    deadline = time.monotonic() + (_PATIENCE_S if patient else 0.0)
     while True:
         path.parent.mkdir(parents=True, exist_ok=True)
         with suppress(FileNotFoundError):
             file = path.open("a+b")
             try:
                 lock(file.fileno(), shared=shared())
-                # A lock of a file that has been removed since keeps nobody out.
+                # A lock of a file that was removed in the meantime keeps nobody out.
                 if os.path.samestat(os.fstat(file.fileno()), path.stat()):
                     return file
             except BlockingIOError:
                 file.close()
-                if time.monotonic() >= given_up:
+                if time.monotonic() >= deadline:
                     raise
             except BaseException:
                 file.close()

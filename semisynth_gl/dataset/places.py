@@ -10,10 +10,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
-from typing import Any, BinaryIO, cast
+from typing import BinaryIO, Self, cast
 
 from semisynth_gl.dataset.schema import PARTIAL
 from semisynth_gl.errors import InputError
+
+_WITH_BUCKETS = frozenset({"s3", "gs", "gcs", "abfs", "az", "adl", "oci", "oss"})
 
 
 class Place(ABC):
@@ -21,14 +23,11 @@ class Place(ABC):
 
     Attributes:
         address: the place as the user named it.
+        local: the folder, or None for a place that is not on this machine.
     """
 
     address: str
-
-    @property
-    @abstractmethod
-    def local(self) -> Path | None:
-        """The folder, or None for a place that is not on this machine."""
+    local: Path | None
 
     @abstractmethod
     def read(self, name: str) -> bytes:
@@ -45,11 +44,11 @@ class Place(ABC):
 
     @abstractmethod
     def size(self, name: str) -> int | None:
-        """Return a file's size in bytes, or None where there is none."""
+        """Return a file's size in bytes, or None where the file is missing."""
 
     @abstractmethod
     def names(self, folder: str = "") -> list[str]:
-        """Return the names of all files in a folder and below it, sorted; none where there is no folder."""
+        """Return the names of all files in a folder and below it, sorted; none where the folder is missing."""
 
     @abstractmethod
     def write(self, name: str, data: bytes) -> None:
@@ -65,7 +64,7 @@ class Place(ABC):
 
     @abstractmethod
     def remove(self, name: str) -> None:
-        """Remove a file; nothing happens where there is none."""
+        """Remove a file, or a folder of this machine; nothing happens where it is missing."""
 
     def path(self, name: str) -> Path:
         """Return a file's path, for messages and where the place is local."""
@@ -76,46 +75,44 @@ class Folder(Place):
     """A folder of this machine.
 
     Args:
-        path: it need not exist.
+        path: the folder, which need not exist.
     """
+
+    local: Path
 
     def __init__(self, path: Path) -> None:
         self.address = str(path)
-        self._path = path
-
-    @property
-    def local(self) -> Path:
-        """The folder."""
-        return self._path
+        self.local = path
 
     def read(self, name: str) -> bytes:
         """Read a file."""
-        return (self._path / name).read_bytes()
+        return (self.local / name).read_bytes()
 
     def open(self, name: str) -> BinaryIO:
         """Open a file for reading."""
-        return (self._path / name).open("rb")
+        return (self.local / name).open("rb")
 
     def size(self, name: str) -> int | None:
         """Return a file's size."""
         try:
-            return (self._path / name).stat().st_size
+            return (self.local / name).stat().st_size
         except (FileNotFoundError, NotADirectoryError):
             return None
 
     def names(self, folder: str = "") -> list[str]:
         """Return the names of all files below a folder; links count as files, and are not followed."""
-        top = self._path / folder
-        found = [
-            Path(at) / name
-            for at, folders, files in os.walk(top)
-            for name in (*files, *(each for each in folders if (Path(at) / each).is_symlink()))
+        paths = [
+            Path(parent) / name
+            for parent, folders, files in os.walk(self.local / folder)
+            for name in (*files, *(name for name in folders if (Path(parent) / name).is_symlink()))
         ]
-        return sorted(path.relative_to(self._path).as_posix() for path in found)
+        return sorted(path.relative_to(self.local).as_posix() for path in paths)
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file under another name, and rename it."""
-        partial = self._partial(name)
+        # The process's number keeps two runs from writing to one file.
+        partial = self.local / PARTIAL / f"{name.replace('/', '-')}.{os.getpid()}"
+        partial.parent.mkdir(parents=True, exist_ok=True)
         try:
             with partial.open("wb") as file:
                 file.write(data)
@@ -132,17 +129,15 @@ class Folder(Place):
         self._rename(file, name)
 
     def remove(self, name: str) -> None:
-        """Remove a file."""
-        (self._path / name).unlink(missing_ok=True)
-
-    def _partial(self, name: str) -> Path:
-        folder = self._path / PARTIAL
-        folder.mkdir(parents=True, exist_ok=True)
-        # Of two runs that write the same file, neither must write into the other's.
-        return folder / f"{name.replace('/', '-')}.{os.getpid()}"
+        """Remove a file, or a folder with all its files."""
+        path = self.local / name
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
 
     def _rename(self, file: Path, name: str) -> None:
-        destination = self._path / name
+        destination = self.local / name
         destination.parent.mkdir(parents=True, exist_ok=True)
         file.replace(destination)
         sync(destination.parent)
@@ -152,42 +147,30 @@ class Remote(Place):
     """An address that fsspec knows.
 
     Args:
-        address: with its protocol.
+        address: the address with its protocol.
 
     Raises:
-        InputError: where fsspec or what it needs for the protocol is not installed, or the protocol is unknown.
+        InputError: where fsspec or the protocol's package is not installed, or the protocol is unknown.
     """
+
+    local: None = None
 
     def __init__(self, address: str) -> None:
         self.address = address.rstrip("/")
-        protocol = address.partition("://")[0]
         try:
-            self._open_system()
+            # Without a cache of listings, files of other processes show at once.
+            self._system, self._root = import_module("fsspec").core.url_to_fs(self.address, use_listings_cache=False)
         except ImportError as error:
             raise InputError(
                 f"{address}: writing there needs packages that cannot be imported ({error}): "
-                f"pip install 'semisynth-gl[remote]', and what fsspec names for {protocol}://"
+                f"pip install 'semisynth-gl[remote]', and what fsspec names for {address.partition('://')[0]}://"
             ) from None
         except ValueError as error:
             raise InputError(f"{address}: {error}") from None
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __reduce__(self) -> tuple[type[Self], tuple[str]]:
         # Connections do not travel to other processes.
-        return {"address": self.address}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.address = state["address"]
-        self._open_system()
-
-    def _open_system(self) -> None:
-        fsspec = import_module("fsspec")
-        # What another process wrote must be seen at once.
-        self._system, self._root = fsspec.core.url_to_fs(self.address, use_listings_cache=False)
-
-    @property
-    def local(self) -> None:
-        """None: not of this machine."""
-        return None
+        return type(self), (self.address,)
 
     def read(self, name: str) -> bytes:
         """Read a file."""
@@ -211,13 +194,13 @@ class Remote(Place):
         """Return the names of all files below a folder."""
         with self._clear_errors():
             try:
-                found = self._system.find(self._at(folder))
+                paths = self._system.find(self._at(folder))
             except FileNotFoundError:
                 return []
-        return sorted(path.removeprefix(f"{self._root}/") for path in found)
+        return sorted(path.removeprefix(f"{self._root}/") for path in paths)
 
     def write(self, name: str, data: bytes) -> None:
-        """Write a file; object stores show it when it is whole."""
+        """Write a file; object stores show it when it is complete."""
         with self._clear_errors(writing=True):
             self._make_parent(name)
             self._system.pipe_file(self._at(name), data)
@@ -242,8 +225,9 @@ class Remote(Place):
         return f"{self._root}/{name}".rstrip("/")
 
     def _make_parent(self, name: str) -> None:
-        # Object stores have no folders; making a "folder" there would try to make a bucket.
-        if not _has_buckets(self._system):
+        # Object stores have no folders; to make a "folder" there would be to make a bucket.
+        protocol = self._system.protocol
+        if _WITH_BUCKETS.isdisjoint(protocol if isinstance(protocol, tuple | list) else (protocol,)):
             self._system.makedirs(self._at(name).rpartition("/")[0], exist_ok=True)
 
     @contextmanager
@@ -270,7 +254,7 @@ def open_place(address: str | os.PathLike[str]) -> Place:
     """Return the place of an address: a path, or ``protocol://...`` for fsspec.
 
     Raises:
-        InputError: where what the protocol needs is not installed.
+        InputError: where the protocol's package is not installed.
     """
     text = os.fspath(address)
     if "://" in text and not text.startswith("file://"):
@@ -285,18 +269,3 @@ def sync(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-def remove_entries(folder: Path, names: list[str]) -> None:
-    """Remove files and folders of a folder by name."""
-    for name in names:
-        path = folder / name
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path)
-        else:
-            path.unlink(missing_ok=True)
-
-
-def _has_buckets(system: Any) -> bool:  # noqa: ANN401 - fsspec has no types
-    protocols = system.protocol if isinstance(system.protocol, tuple | list) else (system.protocol,)
-    return not {"s3", "gs", "gcs", "abfs", "az", "adl", "oci", "oss"}.isdisjoint(protocols)

@@ -6,20 +6,19 @@ from importlib.metadata import version
 from math import ceil
 from typing import Any
 
-from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.pfm import FlowPfm
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.schema import PROGRAM, shard_name
 from semisynth_gl.errors import InputError
-from semisynth_gl.frame import CHANNELS, Channel
+from semisynth_gl.frame import CHANNELS
 from semisynth_gl.layouts import Key, Layout, find_layout
 from semisynth_gl.layouts.key import sequence_length
 from semisynth_gl.splits import SPLITS, Split, SplitName
 
-# About 1 GB is the habit for shards; a small dataset is cut finer so that workers can share it.
+# Shards usually have about 1 GB; a small dataset has smaller ones so that workers can share it.
 _SHARD_BYTES = 1_000_000_000
 _FEWEST_SHARDS = 8
-# Of photographs as PNG, measured over the packaged configs; a byte more or less only moves a shard's size.
+# Photographs as PNG, measured over the packaged configs; a byte more or less only changes the size of shards.
 _IMAGE_BYTES_PER_PIXEL = 1.8
 _MASK_BYTES_PER_PIXEL = 0.05
 _FLOAT_BYTES = 4
@@ -27,14 +26,14 @@ _FLOAT_BYTES = 4
 
 @dataclass(frozen=True, slots=True)
 class Shard:
-    """A fixed range of a split's pairs, on disk whole or not at all.
+    """A fixed range of a split's pairs, on disk complete or not at all.
 
     Attributes:
-        number: its number among all shards of the dataset, which tasks and ``--shards`` count.
-        name: of its files, without ending.
-        split: whose pairs it holds.
-        first: number of its first pair.
-        end: number of the pair after its last one.
+        number: the shard's number among all shards of the dataset, which tasks and ``--shards`` count.
+        name: the name of the shard's files, without their ending.
+        split: the split of the pairs.
+        first: number of the first pair.
+        end: number of the last pair, plus 1.
     """
 
     number: int
@@ -52,8 +51,8 @@ class Plan:
         config: the configuration.
         seed: 0 or more.
         layout_name: see `semisynth_gl.layouts`.
-        pairs: how many of each split; splits without pairs are left out.
-        shard_pairs: how many are in a shard; the last one of a split may have fewer.
+        pairs: number of pairs of each split; splits without pairs are left out.
+        shard_pairs: number of pairs in a shard; the last shard of a split may have fewer.
     """
 
     config: Config
@@ -69,19 +68,25 @@ class Plan:
 
     @property
     def splits(self) -> tuple[SplitName, ...]:
-        """The splits that the dataset has."""
+        """The splits of the dataset."""
         return tuple(name for name in SPLITS if self.pairs.get(name))
 
     def split(self, name: SplitName) -> Split:
-        """Return a split, with what is held out for it."""
+        """Return a split with its shares of photographs and models."""
         return self.config.splits.split(name, self.splits)
 
     def folder(self, split: SplitName) -> str:
         """Return the folder of a split's files below the dataset's, "" or ending in a slash."""
         return self.layout.folder(split, self.splits)
 
+    def files(self, split: SplitName, index: int) -> dict[str, str]:
+        """Return the path of each file of a pair by role: below the dataset's folder, or inside a tar."""
+        config, layout = self.config, self.layout
+        files = layout.files(self.key(split, index), layout.encodings_for(config), config.outputs, config.truth)
+        return files if layout.packed else {role: f"{self.folder(split)}{path}" for role, path in files.items()}
+
     def key(self, split: SplitName, index: int) -> Key:
-        """Return what the names of a pair's files depend on."""
+        """Return the key of a pair, which names its files."""
         length = sequence_length(self.config.outputs, self.config.sequence.length)
         return Key(self.config.name, split, index, length)
 
@@ -91,22 +96,8 @@ class Plan:
 
     @property
     def shards(self) -> list[Shard]:
-        """All shards, by number: those of train first."""
-        ranges = [
-            (split, number, first)
-            for split in self.splits
-            for number, first in enumerate(range(0, self.pairs[split], self.shard_pairs))
-        ]
-        return [
-            Shard(
-                at,
-                shard_name(self.config.name, split, number),
-                split,
-                first,
-                min(first + self.shard_pairs, self.pairs[split]),
-            )
-            for at, (split, number, first) in enumerate(ranges)
-        ]
+        """All shards, by number."""
+        return list_shards(self.config.name, self.pairs, self.shard_pairs)
 
     def values(self) -> dict[str, Any]:
         """Return the plan in JSON's types."""
@@ -123,6 +114,22 @@ class Plan:
         }
 
 
+def list_shards(config: str, pairs: Mapping[SplitName, int], shard_pairs: int) -> list[Shard]:
+    """Return all shards of a dataset by number, the shards of train first.
+
+    Args:
+        config: the config's name.
+        pairs: number of pairs of each split.
+        shard_pairs: number of pairs in a shard.
+    """
+    ranges = [
+        (shard_name(config, split, number), split, first, min(first + shard_pairs, pairs[split]))
+        for split in SPLITS
+        for number, first in enumerate(range(0, pairs.get(split, 0), shard_pairs))
+    ]
+    return [Shard(number, *shard) for number, shard in enumerate(ranges)]
+
+
 def make_plan(
     config: Config, seed: int, layout_name: str, pairs: Mapping[SplitName, int], shard_pairs: int | None = None
 ) -> Plan:
@@ -132,8 +139,8 @@ def make_plan(
         config: the configuration; outputs that the layout needs are added.
         seed: 0 or more.
         layout_name: see `semisynth_gl.layouts`.
-        pairs: how many of each split.
-        shard_pairs: how many in a shard; by default as many as give about 1 GB, and fewer in small datasets.
+        pairs: number of pairs of each split.
+        shard_pairs: number of pairs in a shard; by default for about 1 GB, and fewer in small datasets.
 
     Raises:
         InputError: where there is no such layout, or the numbers or the config's encodings do not go with it.
@@ -146,8 +153,7 @@ def make_plan(
         raise InputError(f"expected at least one pair, got {dict(pairs)}")
     if shard_pairs is not None and shard_pairs < 1:
         raise InputError(f"a shard holds at least one pair, got --shard-pairs {shard_pairs}")
-    files = type(config.files)()
-    if layout.encodings is not None and config.files != files:
+    if layout.encodings is not None and config.files != type(config.files)():
         raise InputError(
             f"the layout {layout_name} has encodings of its own ({layout.encodings.image.name}, "
             f"{layout.encodings.disparity.name}, {layout.encodings.flow.name}): leave files.image, files.disparity and "
@@ -160,8 +166,7 @@ def make_plan(
             f"sequence.length {length}: set it to {layout.most_frames} or less, or choose another with --layout"
         )
     layout.encodings_for(config).check_installed()
-    lacking = [output for output in sorted(layout.needs) if output not in config.outputs]
-    if lacking:
+    if lacking := sorted(layout.needs.difference(config.outputs)):
         config = config.model_copy(update={"outputs": (*config.outputs, *lacking)})
     if shard_pairs is None:
         shard_pairs = _shard_pairs(config, layout, max(counts.values()))
@@ -173,22 +178,18 @@ def _shard_pairs(config: Config, layout: Layout, pairs: int) -> int:
     per_pixel = 2 * _IMAGE_BYTES_PER_PIXEL
     for channel in CHANNELS.values():
         if channel.name != "image" and (channel.output is None or channel.output in config.outputs):
-            per_pixel += (2 if config.truth == "both" else 1) * _bytes_per_pixel(channel, encodings)
+            codec, view_bytes = encodings.codec(channel.codec), _MASK_BYTES_PER_PIXEL
+            if channel.dtype.kind == "f":
+                # Codecs that do not write plain floats count in 16 bits, or deflate to about as much.
+                plain = codec.lossless and codec.name != "tiff"
+                components = 3 if isinstance(codec, FlowPfm) else channel.components
+                view_bytes = components * (_FLOAT_BYTES if plain else _FLOAT_BYTES / 2)
+            per_pixel += (2 if config.truth == "both" else 1) * view_bytes
     size = per_pixel * config.camera.width_px * config.camera.height_px
     number = max(1, min(round(_SHARD_BYTES / size), ceil(pairs / _FEWEST_SHARDS)))
-    # A sequence that lies in two shards is set up twice.
+    # A sequence in two shards would be set up twice.
     length = config.sequence.length
     return ceil(number / length) * length
-
-
-def _bytes_per_pixel(channel: Channel[Any], encodings: Encodings) -> float:
-    """Estimate the bytes of one pixel of a channel's file."""
-    codec = encodings.codec(channel.codec)
-    if channel.dtype.kind != "f":
-        return _MASK_BYTES_PER_PIXEL
-    components = 3 if isinstance(codec, FlowPfm) else channel.components
-    # Codecs that do not write plain floats count in 16 bits, or deflate to about as much.
-    return components * (_FLOAT_BYTES if codec.lossless and codec.name != "tiff" else _FLOAT_BYTES / 2)
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any], prefix: str = "") -> list[str]:

@@ -4,12 +4,12 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from os import PathLike
-from pathlib import Path
 from typing import Any, BinaryIO, overload
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.dataset.places import Place, open_place
+from semisynth_gl.dataset.plan import Shard, list_shards
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file
 from semisynth_gl.dataset.schema import INDEX, PLAN, PROGRAM, record_path, shard_name, tar_path
 from semisynth_gl.errors import InputError, ReadError
@@ -21,11 +21,11 @@ from semisynth_gl.splits import SPLITS, SplitName
 
 @dataclass(frozen=True, slots=True)
 class Index:
-    """What a dataset says of itself.
+    """The index of a dataset, or the plan of an unfinished one.
 
     Attributes:
-        place: where it lies.
-        values: the whole of index.json; of an unfinished dataset, what it was begun as.
+        place: the dataset's root.
+        values: all values of index.json, or of an unfinished dataset's plan.
         fault: why index.json could not be read, or None.
     """
 
@@ -35,53 +35,48 @@ class Index:
 
     @property
     def layout(self) -> Layout:
-        """Under which names its files stand."""
+        """The layout of the files."""
         return find_layout(self.values["layout"])
 
     @property
     def config(self) -> Mapping[str, Any]:
-        """The config's values, as JSON has them; empty where the index has none."""
+        """The config's values in JSON's types; empty where the index has none."""
         values = self.values.get("config_values")
         return values if isinstance(values, dict) else {}
 
     @property
     def encodings(self) -> Encodings:
-        """Of images, disparities and flow.
+        """The codecs of the files.
 
         Raises:
-            InputError: where this version knows no such encoding.
+            InputError: where this version lacks one of the codecs.
         """
-        own = self.layout.encodings
-        if own is not None:
-            return own
-        files = self.config.get("files")
+        if self.layout.encodings is not None:
+            return self.layout.encodings
         default = Encodings()
-        if not isinstance(files, dict):
-            return default
-        image = files.get("image", default.image.name)
-        disparity, flow = files.get("disparity", default.disparity.name), files.get("flow", default.flow.name)
+        names = [self.value("files", key, getattr(default, key).name) for key in ("image", "disparity", "flow")]
         try:
-            return Encodings.from_names(image, disparity, flow)
+            return Encodings.from_names(*names)
         except (KeyError, TypeError):
             raise InputError(
                 f"{self.place.address}: expected encodings that this version knows in {INDEX}, got files.image "
-                f"{image!r}, files.disparity {disparity!r} and files.flow {flow!r}"
+                f"{names[0]!r}, files.disparity {names[1]!r} and files.flow {names[2]!r}"
             ) from None
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """What there is beside images and disparities."""
+        """The outputs beside images and disparities."""
         outputs = self.config.get("outputs")
         return tuple(name for name in OUTPUTS if name in outputs) if isinstance(outputs, list) else DEFAULT_OUTPUTS
 
     @property
     def truth(self) -> TruthViews:
-        """Of which views there is truth."""
+        """The views that have truth."""
         return "left" if self.config.get("truth") == "left" else "both"
 
     @property
     def pairs(self) -> dict[SplitName, int]:
-        """How many pairs each split has."""
+        """The number of pairs of each split."""
         pairs = self.values.get("pairs")
         return {name: int(pairs[name]) for name in SPLITS if pairs.get(name)} if isinstance(pairs, dict) else {}
 
@@ -97,59 +92,54 @@ class Index:
         )
 
     def number(self, section: str, key: str) -> float | None:
-        """Return a number of the config, or None where it has none there."""
-        keys = self.config.get(section)
-        value = keys.get(key) if isinstance(keys, dict) else None
+        """Return a number of the config, or None where the config has no number there."""
+        value = self.value(section, key)
         return value if isinstance(value, int | float) else None
+
+    def value(self, section: str, key: str, default: object = None) -> Any:  # noqa: ANN401 - any JSON
+        """Return a value of the config in JSON's types, or the default where the config has none there."""
+        keys = self.config.get(section)
+        return keys.get(key, default) if isinstance(keys, dict) else default
 
     def folder(self, split: SplitName) -> str:
         """Return the folder of a split's files, "" or ending in a slash."""
         return self.layout.folder(split, tuple(self.pairs))
 
     def key(self, split: SplitName, index: int) -> Key:
-        """Return what the names of a pair's files depend on."""
+        """Return the key of a pair, which names its files."""
         length = max(int(self.number("sequence", "length") or 1), 1)
         return Key(str(self.values.get("config")), split, index, sequence_length(self.outputs, length))
 
     def files(self, split: SplitName, index: int) -> dict[str, str]:
-        """Return the path that each file of a pair should have, by role: below the dataset's, or inside a tar."""
-        layout = self.layout
-        files = layout.files(self.key(split, index), self.encodings, self.outputs, self.truth)
-        folder = "" if layout.packed else self.folder(split)
-        return {role: f"{folder}{path}" for role, path in files.items()}
+        """Return the path of each file of a pair by role: below the dataset's folder, or inside a tar."""
+        files = self.layout.files(self.key(split, index), self.encodings, self.outputs, self.truth)
+        return files if self.layout.packed else {role: f"{self.folder(split)}{path}" for role, path in files.items()}
 
-    def shard_names(self) -> list[str]:
-        """Return the names of all shards that it should have, by number."""
-        each = int(self.values["shard_pairs"])
-        return [
-            shard_name(self.values["config"], split, number)
-            for split, pairs in self.pairs.items()
-            for number in range(-(-pairs // each))
-        ]
+    @property
+    def shards(self) -> list[Shard]:
+        """All shards of the complete dataset, by number."""
+        return list_shards(self.values["config"], self.pairs, int(self.values["shard_pairs"]))
 
 
 def read_index(address: str | PathLike[str]) -> Index:
     """Open a dataset, finished or not.
 
     Args:
-        address: its folder, or an address that fsspec knows.
+        address: the dataset's folder, or an address that fsspec knows.
 
     Raises:
-        InputError: where there is no dataset of this program.
+        InputError: where the address has no dataset of this program.
     """
     place = open_place(address)
     if place.local is not None and not place.local.is_dir():
-        there = "expected a folder, got a file" if place.local.exists() else "there is no such folder"
-        raise InputError(f"{address}: {there}")
+        reason = "expected a folder, got a file" if place.local.exists() else "there is no such folder"
+        raise InputError(f"{address}: {reason}")
     fault = None
     for name in (INDEX, PLAN):
         try:
-            values = JSON_OBJECT.decode(place.read(name), Path(name))
-        except (FileNotFoundError, NotADirectoryError):
-            fault = fault or f"{INDEX} is missing"
-            continue
+            values = _read_json(place, name)
         except ReadError as error:
-            fault = f"{INDEX} {error.reason}"
+            fault = fault or f"{INDEX} {error.reason}"
             continue
         if values.get("program") != PROGRAM:
             raise InputError(f"{address}: {name} is not of {PROGRAM}: program is {values.get('program')!r}")
@@ -164,14 +154,14 @@ def read_index(address: str | PathLike[str]) -> Index:
 class Dataset(Sequence[StoredFrame]):
     """A finished dataset, or one of its splits: ``dataset[i]`` is a pair with its truth.
 
-    Nothing is read before it is asked for. It may be handed to other processes, such as a DataLoader's workers.
+    Files are read when a pair is asked for. A dataset can be sent to other processes, such as a DataLoader's workers.
 
     Args:
-        index: the dataset's.
-        split: one of its splits; None for all pairs, those to train on first.
+        index: the index of the dataset.
+        split: a split of the dataset; None for all pairs, training pairs first.
 
     Attributes:
-        about: what the dataset says of itself.
+        about: the index of the dataset.
 
     Raises:
         InputError: where the dataset is not finished, or has no such split.
@@ -183,9 +173,7 @@ class Dataset(Sequence[StoredFrame]):
                 f"{index.place.address}: {index.fault}: the dataset is not finished; run its generate command again"
             )
         if split is not None and split not in index.pairs:
-            raise InputError(
-                f"{index.place.address}: expected a split of {', '.join(index.pairs)}, got {split!r}"
-            )  # fmt: skip
+            raise InputError(f"{index.place.address}: expected a split of {', '.join(index.pairs)}, got {split!r}")
         self.about = index
         self._pairs = [
             (name, number) for name, count in index.pairs.items() if split in (None, name) for number in range(count)
@@ -195,10 +183,7 @@ class Dataset(Sequence[StoredFrame]):
 
     def __getstate__(self) -> dict[str, Any]:
         # Open files do not travel to other processes.
-        return {"about": self.about, "_pairs": self._pairs, "_records": self._records, "_tars": {}}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
+        return self.__dict__ | {"_tars": {}}
 
     def __len__(self) -> int:
         return len(self._pairs)
@@ -213,49 +198,49 @@ class Dataset(Sequence[StoredFrame]):
         """Read a pair.
 
         Raises:
-            IndexError: where there are not so many.
+            IndexError: where the dataset has fewer pairs.
             ReadError: where a file is missing or cannot be read.
-            InputError: where an encoding needs what is not installed.
+            InputError: where a codec needs a package that is not installed.
         """
         if isinstance(number, slice):
-            return [self[each] for each in range(*number.indices(len(self)))]
-        split, pair = self._pairs[number]
-        values = {role: self._decoded(split, pair, role, path) for role, path in self.about.files(split, pair).items()}
-        return assemble_frame(self.about.key(split, pair), values, self.about.encodings)
+            return [self[position] for position in range(*number.indices(len(self)))]
+        index, (split, pair) = self.about, self._pairs[number]
+        layout, place, encodings = index.layout, index.place, index.encodings
+        values = {}
+        for role, path in index.files(split, pair).items():
+            data = self._read_member(split, pair, path) if layout.packed else _read(place, path)
+            values[role] = decode_file(layout, role, data, place.path(path), encodings)
+        return assemble_frame(index.key(split, pair), values, encodings)
 
     def pair(self, number: int) -> tuple[SplitName, int]:
-        """Return the split of a pair, and the pair's number there."""
+        """Return the split of a pair, and the pair's number in the split."""
         return self._pairs[number]
 
-    def _decoded(self, split: SplitName, pair: int, role: str, path: str) -> Any:  # noqa: ANN401 - by role
-        about = self.about
-        data = self._member(split, pair, path) if about.layout.packed else _read(about.place, path)
-        return decode_file(about.layout, role, data, about.place.path(path), about.encodings)
-
-    def _member(self, split: SplitName, pair: int, name: str) -> bytes:
-        """Read a file out of the tar of its shard, where the shard's record says that it begins."""
-        each = int(self.about.values["shard_pairs"])
-        shard = shard_name(self.about.values["config"], split, pair // each)
-        place = self.about.place
+    def _read_member(self, split: SplitName, pair: int, name: str) -> bytes:
+        """Read a file from the tar of its shard, at the offset in the shard's record."""
+        shard_pairs = int(self.about.values["shard_pairs"])
+        shard = shard_name(self.about.values["config"], split, pair // shard_pairs)
+        place, tar_file = self.about.place, tar_path(shard)
         if shard not in self._records:
-            record = read_record(place, shard)
-            self._tars[shard] = _opened(place, record["tar"])
-            self._records[shard] = record
-        elif shard not in self._tars:
-            self._tars[shard] = _opened(place, self._records[shard]["tar"])
+            self._records[shard] = read_record(place, shard)
+        if shard not in self._tars:
+            try:
+                self._tars[shard] = place.open(tar_file)
+            except FileNotFoundError:
+                raise ReadError(place.path(tar_file), "is missing") from None
         try:
-            file = self._records[shard]["samples"][pair % each]["files"][name]
+            file = self._records[shard]["samples"][pair % shard_pairs]["files"][name]
         except (KeyError, IndexError, TypeError):
             raise ReadError(place.path(record_path(shard)), f"has no entry of {name}") from None
         tar = self._tars[shard]
         tar.seek(file["offset"])
         data = tar.read(file["bytes"])
         if len(data) < file["bytes"]:
-            raise ReadError(place.path(tar_path(shard)), f"ends before {name} does")
+            raise ReadError(place.path(tar_file), f"ends before {name} does")
         return data
 
     def close(self) -> None:
-        """Close the tars that are open."""
+        """Close the open tars."""
         for tar in self._tars.values():
             with suppress(OSError):
                 tar.close()
@@ -266,11 +251,11 @@ def open_dataset(address: str | PathLike[str], split: SplitName | None = None) -
     """Open a finished dataset in any layout; ``open_dataset(path)[i]`` is a `StoredFrame`.
 
     Args:
-        address: its folder, or an address that fsspec knows.
-        split: one of its splits; None for all pairs.
+        address: the dataset's folder, or an address that fsspec knows.
+        split: a split of the dataset; None for all pairs.
 
     Raises:
-        InputError: where there is none, or it is not finished.
+        InputError: where the address has no dataset, or the dataset is not finished.
     """
     return Dataset(read_index(address), split)
 
@@ -279,10 +264,10 @@ def read_record(place: Place, shard: str) -> dict[str, Any]:
     """Read the record of a shard.
 
     Raises:
-        ReadError: where it is missing, cut off, or no record.
+        ReadError: where the record is missing, cut off, or no record.
     """
     name = record_path(shard)
-    record = JSON_OBJECT.decode(_read(place, name), place.path(name))
+    record = _read_json(place, name)
     samples = record.get("samples")
     if not (isinstance(samples, list) and all(isinstance(sample, dict) and "files" in sample for sample in samples)):
         raise ReadError(place.path(name), "lists no samples")
@@ -298,8 +283,5 @@ def _read(place: Place, name: str) -> bytes:
         raise ReadError(place.path(name), f"cannot be read: {error.strerror}") from None
 
 
-def _opened(place: Place, name: str) -> BinaryIO:
-    try:
-        return place.open(name)
-    except FileNotFoundError:
-        raise ReadError(place.path(name), "is missing") from None
+def _read_json(place: Place, name: str) -> dict[str, Any]:
+    return JSON_OBJECT.decode(_read(place, name), place.path(name))

@@ -9,7 +9,7 @@ from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene.sampler import SampledScene, SceneSampler
-from semisynth_gl.scene.scene import Motion, Scene
+from semisynth_gl.scene.scene import Motion
 from semisynth_gl.splits import SplitName
 from semisynth_gl.textures.atlas import Patch
 
@@ -18,16 +18,16 @@ class RebuiltScenes:
     """Rebuilds the scenes of a split. Photographs are not needed: patches colour a scene and do not shape it.
 
     Args:
-        index: the dataset's.
-        split: whose scenes.
+        index: the index of the dataset.
+        split: the split of the scenes.
 
     Attributes:
-        config: the dataset's.
-        seed: the dataset's.
-        models: the meshes that `Scene.model` counts.
+        config: the config of the dataset.
+        seed: the seed of the dataset.
+        models: the meshes that `Scene.model` indexes.
 
     Raises:
-        InputError: where its config, seed or patches are not this version's, or its models are not there.
+        InputError: where config, seed or patches are not of this version, or models are missing.
     """
 
     def __init__(self, index: Index, split: SplitName) -> None:
@@ -55,7 +55,7 @@ class RebuiltScenes:
         """Rebuild a pair's scene, with the origin of its instances.
 
         Args:
-            frame: the pair as it was read.
+            frame: the stored pair.
 
         Returns:
             The scene; None where config and seed give another camera than the pair's provenance has.
@@ -70,11 +70,6 @@ class RebuiltScenes:
             return None
         return rebuilt
 
-    def scene(self, frame: StoredFrame) -> Scene | None:
-        """Rebuild a pair's scene; see `sampled`."""
-        rebuilt = self.sampled(frame)
-        return None if rebuilt is None else rebuilt.scene
-
     def motion(self, rebuilt: SampledScene, frames: int) -> Motion:
-        """Return how a rebuilt scene gets to another frame; see `SceneSampler.motion`."""
+        """Return the motion of a rebuilt scene to another frame; see `SceneSampler.motion`."""
         return self._sampler.motion(rebuilt, frames)

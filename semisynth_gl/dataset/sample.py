@@ -20,15 +20,15 @@ from semisynth_gl.layouts.roles import Sample, mask_from_not_occluded, not_occlu
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredFrame(Frame):
-    """A pair read from files: the arrays of the files that there are, and what the files say of the pair.
+    """A pair read from files: the arrays of its files, and the facts in them.
 
     Attributes:
-        name: the pair's, such as ``middlebury-000012``.
+        name: the pair's name, such as ``middlebury-000012``.
         split: ``train``, ``validation`` or ``test``.
-        index: its number in the split.
-        provenance: what made it, in JSON's types.
+        index: the pair's number in the split.
+        provenance: the origin of the pair, in JSON's types.
         calibration: Middlebury's calib.txt, in layouts that have one.
-        encodings: codecs of the files, which say what they round and cannot store.
+        encodings: codecs of the files, with the values that they round and cannot store.
     """
 
     name: str = ""
@@ -41,7 +41,7 @@ class StoredFrame(Frame):
     def rounding_px(self, disparity: NDArray[np.floating[Any]] | float) -> NDArray[np.float64]:
         """Return the largest error that the codec puts on disparities, of the same shape, float64 px."""
         error = self.encodings.disparity.error_px
-        # A disparity that would round to 0, which says that there is none, is raised to the smallest step.
+        # 0 means "no disparity": disparities that would round to 0 are stored as the smallest step.
         return np.where(np.asarray(disparity) <= 2 * error, 2 * error, error)
 
 
@@ -57,9 +57,9 @@ def encode_pair(
     Args:
         layout: names of the files.
         key: the pair.
-        frame: images and truth; a channel that it lacks gets no file.
-        provenance: what made the pair, in JSON's types.
-        ndisp: an upper bound of its disparities, whole pixels.
+        frame: images and truth; a missing channel gets no file.
+        provenance: the origin of the pair, in JSON's types.
+        ndisp: an upper bound of the disparities, whole pixels.
         encodings: see `Layout.encodings_for`.
 
     Returns:
@@ -84,20 +84,20 @@ def encode_pair(
 
 
 def decode_file(layout: Layout, role: str, data: bytes, path: Path, encodings: Encodings) -> Any:  # noqa: ANN401 - by role
-    """Return the value of a role's file; the path is for messages.
+    """Decode a role's file; the path is for messages.
 
     Raises:
-        ReadError: where the file is cut off, or not what its role says.
+        ReadError: where the file is cut off, or is no file of its role.
     """
     return layout.role(role).unwrap(layout.role(role).codec(encodings).decode(data, path), path)
 
 
 def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) -> StoredFrame:
-    """Make a frame of the values of a pair's files.
+    """Assemble a pair from the values of its files.
 
     Args:
         key: the pair.
-        values: by role; at least both images, the left disparity and the provenance.
+        values: values by role; at least both images, the left disparity and the provenance.
         encodings: codecs of the files.
 
     Raises:
@@ -112,7 +112,14 @@ def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) ->
             mask = CHANNELS[channel.mask].role(eye)
             arrays[mask] = mask_from_not_occluded(arrays[role], visible, channel, eye, path)
     calibration, provenance = values.get("calibration"), values["provenance"]
-    camera = _camera(provenance, path) if calibration is None else calibration.camera
+    if calibration is None:
+        # The provenance has more facts about the camera than the camera.
+        try:
+            camera = StereoCamera(**{key.name: provenance["camera"][key.name] for key in fields(StereoCamera)})
+        except (KeyError, TypeError, InputError) as error:
+            raise ReadError(path, f"its provenance has no camera that can be used: {error!r}") from None
+    else:
+        camera = calibration.camera
     frame = Frame.from_arrays(camera, arrays)
     return StoredFrame(
         camera,
@@ -128,20 +135,12 @@ def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) ->
 
 
 def share_beyond(frame: Frame, encodings: Encodings) -> float:
-    """Return the share of pixels whose disparity the codec cannot store, in the view that has more of them."""
+    """Return the share of pixels whose disparity the codec cannot store, in the view with the larger share."""
     codec = encodings.disparity
     if not isfinite(codec.limit_px):
         return 0.0
     views = [view.disparity for view in (frame.left, frame.right) if "disparity" in view]
     return max(float(codec.exceeds_limit(disparity).mean()) for disparity in views)
-
-
-def _camera(provenance: Mapping[str, Any], path: Path) -> StereoCamera:
-    # The provenance has more of the camera than it takes to make one.
-    try:
-        return StereoCamera(**{each.name: provenance["camera"][each.name] for each in fields(StereoCamera)})
-    except (KeyError, TypeError, InputError) as error:
-        raise ReadError(path, f"its provenance has no camera that can be used: {error!r}") from None
 
 
 def _invalidate(frame: Frame, channel: Channel[Any], codec: Codec[Any]) -> tuple[Frame, dict[str, int]]:

@@ -1,7 +1,7 @@
-"""One shard on its way to disk: pairs are added one by one, and a record written last says that it is whole.
+"""The writer of a shard: pairs are added one after the other, and a record written last says that it is complete.
 
-What is whole already when a run ends is kept: a journal has a line for each pair, with what proves it. A rerun takes up
-the shard where the journal and the files agree no longer.
+Complete pairs survive the end of a run: a journal has a line for each pair, with the digests of its files. A rerun
+resumes the shard at the first pair whose files do not agree with the journal.
 """
 
 import hashlib
@@ -10,10 +10,9 @@ import tarfile
 import tempfile
 import zlib
 from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from io import BufferedRandom
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from semisynth_gl.dataset.locks import lock
@@ -24,10 +23,6 @@ from semisynth_gl.dataset.schema import PARTIAL, journal_name, record_path, tar_
 _ONLY_IN_JOURNAL = frozenset({"end", "crc32", "renderer", "seconds"})
 
 
-_BLOCK = tarfile.BLOCKSIZE
-_RECORD = tarfile.RECORDSIZE
-
-
 class ShardBusyError(Exception):
     """Another run is making this shard."""
 
@@ -35,49 +30,49 @@ class ShardBusyError(Exception):
 class ShardWriter:
     """Writes one shard. Use it in a ``with`` block.
 
-    Files that stand by themselves appear as soon as their pair is whole; a tar appears when all of it is.
+    Files outside tars appear as soon as their pair is complete; a tar appears when all its pairs are complete.
 
     Args:
-        place: the dataset's.
-        shard: which.
-        packed: whether it is one tar.
-        folder: of files that stand by themselves, "" or ending in a slash.
+        place: the dataset's root.
+        shard: the shard.
+        packed: whether the shard is a tar.
+        folder: the folder of files outside tars, "" or ending in a slash.
 
     Attributes:
-        shard: which.
-        samples: entries of the pairs that are whole, in their order.
+        samples: entries of the complete pairs, in their order.
 
     Raises:
-        ShardBusyError: where another run has it in hand.
+        ShardBusyError: where another run is making the shard.
         OSError: where the disk refuses.
     """
 
     def __init__(self, place: Place, shard: Shard, *, packed: bool, folder: str) -> None:
-        self.shard = shard
         self._place = place
         self._name = name = shard.name
         self._indices = range(shard.first, shard.end)
         self._folder = folder
-        self._temporary: tempfile.TemporaryDirectory[str] | None = None
-        if place.local is None:
-            # What is half done stays here, and is lost with this run: a store shows whole files only.
-            self._temporary = tempfile.TemporaryDirectory(prefix="semisynth-gl-")
-            self._work = Path(self._temporary.name)
-        else:
-            self._work = place.local / PARTIAL
-            self._work.mkdir(parents=True, exist_ok=True)
-        try:
-            self._journal = _locked(self._work / journal_name(name))
-        except BaseException:
-            self._clean()
-            raise
+        self._resources = ExitStack()
         self._tar: BufferedRandom | None = None
-        self._tar_path = self._work / f"{name}.tar"
         self.samples: list[dict[str, Any]] = []
         try:
+            if place.local is None:
+                # A store shows complete files only: unfinished files stay on this machine, and end with this run.
+                temporary = tempfile.TemporaryDirectory(prefix="semisynth-gl-")
+                self._work = Path(self._resources.enter_context(temporary))
+            else:
+                self._work = place.local / PARTIAL
+                self._work.mkdir(parents=True, exist_ok=True)
+            self._journal = self._resources.enter_context(_open_journal(self._work / journal_name(name)))
+            self._tar_path = self._work / f"{name}.tar"
             if packed:
-                self._tar = _reopened(self._tar_path, place, tar_path(name))
-            self._take_up()
+                if place.local is not None and not self._tar_path.exists() and place.size(tar_path(name)) is not None:
+                    # The shard has no record: its tar is not complete, though it was renamed already.
+                    place.path(tar_path(name)).replace(self._tar_path)
+                self._tar_path.touch()
+                # On a full disk, closing the tar fails again.
+                self._resources.enter_context(suppress(OSError))
+                self._tar = self._resources.enter_context(self._tar_path.open("r+b"))
+            self._resume()
         except BaseException:
             self.close()
             raise
@@ -85,33 +80,22 @@ class ShardWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.close()
 
     def close(self) -> None:
-        """Let go of the shard, finished or not."""
-        if self._tar is not None:
-            with suppress(OSError):
-                self._tar.close()
-            self._tar = None
-        self._journal.close()
-        self._clean()
-
-    def _clean(self) -> None:
-        if self._temporary is not None:
-            self._temporary.cleanup()
+        """Close and unlock the shard, finished or not."""
+        self._resources.close()
 
     def add(self, files: Mapping[str, bytes], facts: Mapping[str, Any]) -> None:
         """Add the next pair.
 
         Args:
-            files: its files, by path below the split's folder, or inside the tar.
-            facts: what the shard's record shall say of it, in JSON's types.
+            files: the pair's files, by path below the split's folder, or inside the tar.
+            facts: entries of the shard's record about the pair, in JSON's types.
 
         Raises:
-            OSError: where the disk is full or refuses; nothing of the pair is left then.
+            OSError: where the disk is full or refuses; no file of the pair remains then.
         """
         index = self._indices[len(self.samples)]
         entry: dict[str, Any] = {"pair": index} | dict(facts)
@@ -121,19 +105,16 @@ class ShardWriter:
         self.samples.append(entry)
 
     def finish(self, facts: Mapping[str, Any]) -> dict[str, Any]:
-        """Make the shard whole, once all its pairs are there.
+        """Complete the shard after its last pair.
 
         Args:
-            facts: what the record shall say beside its pairs, in JSON's types.
+            facts: entries of the record beside the pairs, in JSON's types.
 
         Returns:
             The record.
         """
         record: dict[str, Any] = {"shard": self._name} | dict(facts)
-        if self._tar is None:
-            record |= self._finish_files()
-        else:
-            record |= self._finish_tar(self._tar)
+        record |= self._finish_files() if self._tar is None else self._finish_tar(self._tar)
         record["samples"] = [
             {key: value for key, value in entry.items() if key not in _ONLY_IN_JOURNAL} for entry in self.samples
         ]
@@ -186,21 +167,15 @@ class ShardWriter:
         return {"files": described, "end": at, "crc32": checksum}
 
     def _finish_files(self) -> dict[str, Any]:
-        digest = hashlib.sha256()
-        size = 0
-        folders: set[Path] = set()
-        for entry in self.samples:
-            for name, file in entry["files"].items():
-                # As `sha256sum` writes it.
-                digest.update(f"{file['sha256']}  {name}\n".encode())
-                size += file["bytes"]
-                if self._place.local is not None:
-                    path = self._place.path(name)
-                    sync(path)
-                    folders.add(path.parent)
-        for folder in folders:
-            sync(folder)
-        return {"bytes": size, "sha256": digest.hexdigest()}
+        files = [file for entry in self.samples for file in entry["files"].items()]
+        if self._place.local is not None:
+            paths = [self._place.path(name) for name, _ in files]
+            for path in (*paths, *{path.parent for path in paths}):
+                sync(path)
+        # The lines that `sha256sum` writes.
+        lines = "".join(f"{facts['sha256']}  {name}\n" for name, facts in files)
+        size = sum(facts["bytes"] for _, facts in files)
+        return {"bytes": size, "sha256": hashlib.sha256(lines.encode()).hexdigest()}
 
     def _finish_tar(self, tar: BufferedRandom) -> dict[str, Any]:
         tar.write(tar_end(tar.tell()))
@@ -209,33 +184,32 @@ class ShardWriter:
         tar.seek(0)
         digest = hashlib.file_digest(tar, "sha256").hexdigest()
         tar.close()
-        self._tar = None
         name = tar_path(self._name)
         self._place.put(name, self._tar_path)
         return {"tar": name, "bytes": size, "sha256": digest}
 
-    def _take_up(self) -> None:
-        """Keep the pairs of an earlier run that are whole, and drop what follows them."""
-        kept = 0
+    def _resume(self) -> None:
+        """Keep the complete pairs of an earlier run, and cut the journal and the tar after them."""
+        end = 0
         self._journal.seek(0)
         for index, line in zip(self._indices, self._journal, strict=False):
             try:
                 entry = json.loads(line)
-                whole = entry["pair"] == index and line.endswith(b"\n") and self._is_whole(entry)
+                complete = entry["pair"] == index and line.endswith(b"\n") and self._is_complete(entry)
             except (ValueError, KeyError, TypeError):
-                whole = False
-            if not whole:
+                complete = False
+            if not complete:
                 break
             self.samples.append(entry)
-            kept += len(line)
-        self._journal.truncate(kept)
-        self._journal.seek(kept)
+            end += len(line)
+        self._journal.truncate(end)
+        self._journal.seek(end)
         if self._tar is not None:
             end = self.samples[-1]["end"] if self.samples else 0
             self._tar.truncate(end)
             self._tar.seek(end)
 
-    def _is_whole(self, entry: Mapping[str, Any]) -> bool:
+    def _is_complete(self, entry: Mapping[str, Any]) -> bool:
         if self._tar is None:
             try:
                 return all(
@@ -251,44 +225,36 @@ class ShardWriter:
 
 
 def tar_member(name: str, data: bytes) -> tuple[bytes, int]:
-    """Encode one file as tar has it: header and padded content; no time, no owner, rights 0644.
+    """Encode a file as a member of a tar: header and padded content; no time, no owner, rights 0644.
 
     Args:
-        name: at most 100 characters, as the headers of 1988 hold them, which every reader knows.
+        name: the file's name, of at most 100 characters: every reader knows the headers of 1988, which have so many.
         data: the content.
 
     Returns:
-        The bytes, and where in them the content begins.
+        The bytes, and the offset of the content in them.
     """
     info = tarfile.TarInfo(name)
     info.size = len(data)
     header = info.tobuf(tarfile.USTAR_FORMAT)
-    return b"".join((header, data, bytes(-len(data) % _BLOCK))), len(header)
+    return b"".join((header, data, bytes(-len(data) % tarfile.BLOCKSIZE))), len(header)
 
 
 def tar_end(length: int) -> bytes:
-    """Return what ends an archive of so many bytes: at least two empty blocks, and as many as fill a record."""
-    return bytes(2 * _BLOCK + -(length + 2 * _BLOCK) % _RECORD)
+    """Return the end of an archive of ``length`` bytes: two empty blocks, and the blocks that fill up a record."""
+    end = 2 * tarfile.BLOCKSIZE
+    return bytes(end + -(length + end) % tarfile.RECORDSIZE)
 
 
-def _locked(path: Path) -> BufferedRandom:
-    """Open a journal and lock it: the lock goes when this process does, however it ends."""
+def _open_journal(path: Path) -> BufferedRandom:
+    """Open a journal and lock it; the lock ends with this process, however that ends."""
     path.touch()
     file = path.open("r+b")
     try:
         lock(file.fileno(), shared=False)
-    except BlockingIOError:
+    except BaseException as error:
         file.close()
-        raise ShardBusyError(path.stem) from None
-    except BaseException:
-        file.close()
+        if isinstance(error, BlockingIOError):
+            raise ShardBusyError(path.stem) from None
         raise
     return file
-
-
-def _reopened(path: Path, place: Place, name: str) -> BufferedRandom:
-    """Open the tar of a shard that has no record; one that was renamed already comes back."""
-    if place.local is not None and not path.exists() and place.size(name) is not None:
-        place.path(name).replace(path)
-    path.touch()
-    return path.open("r+b")

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.card import encode_card
 from semisynth_gl.dataset.croissant import encode_croissant
-from semisynth_gl.dataset.files import DatasetFiles, read_beginning
+from semisynth_gl.dataset.files import DatasetFiles, complete_record, read_beginning
 from semisynth_gl.dataset.index import describe_dataset
 from semisynth_gl.dataset.places import Place, open_place
 from semisynth_gl.dataset.plan import Plan, Shard, make_plan
@@ -113,7 +113,7 @@ def generate(
         _make(job, missing, engine or SerialEngine(), files, listener)
         missing_count = len(files.missing(plan.shards))
         if not missing_count:
-            records = [record for shard in plan.shards if (record := files.record(shard)) is not None]
+            records = [record for shard in plan.shards if (record := complete_record(place, shard)) is not None]
             index = describe_dataset(plan, sources, records)
             files.finish(index, {CARD: encode_card(index), CROISSANT: encode_croissant(index)})
     finally:

@@ -18,7 +18,7 @@ from semisynth_gl.frame import Frame
 
 @dataclass(frozen=True, slots=True)
 class Imperfections:
-    """What was drawn for one eye of one pair.
+    """The imperfections of a view.
 
     Attributes:
         blur_px: standard deviation of the lens blur.
@@ -31,13 +31,6 @@ class Imperfections:
     exposure_stops: float
     noise: float
     gamma: float
-
-
-def draw_imperfections(section: ImperfectionsSection, rng: np.random.Generator) -> Imperfections:
-    """Draw one eye's imperfections."""
-    return Imperfections(
-        section.blur_px.draw(rng), section.exposure_stops.draw(rng), section.noise.draw(rng), section.gamma.draw(rng)
-    )
 
 
 def apply_imperfections(image: NDArray[np.uint8], drawn: Imperfections, rng: np.random.Generator) -> NDArray[np.uint8]:
@@ -59,10 +52,12 @@ def apply_imperfections(image: NDArray[np.uint8], drawn: Imperfections, rng: np.
 def with_imperfections(
     frame: Frame, section: ImperfectionsSection, rng: np.random.Generator
 ) -> tuple[Frame, dict[str, Any]]:
-    """Put imperfections on both images of a frame, each eye with its own; return them in JSON's types beside it."""
-    drawn = {eye: draw_imperfections(section, rng) for eye in EYES}
+    """Put imperfections on both images of a frame; also return the imperfections of each eye in JSON's types."""
+    ranges = (section.blur_px, section.exposure_stops, section.noise, section.gamma)
+    drawn = {eye: Imperfections(*(values.draw(rng) for values in ranges)) for eye in EYES}
+    views = (frame.view(eye) for eye in EYES)
     left, right = (
-        view.with_channels({"image": apply_imperfections(view.image, drawn[eye], rng)})
-        for eye, view in zip(EYES, (frame.left, frame.right), strict=True)
+        view.with_channels({"image": apply_imperfections(view.image, values, rng)})
+        for view, values in zip(views, drawn.values(), strict=True)
     )
     return Frame(frame.camera, left, right), {eye: asdict(values) for eye, values in drawn.items()}

@@ -1,8 +1,8 @@
-"""From a config to pairs. The one way data goes:
+"""From a config to pairs. Data goes this way:
 
-config -> scene    `SceneSampler`: what stands where in pair i, from (config, seed, i) alone
+config -> scene    `SceneSampler`: the objects of pair i, from (config, seed, i) alone
        -> frame    `Renderer`: images, disparities and visibilities as arrays
-       -> sample   `Layout.encode`: files in memory
+       -> sample   `encode_pair`: files in memory
        -> shard    `ShardWriter`: a fixed range of samples on disk, complete or absent
        -> dataset  `DatasetFiles`: shards, and an index last
 
@@ -11,7 +11,6 @@ The first two arrows are here; `semisynth_gl.generation.generate` has the others
 
 from dataclasses import dataclass
 from importlib.metadata import version
-from types import TracebackType
 from typing import Any, Self
 
 from semisynth_gl.camera import Crop
@@ -39,9 +38,9 @@ class Pair:
     """One rendered pair.
 
     Attributes:
-        index: its number in the dataset.
+        index: the pair's number in the split.
         frame: images and truth.
-        provenance: what made it, in JSON's types.
+        provenance: the origin of the pair, in JSON's types.
     """
 
     index: int
@@ -51,7 +50,7 @@ class Pair:
 
 @dataclass(frozen=True, slots=True)
 class _Settled:
-    """The attempt that a sequence is drawn from, and what was wrong with those before it."""
+    """The attempt that a sequence is drawn from, and the faults of the attempts before it."""
 
     sequence: int
     attempt: int
@@ -65,12 +64,13 @@ class PairRenderer:
         config: the configuration.
         seed: 0 or more.
         backend: "auto", "egl" or "osmesa".
-        split: of which split of the dataset.
+        split: the split of the pairs.
         device_index: EGL's number of the device.
-        read: what takes the pixels that were drawn; others than `read_array` go with ``checked=False`` alone.
+        read: takes the drawn pixels; other readers than `read_array` need ``checked=False``.
 
     Attributes:
-        sampler: what stands where in each pair.
+        sources: patches and models.
+        sampler: makes the scenes of the pairs.
 
     Raises:
         InputError: where images or models cannot be used.
@@ -92,11 +92,11 @@ class PairRenderer:
         self.seed = seed
         self.split = split
         self.sources = prepare_sources(config, seed, split)
-        self.atlas, self.model_library = self.sources.atlas, self.sources.model_library
-        self.sampler = SceneSampler(config, split.seed(seed), self.model_library, self.atlas.patches)
+        atlas = self.sources.atlas
+        self.sampler = SceneSampler(config, split.seed(seed), self.sources.model_library, atlas.patches)
         self._renderer = Renderer(
             self.sampler.models,
-            self.atlas.layers,
+            atlas.layers,
             wrap=config.textures.wrap,
             anisotropy=config.textures.anisotropy,
             outputs=config.outputs,
@@ -121,9 +121,7 @@ class PairRenderer:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.release()
 
     def release(self) -> None:
@@ -141,29 +139,23 @@ class PairRenderer:
 
     @property
     def renderer_name(self) -> str:
-        """What the driver calls itself (GL_RENDERER)."""
+        """The driver's name of the renderer (GL_RENDERER)."""
         return self._renderer.renderer_name
 
     def expected_histogram(self) -> Histogram | None:
-        """Return the disparities that many pairs come to on average, see `Population.expected`."""
+        """Return the expected distribution of disparity over many pairs; see `Population.expected`."""
         return self.sampler.population.expected()
 
     @property
     def facts(self) -> dict[str, str]:
-        """Backend, renderer and version of OpenGL, as the driver calls them."""
+        """Backend, renderer and version of OpenGL in the driver's words."""
         return self._renderer.facts
 
     def count_objects(self) -> dict[str, int]:
-        """Count what the driver holds, by kind; for the search for leaks."""
+        """Count the driver's objects by kind, to search for leaks."""
         return self._renderer.count_objects()
 
-    def render(
-        self,
-        index: int,
-        *,
-        crop: Crop | None = None,
-        checked: bool = True,
-    ) -> Pair:
+    def render(self, index: int, *, crop: Crop | None = None, checked: bool = True) -> Pair:
         """Render pair ``index``, 0 or more.
 
         A pair whose sequence fails its checks is drawn again from the next sub-seed.
@@ -173,8 +165,7 @@ class PairRenderer:
             crop: return this part of both images alone. Checks judge whole images, so the first frame of a sequence is
                 drawn whole for them, and cut afterwards; all others, or all where nothing is checked, are drawn and
                 read back as far as the crop needs.
-            checked: whether to check. Without, a pair may come out that a dataset would have drawn again, and is not
-                equal to the dataset's then.
+            checked: whether to check. Without checks, a pair with faults is returned, which differs from the dataset's.
 
         Raises:
             InputError: where the index is negative, the config's ranges leave no scene for it, or no attempt passes.
@@ -217,12 +208,12 @@ class PairRenderer:
             sampled = self.sampler.sample(number * self.config.sequence.length, attempt)
             self._report("sample")
             frame = self._draw(sampled)
-            found = faults(frame, self.config)
+            clauses = faults(frame, self.config)
             self._report("check")
-            if not found:
+            if not clauses:
                 self._settled = _Settled(number, attempt, redrawn)
                 return self._settled, frame, sampled
-            redrawn.append("; ".join(found))
+            redrawn.append("; ".join(clauses))
         raise InputError(
             f"sequence {number} fails its checks in all {len(redrawn)} attempts, the last one because it is "
             f"{redrawn[-1]}. Change images or scene, or lower the key of the section checks"

@@ -55,10 +55,10 @@ def build_report(
     """Measure a dataset and render its page. Equal datasets give equal pages.
 
     Args:
-        index: the dataset's.
+        index: the index of the dataset.
         pairs: number of pairs to show, 0 or more; outliers come on top.
         sample: number of pairs to measure, 1 or more; all shown pairs are measured.
-        split: one of the dataset's splits; None for all.
+        split: a split of the dataset; None for all splits.
         listener: hears the number of pairs to measure, and each measured pair.
 
     Raises:
@@ -87,10 +87,8 @@ def _choose(
 ) -> list[tuple[PairMeasures, str | None]]:
     """Return the pairs to show, evenly spread ones first, then outliers with the reason to show them."""
     evenly = [measured[number] for number in spread(len(measured), pairs)]
-    if not evenly:
-        return []
     chosen: dict[int, tuple[PairMeasures, str | None]] = {pair.position: (pair, None) for pair in evenly}
-    for quantity in QUANTITIES[:_SHOWN_QUANTITIES]:
+    for quantity in QUANTITIES[:_SHOWN_QUANTITIES] if evenly else ():
         farthest = next((outlier.pair for outlier in outliers if outlier.quantity is quantity), None)
         if farthest is not None:
             chosen.setdefault(farthest.position, (farthest, f"shown as the outlier in {quantity.name}"))

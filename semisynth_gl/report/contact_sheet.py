@@ -45,8 +45,7 @@ def draw_sheet(frames: Sequence[Frame], target: Histogram, title: str) -> Figure
         bar.set_label("px", fontsize=8)
         bar.ax.tick_params(labelsize=8)
         for axis, label in zip(axes, ("left", "right", "disparity of the left view"), strict=True):
-            axis.set_xticks([])
-            axis.set_yticks([])
+            axis.set(xticks=[], yticks=[])
             if row == 0:
                 axis.set_title(label, fontsize=9)
     _draw_histogram(figure, grid[len(frames), :], np.concatenate(valid), target)

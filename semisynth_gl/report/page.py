@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, StrictUndefined
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
-from semisynth_gl.config.model import ImperfectionsSection
 from semisynth_gl.dataset.reader import Index
 from semisynth_gl.histogram import Histogram, total_variation, wasserstein_px
 from semisynth_gl.report.measure import QUANTITIES, RAYS, Measurement, Outlier, PairMeasures
@@ -67,7 +65,7 @@ def render_page(
     """Render the page.
 
     Args:
-        index: the dataset's.
+        index: the index of the dataset.
         measurement: the measures of a sample.
         redraws: the failed attempts of the dataset, or of the split that the sample is from.
         outliers: outliers to list, in their order.
@@ -93,7 +91,7 @@ def render_page(
         charts=_charts(index, measurement),
         size_range_px=_size_range_px(index),
         texels_range=_config_range(index, "textures", "texels_per_pixel"),
-        imperfect=_imperfect(index),
+        imperfect=index.imperfect,
         rays_per_pair=RAYS,
         outliers=[(outlier, _left_file(index, outlier.pair.key)) for outlier in outliers],
         quantities=len(QUANTITIES),
@@ -165,10 +163,8 @@ def _charts(index: Index, measurement: Measurement) -> dict[str, Chart | None]:
 
     occluded = np.array([100 * pair.occluded for pair in pairs if pair.occluded is not None], np.float64)
     texture = np.array([pair.texture for pair in pairs], np.float64)
-    texels, least = (
-        marks(f"{section}.{key}", _config_range(index, section, key))
-        for section, key in (("textures", "texels_per_pixel"), ("checks", "min_texture"))
-    )
+    texels = marks("textures.texels_per_pixel", _config_range(index, "textures", "texels_per_pixel"))
+    least = marks("checks.min_texture", _config_range(index, "checks", "min_texture"))
     sizes = marks("particles.size_px", _size_range_px(index))
     return {
         "disparity": _disparity_chart(disparity, measurement.target) if disparity else None,
@@ -196,8 +192,7 @@ def _disparity_chart(achieved: Histogram, target: Histogram | None) -> Chart:
 
 def _config_range(index: Index, section: str, key: str) -> list[float]:
     """Return the ends of a range of the config, or its only number; nothing where the config has no number there."""
-    keys = index.config.get(section)
-    value = keys.get(key) if isinstance(keys, dict) else None
+    value = index.value(section, key)
     ends = value if isinstance(value, list) else [value]
     return [float(end) for end in ends if isinstance(end, int | float)]
 
@@ -211,14 +206,6 @@ def _size_range_px(index: Index) -> list[float]:
     if particles.get("density", "default") != "default" or any(layer.get("size_px") is not None for layer in layers):
         return []
     return _config_range(index, "particles", "size_px")
-
-
-def _imperfect(index: Index) -> bool:
-    """Return whether images have imperfections, as far as this version knows them."""
-    try:
-        return not ImperfectionsSection.model_validate(index.config.get("imperfections", {})).none()
-    except ValidationError:
-        return True
 
 
 def _left_file(index: Index, key: PairKey) -> str:
@@ -235,10 +222,8 @@ def _most_redrawn(
     """Return names, positions (None outside the sample) and messages of the pairs with the most failed attempts."""
     positions = {pair.key: pair.position for pair in measured}
     most = sorted(redraws.messages.items(), key=lambda item: -len(item[1]))[:_MOST_REDRAWN]
-    names = {key: index.key(*key).name for key, _ in most}
-    if len(index.pairs) > 1:
-        names = {key: f"{key[0]} {name}" for key, name in names.items()}
-    return [(names[key], positions.get(key), messages) for key, messages in most]
+    prefixes = {split: f"{split} " if len(index.pairs) > 1 else "" for split in index.pairs}
+    return [(f"{prefixes[key[0]]}{index.key(*key).name}", positions.get(key), messages) for key, messages in most]
 
 
 def _licences(sources: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str, int, str]]:

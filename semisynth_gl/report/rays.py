@@ -1,8 +1,8 @@
 """Exact quantities of the surfaces that rays hit, in the rebuilt scenes of a dataset."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self, cast
+from typing import Any, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ class Rays:
         pairs: number of pairs.
         cast: number of rays.
         agreeing: number of rays that give the stored disparity; the arrays are of these rays alone.
-        slant_deg: (R,) float64, at each agreeing ray; see `Surfaces`.
+        slant_deg: (R,) float64, at each agreeing ray; see `surfaces_at`.
         texels_per_pixel: (R,) float64, likewise.
         diameter_px: (I,) float64, of each object that a ray hits, once for each pair; see `diameters_px`.
     """
@@ -46,25 +46,19 @@ class Rays:
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
         """Join the rays of several pairs, or of none."""
-
-        def concatenate(arrays: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
-            return np.concatenate([np.empty(0), *arrays])
-
-        return cls(
-            pairs=sum(part.pairs for part in parts),
-            cast=sum(part.cast for part in parts),
-            agreeing=sum(part.agreeing for part in parts),
-            slant_deg=concatenate(part.slant_deg for part in parts),
-            texels_per_pixel=concatenate(part.texels_per_pixel for part in parts),
-            diameter_px=concatenate(part.diameter_px for part in parts),
-        )
+        numbers = {name: sum(getattr(part, name) for part in parts) for name in ("pairs", "cast", "agreeing")}
+        arrays: dict[str, Any] = {
+            name: np.concatenate([np.empty(0), *(getattr(part, name) for part in parts)])
+            for name in ("slant_deg", "texels_per_pixel", "diameter_px")
+        }
+        return cls(**numbers, **arrays)
 
 
 class RayCaster:
     """Casts rays through the scenes of pairs, which it rebuilds.
 
     Args:
-        index: the dataset's.
+        index: the index of the dataset.
     """
 
     def __init__(self, index: Index) -> None:
@@ -98,7 +92,7 @@ class RayCaster:
             raise InputError(
                 "the rebuilt scene differs from the stored pair: another version made the dataset, or models changed"
             )
-        surfaces = surfaces_at(scene, scenes.models, scenes.config.textures.patch_px, x_px, y_px, hits)
+        slant_deg, texels = surfaces_at(scene, scenes.models, scenes.config.textures.patch_px, x_px, y_px, hits)
         hit = agreeing & (hits.instance >= 0)
         seen = np.unique(hits.instance[hit])
         objects = seen[~rebuilt.still[seen]]
@@ -106,8 +100,8 @@ class RayCaster:
             pairs=1,
             cast=len(x),
             agreeing=int(agreeing.sum()),
-            slant_deg=surfaces.slant_deg[hit],
-            texels_per_pixel=surfaces.texels_per_pixel[hit],
+            slant_deg=slant_deg[hit],
+            texels_per_pixel=texels[hit],
             diameter_px=diameters_px(scene, scenes.models, objects),
         )
 
@@ -123,20 +117,6 @@ class RayCaster:
         return scenes
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Surfaces:
-    """The surfaces at R hits; NaN for a ray that hits nothing.
-
-    Attributes:
-        slant_deg: (R,) float64, angle between the surface's normal and the ray: 0 where the surface faces the camera,
-            90 where it is seen edge on.
-        texels_per_pixel: (R,) float64, side in texels of a square with the area of patch that a pixel sees.
-    """
-
-    slant_deg: NDArray[np.float64]
-    texels_per_pixel: NDArray[np.float64]
-
-
 def surfaces_at(
     scene: Scene,
     models: Sequence[Mesh],
@@ -144,7 +124,7 @@ def surfaces_at(
     x_px: NDArray[np.float64],
     y_px: NDArray[np.float64],
     hits: Hits,
-) -> Surfaces:
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Measure the surfaces that rays from the left eye hit.
 
     A ray r = ((x - cx) / f, (y - cy) / f, 1) meets the plane n . P = c of a triangle at P = Z r with Z = c / (n . r).
@@ -161,6 +141,11 @@ def surfaces_at(
         x_px: (R,) float64, columns of the rays in the left view.
         y_px: (R,) float64, rows.
         hits: the R hits of the rays.
+
+    Returns:
+        Angles in degrees between normals and rays, (R,) float64: 0 where a surface faces the camera, 90 where it is
+        seen edge on. Sides in texels of squares with the area of patch that a pixel sees, (R,) float64. NaN for a ray
+        that hits nothing.
     """
     slant, texels = np.full(len(x_px), np.nan), np.full(len(x_px), np.nan)
     rays = scene.camera.rays("left", x_px, y_px)
@@ -184,7 +169,7 @@ def surfaces_at(
         moved *= (hits.depth_m[on_instance] / scene.camera.focal_px)[:, None, None]
         jacobian = patch_px * patches @ np.linalg.pinv(edges) @ moved
         texels[on_instance] = np.sqrt(np.abs(np.linalg.det(jacobian)))
-    return Surfaces(slant, texels)
+    return slant, texels
 
 
 def diameters_px(scene: Scene, models: Sequence[Mesh], instances: NDArray[np.int64]) -> NDArray[np.float64]:

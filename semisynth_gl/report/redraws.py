@@ -50,21 +50,19 @@ def read_redraws(index: Index, split: SplitName | None = None) -> Redraws:
     """Read the records of all shards, one after the other.
 
     Args:
-        index: the dataset's.
-        split: one of its splits; None for all.
+        index: the index of the dataset.
+        split: a split of the dataset; None for all splits.
     """
     messages: dict[PairKey, tuple[str, ...]] = {}
     examples: dict[str, str] = {}
     counts: Counter[str] = Counter()
     unread: list[str] = []
     pairs = 0
-    shard_pairs = int(index.values["shard_pairs"])
-    shard_splits = [name for name, count in index.pairs.items() for _ in range(0, count, shard_pairs)]
-    for shard_split, shard in zip(shard_splits, index.shard_names(), strict=True):
-        if split not in (None, shard_split):
+    for shard in index.shards:
+        if split not in (None, shard.split):
             continue
         try:
-            record = read_record(index.place, shard)
+            record = read_record(index.place, shard.name)
         except ReadError as error:
             unread.append(str(error))
             continue
@@ -72,7 +70,7 @@ def read_redraws(index: Index, split: SplitName | None = None) -> Redraws:
             pairs += 1
             attempts = tuple(str(message) for message in sample.get("redrawn", ()))
             if attempts:
-                messages[shard_split, int(sample["pair"])] = attempts
+                messages[shard.split, int(sample["pair"])] = attempts
             for message in attempts:
                 clauses = {clause.partition(":")[0]: clause for clause in message.split("; ")}
                 counts.update(clauses.keys())

@@ -12,7 +12,7 @@ from typing import Any, BinaryIO, cast
 from semisynth_gl.camera import EYES
 from semisynth_gl.dataset.reader import Index, read_record
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file
-from semisynth_gl.dataset.schema import CARD, CROISSANT, INDEX, PARTIAL, PLAN, RECORDS, record_path
+from semisynth_gl.dataset.schema import CARD, CROISSANT, INDEX, PARTIAL, PLAN, record_path, tar_path
 from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.splits import SplitName
 from semisynth_gl.verify.verdict import Verdict
@@ -168,13 +168,9 @@ def open_shards(index: Index) -> Iterator[StoredShard]:
     shard_pairs = index.values.get("shard_pairs")
     if not isinstance(shard_pairs, int) or shard_pairs < 1:
         raise InputError(f"{index.place.address}: the index has no shard_pairs, so its shards are not known")
-    names = iter(index.shard_names())
-    for split, pairs in index.pairs.items():
-        for first in range(0, pairs, shard_pairs):
-            with closing(
-                StoredShard(index, split, next(names), range(first, min(first + shard_pairs, pairs)))
-            ) as shard:
-                yield shard
+    for shard in index.shards:
+        with closing(StoredShard(index, shard.split, shard.name, range(shard.first, shard.end))) as stored:
+            yield stored
 
 
 def check_index(index: Index, verdict: Verdict) -> None:
@@ -233,9 +229,10 @@ def _lists_and_links(index: Index) -> tuple[dict[str, bytes], set[str]]:
 
 def _shard_files(index: Index) -> set[str]:
     """Return the names of all files of all shards, and of their records."""
-    paths = {f"{RECORDS}/{name}.json" for name in index.shard_names()}
+    names = [shard.name for shard in index.shards]
+    paths = {record_path(name) for name in names}
     if index.layout.packed:
-        return paths | {f"{RECORDS}/{name}.tar" for name in index.shard_names()}
+        return paths.union(map(tar_path, names))
     return paths.union(
         *(index.files(split, number).values() for split, pairs in index.pairs.items() for number in range(pairs))
     )
