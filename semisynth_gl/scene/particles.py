@@ -227,6 +227,11 @@ class Particles:
     radius_m: Floats
     world_from_model: Floats
 
+    @property
+    def centre_m(self) -> Floats:
+        """Centres of the bounding spheres, (S, 3)."""
+        return self.world_from_model[:, :3, 3]
+
 
 def particles_at(
     camera: StereoCamera,

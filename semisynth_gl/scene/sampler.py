@@ -196,7 +196,7 @@ class SceneSampler:
         near_m = near_depth_m(camera, config.disparity)
         # A model that crosses the near plane is left out; the near plane is in front of both cameras, so no model can
         # swallow a camera.
-        depth_m = particles.world_from_model[:, :3, 3] @ camera_from_world[2, :3] + camera_from_world[2, 3]
+        depth_m = particles.centre_m @ camera_from_world[2, :3] + camera_from_world[2, 3]
         kept = np.flatnonzero(depth_m - particles.radius_m > near_m)
         generations = particles.generation[kept]
         chance = draw.per_slot(Purpose.SHAPE, generations, kept, 1)[:, 0]
