@@ -179,8 +179,9 @@ def test_one_split_has_plain_names(middlebury, tmp_path):
     said = figures_of(tmp_path, "--pred", tmp_path / "pred", "--gt", middlebury, "--split", "validation")
     assert [each["name"] for each in said["images"]] == [frame.name]
     # Over all splits the name is two pairs'.
-    found = find_truth(str(middlebury))
-    assert find_predictions(tmp_path / "pred", found.pairs) == {}
+    pairs = find_truth(str(middlebury)).pairs
+    with pytest.raises(InputError, match=f"no prediction for {len(pairs)} of {len(pairs)} pairs"):
+        find_predictions(tmp_path / "pred", pairs, partial=True)
 
 
 # --- folders of benchmarks ---

@@ -16,13 +16,13 @@ from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.kinds import SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import make_mesh, normalised
 from semisynth_gl.geometry.model_library import build_library
-from semisynth_gl.geometry.silhouette import Silhouette, height_map, mean_silhouette
+from semisynth_gl.geometry.silhouette import height_map, mean_silhouette
 from semisynth_gl.histogram import Histogram, PixelCount, mix_histograms, total_variation, wasserstein_px
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.background import FACE
-from semisynth_gl.scene.depth_layers import DepthLayers, exceedance, expected_shares, solve_coverage
-from semisynth_gl.scene.particles import Sizes, expected_cover, poisson_counts
-from semisynth_gl.scene.population import Population
+from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, solve_coverage
+from semisynth_gl.scene.particles import Sizes, expected_cover
+from semisynth_gl.scene.population import Population, poisson_counts
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.structures import CURVED_PANEL, GROUND, STILL_MODELS
@@ -279,17 +279,17 @@ def test_expected_cover_grows_towards_the_sides_of_a_wide_view():
 
 def test_particles_show_their_fronts():
     """Balls at one disparity, without drift: a front that stands out by h radii shows (d + doffs) / (1 - h r / f)."""
-    still = ParticlesSection(drift=Range(0.0, 0.0))
-    ball = Silhouette(1.0, np.sqrt((np.arange(16) + 0.5) / 16))
+    still = Range(0.0, 0.0)
+    heights = np.sqrt((np.arange(16) + 0.5) / 16)
     layers = DepthLayers(np.array([80.0]), np.array([80.0]))
     edges = np.array([79.0, 90.0, 100.0])
     sizes = Sizes(280.0, 280.0)
-    found = exceedance(layers, edges, CAMERA, still, sizes, ball, 0.1)[0]
+    found = layers.exceedance(edges, CAMERA, still, sizes, heights, 0.1)[0]
     height = np.sqrt(np.random.default_rng(3).random(100_000))
     shown = 80 / (1 - height * 140 / CAMERA.focal_px)
     np.testing.assert_allclose(found, [(shown >= edge).mean() for edge in edges], atol=0.05)
     # The depth of 80 px less a radius lies beyond no near plane of 1.6 m.
-    assert exceedance(layers, edges, CAMERA, still, sizes, ball, 1.6)[0].tolist() == [0, 0, 0]
+    assert layers.exceedance(edges, CAMERA, still, sizes, heights, 1.6)[0].tolist() == [0, 0, 0]
 
 
 @pytest.mark.parametrize("density", ["sparse", "dense", 100.0])

@@ -66,11 +66,8 @@ def cached(
     packed = pack(result)
     if packed is not None:
         counting = frozenset(opened)
-        fingerprints = {
-            index: read_fingerprint(path, status)
-            for index, (path, status) in enumerate(zip(files, before, strict=True))
-            if path in counting
-        }
+        indices = [index for index, path in enumerate(files) if path in counting]
+        fingerprints = {index: read_fingerprint(files[index], before[index]) for index in indices}
         if None not in fingerprints.values():
             write_entry(name, _with_fingerprints(packed, fingerprints))
     return result

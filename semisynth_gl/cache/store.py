@@ -92,18 +92,16 @@ def write_entry(name: str, entry: Entry) -> None:
     folder = cache_folder()
     if folder is None:
         return
-    head, offsets = _head(entry)
-    arrays = [np.ascontiguousarray(array) for array in entry.arrays.values()]
+    head, arrays = _head(entry)
     with suppress(OSError):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        ends = [offset + array.nbytes for offset, array in zip(offsets, arrays, strict=True)]
-        if not _make_room(folder, max([len(head), *ends])):
+        if not _make_room(folder, max([len(head), *(offset + array.nbytes for offset, array in arrays)])):
             return
         handle, partial = tempfile.mkstemp(suffix=PARTIAL_SUFFIX, dir=folder)
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(head)
-                for offset, array in zip(offsets, arrays, strict=True):
+                for offset, array in arrays:
                     file.write(bytes(offset - file.tell()))
                     file.write(array.data)
             Path(partial).replace(folder / (name + SUFFIX))
@@ -111,28 +109,23 @@ def write_entry(name: str, entry: Entry) -> None:
             Path(partial).unlink(missing_ok=True)
 
 
-def _head(entry: Entry) -> tuple[bytes, list[int]]:
-    """Return the first bytes of an entry's file, and the offset of each array.
+def _head(entry: Entry) -> tuple[bytes, list[tuple[int, NDArray[Any]]]]:
+    """Return the first bytes of an entry's file, and the offset of each array with the array, contiguous.
 
-    The head itself holds offsets from its own end, since the length of the head depends on them.
+    The head itself has offsets from its own end, since the length of the head depends on them.
     """
-    descriptions, offset = [], 0
+    descriptions, arrays, offset = [], [], 0
     for name, array in entry.arrays.items():
-        contiguous = np.ascontiguousarray(array)
-        checksum = isal_zlib.crc32(contiguous)
-        descriptions.append((name, contiguous.dtype.str, array.shape, offset, checksum))
+        arrays.append((offset, contiguous := np.ascontiguousarray(array)))
+        descriptions.append((name, contiguous.dtype.str, array.shape, offset, isal_zlib.crc32(contiguous)))
         offset = _aligned(offset + contiguous.nbytes)
     text = json.dumps({"values": entry.values, "arrays": descriptions}).encode()
     head = _MAGIC + len(text).to_bytes(8, "little") + isal_zlib.crc32(text).to_bytes(4, "little") + text
-    return head, [_aligned(len(head)) + offset for _, _, _, offset, _ in descriptions]
+    return head, [(_aligned(len(head)) + offset, array) for offset, array in arrays]
 
 
 def _decoded(data: mmap.mmap) -> Entry:
-    """Return the entry of a file.
-
-    Raises:
-        ValueError, LookupError or TypeError: where any byte is not as it was written.
-    """
+    """Return the entry of a file; ValueError, LookupError or TypeError where any byte is not as it was written."""
     start = len(_MAGIC) + 12
     length = int.from_bytes(data[start - 12 : start - 4], "little")
     text = data[start : start + length] if length < len(data) else b""

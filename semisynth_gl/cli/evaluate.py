@@ -10,7 +10,7 @@ from semisynth_gl.cli.progress import Progress
 from semisynth_gl.codecs.png import RGB8
 from semisynth_gl.errors import InputError
 from semisynth_gl.metrics.evaluate import REGIONS, Evaluation, evaluate_pair, report_json, report_table
-from semisynth_gl.metrics.predictions import find_predictions, missing_predictions
+from semisynth_gl.metrics.predictions import find_predictions
 from semisynth_gl.metrics.protocol import PROTOCOL_NAMES, PROTOCOLS, ProtocolName
 from semisynth_gl.metrics.truth import TrueSet, find_truth
 from semisynth_gl.splits import SPLITS, SplitName
@@ -55,8 +55,8 @@ def evaluate(
     truth_set = find_truth(truth, split, masks)
     if maps is not None:
         _check_maps(maps, pred, truth_set, truth)
-    predictions = find_predictions(pred, truth_set.pairs)
-    missing = missing_predictions(pred, truth_set.pairs, predictions, partial=partial)
+    predictions = find_predictions(pred, truth_set.pairs, partial=partial)
+    missing = [pair.name for pair in truth_set.pairs if pair.name not in predictions]
     protocol = PROTOCOLS[protocol_name or truth_set.protocol]
     evaluations: list[Evaluation] = []
     with Progress() as progress:

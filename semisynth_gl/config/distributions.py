@@ -152,8 +152,7 @@ def check_target(target: TargetSection, min_px: float, max_px: float, low_px: fl
     """
     parts = target.parts if isinstance(target, MixtureTarget) else (MixturePart(target=target),)
     histograms = [_uncut_histogram(part.target, min_px, max_px) for part in parts]
-    low = np.concatenate([histogram.edges_px[:-1] for histogram in histograms])
-    high = np.concatenate([histogram.edges_px[1:] for histogram in histograms])
+    low, high = (np.concatenate([bins.edges_px[ends] for bins in histograms]) for ends in (slice(-1), slice(1, None)))
     shares = np.concatenate([part.weight * bins.shares for part, bins in zip(parts, histograms, strict=True)])
     shares /= shares.sum()
     for begin, end, side in ((-math.inf, low_px, "below"), (max_px, math.inf, "above")):
@@ -184,9 +183,8 @@ def wanted_histogram(target: TargetSection, min_px: float, max_px: float, doffs_
     if not isinstance(target, MixtureTarget):
         return _cut_histogram(target, edges, doffs_px)
     total = sum(part.weight for part in target.parts)
-    return mix_histograms(
-        ((part.weight / total, _cut_histogram(part.target, edges, doffs_px)) for part in target.parts), edges
-    )
+    parts = [(part.weight / total, _cut_histogram(part.target, edges, doffs_px)) for part in target.parts]
+    return mix_histograms(parts, edges)
 
 
 def _cut_histogram(target: Distribution, edges_px: NDArray[np.float64], doffs_px: float) -> Histogram:
@@ -260,10 +258,8 @@ def read_histogram(path: Path) -> dict[str, Any]:
     widths = [max(1, round((high - low) / _RESOLUTION_PX)) for low, high, _ in bins]
     common = math.gcd(*widths)
     if sum(widths) // common > _MOST_BINS:
-        raise InputError(
-            f"{path}: the bins' widths have no common measure of at least 1/{_MOST_BINS} of the range: "
-            "expected widths such as 5 and 10"
-        )
+        fault = f"the bins' widths have no common measure of at least 1/{_MOST_BINS} of the range"
+        raise InputError(f"{path}: {fault}: expected widths such as 5 and 10")
     parts = [width // common for width in widths]
     shares = [share / part for (_, _, share), part in zip(bins, parts, strict=True) for _ in range(part)]
     return {"form": "histogram", "bin_px": round(common * _RESOLUTION_PX, 6), "first_px": bins[0][0], "shares": shares}

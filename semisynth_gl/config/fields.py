@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -78,15 +79,9 @@ def _parse(value: object) -> Range:
     return Range(low, high)
 
 
-def _check_positive(value: Range) -> Range:
-    if value.low <= 0:
-        raise ValueError("expected numbers above 0")
-    return value
-
-
-def _check_not_negative(value: Range) -> Range:
-    if value.low < 0:
-        raise ValueError("expected numbers of 0 or more")
+def _check_low(value: Range, *, positive: bool) -> Range:
+    if value.low < 0 or (positive and value.low == 0):
+        raise ValueError(f"expected numbers {'above 0' if positive else 'of 0 or more'}")
     return value
 
 
@@ -95,5 +90,5 @@ def _serialize(value: Range) -> float | list[float]:
 
 
 RangeField = Annotated[Range, BeforeValidator(_parse), PlainSerializer(_serialize)]
-PositiveRange = Annotated[RangeField, AfterValidator(_check_positive)]
-NotNegativeRange = Annotated[RangeField, AfterValidator(_check_not_negative)]
+PositiveRange = Annotated[RangeField, AfterValidator(partial(_check_low, positive=True))]
+NotNegativeRange = Annotated[RangeField, AfterValidator(partial(_check_low, positive=False))]

@@ -111,12 +111,9 @@ def _find_config(name: str) -> Path | Traversable:
     path = Path(name).expanduser()
     if path.is_file():
         return path
-    stem = path.name.removesuffix(".yaml")
-    if path.parent == Path():
-        packaged = data_root("configs") / f"{stem}.yaml"
-        if packaged.is_file():
-            return packaged
-    names = packaged_configs()
+    stem, names = path.name.removesuffix(".yaml"), packaged_configs()
+    if path.parent == Path() and stem in names:
+        return data_root("configs") / f"{stem}.yaml"
     similar = difflib.get_close_matches(stem, names, n=1)
     hint = f" Did you mean {similar[0]}?" if similar else ""
     raise InputError(f"no such config: {name}.{hint} Expected a YAML file, or one of: {', '.join(names)}")
@@ -163,12 +160,10 @@ def _parse_document(text: str, path: Path | Traversable, shown: str, parents: tu
 def _plain(node: Any, key: Key, shown: str, places: dict[Key, str]) -> Any:  # noqa: ANN401 - any YAML value
     """Return a node of the YAML tree as plain Python values, and note the line of each key in ``places``."""
     if isinstance(node, CommentedMap):
-        for name in node:
-            places[(*key, str(name))] = f"{shown}:{node.lc.key(name)[0] + 1}"
+        places |= {(*key, str(name)): f"{shown}:{node.lc.key(name)[0] + 1}" for name in node}
         return {str(name): _plain(child, (*key, str(name)), shown, places) for name, child in node.items()}
     if isinstance(node, CommentedSeq):
-        for i in range(len(node)):
-            places[(*key, i)] = f"{shown}:{node.lc.item(i)[0] + 1}"
+        places |= {(*key, i): f"{shown}:{node.lc.item(i)[0] + 1}" for i in range(len(node))}
         return [_plain(child, (*key, i), shown, places) for i, child in enumerate(node)]
     # The round-trip loader wraps scalars to keep their notation.
     return next((plain(node) for plain in (bool, int, float, str) if isinstance(node, plain)), node)
@@ -182,8 +177,7 @@ def _merged(base: _Document, own: _Document) -> _Document:
         for below in _at_or_below(key, places):
             del places[below]
         # A key that was set through a key below it has the place of that key.
-        through = _at_or_below(key, own.places)
-        if through:
+        if through := _at_or_below(key, own.places):
             places[key] = own.places[through[0]]
 
     def merge(below: dict[str, Any], above: dict[str, Any], at: Key) -> dict[str, Any]:
@@ -223,14 +217,12 @@ def _parsed_overrides(overrides: Sequence[str]) -> list[tuple[str, Any]]:
 
 
 def _set(document: _Document, dotted: str, value: Any) -> None:  # noqa: ANN401 - any YAML value
-    *sections, last = dotted.split(".")
+    *sections, last = key = tuple(dotted.split("."))
     node = document.values
     for section in sections:
-        child = node.setdefault(section, {})
-        if not isinstance(child, dict):
+        node = node.setdefault(section, {})
+        if not isinstance(node, dict):
             raise InputError(f"--set {dotted}: {section} is no section with keys of its own")
-        node = child
-    key = (*sections, last)
     for below in _at_or_below(key, document.places):
         del document.places[below]
     node[last] = value
@@ -247,7 +239,7 @@ def _explain(fault: ErrorDetails, document: _Document) -> str:
     key, section = _locate(fault["loc"])
     kind = fault["type"]
     if kind in ("union_tag_invalid", "union_tag_not_found"):
-        return _explain_form((*key, "form"), _forms(section.model_fields[str(key[-1])].annotation), fault, document)
+        return _explain_form((*key, "form"), _by_form(section.model_fields[str(key[-1])].annotation), fault, document)
     prefix = _prefix(key, document)
     if kind == "extra_forbidden":
         known = sorted(section.model_fields)
@@ -291,10 +283,10 @@ def _locate(location: tuple[int | str, ...]) -> tuple[Key, type[BaseModel]]:
     section: type[BaseModel] = Config
     annotation: Any = Config
     for part in location:
-        forms, members = _forms(annotation), _members(annotation)
+        by_form, members = _by_form(annotation), _members(annotation)
         kind = members[0] if len(members) == 1 else None
-        if forms:
-            annotation = forms.get(str(part))
+        if by_form:
+            annotation = by_form.get(str(part))
         elif isinstance(kind, type) and issubclass(kind, BaseModel):
             section, key = kind, (*key, part)
             known = kind.model_fields.get(str(part))
@@ -314,7 +306,7 @@ def _members(annotation: Any) -> list[Any]:  # noqa: ANN401 - any annotation
     return [] if annotation in (None, NoneType) else [annotation]
 
 
-def _forms(annotation: Any) -> dict[str, type[BaseModel]]:  # noqa: ANN401 - any annotation
+def _by_form(annotation: Any) -> dict[str, type[BaseModel]]:  # noqa: ANN401 - any annotation
     """Return the sections of a union by the values of their key ``form``."""
     members = _members(annotation)
     if len(members) == 1 or not all(isinstance(member, type) and issubclass(member, BaseModel) for member in members):

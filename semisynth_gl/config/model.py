@@ -302,9 +302,8 @@ class ImperfectionsSection(Section):
     def _no_vertical_disparity(cls, values: Any) -> Any:  # noqa: ANN401 - whatever the YAML holds
         for key in ("vertical_offset_px", "roll_deg"):
             if isinstance(values, dict) and key in values:
-                raise ValueError(
-                    f"{key} would need the vertical disparity as truth, which is not made: leave it out, and rectify"
-                )
+                fault = "would need the vertical disparity as truth, which is not made"
+                raise ValueError(f"{key} {fault}: leave it out, and rectify")
         return values
 
     def none(self) -> bool:
@@ -343,7 +342,7 @@ class SequenceSection(Section):
 
 
 class FilesSection(Section):
-    """How files are encoded. Masks and ids are PNG, depth and change of disparity are PFM in any case.
+    """The encodings of files. Masks and ids are PNG, depth and change of disparity are PFM in any case.
 
     Attributes:
         image: ``png``, ``qoi`` or ``jxl``, all lossless; the latter two need the extra ``codecs``.

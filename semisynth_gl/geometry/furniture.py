@@ -3,19 +3,7 @@
 import numpy as np
 
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.geometry.parts import (
-    arc,
-    around,
-    ball,
-    on_circle,
-    placed,
-    rectangle,
-    rod,
-    smooth,
-    turned,
-    upright,
-    wire,
-)
+from semisynth_gl.geometry.parts import arc, around, ball, circle, placed, rectangle, rod, smooth, turned, upright, wire
 from semisynth_gl.geometry.surfaces import box, extruded, extruded_cells, lathe, sweep
 
 
@@ -32,10 +20,9 @@ def table(rng: np.random.Generator) -> list[Mesh]:
     splay = rng.choice([0.0, rng.uniform(0.03, 0.12)])
     leg = rng.uniform(0.02, 0.05)
     parts = [box((length, width, thick), (0, 0, height))]
-    for x in (-1, 1):
-        for y in (-1, 1):
-            top = np.array([x * (length / 2 - 2 * leg), y * (width / 2 - 2 * leg), height])
-            parts.append(rod(top * (1, 1, 0) + splay * np.array([x, y, 0]), top, 0.7 * leg, leg, sides=10))
+    for corner in np.array([(-1, -1, 0), (-1, 1, 0), (1, -1, 0), (1, 1, 0)]):
+        top = corner * (length / 2 - 2 * leg, width / 2 - 2 * leg, 0) + (0, 0, height)
+        parts.append(rod(top * (1, 1, 0) + splay * corner, top, 0.7 * leg, leg, sides=10))
     if rng.random() < 0.5:
         rail = height - rng.uniform(0.08, 0.2)
         parts += [box((length - 4 * leg, 0.02, 0.06), (0, y * (width / 2 - 2 * leg), rail)) for y in (-1, 1)]
@@ -128,20 +115,18 @@ def lamp(rng: np.random.Generator) -> list[Mesh]:
         parts.append(rod((0, 0, 0.03), top, stem, sides=10))
     else:
         reach = rng.uniform(0.25, 0.5)
-        bow = arc(1, np.pi, 0, 25) * (reach / 2, 0.3 * height) + (reach / 2, 0.75 * height)
-        bow = np.concatenate([[(0, 0.03)], bow])
-        top = np.array([reach, 0, bow[-1, 1]])
-        parts.append(wire(upright(bow), stem, 10))
+        bow = [(0, 0.03), *(arc(1, np.pi, 0, 25) * (reach / 2, 0.3 * height) + (reach / 2, 0.75 * height))]
+        top = np.array([reach, 0, bow[-1][1]])
+        parts.append(wire(upright(np.array(bow)), stem, 10))
     parts += [placed(lathe(skin, 36, closed=True), top - (0, 0, tall / 2)), placed(ball(0.045, 16, 9), top)]
-    parts += [rod(top, top + turn @ (neck - wall / 2, 0, tall / 2 - 0.01), 0.005, sides=6) for turn in around(3)]
-    return parts
+    return parts + [rod(top, top + turn @ (neck - wall / 2, 0, tall / 2 - 0.01), 0.005, sides=6) for turn in around(3)]
 
 
 def picture_frame(rng: np.random.Generator) -> list[Mesh]:
     """An empty frame, round or with corners, on an easel's two legs or none."""
     width, height, thick = rng.uniform(0.6, 1), rng.uniform(0.6, 1), rng.uniform(0.03, 0.08)
     rim = rng.uniform(0.06, 0.16)
-    unit = on_circle(1, np.linspace(0, 2 * np.pi, 48, endpoint=False))
+    unit = circle(1, 48)
     if rng.random() < 0.6:
         # on the square of side 2, so that straight sides stay straight and corners are hit
         unit /= np.abs(unit).max(axis=1, keepdims=True)
@@ -163,11 +148,8 @@ def lattice_panel(rng: np.random.Generator) -> list[Mesh]:
     solid = np.ones((2 * rows + 1, 2 * columns + 1), bool)
     solid[1::2, 1::2] = rng.random((rows, columns)) >= rng.uniform(0.6, 1)
     bar = rng.uniform(0.15, 0.6)
-    borders = []
-    for count in (2 * columns + 1, 2 * rows + 1):
-        sizes = np.where(np.arange(count) % 2, rng.uniform(0.7, 1.4, count), bar)
-        borders.append(np.concatenate([[0], np.cumsum(sizes)]))
-    x, y = borders
+    sizes = (np.where(np.arange(n) % 2, rng.uniform(0.7, 1.4, n), bar) for n in (2 * columns + 1, 2 * rows + 1))
+    x, y = (np.concatenate([[0], np.cumsum(size)]) for size in sizes)
     return [extruded_cells(solid, x, y, rng.uniform(0.1, 0.8))]
 
 

@@ -91,8 +91,7 @@ def umbrella(rng: np.random.Generator) -> list[Mesh]:
         parts.append(wire(upright(crook + (0, deep) - (0, stick)), 0.025, 10))
     else:
         parts.append(rod((0, 0, deep - stick - 0.03), (0, 0, deep - stick + 0.12), 0.04, 0.025, sides=16))
-    parts.append(lathe([(0, runner - 0.04), (0.035, runner - 0.04), (0.035, runner + 0.04), (0, runner + 0.04)], 12))
-    return parts
+    return [*parts, lathe([(0, runner - 0.04), (0.035, runner - 0.04), (0.035, runner + 0.04), (0, runner + 0.04)], 12)]
 
 
 def bolt(rng: np.random.Generator) -> list[Mesh]:
@@ -117,22 +116,21 @@ def fan(rng: np.random.Generator) -> list[Mesh]:
     blades, guard, tall = int(rng.integers(3, 7)), rng.uniform(0.02, 0.05), rng.uniform(0.6, 1.2)
     twist = rng.uniform(0.4, 0.9)
     r = np.linspace(0.08, 0.42, 8)
-    parts = []
     pitch = twist * (1 - 0.4 * r / 0.42)
     half = 0.35 * r[:, None] * np.array([-1.0, 0.0, 1.0])
     along = np.broadcast_to(r[:, None], half.shape)
     sheet = np.stack([along, half * np.cos(pitch)[:, None], half * np.sin(pitch)[:, None]], axis=2)
     uv = np.stack([along, half], axis=2)
     blade = grid_surface(sheet.transpose(1, 0, 2)[::-1], uv.transpose(1, 0, 2)[::-1])
-    parts += [placed(blade, rotation=turn) for turn in around(blades)]
+    parts = [placed(blade, rotation=turn) for turn in around(blades)]
     parts.append(lathe([(0, -0.2), (0.1, -0.16), (0.1, 0.02), (0.05, 0.06), (0, 0.06)], 24))
     for side in (-1, 1):
         front = side * 0.12
         for radius in np.linspace(0.15, 0.5, int(rng.integers(4, 8))):
             z = front * (1 - 0.5 * (radius / 0.5) ** 2)
             parts.append(lathe(circle(0.006, 6) + (radius, z), 36, closed=True))
-        for turn in around(int(rng.integers(8, 17))):
-            parts.append(rod(turn @ (0.1, 0, front * 0.98), turn @ (0.5, 0, front / 2), 0.005, sides=6))
+        turns = around(int(rng.integers(8, 17)))
+        parts += [rod(turn @ (0.1, 0, front * 0.98), turn @ (0.5, 0, front / 2), 0.005, sides=6) for turn in turns]
     parts.append(lathe(circle(guard / 2, 8) + (0.5, 0), 48, closed=True))
     tilt = turned((1, 0, 0), np.pi / 2 + rng.uniform(-0.3, 0.3))
     head = placed(merged("head", parts), (0, -0.1, tall), rotation=tilt)

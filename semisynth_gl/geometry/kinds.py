@@ -2,6 +2,7 @@
 
 import difflib
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from types import MappingProxyType
 from typing import Final
 
@@ -15,13 +16,12 @@ Builder = Callable[[np.random.Generator], Mesh]
 """Builds one model of a kind, normalised and named after the kind; all variation comes from the generator."""
 
 
+def _build(kind: Callable[[np.random.Generator], Sequence[Mesh]], rng: np.random.Generator) -> Mesh:
+    return normalised(merged(kind.__name__, kind(rng)))
+
+
 def _builders(*kinds: Callable[[np.random.Generator], Sequence[Mesh]]) -> Mapping[str, Builder]:
-    """Return a builder for each function that makes the parts of a model, by the function's name."""
-
-    def builder(kind: Callable[[np.random.Generator], Sequence[Mesh]]) -> Builder:
-        return lambda rng: normalised(merged(kind.__name__, kind(rng)))
-
-    return MappingProxyType({kind.__name__: builder(kind) for kind in kinds})
+    return MappingProxyType({kind.__name__: partial(_build, kind) for kind in kinds})
 
 
 SIMPLE_KINDS: Final = _builders(*solids.KINDS)

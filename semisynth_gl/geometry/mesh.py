@@ -33,24 +33,18 @@ class Mesh:
     solid: bool = False
 
     def __post_init__(self) -> None:
-        for label, rows, width, dtype in (
-            ("positions", "V", 3, np.float32),
-            ("uv", "V", 2, np.float32),
-            ("triangles", "T", 3, np.uint32),
-        ):
-            array, expected = getattr(self, label), np.dtype(dtype)
-            if array.ndim != 2 or array.shape[1] != width or array.dtype != expected:
-                given = f"{array.shape} {array.dtype}"
-                raise InputError(f"mesh {self.name}: {label} must be ({rows}, {width}) {expected}, got {given}")
+        for label, width, dtype in (("positions", 3, "float32"), ("uv", 2, "float32"), ("triangles", 3, "uint32")):
+            array, rows = getattr(self, label), "T" if label == "triangles" else "V"
+            if array.ndim != 2 or array.shape[1] != width or array.dtype != dtype:
+                expected = f"{label} must be ({rows}, {width}) {dtype}"
+                raise InputError(f"mesh {self.name}: {expected}, got {array.shape} {array.dtype}")
         if len(self.uv) != len(self.positions):
             raise InputError(f"mesh {self.name}: {len(self.positions)} positions but {len(self.uv)} uv")
         if len(self.triangles) == 0:
             raise InputError(f"mesh {self.name}: has no triangles")
-        if int(self.triangles.max()) >= len(self.positions):
-            raise InputError(
-                f"mesh {self.name}: triangle index {int(self.triangles.max())} is out of range, "
-                f"there are {len(self.positions)} vertices"
-            )
+        largest, count = int(self.triangles.max()), len(self.positions)
+        if largest >= count:
+            raise InputError(f"mesh {self.name}: triangle index {largest} is out of range, there are {count} vertices")
         if not (np.isfinite(self.positions).all() and np.isfinite(self.uv).all()):
             raise InputError(f"mesh {self.name}: has vertices or uv that are not finite")
 
@@ -75,12 +69,17 @@ def make_mesh(name: str, positions: object, uv: object, triangles: object) -> Me
     index = np.asarray(triangles, np.int64).reshape(-1, 3)
     if len(index) and int(index.min()) < 0:
         raise InputError(f"mesh {name}: triangle index {int(index.min())} is negative")
-    return Mesh(
-        name,
-        np.ascontiguousarray(positions, np.float32),
-        np.ascontiguousarray(uv, np.float32),
-        np.ascontiguousarray(index, np.uint32),
-    )
+    vertices, coordinates = (np.ascontiguousarray(array, np.float32) for array in (positions, uv))
+    return Mesh(name, vertices, coordinates, np.ascontiguousarray(index, np.uint32))
+
+
+def mesh_grid(rows: int, columns: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Return u and v, 0 to 1, of a grid's (rows + 1) (columns + 1) vertices, and its (T, 3) triangles."""
+    v, u = np.meshgrid(np.linspace(0, 1, rows + 1), np.linspace(0, 1, columns + 1), indexing="ij")
+    first = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).ravel()
+    below = first + columns + 1
+    triangles = np.concatenate([np.stack([first, first + 1, below + 1], 1), np.stack([first, below + 1, below], 1)])
+    return u.ravel(), v.ravel(), triangles
 
 
 def cross(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -100,19 +99,15 @@ def cross(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np
 
 def lengths(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """Lengths along the last axis, (..., D): bit for bit those of `numpy.linalg.norm`."""
-    result: NDArray[np.float64] = np.sqrt(np.add.reduce(vectors * vectors, axis=-1))
-    return result
+    return np.asarray(np.sqrt(np.add.reduce(vectors * vectors, axis=-1)))
 
 
 def merged(name: str, parts: Sequence[Mesh]) -> Mesh:
     """Join meshes into one, vertices in the order given."""
     offsets = np.cumsum([0] + [len(part.positions) for part in parts[:-1]])
-    return make_mesh(
-        name,
-        np.concatenate([part.positions for part in parts]),
-        np.concatenate([part.uv for part in parts]),
-        np.concatenate([part.triangles.astype(np.int64) + offset for part, offset in zip(parts, offsets, strict=True)]),
-    )
+    triangles = [part.triangles.astype(np.int64) + offset for part, offset in zip(parts, offsets, strict=True)]
+    positions, uv = [part.positions for part in parts], [part.uv for part in parts]
+    return make_mesh(name, np.concatenate(positions), np.concatenate(uv), np.concatenate(triangles))
 
 
 def normalised(mesh: Mesh) -> Mesh:

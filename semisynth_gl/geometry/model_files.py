@@ -7,6 +7,7 @@ not finite, while a single position that is not finite breaks the model.
 import logging
 import warnings
 from collections.abc import Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -77,19 +78,11 @@ def _model_suffix(path: Path) -> str | None:
 
 
 def _load_model(path: Path, name: str, suffix: str | None) -> Mesh:
-    """Read one file.
-
-    Raises:
-        _BrokenModelError: where the file has no usable mesh.
-    """
+    kind = path.suffix or path.name
+    if suffix is None:
+        raise _BrokenModelError(f"is of a kind that trimesh cannot read ({kind})")
     if suffix not in trimesh.available_formats():
-        # trimesh lists formats whose packages are missing, but not among its available formats.
-        kind = path.suffix or path.name
-        raise _BrokenModelError(
-            f"is of a kind that trimesh cannot read ({kind})"
-            if suffix is None
-            else f"needs a package that is not installed for trimesh to read {kind} files"
-        )
+        raise _BrokenModelError(f"needs a package that is not installed for trimesh to read {kind} files")
     # Textures of a material would be decoded for nothing. glTF's loader drops the UV map along with the material.
     skip_materials = suffix not in {"glb", "gltf"}
     with warnings.catch_warnings(), np.errstate(all="ignore"):
@@ -112,11 +105,7 @@ _Part = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64] | None
 
 
 def _parts(scene: trimesh.Scene) -> Iterator[_Part]:
-    """Yield the triangle meshes of a scene, once for each node that places them, in the scene's frame.
-
-    Raises:
-        _BrokenModelError: where values are not finite or indices are out of range.
-    """
+    """Yield the triangle meshes of a scene, once for each node that places them, in the scene's frame."""
     for node in scene.graph.nodes_geometry:
         scene_from_part, geometry_name = scene.graph[node]
         geometry = scene.geometry[geometry_name]
@@ -125,8 +114,8 @@ def _parts(scene: trimesh.Scene) -> Iterator[_Part]:
         transform = np.asarray(scene_from_part, np.float64)
         local = np.asarray(geometry.vertices, np.float64)
         triangles = np.asarray(geometry.faces, np.int64)
-        if triangles.min() < 0 or triangles.max() >= len(local):
-            index = triangles.min() if triangles.min() < 0 else triangles.max()
+        index = triangles.min() if triangles.min() < 0 else triangles.max()
+        if not 0 <= index < len(local):
             raise _BrokenModelError(f"has triangle index {index} out of range, there are {len(local)} vertices")
         _require_finite(local, "vertices")
         positions = local @ transform[:3, :3].T + transform[:3, 3]
@@ -148,11 +137,7 @@ def _require_finite(positions: NDArray[np.float64], what: str) -> None:
 
 
 def _joined(name: str, parts: list[_Part]) -> Mesh:
-    """Join parts to one normalised mesh.
-
-    Raises:
-        _BrokenModelError: where the parts have no surface.
-    """
+    """Join parts to one normalised mesh."""
     # In float64, before anything is rounded: a model may stand far from its origin, or be of any size.
     vertices = np.concatenate([positions for positions, _, _ in parts])
     low, high = vertices.min(axis=0), vertices.max(axis=0)
@@ -161,13 +146,9 @@ def _joined(name: str, parts: list[_Part]) -> Mesh:
     if not extent > 0 or extent < 1e-9 * float(np.abs(centre).max()):
         raise _BrokenModelError("has no extent")
     try:
-        meshes = [
-            mesh
-            for positions, triangles, uv in parts
-            for mesh in _unwrapped(name, (positions - centre) / extent, triangles, uv)
-        ]
+        unwrapped = [_unwrapped(name, (positions - centre) / extent, faces, uv) for positions, faces, uv in parts]
         # Normalised twice, since vertices without a triangle may have widened the bounding box.
-        return normalised(without_degenerate(normalised(merged(name, meshes))))
+        return normalised(without_degenerate(normalised(merged(name, list(chain(*unwrapped))))))
     except InputError as error:
         raise _BrokenModelError("has no triangle with an area") from error
 
@@ -182,39 +163,26 @@ def _unwrapped(
     mapped = (area > 0) & np.isfinite(pull)
     if area[mapped].sum() <= UV_LOSS * area.sum():
         return [project_uv(name, positions, triangles)]
-    scale = _median_scale(area[mapped], uv_area[mapped])
+    # The texture is finer than this scale on half of the surface. A mean would be decided by a few triangles that fill
+    # much of the map, such as eyes on a body of one colour.
+    factor = np.sqrt(area[mapped] / uv_area[mapped])
+    order = np.argsort(factor, kind="stable")
+    share = np.cumsum(area[mapped][order])
+    scale = float(factor[order][np.searchsorted(share, share[-1] / 2)])
     usable = (area == 0) | (mapped & (pull < PULL_LIMIT * scale))
     if area[usable].sum() <= UV_LOSS * area.sum():
         return [project_uv(name, positions, triangles)]
     kept = make_mesh(name, positions, np.where(np.isfinite(uv), uv, 0) * scale, triangles[usable])
-    if usable.all():
-        return [kept]
-    return [kept, project_uv(name, positions, triangles[~usable])]
-
-
-def _median_scale(area: NDArray[np.float64], uv_area: NDArray[np.float64]) -> float:
-    """Return the factor from UV to model units: the texture is finer on half of the surface and coarser on the other.
-
-    A mean would be decided by a few triangles that fill much of the map, such as eyes on a body of one colour.
-    """
-    factor = np.sqrt(area / uv_area)
-    order = np.argsort(factor, kind="stable")
-    share = np.cumsum(area[order])
-    return float(factor[order][np.searchsorted(share, share[-1] / 2)])
+    return [kept] if usable.all() else [kept, project_uv(name, positions, triangles[~usable])]
 
 
 def _texture_pull(
     corners: NDArray[np.float64], uv: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Measure how far a texture is pulled over triangles.
+    """Return twice the area of triangles, twice their UV area, and how far the texture is pulled over them; (T,) each.
 
-    Args:
-        corners: (T, 3, 3), model units.
-        uv: (T, 3, 2).
-
-    Returns:
-        Twice the area, twice the UV area, and the largest ratio of a length to its length in UV over all directions;
-        (T,) each. The ratio is infinite or NaN where the UV map has collapsed.
+    The pull is the largest ratio of a length to its length in UV, over all directions. It is infinite or NaN where the
+    UV map has collapsed. Corners are (T, 3, 3), UV is (T, 3, 2).
     """
     # Squared ratios are eigenvalues of inv(T) S; S and T hold inner products of two edges, on the surface and in UV.
     a, b, c = _inner_products(np.diff(corners, axis=1))

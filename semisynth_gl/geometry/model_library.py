@@ -105,11 +105,9 @@ def _packed(library: ModelLibrary) -> Entry | None:
 def _unpacked(entry: Entry) -> ModelLibrary:
     values, arrays = entry.values, entry.arrays
     parts = [np.split(arrays[name], np.cumsum(values["rows"][name])[:-1]) for name in _ARRAYS]
+    meshes = zip(values["models"], *parts, strict=True)
     return ModelLibrary(
-        tuple(
-            Mesh(name, positions, uv, triangles, solid)
-            for (name, solid), positions, uv, triangles in zip(values["models"], *parts, strict=True)
-        ),
+        tuple(Mesh(name, positions, uv, triangles, solid) for (name, solid), positions, uv, triangles in meshes),
         arrays["chances"],
         Silhouette(values["fill"], arrays["heights"]),
         tuple(Skipped(Path(path), reason) for path, reason in values["skipped"]),
@@ -126,9 +124,7 @@ def _build(section: ModelsSection, particles: ParticlesSection, seed: int, split
     kinds = [list(family) for family in (SIMPLE_KINDS, COMPLEX_KINDS)]
     if split.models and split.held_out:
         user = split.share(user, seed, "models of the user's", _USER) if user else user
-        kinds = [
-            split.share(names, seed, "kinds of built-in models", number, names) for number, names in enumerate(kinds)
-        ]
+        kinds = [split.share(names, seed, "kinds of built-in models", k, names) for k, names in enumerate(kinds)]
     seed = split.seed(seed)
     weights = kind_weights(section.kinds)
     families = [(section.user, user, [1.0] * len(user))]
@@ -138,10 +134,8 @@ def _build(section: ModelsSection, particles: ParticlesSection, seed: int, split
         if used:
             variants = [(name, number) for name in used for number in range(section.variants)]
             # The kind's name is in the key, not its position: a further kind changes no model of the others.
-            models = [
-                marked_solid(builders[name](generator(seed, Purpose.MODELS, name, number))) for name, number in variants
-            ]
-            families.append((weight, models, [weights[name] for name, _ in variants]))
+            models = [builders[name](generator(seed, Purpose.MODELS, name, number)) for name, number in variants]
+            families.append((weight, list(map(marked_solid, models)), [weights[name] for name, _ in variants]))
     if not any(weight > 0 and models for weight, models, _ in families):
         raise InputError(
             "there are no models to draw: models.simple and models.complex are 0, and of the user's there is none; "

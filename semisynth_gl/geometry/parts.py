@@ -110,10 +110,7 @@ def wire(path: ArrayLike, radius: float, sides: int = 8, *, closed: bool = False
 def turned(axis: ArrayLike, angle_rad: float) -> NDArray[np.float64]:
     """Return the (3, 3) rotation about an axis through the origin, by the right-hand rule, for column vectors."""
     # pyrr's matrices are for row vectors.
-    rotation: NDArray[np.float64] = np.asarray(
-        pyrr.matrix33.create_from_axis_rotation(np.asarray(axis, np.float64), angle_rad)
-    )
-    return rotation.T
+    return np.asarray(pyrr.matrix33.create_from_axis_rotation(np.asarray(axis, np.float64), angle_rad), np.float64).T
 
 
 def placed(mesh: Mesh, at: ArrayLike = (0.0, 0.0, 0.0), *, rotation: NDArray[np.float64] | None = None) -> Mesh:

@@ -19,8 +19,7 @@ def _leaf(length: float, width: float, droop_rad: float, rows: int = 9) -> Mesh:
     outline[0], outline[-1] = 0.02 * width, 0
     heading = -droop_rad * (share[:-1] + share[1:]) / 2
     step = length / (rows - 1)
-    x = np.concatenate([[0], np.cumsum(step * np.cos(heading))])
-    z = np.concatenate([[0], np.cumsum(step * np.sin(heading))])
+    x, z = (np.concatenate([[0], np.cumsum(step * turn(heading))]) for turn in (np.cos, np.sin))
     across = np.array([1, 0, -1])  # from left to right as seen from above, so that the upper side is outside
     points = np.stack(np.broadcast_arrays(x[:, None], across * outline[:, None], z[:, None]), axis=2)
     uv = np.stack(np.broadcast_arrays(-across * outline[:, None], -share[:, None] * length), axis=2)
@@ -62,8 +61,7 @@ def tree(rng: np.random.Generator) -> list[Mesh]:
     """A bare tree: branches that fork into ever thinner ones."""
     levels = int(rng.integers(4, 6))
     spread, shrink = rng.uniform(0.35, 0.7), rng.uniform(0.68, 0.8)
-    parts: list[Mesh] = []
-    tips: list[tuple[NDArray[np.float64], NDArray[np.float64], float, float]] = [(np.zeros(3), np.eye(3)[2], 0.6, 0.07)]
+    parts, tips = list[Mesh](), [(np.zeros(3), np.eye(3)[2], 0.6, 0.07)]
     for level in range(levels + 1):
         grown = []
         for foot, axis, length, radius in tips:
@@ -138,8 +136,7 @@ def flower(rng: np.random.Generator) -> list[Mesh]:
             turn = _facing(azimuth + 9 * side, 0.5)
             place = (0.3 * side * head * (1, 1, 0)) + (0, 0, side * tall)
             parts.append(placed(_leaf(0.3, 0.09, 1), place, rotation=turn))
-    parts.append(rod((0, 0, -0.02), (0, 0, 0.03), 0.06, sides=16))
-    return parts
+    return [*parts, rod((0, 0, -0.02), (0, 0, 0.03), 0.06, sides=16)]
 
 
 KINDS = (potted_plant, tree, cactus, grass, flower)

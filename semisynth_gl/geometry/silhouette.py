@@ -74,8 +74,7 @@ def draw_scales(section: ParticlesSection, count: int, rng: np.random.Generator)
     """
     scales = section.stretch.draw_many(rng, 3 * count).reshape(count, 3)
     scales[:, 2] *= section.thinness.draw_log(rng, count)
-    scales /= scales.max(axis=1, keepdims=True)
-    return scales
+    return np.asarray(scales / scales.max(axis=1, keepdims=True))
 
 
 def height_map(mesh: Mesh, axes: NDArray[np.float64], cells: int) -> NDArray[np.float64]:
@@ -102,12 +101,12 @@ def height_map(mesh: Mesh, axes: NDArray[np.float64], cells: int) -> NDArray[np.
     x = low[triangle, 0] + at % size[triangle, 0]
     y = low[triangle, 1] + at // size[triangle, 0]
     first = grid[:, 0]
-    one, two = grid[:, 1] - first, grid[:, 2] - first
-    area = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
+    edge_1, edge_2 = grid[:, 1] - first, grid[:, 2] - first
+    area = edge_1[:, 0] * edge_2[:, 1] - edge_1[:, 1] * edge_2[:, 0]
     dx, dy = x - first[triangle, 0], y - first[triangle, 1]
     with np.errstate(divide="ignore", invalid="ignore"):
-        u = (dx * two[triangle, 1] - dy * two[triangle, 0]) / area[triangle]
-        v = (dy * one[triangle, 0] - dx * one[triangle, 1]) / area[triangle]
+        u = (dx * edge_2[triangle, 1] - dy * edge_2[triangle, 0]) / area[triangle]
+        v = (dy * edge_1[triangle, 0] - dx * edge_1[triangle, 1]) / area[triangle]
         inside = (u >= 0) & (v >= 0) & (u + v <= 1)
     height = corners[triangle, :, 2]
     height = height[:, 0] + u * (height[:, 1] - height[:, 0]) + v * (height[:, 2] - height[:, 0])

@@ -39,8 +39,7 @@ def spiral_stairs(rng: np.random.Generator) -> list[Mesh]:
         foot = rotation @ np.array([0.95 * radius, 0, (i + 1) * rise])
         parts.append(rod(foot, foot + (0, 0, 0.75), 0.01, sides=6))
     t = np.linspace(0, steps - 1, 4 * steps)
-    parts.append(wire(np.column_stack([on_circle(0.95 * radius, t * turn), (t + 1) * rise + 0.75]), 0.022))
-    return parts
+    return [*parts, wire(np.column_stack([on_circle(0.95 * radius, t * turn), (t + 1) * rise + 0.75]), 0.022)]
 
 
 def ladder(rng: np.random.Generator) -> list[Mesh]:
@@ -153,8 +152,7 @@ def rod_bundle(rng: np.random.Generator) -> list[Mesh]:
         parts.append(rod(foot, head, rng.uniform(0.006, 0.018), sides=6))
     tube = arc(0.03, 0, 2 * np.pi, 11)[:-1]
     heights = (0.0,) if rng.random() < 0.5 else (-0.2, 0.2)
-    parts += [lathe(tube + (ring + 0.05, z), 36, closed=True) for z in heights]
-    return parts
+    return parts + [lathe(tube + (ring + 0.05, z), 36, closed=True) for z in heights]
 
 
 KINDS = (stairs, spiral_stairs, ladder, fence, pipe_run, scaffold, truss_bridge, rod_bundle)

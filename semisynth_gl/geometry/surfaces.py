@@ -64,9 +64,8 @@ def lathe(profile: ArrayLike, segments: int = 32, *, closed: bool = False) -> Me
     angle = np.linspace(-np.pi, np.pi, segments + 1)
     around = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     around[-1] = around[0]  # bit for bit, so that the seam closes
-    grid = np.concatenate(
-        [radius[:, None, None] * around, np.broadcast_to(height[:, None, None], (len(points), segments + 1, 1))], axis=2
-    )
+    x, y = radius[:, None] * around.T[:, None]
+    grid = np.stack(np.broadcast_arrays(x, y, height[:, None]), axis=2)
     bands = []
     start = 0
     while start < len(points) - 1:
@@ -86,10 +85,9 @@ def _longest_band(
         r, s = radius[start : stop + 1], arc[start : stop + 1]
         offset, slope = _fitted_cone(r, s)
         cone, seen = (offset + slope * s)[r > 0], r[r > 0]
-        if (cone > BAND_STRETCH * seen).any() or (cone * BAND_STRETCH < seen).any():
-            break
         shear = np.abs(np.diff(r) - slope * np.diff(s)) * np.sin(np.pi / segments)
-        if (shear > BAND_SHEAR * np.diff(s)).any():
+        stretched = (cone > BAND_STRETCH * seen) | (cone * BAND_STRETCH < seen)
+        if stretched.any() or (shear > BAND_SHEAR * np.diff(s)).any():
             break
         fit = (stop, offset, slope)
     return fit
@@ -119,13 +117,7 @@ def _conic_uv(
     return np.stack([from_apex * np.sin(unrolled), -v_up], axis=2)
 
 
-def sweep(
-    section: ArrayLike,
-    path: ArrayLike,
-    *,
-    closed: bool = False,
-    scales: ArrayLike | float = 1.0,
-) -> Mesh:
+def sweep(section: ArrayLike, path: ArrayLike, *, closed: bool = False, scales: ArrayLike | float = 1.0) -> Mesh:
     """Carry a polygon along a curve, in frames that turn about the curve as little as possible, and close both ends.
 
     UV takes lengths along the curve from its centre line. In a bend of radius R, lengths at distance r from the centre
@@ -142,12 +134,10 @@ def sweep(
     factor = np.broadcast_to(np.asarray(scales, np.float64), len(points))
     across, beside, tangent = _frames(points, closed=closed)
     if closed:
-        points, factor = np.concatenate([points, points[:1]]), np.append(factor, factor[0])
-        across, beside = np.concatenate([across, across[:1]]), np.concatenate([beside, beside[:1]])
+        points, factor, across, beside = (np.concatenate([a, a[:1]]) for a in (points, factor, across, beside))
     loop = np.concatenate([outline, outline[:1]])
-    rings = points[:, None] + factor[:, None, None] * (
-        loop[None, :, :1] * across[:, None] + loop[None, :, 1:] * beside[:, None]
-    )
+    section_points = loop[None, :, :1] * across[:, None] + loop[None, :, 1:] * beside[:, None]
+    rings = points[:, None] + factor[:, None, None] * section_points
     around = _cumulative(lengths(np.diff(loop, axis=0)))
     along = _cumulative(lengths(np.diff(points, axis=0)))
     u = (around - around[-1] / 2) * factor[:, None]
@@ -196,10 +186,8 @@ def _frames(
     if closed:
         mismatch = np.arctan2(moved @ beside[0], moved @ across[0])
         twist = -mismatch * np.arange(count)[:, None] / count
-        across, beside = (
-            np.cos(twist) * across + np.sin(twist) * beside,
-            np.cos(twist) * beside - np.sin(twist) * across,
-        )
+        cos, sin = np.cos(twist), np.sin(twist)
+        across, beside = cos * across + sin * beside, cos * beside - sin * across
     return across, beside, tangent
 
 
@@ -314,10 +302,9 @@ def extruded_cells(solid: ArrayLike, x: ArrayLike, y: ArrayLike, height: float) 
     for normal, corners in _CELL_SIDES:
         across, along, up = normal
         is_open = ~padded[rows + 1 + along, columns + 1 + across] | (up != 0)
-        quad = bounds[corners, np.arange(3)].transpose(2, 0, 1)[is_open]
-        quads.append(quad)
-        uv.append(_planar_uv(quad.reshape(-1, 3), np.array(normal, np.float64)))
-    points = np.concatenate(quads).reshape(-1, 3)
+        quads.append(bounds[corners, np.arange(3)].transpose(2, 0, 1)[is_open].reshape(-1, 3))
+        uv.append(_planar_uv(quads[-1], np.array(normal, np.float64)))
+    points = np.concatenate(quads)
     first = np.arange(0, len(points), 4)[:, None]
     triangles = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
     return make_mesh("cells", points, np.concatenate(uv), triangles)

@@ -53,10 +53,9 @@ def marked_solid(mesh: Mesh) -> Mesh:
 
 
 def _edges(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
-    """Number vertices so that equal positions share a number, since UV seams do not cut a surface.
+    """Return start and stop of the three edges of each triangle in turn, (3 T,) each, and the number of vertices.
 
-    Returns:
-        Start and stop of the three edges of each triangle in turn, (3 T,) each, and the number of numbers.
+    Equal positions share a number, since UV seams do not cut a surface.
     """
     # Adding 0 turns -0.0 into 0.0, whose bits differ.
     bits = np.ascontiguousarray(mesh.positions + np.float32(0)).view(np.uint32).astype(np.uint64)

@@ -64,8 +64,7 @@ def mug(rng: np.random.Generator) -> list[Mesh]:
     parts = [lathe(hollow(outside, wall), 44)]
     tall = 0.3 * height
     bow = arc(1, -np.pi / 2, np.pi / 2, 25) * (tall * rng.uniform(0.8, 1.15), tall) + (radius - 0.6 * wall, height / 2)
-    parts.append(wire(upright(bow), rng.uniform(0.03, 0.045), 12))
-    return parts
+    return [*parts, wire(upright(bow), rng.uniform(0.03, 0.045), 12)]
 
 
 def goblet(rng: np.random.Generator) -> list[Mesh]:
@@ -107,8 +106,7 @@ def jug(rng: np.random.Generator) -> list[Mesh]:
     parts.append(wire(upright(smooth(spout, 7)), 0.04, 12))
     handle = [(-0.9 * radius, 0.3 * height), (-radius - 0.6 * arch, 0.7 * height), (-0.9 * radius, height + arch)]
     handle += [(0.0, height + arch), (top - 0.02, height - 0.02)]
-    parts.append(wire(upright(smooth(handle, 7)), 0.03, 10))
-    return parts
+    return [*parts, wire(upright(smooth(handle, 7)), 0.03, 10)]
 
 
 def basket(rng: np.random.Generator) -> list[Mesh]:
@@ -140,8 +138,7 @@ def cage(rng: np.random.Generator) -> list[Mesh]:
     ring = np.column_stack([arc(0.07, 0, 2 * np.pi, 17)[:-1], np.zeros(16)]) @ turned((1, 0, 0), np.pi / 2).T
     parts.append(wire(ring + (0, 0, height + dome + 0.1), 0.012, 8, closed=True))
     perch = rng.uniform(0.25, 0.6) * height
-    parts.append(rod((-radius, 0, perch), (radius, 0, perch), 0.018))
-    return parts
+    return [*parts, rod((-radius, 0, perch), (radius, 0, perch), 0.018)]
 
 
 KINDS = (bottle, vase, mug, goblet, bowl_stack, jug, basket, cage)

@@ -1,4 +1,4 @@
-"""How far predictions are from the truth, as each benchmark counts it.
+"""Errors of predictions against the truth, as each benchmark counts them.
 
 `score` compares two arrays. The other modules find the files of a whole set, and show the results.
 """

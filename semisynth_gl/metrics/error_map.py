@@ -59,8 +59,7 @@ def _kitti_error_map(comparison: Comparison, visible: NDArray[np.bool_] | None) 
     for dy, dx in (*np.ndindex(3, 3), (1, 1)):
         shifted = slice(dy, dy + height), slice(dx, dx + width)
         np.copyto(painted, padded[shifted], where=judged[shifted])
-    picture: NDArray[np.uint8] = _KITTI_PALETTE[painted]
-    return picture
+    return np.asarray(_KITTI_PALETTE[painted])
 
 
 def _bad_pixel_map(
@@ -71,11 +70,9 @@ def _bad_pixel_map(
     Source of the colours: src/main.cc of github.com/ETH3D/two-view-evaluation. It paints pixels that it leaves out of
     every figure white; here they are blue, like those without truth.
     """
-    bad = comparison.scored & (comparison.error > threshold_px)
     counted = comparison.judged if invalid_is_bad else comparison.scored
-    bad |= counted & ~comparison.scored
-    picture = np.empty((*bad.shape, 3), np.uint8)
-    picture[:] = _UNKNOWN
+    bad = np.where(comparison.scored, comparison.error > threshold_px, counted)
+    picture = np.full((*bad.shape, 3), _UNKNOWN, np.uint8)
     picture[counted] = _GOOD
     picture[bad] = _BAD
     if visible is not None:

@@ -12,7 +12,7 @@ from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.metrics.error_map import draw_error_map
 from semisynth_gl.metrics.predictions import Prediction
-from semisynth_gl.metrics.protocol import Protocol
+from semisynth_gl.metrics.protocol import Protocol, shown_size
 from semisynth_gl.metrics.score import Score, mean_figures, tally
 from semisynth_gl.metrics.truth import TruePair
 
@@ -65,12 +65,9 @@ def evaluate_pair(pair: TruePair, prediction: Prediction, protocol: Protocol, *,
     except InputError as error:
         raise InputError(f"{prediction.path}: {error} ({pair.source})") from None
     if not (np.isfinite(values).any() and comparison.estimated.any()):
-        height, width = values.shape
-        raise ReadError(
-            prediction.path,
-            f"has no disparity: by the definitions of {protocol.source} none of its {width} x {height} values is "
-            "valid; expected pixels, and inf (in a PNG 0) only where there is no disparity",
-        )
+        size, hint = shown_size(values), "expected pixels, and inf (in a PNG 0) only where there is no disparity"
+        fault = f"by the definitions of {protocol.source} none of its {size} values is valid"
+        raise ReadError(prediction.path, f"has no disparity: {fault}; {hint}")
     if not comparison.judged.any():
         raise InputError(f"{pair.source}: the truth of {pair.name} has no disparity, so there is nothing to compare")
     masks = {ALL: np.ones_like(comparison.judged)}
@@ -119,19 +116,16 @@ def report_json(
     """
 
     def figures(pairs: Sequence[Evaluation]) -> dict[str, dict[str, float | None]]:
-        regions = {region: region_figures(pairs, region) for region in REGIONS}
+        regions = {region: values for region in REGIONS if (values := region_figures(pairs, region))}
         return {
             region: {name: float(value) if np.isfinite(value) else None for name, value in values.items()}
             for region, values in regions.items()
-            if values
         }
 
     def pixels(pair: Evaluation) -> dict[str, dict[str, int]]:
         scores = {region: pair.scores[region,] for region in REGIONS if (region,) in pair.scores}
-        return {
-            region: {name: getattr(score, name) for name in ("judged", "estimated", "scored")}
-            for region, score in scores.items()
-        }
+        counts = "judged", "estimated", "scored"
+        return {region: {name: getattr(score, name) for name in counts} for region, score in scores.items()}
 
     return {
         "protocol": protocol.name,

@@ -1,6 +1,6 @@
 """The files of a folder that are predictions for pairs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,7 +25,7 @@ class Prediction:
     png_scale: float
 
 
-def find_predictions(folder: Path, pairs: Sequence[TruePair]) -> dict[str, Prediction]:
+def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) -> dict[str, Prediction]:
     """Find the prediction for each pair.
 
     A prediction has one of the pair's names, see `TruePair`, and ends in .pfm, .npy or .png. In a scene's folder it may
@@ -33,46 +33,28 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair]) -> dict[str, Predi
     since Middlebury's results lie beside the truth.
 
     Args:
-        folder: of the predictions.
+        folder: the folder of the predictions.
         pairs: the pairs.
+        partial: whether some predictions may be missing.
 
     Returns:
-        The predictions, by the pair's name; pairs without a prediction are missing.
+        The predictions, by the pair's name.
 
     Raises:
-        InputError: where there is no such folder, or a pair has several predictions.
+        InputError: where there is no such folder, a pair has several predictions, predictions are missing against
+            ``partial``, or all are missing.
     """
     if not folder.is_dir():
         raise InputError(f"--pred {folder}: {'is a file' if folder.exists() else 'there is no such folder'}")
     predictions: dict[str, Prediction] = {}
     for pair in pairs:
-        candidates = [
-            Prediction(path, png_scale) for stem, png_scale in pair.stems.items() for path in _files(folder / stem)
-        ]
-        better = [prediction for prediction in candidates if prediction.path.stem not in _SCENE_STEMS]
-        candidates = better or candidates
+        candidates = [Prediction(path, scale) for stem, scale in pair.stems.items() for path in _files(folder / stem)]
+        candidates = [file for file in candidates if file.path.stem not in _SCENE_STEMS] or candidates
         if len(candidates) > 1:
             names = ", ".join(str(prediction.path.relative_to(folder)) for prediction in candidates[:_SHOWN])
             raise InputError(f"--pred {folder}: {len(candidates)} predictions for {pair.name}: {names}: keep one file")
         if candidates:
             predictions[pair.name] = candidates[0]
-    return predictions
-
-
-def missing_predictions(
-    folder: Path, pairs: Sequence[TruePair], predictions: Mapping[str, Prediction], *, partial: bool
-) -> list[str]:
-    """Return the names of pairs without a prediction.
-
-    Args:
-        folder: of the predictions.
-        pairs: the pairs.
-        predictions: by the pair's name.
-        partial: whether some predictions may be missing.
-
-    Raises:
-        InputError: where predictions are missing against ``partial``, or all are missing.
-    """
     missing = [pair for pair in pairs if pair.name not in predictions]
     if missing and (not partial or not predictions):
         names = ", ".join(pair.name for pair in missing[:_SHOWN]) + (", ..." if len(missing) > _SHOWN else "")
@@ -82,7 +64,7 @@ def missing_predictions(
             f"--pred {folder}: no prediction for {len(missing)} of {len(pairs)} pairs: {names}: expected {expected} "
             f"(or .npy, .png), for example{advice}"
         )
-    return [pair.name for pair in missing]
+    return predictions
 
 
 def _files(path: Path) -> list[Path]:

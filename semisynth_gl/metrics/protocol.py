@@ -205,8 +205,12 @@ def _require_same_size(prediction: Disparity, truth: Disparity) -> None:
 
 
 def _sizes(prediction: Disparity, truth: Disparity, expected: str) -> str:
-    (height, width), (true_height, true_width) = prediction.shape, truth.shape
-    return f"the prediction has {width} x {height} pixels, its truth {true_width} x {true_height}: {expected}"
+    return f"the prediction has {shown_size(prediction)} pixels, its truth {shown_size(truth)}: {expected}"
+
+
+def shown_size(image: NDArray[np.generic]) -> str:
+    """Return the size of an image, (H, W), as messages give it: width x height."""
+    return f"{image.shape[1]} x {image.shape[0]}"
 
 
 # Decimals are those that each evaluator prints; ETH3D's prints six significant digits.

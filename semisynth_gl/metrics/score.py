@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.errors import InputError
-from semisynth_gl.metrics.protocol import PROTOCOLS, UNLIMITED, Comparison, Limits, Protocol, ProtocolName
+from semisynth_gl.metrics.protocol import PROTOCOLS, UNLIMITED, Comparison, Limits, Protocol, ProtocolName, shown_size
 
 THRESHOLDS_PX = (0.5, 1.0, 2.0, 4.0)
 QUANTILES = (0.5, 0.9, 0.95, 0.99)
@@ -68,14 +68,10 @@ class Score:
         unscored = self.judged - self.scored if self.protocol.invalid_is_bad else 0
 
         def share(count: int, total: int) -> float:
-            if self.judged == 0:
-                return nan
-            return full * count / total if total else full
+            return nan if self.judged == 0 else (full * count / total if total else full)
 
         def mean(total: float) -> float:
-            if self.judged == 0:
-                return nan
-            return total / self.scored if self.scored else _worst_px(self.protocol)
+            return total / self.scored if self.scored else _worst_px(self.protocol, self.judged)
 
         counted = self.scored + unscored
         return {
@@ -132,10 +128,8 @@ def tally(comparison: Comparison, protocol: Protocol, mask: NDArray[np.bool_] | 
     judged, scored = comparison.judged, comparison.scored
     if mask is not None:
         if mask.shape != judged.shape:
-            (height, width), (true_height, true_width) = mask.shape, judged.shape
-            raise InputError(
-                f"the mask has {width} x {height} pixels, the truth {true_width} x {true_height}: expected one size"
-            )
+            sizes = f"the mask has {shown_size(mask)} pixels, the truth {shown_size(judged)}"
+            raise InputError(f"{sizes}: expected one size")
         judged, scored = judged & mask, scored & mask
     estimated = judged & comparison.estimated
     error, truth = comparison.error[scored], comparison.truth[scored]
@@ -143,7 +137,6 @@ def tally(comparison: Comparison, protocol: Protocol, mask: NDArray[np.bool_] | 
     # Squares of float32, summed in double, and the root of a float32: as ETH3D's evaluator, digit by digit.
     with np.errstate(over="ignore"):
         squared = float(np.square(error).sum(dtype=np.float64))
-    nothing_scored = _worst_px(protocol) if judged.any() else nan
     return Score(
         protocol=protocol,
         judged=int(judged.sum()),
@@ -155,7 +148,7 @@ def tally(comparison: Comparison, protocol: Protocol, mask: NDArray[np.bool_] | 
         # ETH3D sums in double too. Middlebury's kit sums in float32, which at 1500 x 1000 is off from the 3rd digit on.
         sum_px=float(error.sum(dtype=np.float64)),
         sum_squared_px2=squared,
-        quantiles_px=error_quantiles(error) if error.size else (nothing_scored,) * len(QUANTILES),
+        quantiles_px=error_quantiles(error) if error.size else (_worst_px(protocol, judged.sum()),) * len(QUANTILES),
     )
 
 
@@ -172,8 +165,7 @@ def is_outlier(error: NDArray[np.float32], truth: NDArray[np.float32]) -> NDArra
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         quotient = error / np.abs(truth)
     # numpy would round a plain 0.05 to float32 before it compares.
-    far: NDArray[np.bool_] = quotient.astype(np.float64) > _OUTLIER_SHARE
-    return (error > _OUTLIER_PX) & far
+    return (error > _OUTLIER_PX) & np.asarray(quotient.astype(np.float64) > _OUTLIER_SHARE)
 
 
 def error_quantiles(error: NDArray[np.float32]) -> tuple[float, ...]:
@@ -189,9 +181,9 @@ def error_quantiles(error: NDArray[np.float32]) -> tuple[float, ...]:
     return tuple(float(value) for value in np.partition(error, places)[places])
 
 
-def _worst_px(protocol: Protocol) -> float:
-    """Return the mean error where no judged pixel was scored."""
-    return nan if protocol.invalid_is_bad else inf
+def _worst_px(protocol: Protocol, judged: int) -> float:
+    """Return the mean error where no pixel was scored."""
+    return nan if protocol.invalid_is_bad or not judged else inf
 
 
 def pool(scores: Sequence[Score]) -> Score:
@@ -203,14 +195,10 @@ def pool(scores: Sequence[Score]) -> Score:
         scores: at least one, all by one protocol.
     """
     sums: dict[str, Any] = {name: sum(getattr(score, name) for score in scores) for name in _SUMMED}
-    quantiles = [score.quantiles_px for score in scores if score.judged]
-    return Score(
-        protocol=scores[0].protocol,
-        bad=tuple(map(sum, zip(*(score.bad for score in scores), strict=True))),
-        quantiles_px=tuple(sum(values) / len(quantiles) for values in zip(*quantiles, strict=True))
-        or (nan,) * len(QUANTILES),
-        **sums,
-    )
+    bad = tuple(map(sum, zip(*(score.bad for score in scores), strict=True)))
+    quantiles = [score.quantiles_px for score in scores if score.judged] or [(nan,) * len(QUANTILES)]
+    means = tuple(sum(values) / len(quantiles) for values in zip(*quantiles, strict=True))
+    return Score(protocol=scores[0].protocol, bad=bad, quantiles_px=means, **sums)
 
 
 def mean_figures(scores: Mapping[str, Score]) -> dict[str, float]:
@@ -228,8 +216,5 @@ def mean_figures(scores: Mapping[str, Score]) -> dict[str, float]:
         return pool(list(counted.values())).figures()
     figures = [score.figures() for score in counted.values()]
     weights = [protocol.weights.get(name, 1.0) for name in counted]
-    total = sum(weights)
-    return {
-        name: sum(weight * values[name] for weight, values in zip(weights, figures, strict=True)) / total
-        for name in figures[0]
-    }
+    rows = list(zip(weights, figures, strict=True))
+    return {name: sum(weight * row[name] for weight, row in rows) / sum(weights) for name in figures[0]}

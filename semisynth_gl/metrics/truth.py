@@ -20,9 +20,11 @@ from semisynth_gl.dataset.reader import Dataset, open_dataset
 from semisynth_gl.dataset.schema import INDEX, PLAN
 from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.frame import VISIBLE
-from semisynth_gl.metrics.protocol import UNLIMITED, Limits, ProtocolName
+from semisynth_gl.metrics.protocol import UNLIMITED, Limits, ProtocolName, shown_size
 from semisynth_gl.splits import SplitName
 
+# Levels per pixel of disparity in a 16-bit PNG, where the set does not say otherwise.
+_STEPS: float = KITTI_DISPARITY.steps
 _PROTOCOL_OF_LAYOUT: Mapping[str, ProtocolName] = {"kitti": "kitti", "eth3d": "eth3d"}
 _OBJECTS_ROLE = "objects"
 _OCC, _NOC, _OBJECTS = "disp_occ_0", "disp_noc_0", "obj_map"
@@ -110,31 +112,25 @@ def find_truth(address: str, split: SplitName | None = None, masks: Path | None 
         truths = _folder_truths(folder)
     # A name of several pairs, such as disp0GT, names none of them.
     counts = Counter(stem for pair in truths.pairs for stem in pair.stems)
-    pairs = [
-        replace(pair, stems={stem: png_scale for stem, png_scale in pair.stems.items() if counts[stem] == 1})
-        for pair in truths.pairs
-    ]
+    unique = [{stem: scale for stem, scale in pair.stems.items() if counts[stem] == 1} for pair in truths.pairs]
+    pairs = [replace(pair, stems=stems) for pair, stems in zip(truths.pairs, unique, strict=True)]
     return replace(truths, pairs=pairs if masks is None else [_with_mask(pair, masks) for pair in pairs])
 
 
 def _dataset_truths(dataset: Dataset, only_split: SplitName | None) -> TrueSet:
     index = dataset.about
     codec = index.encodings.disparity
-    png_steps = codec.steps if isinstance(codec, DisparityPng16) else KITTI_DISPARITY.steps
+    png_steps = codec.steps if isinstance(codec, DisparityPng16) else _STEPS
     several = len(index.pairs) > 1
     # The order of `Dataset`.
-    keys = [
-        (split, number)
-        for split, count in index.pairs.items()
-        if only_split in (None, split)
-        for number in range(count)
-    ]
+    splits = {split: range(count) for split, count in index.pairs.items() if only_split in (None, split)}
+    keys = [(split, number) for split, numbers in splits.items() for number in numbers]
     pairs = []
     for place, (split, number) in enumerate(keys):
         scene = index.key(split, number).name
         path = index.files(split, number)["disparity_left"]
-        stems: dict[str, float] = {f"{split}/{scene}": KITTI_DISPARITY.steps} if several else {}
-        stems |= {scene: KITTI_DISPARITY.steps} | _path_stems(PurePosixPath(path), png_steps)
+        stems: dict[str, float] = {f"{split}/{scene}": _STEPS} if several else {}
+        stems |= {scene: _STEPS} | _path_stems(PurePosixPath(path), png_steps)
         name = f"{split}/{scene}" if several and only_split is None else scene
         read = partial(_read_pair, dataset, place, split, number)
         pairs.append(TruePair(name, str(index.place.path(path)), stems, read))
@@ -164,7 +160,6 @@ def _read_pair(dataset: Dataset, place: int, split: SplitName, number: int) -> T
 
 
 def _folder_truths(folder: Path) -> TrueSet:
-    pairs: list[TruePair] = []
     protocol: ProtocolName = "middlebury"
     root = next((root for root in (folder, folder / "training") if (root / _OCC).is_dir()), None)
     if root is not None:
@@ -176,7 +171,7 @@ def _folder_truths(folder: Path) -> TrueSet:
             protocol = "eth3d"
     else:
         pairs = [
-            TruePair(path.stem, str(path), {path.stem: KITTI_DISPARITY.steps}, partial(_read_map, path))
+            TruePair(path.stem, str(path), {path.stem: _STEPS}, partial(_read_map, path))
             for path in sorted(folder.iterdir())
             if path.suffix.lower() in MAP_EXTENSIONS
         ]
@@ -188,16 +183,13 @@ def _folder_truths(folder: Path) -> TrueSet:
     for name, count in Counter(pair.name for pair in pairs).items():
         if count > 1:
             sources = [pair.source for pair in pairs if pair.name == name]
-            raise InputError(
-                f"--gt {folder}: {count} truths for {name}: {', '.join(sources[:3])}: give the folder of one size, or "
-                "keep one file"
-            )
+            where = f"--gt {folder}: {count} truths for {name}: {', '.join(sources[:3])}"
+            raise InputError(f"{where}: give the folder of one size, or keep one file")
     return TrueSet(pairs, protocol)
 
 
 def _kitti_pair(root: Path, path: Path) -> TruePair:
-    stems: dict[str, float] = {f"{_KITTI_RESULTS}/{path.stem}": KITTI_DISPARITY.steps}
-    stems |= _path_stems(PurePosixPath(_OCC, path.name), KITTI_DISPARITY.steps)
+    stems = {f"{_KITTI_RESULTS}/{path.stem}": _STEPS, **_path_stems(PurePosixPath(_OCC, path.name))}
     return TruePair(path.stem, str(path), stems, partial(_read_kitti, root, path))
 
 
@@ -215,10 +207,9 @@ def _read_kitti(root: Path, path: Path) -> Truth:
 def _scene_pair(folder: Path, path: Path) -> TruePair:
     name = path.absolute().parent.name
     if path.parent == folder:
-        stems: dict[str, float] = {name: KITTI_DISPARITY.steps, path.stem: KITTI_DISPARITY.steps}
+        stems = {name: _STEPS, path.stem: _STEPS}
     else:
-        relative = PurePosixPath(path.relative_to(folder).as_posix())
-        stems = _path_stems(relative, KITTI_DISPARITY.steps) | {name: KITTI_DISPARITY.steps}
+        stems = _path_stems(PurePosixPath(path.relative_to(folder).as_posix())) | {name: _STEPS}
     return TruePair(name, str(path), stems, partial(_read_scene, path))
 
 
@@ -259,28 +250,26 @@ def _with_mask(pair: TruePair, masks: Path) -> TruePair:
     mask = next((path for path in paths if path.is_file()), None)
     if mask is None:
         raise InputError(f"--mask {masks}: no mask for {pair.name}: expected {paths[0]}")
-    return replace(pair, read=partial(_read_with_mask, pair, mask))
 
+    def read() -> Truth:
+        truth = pair.read()
+        return replace(truth, visible=_same_size(GREY8.read(mask), truth.disparity, mask, pair.source) == VISIBLE)
 
-def _read_with_mask(pair: TruePair, mask: Path) -> Truth:
-    truth = pair.read()
-    return replace(truth, visible=_same_size(GREY8.read(mask), truth.disparity, mask, pair.source) == VISIBLE)
+    return replace(pair, read=read)
 
 
 def _same_size(
     values: NDArray[_Values], truth: NDArray[np.float32], path: Path, beside: Path | str
 ) -> NDArray[_Values]:
     if values.shape != truth.shape:
-        (height, width), (true_height, true_width) = values.shape, truth.shape
-        raise ReadError(
-            path, f"has {width} x {height} pixels, {beside} {true_width} x {true_height}: expected the same size"
-        )
+        sizes = f"has {shown_size(values)} pixels, {beside} {shown_size(truth)}"
+        raise ReadError(path, f"{sizes}: expected the same size")
     return values
 
 
-def _path_stems(path: PurePosixPath, png_scale: float) -> dict[str, float]:
+def _path_stems(path: PurePosixPath, png_scale: float = _STEPS) -> dict[str, float]:
     """Return a file's path without its ending, the same without its first folder, and so on, each with the scale."""
     parts = (*path.parts[:-1], path.stem)
     stems = {"/".join(parts[first:]): png_scale for first in range(len(parts))}
     # "000000_left.disp" is also the disparity of "000000_left".
-    return stems | {path.name.partition(".")[0]: KITTI_DISPARITY.steps} if "." in path.stem else stems
+    return stems | {path.name.partition(".")[0]: _STEPS} if "." in path.stem else stems

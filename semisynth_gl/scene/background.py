@@ -11,32 +11,17 @@ from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import Range
 from semisynth_gl.config.model import BackgroundSection, DisparitySection
 from semisynth_gl.errors import InputError
-from semisynth_gl.geometry.mesh import Mesh, make_mesh
-from semisynth_gl.scene.rig import STILL, Sway, check_reachable, near_depth_m
+from semisynth_gl.geometry.mesh import make_mesh, mesh_grid
+from semisynth_gl.scene.rig import BEYOND_NEAR, STILL, Sway, check_reachable, near_depth_m
 
 Floats = NDArray[np.float64]
 
 
-def mesh_grid(rows: int, columns: int) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Return u and v, 0 to 1, of a grid's (rows + 1) (columns + 1) vertices, and its (T, 3) triangles."""
-    v, u = np.meshgrid(np.linspace(0, 1, rows + 1), np.linspace(0, 1, columns + 1), indexing="ij")
-    first = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).ravel()
-    below = first + columns + 1
-    triangles = np.concatenate([np.stack([first, first + 1, below + 1], 1), np.stack([first, below + 1, below], 1)])
-    return u.ravel(), v.ravel(), triangles
-
-
-def _face() -> Mesh:
-    u, v, triangles = mesh_grid(8, 8)
-    return make_mesh("face", np.c_[u, v, np.zeros(len(u))], np.c_[u, v], triangles)
-
-
+_U, _V, _TRIANGLES = mesh_grid(8, 8)
 # The model of every face: the unit square of the x-y plane, u along x and v along y. It is a grid, because float32
 # rounds a vertex by its distance: a near surface must not hang between vertices far away.
-FACE = _face()
+FACE = make_mesh("face", np.c_[_U, _V, np.zeros(len(_U))], np.c_[_U, _V], _TRIANGLES)
 
-# Walls keep this much more than the smallest allowed depth, so that rounding never puts a pixel beyond max_px.
-BEYOND_NEAR = 1.01
 # Side walls stand between these fractions of the way from the nearest allowed place to just outside the view.
 _SIDE_WALL = Range(0.3, 1.1)
 # Walls continue behind each other by this share of their size: edges that only met would leave gaps in float32.
@@ -96,9 +81,9 @@ def _plane(
     disparity_px = section.plane_disparity_px.draw(rng)
     check_reachable(camera, disparity_px, "background.plane_disparity_px")
     depth = float(camera.depth_m(disparity_px))
+    ahead = np.array([[0.0, 0.0, 1.0]])
     if sway.moves:
         # With a large doffs the plane is near, and the camera may sway towards it.
-        ahead = np.array([[0.0, 0.0, 1.0]])
         depth = max(depth, float(smallest_offsets(camera, ahead, near_depth_m(camera, disparity), sway)[0]))
     corners = _corner_points(camera, depth)
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -115,11 +100,10 @@ def _plane(
         low, high = np.minimum(low, -half), np.maximum(high, half)
     margin = 0.01 * (high - low)
     low, high = low - margin, high + margin
-    world_from_face = np.eye(4)
-    world_from_face[0, 0], world_from_face[1, 1] = high[:2] - low[:2]
+    world_from_face = np.diag([*(high[:2] - low[:2]), 1.0, 1.0])
     world_from_face[:3, 3] = low[0], low[1], depth
-    normal, distance = np.array([[0.0, 0.0, 1.0]]), np.array([depth])
-    return Background("plane", world_from_face[None], (high - low)[None, :2], normal, distance, distance)
+    distance = np.array([depth])
+    return Background("plane", world_from_face[None], (high - low)[None, :2], ahead, distance, distance)
 
 
 def _cuboid(
@@ -139,7 +123,7 @@ def _cuboid(
     # Faces in the order +x, -x, +y, -y, +z (the back wall), -z (behind the cameras).
     normal = np.concatenate([axes.T[k // 2][None] * (1 - 2 * (k % 2)) for k in range(6)])
     smallest = smallest_offsets(camera, normal, near, sway)
-    offset = np.empty(6)
+    offset = np.full(6, 0.5 * wall_depth)
     reach = (_corner_points(camera, wall_depth) @ normal.T).max(axis=0)
     offset[:4] = smallest[:4] + fraction * np.maximum(reach[:4] - smallest[:4], 0)
     centre_ray = camera.rays("left", np.array((camera.width_px - 1) / 2), np.array((camera.height_px - 1) / 2))
@@ -148,7 +132,6 @@ def _cuboid(
     steepest = float((corner_rays(camera) @ normal[4]).min())
     if steepest > 0:
         offset[4] = min(offset[4], farthest * steepest)
-    offset[5] = 0.5 * wall_depth
     offset = np.maximum(offset, smallest)
 
     world_from_face = np.tile(np.eye(4), (6, 1, 1))
@@ -156,14 +139,12 @@ def _cuboid(
     for face in range(6):
         k, sign = face // 2, 1 - 2 * (face % 2)
         i, j = (k + 1) % 3, (k + 2) % 3
-        room = {axis: offset[2 * axis] + offset[2 * axis + 1] for axis in (i, j)}
-        low = {axis: -offset[2 * axis + 1] - OVERLAP * room[axis] for axis in (i, j)}
-        size[face] = [(1 + 2 * OVERLAP) * room[axis] for axis in (i, j)]
-        corner = sign * offset[face] * axes[:, k] + low[i] * axes[:, i] + low[j] * axes[:, j]
-        world_from_face[face, :3, 0] = axes[:, i] * size[face, 0]
-        world_from_face[face, :3, 1] = axes[:, j] * size[face, 1]
-        world_from_face[face, :3, 2] = axes[:, k]
-        world_from_face[face, :3, 3] = corner
+        room = np.array([offset[2 * axis] + offset[2 * axis + 1] for axis in (i, j)])
+        low = -offset[[2 * i + 1, 2 * j + 1]] - OVERLAP * room
+        size[face] = (1 + 2 * OVERLAP) * room
+        corner = sign * offset[face] * axes[:, k] + low[0] * axes[:, i] + low[1] * axes[:, j]
+        columns = axes[:, i] * size[face, 0], axes[:, j] * size[face, 1], axes[:, k], corner
+        world_from_face[face, :3] = np.stack(columns, axis=1)
     depth, hit = _first_hit(normal, offset, camera)
     visible_depth = np.array([np.median(depth[hit == k]) if (hit == k).any() else wall_depth for k in range(6)])
     return Background("cuboid", world_from_face, size, normal, offset, visible_depth)
@@ -203,8 +184,7 @@ def smallest_offsets(camera: StereoCamera, normal: Floats, near_m: float, sway: 
 
 def corner_rays(camera: StereoCamera, *eyes: str) -> Floats:
     """Return rays (4 E, 3) with Z = 1 through the corners of the named views, or of both."""
-    x = np.array([-0.5, camera.width_px - 0.5, -0.5, camera.width_px - 0.5])
-    y = np.array([-0.5, -0.5, camera.height_px - 0.5, camera.height_px - 0.5])
+    x, y = np.array([(0, 0), (1, 0), (0, 1), (1, 1)]).T * [[camera.width_px], [camera.height_px]] - 0.5
     return np.concatenate([camera.rays(eye, x, y) for eye in EYES if not eyes or eye in eyes])
 
 
@@ -215,9 +195,8 @@ def _corner_points(camera: StereoCamera, depth_m: float) -> Floats:
 
 def grid_px(camera: StereoCamera) -> tuple[Floats, Floats]:
     """Return columns and rows, flat, of a coarse grid over the view."""
-    x = (np.arange(_GRID[0]) + 0.5) / _GRID[0] * camera.width_px - 0.5
-    y = (np.arange(_GRID[1]) + 0.5) / _GRID[1] * camera.height_px - 0.5
-    columns, rows = np.meshgrid(x, y)
+    sizes = zip(_GRID, (camera.width_px, camera.height_px), strict=True)
+    columns, rows = np.meshgrid(*((np.arange(count) + 0.5) / count * size - 0.5 for count, size in sizes))
     return columns.ravel(), rows.ravel()
 
 

@@ -16,14 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import StereoCamera
-from semisynth_gl.config.model import ParticlesSection
-from semisynth_gl.geometry.silhouette import Silhouette
+from semisynth_gl.config import Range
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.scene.particles import Sizes
 
 Floats = NDArray[np.float64]
 
-MOST_LAYERS = 48
+_MOST_LAYERS = 48
 # Above this coverage a layer is closed for all practical purposes (98 %).
 _DENSEST = 4.0
 # Below this share of open pixels, more open pixels make no difference.
@@ -63,52 +62,43 @@ class DepthLayers:
         """(K,) whether the layer can hold particles."""
         return self.low_px < self.high_px
 
+    def exceedance(
+        self, edges_px: Floats, camera: StereoCamera, drift: Range, sizes: Sizes, heights: Floats, near_m: float
+    ) -> Floats:
+        """Return the probability that a particle shows at least a disparity where it covers a pixel, (K, J) float64.
+
+        Args:
+            edges_px: (J,) float64, the disparities.
+            camera: the camera.
+            drift: speed of the particles in a horizontal direction, relative to the speed downwards.
+            sizes: sizes of the particles.
+            heights: mean relief of the models, see `Silhouette`.
+            near_m: depth of the near plane; particles that cross it are not drawn.
+        """
+        where = _unit_points()
+        disparity = self.low_px[:, None] + (self.high_px - self.low_px)[:, None] * where[:, 0]
+        radius = sizes.radius_px(camera, disparity, where[:, 1])
+        height = heights[(where[:, 2] * len(heights)).astype(np.int64)]
+        speed = drift.low + (drift.high - drift.low) * where[:, 3]
+        # Half a turn of headings covers both directions of an axis; a particle is at the path's middle at half its age.
+        path = speed * (where[:, 5] - 0.5) * (camera.height_px + 2 * radius)
+        depth = 1 + path * np.cos(np.pi * where[:, 4]) / camera.focal_px
+        # Particles that drift in are missing at the side they come from; on the right the other view's margin has them.
+        sideways = path * np.sin(2 * np.pi * where[:, 4])
+        missing = np.maximum(sideways, 0) + np.maximum(-sideways - np.maximum(disparity, 0), 0)
+        shown = (disparity + camera.doffs_px) / (depth - height * radius / camera.focal_px) - camera.doffs_px
+        kept = camera.depth_m(disparity) * (depth - radius / camera.focal_px) > near_m
+        # A large particle covers more pixels. Particles that come nearer grow, but are as much farther apart.
+        weight = np.where(kept, radius**2 / (radius**2).sum(axis=1, keepdims=True), 0.0)
+        at_least = shown[:, :, None] >= edges_px
+        return np.asarray(np.einsum("ks,ksj->kj", weight * np.maximum(1 - missing / camera.width_px, 0.0), at_least))
+
 
 def merge_bins(target: Histogram) -> Histogram:
     """Merge neighbouring bins until there are 48 at most: particles are deeper than narrower bins."""
-    step = -(-len(target.shares) // MOST_LAYERS)
+    step = -(-len(target.shares) // _MOST_LAYERS)
     edges = np.append(target.edges_px[:-1:step], target.edges_px[-1])
     return target.rebinned(edges) if step > 1 else target
-
-
-def exceedance(
-    layers: DepthLayers,
-    edges_px: Floats,
-    camera: StereoCamera,
-    section: ParticlesSection,
-    sizes: Sizes,
-    silhouette: Silhouette,
-    near_m: float,
-) -> Floats:
-    """Return the probability that a particle shows at least a disparity where it covers a pixel, (K, J) float64.
-
-    Args:
-        layers: K layers.
-        edges_px: (J,) float64, the disparities.
-        camera: the camera.
-        section: drift of the particles.
-        sizes: sizes of the particles.
-        silhouette: mean relief of the models.
-        near_m: depth of the near plane; particles that cross it are not drawn.
-    """
-    where = _unit_points()
-    disparity = layers.low_px[:, None] + (layers.high_px - layers.low_px)[:, None] * where[:, 0]
-    radius = sizes.radius_px(camera, disparity, where[:, 1])
-    height = silhouette.heights[(where[:, 2] * len(silhouette.heights)).astype(np.int64)]
-    drift = section.drift.low + (section.drift.high - section.drift.low) * where[:, 3]
-    # Half a turn of headings covers both directions of an axis; a particle is at the path's middle at half its age.
-    path = drift * (where[:, 5] - 0.5) * (camera.height_px + 2 * radius)
-    depth = 1 + path * np.cos(np.pi * where[:, 4]) / camera.focal_px
-    # Particles that drift in are missing at the side they come from; on the right, the other view's margin has them.
-    sideways = path * np.sin(2 * np.pi * where[:, 4])
-    missing = np.maximum(sideways, 0) + np.maximum(-sideways - np.maximum(disparity, 0), 0)
-    shown = (disparity + camera.doffs_px) / (depth - height * radius / camera.focal_px) - camera.doffs_px
-    kept = camera.depth_m(disparity) * (depth - radius / camera.focal_px) > near_m
-    # A large particle covers more pixels. Particles that come nearer grow, but are as much farther apart.
-    weight = np.where(kept, radius**2 / (radius**2).sum(axis=1, keepdims=True), 0.0)
-    at_least = shown[:, :, None] >= edges_px
-    result: Floats = np.einsum("ks,ksj->kj", weight * np.maximum(1 - missing / camera.width_px, 0.0), at_least)
-    return result
 
 
 def solve_coverage(
@@ -163,8 +153,7 @@ def expected_shares(coverage: Floats, bare: Floats, exceedances: Floats) -> Floa
 
 
 def _open_shares(coverage: Floats, bare: Floats, exceedances: Floats) -> Floats:
-    result: Floats = bare * np.exp(-coverage[..., None, :] @ exceedances)[..., 0, :]
-    return result
+    return np.asarray(bare * np.exp(-coverage[..., None, :] @ exceedances)[..., 0, :])
 
 
 @cache
@@ -177,5 +166,4 @@ def _unit_points() -> Floats:
     for _ in range(50):
         root = (1 + root) ** (1 / 7)
     steps = root ** -np.arange(1, 7, dtype=np.float64)
-    points: Floats = (np.arange(1, _SAMPLES + 1)[:, None] * steps + 0.5) % 1.0
-    return points
+    return np.asarray((np.arange(1, _SAMPLES + 1)[:, None] * steps + 0.5) % 1.0)

@@ -87,8 +87,7 @@ class Sizes:
         radius = self.low / 2 * (self.high / self.low) ** quantile
         if self.metric:
             radius = radius * camera.focal_px / camera.depth_m(disparity_px)
-        result: Floats = np.broadcast_to(radius, np.broadcast_shapes(radius.shape, disparity_px.shape))
-        return result
+        return np.broadcast_to(radius, np.broadcast_shapes(radius.shape, disparity_px.shape))
 
     def scaled(self, factor: float) -> "Sizes":
         """Return sizes that are larger by a factor."""
@@ -125,12 +124,8 @@ def stated_batches(
     layers: Sequence[DepthLayerSection], section: ParticlesSection, rng: np.random.Generator
 ) -> list[Batch]:
     """Draw a batch for each depth layer that the config states, its count rounded."""
-    return [
-        Batch(
-            layer.disparity_px.low, layer.disparity_px.high, round(layer.count.draw(rng)), stated_sizes(section, layer)
-        )
-        for layer in layers
-    ]
+    ranges = [(layer.disparity_px, layer) for layer in layers]
+    return [Batch(px.low, px.high, round(layer.count.draw(rng)), stated_sizes(section, layer)) for px, layer in ranges]
 
 
 def expected_cover(camera: StereoCamera, sizes: Sizes, disparity_px: Floats, fill: float) -> Floats:
@@ -145,16 +140,14 @@ def expected_cover(camera: StereoCamera, sizes: Sizes, disparity_px: Floats, fil
     radius = sizes.radius_px(camera, disparity_px[:, None], _QUANTILES)
     area = fill * np.pi * radius**2 * _mean_secant(camera)
     width, height = _release_area_px(camera, disparity_px[:, None], radius)
-    cover: Floats = (area / (width * height)).mean(axis=1)
-    return cover
+    return np.asarray((area / (width * height)).mean(axis=1))
 
 
 def expected_in_view(camera: StereoCamera, sizes: Sizes, disparity_px: Floats) -> Floats:
     """Return the share of a layer's particles whose bounding sphere touches the left view, (K,) float64."""
     radius = sizes.radius_px(camera, disparity_px[:, None], _QUANTILES)
     width, _ = _release_area_px(camera, disparity_px[:, None], radius)
-    share: Floats = ((camera.width_px + 2 * radius) / width).mean(axis=1)
-    return share
+    return np.asarray(((camera.width_px + 2 * radius) / width).mean(axis=1))
 
 
 def _mean_secant(camera: StereoCamera) -> float:
@@ -192,33 +185,15 @@ def draw_slots(
     total = len(low)
     disparity = low + (high - low) * rng.random(total)
     quantile = rng.random(total)
-    ends = np.cumsum(counts)
-    radius = np.concatenate(
-        [
-            batch.sizes.radius_px(camera, disparity[end - count : end], quantile[end - count : end])
-            for batch, count, end in zip(batches, counts, ends, strict=True)
-        ]
-        or [np.empty(0)]
-    )
+    radius = np.empty(total)
+    for batch, count, end in zip(batches, counts, np.cumsum(counts), strict=True):
+        rows = slice(end - count, end)
+        radius[rows] = batch.sizes.radius_px(camera, disparity[rows], quantile[rows])
     speed = section.fall_m_s.draw_many(rng, total)
     phase = rng.random(total)
     depth = camera.depth_m(disparity)
     _, height = _release_area_px(camera, disparity, radius)
     return Slots(depth, disparity, radius, height * depth / camera.focal_px / speed, phase)
-
-
-def poisson_counts(mean: Floats, quantile: Floats) -> NDArray[np.int64]:
-    """Return quantiles, (K,) in [0, 1), of Poisson distributions with K means: numbers of particles, (K,) int64.
-
-    Particles that are thrown independently are Poisson in number. The sum stands here since scipy takes long to import.
-    """
-    largest = mean.max(initial=0.0)
-    number = np.arange(int(largest + 12 * largest**0.5 + 24))
-    log_mean = np.log(np.maximum(mean, np.finfo(np.float64).tiny))[:, None]
-    logarithm = number * log_mean - mean[:, None] - np.concatenate([[0.0], np.cumsum(np.log(number[1:]))])
-    below = np.cumsum(np.exp(logarithm), axis=1)
-    counts: NDArray[np.int64] = (below <= quantile[:, None]).sum(axis=1)
-    return counts
 
 
 def draw_release(camera: StereoCamera, section: ParticlesSection, slots: Slots, rng: np.random.Generator) -> Release:

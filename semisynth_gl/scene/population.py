@@ -17,23 +17,8 @@ from semisynth_gl.config.model import Config
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.silhouette import Silhouette
 from semisynth_gl.histogram import Histogram
-from semisynth_gl.scene.depth_layers import (
-    MOST_LAYERS,
-    DepthLayers,
-    exceedance,
-    expected_shares,
-    merge_bins,
-    solve_coverage,
-)
-from semisynth_gl.scene.particles import (
-    Batch,
-    Sizes,
-    expected_cover,
-    expected_in_view,
-    poisson_counts,
-    stated_batches,
-    stated_sizes,
-)
+from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, merge_bins, solve_coverage
+from semisynth_gl.scene.particles import Batch, Sizes, expected_cover, expected_in_view, stated_batches, stated_sizes
 from semisynth_gl.scene.rig import check_reachable, near_depth_m
 from semisynth_gl.scene.structures import draw_stage
 from semisynth_gl.seeds import Purpose, generator
@@ -48,7 +33,8 @@ _SMALLEST = 0.05
 _BEYOND_MOST = 2.0
 _HALVINGS = 10
 # Multiples of their roots, which are irrational and unrelated, spread evenly over [0, 1) for each layer by itself.
-_PRIMES = np.array([n for n in range(2, 230) if all(n % k for k in range(2, n))][:MOST_LAYERS], np.float64)
+# These are 50 primes, for 48 layers at most.
+_PRIMES = np.array([n for n in range(2, 230) if all(n % k for k in range(2, n))], np.float64)
 # The aim for a bin keeps this share of itself in each correction: from 0 it could not rise again.
 _LEAST_OF_AIM = 0.1
 # A background is never bare: particles of its own layer cover a pixel this often.
@@ -59,7 +45,7 @@ class _Views(NamedTuple):
     """The effect of particles in K layers on V views."""
 
     bare: Floats  # (V, K - 1) share of the view that shows less than each inner edge of the target without particles
-    exceedances: Floats  # (V, K, K - 1), see `exceedance`
+    exceedances: Floats  # (V, K, K - 1), see `DepthLayers.exceedance`
     least: Floats  # (V, K) smallest coverages
     cover: Floats  # (V, K) coverage that one particle adds
 
@@ -119,10 +105,8 @@ class Population:
         # The limit cuts the rest in any case.
         mean *= min(1.0, _BEYOND_MOST * particles.most / max(float(mean.sum()), 1.0))
         counts = poisson_counts(mean, quantile)
-        solved = [
-            Batch(low, high, int(count), aim.sizes)
-            for low, high, count in zip(self._layers.low_px, self._layers.high_px, counts, strict=True)
-        ]
+        layers = zip(self._layers.low_px, self._layers.high_px, counts, strict=True)
+        solved = [Batch(low, high, int(count), aim.sizes) for low, high, count in layers]
         return solved + stated_batches(particles.clutter, particles, rng)
 
     def expected(self) -> Histogram | None:
@@ -163,10 +147,7 @@ class Population:
         for _ in range(_HALVINGS):
             # The number falls as sizes grow, about with their square.
             middle = (low * high) ** 0.5
-            if self._in_view(sizes.scaled(middle)) > wanted:
-                low = middle
-            else:
-                high = middle
+            low, high = (middle, high) if self._in_view(sizes.scaled(middle)) > wanted else (low, middle)
         return self._corrected(sizes.scaled((low * high) ** 0.5))
 
     def _corrected(self, sizes: Sizes) -> _Aim:
@@ -179,8 +160,7 @@ class Population:
                 f"disparity.target takes about {number:.0f} particles a scene at these sizes, and particles.most "
                 f"allows {most}: state larger sizes, a lower density, or raise particles.most"
             )
-        aims = []
-        shares = wanted
+        aims, shares = [], wanted
         for _ in range(_CORRECTIONS):
             coverage = self._coverage(shares, views)
             achieved = expected_shares(coverage, views.bare, views.exceedances).mean(axis=0)
@@ -196,10 +176,9 @@ class Population:
 
     def _in_view(self, sizes: Sizes) -> float:
         """Mean number of particles in the left views of the first pilot scenes."""
-        pilots = self._pilots[:_COUNTED_PILOTS]
+        pilots, in_view = self._pilots[:_COUNTED_PILOTS], []
         views = self._views(pilots, sizes)
         numbers = self._coverage(self.target.shares, views) / views.cover
-        in_view = []
         for number, (camera, _) in zip(numbers, pilots, strict=True):
             # Every particle shows more than -inf px, unless it crosses the near plane.
             drawn = self._exceedance(self._layers, np.array([-np.inf]), camera, sizes)[:, 0]
@@ -209,12 +188,13 @@ class Population:
     @cached_property
     def _pilots(self) -> list[tuple[StereoCamera, Floats]]:
         """Cameras of the pilot scenes, and disparities over their views without particles."""
-        stages = [draw_stage(self._config, self._pilot_generators(number).__getitem__) for number in range(_PILOTS)]
-        return [(stage.camera, stage.still.disparity_px) for stage in stages]
-
-    def _pilot_generators(self, number: int) -> dict[Purpose, np.random.Generator]:
         keys = (Purpose.CAMERA, Purpose.BACKGROUND, Purpose.STRUCTURES, Purpose.SWAY)
-        return {purpose: generator(self._seed, Purpose.PILOTS, number, key) for key, purpose in enumerate(keys)}
+        pilots = []
+        for number in range(_PILOTS):
+            generators = {use: generator(self._seed, Purpose.PILOTS, number, key) for key, use in enumerate(keys)}
+            stage = draw_stage(self._config, generators.__getitem__)
+            pilots.append((stage.camera, stage.still.disparity_px))
+        return pilots
 
     def _views(self, pilots: Sequence[tuple[StereoCamera, Floats]], sizes: Sizes) -> _Views:
         """Work out the effect of particles on views, given as camera and disparities without particles."""
@@ -243,5 +223,18 @@ class Population:
         return total
 
     def _exceedance(self, layers: DepthLayers, edges_px: Floats, camera: StereoCamera, sizes: Sizes) -> Floats:
-        near_m = near_depth_m(camera, self._config.disparity)
-        return exceedance(layers, edges_px, camera, self._config.particles, sizes, self._silhouette, near_m)
+        near_m, drift = near_depth_m(camera, self._config.disparity), self._config.particles.drift
+        return layers.exceedance(edges_px, camera, drift, sizes, self._silhouette.heights, near_m)
+
+
+def poisson_counts(mean: Floats, quantile: Floats) -> NDArray[np.int64]:
+    """Return quantiles, (K,) in [0, 1), of Poisson distributions with K means: numbers of particles, (K,) int64.
+
+    Particles that are thrown independently are Poisson in number. The sum stands here since scipy takes long to import.
+    """
+    largest = mean.max(initial=0.0)
+    number = np.arange(int(largest + 12 * largest**0.5 + 24))
+    log_mean = np.log(np.maximum(mean, np.finfo(np.float64).tiny))[:, None]
+    logarithm = number * log_mean - mean[:, None] - np.concatenate([[0.0], np.cumsum(np.log(number[1:]))])
+    below = np.cumsum(np.exp(logarithm), axis=1)
+    return np.asarray((below <= quantile[:, None]).sum(axis=1))

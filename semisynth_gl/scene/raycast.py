@@ -63,19 +63,21 @@ def cast_rays(
         vertices = mesh.positions.astype(np.float64) @ view_from_model[:3, :3].T + view_from_model[:3, 3]
         vertices[:, 0] -= camera.offset_m(eye)
         corners = vertices[mesh.triangles]
-        boxes = _boxes(camera, eye, corners, scene.near_m)
-        inside = (
-            (x >= boxes[:, 0].min()) & (x <= boxes[:, 1].max()) & (y >= boxes[:, 2].min()) & (y <= boxes[:, 3].max())
-        )
-        candidates = np.flatnonzero(inside)
-        for part in np.array_split(candidates, max(1, len(candidates) * len(boxes) // _COMPARISONS)):
-            ray, triangle = np.nonzero(
-                (x[part, None] >= boxes[:, 0])
-                & (x[part, None] <= boxes[:, 1])
-                & (y[part, None] >= boxes[:, 2])
-                & (y[part, None] <= boxes[:, 3])
-            )
-            _keep_nearest(hits, part[ray], rays[part[ray]], corners[triangle], number, triangle, scene.near_m)
+        x0, x1, y0, y1 = _boxes(camera, eye, corners, scene.near_m).T
+        candidates = np.flatnonzero((x >= x0.min()) & (x <= x1.max()) & (y >= y0.min()) & (y <= y1.max()))
+        for part in np.array_split(candidates, max(1, len(candidates) * len(corners) // _COMPARISONS)):
+            column, row = x[part, None], y[part, None]
+            ray, triangle = np.nonzero((column >= x0) & (column <= x1) & (row >= y0) & (row <= y1))
+            ray = part[ray]
+            depth_m = _depths(rays[ray], corners[triangle], scene.near_m)
+            order = np.flatnonzero(np.isfinite(depth_m))
+            # Ascending depth with the lowest triangle first, then the first of each ray.
+            order = order[np.lexsort((triangle[order], depth_m[order], ray[order]))]
+            order = order[np.unique(ray[order], return_index=True)[1]]
+            nearer = order[depth_m[order] < hits.depth_m[ray[order]]]
+            hits.depth_m[ray[nearer]] = depth_m[nearer]
+            hits.instance[ray[nearer]] = number
+            hits.triangle[ray[nearer]] = triangle[nearer]
     return hits
 
 
@@ -85,26 +87,15 @@ def _boxes(camera: StereoCamera, eye: Eye, corners: NDArray[np.float64], near_m:
     safe = np.where(depth > 0, depth, 1.0)
     x = camera.focal_px * corners[:, :, 0] / safe + camera.cx_px(eye)
     y = camera.focal_px * corners[:, :, 1] / safe + camera.cy_px
-    margin = _BOX_MARGIN_PX
-    boxes = np.stack(
-        [x.min(axis=1) - margin, x.max(axis=1) + margin, y.min(axis=1) - margin, y.max(axis=1) + margin], axis=1
-    )
+    boxes = np.stack([x.min(axis=1), x.max(axis=1), y.min(axis=1), y.max(axis=1)], axis=1)
+    boxes += np.array([-1, 1, -1, 1]) * _BOX_MARGIN_PX
     boxes[(depth < near_m).any(axis=1)] = -np.inf, np.inf, -np.inf, np.inf
-    behind = (depth < near_m).all(axis=1)
-    boxes[behind] = np.inf, -np.inf, np.inf, -np.inf
+    boxes[(depth < near_m).all(axis=1)] = np.inf, -np.inf, np.inf, -np.inf
     return boxes
 
 
-def _keep_nearest(
-    hits: Hits,
-    ray: NDArray[np.intp],
-    direction: NDArray[np.float64],
-    corners: NDArray[np.float64],
-    instance: int,
-    triangle: NDArray[np.intp],
-    near_m: float,
-) -> None:
-    """Intersect pairs of rays and triangles (Moller and Trumbore 1997), and keep hits nearer than those in ``hits``.
+def _depths(direction: NDArray[np.float64], corners: NDArray[np.float64], near_m: float) -> NDArray[np.float64]:
+    """Return the depths at which rays hit their triangles (Moller and Trumbore 1997), inf where a ray misses.
 
     Directions have z = 1, so the ray's parameter is the planar depth.
     """
@@ -119,11 +110,4 @@ def _keep_nearest(
         v = (direction * q).sum(axis=1) * inverse
         depth = (edge_2 * q).sum(axis=1) * inverse
         hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (depth >= near_m)
-    order = np.flatnonzero(hit)
-    # Ascending depth with the lowest triangle first, then the first of each ray.
-    order = order[np.lexsort((triangle[order], depth[order], ray[order]))]
-    order = order[np.unique(ray[order], return_index=True)[1]]
-    nearer = order[depth[order] < hits.depth_m[ray[order]]]
-    hits.depth_m[ray[nearer]] = depth[nearer]
-    hits.instance[ray[nearer]] = instance
-    hits.triangle[ray[nearer]] = triangle[nearer]
+    return np.where(hit, depth, np.inf)

@@ -15,6 +15,9 @@ from semisynth_gl.errors import InputError
 
 Floats = NDArray[np.float64]
 
+BEYOND_NEAR = 1.01
+"""Walls keep this much more than the smallest allowed depth, so that rounding never puts a pixel beyond max_px."""
+
 
 def draw_camera(section: CameraSection, rng: np.random.Generator) -> StereoCamera:
     """Draw every range of the section once, always in the same order."""
@@ -91,7 +94,7 @@ class Sway:
 
     @property
     def moves(self) -> bool:
-        """Whether the camera moves at all."""
+        """True where the camera moves."""
         return self.reach_m > 0 or self.angle_rad > 0
 
     def camera_from_world(self, time_s: float) -> Floats:

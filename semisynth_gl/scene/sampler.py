@@ -50,7 +50,7 @@ class SampledScene:
 
     @property
     def still(self) -> NDArray[np.bool_]:
-        """Whether an instance stands still as background, ground or panel, (N,) bool; all others are objects."""
+        """(N,) bool, true for an instance that stands still: background, ground or panel. All others are objects."""
         return self.slot < 0
 
 
@@ -199,8 +199,11 @@ class SceneSampler:
         depth_m = particles.centre_m @ camera_from_world[2, :3] + camera_from_world[2, 3]
         kept = np.flatnonzero(depth_m - particles.radius_m > near_m)
         generations = particles.generation[kept]
-        model = np.concatenate([still.model, len(STILL_MODELS) + self._models(draw, generations, kept)])
+        chance = draw.per_slot(Purpose.SHAPE, generations, kept, 1)[:, 0]
+        drawn = np.minimum(np.searchsorted(self._cumulative, chance, side="right"), len(self._cumulative) - 1)
         patch, offset, texels = self._textures(draw, len(still), generations, kept)
+        # Video frames start at a phase of their own and go round.
+        count = self._layer_count[patch]
         # A patch at its own resolution covers this part of a ray's slope X / Z, inverted.
         patches_per_slope = camera.focal_px / config.textures.patch_px
         # The depth of the path's middle instead of the model's: texture must not slide over it from frame to frame.
@@ -212,14 +215,13 @@ class SceneSampler:
             camera=camera,
             near_m=near_m,
             camera_from_world=camera_from_world,
-            model=model,
+            model=np.concatenate([still.model, len(STILL_MODELS) + drawn]),
             world_from_model=np.concatenate([still.world_from_model, particles.world_from_model[kept]]),
-            layer=self._atlas_layers(draw.sequence, patch, frame),
+            layer=self._first_layer[patch] + ((patch * 7919 + draw.sequence) % count + frame) % count,
             uv_scale=unit_m * (patches_per_slope * texels / depth)[:, None],
             uv_offset=offset,
         )
-        none = np.full(len(still), -1)
-        slot, generation = np.concatenate([none, kept]), np.concatenate([none, generations])
+        slot, generation = (np.concatenate([np.full(len(still), -1), numbers]) for numbers in (kept, generations))
         return SampledScene(scene, stage.background, draw.sequence, frame, draw.attempt, patch, slot, generation)
 
     def _particles(self, draw: _Draw, frame: int, generation: NDArray[np.int64] | None = None) -> Particles:
@@ -232,11 +234,6 @@ class SceneSampler:
 
         return particles_at(stage.camera, slots, release, frame * self._config.sequence.frame_s, generation)
 
-    def _models(self, draw: _Draw, generation: NDArray[np.int64], slot: NDArray[np.intp]) -> NDArray[np.int64]:
-        """Library index of the model in each slot."""
-        chance = draw.per_slot(Purpose.SHAPE, generation, slot, 1)[:, 0]
-        return np.minimum(np.searchsorted(self._cumulative, chance, side="right"), len(self._cumulative) - 1)
-
     def _textures(
         self, draw: _Draw, still: int, generation: NDArray[np.int64], slot: NDArray[np.intp]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
@@ -246,9 +243,3 @@ class SceneSampler:
         patch = (drawn[:, 0] * len(self._first_layer)).astype(np.int64)
         texels = self._config.textures.texels_per_pixel
         return patch, drawn[:, 1:3], texels.low * (texels.high / texels.low) ** drawn[:, 3]
-
-    def _atlas_layers(self, sequence: int, patch: NDArray[np.int64], frame: int) -> NDArray[np.int64]:
-        """Atlas layer of each patch at a frame: video frames start at a phase of their own and go round."""
-        count = self._layer_count[patch]
-        layer: NDArray[np.int64] = self._first_layer[patch] + ((patch * 7919 + sequence) % count + frame) % count
-        return layer

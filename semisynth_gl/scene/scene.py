@@ -37,15 +37,8 @@ class Scene:
         if not (np.isfinite(self.near_m) and self.near_m > 0):
             raise InputError(f"near_m must be positive and finite, got {self.near_m}")
         n = len(self.model)
-        expected = {
-            "camera_from_world": (4, 4),
-            "model": (n,),
-            "world_from_model": (n, 4, 4),
-            "layer": (n,),
-            "uv_scale": (n, 2),
-            "uv_offset": (n, 2),
-        }
-        for name, shape in expected.items():
+        shapes = {"camera_from_world": (4, 4), "model": (n,), "world_from_model": (n, 4, 4), "layer": (n,)}
+        for name, shape in (shapes | {"uv_scale": (n, 2), "uv_offset": (n, 2)}).items():
             array = getattr(self, name)
             if array.shape != shape:
                 raise InputError(f"scene: {name} must have shape {shape} for {n} instances, got {array.shape}")
@@ -73,15 +66,11 @@ class Motion:
     def __post_init__(self) -> None:
         n, then = len(self.instance), len(self.scene)
         if self.instance.shape != (n,) or self.world_from_model.shape != (n, 4, 4):
-            raise InputError(
-                f"motion: expected instance (N,) and world_from_model (N, 4, 4), got {self.instance.shape} and "
-                f"{self.world_from_model.shape}"
-            )
-        if n and (int(self.instance.min()) < -1 or int(self.instance.max()) >= then):
-            raise InputError(
-                f"motion: instance must be -1 to {then - 1}, got {int(self.instance.min())} to "
-                f"{int(self.instance.max())}"
-            )
+            shapes = f"{self.instance.shape} and {self.world_from_model.shape}"
+            raise InputError(f"motion: expected instance (N,) and world_from_model (N, 4, 4), got {shapes}")
+        low, high = (int(self.instance.min()), int(self.instance.max())) if n else (-1, -1)
+        if low < -1 or high >= then:
+            raise InputError(f"motion: instance must be -1 to {then - 1}, got {low} to {high}")
         if not np.isfinite(self.world_from_model).all():
             raise InputError("motion: world_from_model has values that are not finite")
 

@@ -15,12 +15,7 @@ from semisynth_gl.textures.prepare import prepare_atlas
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sources:
-    """The sources of a split's pairs.
-
-    Attributes:
-        atlas: the patches.
-        model_library: the models.
-    """
+    """The patches and the models of a split's pairs."""
 
     atlas: Atlas
     model_library: ModelLibrary
@@ -36,10 +31,8 @@ class Sources:
         silhouette = self.model_library.silhouette
         for numbers in (np.array(silhouette.fill), silhouette.heights, self.model_library.chances):
             models = crc32(numbers.tobytes(), models)
-        return {
-            "patches": f"{crc32(np.ascontiguousarray(self.atlas.layers), crc32(patches)):08x}",
-            "models": f"{models:08x}",
-        }
+        pixels = crc32(np.ascontiguousarray(self.atlas.layers), crc32(patches))
+        return {"patches": f"{pixels:08x}", "models": f"{models:08x}"}
 
 
 def prepare_sources(config: Config, seed: int, split: Split = WHOLE) -> Sources:

@@ -9,19 +9,10 @@ from numpy.typing import NDArray
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Range
 from semisynth_gl.config.model import Config, DisparitySection, StructuresSection
-from semisynth_gl.geometry.mesh import Mesh, make_mesh
-from semisynth_gl.scene.background import (
-    BEYOND_NEAR,
-    FACE,
-    Background,
-    corner_rays,
-    draw_background,
-    grid_px,
-    mesh_grid,
-    smallest_offsets,
-)
+from semisynth_gl.geometry.mesh import Mesh, make_mesh, mesh_grid
+from semisynth_gl.scene.background import FACE, Background, corner_rays, draw_background, grid_px, smallest_offsets
 from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.rig import STILL, Sway, check_reachable, draw_camera, draw_sway, near_depth_m
+from semisynth_gl.scene.rig import BEYOND_NEAR, STILL, Sway, check_reachable, draw_camera, draw_sway, near_depth_m
 from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.seeds import Purpose
 
@@ -51,12 +42,8 @@ def _curved_panel() -> Mesh:
     radius = 0.5 / np.sin(_HALF_ARC_RAD)
     angle = (2 * u - 1) * _HALF_ARC_RAD
     middle = radius * (1 + np.cos(_HALF_ARC_RAD)) / 2
-    return make_mesh(
-        "curved panel",
-        np.c_[radius * np.sin(angle), v - 0.5, middle - radius * np.cos(angle)],
-        np.c_[radius * angle, v],
-        triangles,
-    )
+    points = np.c_[radius * np.sin(angle), v - 0.5, middle - radius * np.cos(angle)]
+    return make_mesh("curved panel", points, np.c_[radius * angle, v], triangles)
 
 
 GROUND, CURVED_PANEL = _ground(), _curved_panel()
@@ -116,8 +103,7 @@ def draw_stage(config: Config, generator_for: Callable[[Purpose], np.random.Gene
     """
     camera = draw_camera(config.camera, generator_for(Purpose.CAMERA))
     sway = draw_sway(config.camera, generator_for(Purpose.SWAY))
-    rng = generator_for(Purpose.BACKGROUND)
-    background = draw_background(config.background, config.disparity, camera, rng, sway)
+    background = draw_background(config.background, config.disparity, camera, generator_for(Purpose.BACKGROUND), sway)
     rng = generator_for(Purpose.STRUCTURES)
     still = draw_surroundings(config.structures, config.disparity, camera, background, rng, sway)
     return Stage(camera, sway, background.kind, still)
@@ -149,55 +135,44 @@ def draw_surroundings(
     farthest_m = float(camera.depth_m(seen_px.min()))
     if rng.random() < section.ground:
         model.append(_GROUND)
-        matrices.append(_place_ground(section, camera, near_m, farthest_m, rng, sway))
+        matrices.append(_place_ground(section, camera, Range(near_m, farthest_m), rng, sway))
     for _ in range(round(section.panels.draw(rng))):
         curved = bool(rng.random() < section.panel_curved)
         model.append(_CURVED if curved else _FACE)
         matrices.append(_place_panel(section, disparity, camera, near_m, rng, curved=curved))
     if len(model) > faces:
         x, y = grid_px(camera)
-        scene = make_scene(
-            camera, model=model, world_from_model=matrices, layer=[0] * len(model), near_m=near_m / BEYOND_NEAR
-        )
+        layer = [0] * len(model)
+        scene = make_scene(camera, model=model, world_from_model=matrices, layer=layer, near_m=near_m / BEYOND_NEAR)
         hits = cast_rays(scene, STILL_MODELS, "left", x, y)
         seen_px = camera.disparity_px(hits.depth_m)
         for number in range(faces, len(model)):
             columns = np.linalg.norm(matrices[number][:3, :3], axis=0)
-            units.append((columns[0], columns[2]) if model[number] == _GROUND else (columns[0], columns[1]))
+            units.append((columns[0], columns[2 if model[number] == _GROUND else 1]))
             seen_m = hits.depth_m[hits.instance == number]
             # A hidden structure has the depth of its nearest vertex, or of the near plane where the plane is farther.
             vertices = STILL_MODELS[model[number]].positions.astype(np.float64)
             nearest_m = float((vertices @ matrices[number][2, :3] + matrices[number][2, 3]).min())
             depths.append(float(np.median(seen_m)) if seen_m.size else max(nearest_m, near_m))
-    return Surroundings(
-        np.array(model, np.int64), np.array(matrices), np.array(units), np.array(depths), seen_px[np.isfinite(seen_px)]
-    )
+    seen_px = seen_px[np.isfinite(seen_px)]
+    return Surroundings(np.array(model, np.int64), np.array(matrices), np.array(units), np.array(depths), seen_px)
 
 
 def _place_ground(
-    section: StructuresSection,
-    camera: StereoCamera,
-    near_m: float,
-    farthest_m: float,
-    rng: np.random.Generator,
-    sway: Sway,
+    section: StructuresSection, camera: StereoCamera, depth_m: Range, rng: np.random.Generator, sway: Sway
 ) -> Floats:
     height = section.ground_height_m.draw(rng)
     roll, pitch = np.deg2rad(rng.uniform(-section.ground_tilt_deg, section.ground_tilt_deg, 2))
     across = np.array([np.cos(roll), np.sin(roll), 0.0])
     along = np.array([-np.sin(roll) * np.sin(pitch), np.cos(roll) * np.sin(pitch), np.cos(pitch)])
     down = np.cross(along, across)
-    offset = max(height, float(smallest_offsets(camera, down[None], near_m, sway)[0]))
+    offset = max(height, float(smallest_offsets(camera, down[None], depth_m.low, sway)[0]))
     # The wedge's tip lies behind the cameras, so far that both views fit between its sides.
     widest = float(np.abs(corner_rays(camera)[:, 0]).max()) * 1.1
-    behind = abs(camera.offset_m("right")) / widest + 0.5 * near_m
-    length = behind + 1.05 * farthest_m
-    matrix = np.eye(4)
-    matrix[:3, 0] = across * length * widest
-    matrix[:3, 1] = down * length
-    matrix[:3, 2] = along * length
-    matrix[:3, 3] = down * offset - along * behind
-    return matrix
+    behind = abs(camera.offset_m("right")) / widest + 0.5 * depth_m.low
+    length = behind + 1.05 * depth_m.high
+    columns = across * length * widest, down * length, along * length, down * offset - along * behind
+    return np.vstack([np.stack(columns, axis=1), [0, 0, 0, 1]])
 
 
 def _place_panel(
