@@ -98,7 +98,7 @@ def test_images_without_imagecodecs_are_left_out_with_the_reason(monkeypatch):
     def refuse(name):
         raise ImportError(name)
 
-    monkeypatch.setattr("semisynth_gl.codecs.codec.import_module", refuse)
+    monkeypatch.setattr("semisynth_gl.codecs.by_imagecodecs.import_module", refuse)
     usable, left_out = usable_encodings(IMAGE_CODECS)
     assert [encoding.name for encoding in usable] == ["png"]
     assert set(left_out) == {"qoi", "jxl"}

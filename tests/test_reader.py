@@ -10,7 +10,7 @@ from recorder import Recorder
 from tiny_datasets import lean, tiny
 
 from semisynth_gl.cli import main
-from semisynth_gl.codecs import DISPARITY_CODECS, Encodings, codec
+from semisynth_gl.codecs import DISPARITY_CODECS, Encodings, by_imagecodecs
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.errors import InputError
 from semisynth_gl.generation.generate import generate
@@ -65,7 +65,7 @@ def test_a_missing_imagecodecs_stops_generation_before_anything_is_written(tmp_p
     def refuse(name):
         raise ImportError(f"No module named {name!r}")
 
-    monkeypatch.setattr(codec, "import_module", refuse)
+    monkeypatch.setattr(by_imagecodecs, "import_module", refuse)
     with pytest.raises(InputError, match=r"needs the package imagecodecs.*pip install 'semisynth-gl\[codecs\]'"):
         generate(lean(files={"image": image}), tmp_path / "out", 1, 0)
     assert not (tmp_path / "out").exists()

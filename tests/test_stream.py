@@ -20,7 +20,7 @@ from semisynth_gl.camera import Crop, StereoCamera
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.engines.task import threads_each
 from semisynth_gl.errors import BackendError, InputError
-from semisynth_gl.frame import Frame
+from semisynth_gl.frame import Frame, View
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.pairs.pipeline import Pair, PairRenderer
 from semisynth_gl.render import context
@@ -115,7 +115,8 @@ def test_tensors_have_torchs_order_of_axes_and_types_that_it_works_with():
     image = rng.integers(0, 256, (4, 5, 3), dtype=np.uint8)
     flow = rng.normal(size=(4, 5, 4)).astype(np.float32)[..., :2]
     ids = np.full((4, 5), 65535, np.uint16)
-    frame = Frame(camera, image, image, flow[..., 0], instances_left=ids, flow_left=flow)
+    left = View({"image": image, "disparity": flow[..., 0], "instances": ids, "flow": flow})
+    frame = Frame(camera, left, View({"image": image}))
     sample = to_sample(Pair(7, frame, {}))
     assert sample["index"] == 7
     assert sample["camera"] == {
@@ -131,13 +132,13 @@ def test_tensors_have_torchs_order_of_axes_and_types_that_it_works_with():
 
 
 def assert_same(sample, stored, part=(slice(None), slice(None))):
-    compared = 0
+    compared, arrays = 0, stored.arrays()
     for name, tensor in sample.items():
         if name in ("index", "camera"):
             continue
         array = tensor.numpy()
         np.testing.assert_array_equal(
-            array.transpose(1, 2, 0) if array.ndim == 3 else array, getattr(stored, name)[part], err_msg=name
+            array.transpose(1, 2, 0) if array.ndim == 3 else array, arrays[name][part], err_msg=name
         )
         compared += 1
     return compared

@@ -14,7 +14,7 @@ from semisynth_gl.camera import StereoCamera
 from semisynth_gl.codecs import FLOW_CODECS
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.dataset.sample import StoredFrame
-from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE, View
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.verify.dataset import verify_dataset
@@ -357,7 +357,8 @@ def test_a_change_may_be_missing_where_disparities_pass_through_0(least, wrong):
     change = np.full((6, 8), least - 9, np.float32)
     change[2, 3] = np.inf
     image, flow = np.zeros((6, 8, 3), np.uint8), np.zeros((6, 8, 2), np.float32)
-    frame = StoredFrame(camera, image, image, disparity, flow_left=flow, disparity_change_left=change)
+    left = View({"image": image, "disparity": disparity, "flow": flow, "disparity_change": change})
+    frame = StoredFrame(camera, left, View({"image": image}))
     verdict = Verdict("it")
     check_change(frame, "left", 20.0, verdict)
     wanted = ["it: change: disparity_change_left is inf in spite of disparity and flow in 1 pixel, the first at (3, 2)"]
