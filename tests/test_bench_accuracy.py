@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 from backends import backend_fault
+from bench_reports import SMALL, rows
 
 from semisynth_gl.bench.accuracy import Effort, measure, table
 from semisynth_gl.bench.antialias import MODES, REFERENCE, psnr_db
@@ -17,28 +18,12 @@ from semisynth_gl.cli import main
 from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS
 from semisynth_gl.config import load_config
 
-SMALL = (
-    "camera.width_px=160",
-    "camera.height_px=100",
-    "camera.cx_left_px=80.3",
-    "camera.cx_right_px=80.3",
-    "camera.cy_px=49.1",
-    "particles.size_px=[8, 60]",
-    "textures.source=procedural",
-    "textures.max_patches=8",
-    "models.variants=1",
-)
-
 
 @pytest.fixture(scope="module")
 def report():
     if backend_fault("auto"):
         pytest.skip("no OpenGL here")
     return measure(load_config("eth3d", SMALL), 3, "auto", Effort(pairs=1, rays=4000, repeats=1))
-
-
-def rows(report, part):
-    return {row["name"]: row for row in report[part]["rows"]}
 
 
 def test_the_report_is_whole_and_json(report):

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from backends import backend_fault
+from bench_reports import SMALL, rows
 
 from semisynth_gl.bench.accuracy import Effort, table
 from semisynth_gl.bench.encodings import usable_encodings
@@ -23,17 +24,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 from alternatives import measure, more_disparity_encodings
 from disparity_variants import RENDERERS_VARIANT, VARIANTS, DisparityVariants
 
-SMALL = (
-    "camera.width_px=160",
-    "camera.height_px=100",
-    "camera.cx_left_px=80.3",
-    "camera.cx_right_px=80.3",
-    "camera.cy_px=49.1",
-    "particles.size_px=[8, 60]",
-    "textures.source=procedural",
-    "textures.max_patches=8",
-    "models.variants=1",
-)
 LOSSLESS = {"pfm", "tiff", "deflate", "delta", "blosc2"}
 LARGEST_ERROR_PX = {"png16": 1 / 512, "grid": 1 / 2048, "grid-delta": 1 / 2048}
 ENCODINGS = [*usable_encodings(DISPARITY_CODECS)[0], *more_disparity_encodings()]
@@ -44,10 +34,6 @@ def report():
     if backend_fault("auto"):
         pytest.skip("no OpenGL here")
     return measure(load_config("eth3d", SMALL), 3, "auto", Effort(pairs=1, rays=4000, repeats=1))
-
-
-def rows(report, part):
-    return {row["name"]: row for row in report[part]["rows"]}
 
 
 def test_the_report_has_offered_and_other_alternatives(report):
