@@ -5,7 +5,7 @@ and nothing else: the scene sampler measures with it where background and struct
 neither.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -148,18 +148,25 @@ def normals(scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits) -> NDArr
         (R, 3) float64 unit vectors in the camera frame; 0 where a ray hits nothing.
     """
     result = np.zeros((len(hits.depth_m), 3))
+    for hit, corners, normal in _triangles_hit(scene, models, eye, hits):
+        unit = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+        away = (unit * corners[:, 0]).sum(axis=1, keepdims=True) > 0
+        result[hit] = np.where(away, -unit, unit)
+    return result
+
+
+def _triangles_hit(
+    scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits
+) -> Iterator[tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]]:
+    """Yield, per instance, the hits (N,) on it, their triangles' corners (N, 3, 3) from the eye, normals (N, 3)."""
     for number in np.unique(hits.instance[hits.instance >= 0]):
-        rays = np.flatnonzero(hits.instance == number)
+        hit = np.flatnonzero(hits.instance == number)
         mesh = models[int(scene.model[number])]
         view_from_model = scene.camera_from_world @ scene.world_from_model[number]
-        corners = mesh.positions.astype(np.float64)[mesh.triangles[hits.triangle[rays]]]
+        corners = mesh.positions.astype(np.float64)[mesh.triangles[hits.triangle[hit]]]
         corners = corners @ view_from_model[:3, :3].T + view_from_model[:3, 3]
         corners[..., 0] -= scene.camera.offset_m(eye)
-        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        away = (normal * corners[:, 0]).sum(axis=1, keepdims=True) > 0
-        result[rays] = np.where(away, -normal, normal)
-    return result
+        yield hit, corners, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
 def _place_among(corners: NDArray[np.float64], point: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -193,14 +200,7 @@ def depth_on_planes(
     """
     depth = np.full(len(x_px), np.inf)
     rays = scene.camera.rays(eye, np.asarray(x_px, np.float64), np.asarray(y_px, np.float64))
-    for number in np.unique(hits.instance[hits.instance >= 0]):
-        pixels = np.flatnonzero(hits.instance == number)
-        mesh = models[int(scene.model[number])]
-        view_from_model = scene.camera_from_world @ scene.world_from_model[number]
-        corners = mesh.positions.astype(np.float64)[mesh.triangles[hits.triangle[pixels]]]
-        corners = corners @ view_from_model[:3, :3].T + view_from_model[:3, 3]
-        corners[..., 0] -= scene.camera.offset_m(eye)
-        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    for hit, corners, normal in _triangles_hit(scene, models, eye, hits):
         with np.errstate(divide="ignore", invalid="ignore"):
-            depth[pixels] = (normal * corners[:, 0]).sum(axis=1) / (normal * rays[pixels]).sum(axis=1)
+            depth[hit] = (normal * corners[:, 0]).sum(axis=1) / (normal * rays[hit]).sum(axis=1)
     return depth
