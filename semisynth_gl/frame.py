@@ -44,7 +44,6 @@ class Channel(Generic[Value]):
         attachment: the pass's attachment that holds it; by default called like the channel.
         reads_triangles: whether that pass looks up the scene's triangles, as all passes behind the drawing do.
         mask: the channel that says whether the other view, or the other moment, shows the same point.
-        unit: the unit of the values, "" for none.
         name: the channel's name in `View`.
     """
 
@@ -60,7 +59,6 @@ class Channel(Generic[Value]):
     attachment: str = ""
     reads_triangles: bool = False
     mask: str | None = None
-    unit: str = ""
     name: str = field(init=False)
 
     def __set_name__(self, owner: type["View"], name: str) -> None:
@@ -102,7 +100,7 @@ class View(Mapping[str, NDArray[Any]]):
 
     image = Channel(_UINT8, "{view} image, 8-bit RGB", components=3, attachment="colour", codec="image")
     disparity = Channel(
-        _FLOAT32, "disparity of the {view} view's pixels", nothing=inf, codec="disparity", mask="visibility", unit="px"
+        _FLOAT32, "disparity of the {view} view's pixels", nothing=inf, codec="disparity", mask="visibility"
     )
     visibility = Channel(
         _UINT8,
@@ -125,7 +123,6 @@ class View(Mapping[str, NDArray[Any]]):
         nothing=inf,
         output="depth",
         codec="float",
-        unit="m",
     )
     normals = Channel(
         _FLOAT32,
@@ -146,7 +143,6 @@ class View(Mapping[str, NDArray[Any]]):
         drawn_by="flow",
         codec="flow",
         mask="flow_visibility",
-        unit="px",
     )
     flow_visibility = Channel(
         _UINT8,
@@ -181,7 +177,6 @@ class View(Mapping[str, NDArray[Any]]):
         moment="next",
         drawn_by="flow",
         codec="float",
-        unit="px",
     )
 
     def __init__(self, channels: Mapping[str, NDArray[Any]]) -> None:

@@ -9,3 +9,11 @@ layout(std140, binding = 0) uniform Constants {
     float near_m;
     float other_from_own;    // -1 in the left view (x_right = x_left - d), +1 in the right one
 };
+
+// What masks say, as in semisynth_gl/frame.py.
+const uint VISIBLE = 255u;
+const uint OCCLUDED = 128u;
+const uint OUTSIDE = 0u;
+
+// Larger is infinite.
+const float LARGEST = 3e38;

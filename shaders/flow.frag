@@ -27,12 +27,7 @@ layout(location = FLOW) out vec2 flow_px;
 layout(location = DISPARITY_CHANGE) out float disparity_change_px;
 layout(location = FLOW_VISIBILITY) out uint visibility;
 
-const uint VISIBLE = 255u;
-const uint OCCLUDED = 128u;
-const uint OUTSIDE = 0u;
-
 const uint GONE = 0xFFFFFFFFu;
-const float LARGEST = 3e38;
 // What float32 leaves uncertain of 1 / Z.
 const float ROUNDING = 2e-5;
 // What a surface may bend between four pixels that all show it.

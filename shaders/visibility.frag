@@ -12,16 +12,10 @@ layout(binding = 1) uniform sampler2D other_disparity;  // its wrap must be clam
 
 layout(location = 0) out uint visibility;
 
-const uint VISIBLE = 255u;
-const uint OCCLUDED = 128u;
-const uint OUTSIDE = 0u;
-
-const float LARGEST = 3e38;
 // Change of disparity from pixel to pixel that passes for one surface without a look at its triangles.
 const float STEEPEST = 2.0;
 
 #ifdef TRACE
-#include "common_disparity.glsl"
 #include "common_silhouette.glsl"
 
 layout(binding = 2) uniform usampler2D own_surface;

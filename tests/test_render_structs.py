@@ -43,16 +43,26 @@ def test_a_struct_that_is_packed_otherwise_is_an_error_with_both_layouts(context
 
 def test_members_are_named_as_in_glsl():
     assert list(members(structs.INSTANCE)) == [
-        ("view_from_model_x", 0, 4),
-        ("view_from_model_y", 16, 4),
-        ("view_from_model_z", 32, 4),
-        ("model", 48, 4),
+        ("view_from_model_x", 0, 4, "f"),
+        ("view_from_model_y", 16, 4, "f"),
+        ("view_from_model_z", 32, 4, "f"),
+        ("model", 48, 4, "i"),
     ]
-    assert [name for name, _, _ in members(structs.MOVE)][-2:] == ["centre", "then"]  # padding has no name
+    assert [name for name, *_ in members(structs.MOVE)][-2:] == ["centre", "then"]  # padding has no name
 
 
 def test_an_attribute_of_another_size_is_an_error(context):
     program = link_program(context, "mesh.vert", "mesh.frag", {"COLOUR": 0, "ANISOTROPY": 1})
-    check_attributes(program, structs.VERTEX, ())
+    check_attributes(program, structs.VERTEX)
     with pytest.raises(BackendError, match="takes uv as 2 of f, but the program packs 3 of f"):
-        check_attributes(program, np.dtype([("position", "<f4", 3), ("uv", "<f4", 3)]), ())
+        check_attributes(program, np.dtype([("position", "<f4", 3), ("uv", "<f4", 3)]))
+
+
+def test_an_attribute_of_another_kind_is_an_error(context):
+    program = link_program(context, "mesh.vert", "mesh.frag", {"COLOUR": 0, "ANISOTROPY": 1})
+    check_attributes(program, structs.DRAWN_INSTANCE)
+    floats = np.dtype(
+        [(name, "<f4" if name == "layer" else field[0]) for name, field in structs.DRAWN_INSTANCE.fields.items()]
+    )
+    with pytest.raises(BackendError, match="takes layer as 1 of i, but the program packs 1 of f"):
+        check_attributes(program, floats)

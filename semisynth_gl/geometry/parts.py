@@ -10,7 +10,7 @@ from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh
 from semisynth_gl.geometry.surfaces import lathe, sweep
 
 
-def circle(radius: float, sides: int = 12, turn_rad: float = 0.0) -> NDArray[np.float64]:
+def circle(radius: float, sides: int, turn_rad: float = 0.0) -> NDArray[np.float64]:
     """A regular polygon about the origin, anticlockwise; (sides, 2), model units."""
     return on_circle(radius, turn_rad + np.arange(sides) * (2 * np.pi / sides))
 
@@ -48,7 +48,7 @@ def smooth(points: ArrayLike, steps: int = 6) -> NDArray[np.float64]:
     return np.concatenate([curve.reshape(-1, given.shape[1]), given[-1:]])
 
 
-def rounded(corners: ArrayLike, radius: float, steps: int = 6) -> NDArray[np.float64]:
+def rounded(corners: ArrayLike, radius: float, steps: int) -> NDArray[np.float64]:
     """A polyline whose inner corners are replaced by arcs.
 
     Args:

@@ -13,11 +13,12 @@ from semisynth_gl.errors import BackendError
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.topology import neighbours
 from semisynth_gl.render.projection import in_view
-from semisynth_gl.render.structs import COMMAND, DRAWN_INSTANCE, INSTANCE, VERTEX, check_attributes, members
+from semisynth_gl.render.structs import BLOCKS, COMMAND, DRAWN_INSTANCE, INSTANCE, VERTEX, check_attributes, members
 from semisynth_gl.scene.scene import Scene
 
-_INTEGERS = ("layer", "instance")
 _FEWEST_INSTANCES = 256
+# Bindings of common_triangles.glsl.
+_VERTICES, _INDICES, _NEIGHBOURS = range(3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,10 +152,11 @@ class ModelBuffers:
         largest, limit = max(buffer.size for buffer in buffers), int(self._gl.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
         if largest > limit:
             raise BackendError(
-                f"following surfaces for the output visibility takes a buffer of {largest} bytes, but the driver goes "
-                f"up to {limit}: use fewer or smaller models, or leave that output out"
+                f"the outputs visibility, normals and those of flow look up triangles in a buffer, here of {largest} "
+                f"bytes, but the driver goes up to {limit}: use fewer or smaller models, or leave these outputs out"
             )
-        for binding, buffer in enumerate(buffers):
+        bindings = (_VERTICES, _INDICES, _NEIGHBOURS, BLOCKS["Instances"].binding)
+        for binding, buffer in zip(bindings, buffers, strict=True):
             buffer.bind_to_storage_buffer(binding)
 
     def _vao(self, program: moderngl.Program) -> moderngl.VertexArray:
@@ -180,11 +182,11 @@ def refill(buffer: moderngl.Buffer, rows: NDArray[Any]) -> None:
 def _format(program: moderngl.Program, dtype: np.dtype[Any], suffix: str) -> tuple[str, list[str]]:
     """Return buffer format and names; an attribute that the compiler removed from a program is passed over."""
     parts, names = [], []
-    check_attributes(program, dtype, _INTEGERS)
-    for name, _, count in members(dtype):
+    check_attributes(program, dtype)
+    for name, _, count, kind in members(dtype):
         if program.get(name, None) is None:
             parts.append(f"{count}x4")
             continue
-        parts.append(f"{count}{'i' if name in _INTEGERS else 'f'}")
+        parts.append(f"{count}{kind}")
         names.append(name)
     return " ".join(parts) + suffix, names

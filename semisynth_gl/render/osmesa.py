@@ -60,7 +60,7 @@ class OSMesaContext:
             *(_OSMESA_CONTEXT_MINOR_VERSION, minor),
             *(0, 0),
         ]
-        self._model_library = library
+        self._library = library
         self._pixel = (ctypes.c_ubyte * 4)()
         self._handle: int | None = create((ctypes.c_int * len(attributes))(*attributes), None)
         if not self._handle:
@@ -68,12 +68,12 @@ class OSMesaContext:
         self._make_current()
 
     def _make_current(self) -> None:
-        if not self._model_library.OSMesaMakeCurrent(self._handle, self._pixel, _GL_UNSIGNED_BYTE, 1, 1):
+        if not self._library.OSMesaMakeCurrent(self._handle, self._pixel, _GL_UNSIGNED_BYTE, 1, 1):
             raise BackendError("OSMesa could not make its context current")
 
     def load(self, name: str) -> int:
         """Return the address of an OpenGL function, 0 where there is none."""
-        return self._model_library.OSMesaGetProcAddress(name.encode()) or 0
+        return self._library.OSMesaGetProcAddress(name.encode()) or 0
 
     def __enter__(self) -> Self:
         self._make_current()
@@ -85,5 +85,5 @@ class OSMesaContext:
     def release(self) -> None:
         """Destroy the context; a second call does nothing."""
         if self._handle:
-            self._model_library.OSMesaDestroyContext(self._handle)
+            self._library.OSMesaDestroyContext(self._handle)
             self._handle = None

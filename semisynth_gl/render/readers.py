@@ -27,7 +27,7 @@ class Reader(Protocol):
         """
 
 
-_DTYPES = {"f1": np.uint8, "u1": np.uint8, "u2": np.uint16, "u4": np.uint32, "f4": np.float32}
+_DTYPES = {"f1": np.uint8, "u1": np.uint8, "u2": np.uint16, "f4": np.float32}
 
 
 def read_array(
@@ -54,7 +54,7 @@ class PixelBuffers:
         self, framebuffer: moderngl.Framebuffer, viewport: Viewport, attachment: int, kind: str, components: int
     ) -> moderngl.Buffer:
         """Copy a rectangle of an attachment; rows are tight, and the first one is the top."""
-        size = viewport[2] * viewport[3] * components * (1 if kind == "f1" else int(kind[1:]))
+        size = viewport[2] * viewport[3] * components * int(kind[1:])
         if size not in self._buffers:
             self._buffers[size] = framebuffer.ctx.buffer(reserve=size)
         framebuffer.read_into(self._buffers[size], viewport, components, attachment=attachment, dtype=kind, alignment=1)

@@ -67,21 +67,22 @@ BLOCKS: dict[str, Block] = {
 """The blocks that `link_program` checks, by their names in GLSL."""
 
 
-def members(dtype: np.dtype[Any]) -> Iterator[tuple[str, int, int]]:
-    """Return name in GLSL, offset in bytes and number of components of each member of a struct.
+def members(dtype: np.dtype[Any]) -> Iterator[tuple[str, int, int, str]]:
+    """Return name in GLSL, offset in bytes, number of components and their kind, "i" or "f", of a struct's members.
 
     A field of shape (3, 4) stands for three vec4, the rows of a matrix: its name with ``_x``, ``_y`` and ``_z``. Fields
     without a name are padding.
     """
     for name, field in (dtype.fields or {}).items():
         offset, shape = field[1], field[0].shape
+        kind = "f" if field[0].base.kind == "f" else "i"
         if name.startswith("f") and name[1:].isdigit():
             continue
         if shape == (3, 4):
             for row, axis in enumerate("xyz"):
-                yield f"{name}_{axis}", offset + row * 16, 4
+                yield f"{name}_{axis}", offset + row * 16, 4, kind
         else:
-            yield name, offset, int(np.prod(shape, dtype=int))
+            yield name, offset, int(np.prod(shape, dtype=int)), kind
 
 
 def check_blocks(context: GraphicsContext, program: moderngl.Program) -> None:
@@ -91,7 +92,7 @@ def check_blocks(context: GraphicsContext, program: moderngl.Program) -> None:
         BackendError: where the driver lays a block out otherwise, with both layouts.
     """
     for name, block in BLOCKS.items():
-        expected = {member: offset for member, offset, _ in members(block.dtype)}
+        expected = {member: offset for member, offset, _, _ in members(block.dtype)}
         actual = context.unbound.block_layout(program.glo, name, list(expected), block.array)
         if actual is not None and actual != (expected, block.dtype.itemsize):
             raise BackendError(
@@ -100,23 +101,20 @@ def check_blocks(context: GraphicsContext, program: moderngl.Program) -> None:
             )
 
 
-def check_attributes(program: moderngl.Program, dtype: np.dtype[Any], integers: tuple[str, ...]) -> None:
+def check_attributes(program: moderngl.Program, dtype: np.dtype[Any]) -> None:
     """Compare a program's vertex attributes with the struct that numpy packs for them.
 
     Args:
         program: linked; attributes that the compiler removed are passed over.
         dtype: the struct.
-        integers: names of the members that are integers.
 
     Raises:
         BackendError: where an attribute has another type or number of components, with both.
     """
-    for name, _, count in members(dtype):
+    for name, _, *expected in members(dtype):
         attribute = program.get(name, None)
-        if isinstance(attribute, moderngl.Attribute):
-            expected = (count, "i" if name in integers else "f")
-            if (attribute.dimension, str(attribute.shape)) != expected:
-                raise BackendError(
-                    f"the shader takes {name} as {attribute.dimension} of {attribute.shape}, but the program packs "
-                    f"{expected[0]} of {expected[1]}"
-                )
+        if isinstance(attribute, moderngl.Attribute) and [attribute.dimension, str(attribute.shape)] != expected:
+            raise BackendError(
+                f"the shader takes {name} as {attribute.dimension} of {attribute.shape}, but the program packs "
+                f"{expected[0]} of {expected[1]}"
+            )

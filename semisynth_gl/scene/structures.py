@@ -60,7 +60,8 @@ class Surroundings:
         model: (S,) int64, index into `STILL_MODELS`.
         world_from_model: (S, 4, 4) float64, left camera's frame, metres.
         unit_m: (S, 2) float64, length of one UV unit.
-        depth_m: (S,) float64, median depth in the left view; of a hidden instance, its nearest depth.
+        depth_m: (S,) float64, median depth in the left view; of a hidden face, the depth of the
+            back wall, and of a hidden structure, its nearest depth or that of the near plane.
         disparity_px: flat float64, disparities on a coarse grid over the left view.
     """
 
