@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.arguments import check_real, check_type, to_whole
 from semisynth_gl.errors import InputError
 
 Eye = Literal["left", "right"]
@@ -35,6 +36,8 @@ class Crop:
     height_px: int
 
     def __post_init__(self) -> None:
+        for name in ("x_px", "y_px", "width_px", "height_px"):
+            to_whole(f"a crop's {name}", getattr(self, name))
         if min(self.x_px, self.y_px) < 0 or min(self.width_px, self.height_px) < 1:
             raise InputError(f"a crop begins at 0 or more and holds at least 1 x 1 pixel, got {self}")
 
@@ -72,14 +75,16 @@ class StereoCamera:
     cy_px: float
 
     def __post_init__(self) -> None:
+        for name in ("width_px", "height_px"):
+            to_whole(name, getattr(self, name))
+        for name in ("focal_px", "baseline_m", "cx_left_px", "cx_right_px", "cy_px"):
+            check_real(name, getattr(self, name))
         if self.width_px < 1 or self.height_px < 1:
             raise InputError(f"an image needs at least 1 x 1 pixel, got {self.width_px} x {self.height_px}")
-        if not (np.isfinite(self.focal_px) and self.focal_px > 0):
-            raise InputError(f"focal_px must be positive and finite, got {self.focal_px}")
-        if not (np.isfinite(self.baseline_m) and self.baseline_m >= 0):
-            raise InputError(f"baseline_m must be zero or positive and finite, got {self.baseline_m}")
-        if not np.isfinite([self.cx_left_px, self.cx_right_px, self.cy_px]).all():
-            raise InputError(f"principal points must be finite, got {self}")
+        if self.focal_px <= 0:
+            raise InputError(f"focal_px must be positive, got {self.focal_px}")
+        if self.baseline_m < 0:
+            raise InputError(f"baseline_m must be zero or positive, got {self.baseline_m}")
 
     @classmethod
     def centred(
@@ -95,6 +100,7 @@ class StereoCamera:
         Raises:
             InputError: where the crop reaches beyond the image.
         """
+        check_type("crop", crop, Crop)
         if crop.right_px > self.width_px or crop.bottom_px > self.height_px:
             raise InputError(
                 f"a crop must lie within the image of {self.width_px} x {self.height_px} px, got "

@@ -64,7 +64,7 @@ def open_renderer(backend: Backend) -> Iterator[Callable[..., Renderer]]:
     yield opener
     for renderer in opened:
         # `Renderer.render` raises the errors of drawing; this finds those of all other calls.
-        if not renderer._released:  # noqa: SLF001 - a context that was released has no errors to tell
+        if renderer._free.alive:  # noqa: SLF001 - a context that was released has no errors to tell
             with renderer._gl as context:  # noqa: SLF001 - nobody else has the context
                 assert context.error == "GL_NO_ERROR"
         renderer.release()

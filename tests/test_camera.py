@@ -85,7 +85,7 @@ def test_spheres_beside_the_view_are_culled():
         ((10, 10, 0.0, 0.1, 0, 0, 0), "focal_px"),
         ((10, 10, np.inf, 0.1, 0, 0, 0), "focal_px"),
         ((10, 10, 1.0, -0.1, 0, 0, 0), "baseline_m"),
-        ((10, 10, 1.0, 0.1, np.nan, 0, 0), "principal points"),
+        ((10, 10, 1.0, 0.1, np.nan, 0, 0), "cx_left_px"),
     ],
 )
 def test_impossible_cameras_are_refused(values, word):

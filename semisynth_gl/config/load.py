@@ -14,6 +14,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
+from semisynth_gl.arguments import check_type
 from semisynth_gl.config.distributions import read_histogram
 from semisynth_gl.config.model import Config
 from semisynth_gl.errors import InputError
@@ -58,6 +59,9 @@ def load_config(name_or_path: str | Path, overrides: Mapping[str, Any] | Sequenc
     Raises:
         InputError: with a line per fault: its place (file, line), the dotted key, what was expected and what came.
     """
+    check_type("config", name_or_path, str | Path)
+    # A text is a sequence of texts too.
+    check_type("overrides", None if isinstance(overrides, str) else overrides, Mapping | Sequence)
     return _validated(_read_document(_find_config(str(name_or_path)), ()), overrides)
 
 

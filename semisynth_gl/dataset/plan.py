@@ -6,6 +6,7 @@ from importlib.metadata import version
 from math import ceil
 from typing import Any
 
+from semisynth_gl.arguments import check_type, to_whole
 from semisynth_gl.codecs.pfm import FlowPfm
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.schema import PROGRAM, shard_name
@@ -145,14 +146,14 @@ def make_plan(
     Raises:
         InputError: where there is no such layout, or the numbers or the config's encodings do not go with it.
     """
+    check_type("config", config, Config, "load_config(NAME_OR_PATH) reads one")
     layout = find_layout(layout_name)
-    if seed < 0:
-        raise InputError(f"a seed must be 0 or more, got {seed}")
+    seed = to_whole("a seed", seed, least=0)
     counts = {name: pairs[name] for name in SPLITS if pairs.get(name)}
     if not counts or min(counts.values()) < 1:
         raise InputError(f"expected at least one pair, got {dict(pairs)}")
-    if shard_pairs is not None and shard_pairs < 1:
-        raise InputError(f"a shard holds at least one pair, got --shard-pairs {shard_pairs}")
+    if shard_pairs is not None:
+        shard_pairs = to_whole("--shard-pairs", shard_pairs, least=1)
     if layout.encodings is not None and config.files != type(config.files)():
         raise InputError(
             f"the layout {layout_name} has encodings of its own ({layout.encodings.image.name}, "

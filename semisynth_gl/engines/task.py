@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Generator, Iterable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from semisynth_gl.listener import Listener
 
@@ -38,6 +38,7 @@ class Job(Protocol[Result_co]):
         """
 
 
+@runtime_checkable
 class Engine(Protocol):
     """Runs a job's function over numbered tasks."""
 

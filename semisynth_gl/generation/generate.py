@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
+from semisynth_gl.arguments import check_type, to_whole
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.card import encode_card
 from semisynth_gl.dataset.croissant import encode_croissant
@@ -88,12 +89,16 @@ def generate(
         SemisynthError: where the input cannot be used, the place holds something else, or workers keep dying.
         OSError: where the disk is full or refuses. Complete pairs stay, nothing half-written does.
     """
+    check_type("out", out, str | os.PathLike)
+    check_type("engine", engine, Engine | None)
+    check_type("shards", shards, range | None)
+    named: Mapping[SplitName, int] = pairs if isinstance(pairs, Mapping) else {"train": pairs}
+    counts = {name: to_whole(f"pairs of {name}", count) for name, count in named.items()}
     listener = listener or Listener()
     place = open_place(out)
-    counts: Mapping[SplitName, int] = pairs if isinstance(pairs, Mapping) else {"train": pairs}
     earlier = {} if overwrite else read_beginning(place) or {}
     layout = layout or earlier.get("layout") or ("middlebury" if sum(counts.values()) < _MANY_PAIRS else "webdataset")
-    plan = make_plan(config, seed, layout, counts, shard_pairs or earlier.get("shard_pairs"))
+    plan = make_plan(config, seed, layout, counts, earlier.get("shard_pairs") if shard_pairs is None else shard_pairs)
     chosen = _chosen(plan.shards, shards)
     files = DatasetFiles(place, plan, overwrite=overwrite)
     if files.complete:

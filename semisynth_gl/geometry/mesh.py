@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.arguments import to_array
 from semisynth_gl.errors import InputError
 
 
@@ -66,10 +67,14 @@ def make_mesh(name: str, positions: object, uv: object, triangles: object) -> Me
     Raises:
         InputError: where shapes, indices or values are wrong.
     """
-    index = np.asarray(triangles, np.int64).reshape(-1, 3)
+    index = to_array(f"mesh {name}: triangles", triangles, np.int64)
+    if index.size % 3:
+        raise InputError(f"mesh {name}: triangles must be (T, 3), got {index.shape}")
+    index = index.reshape(-1, 3)
     if len(index) and int(index.min()) < 0:
         raise InputError(f"mesh {name}: triangle index {int(index.min())} is negative")
-    vertices, coordinates = (np.ascontiguousarray(array, np.float32) for array in (positions, uv))
+    vertices = np.ascontiguousarray(to_array(f"mesh {name}: positions", positions, np.float32))
+    coordinates = np.ascontiguousarray(to_array(f"mesh {name}: uv", uv, np.float32))
     return Mesh(name, vertices, coordinates, np.ascontiguousarray(index, np.uint32))
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any, Self
 
+from semisynth_gl.arguments import check_type, to_whole
 from semisynth_gl.camera import Crop
 from semisynth_gl.config import Config
 from semisynth_gl.errors import InputError
@@ -86,8 +87,9 @@ class PairRenderer:
         device_index: int = 0,
         read: Reader = read_array,
     ) -> None:
-        if seed < 0:
-            raise InputError(f"a seed must be 0 or more, got {seed}")
+        check_type("config", config, Config, "load_config(NAME_OR_PATH) reads one")
+        seed = to_whole("a seed", seed, least=0)
+        check_type("split", split, Split, "config.splits.split(NAME, NAMES) makes one")
         self.config = config
         self.seed = seed
         self.split = split
@@ -170,8 +172,10 @@ class PairRenderer:
         Raises:
             InputError: where the index is negative, the config's ranges leave no scene for it, or no attempt passes.
         """
-        if index < 0:
-            raise InputError(f"a pair's index must be 0 or more, got {index}")
+        index = to_whole("a pair's index", index, least=0)
+        check_type("crop", crop, Crop | None)
+        if crop == Crop(0, 0, self.config.camera.width_px, self.config.camera.height_px):
+            crop = None
         number, frame_number = divmod(index, self.config.sequence.length)
         settled = self._settled if checked else _Settled(number, 0, [])
         if settled is None or settled.sequence != number or (checked and frame_number == 0):
@@ -243,5 +247,6 @@ def render_pair(config: Config, index: int, seed: int = 0, backend: Backend = "a
         ``left`` and ``right`` (H, W, 3) uint8, ``disparity_left`` and ``disparity_right`` (H, W) float32 px, and the
         visibilities; see `Frame`.
     """
+    index = to_whole("a pair's index", index, least=0)
     with PairRenderer(config, seed, backend) as pairs:
         return pairs.render(index).frame

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from threading import get_ident
 from typing import Any, Literal, get_args
 
 import moderngl
@@ -20,6 +21,9 @@ REQUIRED_VERSION = 450
 
 # Processes that have opened a context: this one, or one that it was forked from.
 _opened_in: set[int] = set()
+_AFTER_FORK = (
+    "drivers do not survive that: start it in another way, a DataLoader's workers with multiprocessing_context='spawn'"
+)
 
 INSTALL_COMMAND = "apt-get install -y libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri"
 INSTALL_COMMAND_OSMESA = "apt-get install -y libosmesa6 libgl1"
@@ -39,21 +43,39 @@ class GraphicsContext:
         unbound: the calls that moderngl lacks.
         backend: "egl" or "osmesa".
         renderer: what the driver calls itself, for the provenance of every pair.
+        process: the process that opened it.
+        thread: the thread that opened it.
     """
 
     gl: moderngl.Context
     unbound: UnboundCalls
     backend: Backend
     renderer: str
+    process: int
+    thread: int
 
     @property
     def facts(self) -> dict[str, str]:
         """Backend, renderer and version of OpenGL, as the driver calls them."""
         return {"backend": self.backend, "renderer": self.renderer, "opengl": str(self.gl.info["GL_VERSION"])}
 
+    def check_owner(self) -> None:
+        """Check that this is the process and the thread that opened the context.
+
+        Raises:
+            BackendError: where it is not.
+        """
+        if self.process != os.getpid():
+            raise BackendError(f"this process was forked from the one that opened {self.renderer}: {_AFTER_FORK}")
+        if self.thread != get_ident():
+            raise BackendError(
+                f"{self.renderer} was opened in another thread, and a context draws in one: open a renderer in each"
+            )
+
     def release(self) -> None:
-        """Free the context and all that lives in it."""
-        self.gl.release()
+        """Free the context and all that lives in it; in a process that was forked later, leave it alone."""
+        if self.process == os.getpid():
+            self.gl.release()
 
 
 def open_context(backend: Backend = "auto", device_index: int = 0) -> GraphicsContext:
@@ -74,10 +96,7 @@ def open_context(backend: Backend = "auto", device_index: int = 0) -> GraphicsCo
     }
     if _opened_in - {os.getpid()}:
         # Its threads did not come along, and the driver waits for them for ever.
-        raise BackendError(
-            "this process was forked from one that had opened OpenGL, and drivers do not survive that: start it in "
-            "another way, a DataLoader's workers with multiprocessing_context='spawn'"
-        )
+        raise BackendError(f"this process was forked from one that had opened OpenGL: {_AFTER_FORK}")
     reasons = []
     for name, opener in openers.items():
         if backend not in ("auto", name):
@@ -125,4 +144,4 @@ def _set_up(raw: Any, backend: Backend) -> GraphicsContext:  # noqa: ANN401 - ei
         raise
     unbound.use_zero_to_one_depth()
     unbound.disable_dither()
-    return GraphicsContext(gl, unbound, backend, renderer)
+    return GraphicsContext(gl, unbound, backend, renderer, os.getpid(), get_ident())

@@ -7,12 +7,15 @@ copy of the results into arrays.
 
 from collections.abc import Collection, Mapping, Sequence
 from math import ceil
+from traceback import clear_frames
 from typing import Any, Literal, Self
+from weakref import finalize
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.arguments import check_type, to_whole
 from semisynth_gl.camera import EYES, OTHER_EYE, Crop, Eye
 from semisynth_gl.errors import BackendError, ContextLostError, InputError
 from semisynth_gl.frame import (
@@ -90,27 +93,33 @@ class Renderer:
         device_index: int = 0,
         read: Reader = read_array,
     ) -> None:
+        check_type("models", models, Sequence)
+        for model in models:
+            check_type("a model", model, Mesh, "make_mesh makes one")
+        check_type("layers", layers, np.ndarray)
+        check_type("antialias", antialias, str)
+        to_whole("device_index", device_index, least=0)
         if not models:
             raise InputError("a renderer needs at least one model, got none")
         if layers.ndim != 4 or layers.shape[1] != layers.shape[2] or layers.shape[3] != 4 or layers.dtype != np.uint8:
             raise InputError(f"layers must be (L, P, P, 4) uint8, got {layers.shape} {layers.dtype}")
         if len(layers) == 0 or layers.shape[1] == 0:
             raise InputError("the patch atlas is empty")
-        unknown = set(outputs) - set(OUTPUTS)
-        if unknown:
-            raise InputError(f"outputs: expected some of {', '.join(OUTPUTS)}, got {', '.join(sorted(unknown))}")
+        if isinstance(outputs, str) or not isinstance(outputs, Collection) or not set(outputs) <= set(OUTPUTS):
+            raise InputError(f"outputs: expected some of {', '.join(OUTPUTS)}, got {outputs!r}")
         if truth not in TRUTH_VIEWS:
             raise InputError(f"truth: expected one of {', '.join(TRUTH_VIEWS)}, got {truth}")
         if anisotropy not in range(1, 17):
             raise InputError(f"anisotropy must be a whole number from 1 to 16, got {anisotropy}")
         self.listener: Listener | None = None
-        self._released = False
         self._read_pixels = read
         self._outputs = frozenset(outputs)
         self._channels = [row for row in CHANNELS.values() if row.output is None or row.output in outputs]
         self._truth_eyes: tuple[Eye, ...] = EYES if truth == "both" else ("left",)
         self._antialias = parse_antialias(antialias)
         self._attachments: dict[Eye, tuple[str, ...]] = {eye: self._drawn(eye) for eye in EYES}
+        drawn = self._drawn_by("drawing")
+        self._triangle_readers = frozenset(channel.attachment for channel in drawn if channel.reads_triangles)
         self._context = open_context(backend, device_index)
         try:
             self._gl = self._context.gl
@@ -125,6 +134,9 @@ class Renderer:
         self._targets: dict[Eye, EyeTargets] = {}
         self._colour_targets: ColourTargets | None = None
         self._size: tuple[int, int] | None = None
+        # Frees what a renderer holds that nobody released, when it is collected. Not when Python ends: all goes then.
+        self._free = finalize(self, self._context.release)
+        self._free.atexit = False
 
     def __enter__(self) -> Self:
         return self
@@ -149,6 +161,7 @@ class Renderer:
 
     def count_objects(self) -> dict[str, int]:
         """Count what the driver holds for this renderer, by kind; for the search for leaks."""
+        self._check_open()
         with self._gl:
             return self._context.unbound.count_objects()
 
@@ -172,6 +185,9 @@ class Renderer:
             BackendError: where the image is larger than the driver allows, or drawing failed.
             ContextLostError: where the driver took the context away; another renderer may still be opened.
         """
+        self._check_open()
+        check_type("scene", scene, Scene)
+        check_type("crop", crop, Crop | None)
         motions = {"future": future, "past": past}
         for shown in (scene, *(motion.scene for motion in motions.values() if motion is not None)):
             self._check(shown)
@@ -189,6 +205,16 @@ class Renderer:
             if reported != "GL_NO_ERROR" or self._context.unbound.is_lost():
                 raise self._fault(reported)
             return frame
+
+    def _check_open(self) -> None:
+        """Refuse what the driver would crash on, or wait for without end.
+
+        Raises:
+            BackendError: where the renderer was released, or this is not the process or thread that made it.
+        """
+        if not self._free.alive:
+            raise BackendError("this renderer was released: open another one")
+        self._context.check_owner()
 
     def _fault(self, error: str) -> BackendError:
         """Return the error of a drawing that failed."""
@@ -210,7 +236,7 @@ class Renderer:
         finish("draw")
         if self._visibility is not None:
             for eye in self._truth_eyes:
-                self._visibility.draw(placed, eye, self._targets, self._models)
+                self._visibility.draw(placed, eye, self._targets, self._models, crop)
         finish("visibility")
         views = self._read(colour, crop)
         if self._flow is not None:
@@ -258,15 +284,7 @@ class Renderer:
 
     def release(self) -> None:
         """Free the context and all that it holds; a second call does nothing."""
-        if self._released:
-            return
-        self._released = True
-        with self._gl:
-            for part in (*self._targets.values(), self._colour_targets, self._flow):
-                if part is not None:
-                    part.release()
-        self._targets, self._colour_targets = {}, None
-        self._context.release()
+        self._free()
 
     def _upload_atlas(self, layers: NDArray[np.uint8], wrap: Wrap) -> moderngl.TextureArray:
         count, side = layers.shape[:2]
@@ -328,12 +346,28 @@ class Renderer:
     def _resize(self, size: tuple[int, int]) -> None:
         if self._size == size:
             return
-        outgrown = [*self._targets.values(), self._colour_targets]
         # All or nothing: a size that the driver refuses leaves the renderer as it was.
+        self._gl.gc_mode = "auto"
+        try:
+            targets, colour_targets = self._make_targets(size)
+        except BaseException as error:
+            # What was made so far goes with the frames that made it, as long as this context is current.
+            clear_frames(error.__traceback__)
+            raise
+        finally:
+            self._gl.gc_mode = None  # type: ignore[assignment]  # moderngl's own default
+        # moderngl binds the framebuffer in use again after making a new one, so the old ones go last.
+        targets["left"].framebuffer.use()
+        for outgrown in (*self._targets.values(), self._colour_targets):
+            if outgrown is not None:
+                outgrown.release()
+        self._targets, self._colour_targets, self._size = targets, colour_targets, size
+
+    def _make_targets(self, size: tuple[int, int]) -> tuple[dict[Eye, EyeTargets], ColourTargets | None]:
         colour_targets = None
         if self._antialias.kind != "none":
             colour_targets = ColourTargets(self._context, size, self._antialias, self._read_pixels)
-        self._targets = {
+        targets = {
             eye: EyeTargets(
                 self._context,
                 size,
@@ -343,15 +377,9 @@ class Renderer:
             )
             for eye, names in self._attachments.items()
         }
-        self._colour_targets = colour_targets
         if self._flow is not None:
             self._flow.resize(size)
-        # moderngl binds the framebuffer in use again after making a new one, so the old ones go last.
-        self._targets["left"].framebuffer.use()
-        for targets in outgrown:
-            if targets is not None:
-                targets.release()
-        self._size = size
+        return targets, colour_targets
 
     def _draw(self, placed: Placed, eye: Eye, crop: Crop | None) -> NDArray[np.uint8] | None:
         """Draw one eye; return the colour where it is antialiased."""
@@ -363,10 +391,8 @@ class Renderer:
         if self._attachments[eye]:
             targets = self._targets[eye]
             targets.limit(part)
-            if targets.visibility is not None:
-                targets.visibility.limit(crop)
             targets.clear()
-            if any(channel.reads_triangles for channel in self._drawn_by("drawing")):
+            if self._triangle_readers.intersection(self._attachments[eye]):
                 self._models.bind_triangles(placed, eye)
             self._draw_models(self._draw_programs[eye], filled)
         if self._colour_targets is None or self._colour_program is None:

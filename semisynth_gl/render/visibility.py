@@ -2,7 +2,7 @@
 
 import moderngl
 
-from semisynth_gl.camera import OTHER_EYE, Eye
+from semisynth_gl.camera import OTHER_EYE, Crop, Eye
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.model_buffers import ModelBuffers, Placed
@@ -29,11 +29,14 @@ class VisibilityPass:
             program = link_program(context, "whole_image.vert", "visibility.frag", defines)
             self._draws.append(context.gl.vertex_array(program, []))
 
-    def draw(self, placed: Placed, eye: Eye, targets: dict[Eye, EyeTargets], models: ModelBuffers) -> None:
-        """Fill the visibility of one eye's targets from both eyes' disparities and surfaces."""
+    def draw(
+        self, placed: Placed, eye: Eye, targets: dict[Eye, EyeTargets], models: ModelBuffers, crop: Crop | None
+    ) -> None:
+        """Fill the visibility of one eye's targets, or a crop of it, from both eyes' disparities and surfaces."""
         own, other = targets[eye], targets[OTHER_EYE[eye]]
         if own.visibility is None:
             raise RuntimeError("these targets were made without visibility")
+        own.visibility.limit(crop)
         own.visibility.framebuffer.use()
         own.bind("disparity", _OWN_DISPARITY)
         own.bind("surface", _OWN_SURFACE)

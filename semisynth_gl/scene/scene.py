@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.arguments import check_real, check_type, to_array
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.errors import InputError
 
@@ -34,8 +35,10 @@ class Scene:
     uv_offset: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.near_m) and self.near_m > 0):
-            raise InputError(f"near_m must be positive and finite, got {self.near_m}")
+        check_type("camera", self.camera, StereoCamera)
+        check_real("near_m", self.near_m)
+        if self.near_m <= 0:
+            raise InputError(f"near_m must be positive, got {self.near_m}")
         n = len(self.model)
         shapes = {"camera_from_world": (4, 4), "model": (n,), "world_from_model": (n, 4, 4), "layer": (n,)}
         for name, shape in (shapes | {"uv_scale": (n, 2), "uv_offset": (n, 2)}).items():
@@ -86,8 +89,12 @@ def move(scene: Scene, *, world_from_model: object = None, camera_from_world: ob
     Raises:
         InputError: where shapes or values are wrong.
     """
-    poses = scene.world_from_model if world_from_model is None else np.asarray(world_from_model, np.float64)
-    camera = scene.camera_from_world if camera_from_world is None else np.asarray(camera_from_world, np.float64)
+    check_type("scene", scene, Scene)
+    poses, camera = scene.world_from_model, scene.camera_from_world
+    if world_from_model is not None:
+        poses = to_array("world_from_model", world_from_model, np.float64)
+    if camera_from_world is not None:
+        camera = to_array("camera_from_world", camera_from_world, np.float64)
     then = replace(scene, world_from_model=poses, camera_from_world=camera)
     return Motion(then, then.world_from_model, np.arange(len(scene)))
 
@@ -118,18 +125,27 @@ def make_scene(
     Raises:
         InputError: where shapes or values are wrong.
     """
-    index = np.asarray(model, np.int64).reshape(-1)
+    index = to_array("model", model, np.int64).reshape(-1)
     n = len(index)
-    matrices = np.asarray(world_from_model, np.float64)
+    matrices = to_array("world_from_model", world_from_model, np.float64)
     if matrices.size != n * 16:
         raise InputError(f"scene: world_from_model must have shape ({n}, 4, 4) for {n} instances, got {matrices.shape}")
+    pose = np.eye(4) if camera_from_world is None else camera_from_world
     return Scene(
         camera=camera,
-        near_m=float(near_m),
-        camera_from_world=np.eye(4) if camera_from_world is None else np.asarray(camera_from_world, np.float64),
+        near_m=near_m,
+        camera_from_world=to_array("camera_from_world", pose, np.float64),
         model=index,
         world_from_model=matrices.reshape(-1, 4, 4),
-        layer=np.asarray(layer, np.int64).reshape(-1),
-        uv_scale=np.broadcast_to(np.asarray(uv_scale, np.float64), (n, 2)),
-        uv_offset=np.broadcast_to(np.asarray(uv_offset, np.float64), (n, 2)),
+        layer=to_array("layer", layer, np.int64).reshape(-1),
+        uv_scale=_for_each("uv_scale", uv_scale, n),
+        uv_offset=_for_each("uv_offset", uv_offset, n),
     )
+
+
+def _for_each(name: str, value: object, n: int) -> NDArray[np.float64]:
+    """Return an (N, 2) array of what is (2,) for all instances or (N, 2)."""
+    array = to_array(name, value, np.float64)
+    if array.shape not in {(2,), (n, 2)}:
+        raise InputError(f"scene: {name} must have shape (2,) or ({n}, 2) for {n} instances, got {array.shape}")
+    return np.broadcast_to(array, (n, 2))

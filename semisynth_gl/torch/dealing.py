@@ -11,6 +11,7 @@ from typing import NamedTuple, Self
 
 import torch.distributed
 
+from semisynth_gl.arguments import check_type, to_whole
 from semisynth_gl.errors import InputError
 from semisynth_gl.splits import SPLITS, SplitName
 
@@ -38,15 +39,19 @@ class Selection:
     frames: Sequence[int] | None = None
 
     def __post_init__(self) -> None:
+        check_type("splits", self.splits, Sequence)
         if not self.splits or set(self.splits) - set(SPLITS) or self.split not in self.splits:
             raise InputError(
                 f"split: expected one of splits, which name all that the dataset has of {', '.join(SPLITS)}, got "
                 f"split={self.split!r} and splits={self.splits!r}"
             )
-        if self.first < 0:
-            raise InputError(f"first: expected the number of a sample, 0 or more, got {self.first}")
-        if self.pairs is not None and self.pairs < 1:
-            raise InputError(f"pairs: expected 1 or more, or None for a stream without end, got {self.pairs}")
+        to_whole("first, the number of a sample,", self.first, least=0)
+        if self.pairs is not None:
+            to_whole("pairs (None for a stream without end)", self.pairs, least=1)
+        if self.frames is not None:
+            check_type("frames", self.frames, Sequence)
+            for frame in self.frames:
+                to_whole("a number of frames", frame, least=0)
 
     def frames_in(self, length: int) -> tuple[int, ...]:
         """Return the frames that the stream yields of each sequence of ``length`` frames.
@@ -79,6 +84,8 @@ class TrainingProcess:
     world_size: int = 1
 
     def __post_init__(self) -> None:
+        for name in ("rank", "world_size"):
+            to_whole(name, getattr(self, name))
         if not 0 <= self.rank < self.world_size:
             raise InputError(
                 f"rank: expected 0 to world_size - 1, got rank={self.rank} and world_size={self.world_size}: without a "

@@ -9,11 +9,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from importlib.metadata import version
+from numbers import Integral
 from typing import Any, Literal, get_args
 
 import torch
 from torch.utils.data import IterableDataset, get_worker_info
 
+from semisynth_gl.arguments import check_type, to_whole
 from semisynth_gl.camera import Crop
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.plan import abbreviate, differences
@@ -53,6 +55,9 @@ class Hardware:
     device: TensorDevice = "cpu"
 
     def __post_init__(self) -> None:
+        check_type("gpus", self.gpus, Sequence)
+        for number in self.gpus:
+            to_whole("a number of gpus", number, least=0)
         if self.backend not in BACKENDS:
             raise InputError(f"backend: expected one of {', '.join(BACKENDS)}, got {self.backend!r}")
         if self.device not in get_args(TensorDevice):
@@ -96,6 +101,17 @@ class StereoStream(IterableDataset[Any]):
         process: TrainingProcess | None = None,
         hardware: Hardware | None = None,
     ) -> None:
+        check_type("config", config, Config, "load_config(NAME_OR_PATH) reads one")
+        seed = to_whole("a seed", seed, least=0)
+        batch_size = to_whole("batch_size, the loader's,", batch_size, least=1)
+        for name, value, expected in (
+            ("selection", selection, Selection),
+            ("process", process, TrainingProcess),
+            ("hardware", hardware, Hardware),
+        ):
+            check_type(name, value, expected | None)
+        if transform is not None and not callable(transform):
+            raise InputError(f"transform must be a function of a sample, got {transform!r}")
         self.config = config
         self.seed = seed
         selection = selection or Selection()
@@ -234,16 +250,13 @@ class StereoStream(IterableDataset[Any]):
 
     def _check(self) -> None:
         camera, hardware = self.config.camera, self._hardware
-        if self.seed < 0:
-            raise InputError(f"a seed must be 0 or more, got {self.seed}")
-        if self._dealing.batch < 1:
-            raise InputError(f"batch_size: expected the loader's, 1 or more, got {self._dealing.batch}")
-        sides = camera.height_px, camera.width_px
-        if self._crop is not None and not all(1 <= side <= most for side, most in zip(self._crop, sides, strict=True)):
-            raise InputError(
-                f"crop: expected (height, width) of up to {sides} px, which is what the config's camera has, got "
-                f"{self._crop}"
-            )
+        if self._crop is not None:
+            sides = camera.height_px, camera.width_px
+            if not _fits(self._crop, sides):
+                raise InputError(
+                    f"crop: expected (height, width), whole numbers of up to {sides} px, which is what the config's "
+                    f"camera has, got {self._crop!r}"
+                )
         if hardware.device == "cpu":
             return
         if self._checked or not self.config.imperfections.none():
@@ -257,6 +270,13 @@ class StereoStream(IterableDataset[Any]):
                 f"device='cuda' needs EGL and a GPU that torch finds, got backend={hardware.backend!r} and "
                 f"torch.cuda.is_available() {torch.cuda.is_available()}: leave device out"
             )
+
+
+def _fits(crop: object, sides: tuple[int, int]) -> bool:
+    """Whether a crop is (height, width) within an image of that height and width."""
+    if not isinstance(crop, Sequence) or len(crop) != 2 or not all(isinstance(side, Integral) for side in crop):
+        return False
+    return all(1 <= side <= most for side, most in zip(crop, sides, strict=True))
 
 
 def _this_worker() -> Worker:

@@ -1,0 +1,81 @@
+"""Checks of what callers in Python hand in: a wrong type is an error at the call, and not far behind it."""
+
+from numbers import Integral, Real
+from types import NoneType, UnionType
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from semisynth_gl.errors import InputError
+
+
+def check_type(name: str, value: object, expected: type | UnionType, hint: str = "") -> None:
+    """Check that an argument is an instance of a class, or of one of several.
+
+    Args:
+        name: what the message calls the argument.
+        value: the argument.
+        expected: the class.
+        hint: what to do, for the end of the message.
+
+    Raises:
+        InputError: where it is not.
+    """
+    if not isinstance(value, expected):
+        raise _wrong(name, f"a {_named(expected)}", value, hint)
+
+
+def to_whole(name: str, value: object, least: int | None = None) -> int:
+    """Convert a whole number, Python's or numpy's, of ``least`` or more.
+
+    Raises:
+        InputError: where it is none.
+    """
+    if not isinstance(value, Integral) or isinstance(value, bool):
+        raise _wrong(name, "a whole number", value)
+    if least is not None and int(value) < least:
+        raise InputError(f"{name} must be {least} or more, got {value}")
+    return int(value)
+
+
+def check_real(name: str, value: object) -> None:
+    """Check that an argument is a finite number, Python's or numpy's.
+
+    Raises:
+        InputError: where it is not.
+    """
+    if not isinstance(value, Real) or isinstance(value, bool) or not np.isfinite(float(value)):
+        raise _wrong(name, "a finite number", value)
+
+
+def to_array(name: str, value: object, dtype: DTypeLike) -> NDArray[Any]:
+    """Convert anything array-like.
+
+    Args:
+        name: what the message calls the argument.
+        value: the argument.
+        dtype: of the array; whole numbers stay what they are, or are refused.
+
+    Raises:
+        InputError: where rows differ in length, or a value is no number of that dtype.
+    """
+    try:
+        array = np.asarray(value)
+        result = array.astype(dtype, copy=False)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise _wrong(name, f"an array of {np.dtype(dtype)}", value, str(error)) from None
+    if array.dtype.kind in "USO" or (result.dtype.kind in "iu" and not np.array_equal(array, result)):
+        raise _wrong(name, f"an array of {np.dtype(dtype)}", value)
+    return result
+
+
+def _named(expected: type | UnionType) -> str:
+    kinds = get_args(expected) or (expected,)
+    return " or ".join("None" if kind is NoneType else kind.__name__ for kind in kinds)
+
+
+def _wrong(name: str, expected: str, value: object, hint: str = "") -> InputError:
+    text = repr(value)
+    shown = text if len(text) <= 60 else f"{text[:57]}..."
+    return InputError(f"{name} must be {expected}, got {shown} ({type(value).__name__})" + (hint and f": {hint}"))
