@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.render.context import Backend
 from semisynth_gl.render.renderer import Renderer
-from semisynth_gl.scene.raycast import Hits, cast_rays
+from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import Scene
 from semisynth_gl.textures.prepare import prepare_atlas
@@ -86,8 +87,8 @@ def cast_truth(
 ) -> tuple[list[Truth], list[NDArray[np.bool_]]]:
     """Cast float64 rays at randomly chosen pixels of both eyes of each scene.
 
-    Pixels within 2 px of a depth edge and within 1/16 px of a triangle's edge are left out: an error there shows where
-    the rasteriser puts an edge, and not how exact the disparity of a surface is.
+    Pixels within 2 px of a depth edge, and those where another triangle is seen within 1/16 px, are left out: an error
+    there shows where the rasteriser puts an edge, and not how exact the disparity of a surface is.
 
     Args:
         bench: the scenes.
@@ -109,9 +110,14 @@ def cast_truth(
             far_from_edge = ~grown(outline | edges(disparity.astype(np.float64), _JUMP_PX), _FROM_EDGE_PX)
             row = rng.integers(0, scene.camera.height_px, rays)
             column = rng.integers(0, scene.camera.width_px, rays)
-            hits = cast_rays(scene, bench.models, eye, column.astype(np.float64), row.astype(np.float64))
+            x, y = column.astype(np.float64), row.astype(np.float64)
+            hits = cast_rays(scene, bench.models, eye, x, y)
             kept = far_from_edge[row, column] & (hits.instance == instance[row, column])
-            kept &= _crease_distance_px(bench, scene, eye, row, column, hits) > _FROM_CREASE_PX
+            for right, down in product((-_FROM_CREASE_PX, _FROM_CREASE_PX), repeat=2):
+                around = np.flatnonzero(kept)
+                seen = cast_rays(scene, bench.models, eye, x[around] + right, y[around] + down)
+                alike = (seen.instance == hits.instance[around]) & (seen.triangle == hits.triangle[around])
+                kept[around] = alike
             truth = oracle.disparity_px(scene.camera, hits)
             truths.append(Truth(number, eye, row[kept], column[kept], truth[kept], int((~kept).sum())))
     return truths, outlines
@@ -135,29 +141,3 @@ def grown(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
     padded = np.pad(mask, pixels)
     windows = np.lib.stride_tricks.sliding_window_view(padded, (2 * pixels + 1, 2 * pixels + 1))
     return np.asarray(windows.any(axis=(2, 3)))
-
-
-def _crease_distance_px(
-    bench: BenchScenes, scene: Scene, eye: Eye, row: NDArray[np.int64], column: NDArray[np.int64], hits: Hits
-) -> NDArray[np.float64]:
-    """Measure the distance in the image from (R,) rays to the nearest edge of the triangle that each ray hits.
-
-    Returns:
-        (R,) float64 px; inf where a ray hits nothing.
-    """
-    camera = scene.camera
-    rays = camera.rays(eye, column.astype(np.float64), row.astype(np.float64))
-    distance = np.full(len(rays), np.inf)
-    for number in np.unique(hits.instance[hits.instance >= 0]):
-        own = hits.instance == number
-        mesh = bench.models[int(scene.model[number])]
-        view_from_model = scene.camera_from_world @ scene.world_from_model[number]
-        corners = mesh.positions.astype(np.float64)[mesh.triangles[hits.triangle[own]]]
-        corners = corners @ view_from_model[:3, :3].T + view_from_model[:3, 3] - [camera.offset_m(eye), 0, 0]
-        # An edge and the eye span a plane; the ray's distance from it at z = 1 is the distance in the image.
-        normals = np.cross(corners, np.roll(corners, -1, axis=1))
-        from_plane = np.abs(np.einsum("nki,ni->nk", normals, rays[own]))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            offsets = camera.focal_px * from_plane / np.hypot(normals[..., 0], normals[..., 1])
-        distance[own] = np.nan_to_num(offsets, nan=0.0).min(axis=1)
-    return distance
