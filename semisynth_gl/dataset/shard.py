@@ -13,9 +13,9 @@ from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from io import BufferedRandom
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, BinaryIO, Self
 
-from semisynth_gl.dataset.locks import lock
+from semisynth_gl.dataset.locks import open_locked
 from semisynth_gl.dataset.places import Place, sync
 from semisynth_gl.dataset.plan import Shard
 from semisynth_gl.dataset.schema import PARTIAL, journal_name, record_path, tar_path
@@ -61,7 +61,6 @@ class ShardWriter:
                 self._work = Path(self._resources.enter_context(temporary))
             else:
                 self._work = place.local / PARTIAL
-                self._work.mkdir(parents=True, exist_ok=True)
             self._journal = self._resources.enter_context(_open_journal(self._work / journal_name(name)))
             self._tar_path = self._work / f"{name}.tar"
             if packed:
@@ -246,15 +245,10 @@ def tar_end(length: int) -> bytes:
     return bytes(end + -(length + end) % tarfile.RECORDSIZE)
 
 
-def _open_journal(path: Path) -> BufferedRandom:
+def _open_journal(path: Path) -> BinaryIO:
     """Open a journal and lock it; the lock ends with this process, however that ends."""
-    path.touch()
-    file = path.open("r+b")
     try:
-        lock(file.fileno(), shared=False)
-    except BaseException as error:
-        file.close()
-        if isinstance(error, BlockingIOError):
-            raise ShardBusyError(path.stem) from None
-        raise
-    return file
+        # The run that completes the shard removes its journal.
+        return open_locked(path, lambda: False, patient=False)
+    except BlockingIOError:
+        raise ShardBusyError(path.stem) from None

@@ -1,0 +1,56 @@
+"""Shards as files: what several runs on one folder leave of them."""
+
+import fcntl
+
+import pytest
+
+from semisynth_gl.config import load_config
+from semisynth_gl.dataset.files import complete_record
+from semisynth_gl.dataset.places import Folder
+from semisynth_gl.dataset.plan import make_plan
+from semisynth_gl.dataset.shard import ShardBusyError, ShardWriter
+
+SHARD = make_plan(load_config("middlebury"), 0, "webdataset", {"train": 3}, shard_pairs=3).shards[0]
+RANGE = {"split": SHARD.split, "first": SHARD.first, "end": SHARD.end}
+
+packed_or_not = pytest.mark.parametrize("packed", [True, False], ids=["tar", "files"])
+
+
+def open_writer(root, *, packed=True):
+    return ShardWriter(Folder(root), SHARD, packed=packed, folder="")
+
+
+def add_pairs(writer, most=3):
+    """Add pairs of files that are the same in every run."""
+    for index in range(len(writer.samples), most):
+        writer.add({f"{index}.a": bytes([index]) * 700, f"{index}.b": b"b" * index}, {"redrawn": []})
+
+
+def write_shard(root, *, packed=True):
+    with open_writer(root, packed=packed) as writer:
+        add_pairs(writer)
+        return writer.finish(RANGE)
+
+
+def finished_files(root):
+    return {
+        path.relative_to(root).as_posix(): path.read_bytes()
+        for path in sorted(root.rglob("*"))
+        if path.is_file() and ".partial" not in path.parts
+    }
+
+
+def test_a_removed_journal_keeps_others_out(tmp_path, monkeypatch):
+    """A run opens the journal of another one, which completes the shard before the first has locked it."""
+    other, lock = open_writer(tmp_path), fcntl.flock
+    add_pairs(other)
+
+    def lock_late(descriptor, how):
+        monkeypatch.undo()
+        other.finish(RANGE)
+        other.close()
+        lock(descriptor, how)
+
+    monkeypatch.setattr(fcntl, "flock", lock_late)
+    with open_writer(tmp_path), pytest.raises(ShardBusyError):
+        open_writer(tmp_path)
