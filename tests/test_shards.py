@@ -54,3 +54,37 @@ def test_a_removed_journal_keeps_others_out(tmp_path, monkeypatch):
     monkeypatch.setattr(fcntl, "flock", lock_late)
     with open_writer(tmp_path), pytest.raises(ShardBusyError):
         open_writer(tmp_path)
+
+
+@packed_or_not
+def test_a_complete_shard_stays_as_it_is(tmp_path, packed):
+    record = write_shard(tmp_path, packed=packed)
+    before = finished_files(tmp_path)
+    with open_writer(tmp_path, packed=packed) as writer:
+        assert writer.complete
+        # A run that is killed here has lost nothing.
+        assert finished_files(tmp_path) == before
+    assert finished_files(tmp_path) == before
+    assert complete_record(Folder(tmp_path), SHARD) == record
+
+
+@packed_or_not
+@pytest.mark.parametrize("lost", ["record", "file"])
+def test_a_shard_that_lacks_something_is_completed(tmp_path, packed, lost):
+    """As after a loss of power between the last file and the record, or before the last file was on the disk."""
+    with open_writer(tmp_path, packed=packed) as writer:
+        add_pairs(writer, 2)
+    journal = next((tmp_path / ".partial").glob("*.jsonl")).read_bytes()
+    write_shard(tmp_path, packed=packed)
+    before = finished_files(tmp_path)
+    if lost == "record":
+        (tmp_path / f"shards/{SHARD.name}.json").unlink()
+        (tmp_path / f".partial/{SHARD.name}.jsonl").write_bytes(journal)
+    else:
+        (tmp_path / (f"shards/{SHARD.name}.tar" if packed else "2.a")).write_bytes(b"cut")
+    with open_writer(tmp_path, packed=packed) as writer:
+        assert not writer.complete
+        assert len(writer.samples) == (2 if lost == "record" else 0)
+        add_pairs(writer)
+        writer.finish(RANGE)
+    assert finished_files(tmp_path) == before

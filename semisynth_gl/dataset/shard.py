@@ -15,6 +15,7 @@ from io import BufferedRandom
 from pathlib import Path
 from typing import Any, BinaryIO, Self
 
+from semisynth_gl.dataset.files import complete_record
 from semisynth_gl.dataset.locks import open_locked
 from semisynth_gl.dataset.places import Place, sync
 from semisynth_gl.dataset.plan import Shard
@@ -39,7 +40,8 @@ class ShardWriter:
         folder: the folder of files outside tars, "" or ending in a slash.
 
     Attributes:
-        samples: entries of the complete pairs, in their order.
+        complete: whether the shard was complete already; such a writer changes nothing and takes no pairs.
+        samples: entries of the complete pairs, in their order; none of a shard that was complete already.
 
     Raises:
         ShardBusyError: where another run is making the shard.
@@ -62,6 +64,10 @@ class ShardWriter:
             else:
                 self._work = place.local / PARTIAL
             self._journal = self._resources.enter_context(_open_journal(self._work / journal_name(name)))
+            # Another run may have completed the shard since this run found that it is missing.
+            self.complete = complete_record(place, shard) is not None
+            if self.complete:
+                return
             self._tar_path = self._work / f"{name}.tar"
             if packed:
                 if place.local is not None and not self._tar_path.exists() and place.size(tar_path(name)) is not None:

@@ -8,7 +8,6 @@ from functools import partial
 from math import ceil
 from typing import Any, Literal
 
-from semisynth_gl.dataset.files import complete_record
 from semisynth_gl.dataset.places import Place
 from semisynth_gl.dataset.plan import Plan, Shard, abbreviate, differences
 from semisynth_gl.dataset.sample import encode_pair, share_beyond
@@ -100,8 +99,7 @@ class ShardJob:
         except ShardBusyError:
             return "busy"
         with writer:
-            # Another run may have completed the shard just before this run took it.
-            if complete_record(self.place, shard) is not None:
+            if writer.complete:
                 return "complete"
             for entry in writer.samples:
                 listener.on_pair(_finished_pair(shard.split, entry["pair"], entry, kept=True))
