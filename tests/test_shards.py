@@ -1,6 +1,9 @@
 """Shards as files: what several runs on one folder leave of them."""
 
 import fcntl
+import os
+import stat
+from pathlib import Path
 
 import pytest
 
@@ -88,3 +91,29 @@ def test_a_shard_that_lacks_something_is_completed(tmp_path, packed, lost):
         add_pairs(writer)
         writer.finish(RANGE)
     assert finished_files(tmp_path) == before
+
+
+def test_two_machines_write_one_name_at_once(tmp_path, monkeypatch):
+    """Both processes have the same number; one writes while the other one is about to rename its file."""
+    one, other, rename = Folder(tmp_path), Folder(tmp_path), Path.replace
+
+    def rename_late(file, destination):
+        monkeypatch.setattr(Path, "replace", rename)
+        other.write("a/b.json", b"other")
+        assert one.read("a/b.json") == b"other"
+        return rename(file, destination)
+
+    monkeypatch.setattr(os, "getpid", lambda: 7)
+    monkeypatch.setattr(Path, "replace", rename_late)
+    one.write("a/b.json", b"one")
+    assert finished_files(tmp_path) == {"a/b.json": b"one"}
+    assert list((tmp_path / ".partial").iterdir()) == []
+
+
+def test_files_have_the_rights_of_new_files(tmp_path):
+    before = os.umask(0o027)
+    try:
+        Folder(tmp_path).write("shards/plan.json", b"{}")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "shards/plan.json").stat().st_mode) == 0o640

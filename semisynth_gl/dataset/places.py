@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
+from itertools import count
 from pathlib import Path
 from typing import BinaryIO, Self, cast
 
@@ -110,11 +111,10 @@ class Folder(Place):
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file under another name, and rename it."""
-        # The process's number keeps two runs from writing to one file.
-        partial = self.local / PARTIAL / f"{name.replace('/', '-')}.{os.getpid()}"
-        partial.parent.mkdir(parents=True, exist_ok=True)
+        new = self._create(name)
+        partial = Path(new.name)
         try:
-            with partial.open("wb") as file:
+            with new as file:
                 file.write(data)
                 file.flush()
                 os.fsync(file.fileno())
@@ -122,11 +122,14 @@ class Folder(Place):
         except BaseException:
             partial.unlink(missing_ok=True)
             raise
+        # Not above: from the renaming on, the unfinished name may be another run's.
+        sync(self.path(name).parent)
 
     def put(self, name: str, file: Path) -> None:
         """Rename a file, which has to lie on the same file system."""
         sync(file)
         self._rename(file, name)
+        sync(self.path(name).parent)
 
     def remove(self, name: str) -> None:
         """Remove a file, or a folder with all its files."""
@@ -136,11 +139,19 @@ class Folder(Place):
         else:
             path.unlink(missing_ok=True)
 
+    def _create(self, name: str) -> BinaryIO:
+        """Create an unfinished file under a name that no other run has taken."""
+        folder = self.local / PARTIAL
+        folder.mkdir(parents=True, exist_ok=True)
+        numbers = count()
+        while True:
+            with suppress(FileExistsError):
+                return (folder / f"{name.replace('/', '-')}.{next(numbers)}").open("xb")
+
     def _rename(self, file: Path, name: str) -> None:
         destination = self.local / name
         destination.parent.mkdir(parents=True, exist_ok=True)
         file.replace(destination)
-        sync(destination.parent)
 
 
 class Remote(Place):
