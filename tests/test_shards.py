@@ -1,5 +1,6 @@
 """Shards as files: what several runs on one folder leave of them."""
 
+import errno
 import fcntl
 import os
 import stat
@@ -8,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from semisynth_gl.config import load_config
-from semisynth_gl.dataset.files import complete_record
+from semisynth_gl.dataset.files import DatasetFiles, complete_record
 from semisynth_gl.dataset.places import Folder
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.shard import ShardBusyError, ShardWriter
@@ -117,3 +118,49 @@ def test_files_have_the_rights_of_new_files(tmp_path):
     finally:
         os.umask(before)
     assert stat.S_IMODE((tmp_path / "shards/plan.json").stat().st_mode) == 0o640
+
+
+@packed_or_not
+@pytest.mark.parametrize("reason", [errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP])
+def test_two_runs_without_locks_do_the_same_work(tmp_path, monkeypatch, packed, reason):
+    """They take turns at the shard's pairs, and one is killed, or both end."""
+    write_shard(tmp_path / "alone", packed=packed)
+    expected = finished_files(tmp_path / "alone")
+
+    def refuse(*_):
+        raise OSError(reason, "no locks here")
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    for ends in (True, False):
+        root = tmp_path / f"ends-{ends}"
+        with open_writer(root, packed=packed) as one, open_writer(root, packed=packed) as other:
+            for count in (1, 2, 3):
+                add_pairs(one, count)
+                add_pairs(other, count)
+            one.finish(RANGE)
+            assert finished_files(root) == expected
+            assert open_writer(root, packed=packed).complete
+            if ends:
+                other.finish(RANGE)
+        assert finished_files(root) == expected
+        assert not [path for path in (root / ".partial").iterdir() if path.is_dir()]
+
+
+def test_nobody_is_known_to_be_alone_without_locks(tmp_path, monkeypatch):
+    """Whoever ends first leaves the unfinished files of the others."""
+
+    def refuse(*_):
+        raise OSError(errno.ENOLCK, "no locks here")
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    plan = make_plan(load_config("middlebury"), 0, "webdataset", {"train": 3}, shard_pairs=3)
+    runs = [DatasetFiles(Folder(tmp_path), plan, overwrite=False) for _ in range(2)]
+    for run in runs:
+        run.open({"train": {}})
+    with open_writer(tmp_path) as other:
+        add_pairs(other, 2)
+        runs[0].finish({"program": "semisynth-gl"}, {})
+        runs[0].close()
+        add_pairs(other)
+        other.finish(RANGE)
+    assert complete_record(Folder(tmp_path), SHARD) is not None

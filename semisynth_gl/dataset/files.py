@@ -229,14 +229,13 @@ class DatasetFiles:
                     place.remove(f"{PARTIAL}/{path.name}")
 
     def _is_alone(self) -> bool:
-        """Return whether no other run works on the dataset; if so, no other run will until `close`."""
+        """Return whether it is known that no other run works on the dataset; if so, no other run will until `close`."""
         if self._lock is None:
             return True
         try:
-            lock(self._lock.fileno(), shared=False)
+            return lock(self._lock.fileno(), shared=False)
         except BlockingIOError:
             return False
-        return True
 
 
 def read_beginning(place: Place) -> dict[str, Any] | None:

@@ -12,8 +12,11 @@ _SECONDS_BETWEEN_TRIES = 0.05
 _PATIENCE_S = 30.0
 
 
-def lock(descriptor: int, *, shared: bool) -> None:
+def lock(descriptor: int, *, shared: bool) -> bool:
     """Lock an open file, or go without where the file system has no locks.
+
+    Returns:
+        Whether the file is locked; False where the file system has no locks, as some network file systems.
 
     Raises:
         BlockingIOError: where another process holds the lock.
@@ -23,12 +26,12 @@ def lock(descriptor: int, *, shared: bool) -> None:
     except BlockingIOError:
         raise
     except OSError:
-        # Some network file systems have no locks: two runs then do the same work twice, and write the same bytes.
-        return
+        return False
+    return True
 
 
 def open_locked(path: Path, shared: Callable[[], bool], *, patient: bool) -> BinaryIO:
-    """Open and lock a file, which other runs may remove when they end.
+    """Open and lock a file, which other runs may remove when they end; see `lock` on file systems without locks.
 
     Args:
         path: the file; a missing file is created, and its folder too.

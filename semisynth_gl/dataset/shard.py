@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Any, BinaryIO, Self
 
 from semisynth_gl.dataset.files import complete_record
-from semisynth_gl.dataset.locks import open_locked
+from semisynth_gl.dataset.locks import lock, open_locked
 from semisynth_gl.dataset.places import Place, sync
 from semisynth_gl.dataset.plan import Shard
-from semisynth_gl.dataset.schema import PARTIAL, journal_name, record_path, tar_path
+from semisynth_gl.dataset.schema import PARTIAL, PROGRAM, journal_name, record_path, tar_path
 
 _ONLY_IN_JOURNAL = frozenset({"end", "crc32", "renderer", "seconds"})
 
@@ -57,20 +57,15 @@ class ShardWriter:
         self._tar: BufferedRandom | None = None
         self.samples: list[dict[str, Any]] = []
         try:
-            if place.local is None:
-                # A store shows complete files only: unfinished files stay on this machine, and end with this run.
-                temporary = tempfile.TemporaryDirectory(prefix="semisynth-gl-")
-                self._work = Path(self._resources.enter_context(temporary))
-            else:
-                self._work = place.local / PARTIAL
-            self._journal = self._resources.enter_context(_open_journal(self._work / journal_name(name)))
+            self._work, self._journal = self._begin()
             # Another run may have completed the shard since this run found that it is missing.
             self.complete = complete_record(place, shard) is not None
             if self.complete:
                 return
             self._tar_path = self._work / f"{name}.tar"
             if packed:
-                if place.local is not None and not self._tar_path.exists() and place.size(tar_path(name)) is not None:
+                kept = self._work.name == PARTIAL
+                if kept and not self._tar_path.exists() and place.size(tar_path(name)) is not None:
                     # The shard has no record: its tar is not complete, though it was renamed already.
                     place.path(tar_path(name)).replace(self._tar_path)
                 self._tar_path.touch()
@@ -126,6 +121,20 @@ class ShardWriter:
         self._place.write(record_path(self._name), (json.dumps(record) + "\n").encode())
         (self._work / journal_name(self._name)).unlink(missing_ok=True)
         return record
+
+    def _begin(self) -> tuple[Path, BinaryIO]:
+        """Return a folder in which no other run works on the shard, and the journal in it."""
+        name, partial = journal_name(self._name), None
+        if self._place.local is not None:
+            partial = self._place.local / PARTIAL
+            journal = self._resources.enter_context(_open_journal(partial / name))
+            if lock(journal.fileno(), shared=False):
+                return partial, journal
+        # A store shows complete files only, and without locks another run may be making the shard: unfinished files
+        # stay apart, and end with this run.
+        temporary = tempfile.TemporaryDirectory(prefix=f"{PROGRAM}-", dir=partial)
+        work = Path(self._resources.enter_context(temporary))
+        return work, self._resources.enter_context((work / name).open("a+b"))
 
     def _add_files(self, files: Mapping[str, bytes]) -> dict[str, Any]:
         written: list[tuple[Path, str]] = []
@@ -252,7 +261,7 @@ def tar_end(length: int) -> bytes:
 
 
 def _open_journal(path: Path) -> BinaryIO:
-    """Open a journal and lock it; the lock ends with this process, however that ends."""
+    """Open a journal, and lock it where there are locks; the lock ends with this process, however that ends."""
     try:
         # The run that completes the shard removes its journal.
         return open_locked(path, lambda: False, patient=False)
