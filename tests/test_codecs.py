@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS, Encodings, by_imagecodecs
 from semisynth_gl.codecs.calib import MIDDLEBURY_CALIB, Calibration
+from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.jpeg import Jpeg
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.codecs.pfm import ANY_PFM, PFM, PFM3
@@ -370,3 +371,27 @@ def test_json_must_hold_an_object(tmp_path):
     with pytest.raises(ReadError, match="got int"):
         JSON_OBJECT.read(tmp_path / "b.json")
     assert JSON_OBJECT.decode(JSON_OBJECT.encode({"a": [1, 0.5]}), PATH) == {"a": [1, 0.5]}
+
+
+@pytest.mark.parametrize("steps", [256, 128, 100, 7.3])
+def test_a_map_counts_in_any_steps(tmp_path, steps):
+    counts = np.arange(2**16, dtype=np.uint16).reshape(256, 256)
+    (tmp_path / "a.png").write_bytes(GREY16.encode(counts))
+    disparity = read_disparity_map(tmp_path / "a.png", steps)
+    assert disparity.dtype == np.float32
+    assert np.isposinf(disparity[0, 0])
+    np.testing.assert_array_equal(disparity.ravel()[1:], counts.ravel()[1:].astype(np.float32) / np.float32(steps))
+
+
+def test_a_map_is_read_once(tmp_path, monkeypatch):
+    """What the first bytes say holds for the rest, whatever replaces the file meanwhile."""
+    np.save(tmp_path / "a.npy", np.full((3, 4), 7.0))
+    read = Path.read_bytes
+
+    def read_and_replace(path):
+        data = read(path)
+        np.save(path, np.zeros((2, 2)))
+        return data
+
+    monkeypatch.setattr(Path, "read_bytes", read_and_replace)
+    np.testing.assert_array_equal(read_disparity_map(tmp_path / "a.npy"), np.full((3, 4), 7, np.float32))

@@ -1,5 +1,6 @@
 """Disparity maps from any source: PFM of any kind, NumPy's arrays, 16-bit PNG."""
 
+import io
 from pathlib import Path
 
 import numpy as np
@@ -7,8 +8,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.codecs.codec import read_bytes
 from semisynth_gl.codecs.pfm import ANY_PFM
-from semisynth_gl.codecs.png import GREY16
-from semisynth_gl.codecs.png16 import KITTI_DISPARITY
+from semisynth_gl.codecs.png16 import KITTI_DISPARITY, DisparityPng16
 from semisynth_gl.errors import ReadError
 
 MAP_EXTENSIONS = (".pfm", ".npy", ".png")
@@ -30,16 +30,15 @@ def read_disparity_map(path: Path, png_steps: float = KITTI_DISPARITY.steps) -> 
     """
     data = read_bytes(path)
     if data.startswith(b"\x93NUMPY"):
-        return _read_npy(path)
+        return _read_npy(data, path)
     if data.startswith(b"\x89PNG"):
-        counts = GREY16.decode(data, path)
-        return np.where(counts > 0, counts.astype(np.float32) / np.float32(png_steps), np.float32(np.inf))
+        return DisparityPng16(png_steps).decode(data, path)
     return ANY_PFM.decode(data, path)
 
 
-def _read_npy(path: Path) -> NDArray[np.float32]:
+def _read_npy(data: bytes, path: Path) -> NDArray[np.float32]:
     try:
-        values = np.load(path, allow_pickle=False)
+        values = np.load(io.BytesIO(data), allow_pickle=False)
     except (ValueError, OSError, EOFError, MemoryError) as error:
         raise ReadError(path, f"cannot be read as an array: {error}") from None
     shape = values.shape

@@ -24,7 +24,7 @@ class DisparityPng16(Codec[NDArray[np.float32]]):
     nothing = "0"
     lossless = False
 
-    def __init__(self, steps: int) -> None:
+    def __init__(self, steps: float) -> None:
         self.steps = steps
         self.name = "png16" if steps == _KITTI_STEPS else f"png16-{steps}"
         self.error_px = 1 / (2 * steps)
