@@ -90,6 +90,10 @@ def make_provenance(index):
 
 
 def encode(layout, index, split="train", frame=None, encodings=None, length=None):
+    return encoded(layout, index, split, frame, encodings, length).files
+
+
+def encoded(layout, index, split="train", frame=None, encodings=None, length=None):
     key = Key("lab", split, index, length)
     frame = make_frame(index) if frame is None else frame
     return encode_pair(layout, key, frame, make_provenance(index), 256, encodings or layout.encodings or Encodings())

@@ -102,7 +102,7 @@ def write(plan: Plan, folder: Path | None = None) -> dict[str, Any]:
             files = encode_pair(
                 plan.layout, plan.key(shard.split, pair), frame(pair), provenance | {"pair": pair}, 5,
                 plan.layout.encodings_for(plan.config),
-            )  # fmt: skip
+            ).files  # fmt: skip
             files = {path: files[path] for path in paths(plan, shard.split, pair).values()}
             for name, data in files.items():
                 if plan.layout.packed:

@@ -13,7 +13,7 @@ from pathlib import Path, PurePosixPath
 import cv2
 import numpy as np
 import pytest
-from hand_made_pairs import CAMERA, INF, PAIRS, decode, encode, make_frame, make_provenance, write_tree
+from hand_made_pairs import CAMERA, INF, PAIRS, decode, encode, encoded, make_frame, make_provenance, write_tree
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -26,7 +26,7 @@ from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY16, RGB8
 from semisynth_gl.config import load_config
 from semisynth_gl.config.model import FilesSection
-from semisynth_gl.dataset.sample import decode_file, share_beyond
+from semisynth_gl.dataset.sample import decode_file
 from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.frame import OUTPUTS, OUTSIDE, ROLES, VISIBLE, Frame, View
 from semisynth_gl.layouts import Key, find_layout, layout_names
@@ -131,13 +131,14 @@ def test_a_disparity_is_rounded_or_counted_and_never_wrapped(lengths):
     frame = Frame(camera, view, view)
     for name in layout_names():
         layout = find_layout(name)
-        stored = decode(layout, 0, encode(layout, 0, frame=frame))
+        pair = encoded(layout, 0, frame=frame)
+        stored = decode(layout, 0, pair.files)
         is_ = stored.left.disparity
         limit = stored.encodings.disparity.limit_px + stored.encodings.disparity.error_px
         beyond = np.isfinite(disparity) & (disparity >= limit)
         if np.isfinite(limit):
             assert stored.provenance["disparity_beyond"] == {"left": beyond.sum(), "right": beyond.sum()}
-        assert share_beyond(frame, layout.encodings or Encodings()) == beyond.mean()
+        assert pair.share_beyond == beyond.mean()
         np.testing.assert_array_equal(np.isinf(is_), np.isinf(disparity) | beyond)
         valid = np.isfinite(is_)
         assert (is_[valid] > 0).all()
@@ -156,9 +157,9 @@ def test_what_a_codec_cannot_store_is_invalid_everywhere():
     assert 0.01 < beyond["left"].mean() < 0.9
     assert (frame.left.visibility[beyond["left"]] == VISIBLE).any()
     chosen, layout = Encodings.from_names(disparity="png16"), find_layout("middlebury")
-    assert share_beyond(frame, chosen) == max(where.mean() for where in beyond.values())
-    assert share_beyond(frame, Encodings()) == 0
-    stored = decode(layout, 3, encode(layout, 3, frame=frame, encodings=chosen), encodings=chosen)
+    pair = encoded(layout, 3, frame=frame, encodings=chosen)
+    assert pair.share_beyond == max(where.mean() for where in beyond.values())
+    stored = decode(layout, 3, pair.files, encodings=chosen)
     counts = {eye: int(where.sum()) for eye, where in beyond.items()}
     assert stored.provenance == make_provenance(3) | {"disparity_beyond": counts}
     for eye, where in beyond.items():
@@ -169,6 +170,7 @@ def test_what_a_codec_cannot_store_is_invalid_everywhere():
         np.testing.assert_array_equal(came.visibility[~where], was.visibility[~where])
         np.testing.assert_array_equal(came.disparity_change[~where], was.disparity_change[~where])
     assert stored.calibration.vmax_px < 256
+    assert encoded(layout, 3, frame=frame).share_beyond == 0
     plain = decode(layout, 3, encode(layout, 3, frame=frame))
     assert plain.provenance == make_provenance(3)
     np.testing.assert_array_equal(plain.left.disparity, frame.left.disparity)

@@ -13,7 +13,7 @@ from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.codecs import Codec, Encodings
 from semisynth_gl.codecs.calib import Calibration
 from semisynth_gl.errors import InputError, ReadError
-from semisynth_gl.frame import CHANNELS, ROLES, Channel, Frame
+from semisynth_gl.frame import CHANNELS, ROLES, Channel, Frame, View
 from semisynth_gl.layouts import Key, Layout
 from semisynth_gl.layouts.roles import Sample, mask_from_not_occluded, not_occluded_role
 
@@ -45,9 +45,22 @@ class StoredFrame(Frame):
         return np.where(np.asarray(disparity) <= 2 * error, 2 * error, error)
 
 
+@dataclass(frozen=True, slots=True)
+class EncodedPair:
+    """A pair as files in memory.
+
+    Attributes:
+        files: the files' bytes, by path.
+        share_beyond: share of the pixels whose disparity the codec cannot store, in the view with the larger share.
+    """
+
+    files: dict[str, bytes]
+    share_beyond: float
+
+
 def encode_pair(
     layout: Layout, key: Key, frame: Frame, provenance: Mapping[str, Any], ndisp: int, encodings: Encodings
-) -> dict[str, bytes]:
+) -> EncodedPair:
     """Encode a pair as files.
 
     Disparities that the codec cannot store become invalid, in the masks, in the changes of disparity and in the
@@ -62,17 +75,17 @@ def encode_pair(
         ndisp: an upper bound of the disparities, whole pixels.
         encodings: see `Layout.encodings_for`.
 
-    Returns:
-        The files' bytes, by path.
-
     Raises:
         InputError: where a codec needs a package that is not installed.
     """
+    beyond: dict[str, dict[str, int]] = {}
     for channel in CHANNELS.values():
         codec = encodings.codec(channel.codec)
         if channel.mask is not None and isfinite(codec.limit_px):
             frame, counts = _invalidate(frame, channel, codec)
-            provenance = {**provenance, f"{channel.name}_beyond": counts} if counts else provenance
+            if counts:
+                beyond[channel.name] = counts
+    provenance = {**provenance, **{f"{name}_beyond": counts for name, counts in beyond.items()}}
     sample = Sample(key, frame, provenance, ndisp)
     files = {}
     for name, path in layout.files(key, encodings).items():
@@ -80,7 +93,8 @@ def encode_pair(
         value = role.value(sample)
         if value is not None:
             files[path] = role.codec(encodings).encode(value)
-    return files
+    pixels = frame.camera.width_px * frame.camera.height_px
+    return EncodedPair(files, max(beyond.get(View.disparity.name, {}).values(), default=0) / pixels)
 
 
 def decode_file(layout: Layout, role: str, data: bytes, path: Path, encodings: Encodings) -> Any:  # noqa: ANN401 - by role
@@ -132,15 +146,6 @@ def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) ->
         calibration=calibration,
         encodings=encodings,
     )
-
-
-def share_beyond(frame: Frame, encodings: Encodings) -> float:
-    """Return the share of pixels whose disparity the codec cannot store, in the view with the larger share."""
-    codec = encodings.disparity
-    if not isfinite(codec.limit_px):
-        return 0.0
-    views = [view.disparity for view in (frame.left, frame.right) if "disparity" in view]
-    return max(float(codec.exceeds_limit(disparity).mean()) for disparity in views)
 
 
 def _invalidate(frame: Frame, channel: Channel[Any], codec: Codec[Any]) -> tuple[Frame, dict[str, int]]:

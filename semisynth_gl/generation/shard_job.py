@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from semisynth_gl.dataset.places import Place
 from semisynth_gl.dataset.plan import Plan, Shard, abbreviate, differences
-from semisynth_gl.dataset.sample import encode_pair, share_beyond
+from semisynth_gl.dataset.sample import encode_pair
 from semisynth_gl.dataset.shard import ShardBusyError, ShardWriter
 from semisynth_gl.engines.task import Task
 from semisynth_gl.errors import InputError
@@ -133,13 +133,12 @@ class ShardJob:
             The pair's files by path, and its facts for the record of its shard.
         """
         config, layout = self.plan.config, self.plan.layout
-        encodings = layout.encodings_for(config)
         key, most_px = self.plan.key(split, pair.index), ceil(config.disparity.max_px)
-        files = encode_pair(layout, key, pair.frame, pair.provenance, most_px, encodings)
-        return files, {
+        encoded = encode_pair(layout, key, pair.frame, pair.provenance, most_px, layout.encodings_for(config))
+        return encoded.files, {
             # All frames of a sequence carry the same redraws.
             "redrawn": pair.provenance.get("redrawn", []) if pair.provenance["frame"] == 0 else [],
-            "share_beyond": share_beyond(pair.frame, encodings),
+            "share_beyond": encoded.share_beyond,
             "renderer": pair.provenance["renderer"],
         }
 
