@@ -85,6 +85,11 @@ class Channel(Generic[Value]):
         """Return the name of one eye's array among both views': ``left`` for its image, else ``disparity_left``."""
         return eye if self.name == "image" else f"{self.name}_{eye}"
 
+    @property
+    def beyond_key(self) -> str:
+        """Key of a pair's provenance: how many pixels of each view have a value that the codec cannot store."""
+        return f"{self.name}_beyond"
+
 
 class View(Mapping[str, NDArray[Any]]):
     """What one eye sees: arrays by the names of their channels, those that were made.

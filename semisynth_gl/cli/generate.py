@@ -12,7 +12,7 @@ from semisynth_gl.config import Config
 from semisynth_gl.engines.local import LocalEngine, SerialEngine
 from semisynth_gl.engines.task import Engine, cores
 from semisynth_gl.errors import InputError
-from semisynth_gl.frame import OUTPUTS, TRUTH_VIEWS, TruthViews
+from semisynth_gl.frame import OUTPUTS, TRUTH_VIEWS, TruthViews, View
 from semisynth_gl.generation.generate import GenerationResult
 from semisynth_gl.generation.generate import generate as generate_dataset
 from semisynth_gl.interrupts import interrupts_stop
@@ -227,8 +227,8 @@ class _GenerationProgress(Progress):
             self.on_message(
                 f"in {len(self._shares_beyond)} pairs more than {_LARGE_SHARE_BEYOND:.0%} of the pixels have a "
                 f"disparity that {encoding} cannot hold, at worst {max(self._shares_beyond):.1%}: they are invalid "
-                "(disparity_beyond counts them); files.disparity=pfm or tiff holds them, in a layout that lets you "
-                "choose"
+                f"({View.disparity.beyond_key} counts them); files.disparity=pfm or tiff holds them, in a layout "
+                "that lets you choose"
             )
 
 

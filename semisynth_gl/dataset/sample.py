@@ -64,8 +64,7 @@ def encode_pair(
     """Encode a pair as files.
 
     Disparities that the codec cannot store become invalid, in the masks, in the changes of disparity and in the
-    calibration too; the provenance then counts them by view under ``disparity_beyond``. Likewise flow, under
-    ``flow_beyond`` and ``flow_backward_beyond``.
+    calibration too; the provenance then counts them by view under `Channel.beyond_key`. Likewise flow.
 
     Args:
         layout: names of the files.
@@ -84,8 +83,8 @@ def encode_pair(
         if channel.mask is not None and isfinite(codec.limit_px):
             frame, counts = _invalidate(frame, channel, codec)
             if counts:
-                beyond[channel.name] = counts
-    provenance = {**provenance, **{f"{name}_beyond": counts for name, counts in beyond.items()}}
+                beyond[channel.beyond_key] = counts
+    provenance = {**provenance, **beyond}
     sample = Sample(key, frame, provenance, ndisp)
     files = {}
     for name, path in layout.files(key, encodings).items():
@@ -94,7 +93,7 @@ def encode_pair(
         if value is not None:
             files[path] = role.codec(encodings).encode(value)
     pixels = frame.camera.width_px * frame.camera.height_px
-    return EncodedPair(files, max(beyond.get(View.disparity.name, {}).values(), default=0) / pixels)
+    return EncodedPair(files, max(beyond.get(View.disparity.beyond_key, {}).values(), default=0) / pixels)
 
 
 def decode_file(layout: Layout, role: str, data: bytes, path: Path, encodings: Encodings) -> Any:  # noqa: ANN401 - by role

@@ -21,12 +21,6 @@ from semisynth_gl.frame import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, Channel, Fr
 from semisynth_gl.frame import ROLES as FRAME_ROLES
 from semisynth_gl.layouts.key import Key
 
-DISPARITY_BEYOND = "disparity_beyond"
-"""Key of a pair's provenance: how many pixels of each view have a disparity that the codec cannot store.
-
-Those of flow are ``flow_beyond`` and ``flow_backward_beyond``.
-"""
-
 _LARGEST_OBJECT = 255
 _STOPS: Mapping[str, int] = {"right_under": -1, "right_over": 1}
 

@@ -15,10 +15,11 @@ from typing import Any
 
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.errors import ReadError
+from semisynth_gl.frame import View
 from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.layout import Layout
 from semisynth_gl.layouts.middlebury import scene_stems
-from semisynth_gl.layouts.roles import DISPARITY_BEYOND, ROLES, Role, Sample
+from semisynth_gl.layouts.roles import ROLES, Role, Sample
 
 _CAMERA: Mapping[str, type[int] | type[float]] = {
     "width_px": int,
@@ -51,7 +52,7 @@ class WebDataset(Layout):
 def _facts(sample: Sample) -> dict[str, Any]:
     """Return what every pair has, and the provenance as text: a key that only some pairs had would get lost."""
     provenance, camera = sample.provenance, sample.frame.camera
-    beyond = provenance.get(DISPARITY_BEYOND, {})
+    beyond = provenance.get(View.disparity.beyond_key, {})
     return {
         "pair": int(provenance["pair"]),
         "split": sample.key.split,

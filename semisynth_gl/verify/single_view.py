@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping
 from math import inf, isclose, isfinite
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.dataset.sample import StoredFrame
-from semisynth_gl.frame import OUTSIDE
+from semisynth_gl.frame import CHANNELS, OUTSIDE, Channel, View
 from semisynth_gl.verify.agreement import all_components, check_mask_values, dot
 from semisynth_gl.verify.verdict import Verdict, count_pixels
 
@@ -70,7 +71,7 @@ def _check_infinite(
     beyond the encoding, only the number of inf can be judged.
     """
     name, doffs_px = f"disparity_{eye}", frame.camera.doffs_px
-    beyond = count_beyond(frame, "disparity_beyond", eye, frame.encodings.disparity.limit_px)
+    beyond = count_beyond(frame, View.disparity, eye)
     if beyond:
         count = int(infinite.sum())
         if count < beyond or (doffs_px <= 0 and count != beyond):
@@ -88,17 +89,17 @@ def _check_infinite(
         verdict.add_pixels("disparity", name, "is inf", infinite, least)
 
 
-def count_beyond(frame: StoredFrame, key: str, eye: Eye, largest_px: float) -> int:
+def count_beyond(frame: StoredFrame, channel: Channel[Any], eye: Eye) -> int:
     """Return how many values of a view were beyond the encoding, as the provenance counts them.
 
     Args:
         frame: the pair as it was read.
-        key: of the provenance.
+        channel: the values' channel; where its codec stores everything, the number is 0.
         eye: the view.
-        largest_px: the largest value that the encoding has; where that is inf, the number is 0.
     """
-    counts = frame.provenance.get(key)
-    count = counts.get(eye) if isinstance(counts, dict) and isfinite(largest_px) else 0
+    counts = frame.provenance.get(channel.beyond_key)
+    limited = isfinite(frame.encodings.codec(channel.codec).limit_px)
+    count = counts.get(eye) if isinstance(counts, dict) and limited else 0
     return count if isinstance(count, int) else 0
 
 
@@ -186,7 +187,7 @@ def check_normals(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     seen = np.isfinite(disparity)
     seen |= False if depth is None else np.isfinite(depth)
     seen |= False if ids is None else ids > 0
-    beyond = count_beyond(frame, "disparity_beyond", eye, frame.encodings.disparity.limit_px)
+    beyond = count_beyond(frame, View.disparity, eye)
     always_disparity = camera.doffs_px <= 0 < camera.focal_baseline and beyond == 0
     nothing_known = depth is not None or ids is not None or always_disparity
     zero = all_components(normals == 0)
@@ -240,7 +241,7 @@ def check_flow(frame: StoredFrame, channel: str, eye: Eye, verdict: Verdict) -> 
     verdict.add_pixels("flow", name, "is NaN or -inf", ~all_components(np.isfinite(flow) | infinite))
     verdict.add_pixels("flow", name, "is inf in one component alone", infinite[..., 0] != infinite[..., 1])
     missing = int((~has_flow(flow)).sum())
-    beyond = count_beyond(frame, f"{channel}_beyond", eye, frame.encodings.flow.limit_px)
+    beyond = count_beyond(frame, CHANNELS[channel], eye)
     if missing < beyond:
         verdict.add(
             "flow", f"{name}: {missing} pixels without flow, the provenance counts {beyond} beyond the encoding"
@@ -302,7 +303,7 @@ def check_change(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict
     if flow is None:
         return
     flows = has_flow(flow)
-    beyond = count_beyond(frame, "flow_beyond", eye, frame.encodings.flow.limit_px)
+    beyond = count_beyond(frame, View.flow, eye)
     if int((known & ~flows).sum()) > beyond:
         detail = f"; the provenance counts {beyond} with flow beyond the encoding"
         verdict.add_pixels("change", name, "is finite without flow", known & ~flows, detail)
