@@ -11,9 +11,18 @@ from semisynth_gl.camera import EYES
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config
 from semisynth_gl.frame import CHANNELS, TruthViews
+from semisynth_gl.frame import ROLES as FRAME_ROLES
 from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.roles import ROLES, Role
 from semisynth_gl.splits import SplitName
+
+_SCENE_NAMES: Mapping[str, str] = {
+    "image": "im{n}",
+    "visibility": "mask{n}nocc",
+    "instances": "inst{n}",
+    "flow_visibility": "flow_mask{n}",
+    "flow_backward_visibility": "flow_backward_mask{n}",
+}
 
 
 class Layout(ABC):
@@ -113,6 +122,22 @@ def view_stems(names: Mapping[str, str], default: str) -> dict[str, str]:
         for channel in CHANNELS.values()
         for eye in EYES
     }
+
+
+def scene_stems(names: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the names of a frame's arrays in layouts that call the left view 0 and the right one 1.
+
+    Args:
+        names: the layout's own names by channel, beside those of Middlebury; see `view_stems`.
+
+    Returns:
+        Those of the pair's own moment, and those that compare it with another one, view by view.
+    """
+    stems = view_stems({**_SCENE_NAMES, **names}, "{channel}{n}")
+    flow = [
+        role for eye in EYES for role, (view, channel) in FRAME_ROLES.items() if view == eye and channel.moment != "now"
+    ]
+    return {role: stem for role, stem in stems.items() if role not in flow}, {role: stems[role] for role in flow}
 
 
 SHORT_SPLITS: Mapping[SplitName, str] = {"train": "train", "validation": "val", "test": "test"}

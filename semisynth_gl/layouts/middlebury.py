@@ -6,14 +6,12 @@ disparities and flow in another encoding end in its name. Names with 0 are the l
 leads to the same scenes.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
-from semisynth_gl.camera import EYES
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config
-from semisynth_gl.frame import ROLES
 from semisynth_gl.layouts.key import Key
-from semisynth_gl.layouts.layout import Layout, view_stems
+from semisynth_gl.layouts.layout import Layout, scene_stems
 from semisynth_gl.splits import SplitName
 
 SCENES = "MiddEval3/trainingF"
@@ -21,13 +19,6 @@ SCENE_LIST = "MiddEval3/official_train.txt"
 
 # Half and quarter size are exact then.
 _SIZE_STEP = 4
-_NAMES: Mapping[str, str] = {
-    "image": "im{n}",
-    "visibility": "mask{n}nocc",
-    "instances": "inst{n}",
-    "flow_visibility": "flow_mask{n}",
-    "flow_backward_visibility": "flow_backward_mask{n}",
-}
 
 
 class Middlebury(Layout):
@@ -61,20 +52,6 @@ class Middlebury(Layout):
                 f"but images are {size[0]} x {size[1]}: change camera.width_px or camera.height_px."
             )
         return sentences
-
-
-def scene_stems(names: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the names of a frame's arrays in layouts that call the left view 0 and the right one 1.
-
-    Args:
-        names: the layout's own names by channel, beside those of Middlebury; see `view_stems`.
-
-    Returns:
-        Those of the pair's own moment, and those that compare it with another one, view by view.
-    """
-    stems = view_stems({**_NAMES, **names}, "{channel}{n}")
-    flow = [role for eye in EYES for role, (view, channel) in ROLES.items() if view == eye and channel.moment != "now"]
-    return {role: stem for role, stem in stems.items() if role not in flow}, {role: stems[role] for role in flow}
 
 
 LAYOUT = Middlebury()

@@ -9,8 +9,7 @@ from collections.abc import Sequence
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.layouts.key import Key
-from semisynth_gl.layouts.layout import Layout
-from semisynth_gl.layouts.middlebury import scene_stems
+from semisynth_gl.layouts.layout import Layout, scene_stems
 
 SCENES = "2014"
 TORCHVISION = "Middlebury2014/train"

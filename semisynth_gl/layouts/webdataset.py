@@ -17,8 +17,7 @@ from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.errors import ReadError
 from semisynth_gl.frame import View
 from semisynth_gl.layouts.key import Key
-from semisynth_gl.layouts.layout import Layout
-from semisynth_gl.layouts.middlebury import scene_stems
+from semisynth_gl.layouts.layout import Layout, scene_stems
 from semisynth_gl.layouts.roles import ROLES, Role, Sample
 
 _CAMERA: Mapping[str, type[int] | type[float]] = {
