@@ -7,6 +7,9 @@ import numpy as np
 
 from semisynth_gl.pairs.pipeline import PAIR_STAGES
 
+STAGES = (*PAIR_STAGES, "encode", "write")
+"""The stages of a pair in a dataset, in order: those of its renderer, and what becomes of the arrays."""
+
 STAGE_TEXTS: Mapping[str, str] = {
     "sample": "what stands where",
     "draw": "colour, disparity and surfaces of both eyes",
@@ -47,7 +50,7 @@ def stage_rows(pairs: Sequence[Mapping[str, Costs]], cores: int, *, software: bo
         part of the seconds of all stages; "allows_per_second" is the number of pairs per second if a pair were this
         stage alone: on the processor, with all cores at work.
     """
-    costs = np.array([[pair[stage][:2] for stage in PAIR_STAGES] for pair in pairs])
+    costs = np.array([[pair[stage][:2] for stage in STAGES] for pair in pairs])
     seconds, processor = np.moveaxis(costs, -1, 0).mean(axis=1).tolist()
     total = sum(seconds)
 
@@ -64,7 +67,7 @@ def stage_rows(pairs: Sequence[Mapping[str, Costs]], cores: int, *, software: bo
         }
 
     rows = []
-    for stage, wall, cpu in zip(PAIR_STAGES, seconds, processor, strict=True):
+    for stage, wall, cpu in zip(STAGES, seconds, processor, strict=True):
         sizes = [size for pair in pairs if (size := pair[stage].result_bytes) is not None]
         mean = float(np.mean(sizes)) if len(sizes) == len(pairs) else None
         on_gpu = stage in _ON_THE_GPU and not software

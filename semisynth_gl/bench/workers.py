@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from semisynth_gl.bench.shards import SPLIT, do_all, shard_job
-from semisynth_gl.bench.stages import Costs, speed_limit, stage_rows
+from semisynth_gl.bench.stages import STAGES, Costs, speed_limit, stage_rows
 from semisynth_gl.bench.timing import turns
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.places import Folder
@@ -30,7 +30,7 @@ from semisynth_gl.dataset.shard import ShardWriter
 from semisynth_gl.engines.task import Task, cores, threads_each
 from semisynth_gl.generation.shard_job import ShardJob
 from semisynth_gl.listener import Listener
-from semisynth_gl.pairs.pipeline import PAIR_STAGES, PairRenderer
+from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.context import Backend
 
 _THREADS = "LP_NUM_THREADS"
@@ -77,8 +77,8 @@ class _StageClock(Listener):
     """Adds up the time of each stage of a pair, on the clock and of the processor, s."""
 
     def __init__(self) -> None:
-        self.seconds = dict.fromkeys(PAIR_STAGES, 0.0)
-        self.cpu_seconds = dict.fromkeys(PAIR_STAGES, 0.0)
+        self.seconds = dict.fromkeys(STAGES, 0.0)
+        self.cpu_seconds = dict.fromkeys(STAGES, 0.0)
         self._last = time.perf_counter(), time.process_time()
 
     def on_stage(self, stage: str) -> None:
@@ -117,9 +117,7 @@ class _TimedStages:
         array_bytes, file_bytes = self._write(renderer, shard, clock)
         renderer.listener = None
         sizes = {"readback": array_bytes, "encode": file_bytes, "write": file_bytes}
-        costs = {
-            stage: Costs(clock.seconds[stage], clock.cpu_seconds[stage], sizes.get(stage)) for stage in PAIR_STAGES
-        }
+        costs = {stage: Costs(clock.seconds[stage], clock.cpu_seconds[stage], sizes.get(stage)) for stage in STAGES}
         return _PairTimes(costs, seconds, renderer.facts)
 
     def _write(self, renderer: PairRenderer, shard: Shard, listener: Listener) -> tuple[int, int]:

@@ -30,8 +30,8 @@ from semisynth_gl.scene.sources import prepare_sources
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.splits import WHOLE, Split
 
-PAIR_STAGES = ("sample", "draw", "visibility", "readback", "check", "encode", "write")
-"""The stages of a pair, in order; the last two are in `semisynth_gl.generation.shard_job`."""
+PAIR_STAGES = ("sample", "draw", "visibility", "readback", "check")
+"""The stages of a pair that a renderer reports to its listener, in order."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,7 +132,7 @@ class PairRenderer:
 
     @property
     def listener(self) -> Listener | None:
-        """For measurements: hears each stage of `PAIR_STAGES` but the last two; see `Renderer`."""
+        """For measurements: hears each stage of `PAIR_STAGES`; see `Renderer`."""
         return self._renderer.listener
 
     @listener.setter
