@@ -275,17 +275,18 @@ def test_advice_says_what_loaders_will_refuse():
         return loaded.model_copy(update={"camera": loaded.camera.model_copy(update=camera)})
 
     kitti = find_layout("kitti")
-    assert kitti.advice(200, config("kitti")) == []
-    assert "200 pairs, here are 199" in kitti.advice(199, config("kitti"))[0]
-    assert "PSMNet crops" in kitti.advice(200, config("kitti", width_px=1231))[0]
-    assert "less than that" in kitti.advice(200, config("kitti", height_px=384))[0]
+    assert kitti.advice(200, config("kitti"), "train") == []
+    assert "200 pairs, here are 199" in kitti.advice(199, config("kitti"), "train")[0]
+    assert "PSMNet crops" in kitti.advice(200, config("kitti", width_px=1231), "train")[0]
+    assert "less than that" in kitti.advice(200, config("kitti", height_px=384), "train")[0]
     assert "training alone" in kitti.advice(200, config("kitti"), "test")[0]
     middlebury = find_layout("middlebury")
-    assert middlebury.advice(1, config("middlebury")) == []
-    assert "multiples of 4" in middlebury.advice(1, config("middlebury", width_px=1502))[0]
-    assert "in each of shapenet" in find_layout("crestereo").advice(3, config("middlebury"))[0]
+    assert middlebury.advice(1, config("middlebury"), "train") == []
+    assert "multiples of 4" in middlebury.advice(1, config("middlebury", width_px=1502), "train")[0]
+    assert "in each of shapenet" in find_layout("crestereo").advice(3, config("middlebury"), "train")[0]
     left = config("middlebury").model_copy(update={"truth": "left"})
-    told = {name for name in layout_names() if any("set truth" in each for each in find_layout(name).advice(200, left))}
+    advice = {name: find_layout(name).advice(200, left, "train") for name in layout_names()}
+    told = {name for name, sentences in advice.items() if any("set truth" in each for each in sentences)}
     assert told == {"crestereo", "kitti", "middlebury", "middlebury-2014", "sceneflow"}
 
 

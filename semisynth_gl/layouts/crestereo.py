@@ -42,7 +42,7 @@ class CreStereo(Layout):
         names = view_stems(_NAMES, "_{view}.{channel}") | {"provenance": ""}
         return {role: f"{begin}{name}" for role, name in names.items()}
 
-    def advice(self, pairs: int, config: Config, split: SplitName = "train") -> list[str]:
+    def advice(self, pairs: int, config: Config, split: SplitName) -> list[str]:
         """Return what the base says, and that torchvision wants a pair in each folder."""
         sentences = super().advice(pairs, config, split)
         if pairs < len(_FOLDERS):

@@ -98,7 +98,7 @@ class Kitti(Layout):
         flow = {"KittiFlow/training": "../training"} if any(key.sequence_length for key in keys) else {}
         return {"Kitti2015/training": "../training"} | flow
 
-    def advice(self, pairs: int, config: Config, split: SplitName = "train") -> list[str]:
+    def advice(self, pairs: int, config: Config, split: SplitName) -> list[str]:
         """Return what the base says, and which loaders want more pairs, more frames or another size."""
         sentences = super().advice(pairs, config, split)
         what = "pairs"

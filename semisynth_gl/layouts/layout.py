@@ -95,7 +95,7 @@ class Layout(ABC):
         """
         return "" if len(splits) == 1 else f"{split}/"
 
-    def advice(self, pairs: int, config: Config, split: SplitName = "train") -> list[str]:
+    def advice(self, pairs: int, config: Config, split: SplitName) -> list[str]:
         """Return sentences on what will keep loaders of this layout from reading a split of so many pairs."""
         del pairs, split
         if config.truth == "both" or not self.right_truth_for:

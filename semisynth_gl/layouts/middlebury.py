@@ -42,7 +42,7 @@ class Middlebury(Layout):
         del keys
         return {"carla-highres/trainingF": f"../{SCENES}"}
 
-    def advice(self, pairs: int, config: Config, split: SplitName = "train") -> list[str]:
+    def advice(self, pairs: int, config: Config, split: SplitName) -> list[str]:
         """Return what the base says, and that sizes should be halved twice without a rest."""
         size = config.camera.width_px, config.camera.height_px
         sentences = super().advice(pairs, config, split)

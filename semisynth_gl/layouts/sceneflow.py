@@ -88,7 +88,7 @@ class SceneFlow(Layout):
             *(f"{ROOT}/driving_{tree}/{each}" for tree in (_IMAGES, "disparity") for each in driving),
         )
 
-    def advice(self, pairs: int, config: Config, split: SplitName = "train") -> list[str]:
+    def advice(self, pairs: int, config: Config, split: SplitName) -> list[str]:
         """Return what the base says, and that flow needs two frames of a sequence."""
         sentences = super().advice(pairs, config, split)
         if FLOW_OUTPUTS.intersection(config.outputs) and config.sequence.length == 1:
