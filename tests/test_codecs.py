@@ -24,6 +24,7 @@ from semisynth_gl.codecs.png import GREY8, GREY16, RGB8, RGB16
 from semisynth_gl.codecs.png16 import CRESTEREO_DISPARITY, KITTI_DISPARITY
 from semisynth_gl.config.model import FilesSection
 from semisynth_gl.errors import InputError, ReadError
+from semisynth_gl.frame import CHANNELS
 
 SHAPES = [(1, 1), (1, 7), (9, 1), (30, 41)]
 FROM_IMAGECODECS = {"qoi", "jxl"}
@@ -395,3 +396,18 @@ def test_a_map_is_read_once(tmp_path, monkeypatch):
 
     monkeypatch.setattr(Path, "read_bytes", read_and_replace)
     np.testing.assert_array_equal(read_disparity_map(tmp_path / "a.npy"), np.full((3, 4), 7, np.float32))
+
+
+def test_codecs_of_channels_estimate_the_size_of_their_files():
+    """The size of shards follows from it; where nothing is compressed, it is exact but for the header."""
+    tables = {"image": IMAGE_CODECS, "disparity": DISPARITY_CODECS, "flow": FLOW_CODECS}
+    for channel in CHANNELS.values():
+        codecs = tables[channel.codec].values() if channel.codec in tables else [Encodings().codec(channel.codec)]
+        shape = (60, 80) if channel.components == 1 else (60, 80, channel.components)
+        values = np.random.default_rng(0).integers(1, 200, shape).astype(channel.dtype)
+        for codec in codecs:
+            if codec.name in ("pfm", "flo"):
+                size = len(codec.encode(values))
+                assert size - 40 < 60 * 80 * codec.pixel_bytes < size, codec.description
+            else:
+                assert 0 < codec.pixel_bytes <= values[0, 0].nbytes, codec.description

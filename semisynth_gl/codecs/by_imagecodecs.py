@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.codecs.codec import Codec, check_rgb
+from semisynth_gl.codecs.codec import PHOTOGRAPH_PIXEL_BYTES, Codec, check_rgb
 from semisynth_gl.errors import InputError, ReadError
 
 _QOI_END = bytes(7) + b"\x01"
@@ -25,6 +25,8 @@ class ByImagecodecs(Codec[NDArray[np.uint8]]):
         function: imagecodecs' name of the format.
         options: imagecodecs' options of the encoder.
     """
+
+    pixel_bytes = PHOTOGRAPH_PIXEL_BYTES
 
     def __init__(self, name: str, media_type: str, description: str, function: str, **options: Any) -> None:  # noqa: ANN401 - imagecodecs has no types
         self.name = name

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from semisynth_gl.errors import ReadError
 
+PHOTOGRAPH_PIXEL_BYTES = 1.8
+"""`Codec.pixel_bytes` of RGB images: photographs as PNG, measured over the packaged configs."""
+
 Value = TypeVar("Value")
 
 
@@ -25,6 +28,7 @@ class Codec(ABC, Generic[Value]):
         limit_px: largest magnitude of a stored value, px.
         is_image: whether readers of images return the value unchanged.
         lossless: whether `decode` returns what `encode` was given, bit for bit.
+        pixel_bytes: estimated size of a file per pixel; 0 for files without pixels. The size of shards follows from it.
     """
 
     name: str
@@ -35,6 +39,7 @@ class Codec(ABC, Generic[Value]):
     limit_px: float = inf
     is_image: bool = True
     lossless: ClassVar[bool] = True
+    pixel_bytes: float = 0.0
 
     @property
     def suffix(self) -> str:

@@ -23,6 +23,7 @@ class Flo(Codec[NDArray[np.float32]]):
     description = "Middlebury's .flo, float32"
     nothing = "1e10"
     is_image = False
+    pixel_bytes = 8.0
 
     def encode(self, value: NDArray[np.float32]) -> bytes:
         """Encode a flow; both components become 1e10 where either is not finite, or above 1e9 as no reader takes it."""

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from semisynth_gl.codecs.codec import Codec, check_rgb
+from semisynth_gl.codecs.codec import PHOTOGRAPH_PIXEL_BYTES, Codec, check_rgb
 from semisynth_gl.errors import ReadError
 
 _BEGIN, _END = b"\xff\xd8", b"\xff\xd9"
@@ -20,6 +20,7 @@ class Jpeg(Codec[NDArray[np.uint8]]):
     media_type = "image/jpeg"
     description = "JPEG of quality 100"
     lossless = False
+    pixel_bytes = PHOTOGRAPH_PIXEL_BYTES
 
     def encode(self, value: NDArray[np.uint8]) -> bytes:
         """Encode an image."""

@@ -23,6 +23,7 @@ class DisparityPng16(Codec[NDArray[np.float32]]):
     media_type = "image/png"
     nothing = "0"
     lossless = False
+    pixel_bytes = 2.0
 
     def __init__(self, steps: float) -> None:
         self.steps = steps
@@ -66,6 +67,7 @@ class FlowPng16(Codec[NDArray[np.float32]]):
     nothing = "0 in the third channel"
     is_image = False
     error_px = 1 / 128
+    pixel_bytes = 4.0
     limit_px = 32767 / 64
 
     _STEPS = 64

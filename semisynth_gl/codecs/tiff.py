@@ -29,6 +29,7 @@ class Tiff(Codec[NDArray[np.float32]]):
     name = "tiff"
     media_type = "image/tiff"
     description = "TIFF, float32, lossless"
+    pixel_bytes = 2.0
 
     def encode(self, value: NDArray[np.float32]) -> bytes:
         """Encode an image."""

@@ -7,7 +7,6 @@ from math import ceil
 from typing import Any
 
 from semisynth_gl.arguments import check_type, to_whole
-from semisynth_gl.codecs.pfm import FlowPfm
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.schema import PROGRAM, shard_name
 from semisynth_gl.errors import InputError
@@ -19,10 +18,6 @@ from semisynth_gl.splits import SPLITS, Split, SplitName
 # Shards usually have about 1 GB; a small dataset has smaller ones so that workers can share it.
 _SHARD_BYTES = 1_000_000_000
 _FEWEST_SHARDS = 8
-# Photographs as PNG, measured over the packaged configs; a byte more or less only changes the size of shards.
-_IMAGE_BYTES_PER_PIXEL = 1.8
-_MASK_BYTES_PER_PIXEL = 0.05
-_FLOAT_BYTES = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,16 +171,11 @@ def make_plan(
 
 def _shard_pairs(config: Config, layout: Layout, pairs: int) -> int:
     encodings = layout.encodings_for(config)
-    per_pixel = 2 * _IMAGE_BYTES_PER_PIXEL
+    per_pixel = 0.0
     for channel in CHANNELS.values():
-        if channel.name != "image" and (channel.output is None or channel.output in config.outputs):
-            codec, view_bytes = encodings.codec(channel.codec), _MASK_BYTES_PER_PIXEL
-            if channel.dtype.kind == "f":
-                # Codecs that do not write plain floats count in 16 bits, or deflate to about as much.
-                plain = codec.lossless and codec.name != "tiff"
-                components = 3 if isinstance(codec, FlowPfm) else channel.components
-                view_bytes = components * (_FLOAT_BYTES if plain else _FLOAT_BYTES / 2)
-            per_pixel += (2 if config.truth == "both" else 1) * view_bytes
+        if channel.output is None or channel.output in config.outputs:
+            views = 2 if config.truth == "both" or channel.name == "image" else 1
+            per_pixel += views * encodings.codec(channel.codec).pixel_bytes
     size = per_pixel * config.camera.width_px * config.camera.height_px
     number = max(1, min(round(_SHARD_BYTES / size), ceil(pairs / _FEWEST_SHARDS)))
     # A sequence in two shards would be set up twice.
