@@ -221,13 +221,14 @@ def test_two_runs_at_once_share_the_work(undisturbed, config, tmp_path):
     assert digests(tmp_path / "o") == wanted
 
 
-def test_two_runs_may_begin_at_the_same_moment(config, tmp_path):
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_two_runs_may_begin_at_the_same_moment(config, tmp_path, overwrite):
     """Neither sees a dataset when it looks; the second takes up what the first began, or is told why it cannot."""
     sources = {"train": {"patches": "0"}}
     place = Folder(tmp_path)
 
     def looked(seed):
-        return DatasetFiles(place, make_plan(config, seed, "webdataset", {"train": 2}), overwrite=False)
+        return DatasetFiles(place, make_plan(config, seed, "webdataset", {"train": 2}), overwrite=overwrite)
 
     first, same, other_seed, other_sources = looked(SEED), looked(SEED), looked(SEED + 1), looked(SEED)
     first.open(sources)

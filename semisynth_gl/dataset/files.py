@@ -55,7 +55,6 @@ class DatasetFiles:
     def __init__(self, place: Place, plan: Plan, *, overwrite: bool) -> None:
         self._place = place
         self._plan = plan
-        self._overwrite = overwrite
         self._lock: IO[bytes] | None = None
         self._created = place.local is not None and not place.local.exists()
         if place.local is not None and place.local.exists() and not place.local.is_dir():
@@ -92,9 +91,9 @@ class DatasetFiles:
         place = self._place
         try:
             self._take_lock()
-            if not self._overwrite:
+            if not self.replaces:
                 self._beginning = read_beginning(place)
-            if self._beginning is not None and not self._overwrite:
+            if self._beginning is not None and not self.replaces:
                 self._check_same(self._beginning)
                 changed = differences(self._beginning.get("sources", {}), values["sources"])
                 if changed:
