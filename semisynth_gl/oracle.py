@@ -1,4 +1,4 @@
-"""The oracle: disparity, visibility and flow of a scene by float64 rays, against which the renderer is measured.
+"""The oracle: disparity, visibility, normals and flow of a scene by float64 rays, against which the renderer is measured.
 
 The oracle judges with the rays of `semisynth_gl.scene.raycast`. The judged scenes share this caster with the oracle,
 and nothing else: the scene sampler measures with it where background and structures are hidden. The renderer uses
@@ -185,7 +185,7 @@ def depth_on_planes(
 ) -> NDArray[np.float64]:
     """Return the depth, at pixel positions, of the planes of triangles that were hit elsewhere.
 
-    Beside an edge it tells on which surface a pixel lies.
+    Beside an edge it tells on which surface a pixel lies: the tests of hard cases ask for that.
 
     Args:
         scene: the scene of the hits.
