@@ -1,4 +1,4 @@
-"""The oracle: disparity, visibility, normals and flow of a scene by float64 rays, against which the renderer is measured.
+"""The oracle: disparity, visibility, normals and flow by float64 rays, against which the renderer is measured.
 
 The oracle judges with the rays of `semisynth_gl.scene.raycast`. The judged scenes share this caster with the oracle,
 and nothing else: the scene sampler measures with it where background and structures are hidden. The renderer uses
