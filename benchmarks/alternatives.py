@@ -225,8 +225,8 @@ def _decode_blosc2(data: bytes, shape: _Shape) -> _Map:
     return np.frombuffer(blosc2.decompress(data), np.float32).reshape(shape)
 
 
-def main() -> None:
-    """Measure, print the tables, and write JSON where a path is given."""
+def command_line() -> argparse.ArgumentParser:
+    """Return the parser of this script's options."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--config", default="eth3d", help="whose scenes: a name or a YAML file")
     parser.add_argument("--set", dest="settings", action="append", default=[], metavar="dotted.key=value")
@@ -237,7 +237,12 @@ def main() -> None:
     parser.add_argument("--rays", type=int, default=usual.rays, help="rays cast for each eye of a pair")
     parser.add_argument("--repeats", type=int, default=usual.repeats)
     parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+    return parser
+
+
+def main() -> None:
+    """Measure, print the tables, and write JSON where a path is given."""
+    options = command_line().parse_args()
     effort = Effort(options.pairs, options.rays, options.repeats)
     report = measure(load_config(options.config, options.settings), options.seed, options.backend, effort)
     report["command"] = shlex.join(["python", "benchmarks/alternatives.py", *sys.argv[1:]])

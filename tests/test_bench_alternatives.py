@@ -21,7 +21,7 @@ from semisynth_gl.scene.scene import make_scene
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
-from alternatives import measure, more_disparity_encodings
+from alternatives import command_line, measure, more_disparity_encodings
 from disparity_variants import RENDERERS_VARIANT, VARIANTS, DisparityVariants
 
 LOSSLESS = {"pfm", "tiff", "deflate", "delta", "blosc2"}
@@ -34,6 +34,12 @@ def report():
     if backend_fault("auto"):
         pytest.skip("no OpenGL here")
     return measure(load_config("eth3d", SMALL), 3, "auto", Effort(pairs=1, rays=4000, repeats=1))
+
+
+def test_no_option_has_to_be_given():
+    options = command_line().parse_args([])
+    assert Effort(options.pairs, options.rays, options.repeats) == Effort()
+    assert load_config(options.config, options.settings).name == "eth3d"
 
 
 def test_the_report_has_offered_and_other_alternatives(report):
