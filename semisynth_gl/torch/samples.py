@@ -18,7 +18,8 @@ def to_sample(pair: Pair) -> Sample:
     Returns:
         ``index``, int; ``camera``, a dictionary of floats (``focal_px``, ``baseline_m``, ``doffs_px`` and the principal
         points; of a crop, the crop's); and each array of `Frame.arrays`, under its role: images as (3, H, W)
-        uint8, flow as (2, H, W) float32, ids as (H, W) int32, the rest as (H, W) of its own type.
+        uint8, normals as (3, H, W) float32, flow as (2, H, W) float32, ids as (H, W) int32, the rest as (H, W) of its
+        own type.
     """
     frame = pair.frame
     camera = {name: float(getattr(frame.camera, name)) for name in _CAMERA}
