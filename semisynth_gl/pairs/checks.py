@@ -4,7 +4,7 @@ import numpy as np
 
 from semisynth_gl.config.model import Config
 from semisynth_gl.frame import Frame
-from semisynth_gl.textures.crops import texture_measure
+from semisynth_gl.textures.crops import least_texture
 
 # Walls and models keep clear of the near plane, where the disparity is max_px: a surface there was cut open by it.
 _AT_NEAR_PLANE = 1e-5
@@ -16,9 +16,7 @@ def faults(frame: Frame, config: Config) -> list[str]:
     brightness = float(min(frame.left.image.mean(), frame.right.image.mean()))
     if brightness < section.min_brightness:
         clauses.append(f"too dark: mean {brightness:.1f} levels, at least {section.min_brightness:g} wanted")
-    # Every second pixel of every second row takes a share of the time, and shows texture of a pixel's size, too.
-    images = (frame.left.image, frame.right.image)
-    texture = min(texture_measure(np.ascontiguousarray(image[::2, ::2])) for image in images)
+    texture = least_texture((frame.left.image, frame.right.image))
     if texture < section.min_texture:
         clauses.append(f"too little texture: {texture:.2f} levels, at least {section.min_texture:g} wanted")
     for view in (frame.left, frame.right):

@@ -20,7 +20,7 @@ from semisynth_gl.listener import FinishedPair, Listener
 from semisynth_gl.report.rays import RayCaster, Rays
 from semisynth_gl.report.redraws import PairKey
 from semisynth_gl.splits import SplitName
-from semisynth_gl.textures.crops import texture_measure
+from semisynth_gl.textures.crops import least_texture
 
 RAYS = 1000
 """Approximate number of rays in each pair, on a square grid over the left view."""
@@ -192,7 +192,7 @@ def _measure_pair(
 ) -> PairMeasures:
     key = cast("SplitName", frame.split), frame.index
     valid = frame.left.disparity[np.isfinite(frame.left.disparity)]
-    mask, images = frame.left.get("visibility"), (frame.left.image, frame.right.image)
+    mask = frame.left.get("visibility")
     return PairMeasures(
         position=position,
         key=key,
@@ -200,7 +200,7 @@ def _measure_pair(
         median_px=float(np.median(valid)) if valid.size else float("nan"),
         occluded=None if mask is None else float((mask == OCCLUDED).mean()),
         invalid=1 - valid.size / frame.left.disparity.size,
-        texture=min(texture_measure(np.ascontiguousarray(image[::2, ::2])) for image in images),
+        texture=least_texture((frame.left.image, frame.right.image)),
         redraws=len(redraws.get(key, ())),
     )
 
