@@ -11,6 +11,7 @@ from pathlib import Path
 from semisynth_gl.calibration.disparity_range import DisparityRange, DisparitySource, disparity_range, farthest_px
 from semisynth_gl.calibration.photographs import check_sizes
 from semisynth_gl.calibration.rig import Rig, Size, median_size, rig_ranges
+from semisynth_gl.config.model import BackgroundSection
 from semisynth_gl.textures.image_files import find_images, printable
 
 _WIDTH = 100
@@ -21,8 +22,6 @@ _INDOOR_M = 20.0
 _INDOOR_AT_MOST, _OUTDOOR_FROM = 0.005, 0.05
 # The back wall has the far end of the histogram alone: particles can hide a wall that is too far, not one too near.
 _WALL_UP_TO = 0.05
-# The default of the config.
-_WALL_TURN_DEG = 15.0
 # Place of the far plane between the farthest possible disparity and min_px.
 _PLANE_OF_MIN = (0.1, 0.7)
 _SOURCES_SHOWN = 5
@@ -101,7 +100,7 @@ def config_facts(
     return ConfigFacts(
         rigs,
         scale,
-        disparity_range(disparity, rigs, min(rig.camera.doffs_px for rig in rigs)),
+        disparity_range(disparity, rigs),
         [str(Path(path).expanduser().absolute()) for path in images],
         len(photographs),
         fitting_count,
@@ -157,7 +156,7 @@ def config_text(name: str, facts: ConfigFacts) -> str:
         steepest = width_px / 2 / ranges["focal_px"][0]
         far_px = max(disparity.min_px + sum(ranges["doffs_px"]) / 2, disparity.bin_px)
         turn = float(f"{math.degrees(math.atan(disparity.bin_px / far_px / steepest)):.2g}")
-        if turn < _WALL_TURN_DEG:
+        if turn < BackgroundSection().wall_turn_deg:
             lines.append(f"  wall_turn_deg: {turn:<15g} # more would spread a wall over several bins of the target")
     if outdoor:
         # Below min_px, and above the disparity of infinity for the least doffs.

@@ -61,18 +61,18 @@ class DisparitySource:
     range_px: tuple[float, float] | None = None
 
 
-def disparity_range(source: DisparitySource, rigs: Sequence[Rig], least_doffs_px: float) -> DisparityRange:
+def disparity_range(source: DisparitySource, rigs: Sequence[Rig]) -> DisparityRange:
     """Return range and histogram, with their origin.
 
     Args:
         source: maps, or a range, or neither.
         rigs: at least one.
-        least_doffs_px: the least cx_right - cx_left of the rigs.
 
     Raises:
         InputError: where the disparities are not known, lie beyond infinity, or do not fit the rigs.
         ReadError: where a map cannot be read.
     """
+    least_doffs_px = min(rig.camera.doffs_px for rig in rigs)
     if source.maps:
         paths = find_maps(source.maps)
         measured = measure_maps(paths, {rig.size for rig in rigs}, source.png_scale)

@@ -10,6 +10,7 @@ from semisynth_gl.config.model import SplitsSection
 from semisynth_gl.errors import InputError
 from semisynth_gl.splits import SplitName
 from semisynth_gl.textures.images import ImageError, stored_size
+from semisynth_gl.textures.prepare import share_photographs
 
 _SIZES_SHOWN = 3
 _ROUND_SCALES = tuple(sorted({part / whole for whole in range(2, 9) for part in (1, 2, 3)} | {2.0, 4.0}))
@@ -63,7 +64,7 @@ def impossible_splits(images: int) -> list[str]:
 
     def enough(*splits: SplitName) -> bool:
         try:
-            SplitsSection().split("train", splits).share(range(images), 0, "photographs", 0)
+            share_photographs(SplitsSection().split("train", splits), range(images), 0)
         except InputError:
             return False
         return True

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from semisynth_gl.cache.lookup import cached, package_versions, source_digest
 from semisynth_gl.cache.store import Entry
@@ -22,6 +22,8 @@ from semisynth_gl.textures.selection import build_atlas
 
 SOURCES = ("textures", "seeds.py", "splits.py")
 """The program's sources that decide an atlas: a change of any of them makes the cache build it anew."""
+
+Item = TypeVar("Item")
 
 # The items that `Split.share` deals out.
 _PHOTOGRAPHS = 0
@@ -93,9 +95,14 @@ def split_images(section: TexturesSection, seed: int, split: Split = WHOLE) -> l
     if not split.held_out:
         return images
     if not section.sequence:
-        return split.share(images, seed, "photographs", _PHOTOGRAPHS)
-    folders = split.share(sorted({path.parent for path in images}), seed, "folders of frames", _PHOTOGRAPHS)
+        return share_photographs(split, images, seed)
+    folders = share_photographs(split, sorted({path.parent for path in images}), seed, "folders of frames")
     return [path for path in images if path.parent in folders]
+
+
+def share_photographs(split: Split, items: Sequence[Item], seed: int, what: str = "photographs") -> list[Item]:
+    """Return those of photographs, or of what stands for them, that a split takes; see `Split.share`."""
+    return split.share(items, seed, what, _PHOTOGRAPHS)
 
 
 def pack_atlas(atlas: Atlas, images: Sequence[Path]) -> Entry | None:
