@@ -12,6 +12,7 @@ from backends import backend_fault
 from PIL import Image
 from tiny_datasets import config_of
 
+from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.cli import main
 from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.pfm import PFM
@@ -21,6 +22,7 @@ from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.metrics.predictions import find_predictions
+from semisynth_gl.metrics.protocol import Limits
 from semisynth_gl.metrics.truth import find_truth, read_limits
 
 INF = np.float32(np.inf)
@@ -221,9 +223,24 @@ def test_sizes_isint_and_ndisp_of_middlebury(tmp_path):
     assert said["mean"]["all"]["avgerr"] == pytest.approx(np.abs(10 - truth[1:]).mean(), rel=1e-5)
     write(tmp_path / "calib.txt", b"cam0=[1 0 0; 0 1 0; 0 0 1]\nbaseline=3\n")
     assert read_limits(tmp_path / "calib.txt").ndisp is None
-    write(tmp_path / "calib.txt", b"ndisp=many\n")
-    with pytest.raises(ReadError, match="whole numbers as ndisp"):
-        read_limits(tmp_path / "calib.txt")
+    for wrong in ("many", "64.5", "inf", "nan", "", "64 65", "0x40"):
+        write(tmp_path / "calib.txt", f"ndisp={wrong}\n".encode())
+        with pytest.raises(ReadError, match="whole numbers as ndisp"):
+            read_limits(tmp_path / "calib.txt")
+    for wrong in ("0", "-64", "-1.0"):
+        write(tmp_path / "calib.txt", f"ndisp={wrong}\n".encode())
+        with pytest.raises(ReadError, match="ndisp: expected a number above 0"):
+            read_limits(tmp_path / "calib.txt")
+
+
+def test_limits_and_rigs_read_a_calib_alike(tmp_path):
+    cameras = "cam0=[9, 0, 4; 0, 9, 2; 0, 0, 1]\n cam1 = [9 0 4 0 9 2 0 0 1]\t\nbaseline=3\nwidth=9\nheight=5\n"
+    for line in ("ndisp=64", "ndisp=64.0", " ndisp\t=  64 \r", "ndisp=6.4e1", "ndisp=7\nndisp=64"):
+        write(tmp_path / "calib.txt", f"{cameras}{line}\nisint=1\n".encode())
+        (rig,) = read_rigs([tmp_path / "calib.txt"])
+        assert read_limits(tmp_path / "calib.txt") == Limits(64, isint=True)
+        assert rig.bounds.ndisp == 64
+        assert (rig.camera.focal_px, rig.camera.cx_left_px, rig.camera.cy_px) == (9, 4, 2)
 
 
 def test_eth3d_is_known_by_its_folder_and_masks_may_be_given(tmp_path):

@@ -12,6 +12,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from semisynth_gl.calibration.rig import DisparityBounds, Projections, Rig, Size, rectified
 from semisynth_gl.codecs import read_bytes
+from semisynth_gl.codecs.calib import calib_matrix, calib_values
 from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.textures.image_files import find_files
 
@@ -26,7 +27,6 @@ FORMATS = (
 _EXPECTED = f"expected {'; '.join(FORMATS)}"
 _EXTENSIONS = (".txt", ".yaml", ".yml")
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_MIDDLEBURY = re.compile(r"^[ \t]*(\w+)[ \t]*=[ \t]*(.*?)[ \t\r]*$", re.MULTILINE)
 _KITTI = re.compile(rf"^(P_rect_0[0-3]|P[0-3]|S_rect_0[0-3])\s*:\s*({_NUMBER}(?:[ \t]+{_NUMBER})*)\s*$", re.MULTILINE)
 _KITTI_PAIRS = (("P_rect_02", "P_rect_03"), ("P_rect_00", "P_rect_01"), ("P2", "P3"), ("P0", "P1"))
 _OPENCV_PAIRS = (("P1", "P2"), ("LEFT.P", "RIGHT.P"))
@@ -109,8 +109,8 @@ def _read(path: Path, unit_m: float | None) -> Projections | _Camera:
     except UnicodeDecodeError:
         raise ReadError(path, f"is not text; {_EXPECTED}") from None
     calibration: Projections | _Camera
-    if any(key == "cam0" for key, _ in _MIDDLEBURY.findall(text)):
-        calibration = _middlebury(path, text)
+    if "cam0" in (lines := calib_values(text)):
+        calibration = _middlebury(path, lines)
     elif _KITTI.search(text):
         calibration = _kitti(path, text)
     else:
@@ -124,8 +124,7 @@ def _read(path: Path, unit_m: float | None) -> Projections | _Camera:
     return calibration
 
 
-def _middlebury(path: Path, text: str) -> Projections:
-    values: dict[str, str] = dict(_MIDDLEBURY.findall(text))
+def _middlebury(path: Path, values: Mapping[str, str]) -> Projections:
     missing = [key for key in ("cam0", "cam1", "baseline") if key not in values]
     if missing:
         raise ReadError(
@@ -152,9 +151,8 @@ def _middlebury(path: Path, text: str) -> Projections:
 
 def _middlebury_matrix(path: Path, key: str, text: str) -> NDArray[np.float64]:
     """Return a matrix (3, 4), its last column 0."""
-    rows = [row.replace(",", " ").split() for row in text.removeprefix("[").removesuffix("]").split(";")]
     try:
-        matrix = np.array([[float(value) for value in row] for row in rows]).reshape(3, 3)
+        matrix = np.reshape(calib_matrix(text), (3, 3))
     except ValueError:
         raise ReadError(path, f"{key}: expected a matrix [f 0 cx; 0 f cy; 0 0 1], got {text!r}") from None
     return np.hstack([matrix, np.zeros((3, 1))])

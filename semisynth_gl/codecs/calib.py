@@ -1,5 +1,6 @@
 """The cameras as text: Middlebury's calib.txt and KITTI's calib_cam_to_cam.txt."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from semisynth_gl.errors import InputError, ReadError
 
 # HSM counts lines instead of reading names (its ndisp is line 7), so the order matters.
 _KEYS = ("cam0", "cam1", "doffs", "baseline", "width", "height", "ndisp", "isint", "vmin", "vmax", "dyavg", "dymax")
+_LINE = re.compile(r"^[ \t]*(\w+)[ \t]*=[ \t]*(.*?)[ \t\r]*$", re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +71,7 @@ class MiddleburyCalib(Codec[Calibration]):
             raise ReadError(path, f"the last line has no end, as if cut off: {text[-20:]!r}")
         values = {key: value for key, _, value in lines}
         try:
-            left, right = _matrix(values["cam0"]), _matrix(values["cam1"])
+            left, right = calib_matrix(values["cam0"]), calib_matrix(values["cam1"])
             number = {key: float(values[key]) for key in ("doffs", "baseline", "vmin", "vmax")}
             count = {key: int(values[key]) for key in ("width", "height", "ndisp")}
         except ValueError as error:
@@ -139,16 +141,27 @@ class KittiCalib(Codec[StereoCamera]):
 MIDDLEBURY_CALIB, KITTI_CALIB = MiddleburyCalib(), KittiCalib()
 
 
+def calib_values(text: str) -> dict[str, str]:
+    """Return the lines ``name=value`` of any calib.txt by name: in any order, among other lines, with spaces around."""
+    return dict(_LINE.findall(text))
+
+
+def calib_matrix(text: str) -> list[float]:
+    """Return the nine numbers of ``[a b c; d e f; g h i]``, row by row.
+
+    Commas may stand between the numbers, and semicolons may be missing.
+
+    Raises:
+        ValueError: where these are no nine numbers.
+    """
+    rows = [row.replace(",", " ").split() for row in text.strip().removeprefix("[").removesuffix("]").split(";")]
+    if [len(row) for row in rows] not in ([3, 3, 3], [9]):
+        raise ValueError(f"expected a matrix [f 0 cx; 0 f cy; 0 0 1], got {text!r}")
+    return [float(value) for row in rows for value in row]
+
+
 def _text(data: bytes, path: Path) -> str:
     try:
         return data.decode("ascii")
     except UnicodeDecodeError:
         raise ReadError(path, "is not text") from None
-
-
-def _matrix(text: str) -> list[float]:
-    """Return the nine numbers of ``[a b c; d e f; g h i]``, row by row."""
-    rows = [row.split() for row in text.strip().removeprefix("[").removesuffix("]").split(";")]
-    if [len(row) for row in rows] != [3, 3, 3]:
-        raise ValueError(f"expected a matrix [f 0 cx; 0 f cy; 0 0 1], got {text!r}")
-    return [float(value) for row in rows for value in row]

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS
 from semisynth_gl.errors import InputError
+from semisynth_gl.metrics.truth import SCENE_STEMS as _SCENE_STEMS
 from semisynth_gl.metrics.truth import TruePair
 
 _SHOWN = 8
-_SCENE_STEMS = ("disp0GT", "disp0")
 
 
 @dataclass(frozen=True, slots=True)

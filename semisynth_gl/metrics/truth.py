@@ -1,6 +1,5 @@
 """The true disparities of a set: a dataset of this program in any layout, or a benchmark's own folder."""
 
-import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.codecs import read_bytes
+from semisynth_gl.codecs.calib import calib_values
 from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, read_disparity_map
 from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, DisparityPng16
@@ -30,7 +30,9 @@ _OBJECTS_ROLE = "objects"
 _OCC, _NOC, _OBJECTS = "disp_occ_0", "disp_noc_0", "obj_map"
 # A folder of results, as KITTI's kit wants it.
 _KITTI_RESULTS = "disp_0"
-_SCENE_TRUTHS = ("disp0GT.pfm", "disp0.pfm")
+SCENE_STEMS = ("disp0GT", "disp0")
+"""Names of the truth in a scene's folder, without their ending; the first one that a set has counts."""
+_SCENE_TRUTHS = tuple(f"{stem}.pfm" for stem in SCENE_STEMS)
 _MASK = "mask0nocc"
 _ETH3D = "two_view_training_gt"
 _LARGEST_CALIB = 1 << 16
@@ -234,9 +236,9 @@ def read_limits(path: Path) -> Limits:
         ReadError: where they are no whole numbers, or ndisp is not above 0.
     """
     text = read_bytes(path)[:_LARGEST_CALIB].decode("utf-8", "replace")
-    values = dict(re.findall(r"^[ \t]*(ndisp|isint)[ \t]*=[ \t]*(.*?)[ \t\r]*$", text, re.MULTILINE))
+    values = {key: value for key, value in calib_values(text).items() if key in ("ndisp", "isint")}
     try:
-        numbers = {key: int(value) for key, value in values.items()}
+        numbers = {key: _whole(value) for key, value in values.items()}
     except ValueError:
         raise ReadError(path, f"expected whole numbers as ndisp and isint, got {values}") from None
     if numbers.get("ndisp", 1) <= 0:
@@ -244,9 +246,17 @@ def read_limits(path: Path) -> Limits:
     return Limits(numbers.get("ndisp"), bool(numbers.get("isint")))
 
 
+def _whole(text: str) -> int:
+    # Some programs write 64.0.
+    number = float(text)
+    if not number.is_integer():
+        raise ValueError(text)
+    return int(number)
+
+
 def _with_mask(pair: TruePair, masks: Path) -> TruePair:
     stems = map(PurePosixPath, pair.stems)
-    paths = [masks / f"{stem.with_name(_MASK) if stem.name in ('disp0GT', 'disp0') else stem}.png" for stem in stems]
+    paths = [masks / f"{stem.with_name(_MASK) if stem.name in SCENE_STEMS else stem}.png" for stem in stems]
     mask = next((path for path in paths if path.is_file()), None)
     if mask is None:
         raise InputError(f"--mask {masks}: no mask for {pair.name}: expected {paths[0]}")
