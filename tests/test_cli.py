@@ -166,7 +166,14 @@ def test_help_is_there(call, command, tmp_path):
     [
         (["--layout", "nuscenes"], ["layout: expected one of crestereo", "got 'nuscenes'"]),
         (["--engine", "slurm"], ["--engine: expected one of serial, local, ray, got slurm"]),
-        (["--engine", "serial", "--workers", "3"], ["--workers 3"]),
+        (["--engine", "serial", "--workers", "3"], ["works in this process alone: leave --workers 3 out"]),
+        (["--engine", "serial", "--workers", "1", "--timeout", "9.5"], ["leave --timeout 9.5 out, or take local"]),
+        (
+            ["--engine", "ray", "--workers", "1"],
+            ["as the cluster has room for", "leave --workers 1 out, or take local"],
+        ),
+        (["--engine", "ray", "--timeout", "600"], ["leave --timeout 600 out"]),
+        (["--engine", "ray", "--workers", "4", "--timeout", "60"], ["leave --workers 4 and --timeout 60 out"]),
         (["--ray-address", "x:1"], ["--engine ray"]),
         (["--gpus", "a"], ["--gpus: expected numbers such as 0,1,3, got 'a'"]),
         (["--shards", "5-x"], ["--shards: expected one number, or two such as 100-199"]),

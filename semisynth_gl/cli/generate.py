@@ -21,6 +21,12 @@ from semisynth_gl.listener import FinishedPair
 from semisynth_gl.splits import SplitName
 
 ENGINES = ("serial", "local", "ray")
+# Engines that do not take --workers and --timeout, and why.
+_WITHOUT_WORKERS = {
+    "serial": "works in this process alone",
+    "ray": "has as many workers as the cluster has room for, and Ray watches them",
+}
+_TIMEOUT_S = 600.0
 _REASONS_SHOWN = 5
 # Above this share of a pair's pixels, disparities that the encoding cannot store are worth a message.
 _LARGE_SHARE_BEYOND = 0.01
@@ -86,12 +92,20 @@ class _WorkerOptions:
     gpus: str | None
     gpu_share: float
     ray_address: str | None
-    timeout: float
+    timeout: float | None
 
     def open_engine(self, pairs: int) -> Engine:
         """Return the engine for a number of pairs."""
         if self.engine is not None and self.engine not in ENGINES:
             raise InputError(f"--engine: expected one of {', '.join(ENGINES)}, got {self.engine}")
+        # The engine serial is one worker.
+        workers = None if self.engine == "serial" and self.workers == 1 else self.workers
+        given = {"--workers": workers, "--timeout": self.timeout}
+        if self.engine in _WITHOUT_WORKERS and (
+            found := [f"{name} {n:g}" for name, n in given.items() if n is not None]
+        ):
+            reason = _WITHOUT_WORKERS[self.engine]
+            raise InputError(f"--engine {self.engine} {reason}: leave {' and '.join(found)} out, or take local")
         if self.engine == "ray":
             # Loaded with the engine that needs it.
             from semisynth_gl.engines.cluster import RayEngine  # noqa: PLC0415
@@ -100,13 +114,9 @@ class _WorkerOptions:
         if self.ray_address is not None or self.gpu_share:
             raise InputError("--ray-address and --gpu-share are for --engine ray")
         count = self.workers or max(1, min(cores(), pairs // _PAIRS_PER_WORKER))
-        if self.engine == "serial" and self.workers not in (None, 1):
-            raise InputError(
-                f"--engine serial works in this process alone: leave --workers {self.workers} out, or take local"
-            )
         if self.engine == "serial" or (self.engine is None and count == 1):
             return SerialEngine()
-        return LocalEngine(count, self.timeout)
+        return LocalEngine(count, self.timeout or _TIMEOUT_S)
 
     def gpu_numbers(self) -> tuple[int, ...]:
         """Return CUDA's numbers of the GPUs; Ray shows each task its own as number 0."""
@@ -145,9 +155,9 @@ _worker_options = option_group(
     option(
         "--timeout",
         type=click.FloatRange(min=0, min_open=True),
-        default=600.0,
         metavar="SECONDS",
-        help="A worker of the engine local that takes longer for a pair, or to start, is replaced.",
+        help="A worker of the engine local that takes longer for a pair, or to start, is replaced.  [default: "
+        f"{_TIMEOUT_S:g}]",
     ),
 )
 

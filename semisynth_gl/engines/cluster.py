@@ -41,16 +41,14 @@ class RayEngine:
     Args:
         address: ``host:port`` of a cluster that this machine is part of, or "auto" for a cluster that was started here;
             None takes RAY_ADDRESS or a cluster that was started here, or starts one and shuts it down at the end.
-        cpus: CPUs of a node for each task; may be a fraction.
-        gpus: GPUs of a node for each task; 0.25 lets four tasks share a GPU.
+        gpus: GPUs of a node for each task, beside a CPU; 0.25 lets four tasks share a GPU.
 
     Raises:
         InputError: (from `run`) where Ray is missing or the cluster cannot be reached.
     """
 
-    def __init__(self, address: str | None = None, cpus: float = 1, gpus: float = 0) -> None:
+    def __init__(self, address: str | None = None, gpus: float = 0) -> None:
         self._address = address
-        self._cpus = cpus
         self._gpus = gpus
 
     def run(
@@ -65,7 +63,7 @@ class RayEngine:
         """
         ray = _ray()
         with _connected(ray, self._address):
-            submission: _Submission[Result] = _Submission(ray, job, self._cpus, self._gpus, listener)
+            submission: _Submission[Result] = _Submission(ray, job, self._gpus, listener)
             try:
                 yield from submission.results(iter(tasks))
             finally:
@@ -75,16 +73,16 @@ class RayEngine:
 class _Submission(Generic[Result]):
     """The tasks of one run that Ray has."""
 
-    def __init__(self, ray: Any, job: Job[Result], cpus: float, gpus: float, listener: Listener) -> None:  # noqa: ANN401 - a module
+    def __init__(self, ray: Any, job: Job[Result], gpus: float, listener: Listener) -> None:  # noqa: ANN401 - a module
         self._ray = ray
-        self._needs = {"CPU": cpus, "GPU": gpus}
+        self._needs = {"CPU": 1.0} | ({"GPU": gpus} if gpus else {})
         self._listener = listener
         here = ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy(
             ray.get_runtime_context().get_node_id(), soft=False
         )
         self._post = ray.remote(num_cpus=0, scheduling_strategy=here)(Post).remote()
         # Ray ends a process after one task with a GPU unless max_calls says that it may do many.
-        self._do = ray.remote(num_cpus=cpus, num_gpus=gpus, max_retries=_RETRIES, max_calls=0)(do_task)
+        self._do = ray.remote(num_cpus=1, num_gpus=gpus, max_retries=_RETRIES, max_calls=0)(do_task)
         # Pickled once: by equal bytes a worker recognises the job that it has open.
         self._job = ray.put(ray.cloudpickle.dumps(job))
         self._pending: dict[Any, int] = {}
@@ -123,7 +121,7 @@ class _Submission(Generic[Result]):
         slots = self._slots()
         if not slots and not self._waits:
             self._waits = True
-            needs = " and ".join(f"{count:g} {kind}" for kind, count in self._needs.items() if count)
+            needs = " and ".join(f"{count:g} {kind}" for kind, count in self._needs.items())
             self._listener.on_message(f"no node of the cluster has {needs}: tasks wait until one joins")
         # One task is submitted even without a node for it: clusters that grow by themselves start the nodes that tasks
         # wait for. After the loss of a node, more tasks may be pending than the rest can run.
@@ -133,9 +131,8 @@ class _Submission(Generic[Result]):
     def _slots(self) -> int:
         """Return how many tasks can run at a time."""
         nodes = [node["Resources"] for node in self._ray.nodes() if node["Alive"]]
-        # A task without needs still takes a process.
-        needs = {kind: count for kind, count in self._needs.items() if count} or {"CPU": 1.0}
-        return sum(min(int(node.get(kind, 0) / count + 1e-6) for kind, count in needs.items()) for node in nodes)
+        needs = self._needs.items()
+        return sum(min(int(node.get(kind, 0) / count + 1e-6) for kind, count in needs) for node in nodes)
 
     def _receive(self) -> Iterator[tuple[int, Result]]:
         """Wait for a moment; yield the results that have come."""
@@ -160,7 +157,7 @@ class _Submission(Generic[Result]):
         reason = self._ray.get(self._post.reason.remote(number)) or str(error).strip()
         return WorkerError(
             f"task {number} could not be done in {_RETRIES + 1} attempts, the last one ended like this: {reason}. "
-            "What is on disk stays. Where memory runs short, more cpus for each task take less of it"
+            "What is on disk stays"
         )
 
     def _collect(self) -> None:
