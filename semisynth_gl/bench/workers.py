@@ -27,13 +27,12 @@ from semisynth_gl.config import Config
 from semisynth_gl.dataset.places import Folder
 from semisynth_gl.dataset.plan import Shard
 from semisynth_gl.dataset.shard import ShardWriter
-from semisynth_gl.engines.task import Task, cores, threads_each
+from semisynth_gl.engines.task import THREADS, Task, cores, threads_each
 from semisynth_gl.generation.shard_job import ShardJob
 from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.context import Backend
 
-_THREADS = "LP_NUM_THREADS"
 # Least number of pairs of each worker in a round.
 _PAIRS_EACH = 4
 _SINGLE = "1, one thread"
@@ -202,21 +201,21 @@ def is_software(renderer: str) -> bool:
 @contextmanager
 def worker_threads(threads: str | None) -> Iterator[None]:
     """Let processes that are started inside draw with a number of threads; None leaves that to the engine."""
-    before = os.environ.get(_THREADS)
+    before = os.environ.get(THREADS)
     if threads is not None:
-        os.environ[_THREADS] = threads
+        os.environ[THREADS] = threads
     try:
         yield
     finally:
         if threads is not None:
-            os.environ.pop(_THREADS)
+            os.environ.pop(THREADS)
             if before is not None:
-                os.environ[_THREADS] = before
+                os.environ[THREADS] = before
 
 
 def _thread_count(count: int, threads: str | None) -> int:
     """Return the number of threads that the engine gives each worker."""
-    return int(threads or os.environ.get(_THREADS) or threads_each(count))
+    return int(threads or os.environ.get(THREADS) or threads_each(count))
 
 
 def _stage_times(config: Config, seed: int, backend: Backend, pairs: int) -> list[_PairTimes]:

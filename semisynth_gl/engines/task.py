@@ -8,6 +8,9 @@ from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from semisynth_gl.listener import Listener
 
+THREADS = "LP_NUM_THREADS"
+"""The environment variable that tells llvmpipe how many threads it may have; see `threads_each`."""
+
 Result = TypeVar("Result")
 Result_co = TypeVar("Result_co", covariant=True)
 
@@ -101,7 +104,7 @@ def cores() -> int:
 
 
 def threads_each(workers: int) -> int:
-    """Return how many threads llvmpipe may have (LP_NUM_THREADS) in each of several processes that share the cores.
+    """Return how many threads llvmpipe may have (`THREADS`) in each of several processes that share the cores.
 
     0 lets llvmpipe draw in the thread that calls.
     """

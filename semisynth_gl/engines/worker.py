@@ -17,7 +17,7 @@ from queue import SimpleQueue
 from traceback import format_exc
 from typing import Any
 
-from semisynth_gl.engines.task import Call, Job, Relay
+from semisynth_gl.engines.task import THREADS, Call, Job, Relay
 from semisynth_gl.errors import ContextLostError, WorkerError
 
 STOP = "stop"
@@ -64,7 +64,7 @@ def work(job: Job[Any], worker: int, connection: Connection, threads: int) -> No
     for ending_signal in (signal.SIGINT, signal.SIGTERM):
         signal.signal(ending_signal, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})
-    os.environ.setdefault("LP_NUM_THREADS", str(threads))
+    os.environ.setdefault(THREADS, str(threads))
     pipe = _Pipe(connection)
     try:
         with job.open(worker) as task:

@@ -20,7 +20,7 @@ from semisynth_gl.camera import Crop
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.plan import abbreviate, differences
 from semisynth_gl.dataset.schema import PROGRAM
-from semisynth_gl.engines.task import threads_each
+from semisynth_gl.engines.task import THREADS, threads_each
 from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.pairs.pipeline import Pair, PairRenderer
 from semisynth_gl.render.context import BACKENDS, Backend
@@ -33,7 +33,6 @@ from semisynth_gl.torch.samples import Sample, to_sample
 
 TensorDevice = Literal["cpu", "cuda"]
 
-_THREADS = "LP_NUM_THREADS"
 _STATE = {"yielded", "worker", "workers", "stream"}
 
 
@@ -224,7 +223,7 @@ class StereoStream(IterableDataset[Any]):
         name = "the stream"
         if get_worker_info() is not None:
             name = f"worker {worker.number} of {worker.total}"
-            os.environ.setdefault(_THREADS, str(threads_each(worker.total)))
+            os.environ.setdefault(THREADS, str(threads_each(worker.total)))
         gpus, backend = self._hardware.gpus, self._hardware.backend
         reader: CudaReader | None = None
         if self._hardware.device == "cuda":
