@@ -526,7 +526,7 @@ SIZES = "The config's particles.size_px is"
 
 
 def figure_of(index, measurement, title):
-    page = render_page(index, measurement, read_redraws(index), [], [], [])
+    page = render_page(index, measurement, read_redraws(index), [], [])
     [figure] = [
         figure for figure in re.findall("<figure>.*?</figure>", page, re.DOTALL) if f"<h3>{title}</h3>" in figure
     ]

@@ -40,14 +40,14 @@ def report(directory: str, out: Path | None, pairs: int, sample: int, split: Spl
     index = read_index(directory)
     out = _place_of(index, directory, out)
     start = time.monotonic()
-    total = sum(count for name, count in index.pairs.items() if split in (None, name))
     with Progress() as progress:
         built = build_report(index, pairs=pairs, sample=sample, split=split, listener=progress)
     data = built.page.encode("utf-8")
     write_output(out, data)
+    measured, total = len(built.measurement.pairs), built.measurement.dataset_pairs
     size = f" at 1/{built.step} of their size" if built.step > 1 else ""
     click.echo(
-        f"{out}: {len(built.measurement.pairs)} of {total} pairs measured, {built.shown} shown{size}, "
+        f"{out}: {measured} of {total} pairs measured, {built.shown} shown{size}, "
         f"{len(data) / _MEGA:.1f} MB, {time.monotonic() - start:.0f} s"
     )
 

@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
-from matplotlib import colormaps
-
 from semisynth_gl.dataset.reader import Dataset, Index
 from semisynth_gl.listener import Listener
 from semisynth_gl.report.measure import (
@@ -19,7 +17,6 @@ from semisynth_gl.report.measure import (
 )
 from semisynth_gl.report.page import ShownPair, render_page
 from semisynth_gl.report.pictures import make_pictures
-from semisynth_gl.report.plots import COLOUR_MAP
 from semisynth_gl.report.redraws import read_redraws
 from semisynth_gl.splits import SplitName
 
@@ -76,9 +73,7 @@ def build_report(
         name, number = pair.key
         label = f"{number:06d}" if len(index.pairs) == 1 else f"{name} {number:06d}"
         shown.append(ShownPair(pair, label, picture, reason))
-    # The colours of a matplotlib map, from far to near.
-    colours = colormaps[COLOUR_MAP](range(256), bytes=True)[:, :3].tolist()
-    page = render_page(index, measurement, redraws, outliers, shown, colours)
+    page = render_page(index, measurement, redraws, outliers, shown)
     return Report(page, measurement, len(shown), pictures[0].step if pictures else 0)
 
 

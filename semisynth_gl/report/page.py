@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 from jinja2 import Environment, StrictUndefined
+from matplotlib import colormaps
 from numpy.typing import NDArray
 
 from semisynth_gl.dataset.reader import Index
 from semisynth_gl.histogram import Histogram, total_variation, wasserstein_px
 from semisynth_gl.report.measure import QUANTITIES, RAYS, Measurement, Outlier, PairMeasures
 from semisynth_gl.report.pictures import JPEG_QUALITY, Picture
-from semisynth_gl.report.plots import Bars, count_bars, draw_histogram
+from semisynth_gl.report.plots import COLOUR_MAP, Bars, count_bars, draw_histogram
 from semisynth_gl.report.redraws import PairKey, Redraws
 from semisynth_gl.resources import data_root
 
@@ -60,7 +61,6 @@ def render_page(
     redraws: Redraws,
     outliers: Sequence[Outlier],
     shown: Sequence[ShownPair],
-    colours: Sequence[tuple[int, int, int]],
 ) -> str:
     """Render the page.
 
@@ -70,7 +70,6 @@ def render_page(
         redraws: the failed attempts of the dataset, or of the split that the sample is from.
         outliers: outliers to list, in their order.
         shown: pairs to show.
-        colours: the colour map of disparities, from the smallest to the largest, 8-bit RGB.
     """
     assets = data_root("assets")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
@@ -106,7 +105,8 @@ def render_page(
         jpeg_quality=JPEG_QUALITY,
         viewer={
             "pairs": [_viewed(pair) for pair in shown],
-            "colours": colours,
+            # Of disparities, from the smallest to the largest.
+            "colours": colormaps[COLOUR_MAP](range(256), bytes=True)[:, :3].tolist(),
             "none": _NO_DISPARITY,
             "occluded": _OCCLUDED,
             "outside": _OUTSIDE,
