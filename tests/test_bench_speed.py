@@ -55,7 +55,11 @@ def report(config):
         patch.setattr(
             scaling, "OUTPUT_OPTIONS", {name: scaling.OUTPUT_OPTIONS[name] for name in ("left disparity", USUAL)}
         )
-        return measure(config, 3, "auto", effort)
+        recorder = Recorder()
+        report = measure(config, 3, "auto", effort, recorder)
+    assert recorder.messages[-1] == "start"
+    assert not any("many instances" in message for message in recorder.messages), "announced, but not measured"
+    return report
 
 
 def names(part):

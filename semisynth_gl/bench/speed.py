@@ -73,8 +73,10 @@ def measure(
     sections, facts = measure_workers(config, seed, backend, counts, effort.pairs, rounds)
     listener.on_message("instances, triangles, pixels, antialiasing, outputs")
     scaling = measure_scaling(bench, seed, backend, effort.repeats)
-    listener.on_message("many instances and triangles")
-    stress = measure_stress(bench, seed, backend) if effort.stress else None
+    stress = None
+    if effort.stress:
+        listener.on_message("many instances and triangles")
+        stress = measure_stress(bench, seed, backend)
     listener.on_message(f"memory over {effort.memory_pairs} pairs")
     memory = measure_memory(config, seed, backend, effort.memory_pairs)
     listener.on_message("start")
