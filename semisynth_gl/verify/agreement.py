@@ -64,14 +64,14 @@ class Agreement:
     Args:
         names: of the array that is judged, and of its reference with the place, for messages.
         own: (H, W, C) px, the array of the image.
-        other: (H, W, C) px, the array of the other image.
+        corners: (2 or 4, N, C) px, the array of the other image around the points, as `Targets.corners` gathers it.
         targets: N pixels and their points.
         error_px: the largest difference that encodings cause.
         scaled_from_px: shorter vectors are not judged by their relative difference.
 
     Attributes:
         vectors: (N, C) px, the image's array at the pixels.
-        corners: (2 or 4, N, C) px, the other image's array around the points.
+        corners: as given.
         references: (N, C) px, the other image's array, interpolated at the points.
         error_px: as given.
     """
@@ -80,13 +80,13 @@ class Agreement:
         self,
         names: tuple[str, str],
         own: Floats,
-        other: Floats,
+        corners: Floats,
         targets: Targets,
         error_px: float,
         scaled_from_px: float = 1.0,
     ) -> None:
         self.vectors = own[targets.row, targets.column]
-        self.corners = targets.corners(other)
+        self.corners = corners
         self.error_px = error_px
         self._names, self._targets, self._scaled_from_px = names, targets, scaled_from_px
         across, down = (targets.x - np.floor(targets.x))[:, None], (targets.y - np.floor(targets.y))[:, None]

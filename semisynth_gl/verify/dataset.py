@@ -114,8 +114,9 @@ def _check_frame(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
         check_visibility("visibility_right", right["visibility"], match_right, verdict)
     visible = visible_pixels(match, left.get("visibility"))
     check_left_right(disparity, right_disparity, match, visible, verdict)
-    check_flow_views(frame, match, visible, verdict)
+    surface = one_surface(match, visible)
+    check_flow_views(frame, match, visible, surface, verdict)
     # Images that are not exact differ between the views as those of a real rig do.
     imperfect = index.imperfect or not frame.encodings.image.lossless
-    check_images(left["image"], right["image"], match, one_surface(match, visible), verdict, imperfect=imperfect)
+    check_images(left["image"], right["image"], match, surface, verdict, imperfect=imperfect)
     return True

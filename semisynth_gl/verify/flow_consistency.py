@@ -17,7 +17,7 @@ from semisynth_gl.verify.agreement import (
 from semisynth_gl.verify.photometry import check_flow_images
 from semisynth_gl.verify.single_view import OPPOSITE, has_flow
 from semisynth_gl.verify.verdict import Verdict
-from semisynth_gl.verify.view_consistency import HIDDEN_PX, SEEN_PX, SMOOTH_PX, ViewMatch, one_surface
+from semisynth_gl.verify.view_consistency import HIDDEN_PX, SEEN_PX, SMOOTH_PX, ViewMatch
 
 Values = NDArray[np.float32]
 Where = NDArray[np.bool_]
@@ -26,7 +26,7 @@ Where = NDArray[np.bool_]
 _MAX_PIXELS = 200_000
 
 
-def check_flow_views(frame: StoredFrame, match: ViewMatch, visible: Where, verdict: Verdict) -> None:
+def check_flow_views(frame: StoredFrame, match: ViewMatch, visible: Where, surface: Where, verdict: Verdict) -> None:
     """Check the left view's flow and change of disparity against the right view's at x - d, where both see a point.
 
     The point at x - d moves to x + u - (d + change). So the right u is the left one less the change, and v and the
@@ -36,6 +36,7 @@ def check_flow_views(frame: StoredFrame, match: ViewMatch, visible: Where, verdi
         frame: the pair as it was read.
         match: of the left view.
         visible: (H, W) bool, where both views see the point.
+        surface: (H, W) bool, see `one_surface`.
         verdict: takes findings and measures.
     """
     left, right = frame.view("left"), frame.view("right")
@@ -44,11 +45,11 @@ def check_flow_views(frame: StoredFrame, match: ViewMatch, visible: Where, verdi
         smooth &= _is_smooth(left[channel])
     row, column = np.divmod(spread_evenly(np.flatnonzero(smooth), _MAX_PIXELS), visible.shape[1])
     targets = Targets(row, column, match.position[row, column], row.astype(np.float64), on_rows=True)
-    surface = one_surface(match, visible)[row, column]
+    surface = surface[row, column]
 
     def check(check: str, measure: str, names: tuple[str, str], own: Values, other: Values, error_px: float) -> None:
         """Compare arrays (H, W, C) of the left view and of the right one."""
-        agreement = Agreement((names[0], f"{names[1]} at x - d"), own, other, targets, error_px)
+        agreement = Agreement((names[0], f"{names[1]} at x - d"), own, targets.corners(other), targets, error_px)
         agreement.check(check, measure, agreement.known, surface & agreement.close, verdict)
 
     change = left.get("disparity_change")
@@ -116,15 +117,16 @@ def _check_direction(
     targets = follow_flow(flow, disparity)
     values = own[f"{channel}_visibility"][targets.row, targets.column]
     visible = values == VISIBLE
+    corners = targets.corners(other_disparity[..., None])
     with np.errstate(invalid="ignore"):
-        surface = np.ptp(targets.corners(other_disparity[..., None]), axis=0)[:, 0] < 1
+        surface = np.ptp(corners, axis=0)[:, 0] < 1
     agrees, hidden = np.ones_like(surface), np.zeros_like(surface)
     agreements: list[tuple[str, str, Agreement]] = []
 
     flow_back = other.get(OPPOSITE[channel])
     if flow_back is not None:
         names = f"{name} of {start.name}", f"the reverse of {OPPOSITE[channel]}_{eye} of {end.name} at x + flow"
-        agreement = Agreement(names, flow, -flow_back, targets, 2 * start.encodings.flow.error_px)
+        agreement = Agreement(names, flow, -targets.corners(flow_back), targets, 2 * start.encodings.flow.error_px)
         agreements.append(("flow-frames", f"{name}_frames", agreement))
         surface &= agreement.close
 
@@ -135,9 +137,12 @@ def _check_direction(
         now, later = f"disparity_{eye}", f"disparity_{eye} plus disparity_change_{eye}"
         names = (later, now) if forward else (now, later)
         names = f"{names[0]} of {start.name}", f"{names[1]} of {end.name} at x + flow"
-        disparities = (disparity + change, other_disparity) if forward else (disparity, other_disparity + change)
+        if forward:
+            disparity = disparity + change
+        else:
+            corners = corners + targets.corners(change[..., None])
         error_px = start.encodings.disparity.error_px + end.encodings.disparity.error_px
-        agreement = Agreement(names, disparities[0][..., None], disparities[1][..., None], targets, error_px)
+        agreement = Agreement(names, disparity[..., None], corners, targets, error_px)
         agreements.append(("change", f"{name}_change", agreement))
         with np.errstate(invalid="ignore"):
             nearer = agreement.corners.min(axis=0) > agreement.vectors + HIDDEN_PX + error_px

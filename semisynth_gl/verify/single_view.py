@@ -209,12 +209,12 @@ def has_flow(flow: NDArray[np.float32]) -> Where:
     return all_components(np.isfinite(flow))
 
 
-def flow_bound_px(flow: NDArray[np.floating], encoding_px: float = 0.0) -> NDArray[np.float64]:
+def flow_bound_px(flow: NDArray[np.floating], encoding_px: float | NDArray[np.floating]) -> NDArray[np.float64]:
     """Return the largest error of a component of flow, or of a change of disparity, after rendering and encoding.
 
     Args:
         flow: (..., C) px, finite.
-        encoding_px: the encoding's part.
+        encoding_px: the encoding's part, one for all or (...).
 
     Returns:
         (...) float64 px.
@@ -294,7 +294,7 @@ def check_change(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict
     verdict.add_pixels("change", name, "is finite without a disparity", finite & ~known)
     with np.errstate(invalid="ignore"):
         later = disparity.astype(np.float64) + change
-    bound = _FLOW_PX + _FLOW_SHARE * np.abs(np.where(finite, later, 0)) + frame.rounding_px(disparity)
+    bound = flow_bound_px(np.where(finite, later, 0)[..., None], frame.rounding_px(disparity))
     impossible = known & ((later < -bound) | (later > (inf if largest_px is None else largest_px) + bound))
     if impossible.any():
         row, column = np.argwhere(impossible)[0]

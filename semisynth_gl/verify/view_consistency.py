@@ -121,7 +121,8 @@ def check_left_right(left: Values, right: Values, match: ViewMatch, visible: Whe
     row, column = np.nonzero(visible & match.smooth)
     targets = Targets(row, column, match.position[row, column], row.astype(np.float64), on_rows=True)
     names = "disparity_left", "disparity_right at x - d"
-    agreement = Agreement(names, left[..., None], right[..., None], targets, 0.0, scaled_from_px=0.0)
+    corners = targets.corners(right[..., None])
+    agreement = Agreement(names, left[..., None], corners, targets, 0.0, scaled_from_px=0.0)
     agreement.check("left-right", "left_right", np.ones(len(row), bool), agreement.close, verdict)
 
 
