@@ -1,12 +1,13 @@
 """How exact optical flow is against float64 rays, at about a hundred pixels of motion, and what it costs.
 
-python benchmarks/flow.py --out flow.json
+    python benchmarks/flow.py --out flow.json
 
-Prints the tables of docs/flow.md.
+Two tables: errors by config, and seconds of a pair by what is made. docs/flow.md quotes from them.
 """
 
 import json
 import time
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import click
@@ -14,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl import oracle
-from semisynth_gl.bench.summary import machine_facts
+from semisynth_gl.bench.summary import machine_facts, markdown
 from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.config import Config, load_config
-from semisynth_gl.frame import Frame, Output
+from semisynth_gl.frame import Frame
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SampledScene
@@ -33,7 +34,7 @@ _FAST = {
     "sceneflow": ["camera.sway_deg=5", "camera.sway_m=0.05"],
 }
 _ALL = ("camera.sway_s=1", "sequence.length=2", "sequence.frame_s=0.15")
-_COSTS: dict[str, tuple[Output, ...]] = {
+_COSTS: dict[str, tuple[str, ...]] = {
     "masks": ("visibility",),
     "masks, flow": ("visibility", "flow"),
     "masks, flow, disparity change": ("visibility", "flow", "disparity_change"),
@@ -43,7 +44,7 @@ _COSTS: dict[str, tuple[Output, ...]] = {
 _SAME_PX = 1e-3
 
 
-def fast(name: str, outputs: tuple[Output, ...]) -> Config:
+def fast(name: str, outputs: tuple[str, ...]) -> Config:
     """Return a packaged config with a camera in a hurry."""
     return load_config(name, [*_FAST[name], *_ALL]).model_copy(update={"outputs": outputs})
 
@@ -133,6 +134,25 @@ def cost(name: str, repeats: int, seed: int) -> dict[str, float]:
     return {title: float(np.median(values)) for title, values in seconds.items()}
 
 
+def errors_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Lay the errors of all configs out in Markdown."""
+    head = ("config", "motion, median and 95 %, px", "median, px", "p99.9, px", "worst, px",
+            "as places, median and p99.9, px", "change of disparity, p99.9, px", "masks alike")  # fmt: skip
+    cells = [
+        (row["config"], "{:.0f}, {:.0f}".format(*row["motion_px"]), *(f"{error:.1e}" for error in row["flow_px"]),
+         "{:.1e}, {:.1e}".format(*row["as_places_px"]), f"{row['disparity_change_px'][1]:.1e}",
+         f"{row['masks_alike']:.2%}")
+        for row in rows
+    ]  # fmt: skip
+    return markdown(head, cells, text_last=False)
+
+
+def costs_table(costs: Mapping[str, float]) -> str:
+    """Lay the seconds of a pair out in Markdown, by what is made."""
+    rows = [(title, f"{value:.2f}", f"{value / costs['masks']:.2f}") for title, value in costs.items()]
+    return markdown(("outputs", "s a pair", "x"), rows, text_last=False)
+
+
 def _quantiles(parts: list[Floats], *at: float) -> list[float]:
     return [float(value) for value in np.quantile(np.concatenate(parts), at)]
 
@@ -145,26 +165,10 @@ def _quantiles(parts: list[Floats], *at: float) -> list[float]:
 @click.option("--out", type=click.Path(), required=True)
 def main(pairs: int, pixels: int, repeats: int, seed: int, out: str) -> None:
     """Measure the packaged configs, print tables, and write JSON."""
-    rows = []
-    click.echo(
-        "| config | motion, median and 95 %, px | median, px | p99.9, px | worst, px | as places, median and p99.9, px "
-        "| change of disparity, p99.9, px | masks alike |"
-    )
-    click.echo("|---|---|---|---|---|---|---|---|")
-    for name in _FAST:
-        row = measure(name, pairs, pixels, seed)
-        rows.append(row)
-        flow = row["flow_px"]
-        click.echo(
-            f"| {name} | {row['motion_px'][0]:.0f}, {row['motion_px'][1]:.0f} | {flow[0]:.1e} | {flow[1]:.1e} "
-            f"| {flow[2]:.1e} | {row['as_places_px'][0]:.1e}, {row['as_places_px'][1]:.1e} "
-            f"| {row['disparity_change_px'][1]:.1e} "
-            f"| {row['masks_alike']:.2%} |"
-        )
+    rows = [measure(name, pairs, pixels, seed) for name in _FAST]
+    click.echo(errors_table(rows))
     costs = cost("sceneflow", repeats, seed)
-    click.echo("\n| outputs | s a pair | x |\n|---|---|---|")
-    for title, value in costs.items():
-        click.echo(f"| {title} | {value:.2f} | {value / costs['masks']:.2f} |")
+    click.echo(f"\n{costs_table(costs)}")
     report = {"machine": machine_facts(), "seed": seed, "pixels": pixels, "error": rows, "cost": {"sceneflow": costs}}
     with open(out, "w", encoding="utf-8") as file:  # noqa: PTH123 - click gives a string
         json.dump(report, file, indent=1)

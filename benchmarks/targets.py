@@ -7,13 +7,14 @@ smaller sensor.
 """
 
 import json
-import platform
 import time
+from collections.abc import Mapping
 from typing import Any
 
 import click
 import numpy as np
 
+from semisynth_gl.bench.summary import machine_facts, markdown
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.histogram import PixelCount, total_variation, wasserstein_px
 from semisynth_gl.pairs.pipeline import PairRenderer
@@ -100,6 +101,17 @@ def measure(name: str, sections: dict[str, Any], pairs: int, seed: int) -> dict[
     }
 
 
+def table(rows: Mapping[str, Mapping[str, Any]]) -> str:
+    """Lay the distances from all targets out in Markdown."""
+    head = ("target", "total variation", "W1, px", "W1, share of the mean", "medians of pairs, 5, 50, 95 %, px")
+    cells = [
+        (title, f"{row['total_variation']:.3f}", f"{row['wasserstein_px']:.2f}", f"{row['wasserstein_share']:.1%}",
+         ", ".join(f"{median:.0f}" for median in row["medians_px"]))
+        for title, row in rows.items()
+    ]  # fmt: skip
+    return markdown(head, cells, text_last=False)
+
+
 @click.command()
 @click.option("--pairs", type=click.IntRange(1), default=200, show_default=True)
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
@@ -107,18 +119,10 @@ def measure(name: str, sections: dict[str, Any], pairs: int, seed: int) -> dict[
 @click.option("--out", type=click.Path(), required=True)
 def main(pairs: int, seed: int, configs: tuple[str, ...], out: str) -> None:
     """Measure all targets, print a table, and write JSON."""
-    rows = {}
-    click.echo("| target | total variation | W1, px | W1, share of the mean | medians of pairs, 5, 50, 95 %, px |")
-    click.echo("|---|---|---|---|---|")
     targets = {load_config(path).name: (path, {}) for path in configs} if configs else _TARGETS
-    for title, (name, sections) in targets.items():
-        row = rows[title] = measure(name, sections, pairs, seed)
-        low, middle, high = row["medians_px"]
-        click.echo(
-            f"| {title} | {row['total_variation']:.3f} | {row['wasserstein_px']:.2f} "
-            f"| {row['wasserstein_share']:.1%} | {low:.0f}, {middle:.0f}, {high:.0f} |"
-        )
-    report = {"machine": platform.processor() or platform.machine(), "seed": seed, "targets": rows}
+    rows = {title: measure(name, sections, pairs, seed) for title, (name, sections) in targets.items()}
+    click.echo(table(rows))
+    report = {"machine": machine_facts(), "seed": seed, "targets": rows}
     with open(out, "w", encoding="utf-8") as file:  # noqa: PTH123 - click gives a string
         json.dump(report, file, indent=1)
         file.write("\n")

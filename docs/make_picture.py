@@ -35,15 +35,14 @@ def draw_flow(path: Path) -> None:
     config = load_config("sceneflow", ["camera.sway_m=0.05", "camera.sway_deg=1", "sequence.length=2"])
     with PairRenderer(config.model_copy(update={"outputs": ("flow",), "truth": "left"}), 1) as renderer:
         now, then = renderer.render(0).frame, renderer.render(1).frame
-    assert now.left.flow is not None  # noqa: S101 - the output was asked for
-    assert now.left.flow_visibility is not None  # noqa: S101
     length = np.hypot(*np.moveaxis(now.left.flow, 2, 0))
     angle = np.arctan2(now.left.flow[..., 1], now.left.flow[..., 0]) / (2 * np.pi) % 1
     shown = hsv_to_rgb(np.stack([angle, np.clip(length / 40, 0, 1), np.ones_like(length)], axis=2))
     mask = np.repeat(now.left.flow_visibility[:, :, None], 3, axis=2)
-    strip([now.left, then.left, (255 * shown).astype(np.uint8), mask], path)
+    strip([now.left.image, then.left.image, (255 * shown).astype(np.uint8), mask], path)
 
 
-folder = Path(sys.argv[1])
-draw_pair(folder / "pair.jpg")
-draw_flow(folder / "flow.jpg")
+if __name__ == "__main__":
+    folder = Path(sys.argv[1])
+    draw_pair(folder / "pair.jpg")
+    draw_flow(folder / "flow.jpg")
