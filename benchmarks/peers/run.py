@@ -3,8 +3,8 @@
     python benchmarks/peers/run.py --setup pyrender,blender,pygfx
     python benchmarks/peers/run.py --frames 12 --rounds 3 --json peers.json
 
-A peer that lacks a program, a library or its environment is left out with a message. The exit code is 1 where such a
-peer was named with --peers.
+A peer that lacks a program, a library or its environment is left out with a message. Where such a peer was named with
+--peers, the exit code is 3 once the others are measured and written.
 """
 
 import argparse
@@ -28,7 +28,8 @@ import numpy as np
 from accuracy import cast_truth, errors_px
 from scene import PeerScene, library_meshes, make_scene, read_meshes
 
-from semisynth_gl.bench.summary import machine_facts
+from semisynth_gl.bench.summary import machine_facts, markdown
+from semisynth_gl.engines.task import THREADS
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -99,6 +100,8 @@ CANDIDATES = (
     ),
 )
 PEERS = (OURS, *PACKAGES, SYSTEM_BLENDER)
+# The exit code of a run that is complete but for peers that it was asked for. Python's own for errors are 1 and 2.
+SOME_LEFT_OUT = 3
 # The reference that the others are compared with, as a user would run both and both with our encoders.
 REFERENCE = CANDIDATES[0]
 
@@ -185,7 +188,7 @@ def main() -> None:
         options.json.write_text(json.dumps(report, indent=1) + "\n")
     print(table(report))
     if options.peers and any(lacking.values()):
-        sys.exit(1)
+        sys.exit(SOME_LEFT_OUT)
 
 
 def missing(peer: str, work: Path) -> list[str]:
@@ -261,9 +264,9 @@ def run_together(
     out = work / "out" / candidate.name
     shutil.rmtree(out, ignore_errors=True)
     environment = dict(os.environ)
-    environment.pop("LP_NUM_THREADS", None)
+    environment.pop(THREADS, None)
     if parallel.threads is not None:
-        environment["LP_NUM_THREADS"] = parallel.threads
+        environment[THREADS] = parallel.threads
     environment["PEER_PACKAGES"] = str(next(iter((work / "venv-blender").glob("lib/*/site-packages")), ""))
     log = work / f"{candidate.name}.log"
     processes = []
@@ -302,20 +305,20 @@ def table(report: Mapping[str, Any]) -> str:
     reference = _best_seconds(peers[0])
     columns = ["renderer", "files written by", "s per pair, 1 process", f"{cores} processes", "best, x ours"]
     columns += ["error median, px", "99.9 %", "worst"]
-    lines = [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]
+    rows = []
     ratios: dict[bool, dict[str, float]] = {False: {}, True: {}}
     for peer in peers:
         encoders = "us" if peer["our_encoders"] else "itself"
         if peer["fault"]:
-            lines.append(f"| {peer['peer']} | {encoders} | could not be run | | | | | |")
+            rows.append((peer["peer"], encoders, "could not be run", *[""] * 5))
             continue
         ratio = _best_seconds(peer) / reference
         if not peer["peer"].startswith(REFERENCE.label):
             ratios[peer["our_encoders"]][peer["peer"]] = ratio
         alone, together = (f"{_best_seconds(peer, processes):.3f}" for processes in (1, cores))
-        error = " | ".join(f"{peer['error_px'][key]:.1e}" for key in ("median", "p99_9", "worst"))
-        lines.append(f"| {peer['peer']} | {encoders} | {alone} | {together} | {ratio:.2f} | {error} |")
-    lines.append("")
+        error = [f"{peer['error_px'][key]:.1e}" for key in ("median", "p99_9", "worst")]
+        rows.append((peer["peer"], encoders, alone, together, f"{ratio:.2f}", *error))
+    lines = [markdown(columns, rows, text_last=False), ""]
     for our_encoders, title in ((False, "as a user would run it"), (True, "given our encoders")):
         if ratios[our_encoders]:
             label = min(ratios[our_encoders], key=ratios[our_encoders].__getitem__)
