@@ -8,6 +8,9 @@ Run it before and after a change that must not change any dataset, with the same
 Each line has a name and two digests. The first digest covers all files of the pairs, the lists and the links, by name
 and content. The second digest covers index, card, Croissant file and records, less the seconds that a record counts; it
 may change where those files name versions.
+
+With --compare each dataset has a line that says whether its files are the same. The exit code is 1 where pairs of a
+dataset differ, and where only one of both runs has the dataset.
 """
 
 import argparse
@@ -22,22 +25,13 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-CONFIGS = (
-    "middlebury",
-    "kitti",
-    "eth3d",
-    "sceneflow",
-    "ablation-geometry-simple",
-    "ablation-geometry-complex",
-    "ablation-textures-photos",
-    "ablation-textures-procedural",
-    "ablation-textures-target",
-)
-LAYOUTS = ("middlebury", "middlebury-2014", "kitti", "eth3d", "sceneflow", "crestereo", "webdataset")
+from semisynth_gl.config.load import packaged_configs
+from semisynth_gl.frame import OUTPUTS
+from semisynth_gl.layouts import layout_names
+
 # Layouts in which the config chooses the encodings.
 FREE_LAYOUTS = ("middlebury", "webdataset")
 ENCODINGS = (("png", "pfm", "flo"), ("qoi", "png16", "pfm"), ("jxl", "tiff", "png16"))
-OUTPUTS = ("visibility", "instances", "depth", "flow", "flow_backward", "disparity_change")
 DESCRIPTIONS = ("index.json", "README.md", "croissant.json")
 SMALL = ("--set", "camera.width_px=226", "--set", "camera.height_px=141", "--set", "textures.max_patches=64")
 MOVING = (
@@ -51,9 +45,9 @@ NOISE = ("--set", "imperfections.noise=[1,4]", "--set", "imperfections.gamma=[0.
 
 def cases() -> Iterator[tuple[str, tuple[str, ...]]]:
     """Name each dataset, with the options of `semisynth-gl generate` that make it."""
-    for config in CONFIGS:
+    for config in packaged_configs():
         yield f"config/{config}", ("--config", config, "--pairs", "2")
-    for layout in LAYOUTS:
+    for layout in layout_names():
         moving = ("--config", "sceneflow", "--pairs", "4", "--layout", layout, *MOVING)
         yield f"layout/{layout}", moving
         splits = ("--validation", "1", "--test", "1", "--set", "splits.models=true")
@@ -123,16 +117,23 @@ def make(name: str, options: Sequence[str], folder: Path) -> str:
     return f"{name} {' '.join(digests(out))}"
 
 
+def read_lines(path: Path) -> dict[str, list[str]]:
+    """Read the lines of an earlier run: both digests of each dataset, by its name."""
+    return {name: digests for name, *digests in map(str.split, path.read_text().splitlines())}
+
+
 def main() -> None:
-    """Print the lines; with --compare, only those whose first digest differs, and exit with 1 where there are any."""
+    """Print the lines; with --compare, say of each dataset whether it is the same, and exit with 1 where one is not."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--compare", type=Path, metavar="FILE", help="lines of an earlier run")
     parser.add_argument("--only", default="", metavar="TEXT", help="datasets whose name contains this")
     arguments = parser.parse_args()
-    before = {}
-    if arguments.compare:
-        before = {line.split()[0]: line.split()[1:] for line in arguments.compare.read_text().splitlines()}
-    differing = 0
+    before = read_lines(arguments.compare) if arguments.compare else {}
+    # What only one of both runs has differs too.
+    missing = [name for name in before if arguments.only in name and name not in dict(cases())]
+    for name in missing:
+        print(f"DIFFERENT, no longer made: {name}", flush=True)
+    differing = len(missing)
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         make_photographs(folder / "photographs")
@@ -143,7 +144,11 @@ def main() -> None:
             if not arguments.compare:
                 print(line, flush=True)
                 continue
-            earlier, now = before.get(name, ["none", "none"]), line.split()[1:]
+            if name not in before:
+                differing += 1
+                print(f"DIFFERENT, not made before: {name}", flush=True)
+                continue
+            earlier, now = before[name], line.split()[1:]
             differing += earlier[0] != now[0]
             about = "" if earlier[1] == now[1] else ", other descriptions"
             print(f"{'same' if earlier[0] == now[0] else 'DIFFERENT'}{about}: {name}", flush=True)
