@@ -4,16 +4,17 @@ import json
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import click
 
-from semisynth_gl.cli.options import COUNT, NATURAL, Command, OutputFile, option, option_group
+from semisynth_gl.cli.options import COUNT, NATURAL, Command, Source, option, option_group
+from semisynth_gl.cli.outputs import Output, json_report, output_option
 from semisynth_gl.config import load_config
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.context import BACKENDS, Backend
+from semisynth_gl.textures.reach import photograph_sources
 
 
 @click.group()
@@ -29,15 +30,14 @@ class _BenchOptions:
     settings: tuple[str, ...]
     seed: int
     backend: Backend
-    json_path: Path | None
 
-    def run(self, benchmark: ModuleType, effort: Any) -> None:  # noqa: ANN401 - each benchmark has its own
+    def run(self, benchmark: ModuleType, effort: Any, output: Output) -> None:  # noqa: ANN401 - each benchmark has its own
         """Measure; write the report as JSON where a path is given, and print it."""
         config = load_config(self.config_name, self.settings)
+        output.check((self.config_name, *config.models.folders), photograph_sources(config.textures))
         report = benchmark.measure(config, self.seed, self.backend, effort, _Parts())
         report["command"] = " ".join(["semisynth-gl", *sys.argv[1:]])
-        if self.json_path is not None:
-            self.json_path.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+        output.write(f"{json.dumps(report, indent=1)}\n".encode())
         click.echo(f"{benchmark.headline(report)}\n\n{benchmark.table(report)}")
 
 
@@ -46,12 +46,17 @@ def _bench_options(config: str) -> Callable[[Command], Command]:
     return option_group(
         "options",
         _BenchOptions,
-        option("--config", "config_name", default=config, help="Whose scenes: a name or a YAML file."),
+        option("--config", "config_name", type=Source(), default=config, help="Whose scenes: a name or a YAML file."),
         option("--set", "settings", multiple=True, metavar="dotted.key=value", help="Override a key of the config."),
         option("--seed", type=NATURAL, default=0, help="Other scenes."),
         option("--backend", type=click.Choice(BACKENDS), default="auto", help="As for generate."),
-        option("--json", "json_path", type=OutputFile(), help="Also write everything here."),
     )
+
+
+def _json_option(command: str) -> Callable[[Command], Command]:
+    """Add the option of a measurement's report."""
+    kind = json_report(f"semisynth-gl bench {command}", config=str, machine=dict)
+    return output_option("--json", kind, help="Also write everything here.")
 
 
 class _Parts(Listener):
@@ -63,10 +68,11 @@ class _Parts(Listener):
 
 @bench.command()
 @_bench_options("eth3d")
+@_json_option("accuracy")
 @option("--pairs", type=COUNT, default=3, help="How many pairs.")
 @option("--rays", type=COUNT, default=20_000, help="Rays cast for each eye of a pair.")
 @option("--repeats", type=COUNT, default=7, help="Times each alternative is timed.")
-def accuracy(options: _BenchOptions, pairs: int, rays: int, repeats: int) -> None:
+def accuracy(options: _BenchOptions, output: Output, pairs: int, rays: int, repeats: int) -> None:
     """Compare the disparity with float64 rays, and encodings and antialiasing modes with each other.
 
     The error of the disparity, then a table each of encodings of disparities, encodings of images and antialiasing
@@ -74,7 +80,7 @@ def accuracy(options: _BenchOptions, pairs: int, rays: int, repeats: int) -> Non
     """
     from semisynth_gl.bench import accuracy as benchmark  # noqa: PLC0415 - other commands need no renderer
 
-    options.run(benchmark, benchmark.Effort(pairs, rays, repeats))
+    options.run(benchmark, benchmark.Effort(pairs, rays, repeats), output)
 
 
 def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int, ...]:
@@ -92,6 +98,7 @@ def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[i
 
 @bench.command()
 @_bench_options("middlebury")
+@_json_option("speed")
 @option(
     "--pairs", type=COUNT, default=8, help="Pairs that each number of workers makes in a round; at least four each."
 )
@@ -102,7 +109,13 @@ def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[i
 @option("--memory-pairs", type=COUNT, default=40, help="Pairs that memory is followed over.")
 @option("--no-stress", is_flag=True, help="Leave out the pair of 10,000 instances and 5 million triangles.")
 def speed(
-    options: _BenchOptions, pairs: int, repeats: int, workers: tuple[int, ...], memory_pairs: int, no_stress: bool
+    options: _BenchOptions,
+    output: Output,
+    pairs: int,
+    repeats: int,
+    workers: tuple[int, ...],
+    memory_pairs: int,
+    no_stress: bool,
 ) -> None:
     """Measure pairs per second, what limits them, and what they depend on.
 
@@ -111,4 +124,5 @@ def speed(
     """
     from semisynth_gl.bench import speed as benchmark  # noqa: PLC0415 - other commands need no renderer
 
-    options.run(benchmark, benchmark.Effort(pairs, repeats, workers, memory_pairs, stress=not no_stress))
+    effort = benchmark.Effort(pairs, repeats, workers, memory_pairs, stress=not no_stress)
+    options.run(benchmark, effort, output)

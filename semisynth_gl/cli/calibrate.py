@@ -11,7 +11,8 @@ from semisynth_gl.calibration.disparity_range import DisparitySource
 from semisynth_gl.calibration.photographs import impossible_splits
 from semisynth_gl.calibration.rig import Rig, Size, plain_rig
 from semisynth_gl.calibration.rig_files import read_rigs
-from semisynth_gl.cli.options import OutputFile, images_option, option, write_output
+from semisynth_gl.cli.options import Source, images_option, option
+from semisynth_gl.cli.outputs import CONFIG, Output, output_option
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.errors import InputError
@@ -25,6 +26,7 @@ _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 @images_option(required=True)
 @option(
     "--calib",
+    type=Source(),
     multiple=True,
     metavar="FILE_OR_GLOB",
     help="Calibration of the rectified rig: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, stereo "
@@ -42,6 +44,7 @@ _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 @option(
     "--disparity",
     "maps",
+    type=Source(),
     multiple=True,
     metavar="PATH_OR_GLOB",
     help="Disparity maps, true or predicted, to measure the histogram: .pfm, .npy, 16-bit .png. May be repeated.",
@@ -54,8 +57,7 @@ _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 )
 @option("--range-px", type=(float, float), help="Least and largest disparity, where there are no maps.")
 @option("--other-camera", is_flag=True, help="The photographs are not the rig's: they may have any size.")
-@option("--out", type=OutputFile(".yaml", ".yml"), required=True, help="YAML to write.")
-@option("--overwrite", is_flag=True, help="Replace --out if it exists.")
+@output_option("--out", CONFIG, ".yaml", ".yml", required=True, help="YAML to write.")
 def calibrate(
     images: tuple[str, ...],
     calib: tuple[str, ...],
@@ -68,12 +70,11 @@ def calibrate(
     png_scale: float,
     range_px: tuple[float, float] | None,
     other_camera: bool,
-    out: Path,
-    overwrite: bool,
+    output: Output,
 ) -> None:
     """Write a config for a rig: its camera, the disparities that it sees, and the photographs to cut patches from."""
-    if out.exists() and not overwrite:
-        raise InputError(f"--out {out}: is there already; choose another name, or replace it with --overwrite")
+    output.check((*calib, *maps, *images))
+    out = output.file
     if maps and range_px is not None:
         raise InputError("--range-px says what --disparity measures: give one of them")
     rigs = _rigs(calib, focal_px, baseline_m, _size(size), None if unit is None else _UNITS[unit])
@@ -86,7 +87,7 @@ def calibrate(
         raise InputError(f"--out {out}: not written, since the numbers make no valid config:\n{error}") from None
     # The patches of the dataset to come: unusable photographs are reported now, and the cache keeps the patches.
     report = prepare_atlas(config.textures, 0).report
-    write_output(out, text.encode("utf-8"))
+    output.write(text.encode())
     for line in _summary(facts, config.name, report, out):
         click.echo(line)
 

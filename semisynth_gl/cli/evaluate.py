@@ -5,7 +5,8 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import OutputFile, option
+from semisynth_gl.cli.options import Source, UserPath, option
+from semisynth_gl.cli.outputs import Output, json_report, marked_png, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.codecs.png import RGB8
 from semisynth_gl.errors import InputError
@@ -15,7 +16,9 @@ from semisynth_gl.metrics.protocol import PROTOCOL_NAMES, PROTOCOLS, ProtocolNam
 from semisynth_gl.metrics.truth import TrueSet, find_truth
 from semisynth_gl.splits import SPLITS, SplitName
 
-_PATH = click.Path(path_type=Path)
+_PATH = UserPath()
+_FIGURES = json_report("semisynth-gl evaluate", protocol=str, source=str, unit=str, average=str, pairs=int)
+_ERROR_MAP = marked_png("semisynth-gl evaluate")
 
 
 @click.command()
@@ -23,6 +26,7 @@ _PATH = click.Path(path_type=Path)
 @option(
     "--gt",
     "truth",
+    type=Source(home=True),
     required=True,
     metavar="DIR_OR_ADDRESS",
     help="Their truth: a dataset of this program, or a folder of Middlebury, ETH3D or KITTI.",
@@ -36,7 +40,7 @@ _PATH = click.Path(path_type=Path)
 @option("--mask", "masks", type=_PATH, help="Folder of masks, 255 where not occluded, instead of --gt's.")
 @option("--split", type=click.Choice(SPLITS), help="Of this split of --gt alone.")
 @option("--partial", is_flag=True, help="Evaluate what is there, though predictions are missing.")
-@option("--json", "json_path", type=OutputFile(), help="Also write all figures here, unrounded.")
+@output_option("--json", _FIGURES, help="Also write all figures here, unrounded.")
 @option("--maps", type=_PATH, help="Also write an error map per pair into this folder.")
 def evaluate(
     pred: Path,
@@ -45,7 +49,7 @@ def evaluate(
     masks: Path | None,
     split: SplitName | None,
     partial: bool,
-    json_path: Path | None,
+    output: Output,
     maps: Path | None,
 ) -> None:
     """Compare predicted disparities with the truth, as a benchmark does.
@@ -53,8 +57,9 @@ def evaluate(
     Predictions are .pfm, .npy or 16-bit .png, under the pair's name or under the truth's.
     """
     truth_set = find_truth(truth, split, masks)
-    if maps is not None:
-        _check_maps(maps, pred, truth_set, truth)
+    inputs = [str(folder) for folder in (pred, truth, masks) if folder is not None]
+    output.check(inputs)
+    pictures = _error_maps(maps, pred, truth_set, truth, output)
     predictions = find_predictions(pred, truth_set.pairs, partial=partial)
     missing = [pair.name for pair in truth_set.pairs if pair.name not in predictions]
     protocol = PROTOCOLS[protocol_name or truth_set.protocol]
@@ -65,17 +70,15 @@ def evaluate(
             if pair.name not in predictions:
                 continue
             evaluation = evaluate_pair(pair, predictions[pair.name], protocol, draw=maps is not None)
-            if maps is not None and evaluation.error_map is not None:
-                picture = maps / f"{pair.name}.png"
-                picture.parent.mkdir(parents=True, exist_ok=True)
-                picture.write_bytes(RGB8.encode(evaluation.error_map))
+            if evaluation.error_map is not None:
+                pictures[pair.name].write(RGB8.encode(evaluation.error_map))
             # Without the map: the maps of a large set would fill the memory.
             evaluations.append(Evaluation(pair.name, evaluation.scores))
             progress.advance()
-    if json_path is not None:
+    if output.path is not None:
         paths = {name: prediction.path for name, prediction in predictions.items()}
         text = json.dumps(report_json(evaluations, protocol, missing, paths), indent=1, allow_nan=False)
-        json_path.write_text(text + "\n", encoding="utf-8")
+        output.write(f"{text}\n".encode())
     click.echo(f"{len(evaluations)} of {len(truth_set.pairs)} pairs by the definitions of {protocol.source}")
     for region in REGIONS:
         if any((region,) in evaluation.scores for evaluation in evaluations):
@@ -86,8 +89,10 @@ def evaluate(
         click.echo(f"No prediction for {len(missing)} pairs: {', '.join(missing)}", err=True)
 
 
-def _check_maps(maps: Path, pred: Path, truth_set: TrueSet, truth: str) -> None:
-    """Refuse a folder that error maps cannot go to, before anything is computed."""
+def _error_maps(maps: Path | None, pred: Path, truth_set: TrueSet, truth: str, output: Output) -> dict[str, Output]:
+    """Return the files of error maps by the pair's name; refuse a folder that they cannot go to."""
+    if maps is None:
+        return {}
     if maps.exists() and not maps.is_dir():
         raise InputError(f"--maps {maps}: is a file; name a folder")
     if maps.resolve() == pred.resolve():
@@ -95,3 +100,9 @@ def _check_maps(maps: Path, pred: Path, truth_set: TrueSet, truth: str) -> None:
     inside = truth_set.local is not None and maps.resolve().is_relative_to(truth_set.local.resolve())
     if inside or ("://" not in truth and maps.resolve() == Path(truth).resolve()):
         raise InputError(f"--maps {maps}: lies in --gt, which is left as it is; name another folder")
+    pictures = {
+        pair.name: Output("--maps", _ERROR_MAP, maps / f"{pair.name}.png", output.overwrite) for pair in truth_set.pairs
+    }
+    for picture in pictures.values():
+        picture.check([str(pred), truth], makes_folder=True)
+    return pictures

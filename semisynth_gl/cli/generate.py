@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import click
 
-from semisynth_gl.cli.options import COUNT, NATURAL, SceneOptions, option, option_group, scene_options
+from semisynth_gl.cli.options import COUNT, NATURAL, SceneOptions, Source, option, option_group, scene_options
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.config import Config
 from semisynth_gl.engines.local import LocalEngine, SerialEngine
@@ -58,11 +58,20 @@ class _DatasetOptions:
         return outputs + ([] if self.truth is None else [f"truth={self.truth}"])
 
 
+def _lasting(_: click.Context, __: click.Parameter, address: str | None) -> str | None:
+    """Refuse fsspec's memory, which ends with this process; from Python it is of use."""
+    if address is not None and re.match(r"(.*::)?memory://", address):
+        raise InputError(f"--out {address}: would be gone when this command ends; name a folder or a store")
+    return address
+
+
 _dataset_options = option_group(
     "dataset",
     _DatasetOptions,
     option(
         "--out",
+        type=Source(),
+        callback=_lasting,
         metavar="DIR_OR_ADDRESS",
         help="Folder to write to, or an address such as s3://bucket/name.  [default: out/ and the config's name]",
     ),

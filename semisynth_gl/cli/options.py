@@ -20,26 +20,48 @@ NATURAL = click.IntRange(min=0)
 COUNT = click.IntRange(min=1)
 
 
-class OutputFile(click.Path):
-    """The type of an option that names a file to write; the folder must exist.
+class UserPath(click.Path):
+    """The type of an option that names a file or folder; ``~`` is the home folder, and no name is no path."""
 
-    Args:
-        endings: the endings that the name may have; none for any.
-    """
-
-    def __init__(self, *endings: str) -> None:
+    def __init__(self) -> None:
         super().__init__(path_type=Path)
-        self._endings = endings
 
     def convert(self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Return the path, or refuse a file that cannot be written, before anything is computed."""
-        path = Path(os.fsdecode(super().convert(value, param, ctx)))
-        name = param.opts[0] if param is not None else "file"
-        if self._endings and path.suffix.lower() not in self._endings:
-            raise InputError(f"{name} {path}: expected a name that ends in {self._endings[0]}")
-        if not path.absolute().parent.is_dir():
-            raise InputError(f"{name} {path}: the folder {path.absolute().parent} does not exist")
-        return path
+        """Return the path."""
+        return _at_home(_named(os.fsdecode(super().convert(value, param, ctx)), param), param)
+
+
+class Source(click.types.StringParamType):
+    """The type of an option that names files, folders, globs or an address; what they name is found later.
+
+    Args:
+        home: whether ``~`` in a path is made the home folder here, and not where the files are found.
+    """
+
+    def __init__(self, *, home: bool = False) -> None:
+        self._home = home
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:  # noqa: ARG002 - click's
+        """Return the value, unless it is empty: that would stand for the current folder."""
+        named = _named(value, param)
+        return str(_at_home(named, param)) if self._home and "://" not in named else named
+
+
+def _named(value: str, param: click.Parameter | None) -> str:
+    if not value.strip():
+        raise InputError(f"{_shown(param)}: expected a name, got {value!r}")
+    return value
+
+
+def _at_home(value: str, param: click.Parameter | None) -> Path:
+    try:
+        return Path(value).expanduser()
+    except RuntimeError:
+        raise InputError(f"{_shown(param)} {value}: there is no user of this name") from None
+
+
+def _shown(param: click.Parameter | None) -> str:
+    return "name" if param is None else param.opts[0] if isinstance(param, click.Option) else str(param.metavar)
 
 
 def option_group(name: str, group: type, *options: Callable[[Command], Command]) -> Callable[[Command], Command]:
@@ -68,6 +90,7 @@ def option_group(name: str, group: type, *options: Callable[[Command], Command])
 images_option = partial(
     option,
     "--images",
+    type=Source(),
     multiple=True,
     metavar="PATH_OR_GLOB",
     help="Photographs to cut patches from: a file, folder or glob. May be repeated.",
@@ -96,6 +119,7 @@ scene_options = option_group(
     option(
         "--config",
         "config_name",
+        type=Source(),
         required=True,
         metavar="NAME_OR_PATH",
         help=f"A YAML file, or a packaged config: {', '.join(packaged_configs())}.",
@@ -103,6 +127,7 @@ scene_options = option_group(
     images_option(),
     option(
         "--models",
+        type=Source(),
         multiple=True,
         metavar="DIR",
         help="A folder of 3D models to add to those that are built in. May be repeated.",
@@ -141,13 +166,3 @@ def _quoted(values: tuple[str, ...]) -> str:
     """Write strings as a YAML list."""
     quoted = ("'" + value.replace("'", "''") + "'" for value in values)
     return f"[{', '.join(quoted)}]"
-
-
-def write_output(path: Path, data: bytes) -> None:
-    """Write a file under a name of this process, then rename it: the file is complete, or as it was before."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        partial.write_bytes(data)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)

@@ -1,26 +1,28 @@
 """``semisynth-gl preview``."""
 
 import io
-from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import OutputFile, SceneOptions, option, scene_options, write_output
+from semisynth_gl.cli.options import SceneOptions, option, scene_options
+from semisynth_gl.cli.outputs import Output, marked_png, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.pairs.pipeline import PairRenderer
+from semisynth_gl.textures.reach import photograph_sources
 
 
 @click.command()
 @scene_options
-@option("--out", type=OutputFile(".png"), default=Path("preview.png"), help="PNG to write.")
+@output_option("--out", marked_png("semisynth-gl preview"), ".png", default="preview.png", help="PNG to write.")
 @option("--pairs", type=click.IntRange(min=1, max=64), default=4, help="How many pairs to show.")
-def preview(scene: SceneOptions, out: Path, pairs: int) -> None:
+def preview(scene: SceneOptions, output: Output, pairs: int) -> None:
     """Draw a contact sheet: the first pairs of a dataset, and their histogram against the config's."""
     # Imported here: matplotlib takes longer to load than a pair to render.
     from semisynth_gl.report.contact_sheet import draw_sheet  # noqa: PLC0415
 
     config = scene.config()
+    output.check((scene.config_name, *config.models.folders), photograph_sources(config.textures))
     with PairRenderer(config, scene.seed, scene.backend) as renderer, Progress() as progress:
         progress.on_total(pairs)
         frames = []
@@ -32,8 +34,8 @@ def preview(scene: SceneOptions, out: Path, pairs: int) -> None:
     png = io.BytesIO()
     target = config.wanted_histogram()
     draw_sheet(frames, target, title).savefig(png, format="png")
-    write_output(out, png.getvalue())
-    click.echo(f"{pairs} pairs in {out}")
+    output.write(png.getvalue())
+    click.echo(f"{pairs} pairs in {output.file}")
     if expected is not None:
         click.echo(
             f"over many pairs, disparities are expected to come to a total variation of "

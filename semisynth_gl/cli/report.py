@@ -5,20 +5,22 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import COUNT, OutputFile, option, write_output
+from semisynth_gl.cli.options import COUNT, Source, option
+from semisynth_gl.cli.outputs import Output, marked_html, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.dataset.reader import Index, read_index
-from semisynth_gl.errors import InputError
 from semisynth_gl.splits import SPLITS, SplitName
 
 _MEGA = 1e6
 
 
 @click.command()
-@click.argument("directory", metavar="DIR_OR_ADDRESS")
-@option(
+@click.argument("directory", type=Source(), metavar="DIR_OR_ADDRESS")
+@output_option(
     "--out",
-    type=OutputFile(".html", ".htm"),
+    marked_html("semisynth-gl report"),
+    ".html",
+    ".htm",
     help="HTML file to write; by default the dataset's name and -report.html, in the current folder.",
 )
 @option(
@@ -29,7 +31,7 @@ _MEGA = 1e6
 )
 @option("--sample", type=COUNT, default=200, help="How many pairs to measure, evenly spread.")
 @option("--split", type=click.Choice(SPLITS), help="Of this split alone.")
-def report(directory: str, out: Path | None, pairs: int, sample: int, split: SplitName | None) -> None:
+def report(directory: str, output: Output, pairs: int, sample: int, split: SplitName | None) -> None:
     """Write one HTML page about a dataset: pairs, distributions, outliers and what made it.
 
     The page needs no server and no network: it opens from disk in a browser.
@@ -38,29 +40,23 @@ def report(directory: str, out: Path | None, pairs: int, sample: int, split: Spl
     from semisynth_gl.report.build import build_report  # noqa: PLC0415
 
     index = read_index(directory)
-    out = _place_of(index, directory, out)
+    if output.path is None:
+        output = output.at(_default_path(index, directory))
+    output.check()
     start = time.monotonic()
     with Progress() as progress:
         built = build_report(index, pairs=pairs, sample=sample, split=split, listener=progress)
     data = built.page.encode("utf-8")
-    write_output(out, data)
+    output.write(data)
     measured, total = len(built.measurement.pairs), built.measurement.dataset_pairs
     size = f" at 1/{built.step} of their size" if built.step > 1 else ""
     click.echo(
-        f"{out}: {measured} of {total} pairs measured, {built.shown} shown{size}, "
+        f"{output.path}: {measured} of {total} pairs measured, {built.shown} shown{size}, "
         f"{len(data) / _MEGA:.1f} MB, {time.monotonic() - start:.0f} s"
     )
 
 
-def _place_of(index: Index, directory: str, out: Path | None) -> Path:
-    """Return the page's file; refuse a file in the dataset's folder."""
+def _default_path(index: Index, directory: str) -> Path:
     local = index.place.local
-    if out is None:
-        name = local.resolve().name if local is not None else directory.rstrip("/").rpartition("/")[2]
-        out = Path(f"{name}-report.html")
-    if local is not None and out.resolve().is_relative_to(local.resolve()):
-        raise InputError(
-            f"--out {out}: lies in the dataset's folder, where verify would take it for a foreign file; name a file "
-            "outside it with --out"
-        )
-    return out
+    name = local.resolve().name if local is not None else directory.rstrip("/").rpartition("/")[2]
+    return Path(f"{name}-report.html")

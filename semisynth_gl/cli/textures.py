@@ -1,21 +1,23 @@
 """``semisynth-gl textures``."""
 
 import io
-from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import NATURAL, OutputFile, images_option, option, read_config, write_output
+from semisynth_gl.cli.options import NATURAL, Source, images_option, option, read_config
+from semisynth_gl.cli.outputs import Output, marked_png, output_option
 from semisynth_gl.config import packaged_configs
 from semisynth_gl.textures.crop_report import REJECTIONS, TextureReport, count_crops
 from semisynth_gl.textures.image_files import printable, relative_names
 from semisynth_gl.textures.prepare import prepare_atlas, split_images
+from semisynth_gl.textures.reach import photograph_sources
 
 
 @click.command()
 @option(
     "--config",
     "config_name",
+    type=Source(),
     default="middlebury",
     metavar="NAME_OR_PATH",
     help=f"Its section textures counts: a YAML file, or a packaged config: {', '.join(packaged_configs())}.",
@@ -29,13 +31,14 @@ from semisynth_gl.textures.prepare import prepare_atlas, split_images
     metavar="dotted.key=value",
     help="Override a key of the config, for example textures.flat_share=0.1. May be repeated.",
 )
-@option("--out", type=OutputFile(".png"), default=Path("textures.png"), help="PNG to write.")
-def textures(config_name: str, images: tuple[str, ...], seed: int, settings: tuple[str, ...], out: Path) -> None:
+@output_option("--out", marked_png("semisynth-gl textures"), ".png", default="textures.png", help="PNG to write.")
+def textures(config_name: str, images: tuple[str, ...], seed: int, settings: tuple[str, ...], output: Output) -> None:
     """Draw the patches that a dataset shows, count them, and tell what was left out of the photographs and why."""
     # Imported here: no other command draws text.
     from semisynth_gl.textures.sheet import draw_texture_sheet  # noqa: PLC0415
 
     section = read_config(config_name, images, (), settings).textures
+    output.check([config_name], photograph_sources(section))
     atlas = prepare_atlas(section, seed)
     report = atlas.report
     kept = report.total("kept")
@@ -44,11 +47,11 @@ def textures(config_name: str, images: tuple[str, ...], seed: int, settings: tup
     files = {name: path for path, name in relative_names(split_images(section, seed)).items()}
     png = io.BytesIO()
     draw_texture_sheet(atlas, files, title).save(png, format="png")
-    write_output(out, png.getvalue())
+    output.write(png.getvalue())
     for line in _table(report):
         click.echo(line)
     click.echo(report.summary())
-    click.echo(f"{kept} patches in {out}")
+    click.echo(f"{kept} patches in {output.file}")
 
 
 def _table(report: TextureReport) -> list[str]:

@@ -4,27 +4,30 @@ import json
 import sys
 import time
 from dataclasses import asdict
-from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import COUNT, OutputFile, option
+from semisynth_gl.cli.options import COUNT, Source, option
+from semisynth_gl.cli.outputs import Output, json_report, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.dataset.reader import Index, read_index
 from semisynth_gl.verify.dataset import verify_dataset
 from semisynth_gl.verify.verdict import Verdict
 
+_REPORT = json_report("semisynth-gl verify", pairs=int, findings=list, measures=dict)
+
 
 @click.command()
-@click.argument("directory", metavar="DIR_OR_ADDRESS")
+@click.argument("directory", type=Source(), metavar="DIR_OR_ADDRESS")
 @option("--oracle", is_flag=True, help="Also make each scene again and compare with float64 rays.")
 @option("--pixels", type=COUNT, default=500, help="Rays per pair, with --oracle.")
-@option("--json", "json_path", type=OutputFile(), help="Also write findings and measures here.")
-def verify(directory: str, oracle: bool, pixels: int, json_path: Path | None) -> None:
+@output_option("--json", _REPORT, help="Also write findings and measures here.")
+def verify(directory: str, oracle: bool, pixels: int, output: Output) -> None:
     """Read a dataset back as a stranger would, and tell what is wrong with it.
 
     One line per finding: scene, check, what was expected and what came. Exit code 1 where there is any.
     """
+    output.check()
     index = read_index(directory)
     pairs = sum(index.pairs.values())
     start = time.monotonic()
@@ -38,8 +41,7 @@ def verify(directory: str, oracle: bool, pixels: int, json_path: Path | None) ->
             if number > 0:  # the first verdict is about the dataset, not about a pair
                 progress.advance()
     seconds = time.monotonic() - start
-    if json_path is not None:
-        json_path.write_text(json.dumps(_report(index, verdicts), indent=1) + "\n", encoding="utf-8")
+    output.write(f"{json.dumps(_report(index, verdicts), indent=1)}\n".encode())
     findings = sum(len(verdict.findings) for verdict in verdicts)
     if findings:
         faulty_pairs = sum(1 for verdict in verdicts[1:] if verdict.findings)

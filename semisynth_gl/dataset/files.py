@@ -1,12 +1,11 @@
 """A dataset's files as a run writes them: the plan first, shards in any order, the index last."""
 
-import shutil
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from itertools import islice
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
 from pydantic import ValidationError
@@ -14,19 +13,23 @@ from pydantic import ValidationError
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.locks import lock, open_locked
-from semisynth_gl.dataset.places import Place
+from semisynth_gl.dataset.places import Place, files_below
 from semisynth_gl.dataset.plan import Plan, Shard, abbreviate, differences
 from semisynth_gl.dataset.schema import (
     CARD,
     CROISSANT,
     INDEX,
+    JOURNAL_SUFFIX,
     LOCK,
     PARTIAL,
     PLAN,
     PROGRAM,
-    RECORDS,
+    REPLACED,
+    UNLOCKED,
+    is_unfinished_file,
     record_path,
     tar_path,
+    unfinished_path,
 )
 from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.layouts import layout_names
@@ -41,11 +44,12 @@ class DatasetFiles:
     Args:
         place: the dataset's root.
         plan: the dataset's plan.
-        overwrite: replace an earlier dataset of this program. Other people's files are never deleted.
+        overwrite: replace an earlier dataset of this program; an unfinished one of the same plan is resumed. Other
+            people's files are never deleted.
 
     Attributes:
+        begun: whether there is a dataset already.
         complete: whether the dataset is complete already.
-        replaces: whether `open` will delete an earlier dataset.
 
     Raises:
         InputError: where the place is a file, holds other people's files, or holds a dataset of another plan; the
@@ -60,10 +64,9 @@ class DatasetFiles:
         if place.local is not None and place.local.exists() and not place.local.is_dir():
             raise InputError(f"{place.address}: expected a folder to write to, but it is a file")
         self._beginning = read_beginning(place)
-        self._obsolete: list[str] = []
         if self._beginning is None:
             # Another run may have begun the dataset since the line above: `open` resumes it.
-            names = _top_names(place)
+            names = _foreign_names(place)
             if names and read_beginning(place) is None:
                 advice = "--overwrite replaces only what this program wrote. " if overwrite else ""
                 raise InputError(
@@ -71,11 +74,27 @@ class DatasetFiles:
                     f"this program. {advice}Choose another with --out"
                 )
         elif overwrite:
-            self._obsolete = self._deletable_names(self._beginning)
+            self._own_files(self._beginning)
         else:
             self._check_same(self._beginning)
-        self.replaces = bool(self._obsolete)
-        self.complete = not overwrite and place.size(INDEX) is not None and not self.missing(plan.shards, quick=True)
+        self.begun = self._beginning is not None
+        self.complete = (
+            not overwrite
+            and place.size(INDEX) is not None
+            and not (_read_json(place, PLAN) or {}).get(REPLACED)
+            and not self.missing(plan.shards, quick=True)
+        )
+
+    def replaces(self, sources: Mapping[SplitName, Mapping[str, str]]) -> bool:
+        """Return whether `open` will delete an earlier dataset.
+
+        Args:
+            sources: digests of patches and models, by split.
+        """
+        if not self._overwrite or self._beginning is None:
+            return False
+        # What a run with --overwrite began before it was killed is no earlier dataset: it goes on there.
+        return self._place.size(INDEX) is not None or _read_json(self._place, PLAN) != self._values(sources)
 
     def open(self, sources: Mapping[SplitName, Mapping[str, str]]) -> None:
         """Begin the dataset, or resume it.
@@ -87,13 +106,14 @@ class DatasetFiles:
             InputError: where the place cannot be written to, the dataset was begun with other sources, or another run
                 writes to a dataset that is to be replaced.
         """
-        values = self._plan.values() | {"sources": {split: dict(digests) for split, digests in sources.items()}}
-        place = self._place
+        values, place, replaces = self._values(sources), self._place, self.replaces(sources)
         try:
-            self._take_lock()
-            if not self.replaces:
-                self._beginning = read_beginning(place)
-            if self._beginning is not None and not self.replaces:
+            self._take_lock(alone=replaces)
+            self._beginning = read_beginning(place)
+            if replaces and self._beginning is not None:
+                self._remove(self._beginning)
+                self._beginning = None
+            elif self._beginning is not None:
                 self._check_same(self._beginning)
                 changed = differences(self._beginning.get("sources", {}), values["sources"])
                 if changed:
@@ -104,14 +124,12 @@ class DatasetFiles:
             # The index goes first: from here on the folder does not claim to be finished.
             if place.size(INDEX) is not None:
                 place.remove(INDEX)
-            for name in self._obsolete:
-                place.remove(name)
             if self._beginning is None or self._beginning != values:
                 place.write(PLAN, JSON_OBJECT.encode(values))
             if self._lock is not None:
                 lock(self._lock.fileno(), shared=True)
         except BlockingIOError:
-            other_run = "writes to" if self.replaces else "is replacing"
+            other_run = "writes to" if replaces else "is replacing"
             raise InputError(
                 f"{place.address}: another run {other_run} this dataset: wait for its end, or stop it"
             ) from None
@@ -161,17 +179,21 @@ class DatasetFiles:
         for path, data in files.items():
             self._place.write(path, data)
         self._place.write(INDEX, JSON_OBJECT.encode(index))
-        if local is not None and self._is_alone():
-            shutil.rmtree(local / PARTIAL, ignore_errors=True)
+        if self._is_alone():
+            self._remove_unfinished()
 
     def close(self) -> None:
         """Unlock the dataset, and remove a folder that this run created and that holds no pair."""
         local = self._place.local
         if self._created and local is not None and self._is_alone():
             with suppress(OSError):
-                journals = (local / PARTIAL).glob("*.jsonl")
-                if self._place.names(RECORDS) in ([], [PLAN]) and not any(file.stat().st_size for file in journals):
-                    shutil.rmtree(local, ignore_errors=True)
+                names = self._place.names()
+                begun = any(self._place.size(name) for name in names if name.endswith(JOURNAL_SUFFIX))
+                if not begun and all(name == PLAN or is_unfinished_file(name) for name in names):
+                    self._remove_unfinished()
+                    self._place.remove(PLAN)
+                    self._remove_folders(self._plan)
+                    local.rmdir()
         if self._lock is not None:
             self._lock.close()
             self._lock = None
@@ -197,18 +219,60 @@ class DatasetFiles:
                 "to go on with it, choose another folder with --out, or give --overwrite to replace it"
             )
 
-    def _deletable_names(self, beginning: Mapping[str, Any]) -> list[str]:
-        """Return the names of an earlier dataset's files and folders; raise InputError where files of others remain."""
-        files, own = self._place.names(), _own_names(beginning)
-        foreign = [name for name in files if name not in own and not name.startswith(f"{PARTIAL}/")]
+    def _values(self, sources: Mapping[SplitName, Mapping[str, str]]) -> dict[str, Any]:
+        """Return the plan and what it is made from, in JSON's types."""
+        return self._plan.values() | {"sources": {split: dict(digests) for split, digests in sources.items()}}
+
+    def _own_files(self, beginning: Mapping[str, Any]) -> list[str]:
+        """Return the names of an earlier dataset's files; raise InputError where files of others are among them."""
+        files, own = self._place.names(), _own_names(plan_from_values(beginning))
+        foreign = [name for name in files if name not in own and not is_unfinished_file(name)]
         if foreign:
             raise InputError(
                 f"{self._place.address}: --overwrite replaces only what this program wrote, but the folder holds "
                 f"{abbreviate(foreign, 3)}. Choose another folder with --out, or remove these yourself"
             )
-        return files if self._place.local is None else _top_names(self._place)
+        return files
 
-    def _take_lock(self) -> None:
+    def _remove(self, beginning: Mapping[str, Any]) -> None:
+        """Remove an earlier dataset but for its plan: a run that is ended in between leaves what --overwrite knows.
+
+        The plan says so first. Else an equal plan would find what is left, and take it for its own work.
+        """
+        place, plan, names = self._place, plan_from_values(beginning), self._own_files(beginning)
+        marked = plan.values() | {key: beginning[key] for key in ("version", "sources") if key in beginning}
+        place.write(PLAN, JSON_OBJECT.encode(marked | {REPLACED: True}))
+        for name in (INDEX, *names):
+            if name not in (PLAN, LOCK):
+                place.remove(name)
+        # Of all files that there may have been: an earlier run may have removed them, and not their folders.
+        self._remove_folders(plan)
+        if place.local is not None:
+            self._remove_partial_folders(place.local)
+
+    def _remove_folders(self, plan: Plan) -> None:
+        """Remove the folders of a dataset's files in which nothing is left."""
+        folders = {str(PurePosixPath(name).parent) for name in _own_names(plan)}
+        folders.update(f"{plan.folder(split)}{path}" for split in plan.splits for path in plan.layout.folders())
+        self._place.remove_empty(folders)
+
+    def _remove_unfinished(self) -> None:
+        """Remove the unfinished files that this program left, the lock last; files of others stay."""
+        local = self._place.local
+        if local is None:
+            return
+        with suppress(OSError):
+            for name in filter(is_unfinished_file, self._place.names(PARTIAL)):
+                if name != LOCK:
+                    self._place.remove(name)
+            self._place.remove(LOCK)
+            self._remove_partial_folders(local)
+
+    def _remove_partial_folders(self, local: Path) -> None:
+        unlocked = (path.name for path in (local / PARTIAL).glob(f"{UNLOCKED}*"))
+        self._place.remove_empty([PARTIAL, *(f"{PARTIAL}/{name}" for name in unlocked)])
+
+    def _take_lock(self, *, alone: bool) -> None:
         """Lock the dataset: exclusively where this run begins or replaces it, else beside other runs.
 
         Of two runs that begin a dataset at once, one waits until the other has written the plan.
@@ -217,15 +281,8 @@ class DatasetFiles:
         if place.local is None:
             return
         self._lock = open_locked(
-            place.local / LOCK,
-            lambda: not self.replaces and read_beginning(place) is not None,
-            patient=not self.replaces,
+            place.local / LOCK, lambda: not alone and read_beginning(place) is not None, patient=not alone
         )
-        if self.replaces:
-            # Unfinished files belong to the dataset that is replaced.
-            for path in sorted((place.local / PARTIAL).iterdir()):
-                if path != place.local / LOCK:
-                    place.remove(f"{PARTIAL}/{path.name}")
 
     def _is_alone(self) -> bool:
         """Return whether it is known that no other run works on the dataset; if so, no other run will until `close`."""
@@ -272,10 +329,9 @@ def plan_from_values(values: Mapping[str, Any]) -> Plan:
         raise InputError(f"the dataset's plan is not this version's: {str(error).splitlines()[0]}") from None
 
 
-def _own_names(values: Mapping[str, Any]) -> set[str]:
+def _own_names(plan: Plan) -> set[str]:
     """Return the names of all files that a dataset may have."""
     own = {INDEX, CARD, CROISSANT, PLAN}
-    plan = plan_from_values(values)
     layout = plan.layout
     for split in plan.splits:
         folder, keys = plan.folder(split), plan.keys(split)
@@ -294,10 +350,22 @@ def _read_json(place: Place, name: str) -> dict[str, Any] | None:
     return None
 
 
-def _top_names(place: Place) -> list[str]:
-    """Return the names of the files and folders at the top of a place, without the folder of unfinished files."""
+def _foreign_names(place: Place) -> list[str]:
+    """Return the names in a place that has no plan, without those that a run leaves that is killed before its plan."""
     if place.local is None:
-        names = {name.partition("/")[0] for name in place.names()}
-    else:
-        names = {path.name for path in place.local.iterdir()} if place.local.is_dir() else set()
-    return sorted(names - {PARTIAL})
+        return sorted({name.partition("/")[0] for name in place.names()})
+    root = place.local
+    if not root.is_dir():
+        return []
+    plan = unfinished_path(PLAN, 0).removesuffix("0")
+    foreign = []
+    for top in sorted(root.iterdir()):
+        if top.is_symlink() or not top.is_dir():
+            foreign.append(top.name)
+        elif top.name == PARTIAL:
+            names = place.names(PARTIAL)
+            ours = (name for name in names if (name == LOCK and not place.size(name)) or name.startswith(plan))
+            foreign += sorted(set(names) - {name for name in ours if is_unfinished_file(name)})
+        elif next(files_below(top), None) is not None:
+            foreign.append(top.name)
+    return foreign

@@ -4,19 +4,20 @@ In both, a file appears when it is complete. Names are paths below the place, wi
 """
 
 import os
-import shutil
+import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from itertools import count
 from pathlib import Path
 from typing import BinaryIO, Self, cast
 
-from semisynth_gl.dataset.schema import PARTIAL
+from semisynth_gl.dataset.schema import PARTIAL, unfinished_path
 from semisynth_gl.errors import InputError
 
-_WITH_BUCKETS = frozenset({"s3", "gs", "gcs", "abfs", "az", "adl", "oci", "oss"})
+_WITH_BUCKETS = frozenset({"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oci", "oss"})
+_ONE_SLASH = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/(?!/)")
 
 
 class Place(ABC):
@@ -65,7 +66,11 @@ class Place(ABC):
 
     @abstractmethod
     def remove(self, name: str) -> None:
-        """Remove a file, or a folder of this machine; nothing happens where it is missing."""
+        """Remove a file; nothing happens where it is missing."""
+
+    @abstractmethod
+    def remove_empty(self, folders: Iterable[str]) -> None:
+        """Remove those of the folders, and of the folders above them, in which nothing is left."""
 
     def path(self, name: str) -> Path:
         """Return a file's path, for messages and where the place is local."""
@@ -102,12 +107,7 @@ class Folder(Place):
 
     def names(self, folder: str = "") -> list[str]:
         """Return the names of all files below a folder; links count as files, and are not followed."""
-        paths = [
-            Path(parent) / name
-            for parent, folders, files in os.walk(self.local / folder)
-            for name in (*files, *(name for name in folders if (Path(parent) / name).is_symlink()))
-        ]
-        return sorted(path.relative_to(self.local).as_posix() for path in paths)
+        return sorted(path.relative_to(self.local).as_posix() for path in files_below(self.local / folder))
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file under another name, and rename it."""
@@ -132,21 +132,24 @@ class Folder(Place):
         sync(self.path(name).parent)
 
     def remove(self, name: str) -> None:
-        """Remove a file, or a folder with all its files."""
-        path = self.local / name
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path)
-        else:
-            path.unlink(missing_ok=True)
+        """Remove a file or a link; never a folder, which may hold what others put there."""
+        with suppress(NotADirectoryError):
+            (self.local / name).unlink(missing_ok=True)
+
+    def remove_empty(self, folders: Iterable[str]) -> None:
+        """Remove empty folders, the deepest first."""
+        paths = {path for folder in folders for path in (Path(folder), *Path(folder).parents)} - {Path()}
+        for path in sorted(paths, key=lambda path: len(path.parts), reverse=True):
+            with suppress(OSError):
+                (self.local / path).rmdir()
 
     def _create(self, name: str) -> BinaryIO:
         """Create an unfinished file under a name that no other run has taken."""
-        folder = self.local / PARTIAL
-        folder.mkdir(parents=True, exist_ok=True)
+        (self.local / PARTIAL).mkdir(parents=True, exist_ok=True)
         numbers = count()
         while True:
             with suppress(FileExistsError):
-                return (folder / f"{name.replace('/', '-')}.{next(numbers)}").open("xb")
+                return (self.local / unfinished_path(name, next(numbers))).open("xb")
 
     def _rename(self, file: Path, name: str) -> None:
         destination = self.local / name
@@ -161,12 +164,16 @@ class Remote(Place):
         address: the address with its protocol.
 
     Raises:
-        InputError: where fsspec or the protocol's package is not installed, or the protocol is unknown.
+        InputError: where fsspec or the protocol's package is not installed, the protocol is unknown, or the address of
+            an object store has no bucket.
     """
 
     local: None = None
 
     def __init__(self, address: str) -> None:
+        protocol, _, path = address.partition("://")
+        if protocol.rpartition("::")[2] in _WITH_BUCKETS and not path.partition("/")[0]:
+            raise InputError(f"{address}: expected an address with a bucket, such as {protocol}://bucket/name")
         self.address = address.rstrip("/")
         try:
             # Without a cache of listings, files of other processes show at once.
@@ -228,6 +235,9 @@ class Remote(Place):
         with self._clear_errors(), suppress(FileNotFoundError):
             self._system.rm_file(self._at(name))
 
+    def remove_empty(self, folders: Iterable[str]) -> None:
+        """Do nothing: stores have no folders."""
+
     def path(self, name: str) -> Path:
         """Return a file's address, which looks like a path."""
         return Path(f"{self.address.partition('://')[2]}/{name}")
@@ -250,6 +260,9 @@ class Remote(Place):
             if isinstance(error, FileNotFoundError) and not writing:
                 raise
             raise InputError(f"{self.address}: {error}; check address, rights and connection") from None
+        except NotImplementedError:
+            # Such as http://, which fsspec only reads.
+            raise InputError(f"{self.address}: fsspec cannot write to such an address; choose another") from None
         except Exception as error:
             # botocore's NoCredentialsError and its like are no OSErrors, and their packages may be absent.
             kind = type(error).__name__
@@ -262,15 +275,34 @@ class Remote(Place):
 
 
 def open_place(address: str | os.PathLike[str]) -> Place:
-    """Return the place of an address: a path, or ``protocol://...`` for fsspec.
+    """Return the place of an address: a path, in which ``~`` is the home folder, or ``protocol://...`` for fsspec.
 
     Raises:
-        InputError: where the protocol's package is not installed.
+        InputError: where the address is empty or lacks its bucket, or the protocol's package is not installed.
     """
     text = os.fspath(address)
     if "://" in text and not text.startswith("file://"):
         return Remote(text)
-    return Folder(Path(text.removeprefix("file://")))
+    path = text.removeprefix("file://")
+    if not path.strip():
+        raise InputError(f"expected a folder or an address such as s3://bucket/name, got {text!r}")
+    protocol = path.partition("/")[0]
+    if _ONE_SLASH.match(path) and not Path(protocol).exists():
+        raise InputError(
+            f"{text}: expected a folder or an address such as {protocol}//bucket/name, got one slash behind the colon; "
+            f"for a folder of this name give ./{text}"
+        )
+    try:
+        return Folder(Path(path).expanduser())
+    except RuntimeError:
+        raise InputError(f"{text}: there is no user {Path(path).parts[0][1:]!r}, whose home folder it names") from None
+
+
+def files_below(folder: Path) -> Iterator[Path]:
+    """Yield all files below a folder; links count as files, and are not followed."""
+    for parent, folders, files in os.walk(folder):
+        yield from (Path(parent) / name for name in files)
+        yield from (path for name in folders if (path := Path(parent) / name).is_symlink())
 
 
 def sync(path: Path) -> None:

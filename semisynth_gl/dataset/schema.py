@@ -1,6 +1,8 @@
 """Every name that a dataset has on disk, beside those of its layout."""
 
-from semisynth_gl.splits import SplitName
+import re
+
+from semisynth_gl.splits import SPLITS, SplitName
 
 PROGRAM = "semisynth-gl"
 """Value of the key ``program`` in index and plan."""
@@ -15,9 +17,19 @@ RECORDS = "shards"
 PLAN = f"{RECORDS}/plan.json"
 """What the dataset was begun as: the first file that is written, and the mark of an unfinished dataset."""
 
+REPLACED = "replaced"
+"""Key of a plan whose dataset is being removed to make room for another one."""
+
 PARTIAL = ".partial"
 """Folder of unfinished files; it goes with the last run."""
 LOCK = f"{PARTIAL}/lock"
+JOURNAL_SUFFIX = ".jsonl"
+
+UNLOCKED = f"{PROGRAM}-"
+"""Prefix of the folders, in that of unfinished files, of runs that could not lock their shard."""
+
+_OF_A_SHARD = rf"semisynth-[^/]+-({'|'.join(SPLITS)})-\d{{6,}}({re.escape(JOURNAL_SUFFIX)}|\.tar|\.\d+)"
+_UNFINISHED = re.compile(rf"{PARTIAL}/(lock|{PROGRAM}\.[^/]+\.\d+|({UNLOCKED}[^/]+/)?{_OF_A_SHARD})")
 
 
 def shard_name(config: str, split: SplitName, number: int) -> str:
@@ -37,4 +49,14 @@ def tar_path(shard: str) -> str:
 
 def journal_name(shard: str) -> str:
     """Return the name, in the folder of unfinished files, of the list of a shard's pairs so far."""
-    return f"{shard}.jsonl"
+    return f"{shard}{JOURNAL_SUFFIX}"
+
+
+def unfinished_path(name: str, number: int) -> str:
+    """Return a path under which a file is written before it is renamed; ``number`` tells those of runs apart."""
+    return f"{PARTIAL}/{PROGRAM}.{name.replace('/', '-')}.{number}"
+
+
+def is_unfinished_file(path: str) -> bool:
+    """Return whether a path is one that this program gives to unfinished files; others in the folder are not ours."""
+    return _UNFINISHED.fullmatch(path) is not None

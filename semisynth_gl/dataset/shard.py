@@ -19,7 +19,7 @@ from semisynth_gl.dataset.files import complete_record
 from semisynth_gl.dataset.locks import lock, open_locked
 from semisynth_gl.dataset.places import Place, sync
 from semisynth_gl.dataset.plan import Shard
-from semisynth_gl.dataset.schema import PARTIAL, PROGRAM, journal_name, record_path, tar_path
+from semisynth_gl.dataset.schema import PARTIAL, UNLOCKED, journal_name, record_path, tar_path
 
 _ONLY_IN_JOURNAL = frozenset({"end", "crc32", "renderer", "seconds"})
 
@@ -132,7 +132,7 @@ class ShardWriter:
                 return partial, journal
         # A store shows complete files only, and without locks another run may be making the shard: unfinished files
         # stay apart, and end with this run.
-        temporary = tempfile.TemporaryDirectory(prefix=f"{PROGRAM}-", dir=partial)
+        temporary = tempfile.TemporaryDirectory(prefix=UNLOCKED, dir=partial)
         work = Path(self._resources.enter_context(temporary))
         return work, self._resources.enter_context((work / name).open("a+b"))
 

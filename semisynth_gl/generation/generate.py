@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 from semisynth_gl.arguments import check_type, to_whole
 from semisynth_gl.config import Config
+from semisynth_gl.dataset.apart import check_apart
 from semisynth_gl.dataset.card import encode_card
 from semisynth_gl.dataset.croissant import encode_croissant
 from semisynth_gl.dataset.files import DatasetFiles, complete_record, read_beginning
@@ -82,7 +83,7 @@ def generate(
         gpus: CUDA's numbers of the GPUs that workers take turns on; none for the first device of EGL.
         shard_pairs: pairs in a shard; by default as in the unfinished dataset in ``out``, else about 1 GB of them.
         shards: numbers of the only shards to make; the dataset is complete once all shards were made, by any runs.
-        overwrite: replace an earlier dataset of this program.
+        overwrite: replace an earlier dataset of this program; an unfinished one of the same plan is resumed.
         listener: hears messages, the number of pairs to make and each pair, and may ask to stop.
 
     Raises:
@@ -100,16 +101,19 @@ def generate(
     layout = layout or earlier.get("layout") or ("middlebury" if sum(counts.values()) < _MANY_PAIRS else "webdataset")
     plan = make_plan(config, seed, layout, counts, earlier.get("shard_pairs") if shard_pairs is None else shard_pairs)
     chosen = _chosen(plan.shards, shards)
+    check_apart(place, plan)
     files = DatasetFiles(place, plan, overwrite=overwrite)
     if files.complete:
         return GenerationResult(place, plan, 0)
     sources = {split: prepare_sources(plan.config, seed, plan.split(split)) for split in plan.splits}
     digests = {split: split_sources.digests() for split, split_sources in sources.items()}
     job = ShardJob(plan, place, backend, digests, tuple(gpus))
-    if files.replaces:
+    if files.replaces(digests):
         # The driver or the checks may refuse the first pair: the earlier dataset stays then.
         with job.open_renderer(chosen[0].split) as renderer:
             renderer.render(chosen[0].first)
+    elif files.begun and overwrite:
+        listener.on_message(f"{place.address}: going on with what the same command began before it was ended")
     try:
         files.open(digests)
         missing = files.missing(chosen)

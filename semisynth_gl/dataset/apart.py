@@ -1,0 +1,48 @@
+"""A dataset and what it is made from lie apart: else its own files become photographs or models of the next run."""
+
+import os
+from pathlib import Path
+
+from semisynth_gl.dataset.places import Place
+from semisynth_gl.dataset.plan import Plan
+from semisynth_gl.errors import InputError
+from semisynth_gl.textures.image_files import find_files
+from semisynth_gl.textures.images import image_extensions
+from semisynth_gl.textures.reach import photograph_sources, reaching_source
+
+
+def check_apart(place: Place, plan: Plan) -> None:
+    """Refuse a dataset's folder that lies where its photographs or models are sought, or that holds some of them.
+
+    Args:
+        place: the dataset's root.
+        plan: the dataset's plan.
+
+    Raises:
+        InputError: with both paths.
+    """
+    if place.local is None:
+        return
+    config, folder, real = plan.config, place.local, Path(os.path.realpath(place.local))
+    advice = "Choose a folder apart from it with --out"
+    sources, extensions = photograph_sources(config.textures), image_extensions()
+    if sources:
+        # Besides any file, since the next dataset in this folder may have other names.
+        paths = [name for split in plan.splits for name in plan.files(split, 0).values()]
+        source = reaching_source(folder / "file", sources)
+        files = (reaching_source(folder / name, sources, extensions) for name in paths)
+        source = source or next(filter(None, files), None)
+        if source is not None:
+            raise InputError(
+                f"{place.address}: lies where photographs are sought ({source}): images of the dataset would become "
+                f"photographs. {advice}"
+            )
+        if folder.is_dir():
+            for path in find_files(sources, extensions):
+                if Path(os.path.realpath(path)).is_relative_to(real):
+                    raise InputError(f"{place.address}: the photograph {path} lies in this folder. {advice}")
+    for models in config.models.folders:
+        real_models = Path(os.path.realpath(Path(models).expanduser()))
+        if real.is_relative_to(real_models) or real_models.is_relative_to(real):
+            inside = "lies in" if real.is_relative_to(real_models) else "holds"
+            raise InputError(f"{place.address}: {inside} {models}, where models are sought. {advice}")

@@ -1,0 +1,78 @@
+"""Whether a file that is still to be written would be found as a photograph later."""
+
+import glob
+import os
+from collections.abc import Collection, Iterator, Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from semisynth_gl.config.model import TexturesSection
+
+
+def photograph_sources(section: TexturesSection) -> tuple[str, ...]:
+    """Return the files, folders and globs that a config takes photographs of the user's from."""
+    return section.images if section.source == "images" else ()
+
+
+def reaching_source(path: Path, sources: Sequence[str], extensions: Collection[str] | None = None) -> str | None:
+    """Return the source by which `find_files` would find a file, or None.
+
+    Args:
+        path: the file; neither it nor its folder need exist. Links on the way to it are followed.
+        sources: files, folders and globs, as `find_files` takes them.
+        extensions: extensions of files in folders and globs, in lower case and with the dot; None for any.
+    """
+    real = Path(os.path.realpath(path))
+    fits = extensions is None or real.suffix.lower() in extensions
+    return next((source for source in sources if _reaches(str(Path(source).expanduser()), real, fits=fits)), None)
+
+
+def _reaches(source: str, path: Path, *, fits: bool) -> bool:
+    if os.path.isfile(source):  # noqa: PTH113 - strings, as in `find_files`
+        return Path(os.path.realpath(source)) == path
+    if not fits:
+        return False
+    if os.path.isdir(source):  # noqa: PTH112
+        return _folder_reaches(source, path)
+    # A link that a pattern matches may lead to the folder that the path is in.
+    matches = [] if "**" in source else glob.glob(source)  # noqa: PTH207 - Path.glob takes no absolute pattern
+    return _glob_reaches(source, path) or any(_folder_reaches(match, path) for match in matches if os.path.isdir(match))  # noqa: PTH112
+
+
+def _folder_reaches(folder: str, path: Path) -> bool:
+    """Return whether a search below a folder, which follows links, comes to a path."""
+    if path.is_relative_to(os.path.realpath(folder)):
+        return True
+    existing = next(above for above in path.parents if above.is_dir())
+    return str(existing) in _real_folders(folder)
+
+
+def _real_folders(top: str) -> Iterator[str]:
+    entered = set()
+    for folder, below, _ in os.walk(top, followlinks=True):
+        real = os.path.realpath(folder)
+        if real in entered:  # through a link
+            below.clear()
+            continue
+        entered.add(real)
+        yield real
+
+
+def _glob_reaches(pattern: str, path: Path) -> bool:
+    parts = (Path.cwd() / pattern).parts
+    plain = next((number for number, part in enumerate(parts) if glob.has_magic(part)), len(parts))
+    start = os.path.realpath(Path(*parts[:plain]))
+    return path.is_relative_to(start) and _matches(parts[plain:], path.relative_to(start).parts)
+
+
+def _matches(pattern: Sequence[str], path: Sequence[str]) -> bool:
+    """Return whether a pattern matches a path, or a folder on the way to it, which is searched then."""
+    if not pattern:
+        return True
+    if not path:
+        return all(part == "**" for part in pattern)
+    first, rest = pattern[0], pattern[1:]
+    hidden = path[0].startswith(".")
+    if first == "**":
+        return _matches(rest, path) or (not hidden and _matches(pattern, path[1:]))
+    return hidden <= first.startswith(".") and fnmatchcase(path[0], first) and _matches(rest, path[1:])
