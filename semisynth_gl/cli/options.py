@@ -28,7 +28,8 @@ class UserPath(click.Path):
 
     def convert(self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """Return the path."""
-        return _at_home(_named(os.fsdecode(super().convert(value, param, ctx)), param), param)
+        named = _named(os.fsdecode(value), param)
+        return _at_home(os.fsdecode(super().convert(named, param, ctx)), param)
 
 
 class Source(click.types.StringParamType):

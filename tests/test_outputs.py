@@ -1,0 +1,381 @@
+"""Options that write a file: nothing is replaced that the same command did not write, and no name means nothing."""
+
+import json
+import os
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from backends import backend_fault
+from PIL import Image
+from tiny_datasets import cheap
+
+from semisynth_gl.cli import main
+from semisynth_gl.cli.outputs import Output, json_report, marked_html, marked_png
+from semisynth_gl.codecs.pfm import PFM
+from semisynth_gl.codecs.png import RGB8
+from semisynth_gl.dataset.apart import check_apart
+from semisynth_gl.dataset.places import open_place
+from semisynth_gl.dataset.plan import make_plan
+from semisynth_gl.errors import InputError
+from semisynth_gl.generation.generate import generate
+from semisynth_gl.textures.image_files import find_files
+from semisynth_gl.textures.reach import reaching_source
+
+PLAIN = "--focal-px 700 --baseline-m 0.12 --size 64x48 --range-px 1 8 --other-camera"
+SMALL = "--set camera.width_px=64 --set camera.height_px=48 --set models.variants=1 --set models.complex=0"
+# Each option that writes a file, behind the command that has it.
+COMMANDS = {
+    "verify set --json": ".json",
+    "evaluate --pred pred --gt gt --json": ".json",
+    f"preview --config sceneflow --images photos --pairs 1 {SMALL} --out": ".png",
+    f"textures --images photos {SMALL.partition(' --set models')[0]} --out": ".png",
+    "report set --pairs 1 --out": ".html",
+    f"calibrate --images photos {PLAIN} --out": ".yaml",
+    "bench accuracy --config eth3d --json": ".json",
+    "bench speed --config eth3d --json": ".json",
+}
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory):
+    """A folder with photographs, a dataset, predictions and their truth."""
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    folder = tmp_path_factory.mktemp("home")
+    noise = np.random.default_rng(0).integers(0, 256, (2, 300, 300, 3), dtype=np.uint8)
+    (folder / "photos").mkdir()
+    for number, pixels in enumerate(noise):
+        Image.fromarray(pixels).save(folder / f"photos/{number}.png")
+    generate(cheap(textures={"source": "procedural", "max_patches": 16}), folder / "set", 2, 0, layout="middlebury")
+    for path in ("pred/a.pfm", "gt/a/disp0GT.pfm"):
+        (folder / path).parent.mkdir(parents=True)
+        (folder / path).write_bytes(PFM.encode(np.full((20, 30), 3, np.float32)))
+    return folder
+
+
+@pytest.fixture
+def call(monkeypatch, capsys, home):
+    def caller(command, *arguments, cwd=home):
+        monkeypatch.chdir(cwd)
+        monkeypatch.setattr(sys, "argv", ["semisynth-gl", *command.split(), *map(str, arguments)])
+        for benchmark in ("accuracy", "speed"):
+            report = {"config": "eth3d", "machine": {}}
+            monkeypatch.setattr(f"semisynth_gl.bench.{benchmark}.measure", lambda *_, report=report: dict(report))
+            monkeypatch.setattr(f"semisynth_gl.bench.{benchmark}.headline", lambda _: "")
+            monkeypatch.setattr(f"semisynth_gl.bench.{benchmark}.table", lambda _: "")
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as stopped:
+            main()
+        return stopped.value.code, *capsys.readouterr()
+
+    return caller
+
+
+def files(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def refused(done, *words):
+    code, out, err = done
+    assert (code, out) == (2, ""), err
+    assert "Traceback" not in err
+    for word in words:
+        assert str(word) in err
+    return True
+
+
+OTHERS = {
+    ".json": [b"", b"{}", b'{"my": 1}', b"[1]", b'{"pairs": 1}', b"[" * 100_000, b"\xff\xfe", b"no json"],
+    ".png": [b"", b"no picture", RGB8.encode(np.zeros((4, 4, 3), np.uint8))],
+    ".html": [b"", b"<html><head><title>mine</title></head></html>"],
+    ".yaml": [b"", b"extends: middlebury\n"],
+}
+
+
+def test_every_option_that_writes_a_file_is_in_the_table():
+    """Options with the text of a file to write, found through click."""
+    from semisynth_gl.cli import semisynth_gl
+
+    found = []
+
+    def search(command, name):
+        if hasattr(command, "list_commands"):
+            for each in command.list_commands(None):
+                search(command.get_command(None, each), f"{name} {each}".strip())
+        elif any(option.name == "overwrite" for option in command.params):
+            found.extend((name, option.opts[0]) for option in command.params if option.name == "output_path")
+        else:
+            words = " ".join(str(option.help) for option in command.params if hasattr(option, "help"))
+            assert "write" not in words, name
+
+    search(semisynth_gl, "")
+    mine = {(" ".join(word for word in key.split()[:2] if word in ("bench", "accuracy", "speed")) or key.split()[0],
+             key.split()[-1]) for key in COMMANDS}  # fmt: skip
+    assert set(found) == mine
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_only_its_own_kind_is_replaced_and_anything_where_it_is_forced(call, home, tmp_path, command):
+    ending = COMMANDS[command]
+    option, path = command.split()[-1], tmp_path / f"x{ending}"
+    dataset = next((home / "set").rglob("index.json")), home / f"set/new{ending}"
+    photograph = home / "photos/0.png"
+    for data in OTHERS[ending]:
+        path.write_bytes(data)
+        assert refused(call(command, path), option, path, "is there already", "--overwrite")
+        assert path.read_bytes() == data
+    before = files(home)
+    link = tmp_path / f"link{ending}"
+    for target in (*dataset, photograph):
+        link.unlink(missing_ok=True)
+        link.symlink_to(target)
+        for force in ((), ("--overwrite",)):
+            if target == photograph and (force and command.startswith(("verify", "evaluate", "report", "bench"))):
+                continue  # no input of theirs
+            assert refused(call(command, link, *force), option, link)
+    assert files(home) == before
+    assert refused(call(command, tmp_path / f"no/x{ending}"), "does not exist")
+    (tmp_path / f"folder{ending}").mkdir()
+    assert refused(call(command, tmp_path / f"folder{ending}", "--overwrite"), "is a folder")
+    assert refused(call(command, ""), option, "expected a name")
+    assert call(command, path, "--overwrite")[0] == 0
+    written = path.read_bytes()
+    assert written != data
+    if ending == ".yaml":
+        assert refused(call(command, path), "is there already")
+    else:
+        assert call(command, path)[0] == 0
+    # What another command wrote is another kind.
+    for other, its in COMMANDS.items():
+        if its == ending and other != command:
+            path.write_bytes(written)
+            assert refused(call(other, path), "is there already")
+
+
+def test_inputs_are_kept_whatever_is_forced(call, home, tmp_path):
+    for name in ("photos", "pred", "gt"):
+        shutil.copytree(home / name, tmp_path / name)
+    shutil.copy(home / "photos/0.png", tmp_path / "photos/a.png")
+    (tmp_path / "rig.yaml").write_text("extends: sceneflow\n")
+    before = files(tmp_path)
+    bench = "bench accuracy --config rig.yaml --json"
+    for command, name in (
+        (bench, "rig.yaml"),
+        (f"preview --config sceneflow --images photos {SMALL} --out", "photos/0.png"),
+        (f"preview --config sceneflow --images photos {SMALL} --out", "photos/new.png"),
+        (f"preview --config sceneflow --images *.png --images photos/0.png {SMALL} --out", "preview.png"),
+        ("textures --images photos/*.png --out", "photos/1.png"),
+        ("textures --images **/*.png --out", "sub.png"),
+        ("evaluate --pred pred --gt gt --json", "pred/a.pfm"),
+        ("evaluate --pred pred --gt gt --json", "gt/a/disp0GT.pfm"),
+        (f"calibrate --images photos {PLAIN} --disparity gt --out", "rig.yaml"),
+    ):
+        force = () if name == "rig.yaml" and command.startswith("calibrate") else ("--overwrite",)
+        assert refused(call(command, name, *force, cwd=tmp_path), name)
+        assert files(tmp_path) == before
+    assert refused(call("evaluate --pred pred --gt gt --maps photos", cwd=tmp_path), "photos/a.png", "--overwrite")
+    assert files(tmp_path) == before
+    for _ in range(2):
+        assert call("evaluate --pred pred --gt gt --maps maps", cwd=tmp_path)[0] == 0
+    assert call("evaluate --pred pred --gt gt --maps photos --overwrite", cwd=tmp_path)[0] == 0
+    assert {path.name for path, data in files(tmp_path).items() if before.get(path, data) != data} == {"a.png"}
+
+
+def test_marks_leave_pictures_and_pages_readable(tmp_path):
+    pixels = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
+    kind = marked_png("semisynth-gl preview")
+    Output("--out", kind, tmp_path / "a.png", overwrite=False).write(RGB8.encode(pixels))
+    with Image.open(tmp_path / "a.png") as image:
+        image.verify()
+    with Image.open(tmp_path / "a.png") as image:
+        assert image.text == {"Software": "semisynth-gl preview"}
+        np.testing.assert_array_equal(np.asarray(image), pixels)
+    assert not marked_png("semisynth-gl textures").recognises((tmp_path / "a.png").read_bytes())
+    page = marked_html("semisynth-gl report")
+    assert page.recognises(page.marked(b"<html>\n<head>\n<title>x</title>"))
+    assert not json_report("semisynth-gl bench speed", config=str).recognises(
+        b'{"config": "a", "command": "semisynth-gl bench accuracy"}'
+    )
+
+
+def test_pipes_and_links_are_written_through(call, tmp_path):
+    (tmp_path / "real.json").write_text("")
+    (tmp_path / "link.json").symlink_to("real.json")
+    assert call("verify set --overwrite --json", tmp_path / "link.json")[0] == 0
+    assert (tmp_path / "link.json").is_symlink()
+    assert json.loads((tmp_path / "real.json").read_text())["pairs"] == 2
+    assert call("verify set --json", "/dev/null")[0] == 0
+    assert Path("/dev/null").is_char_device()
+    os.mkfifo(tmp_path / "pipe")
+    reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+    assert call("evaluate --pred pred --gt gt --json", tmp_path / "pipe")[0] == 0
+    assert json.loads(os.read(reader, 1 << 20))["pairs"] == 1
+    os.close(reader)
+
+
+# Where a dataset, its photographs and its models lie.
+
+APART = [  # --images, --out, whether they lie apart
+    ("photos", "photos/set", False),
+    ("photos", "photos", False),
+    ("photos/", "photos/../photos/x/y", False),
+    ("link-to-photos", "photos/set", False),
+    ("photos", "link-to-photos/set", False),
+    ("with-link", "elsewhere/set", False),
+    ("photos/0.png", "photos/set", True),
+    ("photos/0.png", "photos", False),
+    ("photos/*.png", "photos/set", True),
+    ("photos/*", "photos/set", False),
+    ("**/*.png", "set", False),
+    ("photos/**/*.png", "photos/set", False),
+    ("photos/**/*.png", "set", True),
+    ("*.png", "set", True),
+    ("*/*.png", "set", True),
+    ("set/*/*/*/*.png", "set", False),
+    ("s[ef]t/MiddEval3", "set", False),
+    ("photos/.hidden", "photos/set", True),
+    ("photos", "photos2", True),
+    ("photos", "set", True),
+    (".", "set", False),
+    ("..", "set", False),
+    ("inside/deep/0.png", "inside", False),
+    ("inside", "inside/deep", False),
+    ("to-inside", "inside", False),
+]
+
+
+@pytest.mark.parametrize(("images", "out", "apart"), APART)
+def test_a_dataset_lies_apart_from_its_photographs(home, tmp_path, monkeypatch, images, out, apart):
+    monkeypatch.chdir(tmp_path)
+    for name in ("photos", "photos/.hidden", "with-link", "elsewhere/deep", "inside/deep", "photos2"):
+        shutil.copytree(home / "photos", tmp_path / name, dirs_exist_ok=True)
+    for link, target in (
+        ("link-to-photos", "photos"),
+        ("with-link/link", "../elsewhere"),
+        ("to-inside", "inside/deep"),
+    ):
+        (tmp_path / link).symlink_to(target)
+    config = cheap(textures={"source": "images", "images": [images]})
+    plan = make_plan(config, 0, "middlebury", {"train": 1})
+    if apart:
+        check_apart(open_place(out), plan)
+        return
+    with pytest.raises(InputError) as fault:
+        check_apart(open_place(out), plan)
+    assert out in str(fault.value)
+    assert images.strip("/") in str(fault.value) or "0.png" in str(fault.value)
+
+
+def test_a_dataset_lies_apart_from_its_models(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "models/a").mkdir(parents=True)
+    (tmp_path / "link").symlink_to("models")
+    for models, out, apart in (
+        ("models", "models/set", False),
+        ("link", "models/set", False),
+        ("models", "link", False),
+        ("models/a", "models", False),
+        ("models", "models2", True),
+        ("models/a", "models/b", True),
+    ):
+        config = cheap(textures={"source": "procedural"}, models={"folders": [models]})
+        plan = make_plan(config, 0, "middlebury", {"train": 1})
+        if apart:
+            check_apart(open_place(out), plan)
+        else:
+            with pytest.raises(InputError, match=f"(?s){out}: .*{models}"):
+                check_apart(open_place(out), plan)
+
+
+def test_what_is_foreseen_is_what_is_found(tmp_path, monkeypatch):
+    """A file of every name is written, and the search is asked."""
+    monkeypatch.chdir(tmp_path)
+    folders = (".", "a", "a/b", "a/.c", "ab", "ab/b/c")
+    paths = [Path(folder) / name for folder in folders for name in ("x.png", ".y.png", "z.txt", "w.PNG")]
+    for path in paths:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / "l").symlink_to("a")
+    patterns = (
+        "* a a/ ./a ** a/** **/*.png a*/* */b */b/*.png ?b/**/c l l/* [ab] a/x.png a/./*.png ab/../a/*.png .* a/.*"
+    )
+    patterns = (*patterns.split(), str(tmp_path / "a*"))
+    for path in paths:
+        foreseen = [pattern for pattern in patterns if reaching_source(path, [pattern], {".png"})]
+        path.write_text("")
+        real = path.resolve()
+        found = [
+            pattern for pattern in patterns if real in {each.resolve() for each in find_files([pattern], {".png"})}
+        ]
+        path.unlink()
+        # A file that is named in full counts once it is there.
+        assert set(found) - {"a/x.png"} <= set(foreseen), path
+        # The current folder itself is not among the matches of a bare **, which is a matter of hidden files alone.
+        assert set(foreseen) - set(found) <= ({"**"} if path.name.startswith(".") else set()), path
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("generate --config sceneflow --out", "--out"),
+        ("generate --config sceneflow --images", "--images"),
+        ("generate --config sceneflow --models", "--models"),
+        ("generate --config", "--config"),
+        ("preview --config sceneflow --images", "--images"),
+        ("textures --images", "--images"),
+        ("textures --config", "--config"),
+        ("calibrate --out x.yaml --images", "--images"),
+        ("calibrate --out x.yaml --images photos --calib", "--calib"),
+        ("calibrate --out x.yaml --images photos --disparity", "--disparity"),
+        ("evaluate --gt gt --pred", "--pred"),
+        ("evaluate --pred pred --gt", "--gt"),
+        ("evaluate --pred pred --gt gt --mask", "--mask"),
+        ("evaluate --pred pred --gt gt --maps", "--maps"),
+        ("verify", "DIR_OR_ADDRESS"),
+        ("report", "DIR_OR_ADDRESS"),
+    ],
+)
+def test_an_empty_name_is_not_the_current_folder(call, home, command, words):
+    before = files(home)
+    for name in ("", " ", "\n"):
+        assert refused(call(command, name), words, "expected a name")
+    assert files(home) == before
+
+
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [
+        ("s3://", "with a bucket"),
+        ("s3:///set", "with a bucket"),
+        ("gs://", "with a bucket"),
+        ("simplecache::s3://", "with a bucket"),
+        ("memory://", "would be gone"),
+        ("memory://set", "would be gone"),
+        ("simplecache::memory://set", "would be gone"),
+        ("s3:/bucket/set", "one slash behind the colon"),
+        ("file://", "expected a folder or an address"),
+        ("nobody://set", "nobody"),
+        ("http://localhost:1/set", "http://localhost:1/set"),
+        ("~nosuchuser/set", "nosuchuser"),
+    ],
+)
+def test_places_where_nobody_looks_are_refused(call, tmp_path, address, words):
+    pytest.importorskip("fsspec")
+    setting = ("--set", "textures.source=procedural")
+    done = call(f"generate --config sceneflow --pairs 1 {SMALL} --out", address, *setting, cwd=tmp_path)
+    assert refused(done, words)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_home_is_expanded_in_every_path(call, home, tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    for name in ("set", "pred", "gt"):
+        shutil.copytree(home / name, tmp_path / name, symlinks=True)
+    assert open_place("~/set").local == tmp_path / "set"
+    assert call("verify ~/set --json ~/v.json")[0] == 0
+    assert call("evaluate --pred ~/pred --gt ~/gt --json ~/e.json --maps ~/maps")[0] == 0
+    assert call("report ~/set --pairs 1 --sample 1 --out ~/r.html")[0] == 0
+    assert {"v.json", "e.json", "maps", "r.html"} <= {path.name for path in tmp_path.iterdir()}
+    assert not (home / "~").exists()
