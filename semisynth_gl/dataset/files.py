@@ -59,6 +59,7 @@ class DatasetFiles:
     def __init__(self, place: Place, plan: Plan, *, overwrite: bool) -> None:
         self._place = place
         self._plan = plan
+        self._overwrite = overwrite
         self._lock: IO[bytes] | None = None
         self._created = place.local is not None and not place.local.exists()
         if place.local is not None and place.local.exists() and not place.local.is_dir():

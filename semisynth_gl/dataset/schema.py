@@ -53,7 +53,7 @@ def journal_name(shard: str) -> str:
 
 
 def unfinished_path(name: str, number: int) -> str:
-    """Return a path under which a file is written before it is renamed; ``number`` tells those of runs apart."""
+    """Return a path under which a file is written before it is renamed; each run takes a number of its own."""
     return f"{PARTIAL}/{PROGRAM}.{name.replace('/', '-')}.{number}"
 
 
