@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hand_made_datasets import sources_of
 from ruamel.yaml import YAML
 
 from semisynth_gl.camera import EYES, StereoCamera
@@ -19,15 +20,10 @@ from semisynth_gl.dataset.croissant import encode_croissant
 from semisynth_gl.dataset.index import describe_dataset
 from semisynth_gl.dataset.plan import Plan, make_plan
 from semisynth_gl.dataset.sample import encode_pair
-from semisynth_gl.dataset.shard import tar_end, tar_member
+from semisynth_gl.dataset.tar import tar_end, tar_member
 from semisynth_gl.frame import OUTPUTS, Frame, View
-from semisynth_gl.geometry.mesh import make_mesh
-from semisynth_gl.geometry.model_library import ModelLibrary
-from semisynth_gl.geometry.silhouette import Silhouette
 from semisynth_gl.layouts import find_layout, layout_names
-from semisynth_gl.scene.sources import Sources
 from semisynth_gl.splits import SplitName
-from semisynth_gl.textures.atlas import atlas_from_arrays
 
 FOLDERS = [name for name in layout_names() if not find_layout(name).packed]
 ODD = 'my: "own" #1'
@@ -50,15 +46,6 @@ def plan_for(layout: str, pairs: Mapping[str, int], licence: str = "unknown", **
         }
     )
     return make_plan(config, 3, layout, pairs, 2)
-
-
-def sources_of(plan: Plan) -> dict[str, Sources]:
-    mesh = make_mesh("solid", np.eye(3, dtype=np.float32), np.zeros((3, 2), np.float32), np.array([[0, 1, 2]]))
-    atlas = atlas_from_arrays([np.zeros((4, 4, 3), np.uint8)] * 2, ["a.png", "b.png"])
-    return {
-        split: Sources(atlas, ModelLibrary((mesh,), np.ones(1), Silhouette(0.5, np.zeros(16)), ()))
-        for split in plan.splits
-    }
 
 
 def frame(index: int) -> Frame:

@@ -6,12 +6,14 @@ import sys
 import numpy as np
 import pytest
 from backends import backend_fault
+from hand_made_datasets import config_of
 from recorder import Recorder
 from tiny_datasets import lean, tiny
 
 from semisynth_gl.cli import main
 from semisynth_gl.codecs import DISPARITY_CODECS, Encodings, by_imagecodecs
-from semisynth_gl.dataset.reader import open_dataset, read_index
+from semisynth_gl.dataset.plan import make_plan
+from semisynth_gl.dataset.reader import DamagedIndexError, open_dataset, read_index
 from semisynth_gl.errors import InputError
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts.middlebury import SCENES
@@ -46,18 +48,24 @@ def test_what_is_no_dataset_is_refused(tmp_path):
         with pytest.raises(InputError, match=words):
             read_index(path)
     (tmp_path / "index.json").write_text(json.dumps({"program": "semisynth-gl", "layout": "nuscenes"}))
-    with pytest.raises(InputError, match="'nuscenes'"):
+    with pytest.raises(DamagedIndexError, match="'nuscenes'"):
         read_index(tmp_path)
 
 
 def test_a_dataset_without_the_section_has_the_default_encodings(tmp_path):
-    index = {"program": "semisynth-gl", "layout": "middlebury", "config_values": {"name": "old"}}
-    (tmp_path / "index.json").write_text(json.dumps(index))
+    """As another version may have written it: with less, or more, in its config."""
+    plan = make_plan(config_of(), 0, "middlebury", {"train": 1}).values()
+    values = plan["config_values"]
+    del values["files"], values["imperfections"]
+    values["of_the_future"] = {"x": 1}
+    (tmp_path / "shards").mkdir()
+    path = tmp_path / "shards/plan.json"
+    path.write_text(json.dumps(plan))
     assert read_index(tmp_path).encodings == Encodings()
-    index["config_values"]["files"] = {"image": "webp"}
-    (tmp_path / "index.json").write_text(json.dumps(index))
-    with pytest.raises(InputError, match=r"files\.image 'webp'"):
-        _ = read_index(tmp_path).encodings
+    values["files"] = {"image": "webp"}
+    path.write_text(json.dumps(plan))
+    with pytest.raises(InputError, match=r"files\.image: expected one of .*'webp'"):
+        read_index(tmp_path)
 
 
 @pytest.mark.parametrize("image", ["jxl", "qoi"])

@@ -3,6 +3,7 @@
 import json
 import sys
 import time
+from collections.abc import Iterable
 from dataclasses import asdict
 
 import click
@@ -10,8 +11,8 @@ import click
 from semisynth_gl.cli.options import COUNT, Source, option
 from semisynth_gl.cli.outputs import Output, json_report, output_option
 from semisynth_gl.cli.progress import Progress
-from semisynth_gl.dataset.reader import Index, read_index
-from semisynth_gl.verify.dataset import verify_dataset
+from semisynth_gl.dataset.reader import DamagedIndexError, read_index
+from semisynth_gl.verify.dataset import damaged_index, verify_dataset
 from semisynth_gl.verify.verdict import Verdict
 
 _REPORT = json_report("semisynth-gl verify", pairs=int, findings=list, measures=dict)
@@ -28,38 +29,42 @@ def verify(directory: str, oracle: bool, pixels: int, output: Output) -> None:
     One line per finding: scene, check, what was expected and what came. Exit code 1 where there is any.
     """
     output.check()
-    index = read_index(directory)
-    pairs = sum(index.pairs.values())
     start = time.monotonic()
-    verdicts = []
+    pairs, verdicts = 0, []
     with Progress() as progress:
+        try:
+            index = read_index(directory)
+        except DamagedIndexError as error:
+            found: Iterable[Verdict] = [damaged_index(error.faults)]
+        else:
+            pairs, found = sum(index.pairs.values()), verify_dataset(index, pixels if oracle else 0)
         progress.on_total(pairs)
-        for number, verdict in enumerate(verify_dataset(index, pixels if oracle else 0)):
+        for number, verdict in enumerate(found):
             verdicts.append(verdict)
             for finding in verdict.findings:
                 click.echo(str(finding))
             if number > 0:  # the first verdict is about the dataset, not about a pair
                 progress.advance()
     seconds = time.monotonic() - start
-    output.write(f"{json.dumps(_report(index, verdicts), indent=1)}\n".encode())
+    output.write(f"{json.dumps(_report(pairs, verdicts), indent=1)}\n".encode())
     findings = sum(len(verdict.findings) for verdict in verdicts)
     if findings:
         faulty_pairs = sum(1 for verdict in verdicts[1:] if verdict.findings)
         suffix = " and in the dataset as a whole" if verdicts[0].findings else ""
         click.echo(f"{findings} findings in {faulty_pairs} of {pairs} pairs{suffix}", err=True)
         sys.exit(1)
-    click.echo(_summary(index, verdicts, seconds))
+    click.echo(_summary(pairs, verdicts, seconds))
 
 
-def _report(index: Index, verdicts: list[Verdict]) -> dict[str, object]:
+def _report(pairs: int, verdicts: list[Verdict]) -> dict[str, object]:
     return {
-        "pairs": sum(index.pairs.values()),
+        "pairs": pairs,
         "findings": [asdict(finding) for verdict in verdicts for finding in verdict.findings],
         "measures": {verdict.scene: verdict.measures for verdict in verdicts if verdict.measures},
     }
 
 
-def _summary(index: Index, verdicts: list[Verdict], seconds: float) -> str:
+def _summary(count: int, verdicts: list[Verdict], seconds: float) -> str:
     """Return a line with the worst of each measure."""
     parts = []
     for name, text in (
@@ -74,5 +79,4 @@ def _summary(index: Index, verdicts: list[Verdict], seconds: float) -> str:
         values = [abs(verdict.measures[name]) for verdict in verdicts if name in verdict.measures]
         if values:
             parts.append(text.format(max(values)))
-    count = sum(index.pairs.values())
     return f"{count} pairs, nothing found; at worst: {', '.join(parts)} ({seconds / max(count, 1):.2f} s a pair)"

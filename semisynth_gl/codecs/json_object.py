@@ -2,11 +2,15 @@
 
 import json
 from collections.abc import Mapping
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from semisynth_gl.codecs.codec import Codec
 from semisynth_gl.errors import ReadError
+
+# Whatever is larger is no float64.
+_LARGEST = 10**300
 
 
 class JsonObject(Codec[Mapping[str, Any]]):
@@ -22,14 +26,36 @@ class JsonObject(Codec[Mapping[str, Any]]):
         return (json.dumps(value, indent=1) + "\n").encode()
 
     def decode(self, data: bytes, path: Path) -> dict[str, Any]:
-        """Decode a mapping; see `Codec.decode`."""
+        """Decode a mapping whose keys stand once and whose numbers are finite; see `Codec.decode`."""
         try:
-            values = json.loads(data)
+            values = json.loads(data, object_pairs_hook=_object)
         except ValueError as error:
             raise ReadError(path, f"is not JSON: {error}") from None
+        except RecursionError:
+            raise ReadError(path, "is not JSON that can be read: its objects or lists are nested too deeply") from None
         if not isinstance(values, dict):
             raise ReadError(path, f"expected a JSON object, got {type(values).__name__}")
         return values
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    values = dict(pairs)
+    if len(values) < len(pairs):
+        keys = [key for key, _ in pairs]
+        raise ValueError(f"the key {next(key for key in keys if keys.count(key) > 1)!r} stands twice in one object")
+    for key, value in pairs:
+        _check_numbers(key, value)
+    return values
+
+
+def _check_numbers(key: str, value: object) -> None:
+    """Raise ValueError where a value, or an item of a list, is no finite float64; objects have been checked before."""
+    if isinstance(value, float | int):
+        if not (isfinite(value) if isinstance(value, float) else -_LARGEST < value < _LARGEST):
+            raise ValueError(f"expected a finite number at the key {key!r}, got {value!r:.40}")
+    elif isinstance(value, list):
+        for item in value:
+            _check_numbers(key, item)
 
 
 JSON_OBJECT = JsonObject()

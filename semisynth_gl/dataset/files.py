@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.config import Config
+from semisynth_gl.dataset.documents import CHANGED_INDEX, check_index, check_plan, check_record
 from semisynth_gl.dataset.locks import lock, open_locked
 from semisynth_gl.dataset.places import Place, files_below
 from semisynth_gl.dataset.plan import Plan, Shard, abbreviate, differences
@@ -32,7 +33,6 @@ from semisynth_gl.dataset.schema import (
     unfinished_path,
 )
 from semisynth_gl.errors import InputError, ReadError
-from semisynth_gl.layouts import layout_names
 from semisynth_gl.splits import SplitName
 
 _QUESTIONS = 16
@@ -296,18 +296,39 @@ class DatasetFiles:
 
 
 def read_beginning(place: Place) -> dict[str, Any] | None:
-    """Return the values that a dataset was begun with, from its index, else from its plan; None without either."""
-    for name in (INDEX, PLAN):
+    """Return the values that a dataset was begun with, from its index, else from its plan; None without either.
+
+    A file that is cut off counts as missing: a run writes it again.
+
+    Raises:
+        ReadError: where the index or plan has values that no dataset has.
+    """
+    for name, check in ((INDEX, check_index), (PLAN, check_plan)):
         values = _read_json(place, name)
-        if values is not None and values.get("program") == PROGRAM and values.get("layout") in layout_names():
+        if values is not None and values.get("program") == PROGRAM:
+            try:
+                check(values, place.path(name))
+            except ReadError as error:
+                advice = CHANGED_INDEX if name == INDEX else "choose another folder with --out, or bring the file back"
+                raise ReadError(error.path, f"{error.reason}: {advice}") from None
             return values
     return None
 
 
 def complete_record(place: Place, shard: Shard) -> dict[str, Any] | None:
-    """Return a shard's record, or None where the record or a file is missing, or a file has another size."""
+    """Return a shard's record, or None where the shard is to be made again.
+
+    That is where the record is missing, cut off, or not this shard's, and where a file is missing or has another size.
+
+    Raises:
+        ReadError: where a link, a folder or the like stands in the place of a file.
+    """
     record = _read_json(place, record_path(shard.name))
-    if record is None or any(record.get(key) != getattr(shard, key) for key in ("split", "first", "end")):
+    if record is None:
+        return None
+    try:
+        check_record(record, shard, place.path(record_path(shard.name)), packed="tar" in record)
+    except ReadError:
         return None
     sizes = (
         {record["tar"]: record["bytes"]}
@@ -346,8 +367,12 @@ def _own_names(plan: Plan) -> set[str]:
 
 
 def _read_json(place: Place, name: str) -> dict[str, Any] | None:
-    with suppress(FileNotFoundError, NotADirectoryError, IsADirectoryError, ReadError):
-        return JSON_OBJECT.decode(place.read(name), Path(name))
+    try:
+        data = place.read(name)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    with suppress(ReadError):
+        return JSON_OBJECT.decode(data, Path(name))
     return None
 
 

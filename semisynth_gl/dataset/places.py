@@ -1,20 +1,22 @@
 """The root of a dataset: a folder of this machine, or an address that fsspec knows (``s3://``, ``gs://``, ...).
 
-In both, a file appears when it is complete. Names are paths below the place, with slashes.
+In both, a file appears when it is complete. Names are paths below the place, with slashes. Files are read without any
+state that processes or threads could share: each reading opens what it needs.
 """
 
 import os
 import re
+import stat
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from itertools import count
-from pathlib import Path
-from typing import BinaryIO, Self, cast
+from pathlib import Path, PurePosixPath
+from typing import Any, BinaryIO, Self, cast
 
 from semisynth_gl.dataset.schema import PARTIAL, unfinished_path
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, ReadError
 
 _WITH_BUCKETS = frozenset({"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oci", "oss"})
 _ONE_SLASH = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/(?!/)")
@@ -37,8 +39,13 @@ class Place(ABC):
 
         Raises:
             FileNotFoundError: where the file is missing.
+            ReadError: where the name, or a link, leads out of the place, or is no plain file.
             OSError: where the file cannot be read.
         """
+
+    @abstractmethod
+    def read_part(self, name: str, offset: int, length: int) -> bytes:
+        """Read ``length`` bytes from ``offset`` on, fewer where the file ends before; raises like `read`."""
 
     @abstractmethod
     def open(self, name: str) -> BinaryIO:
@@ -46,7 +53,7 @@ class Place(ABC):
 
     @abstractmethod
     def size(self, name: str) -> int | None:
-        """Return a file's size in bytes, or None where the file is missing."""
+        """Return a file's size in bytes, or None where the file is missing; else raises like `read`."""
 
     @abstractmethod
     def names(self, folder: str = "") -> list[str]:
@@ -92,18 +99,52 @@ class Folder(Place):
 
     def read(self, name: str) -> bytes:
         """Read a file."""
-        return (self.local / name).read_bytes()
+        with self.open(name) as file:
+            return file.read()
+
+    def read_part(self, name: str, offset: int, length: int) -> bytes:
+        """Read a part of a file."""
+        with self.open(name) as file:
+            # At most what is there: a wrong length must not ask for memory.
+            length = max(0, min(length, os.fstat(file.fileno()).st_size - offset))
+            parts = []
+            while length and (part := os.pread(file.fileno(), length, offset)):
+                parts.append(part)
+                offset, length = offset + len(part), length - len(part)
+            return b"".join(parts)
 
     def open(self, name: str) -> BinaryIO:
         """Open a file for reading."""
-        return (self.local / name).open("rb")
+        self._find(name)
+        # Whatever has taken the file's place since: no link is followed, and no pipe waited for.
+        descriptor = os.open(self.local / name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+        return os.fdopen(descriptor, "rb")
 
     def size(self, name: str) -> int | None:
         """Return a file's size."""
         try:
-            return (self.local / name).stat().st_size
+            return self._find(name).st_size
         except (FileNotFoundError, NotADirectoryError):
             return None
+
+    def _find(self, name: str) -> os.stat_result:
+        """Return the status of a plain file, which stands in this folder without any link on the way to it."""
+        parts = PurePosixPath(name).parts
+        if not parts or ".." in parts or PurePosixPath(name).is_absolute():
+            raise ReadError(self.local / name, f"{name!r} is no path below {self.local}")
+        path = self.local
+        for part in parts:
+            path /= part
+            status = path.lstat()
+            if stat.S_ISLNK(status.st_mode):
+                raise ReadError(
+                    self.local / name,
+                    f"{path.relative_to(self.local)} is a link, and may lead out of the dataset's folder: put a copy "
+                    "of the file or folder in its place",
+                )
+        if not stat.S_ISREG(status.st_mode):
+            raise ReadError(path, "expected a file, got a folder, a device, a pipe or a socket")
+        return status
 
     def names(self, folder: str = "") -> list[str]:
         """Return the names of all files below a folder; links count as files, and are not followed."""
@@ -175,16 +216,27 @@ class Remote(Place):
         if protocol.rpartition("::")[2] in _WITH_BUCKETS and not path.partition("/")[0]:
             raise InputError(f"{address}: expected an address with a bucket, such as {protocol}://bucket/name")
         self.address = address.rstrip("/")
+        self._connect()
+
+    def _connect(self) -> None:
+        self._process = os.getpid()
         try:
             # Without a cache of listings, files of other processes show at once.
-            self._system, self._root = import_module("fsspec").core.url_to_fs(self.address, use_listings_cache=False)
+            self._connected, self._root = import_module("fsspec").core.url_to_fs(self.address, use_listings_cache=False)
         except ImportError as error:
             raise InputError(
-                f"{address}: writing there needs packages that cannot be imported ({error}): "
-                f"pip install 'semisynth-gl[remote]', and what fsspec names for {address.partition('://')[0]}://"
+                f"{self.address}: writing there needs packages that cannot be imported ({error}): "
+                f"pip install 'semisynth-gl[remote]', and what fsspec names for {self.address.partition('://')[0]}://"
             ) from None
         except ValueError as error:
-            raise InputError(f"{address}: {error}") from None
+            raise InputError(f"{self.address}: {error}") from None
+
+    @property
+    def _system(self) -> Any:  # noqa: ANN401 - fsspec has no types
+        """The file system; a forked process opens connections of its own."""
+        if self._process != os.getpid():
+            self._connect()
+        return self._connected
 
     def __reduce__(self) -> tuple[type[Self], tuple[str]]:
         # Connections do not travel to other processes.
@@ -194,6 +246,13 @@ class Remote(Place):
         """Read a file."""
         with self._clear_errors():
             return bytes(self._system.cat_file(self._at(name)))
+
+    def read_part(self, name: str, offset: int, length: int) -> bytes:
+        """Read a part of a file, with one request."""
+        if not length:
+            return b""
+        with self._clear_errors():
+            return bytes(self._system.cat_file(self._at(name), start=offset, end=offset + length))
 
     def open(self, name: str) -> BinaryIO:
         """Open a file for reading."""

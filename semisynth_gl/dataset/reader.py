@@ -1,22 +1,26 @@
 """A dataset as a sequence of pairs, with the same names in every layout."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from os import PathLike
-from typing import Any, BinaryIO, overload
+from typing import Any, overload
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.json_object import JSON_OBJECT
+from semisynth_gl.dataset.documents import CHANGED_INDEX, check_index, check_plan, check_record
 from semisynth_gl.dataset.places import Place, open_place
 from semisynth_gl.dataset.plan import Shard, list_shards
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file
-from semisynth_gl.dataset.schema import INDEX, PLAN, PROGRAM, record_path, shard_name, tar_path
+from semisynth_gl.dataset.schema import INDEX, PLAN, PROGRAM, record_path, tar_path
+from semisynth_gl.dataset.tar import HEADER, header_fault
 from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.frame import DEFAULT_OUTPUTS, OUTPUTS, TruthViews
-from semisynth_gl.layouts import Key, Layout, find_layout, layout_names
+from semisynth_gl.layouts import Key, Layout, find_layout
 from semisynth_gl.layouts.key import sequence_length
 from semisynth_gl.splits import SPLITS, SplitName
+
+_MISSING = "is missing"
+_UNFINISHED = "the dataset is not finished; run its generate command again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,8 +29,9 @@ class Index:
 
     Attributes:
         place: the dataset's root.
-        values: all values of index.json, or of an unfinished dataset's plan.
-        fault: why index.json could not be read, or None.
+        values: all values of index.json, or of an unfinished dataset's plan, as `semisynth_gl.dataset.documents` has
+            checked them.
+        fault: why index.json cannot be used and what to do about it, or None.
     """
 
     place: Place
@@ -46,22 +51,12 @@ class Index:
 
     @property
     def encodings(self) -> Encodings:
-        """The codecs of the files.
-
-        Raises:
-            InputError: where this version lacks one of the codecs.
-        """
+        """The codecs of the files."""
         if self.layout.encodings is not None:
             return self.layout.encodings
         default = Encodings()
-        names = [self.value("files", key, getattr(default, key).name) for key in ("image", "disparity", "flow")]
-        try:
-            return Encodings.from_names(*names)
-        except (KeyError, TypeError):
-            raise InputError(
-                f"{self.place.address}: expected encodings that this version knows in {INDEX}, got files.image "
-                f"{names[0]!r}, files.disparity {names[1]!r} and files.flow {names[2]!r}"
-            ) from None
+        keys = ("image", "disparity", "flow")
+        return Encodings.from_names(*(self.value("files", key) or getattr(default, key).name for key in keys))
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -121,6 +116,22 @@ class Index:
         return list_shards(self.values["config"], self.pairs, int(self.values["shard_pairs"]))
 
 
+class DamagedIndexError(InputError):
+    """A folder has an index or a plan of this program, and neither can be used.
+
+    Args:
+        address: the dataset.
+        faults: what is wrong with each of the two files.
+
+    Attributes:
+        faults: as given.
+    """
+
+    def __init__(self, address: str, faults: Sequence[str]) -> None:
+        super().__init__(f"{address}: not a dataset that can be read: {'; '.join(faults)}")
+        self.faults = tuple(faults)
+
+
 def read_index(address: str | PathLike[str]) -> Index:
     """Open a dataset, finished or not.
 
@@ -129,32 +140,41 @@ def read_index(address: str | PathLike[str]) -> Index:
 
     Raises:
         InputError: where the address has no dataset of this program.
+        DamagedIndexError: where both index and plan are cut off, or have values that no dataset has.
     """
     place = open_place(address)
     if place.local is not None and not place.local.is_dir():
         reason = "expected a folder, got a file" if place.local.exists() else "there is no such folder"
         raise InputError(f"{address}: {reason}")
-    fault = None
-    for name in (INDEX, PLAN):
+    faults: list[str] = []
+    advice, ours = _UNFINISHED, False
+    for name, check in ((INDEX, check_index), (PLAN, check_plan)):
         try:
             values = _read_json(place, name)
         except ReadError as error:
-            fault = fault or f"{INDEX} {error.reason}"
+            faults.append(f"{name} {error.reason}")
+            ours |= name == PLAN and error.reason != _MISSING
             continue
         if values.get("program") != PROGRAM:
-            raise InputError(f"{address}: {name} is not of {PROGRAM}: program is {values.get('program')!r}")
-        if values.get("layout") not in layout_names():
-            raise InputError(
-                f"{address}: expected a layout of {', '.join(layout_names())} in {name}, got {values.get('layout')!r}"
-            )
-        return Index(place, values, fault if name == PLAN else None)
-    raise InputError(f"{address}: not a dataset: {fault}, and there is no {PLAN} of an unfinished one")
+            raise InputError(f"{address}: {name} is not of {PROGRAM}: program is {values.get('program')!r:.80}")
+        ours = True
+        try:
+            check(values, place.path(name))
+        except ReadError as error:
+            faults.append(f"{name}: {error.reason}")
+            advice = CHANGED_INDEX
+            continue
+        return Index(place, values, f"{faults[0]}: {advice}" if faults else None)
+    if ours:
+        raise DamagedIndexError(str(address), faults)
+    raise InputError(f"{address}: not a dataset: {'; '.join(faults)}")
 
 
 class Dataset(Sequence[StoredFrame]):
     """A finished dataset, or one of its splits: ``dataset[i]`` is a pair with its truth.
 
-    Files are read when a pair is asked for. A dataset can be sent to other processes, such as a DataLoader's workers.
+    Files are read when a pair is asked for, and none stays open: processes, forked or spawned, and threads may share a
+    dataset. The length of each file in a tar, and its header, are checked against the shard's record.
 
     Args:
         index: the index of the dataset.
@@ -169,24 +189,16 @@ class Dataset(Sequence[StoredFrame]):
 
     def __init__(self, index: Index, split: SplitName | None = None) -> None:
         if index.fault is not None:
-            raise InputError(
-                f"{index.place.address}: {index.fault}: the dataset is not finished; run its generate command again"
-            )
+            raise InputError(f"{index.place.address}: {index.fault}")
         if split is not None and split not in index.pairs:
             raise InputError(f"{index.place.address}: expected a split of {', '.join(index.pairs)}, got {split!r}")
         self.about = index
-        self._pairs = [
-            (name, number) for name, count in index.pairs.items() if split in (None, name) for number in range(count)
-        ]
-        self._records: dict[str, Mapping[str, Any]] = {}
-        self._tars: dict[str, BinaryIO] = {}
-
-    def __getstate__(self) -> dict[str, Any]:
-        # Open files do not travel to other processes.
-        return self.__dict__ | {"_tars": {}}
+        self._counts = {name: count for name, count in index.pairs.items() if split in (None, name)}
+        self._shards = {(shard.split, shard.first): shard for shard in index.shards}
+        self._records: dict[Shard, Mapping[str, Any]] = {}
 
     def __len__(self) -> int:
-        return len(self._pairs)
+        return sum(self._counts.values())
 
     @overload
     def __getitem__(self, number: int) -> StoredFrame: ...
@@ -199,52 +211,55 @@ class Dataset(Sequence[StoredFrame]):
 
         Raises:
             IndexError: where the dataset has fewer pairs.
-            ReadError: where a file is missing or cannot be read.
+            ReadError: where a file is missing, cut off or cannot be read, or a shard's record is not its own.
             InputError: where a codec needs a package that is not installed.
         """
         if isinstance(number, slice):
             return [self[position] for position in range(*number.indices(len(self)))]
-        index, (split, pair) = self.about, self._pairs[number]
+        index, (split, pair) = self.about, self.pair(number)
         layout, place, encodings = index.layout, index.place, index.encodings
-        values = {}
-        for role, path in index.files(split, pair).items():
-            data = self._read_member(split, pair, path) if layout.packed else _read(place, path)
-            values[role] = decode_file(layout, role, data, place.path(path), encodings)
+        names = index.files(split, pair)
+        if layout.packed:
+            files = self._read_members(split, pair, list(names.values()))
+        else:
+            files = {name: _read(place, name) for name in names.values()}
+        values = {
+            role: decode_file(layout, role, files[name], place.path(name), encodings) for role, name in names.items()
+        }
         return assemble_frame(index.key(split, pair), values, encodings)
 
     def pair(self, number: int) -> tuple[SplitName, int]:
-        """Return the split of a pair, and the pair's number in the split."""
-        return self._pairs[number]
+        """Return the split of a pair, and the pair's number in the split.
 
-    def _read_member(self, split: SplitName, pair: int, name: str) -> bytes:
-        """Read a file from the tar of its shard, at the offset in the shard's record."""
-        shard_pairs = int(self.about.values["shard_pairs"])
-        shard = shard_name(self.about.values["config"], split, pair // shard_pairs)
-        place, tar_file = self.about.place, tar_path(shard)
+        Raises:
+            IndexError: where the dataset has fewer pairs.
+        """
+        position = range(len(self))[number]
+        for split, count in self._counts.items():
+            if position < count:
+                return split, position
+            position -= count
+        raise IndexError(number)
+
+    def _read_members(self, split: SplitName, pair: int, names: Sequence[str]) -> dict[str, bytes]:
+        """Read a pair's files from the tar of its shard, at their offsets in the shard's record."""
+        shard_pairs = self.about.values["shard_pairs"]
+        shard = self._shards[split, pair // shard_pairs * shard_pairs]
+        place = self.about.place
         if shard not in self._records:
-            self._records[shard] = read_record(place, shard)
-        if shard not in self._tars:
-            try:
-                self._tars[shard] = place.open(tar_file)
-            except FileNotFoundError:
-                raise ReadError(place.path(tar_file), "is missing") from None
-        try:
-            file = self._records[shard]["samples"][pair % shard_pairs]["files"][name]
-        except (KeyError, IndexError, TypeError):
-            raise ReadError(place.path(record_path(shard)), f"has no entry of {name}") from None
-        tar = self._tars[shard]
-        tar.seek(file["offset"])
-        data = tar.read(file["bytes"])
-        if len(data) < file["bytes"]:
-            raise ReadError(place.path(tar_file), f"ends before {name} does")
-        return data
+            self._records[shard] = self._open_record(shard)
+        return read_members(place, shard, self._records[shard], pair, names)
 
-    def close(self) -> None:
-        """Close the open tars."""
-        for tar in self._tars.values():
-            with suppress(OSError):
-                tar.close()
-        self._tars = {}
+    def _open_record(self, shard: Shard) -> Mapping[str, Any]:
+        """Read a shard's record, and check the size of its tar."""
+        place, name = self.about.place, tar_path(shard.name)
+        record = read_record(place, shard, packed=True)
+        size = place.size(name)
+        if size is None:
+            raise ReadError(place.path(name), _MISSING)
+        if size != record["bytes"]:
+            raise ReadError(place.path(name), f"has {size} bytes, its record says {record['bytes']}")
+        return record
 
 
 def open_dataset(address: str | PathLike[str], split: SplitName | None = None) -> Dataset:
@@ -260,25 +275,68 @@ def open_dataset(address: str | PathLike[str], split: SplitName | None = None) -
     return Dataset(read_index(address), split)
 
 
-def read_record(place: Place, shard: str) -> dict[str, Any]:
+def read_record(place: Place, shard: Shard, *, packed: bool) -> dict[str, Any]:
     """Read the record of a shard.
 
+    Args:
+        place: the dataset's root.
+        shard: the shard.
+        packed: whether the layout packs shards into tars.
+
     Raises:
-        ReadError: where the record is missing, cut off, or no record.
+        ReadError: where the record is missing, cut off, or not the shard's; see `check_record`.
     """
-    name = record_path(shard)
+    name = record_path(shard.name)
     record = _read_json(place, name)
-    samples = record.get("samples")
-    if not (isinstance(samples, list) and all(isinstance(sample, dict) and "files" in sample for sample in samples)):
-        raise ReadError(place.path(name), "lists no samples")
+    check_record(record, shard, place.path(name), packed=packed)
     return record
+
+
+def read_members(
+    place: Place, shard: Shard, record: Mapping[str, Any], pair: int, names: Sequence[str]
+) -> dict[str, bytes]:
+    """Read files of a pair from its shard's tar, at once.
+
+    Args:
+        place: the dataset's root.
+        shard: the shard.
+        record: the shard's record, as `read_record` returns it.
+        pair: the pair's number in its split.
+        names: names of the files in the tar.
+
+    Raises:
+        ReadError: where the record lacks a file, or the tar has something else where the file should be.
+    """
+    path = place.path(tar_path(shard.name))
+    listed = record["samples"][pair - shard.first]["files"]
+    for name in names:
+        if name not in listed:
+            raise ReadError(place.path(record_path(shard.name)), f"has no entry of {name}")
+    files = {name: listed[name] for name in names}
+    begin = min(file["offset"] for file in files.values()) - HEADER
+    end = max(file["offset"] + file["bytes"] for file in files.values())
+    try:
+        data = place.read_part(tar_path(shard.name), begin, end - begin)
+    except (FileNotFoundError, NotADirectoryError):
+        raise ReadError(path, _MISSING) from None
+    except OSError as error:
+        raise ReadError(path, f"cannot be read: {error.strerror}") from None
+    contents = {}
+    for name, file in files.items():
+        at, size = file["offset"] - begin, file["bytes"]
+        if len(data) < at + size:
+            raise ReadError(path, f"ends before {name} does")
+        if fault := header_fault(data[at - HEADER : at], name, size):
+            raise ReadError(path, f"at byte {begin + at - HEADER}: {fault}")
+        contents[name] = data[at : at + size]
+    return contents
 
 
 def _read(place: Place, name: str) -> bytes:
     try:
         return place.read(name)
     except (FileNotFoundError, NotADirectoryError):
-        raise ReadError(place.path(name), "is missing") from None
+        raise ReadError(place.path(name), _MISSING) from None
     except OSError as error:
         raise ReadError(place.path(name), f"cannot be read: {error.strerror}") from None
 

@@ -6,7 +6,7 @@ resumes the shard at the first pair whose files do not agree with the journal.
 
 import hashlib
 import json
-import tarfile
+import os
 import tempfile
 import zlib
 from collections.abc import Mapping
@@ -15,11 +15,15 @@ from io import BufferedRandom
 from pathlib import Path
 from typing import Any, BinaryIO, Self
 
+from semisynth_gl.codecs.json_object import JSON_OBJECT
+from semisynth_gl.dataset.documents import JournalEntry, check_document
 from semisynth_gl.dataset.files import complete_record
 from semisynth_gl.dataset.locks import lock, open_locked
 from semisynth_gl.dataset.places import Place, sync
 from semisynth_gl.dataset.plan import Shard
 from semisynth_gl.dataset.schema import PARTIAL, UNLOCKED, journal_name, record_path, tar_path
+from semisynth_gl.dataset.tar import tar_end, tar_member
+from semisynth_gl.errors import ReadError
 
 _ONLY_IN_JOURNAL = frozenset({"end", "crc32", "renderer", "seconds"})
 
@@ -204,13 +208,14 @@ class ShardWriter:
 
     def _resume(self) -> None:
         """Keep the complete pairs of an earlier run, and cut the journal and the tar after them."""
-        end = 0
+        end, path = 0, Path(journal_name(self._name))
         self._journal.seek(0)
         for index, line in zip(self._indices, self._journal, strict=False):
             try:
-                entry = json.loads(line)
+                entry = JSON_OBJECT.decode(line, path)
+                check_document(entry, JournalEntry, path)
                 complete = entry["pair"] == index and line.endswith(b"\n") and self._is_complete(entry)
-            except (ValueError, KeyError, TypeError):
+            except ReadError:
                 complete = False
             if not complete:
                 break
@@ -227,37 +232,16 @@ class ShardWriter:
         if self._tar is None:
             try:
                 return all(
-                    hashlib.sha256(self._place.read(name)).hexdigest() == file["sha256"]
+                    hashlib.sha256(self._place.read(name)).hexdigest() == file.get("sha256")
                     for name, file in entry["files"].items()
                 )
             except FileNotFoundError:
                 return False
-        begin = self.samples[-1]["end"] if self.samples else 0
+        begin, end = self.samples[-1]["end"] if self.samples else 0, entry.get("end", 0)
+        if not begin < end <= os.fstat(self._tar.fileno()).st_size:
+            return False
         self._tar.seek(begin)
-        data = self._tar.read(entry["end"] - begin)
-        return len(data) == entry["end"] - begin and zlib.crc32(data) == int(entry["crc32"])
-
-
-def tar_member(name: str, data: bytes) -> tuple[bytes, int]:
-    """Encode a file as a member of a tar: header and padded content; no time, no owner, rights 0644.
-
-    Args:
-        name: the file's name, of at most 100 characters: every reader knows the headers of 1988, which have so many.
-        data: the content.
-
-    Returns:
-        The bytes, and the offset of the content in them.
-    """
-    info = tarfile.TarInfo(name)
-    info.size = len(data)
-    header = info.tobuf(tarfile.USTAR_FORMAT)
-    return b"".join((header, data, bytes(-len(data) % tarfile.BLOCKSIZE))), len(header)
-
-
-def tar_end(length: int) -> bytes:
-    """Return the end of an archive of ``length`` bytes: two empty blocks, and the blocks that fill up a record."""
-    end = 2 * tarfile.BLOCKSIZE
-    return bytes(end + -(length + end) % tarfile.RECORDSIZE)
+        return zlib.crc32(self._tar.read(end - begin)) == entry.get("crc32")
 
 
 def _open_journal(path: Path) -> BinaryIO:

@@ -1,7 +1,6 @@
 """From a dataset to its page: sample, measure, list and show."""
 
 from collections.abc import Sequence
-from contextlib import closing
 from dataclasses import dataclass
 
 from semisynth_gl.dataset.reader import Dataset, Index
@@ -61,13 +60,13 @@ def build_report(
     Raises:
         InputError: where the dataset is not finished, has no such split, or no pair of it can be read.
     """
-    with closing(Dataset(index, split)) as dataset:
-        redraws = read_redraws(index, split)
-        positions = spread(len(dataset), max(sample, pairs))
-        measurement = measure(dataset, positions, redraws.messages, listener)
-        outliers = [outlier for quantity in QUANTITIES for outlier in find_outliers(measurement.pairs, quantity)]
-        chosen = _choose(measurement.pairs, pairs, outliers)
-        pictures = make_pictures([pair.position for pair, _ in chosen], dataset.__getitem__)
+    dataset = Dataset(index, split)
+    redraws = read_redraws(index, split)
+    positions = spread(len(dataset), max(sample, pairs))
+    measurement = measure(dataset, positions, redraws.messages, listener)
+    outliers = [outlier for quantity in QUANTITIES for outlier in find_outliers(measurement.pairs, quantity)]
+    chosen = _choose(measurement.pairs, pairs, outliers)
+    pictures = make_pictures([pair.position for pair, _ in chosen], dataset.__getitem__)
     shown = []
     for (pair, reason), picture in zip(chosen, pictures, strict=True):
         name, number = pair.key

@@ -62,15 +62,15 @@ def read_redraws(index: Index, split: SplitName | None = None) -> Redraws:
         if split not in (None, shard.split):
             continue
         try:
-            record = read_record(index.place, shard.name)
+            record = read_record(index.place, shard, packed=index.layout.packed)
         except ReadError as error:
             unread.append(str(error))
             continue
         for sample in record["samples"]:
             pairs += 1
-            attempts = tuple(str(message) for message in sample.get("redrawn", ()))
+            attempts = tuple(sample.get("redrawn", ()))
             if attempts:
-                messages[shard.split, int(sample["pair"])] = attempts
+                messages[shard.split, sample["pair"]] = attempts
             for message in attempts:
                 clauses = {clause.partition(":")[0]: clause for clause in message.split("; ")}
                 counts.update(clauses.keys())

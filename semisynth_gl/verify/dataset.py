@@ -1,12 +1,12 @@
 """All checks of a dataset, shard after shard and pair after pair."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from semisynth_gl.camera import EYES
 from semisynth_gl.dataset.reader import Index
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.splits import SplitName
-from semisynth_gl.verify.files import check_index, check_origin, check_sizes, open_shards, read_pair
+from semisynth_gl.verify.files import StoredShard, check_index, check_origin, check_sizes, read_pair
 from semisynth_gl.verify.flow_consistency import check_flow_views, check_frames
 from semisynth_gl.verify.oracle_check import OracleCheck
 from semisynth_gl.verify.photometry import check_images
@@ -51,7 +51,7 @@ def verify_dataset(index: Index, oracle_pixels: int = 0) -> Iterator[Verdict]:
     check_index(index, verdict)
     yield verdict
     before: StoredFrame | None = None
-    for shard in open_shards(index):
+    for shard in (StoredShard(index, planned) for planned in index.shards):
         for number in shard.numbers:
             scene = index.key(shard.split, number).name
             verdict = Verdict(scene if len(index.pairs) == 1 else f"{shard.split} {scene}")
@@ -65,6 +65,14 @@ def verify_dataset(index: Index, oracle_pixels: int = 0) -> Iterator[Verdict]:
                 check_frames(before, frame, verdict, images=_same_textures(frame, index))
             before = frame if fits else None
             yield verdict
+
+
+def damaged_index(faults: Iterable[str]) -> Verdict:
+    """Return the verdict on a dataset of which nothing can be checked: neither index nor plan can be used."""
+    verdict = Verdict(DATASET)
+    for fault in faults:
+        verdict.add("index", fault)
+    return verdict
 
 
 def _follows(frame: StoredFrame, before: StoredFrame, index: Index) -> bool:

@@ -3,18 +3,17 @@
 import hashlib
 import json
 import tarfile
-from collections.abc import Iterator, Mapping
-from contextlib import closing
+from collections.abc import Mapping
 from io import BufferedReader
 from pathlib import Path
-from typing import Any, BinaryIO, cast
+from typing import Any, cast
 
 from semisynth_gl.camera import EYES
-from semisynth_gl.dataset.reader import Index, read_record
+from semisynth_gl.dataset.plan import Shard
+from semisynth_gl.dataset.reader import Index, read_members, read_record
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file
 from semisynth_gl.dataset.schema import CARD, CROISSANT, INDEX, PARTIAL, PLAN, record_path, tar_path
-from semisynth_gl.errors import InputError, ReadError
-from semisynth_gl.splits import SplitName
+from semisynth_gl.errors import ReadError
 from semisynth_gl.verify.verdict import Verdict
 
 _ABOUT = frozenset({INDEX, PLAN, CARD, CROISSANT})
@@ -28,35 +27,28 @@ class StoredShard:
 
     Args:
         index: the dataset.
-        split: the split of its pairs.
-        name: the shard's name.
-        numbers: the numbers of its pairs in the split.
+        shard: the shard.
 
     Attributes:
-        split: as given.
-        numbers: as given.
+        split: the split of its pairs.
+        numbers: the numbers of its pairs in the split.
         fault: why the shard's record could not be read, or None.
     """
 
-    def __init__(self, index: Index, split: SplitName, name: str, numbers: range) -> None:
-        self.split = split
-        self._name = name
-        self.numbers = numbers
+    def __init__(self, index: Index, shard: Shard) -> None:
+        self.split = shard.split
+        self.numbers = range(shard.first, shard.end)
+        self._shard = shard
+        self._name = name = shard.name
         self._index = index
         self._record: Mapping[str, Any] = {}
         self.fault: str | None = None
         self._samples: Mapping[int, Mapping[str, Any]] = {}
         try:
-            self._record = read_record(index.place, name)
-            self._samples = {sample.get("pair"): sample["files"] for sample in self._record["samples"]}
+            self._record = read_record(index.place, shard, packed=index.layout.packed)
+            self._samples = {sample["pair"]: sample["files"] for sample in self._record["samples"]}
         except ReadError as error:
-            self.fault = f"{record_path(name)} {error.reason}: the shard is not finished"
-        self._tar: BinaryIO | None = None
-
-    def close(self) -> None:
-        """Close the tar."""
-        if self._tar is not None:
-            self._tar.close()
+            self.fault = f"{record_path(name)} {error.reason}: the shard is not finished, or its record was changed"
 
     def check(self, verdict: Verdict) -> None:
         """Check the record against the index, and the tar's digest and list of members against the record."""
@@ -64,47 +56,41 @@ class StoredShard:
             verdict.add("shard", self.fault)
             return
         record = self._record
-        listed = {
-            entry.get("shard"): entry for entry in self._index.values.get("shards", ()) if isinstance(entry, dict)
-        }
-        entry = listed.get(self._name)
-        if entry is not None:
-            for key in ("bytes", "sha256", "first", "end"):
-                if entry.get(key) != record.get(key):
-                    verdict.add(
-                        "shard",
-                        f"{self._name}: {key} is {record.get(key)!r} in its record, {entry.get(key)!r} in the index",
-                    )
-        elif self._index.fault is None:
-            verdict.add("shard", f"{self._name} is not in the index")
-        if list(self._samples) != list(self.numbers):
-            verdict.add(
-                "shard",
-                f"{self._name}: expected the pairs {self.numbers.start} to {self.numbers.stop - 1}, its record lists "
-                f"{len(self._samples)}",
-            )
+        entry = self._index.values["shards"][self._shard.number] if self._index.fault is None else record
+        for key in ("bytes", "sha256"):
+            if entry[key] != record[key]:
+                verdict.add(
+                    "shard", f"{self._name}: {key} is {record[key]!r} in its record, {entry[key]!r} in the index"
+                )
         if "tar" in record:
             self._check_tar(verdict)
 
     def _check_tar(self, verdict: Verdict) -> None:
-        place, name = self._index.place, str(self._record["tar"])
+        place, name = self._index.place, tar_path(self._name)
         try:
             with place.open(name) as file:
                 digest = hashlib.file_digest(cast("BufferedReader", file), "sha256").hexdigest()
                 file.seek(0)
                 with tarfile.open(fileobj=file) as tar:
-                    members = [member.name for member in tar]
+                    members = [(member.name, member.isreg(), member.offset_data, member.size) for member in tar]
         except FileNotFoundError:
             verdict.add("shard", f"{name} is missing")
             return
-        except (OSError, tarfile.TarError) as error:
+        except ReadError as error:
+            verdict.add("shard", f"{name} {error.reason}")
+            return
+        except (OSError, tarfile.TarError, ValueError, OverflowError, RecursionError) as error:
             verdict.add("shard", f"{name} cannot be read as a tar: {error}")
             return
-        if digest != self._record.get("sha256"):
-            verdict.add("shard", f"{name} has the sha256 {digest[:12]}, its record {self._record.get('sha256')!s:.12}")
-        expected = [file for files in self._samples.values() for file in files]
+        if digest != self._record["sha256"]:
+            verdict.add("shard", f"{name} has the sha256 {digest[:12]}, its record {self._record['sha256']:.12}")
+        expected = [
+            (file, True, facts["offset"], facts["bytes"])
+            for files in self._samples.values()
+            for file, facts in files.items()
+        ]
         if members != expected:
-            first = min(set(members) ^ set(expected), default="their order")
+            first = min((file for file, *_ in set(members) ^ set(expected)), default="their order")
             counts = f"{name} has {len(members)} files, its record lists {len(expected)}"
             verdict.add("shard", f"{counts}; the first difference is {first}")
 
@@ -142,41 +128,16 @@ class StoredShard:
             verdict.add("sha256", f"{name} has {digest[:12]}, its shard's record {file['sha256']!s:.12}")
 
     def _member(self, number: int, name: str) -> bytes:
-        file = self._samples.get(number, {}).get(name)
-        if file is None:
-            raise ReadError(Path(name), "is missing")
         try:
-            if self._tar is None:
-                self._tar = self._index.place.open(str(self._record["tar"]))
-            self._tar.seek(int(file["offset"]))
-            data = self._tar.read(int(file["bytes"]))
-        except FileNotFoundError:
-            raise ReadError(Path(name), f"is missing, with its shard {self._name}") from None
-        except (KeyError, TypeError, ValueError, OSError) as error:
-            raise ReadError(Path(name), f"cannot be read from its shard {self._name}: {error!r}") from None
-        if len(data) < file["bytes"]:
-            raise ReadError(Path(name), f"is cut off by the end of its shard {self._name}")
-        return data
-
-
-def open_shards(index: Index) -> Iterator[StoredShard]:
-    """Open all shards that a dataset should have, one after the other; a shard is open until the next one.
-
-    Raises:
-        InputError: where the index does not say how many pairs a shard has.
-    """
-    shard_pairs = index.values.get("shard_pairs")
-    if not isinstance(shard_pairs, int) or shard_pairs < 1:
-        raise InputError(f"{index.place.address}: the index has no shard_pairs, so its shards are not known")
-    for shard in index.shards:
-        with closing(StoredShard(index, shard.split, shard.name, range(shard.first, shard.end))) as stored:
-            yield stored
+            return read_members(self._index.place, self._shard, self._record, number, [name])[name]
+        except ReadError as error:
+            raise ReadError(Path(name), f"cannot be read from its shard: {error.path} {error.reason}") from None
 
 
 def check_index(index: Index, verdict: Verdict) -> None:
     """Check the index against itself, and the files in the dataset's folder against the index."""
     if index.fault is not None:
-        verdict.add("index", f"{index.fault}: the dataset is not finished; run its generate command again")
+        verdict.add("index", index.fault)
     if not index.pairs:
         verdict.add("index", f"{INDEX} lists no pair")
     values = json.dumps(index.config, sort_keys=True, separators=(",", ":"))
@@ -208,6 +169,9 @@ def _check_list(index: Index, name: str, expected: bytes, verdict: Verdict) -> N
         data = index.place.read(name)
     except FileNotFoundError:
         verdict.add("files", f"{name} is missing")
+        return
+    except ReadError as error:
+        verdict.add("files", f"{name} {error.reason}")
         return
     if data != expected:
         lines, expected_lines = data.decode("utf-8", "replace").splitlines(), expected.decode().splitlines()
