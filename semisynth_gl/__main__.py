@@ -10,7 +10,9 @@ def main() -> NoReturn:
     # until all is loaded.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     from semisynth_gl import cli  # noqa: PLC0415 - see above
+    from semisynth_gl.cli import streams  # noqa: PLC0415 - see above
 
+    streams.guard_streams()
     signal.signal(signal.SIGINT, signal.default_int_handler)
     cli.main()
 

@@ -297,6 +297,8 @@ UNDECIDING = {
     "errors.py",  # the texts of messages
     "interrupts.py",  # the time of Ctrl-C
     "resources.py",  # paths of files, whose content counts
+    "arguments.py",  # refuses what callers hand in
+    "user_files.py",  # which paths are opened; the content of files counts
 }
 
 

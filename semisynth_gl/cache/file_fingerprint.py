@@ -5,6 +5,8 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
+from semisynth_gl.user_files import open_file
+
 # A file that changes twice within one tick of its file system's clock (two seconds on some) keeps its times. Times
 # prove nothing where they were younger than this when the content was read.
 _YOUNG_NS = 2_000_000_000
@@ -47,7 +49,7 @@ def read_fingerprint(path: Path, before: FileFingerprint | None) -> FileFingerpr
         The fingerprint; None where the file cannot be read or has changed since ``before``.
     """
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     except OSError:
         return None

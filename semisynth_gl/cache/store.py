@@ -19,6 +19,8 @@ import numpy as np
 from isal import isal_zlib
 from numpy.typing import NDArray
 
+from semisynth_gl.user_files import open_file
+
 LIMIT_BYTES = 4_000_000_000
 """Upper limit of all entries together; a full atlas of 256-pixel patches takes 134 MB."""
 
@@ -77,10 +79,10 @@ def read_entry(name: str) -> Entry | None:
         return None
     path = folder / (name + SUFFIX)
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)
         entry = _decoded(data)
-    except (OSError, ValueError, LookupError, TypeError):
+    except (OSError, ValueError, LookupError, TypeError, OverflowError, RecursionError):
         return None
     with suppress(OSError):
         os.utime(path)  # the entries that were unused for longest are removed first

@@ -6,13 +6,13 @@ import re
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from semisynth_gl.calibration.disparity_range import DisparityRange, DisparitySource, disparity_range, farthest_px
 from semisynth_gl.calibration.photographs import check_sizes
 from semisynth_gl.calibration.rig import Rig, Size, median_size, rig_ranges
 from semisynth_gl.config.model import BackgroundSection
 from semisynth_gl.textures.image_files import find_images, printable
+from semisynth_gl.user_files import expanded
 
 _WIDTH = 100
 # Of the image's width, as in the packaged configs: 60 and 420 px of 1500.
@@ -101,7 +101,7 @@ def config_facts(
         rigs,
         scale,
         disparity_range(disparity, rigs),
-        [str(Path(path).expanduser().absolute()) for path in images],
+        [str(expanded(path).absolute()) for path in images],
         len(photographs),
         fitting_count,
     )

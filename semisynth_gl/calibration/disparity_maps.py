@@ -13,6 +13,7 @@ from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.errors import InputError
 from semisynth_gl.histogram import Histogram, PixelCount
 from semisynth_gl.textures.image_files import find_files
+from semisynth_gl.user_files import expanded, open_file
 
 # Fine enough for any quantile, and for bins of any round width from 1 px.
 _FINE_PX = 1 / 16
@@ -47,7 +48,7 @@ def find_maps(sources: Sequence[str | Path]) -> list[Path]:
     paths: dict[Path, None] = {}
     for source in sources:
         maps = find_files([source], MAP_EXTENSIONS)
-        if not Path(source).expanduser().is_file():
+        if not expanded(source).is_file():
             maps = [path for path in maps if path.suffix.lower() != ".png" or _is_grey16(path)]
         if not maps:
             raise InputError(
@@ -123,7 +124,7 @@ def measure_maps(
 
 def _is_grey16(path: Path) -> bool:
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             head = file.read(26)
     except OSError:
         return False

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import StereoCamera
+from semisynth_gl.config.fields import LARGEST, SMALLEST
 from semisynth_gl.errors import InputError
 
 # The loss of calibrations that are printed with six digits, and far less than can be seen in an image.
@@ -15,6 +16,8 @@ _SAME_FOCAL = 1e-4
 _SAME_CY_PX = 0.05
 # KITTI's second camera stands 0.5 % of the baseline off its place, and is called rectified.
 _OFF_BASELINE = 0.01
+# A focal length times a baseline is the largest entry of a projection matrix.
+_LARGEST_ENTRY = LARGEST**2
 
 
 class Size(NamedTuple):
@@ -80,6 +83,17 @@ class Rig:
     camera: StereoCamera
     source: str
     bounds: DisparityBounds = NO_BOUNDS
+
+    def __post_init__(self) -> None:
+        camera = self.camera
+        for name, value in (("focal length", camera.focal_px), ("baseline", camera.baseline_m)):
+            if not SMALLEST <= value <= LARGEST:
+                raise InputError(f"{self.source}: the {name} is {value:g}: expected {SMALLEST:g} to {LARGEST:g}")
+        values = {"cx of the left camera": camera.cx_left_px, "cx of the right camera": camera.cx_right_px}
+        values |= {"cy": camera.cy_px, **{name: px for name, px in self.bounds._asdict().items() if px is not None}}
+        for name, value in values.items():
+            if not -LARGEST <= value <= LARGEST:
+                raise InputError(f"{self.source}: {name} is {value:g}: expected {-LARGEST:g} to {LARGEST:g}")
 
     @property
     def size(self) -> Size:
@@ -197,8 +211,9 @@ def rig_ranges(rigs: Sequence[Rig]) -> dict[str, tuple[float, float]]:
 
 def _check_pinhole(source: str, name: str, matrix: NDArray[np.float64]) -> None:
     """Check that a (3, 4) matrix begins with [f 0 cx; 0 f cy; 0 0 1]."""
-    if not np.isfinite(matrix).all():
-        raise InputError(f"{source}: the {name} projection matrix holds {matrix.tolist()}: expected finite numbers")
+    if not (np.abs(matrix) <= _LARGEST_ENTRY).all():  # nan is not either
+        fault = f"holds {matrix.tolist()}: expected finite numbers of at most {_LARGEST_ENTRY:g}"
+        raise InputError(f"{source}: the {name} projection matrix {fault}")
     focal_px = float(matrix[0, 0])
     if not focal_px > 0:
         raise InputError(f"{source}: the {name} focal length is {focal_px:g} px: expected a calibrated camera, above 0")

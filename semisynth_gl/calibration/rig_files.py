@@ -7,14 +7,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from ruamel.yaml import YAML
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from semisynth_gl.calibration.rig import DisparityBounds, Projections, Rig, Size, rectified
 from semisynth_gl.codecs import read_bytes
 from semisynth_gl.codecs.calib import calib_matrix, calib_values
+from semisynth_gl.config.fields import LARGEST
+from semisynth_gl.config.yaml_values import YamlError, read_yaml
 from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.textures.image_files import find_files
+from semisynth_gl.user_files import expanded
 
 FORMATS = (
     "calib.txt of Middlebury and ETH3D (cam0=[...], cam1=[...], baseline=...)",
@@ -26,8 +27,11 @@ FORMATS = (
 
 _EXPECTED = f"expected {'; '.join(FORMATS)}"
 _EXTENSIONS = (".txt", ".yaml", ".yml")
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_KITTI = re.compile(rf"^(P_rect_0[0-3]|P[0-3]|S_rect_0[0-3])\s*:\s*({_NUMBER}(?:[ \t]+{_NUMBER})*)\s*$", re.MULTILINE)
+# There is one way at most to match a text, so that a text that does not match is given up at once.
+_NUMBER = r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
+_KITTI = re.compile(
+    rf"^(P_rect_0[0-3]|P[0-3]|S_rect_0[0-3])[ \t]*:[ \t]*({_NUMBER}(?:[ \t]+{_NUMBER})*)[ \t\r]*$", re.MULTILINE
+)
 _KITTI_PAIRS = (("P_rect_02", "P_rect_03"), ("P_rect_00", "P_rect_01"), ("P2", "P3"), ("P0", "P1"))
 _OPENCV_PAIRS = (("P1", "P2"), ("LEFT.P", "RIGHT.P"))
 _RAW_CAMERAS = ("M1", "K1", "cameraMatrix1", "camera_matrix_1", "LEFT.K", "R", "T")
@@ -36,7 +40,8 @@ _SIZE_PAIRS = ("image_size", "imageSize", "size")
 
 # A longer baseline in an OpenCV file without a unit is taken for one in millimetres.
 _LONGEST_M = 5.0
-_LARGEST_BYTES = 1 << 22
+_LARGEST_BYTES = 1 << 20
+_LARGEST_SIDE_PX = 99_999
 
 
 def read_rigs(sources: Sequence[str | Path], *, size: Size | None = None, unit_m: float | None = None) -> list[Rig]:
@@ -57,7 +62,7 @@ def read_rigs(sources: Sequence[str | Path], *, size: Size | None = None, unit_m
     """
     paths: dict[Path, None] = {}
     for source in sources:
-        if Path(source).expanduser().is_dir():
+        if expanded(source).is_dir():
             raise InputError(f"--calib {source}: is a folder; give files, or a glob such as '{source}/*/calib.txt'")
         matches = find_files([source], _EXTENSIONS)
         if not matches:
@@ -105,7 +110,7 @@ def _paired(cameras: Sequence[_Camera]) -> Projections:
 
 def _read(path: Path, unit_m: float | None) -> Projections | _Camera:
     try:
-        text = read_bytes(path)[:_LARGEST_BYTES].decode("utf-8-sig")
+        text = read_bytes(path, _LARGEST_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise ReadError(path, f"is not text; {_EXPECTED}") from None
     calibration: Projections | _Camera
@@ -135,10 +140,13 @@ def _middlebury(path: Path, values: Mapping[str, str]) -> Projections:
         try:
             return float(values[key])
         except ValueError:
-            raise ReadError(path, f"{key}: expected a number, got {values[key]!r}") from None
+            raise ReadError(path, f"{key}: expected a number, got {values[key][:100]!r}") from None
 
     left, right = (_middlebury_matrix(path, key, values[key]) for key in ("cam0", "cam1"))
-    right[0, 3] = -right[0, 0] * number("baseline") / 1000
+    baseline_m = number("baseline") / 1000
+    if not abs(baseline_m) <= LARGEST:
+        raise ReadError(path, f"baseline: expected at most {LARGEST:g} m, got {baseline_m:g} m")
+    right[0, 3] = -right[0, 0] * baseline_m
     doffs_px = float(right[0, 2] - left[0, 2])
     if "doffs" in values and abs(number("doffs") - doffs_px) > 0.02:
         raise ReadError(
@@ -154,7 +162,9 @@ def _middlebury_matrix(path: Path, key: str, text: str) -> NDArray[np.float64]:
     try:
         matrix = np.reshape(calib_matrix(text), (3, 3))
     except ValueError:
-        raise ReadError(path, f"{key}: expected a matrix [f 0 cx; 0 f cy; 0 0 1], got {text!r}") from None
+        raise ReadError(path, f"{key}: expected a matrix [f 0 cx; 0 f cy; 0 0 1], got {text[:400]!r}") from None
+    if not (np.abs(matrix) <= LARGEST).all():
+        raise ReadError(path, f"{key}: expected finite numbers of at most {LARGEST:g}, got {text[:400]!r}")
     return np.hstack([matrix, np.zeros((3, 1))])
 
 
@@ -243,7 +253,11 @@ def _checked_size(path: Path, size: Sequence[Any] | None) -> Size | None:
     except (TypeError, ValueError, OverflowError):
         width_px = height_px = 0
     if width_px < 1 or height_px < 1:
-        raise ReadError(path, f"expected a width and height of at least 1 pixel, got {size[0]!r} x {size[1]!r}")
+        fault = f"expected a width and height of at least 1 pixel, got {size[0]!r} x {size[1]!r}"
+        raise ReadError(path, fault[:400])
+    if max(width_px, height_px) > _LARGEST_SIDE_PX:
+        fault = f"expected a width and height of at most {_LARGEST_SIDE_PX} pixels, got {size[0]!r} x {size[1]!r}"
+        raise ReadError(path, fault[:400])
     return Size(width_px, height_px)
 
 
@@ -251,12 +265,10 @@ def _yaml(path: Path, text: str) -> Mapping[str, Any]:
     # OpenCV's first line is no directive of YAML: it has a colon in place of the space. Its matrices are mappings.
     text = re.sub(r"\A%YAML:[^\n]*\n|!!opencv-matrix\b", "", text)
     try:
-        values = YAML(typ="safe", pure=True).load(text)
-    except (YAMLError, ValueError, TypeError, RecursionError) as error:
-        detail = str(error)
-        if isinstance(error, MarkedYAMLError) and (mark := error.problem_mark or error.context_mark):
-            detail = f"line {mark.line + 1}: {error.problem or error.context}"
-        raise ReadError(path, f"is no calibration and no YAML ({detail}); {_EXPECTED}") from None
+        values, _ = read_yaml(text)
+    except YamlError as error:
+        line = "" if error.line is None else f"line {error.line}: "
+        raise ReadError(path, f"is no calibration and no YAML ({line}{error}); {_EXPECTED}") from None
     if not isinstance(values, Mapping):
         raise ReadError(path, f"is no calibration; {_EXPECTED}")
-    return {str(key): value for key, value in values.items()}
+    return values

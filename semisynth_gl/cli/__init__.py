@@ -57,8 +57,15 @@ def main() -> NoReturn:
         _fail("Stopped. Whole pairs stay on disk, nothing half-written does.")
     except SemisynthError as error:
         _fail(f"Error: {error}")
-    except BrokenPipeError:
-        sys.exit(_REFUSED)
+    except MemoryError:
+        _fail(
+            "Error: the memory is full. Take fewer --workers, smaller images or patches, or fewer models and particles."
+        )
+    except RecursionError:
+        _fail("Error: an input is nested deeper than this program follows.")
+    except UnicodeEncodeError as error:
+        text = error.object[max(error.start - 40, 0) : error.end + 40]
+        _fail(f"Error: {text!r} holds characters that {error.encoding} cannot write: rename the file or folder.")
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
         advice = " Free some space, or choose another folder with --out." if error.errno == errno.ENOSPC else ""

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from semisynth_gl.cli.options import COUNT, NATURAL, Command, Source, option, option_group
+from semisynth_gl.cli.options import COUNT, MOST_WORKERS, SEED, Command, Source, option, option_group
 from semisynth_gl.cli.outputs import Output, json_report, output_option
 from semisynth_gl.config import load_config
 from semisynth_gl.listener import Listener
@@ -48,7 +48,7 @@ def _bench_options(config: str) -> Callable[[Command], Command]:
         _BenchOptions,
         option("--config", "config_name", type=Source(), default=config, help="Whose scenes: a name or a YAML file."),
         option("--set", "settings", multiple=True, metavar="dotted.key=value", help="Override a key of the config."),
-        option("--seed", type=NATURAL, default=0, help="Other scenes."),
+        option("--seed", type=SEED, default=0, help="Other scenes."),
         option("--backend", type=click.Choice(BACKENDS), default="auto", help="As for generate."),
     )
 
@@ -91,8 +91,9 @@ def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[i
         numbers = tuple(int(word) for word in text.split(","))
     except ValueError:
         numbers = (0,)
-    if min(numbers) < 1:
-        raise click.BadParameter(f"expected whole numbers above 0 with commas between them, got {text}")
+    if not (min(numbers) >= 1 and max(numbers) <= MOST_WORKERS):
+        fault = f"expected whole numbers from 1 to {MOST_WORKERS} with commas between them, got {text}"
+        raise click.BadParameter(fault)
     return numbers
 
 

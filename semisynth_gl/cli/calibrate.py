@@ -11,14 +11,17 @@ from semisynth_gl.calibration.disparity_range import DisparitySource
 from semisynth_gl.calibration.photographs import impossible_splits
 from semisynth_gl.calibration.rig import Rig, Size, plain_rig
 from semisynth_gl.calibration.rig_files import read_rigs
-from semisynth_gl.cli.options import Source, images_option, option
+from semisynth_gl.cli.options import Number, Source, above_0, images_option, option
 from semisynth_gl.cli.outputs import CONFIG, Output, output_option
+from semisynth_gl.cli.streams import say
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
+from semisynth_gl.config.fields import LARGEST
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.errors import InputError
 from semisynth_gl.textures.crop_report import TextureReport
 from semisynth_gl.textures.prepare import prepare_atlas
 
+_ANY_NUMBER = Number(min=-LARGEST, max=LARGEST)
 _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
@@ -32,12 +35,12 @@ _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
     help="Calibration of the rectified rig: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, stereo "
     "YAML of OpenCV or ROS. May be repeated: ROS's left and right, or several rigs.",
 )
-@option("--focal-px", type=click.FloatRange(min=0, min_open=True), help="Instead of --calib, with the next two.")
-@option("--baseline-m", type=float, help="Distance of the cameras.")
+@option("--focal-px", type=above_0(LARGEST), help="Instead of --calib, with the next two.")
+@option("--baseline-m", type=_ANY_NUMBER, help="Distance of the cameras.")
 @option("--size", metavar="WIDTHxHEIGHT", help="Size of the images, for a calibration without one: 1280x720.")
 @option(
     "--scale",
-    type=click.FloatRange(min=0, min_open=True, max=16),
+    type=above_0(16),
     help="Scale of images and maps against the calibrated size; 0.25 for quarter size.",
 )
 @option("--unit", type=click.Choice(list(_UNITS)), help="Unit of the translation in an OpenCV file, else metres.")
@@ -51,11 +54,11 @@ _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 )
 @option(
     "--png-scale",
-    type=click.FloatRange(min=0, min_open=True),
+    type=above_0(0xFFFF),
     default=KITTI_DISPARITY.steps,
     help="Levels of a 16-bit PNG per pixel of disparity.",
 )
-@option("--range-px", type=(float, float), help="Least and largest disparity, where there are no maps.")
+@option("--range-px", type=(_ANY_NUMBER, _ANY_NUMBER), help="Least and largest disparity, where there are no maps.")
 @option("--other-camera", is_flag=True, help="The photographs are not the rig's: they may have any size.")
 @output_option("--out", CONFIG, ".yaml", ".yml", required=True, help="YAML to write.")
 def calibrate(
@@ -89,7 +92,7 @@ def calibrate(
     report = prepare_atlas(config.textures, 0).report
     output.write(text.encode())
     for line in _summary(facts, config.name, report, out):
-        click.echo(line)
+        say(line)
 
 
 def _rigs(
@@ -110,7 +113,7 @@ def _rigs(
 def _size(text: str | None) -> Size | None:
     if text is None:
         return None
-    sides = re.fullmatch(r"([1-9]\d{0,5})\s*[xX]\s*([1-9]\d{0,5})", text.strip())
+    sides = re.fullmatch(r"([1-9][0-9]{0,4})\s*[xX]\s*([1-9][0-9]{0,4})", text.strip())
     if sides is None:
         raise InputError(f"--size {text}: expected width x height in pixels, such as 1280x720")
     return Size(int(sides[1]), int(sides[2]))

@@ -6,8 +6,20 @@ from dataclasses import dataclass
 
 import click
 
-from semisynth_gl.cli.options import COUNT, NATURAL, SceneOptions, Source, option, option_group, scene_options
+from semisynth_gl.cli.options import (
+    COUNT,
+    MOST_WORKERS,
+    NATURAL,
+    Number,
+    SceneOptions,
+    Source,
+    above_0,
+    option,
+    option_group,
+    scene_options,
+)
 from semisynth_gl.cli.progress import Progress
+from semisynth_gl.cli.streams import say
 from semisynth_gl.config import Config
 from semisynth_gl.engines.local import LocalEngine, SerialEngine
 from semisynth_gl.engines.task import Engine, cores
@@ -131,7 +143,7 @@ class _WorkerOptions:
         """Return CUDA's numbers of the GPUs; Ray shows each task its own as number 0."""
         if self.gpus is None:
             return (0,) if self.gpu_share else ()
-        if not re.fullmatch(r"\d+(,\d+)*", self.gpus):
+        if not re.fullmatch(r"[0-9]{1,4}(,[0-9]{1,4})*", self.gpus):
             raise InputError(f"--gpus: expected numbers such as 0,1,3, got {self.gpus!r}")
         return tuple(int(number) for number in self.gpus.split(","))
 
@@ -147,7 +159,7 @@ _worker_options = option_group(
     ),
     option(
         "--workers",
-        type=COUNT,
+        type=click.IntRange(min=1, max=MOST_WORKERS),
         metavar="N",
         help="Processes of the engine local; the files are the same whatever their number.  [default: a core each, at "
         f"most one for {_PAIRS_PER_WORKER} pairs]",
@@ -155,7 +167,7 @@ _worker_options = option_group(
     option("--gpus", metavar="A,B", help="CUDA's numbers of the GPUs that workers take turns on."),
     click.option(
         "--gpu-share",
-        type=click.FloatRange(min=0),
+        type=Number(min=0, max=MOST_WORKERS),
         default=0.0,
         metavar="X",
         help="GPUs, or part of one, of a Ray task.",
@@ -163,7 +175,7 @@ _worker_options = option_group(
     option("--ray-address", metavar="ADDRESS", help="A running cluster.  [default: $RAY_ADDRESS, else a local one]"),
     option(
         "--timeout",
-        type=click.FloatRange(min=0, min_open=True),
+        type=above_0(1e6),
         metavar="SECONDS",
         help="A worker of the engine local that takes longer for a pair, or to start, is replaced.  [default: "
         f"{_TIMEOUT_S:g}]",
@@ -252,7 +264,7 @@ class _GenerationProgress(Progress):
 
 
 def _range(text: str) -> range:
-    parts = re.fullmatch(r"(\d+)(?:-(\d+))?", text)
+    parts = re.fullmatch(r"([0-9]{1,9})(?:-([0-9]{1,9}))?", text)
     if parts is None:
         raise InputError(f"--shards: expected one number, or two such as 100-199, got {text!r}")
     first, last = int(parts[1]), int(parts[2] or parts[1])
@@ -272,9 +284,9 @@ def _conclude(result: GenerationResult) -> None:
             "index, with the run that makes the last one",
             err=True,
         )
-        click.echo(f"the shards asked for are in {result.place.address}")
+        say(f"the shards asked for are in {result.place.address}")
         return
     for split in plan.splits:
         for advice in plan.layout.advice(plan.pairs[split], plan.config, split):
             click.echo(f"note: {advice}", err=True)
-    click.echo(f"{total} pairs in {result.place.address}")
+    say(f"{total} pairs in {result.place.address}")

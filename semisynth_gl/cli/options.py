@@ -1,5 +1,6 @@
 """Options that several commands share, and the files that options name."""
 
+import math
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, fields
@@ -16,8 +17,29 @@ from semisynth_gl.render.context import BACKENDS, Backend
 Command = Callable[..., Any]
 
 option = partial(click.option, show_default=True)
-NATURAL = click.IntRange(min=0)
-COUNT = click.IntRange(min=1)
+
+_MOST = 10_000_000
+NATURAL = click.IntRange(min=0, max=_MOST)
+COUNT = click.IntRange(min=1, max=_MOST)
+MOST_WORKERS = 1024
+# JSON's readers in other languages take whole numbers up to 64 bits.
+SEED = click.IntRange(min=0, max=(1 << 63) - 1)
+
+
+class Number(click.FloatRange):
+    """The type of an option that is a number between two ends; click's own takes nan for one."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:  # noqa: ANN401
+        """Return the number, or refuse what is none."""
+        number = float(super().convert(value, param, ctx))
+        if math.isnan(number):
+            self.fail(f"{value!r} is not a number.", param, ctx)
+        return number
+
+
+def above_0(largest: float) -> Number:
+    """Return the type of a number above 0."""
+    return Number(min=0, min_open=True, max=largest)
 
 
 class UserPath(click.Path):
@@ -133,7 +155,7 @@ scene_options = option_group(
         metavar="DIR",
         help="A folder of 3D models to add to those that are built in. May be repeated.",
     ),
-    option("--seed", type=NATURAL, default=0, help="Another seed, another dataset."),
+    option("--seed", type=SEED, default=0, help="Another seed, another dataset."),
     option(
         "--set",
         "settings",
@@ -154,16 +176,11 @@ def read_config(
     config_name: str, images: tuple[str, ...], models: tuple[str, ...], settings: tuple[str, ...]
 ) -> Config:
     """Load the config that the options --config, --images, --models and --set describe."""
-    overrides = list(settings)
+    overrides: list[str | tuple[str, Any]] = list(settings)
     config = load_config(config_name, overrides)
+    # As values: names of files that went through YAML would have to be text.
     if images:
-        overrides += ["textures.source=images", f"textures.images={_quoted(images)}"]
+        overrides += [("textures.source", "images"), ("textures.images", list(images))]
     if models:
-        overrides.append(f"models.folders={_quoted((*config.models.folders, *models))}")
+        overrides.append(("models.folders", [*config.models.folders, *models]))
     return load_config(config_name, overrides)
-
-
-def _quoted(values: tuple[str, ...]) -> str:
-    """Write strings as a YAML list."""
-    quoted = ("'" + value.replace("'", "''") + "'" for value in values)
-    return f"[{', '.join(quoted)}]"

@@ -7,6 +7,7 @@ import click
 from semisynth_gl.cli.options import SceneOptions, option, scene_options
 from semisynth_gl.cli.outputs import Output, marked_png, output_option
 from semisynth_gl.cli.progress import Progress
+from semisynth_gl.cli.streams import say
 from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.textures.reach import photograph_sources
@@ -35,9 +36,9 @@ def preview(scene: SceneOptions, output: Output, pairs: int) -> None:
     target = config.wanted_histogram()
     draw_sheet(frames, target, title).savefig(png, format="png")
     output.write(png.getvalue())
-    click.echo(f"{pairs} pairs in {output.file}")
+    say(f"{pairs} pairs in {output.file}")
     if expected is not None:
-        click.echo(
+        say(
             f"over many pairs, disparities are expected to come to a total variation of "
             f"{total_variation(expected, target):.3f} from the target, {wasserstein_px(target, expected):.2g} px "
             "(Wasserstein-1)"

@@ -8,6 +8,7 @@ import click
 from semisynth_gl.cli.options import COUNT, Source, option
 from semisynth_gl.cli.outputs import Output, marked_html, output_option
 from semisynth_gl.cli.progress import Progress
+from semisynth_gl.cli.streams import say
 from semisynth_gl.dataset.reader import Index, read_index
 from semisynth_gl.splits import SPLITS, SplitName
 
@@ -46,11 +47,11 @@ def report(directory: str, output: Output, pairs: int, sample: int, split: Split
     start = time.monotonic()
     with Progress() as progress:
         built = build_report(index, pairs=pairs, sample=sample, split=split, listener=progress)
-    data = built.page.encode("utf-8")
+    data = built.page.encode("utf-8", "backslashreplace")  # names of files may hold bytes that are no text
     output.write(data)
     measured, total = len(built.measurement.pairs), built.measurement.dataset_pairs
     size = f" at 1/{built.step} of their size" if built.step > 1 else ""
-    click.echo(
+    say(
         f"{output.path}: {measured} of {total} pairs measured, {built.shown} shown{size}, "
         f"{len(data) / _MEGA:.1f} MB, {time.monotonic() - start:.0f} s"
     )

@@ -4,8 +4,9 @@ import io
 
 import click
 
-from semisynth_gl.cli.options import NATURAL, Source, images_option, option, read_config
+from semisynth_gl.cli.options import SEED, Source, images_option, option, read_config
 from semisynth_gl.cli.outputs import Output, marked_png, output_option
+from semisynth_gl.cli.streams import say
 from semisynth_gl.config import packaged_configs
 from semisynth_gl.textures.crop_report import REJECTIONS, TextureReport, count_crops
 from semisynth_gl.textures.image_files import printable, relative_names
@@ -23,7 +24,7 @@ from semisynth_gl.textures.reach import photograph_sources
     help=f"Its section textures counts: a YAML file, or a packaged config: {', '.join(packaged_configs())}.",
 )
 @images_option()
-@option("--seed", type=NATURAL, default=0, help="As of the dataset.")
+@option("--seed", type=SEED, default=0, help="As of the dataset.")
 @option(
     "--set",
     "settings",
@@ -49,9 +50,9 @@ def textures(config_name: str, images: tuple[str, ...], seed: int, settings: tup
     draw_texture_sheet(atlas, files, title).save(png, format="png")
     output.write(png.getvalue())
     for line in _table(report):
-        click.echo(line)
-    click.echo(report.summary())
-    click.echo(f"{kept} patches in {output.file}")
+        say(line)
+    say(report.summary())
+    say(f"{kept} patches in {output.file}")
 
 
 def _table(report: TextureReport) -> list[str]:

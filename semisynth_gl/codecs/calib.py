@@ -10,7 +10,8 @@ from semisynth_gl.errors import InputError, ReadError
 
 # HSM counts lines instead of reading names (its ndisp is line 7), so the order matters.
 _KEYS = ("cam0", "cam1", "doffs", "baseline", "width", "height", "ndisp", "isint", "vmin", "vmax", "dyavg", "dymax")
-_LINE = re.compile(r"^[ \t]*(\w+)[ \t]*=[ \t]*(.*?)[ \t\r]*$", re.MULTILINE)
+# Spaces around values are taken off afterwards: a pattern for them would try again at each space.
+_LINE = re.compile(r"^[ \t]*(\w+)[ \t]*=(.*)$", re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +144,7 @@ MIDDLEBURY_CALIB, KITTI_CALIB = MiddleburyCalib(), KittiCalib()
 
 def calib_values(text: str) -> dict[str, str]:
     """Return the lines ``name=value`` of any calib.txt by name: in any order, among other lines, with spaces around."""
-    return dict(_LINE.findall(text))
+    return {key: value.strip(" \t\r") for key, value in _LINE.findall(text)}
 
 
 def calib_matrix(text: str) -> list[float]:

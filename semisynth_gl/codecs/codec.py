@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.errors import ReadError
+from semisynth_gl.user_files import read_file
 
 PHOTOGRAPH_PIXEL_BYTES = 1.8
 """`Codec.pixel_bytes` of RGB images: photographs as PNG, measured over the packaged configs."""
@@ -85,14 +86,18 @@ class Codec(ABC, Generic[Value]):
         return self.decode(read_bytes(path), path)
 
 
-def read_bytes(path: Path) -> bytes:
+def read_bytes(path: Path, most_bytes: int | None = None) -> bytes:
     """Return a file's bytes.
 
+    Args:
+        path: the file.
+        most_bytes: the most that the file may have.
+
     Raises:
-        ReadError: where the file is missing or the disk refuses.
+        ReadError: where the file is missing, is no file of a disk or larger, or the disk refuses.
     """
     try:
-        return path.read_bytes()
+        return read_file(path, most_bytes)
     except FileNotFoundError:
         raise ReadError(path, "is missing") from None
     except OSError as error:

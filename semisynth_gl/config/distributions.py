@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from semisynth_gl.config.fields import FROM_LIST, NotNegative, Positive, Section, Weight
+from semisynth_gl.config.fields import FROM_LIST, LARGEST, Finite, NotNegative, Positive, Section, Weight
 from semisynth_gl.errors import InputError
 from semisynth_gl.histogram import Histogram, mix_histograms
+from semisynth_gl.user_files import read_file
 
 # A measured histogram has a few pixels anywhere: this share of a target may be out of reach.
 _OUT_OF_REACH = 0.02
@@ -26,6 +27,8 @@ _POINTS = 16
 _BINS = 24
 # Bins of a file are cut into equal bins of their common measure, up to this many.
 _MOST_BINS = 4096
+_MOST_PARTS = 100
+_LARGEST_BYTES = 1 << 20
 _RESOLUTION_PX = 1e-3
 
 
@@ -93,8 +96,8 @@ class HistogramTarget(Section):
 
     form: Literal["histogram"]
     bin_px: Positive
-    first_px: Annotated[float, Field(allow_inf_nan=False)] = 0.0
-    shares: Annotated[tuple[Weight, ...], FROM_LIST, Field(min_length=1)]
+    first_px: Finite = 0.0
+    shares: Annotated[tuple[Weight, ...], FROM_LIST, Field(min_length=1, max_length=_MOST_BINS)]
 
     @model_validator(mode="after")
     def _some_share(self) -> Self:
@@ -126,7 +129,7 @@ class MixtureTarget(Section):
     """
 
     form: Literal["mixture"]
-    parts: Annotated[tuple[MixturePart, ...], FROM_LIST, Field(min_length=1)]
+    parts: Annotated[tuple[MixturePart, ...], FROM_LIST, Field(min_length=1, max_length=_MOST_PARTS)]
 
     @model_validator(mode="after")
     def _some_weight(self) -> Self:
@@ -236,8 +239,10 @@ def read_histogram(path: Path) -> dict[str, Any]:
         InputError: where the file cannot be read or a line is wrong, with the number of the line.
     """
     try:
-        lines = path.read_text("utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
+        lines = read_file(path, _LARGEST_BYTES).decode("utf-8").splitlines()
+    except OSError as error:
+        raise InputError(f"{path}: the wanted histogram cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
         raise InputError(f"{path}: the wanted histogram cannot be read: {error}") from None
     bins: list[tuple[float, float, float]] = []
     for number, line in enumerate(lines, 1):
@@ -247,9 +252,11 @@ def read_histogram(path: Path) -> dict[str, Any]:
         try:
             low, high, share = (float(part) for part in text.split(","))
         except ValueError:
-            raise InputError(f"{path}:{number}: expected three numbers, low_px,high_px,share, got {text!r}") from None
-        if not (math.isfinite(low) and math.isfinite(high) and low < high and 0 <= share < math.inf):
-            raise InputError(f"{path}:{number}: expected low_px < high_px and a share of 0 or more, got {text!r}")
+            fault = f"expected three numbers, low_px,high_px,share, got {text[:100]!r}"
+            raise InputError(f"{path}:{number}: {fault}") from None
+        if not (-LARGEST <= low < high <= LARGEST and 0 <= share <= LARGEST):
+            fault = f"expected low_px < high_px and a share of 0 or more, all at most {LARGEST:g}, got {text[:100]!r}"
+            raise InputError(f"{path}:{number}: {fault}")
         if bins and abs(bins[-1][1] - low) > _RESOLUTION_PX:
             raise InputError(f"{path}:{number}: expected the bin to begin at {bins[-1][1]:g} px, where the last ends")
         bins.append((low, high, share))

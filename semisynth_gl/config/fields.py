@@ -6,12 +6,25 @@ from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, PlainValidator
 
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+LARGEST = 1e6
+"""Largest magnitude of any number in a config: far beyond use, and far from where arithmetic overflows."""
+
+SMALLEST = 1e-6
+"""Smallest number where a number above 0 is expected: its inverse is no larger than `LARGEST`."""
+
+
+def _check_not_tiny(value: float) -> float:
+    if value < SMALLEST:
+        raise ValueError(f"expected {SMALLEST:g} or more")
+    return value
+
+
+Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, le=LARGEST, allow_inf_nan=False), AfterValidator(_check_not_tiny)]
 Weight = NotNegative
-Count = Annotated[int, Field(ge=1)]
 
 
 class Section(BaseModel):
@@ -71,9 +84,10 @@ def _parse(value: object) -> Range:
     ends = value if isinstance(value, (list, tuple)) else (value, value)
     if len(ends) != 2 or not all(isinstance(end, (int, float)) and not isinstance(end, bool) for end in ends):
         raise ValueError("expected a number or [low, high]")
+    # Before any is made a float: an integer may be too large for one.
+    if not all(-LARGEST <= end <= LARGEST for end in ends):
+        raise ValueError(f"expected finite numbers of at most {LARGEST:g}")
     low, high = (float(end) for end in ends)
-    if not (np.isfinite(low) and np.isfinite(high)):
-        raise ValueError("expected finite numbers")
     if low > high:
         raise ValueError(f"expected [low, high] with low <= high, but {low:g} > {high:g}: the range is empty")
     return Range(low, high)
@@ -82,12 +96,52 @@ def _parse(value: object) -> Range:
 def _check_low(value: Range, *, positive: bool) -> Range:
     if value.low < 0 or (positive and value.low == 0):
         raise ValueError(f"expected numbers {'above 0' if positive else 'of 0 or more'}")
+    if positive:
+        _check_not_tiny(value.low)
     return value
+
+
+def at_least(smallest: float) -> AfterValidator:
+    """Return a validator of ranges that begin at a number or above."""
+
+    def check(value: Range) -> Range:
+        if value.low < smallest:
+            raise ValueError(f"expected at least {smallest:g}")
+        return value
+
+    return AfterValidator(check)
+
+
+def at_most(largest: float) -> AfterValidator:
+    """Return a validator of ranges that end at a number or below."""
+
+    def check(value: Range) -> Range:
+        if value.high > largest:
+            raise ValueError(f"expected at most {largest:g}")
+        return value
+
+    return AfterValidator(check)
+
+
+def count(most: int) -> Any:  # noqa: ANN401 - pydantic's
+    """Return the limits of a whole number from 1 to ``most``."""
+    return Field(ge=1, le=most)
 
 
 def _serialize(value: Range) -> float | list[float]:
     return value.low if value.low == value.high else [value.low, value.high]
 
+
+def _parse_path(value: Any) -> str:  # noqa: ANN401 - a validator gets any YAML value
+    if not isinstance(value, str):
+        raise ValueError("input should be a valid string")  # noqa: TRY004 - pydantic's
+    if "\0" in value:
+        raise ValueError("expected the name of a file or folder, got one with a zero byte")
+    return value
+
+
+# Pydantic's own strings refuse names of files that are no UTF-8, which Python reads as lone surrogates.
+PathText = Annotated[str, PlainValidator(_parse_path), PlainSerializer(lambda value: value, return_type=Any)]
 
 RangeField = Annotated[Range, BeforeValidator(_parse), PlainSerializer(_serialize)]
 PositiveRange = Annotated[RangeField, AfterValidator(partial(_check_low, positive=True))]

@@ -1,6 +1,7 @@
 """Reading a config: YAML with ``extends``, overrides, and errors that name file, line and key."""
 
 import difflib
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources.abc import Traversable
@@ -10,15 +11,14 @@ from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
-from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedMap, CommentedSeq
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from semisynth_gl.arguments import check_type
 from semisynth_gl.config.distributions import read_histogram
 from semisynth_gl.config.model import Config
+from semisynth_gl.config.yaml_values import DEEPEST, MOST_BYTES, Key, YamlError, read_yaml
 from semisynth_gl.errors import InputError
 from semisynth_gl.resources import data_root
+from semisynth_gl.user_files import expanded, read_file
 
 _EXTENDS = "extends"
 _TARGET = ("disparity", "target")
@@ -33,7 +33,10 @@ _REPLACES = {
     "cx_right_px": ("doffs_px",),
 }
 
-Key = tuple[str | int, ...]
+# Configs that extend each other, one the next.
+_MOST_PARENTS = 16
+# Of a message: faults, and characters of a value.
+_FAULTS_SHOWN, _SHOWN = 20, 100
 
 
 @dataclass(slots=True)
@@ -49,12 +52,16 @@ def packaged_configs() -> list[str]:
     return sorted(Path(entry.name).stem for entry in data_root("configs").iterdir() if entry.name.endswith(".yaml"))
 
 
-def load_config(name_or_path: str | Path, overrides: Mapping[str, Any] | Sequence[str] = ()) -> Config:
+Overrides = Mapping[str, Any] | Sequence[str | tuple[str, Any]]
+
+
+def load_config(name_or_path: str | Path, overrides: Overrides = ()) -> Config:
     """Read a config.
 
     Args:
         name_or_path: a path, or the name of a packaged config with or without ".yaml".
-        overrides: ``{"camera.width_px": 640}``, or ``["camera.width_px=640"]`` with values in YAML.
+        overrides: ``{"camera.width_px": 640}``, or a list of ``"camera.width_px=640"``, with a value in YAML, and of
+            ``("camera.width_px", 640)``; later ones win.
 
     Raises:
         InputError: with a line per fault: its place (file, line), the dotted key, what was expected and what came.
@@ -78,17 +85,19 @@ def parse_config(text: str, shown: str) -> Config:
     return _validated(_parse_document(text, Path(shown), shown, ()))
 
 
-def _validated(document: _Document, overrides: Mapping[str, Any] | Sequence[str] = ()) -> Config:
+def _validated(document: _Document, overrides: Overrides = ()) -> Config:
     own = _Document()
-    for key, value in overrides.items() if isinstance(overrides, Mapping) else _parsed_overrides(overrides):
-        _set(own, key, value)
+    for override in overrides.items() if isinstance(overrides, Mapping) else overrides:
+        _set(own, *(_parsed_override(override) if isinstance(override, str) else override))
     document = _merged(document, own)
     _read_target_file(document)
     try:
         return Config.model_validate(document.values)
     except ValidationError as error:
-        lines = [_explain(fault, document) for fault in error.errors(include_url=False)]
-        raise InputError("\n".join(dict.fromkeys(lines))) from None
+        faults = error.errors(include_url=False)
+        lines = [_explain(fault, document) for fault in faults[:_FAULTS_SHOWN]]
+        more = [f"and {len(faults) - _FAULTS_SHOWN} more faults"] if len(faults) > _FAULTS_SHOWN else []
+        raise InputError("\n".join([*dict.fromkeys(lines), *more])) from None
 
 
 def _read_target_file(document: _Document) -> None:
@@ -102,100 +111,96 @@ def _read_target_file(document: _Document) -> None:
     if "path" not in target:
         faults.append(((*_TARGET, "form"), "a target of form file needs a path beside it: disparity.target.path"))
     elif not isinstance(path, str):
-        faults.append(((*_TARGET, "path"), f"expected the name of a file, got {path!r}"))
+        faults.append(((*_TARGET, "path"), f"expected the name of a file, got {_shown(path)}"))
     if faults:
         raise InputError("\n".join(f"{_prefix(key, document)}: {fault}" for key, fault in faults))
     # A path in a config counts from the folder of the config, a path in an override from the working folder.
     place = document.places.get((*_TARGET, "path"), _OVERRIDE)
     folder = Path() if place.startswith(_OVERRIDE) else Path(place.rpartition(":")[0]).parent
-    disparity[_TARGET[1]] = read_histogram(folder / Path(str(path)).expanduser())
+    try:
+        disparity[_TARGET[1]] = read_histogram(folder / expanded(str(path)))
+    except InputError as error:
+        raise InputError(f"{_prefix((*_TARGET, 'path'), document)}: {error}") from None
 
 
 def _find_config(name: str) -> Path | Traversable:
-    path = Path(name).expanduser()
-    if path.is_file():
+    path = expanded(name)
+    # What is no file of a disk is refused when it is opened; a name that no file can have is none.
+    if os.path.exists(path) and not os.path.isdir(path):  # noqa: PTH110, PTH112 - those raise at such names
         return path
     stem, names = path.name.removesuffix(".yaml"), packaged_configs()
     if path.parent == Path() and stem in names:
         return data_root("configs") / f"{stem}.yaml"
     similar = difflib.get_close_matches(stem, names, n=1)
     hint = f" Did you mean {similar[0]}?" if similar else ""
-    raise InputError(f"no such config: {name}.{hint} Expected a YAML file, or one of: {', '.join(names)}")
+    raise InputError(f"no such config: {_cut(name)}.{hint} Expected a YAML file, or one of: {', '.join(names)}")
 
 
 def _read_document(path: Path | Traversable, parents: tuple[str, ...]) -> _Document:
     shown = str(path) if isinstance(path, Path) else path.name
     if shown in parents:
         raise InputError(f"{shown}: configs extend each other in a circle: {' -> '.join((*parents, shown))}")
+    if len(parents) > _MOST_PARENTS:
+        raise InputError(f"{shown}: more than {_MOST_PARENTS} configs extend each other, one the next")
     try:
-        text = path.read_text(encoding="utf-8")
-    except (UnicodeDecodeError, OSError) as error:
+        data = read_file(path, MOST_BYTES) if isinstance(path, Path) else path.read_bytes()
+        text = data.decode("utf-8")
+    except OSError as error:
+        raise InputError(f"{shown}: cannot be read as YAML: {error.strerror}") from None
+    except UnicodeDecodeError as error:
         raise InputError(f"{shown}: cannot be read as YAML: {error}") from None
     return _parse_document(text, path, shown, parents)
 
 
 def _parse_document(text: str, path: Path | Traversable, shown: str, parents: tuple[str, ...]) -> _Document:
     try:
-        tree = YAML(typ="rt", pure=True).load(text)
-    except MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        line = f":{mark.line + 1}" if mark else ""
-        raise InputError(f"{shown}{line}: not valid YAML: {error.problem or error.context}") from None
-    except YAMLError as error:
-        raise InputError(f"{shown}: cannot be read as YAML: {error}") from None
-    if not isinstance(tree, CommentedMap):
-        raise InputError(f"{shown}:1: expected sections such as camera: and disparity:, got {tree!r}")
-    own = _Document()
-    own.values = _plain(tree, (), shown, own.places)
+        tree, lines = read_yaml(text)
+    except YamlError as error:
+        place = shown if error.line is None else f"{shown}:{error.line}"
+        raise InputError(f"{place}: {error}") from None
+    if not isinstance(tree, dict):
+        raise InputError(f"{shown}:1: expected sections such as camera: and disparity:, got {_shown(tree)}")
+    own = _Document(tree, {key: f"{shown}:{line}" for key, line in lines.items()})
     base_name = own.values.pop(_EXTENDS, None)
     if base_name is None:
         return own
     place = own.places[(_EXTENDS,)]
     if not isinstance(base_name, str):
-        raise InputError(f"{place}: {_EXTENDS}: expected the name of a config, got {base_name!r}")
-    beside = path.parent / base_name if isinstance(path, Path) else None
+        raise InputError(f"{place}: {_EXTENDS}: expected the name of a config, got {_shown(base_name)}")
     try:
-        base_path = beside if beside is not None and beside.is_file() else _find_config(base_name)
+        beside = path.parent / expanded(base_name) if isinstance(path, Path) else None
+        is_beside = beside is not None and os.path.isfile(beside)  # noqa: PTH113 - see _find_config
+        base_path = beside if beside is not None and is_beside else _find_config(base_name)
     except InputError as error:
         raise InputError(f"{place}: {_EXTENDS}: {error}") from None
     return _merged(_read_document(base_path, (*parents, shown)), own)
-
-
-def _plain(node: Any, key: Key, shown: str, places: dict[Key, str]) -> Any:  # noqa: ANN401 - any YAML value
-    """Return a node of the YAML tree as plain Python values, and note the line of each key in ``places``."""
-    if isinstance(node, CommentedMap):
-        places |= {(*key, str(name)): f"{shown}:{node.lc.key(name)[0] + 1}" for name in node}
-        return {str(name): _plain(child, (*key, str(name)), shown, places) for name, child in node.items()}
-    if isinstance(node, CommentedSeq):
-        places |= {(*key, i): f"{shown}:{node.lc.item(i)[0] + 1}" for i in range(len(node))}
-        return [_plain(child, (*key, i), shown, places) for i, child in enumerate(node)]
-    # The round-trip loader wraps scalars to keep their notation.
-    return next((plain(node) for plain in (bool, int, float, str) if isinstance(node, plain)), node)
 
 
 def _merged(base: _Document, own: _Document) -> _Document:
     # A value that is replaced takes its place along, so that no message sends the user there.
     places = dict(base.places)
 
-    def forget(key: Key) -> None:
-        for below in _at_or_below(key, places):
-            del places[below]
-        # A key that was set through a key below it has the place of that key.
-        if through := _at_or_below(key, own.places):
-            places[key] = own.places[through[0]]
+    def forget(key: Key, value: Any) -> None:  # noqa: ANN401 - any YAML value
+        for below in _keys(value, key):
+            places.pop(below, None)
 
     def merge(below: dict[str, Any], above: dict[str, Any], at: Key) -> dict[str, Any]:
         replaced = {name for key in above for name in _REPLACES.get(key, ()) if name not in above}
         result = dict(below)
         for name in replaced & below.keys():
-            forget((*at, name))
+            forget((*at, name), below[name])
             del result[name]
         for name, value in above.items():
+            key = (*at, name)
             # A form comes with all its keys: the keys of another form do not belong to it.
             if isinstance(value, dict) and isinstance(below.get(name), dict) and "form" not in value:
-                result[name] = merge(below[name], value, (*at, name))
+                result[name] = merge(below[name], value, key)
             else:
-                forget((*at, name))
+                forget(key, below.get(name))
+                # A key that was set through a key below it has the place of that key.
+                through = next((own.places[set_key] for set_key in _keys(value, key) if set_key in own.places), None)
+                if through is not None:
+                    places[key] = through
                 result[name] = value
         return result
 
@@ -203,32 +208,27 @@ def _merged(base: _Document, own: _Document) -> _Document:
     return _Document(values, places | own.places)
 
 
-def _at_or_below(key: Key, places: Iterable[Key]) -> list[Key]:
-    return [place for place in places if place[: len(key)] == key]
-
-
-def _parsed_overrides(overrides: Sequence[str]) -> list[tuple[str, Any]]:
-    result = []
-    for text in overrides:
-        key, equals, value = text.partition("=")
-        if not equals or not key:
-            raise InputError(f"--set {text}: expected dotted.key=value, such as camera.width_px=640")
-        try:
-            result.append((key, YAML(typ="safe", pure=True).load(value)))
-        except YAMLError:
-            raise InputError(f"--set {text}: the value {value!r} is not valid YAML") from None
-    return result
+def _parsed_override(text: str) -> tuple[str, Any]:
+    key, equals, value = text.partition("=")
+    if not equals or not key:
+        raise InputError(f"{_OVERRIDE} {_cut(text)}: expected dotted.key=value, such as camera.width_px=640")
+    try:
+        return key, read_yaml(value)[0]
+    except YamlError as error:
+        raise InputError(f"{_OVERRIDE} {_cut(key)}: the value {_cut(repr(value))}: {error}") from None
 
 
 def _set(document: _Document, dotted: str, value: Any) -> None:  # noqa: ANN401 - any YAML value
     *sections, last = key = tuple(dotted.split("."))
+    if len(sections) > DEEPEST:
+        raise InputError(f"{_OVERRIDE} {_cut(dotted)}: expected a key of at most {DEEPEST} parts")
     node = document.values
     for section in sections:
         node = node.setdefault(section, {})
         if not isinstance(node, dict):
-            raise InputError(f"--set {dotted}: {section} is no section with keys of its own")
-    for below in _at_or_below(key, document.places):
-        del document.places[below]
+            raise InputError(f"{_OVERRIDE} {dotted}: {section} is no section with keys of its own")
+    for below in _keys(node.get(last), key):
+        document.places.pop(below, None)
     node[last] = value
     # The override sets all keys of a mapping too.
     document.places |= dict.fromkeys(_keys(value, key), f"{_OVERRIDE} {dotted}")
@@ -253,7 +253,7 @@ def _explain(fault: ErrorDetails, document: _Document) -> str:
     if kind == "missing":
         return f"{prefix}: missing; this key has no default"
     message = fault["msg"].removeprefix("Value error, ")
-    value = "" if isinstance(fault["input"], (dict, BaseModel)) else f", got {fault['input']!r}"
+    value = "" if isinstance(fault["input"], (dict, BaseModel)) else f", got {_shown(fault['input'])}"
     return f"{prefix}: {message[0].lower()}{message[1:]}{value}"
 
 
@@ -264,11 +264,23 @@ def _explain_form(key: Key, names: Iterable[str], fault: ErrorDetails, document:
     prefix, listed = _prefix(key, document), f"expected one of: {', '.join(names)}"
     if fault["type"] == "union_tag_not_found":
         return f"{prefix}: missing; {listed}"
-    form = fault["ctx"]["tag"]
+    form = _cut(fault["ctx"]["tag"])
     if form == _TARGET_FILE and is_part:
         return f"{prefix}: a part of a mixture takes no file, only a whole target does; {listed}"
     similar = difflib.get_close_matches(form, names, n=1, cutoff=0.5)
     return f"{prefix}: unknown form {form}; {f'did you mean {similar[0]}? ' if similar else ''}{listed}"
+
+
+def _shown(value: object) -> str:
+    """Return a value for a message, cut where it is long."""
+    try:
+        return _cut(repr(value))
+    except ValueError:  # Python writes no integer of more than 4300 digits
+        return "a number of thousands of digits"
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
 
 
 def _prefix(key: Key, document: _Document) -> str:

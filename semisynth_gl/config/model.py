@@ -11,15 +11,18 @@ from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS, Enc
 from semisynth_gl.config.distributions import TargetSection, UniformTarget, check_target, wanted_histogram
 from semisynth_gl.config.fields import (
     FROM_LIST,
-    Count,
     NotNegative,
     NotNegativeRange,
+    PathText,
     Positive,
     PositiveRange,
     Range,
     RangeField,
     Section,
     Weight,
+    at_least,
+    at_most,
+    count,
     one_of,
 )
 from semisynth_gl.frame import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, OUTPUTS, TruthViews
@@ -30,7 +33,19 @@ _EDGE_ON_DEG = 90
 _ZERO = Range(0.0, 0.0)
 
 _Share = Annotated[float, Field(ge=0, le=1)]
-_AtLeastOne = Annotated[float, Field(ge=1, allow_inf_nan=False)]
+_AtLeastOne = Annotated[float, Field(ge=1, le=1024)]
+
+# What every OpenGL 4.5 driver of today draws, and what fits into the memory of a large machine.
+_WIDEST_PX, _MOST_PIXELS = 16_384, 1 << 27
+_MOST_PARTICLES = 100_000
+_MOST_TEXELS = 1 << 31
+_BYTES_PER_TEXEL = 4
+# Items of a list, and characters of a name.
+_MOST_ITEMS, _LONGEST_NAME, _LONGEST_LICENCE = 1000, 100, 1000
+
+_Side = Annotated[int, count(_WIDEST_PX)]
+_Paths = Annotated[tuple[PathText, ...], FROM_LIST, Field(max_length=100_000)]
+_Licence = Annotated[str, Field(max_length=_LONGEST_LICENCE)]
 
 
 class CameraSection(Section):
@@ -52,8 +67,8 @@ class CameraSection(Section):
         sway_s: periods of these oscillations.
     """
 
-    width_px: Count
-    height_px: Count
+    width_px: _Side
+    height_px: _Side
     focal_px: PositiveRange | None = None
     focal_mm: PositiveRange | None = None
     sensor_width_mm: Positive | None = None
@@ -65,6 +80,13 @@ class CameraSection(Section):
     sway_m: NotNegativeRange = _ZERO
     sway_deg: NotNegativeRange = _ZERO
     sway_s: PositiveRange = Range(1.0, 3.0)
+
+    @model_validator(mode="after")
+    def _not_too_large(self) -> Self:
+        if self.width_px * self.height_px > _MOST_PIXELS:
+            size = f"{self.width_px} x {self.height_px}"
+            raise ValueError(f"expected width_px x height_px of at most {_MOST_PIXELS}, got {size}")
+        return self
 
     @model_validator(mode="after")
     def _one_focal_length(self) -> Self:
@@ -151,7 +173,7 @@ class StructuresSection(Section):
     ground: _Share = 0.0
     ground_height_m: PositiveRange = Range(1.2, 2.0)
     ground_tilt_deg: Annotated[float, Field(ge=0, le=30)] = 2.0
-    panels: NotNegativeRange = _ZERO
+    panels: Annotated[NotNegativeRange, at_most(1000)] = _ZERO
     panel_disparity_px: PositiveRange | None = None
     panel_size_px: PositiveRange = Range(200.0, 800.0)
     panel_slant_deg: NotNegativeRange = Range(0.0, 75.0)
@@ -174,7 +196,7 @@ class DepthLayerSection(Section):
     """
 
     disparity_px: PositiveRange
-    count: NotNegativeRange
+    count: Annotated[NotNegativeRange, at_most(_MOST_PARTICLES)]
     size_px: PositiveRange | None = None
 
 
@@ -198,9 +220,9 @@ class ParticlesSection(Section):
         most: upper limit of the number of particles in a scene.
     """
 
-    layers: Annotated[tuple[DepthLayerSection, ...], FROM_LIST] | None = None
-    clutter: Annotated[tuple[DepthLayerSection, ...], FROM_LIST] = ()
-    density: Literal["sparse", "default", "dense"] | Positive = "default"
+    layers: Annotated[tuple[DepthLayerSection, ...], FROM_LIST, Field(max_length=_MOST_ITEMS)] | None = None
+    clutter: Annotated[tuple[DepthLayerSection, ...], FROM_LIST, Field(max_length=_MOST_ITEMS)] = ()
+    density: Literal["sparse", "default", "dense"] | Annotated[Positive, Field(le=_MOST_PARTICLES)] = "default"
     size_px: PositiveRange = Range(40.0, 300.0)
     size_m: PositiveRange | None = None
     stretch: PositiveRange = Range(0.5, 1.0)
@@ -208,7 +230,7 @@ class ParticlesSection(Section):
     fall_m_s: PositiveRange = Range(0.5, 2.0)
     drift: NotNegativeRange = Range(0.0, 0.3)
     spin_deg_s: NotNegativeRange = Range(0.0, 180.0)
-    most: Count = 2000
+    most: Annotated[int, count(_MOST_PARTICLES)] = 2000
 
     @model_validator(mode="after")
     def _one_answer(self) -> Self:
@@ -234,9 +256,9 @@ class ModelsSection(Section):
     simple: Weight = 1.0
     complex: Weight = 1.0
     user: Weight = 1.0
-    kinds: dict[str, Weight] = Field(default_factory=dict)
-    folders: Annotated[tuple[str, ...], FROM_LIST] = ()
-    variants: Count = 3
+    kinds: Annotated[dict[str, Weight], Field(max_length=_MOST_ITEMS)] = Field(default_factory=dict)
+    folders: _Paths = ()
+    variants: Annotated[int, count(100)] = 3
 
     @model_validator(mode="after")
     def _some_family(self) -> Self:
@@ -268,9 +290,9 @@ class TexturesSection(Section):
     """
 
     source: Literal["images", "builtin", "procedural"] = "builtin"
-    images: Annotated[tuple[str, ...], FROM_LIST] = ()
+    images: _Paths = ()
     patch_px: Annotated[int, Field(ge=16, le=8192)] = 256
-    scales: Annotated[tuple[_AtLeastOne, ...], FROM_LIST, Field(min_length=1)] = (1.0, 2.0, 4.0)
+    scales: Annotated[tuple[_AtLeastOne, ...], FROM_LIST, Field(min_length=1, max_length=100)] = (1.0, 2.0, 4.0)
     min_texture: NotNegative = 4.0
     min_sharpness: NotNegative = 0.3
     min_difference: _Share = 0.04
@@ -280,6 +302,17 @@ class TexturesSection(Section):
     anisotropy: Annotated[int, Field(ge=1, le=16)] = 1
     wrap: Literal["mirror", "repeat"] = "mirror"
     sequence: bool = False
+
+    @model_validator(mode="after")
+    def _atlas_fits_into_memory(self) -> Self:
+        most = _MOST_TEXELS // self.patch_px**2
+        if self.max_patches > most:
+            size = self.max_patches * self.patch_px**2 * _BYTES_PER_TEXEL / 1e9
+            raise ValueError(
+                f"{self.max_patches} patches of {self.patch_px} x {self.patch_px} pixels would take {size:.0f} GB: "
+                f"expected max_patches of at most {most}, or a smaller patch_px"
+            )
+        return self
 
 
 class ImperfectionsSection(Section):
@@ -292,10 +325,10 @@ class ImperfectionsSection(Section):
         blur_px: standard deviation of the lens blur.
     """
 
-    exposure_stops: RangeField = _ZERO
-    gamma: PositiveRange = Range(1.0, 1.0)
-    noise: NotNegativeRange = _ZERO
-    blur_px: NotNegativeRange = _ZERO
+    exposure_stops: Annotated[RangeField, at_most(20), at_least(-20)] = _ZERO
+    gamma: Annotated[PositiveRange, at_most(100)] = Range(1.0, 1.0)
+    noise: Annotated[NotNegativeRange, at_most(255)] = _ZERO
+    blur_px: Annotated[NotNegativeRange, at_most(1000)] = _ZERO
 
     @model_validator(mode="before")
     @classmethod
@@ -326,7 +359,7 @@ class ChecksSection(Section):
     min_brightness: Annotated[float, Field(ge=0, le=255)] = 8.0
     min_texture: NotNegative = 1.0
     min_valid: _Share = 0.5
-    attempts: Count = 10
+    attempts: Annotated[int, count(10_000)] = 10
 
 
 class SequenceSection(Section):
@@ -337,7 +370,7 @@ class SequenceSection(Section):
         frame_s: time between two frames.
     """
 
-    length: Count = 1
+    length: Annotated[int, count(100_000)] = 1
     frame_s: Positive = 0.04
 
 
@@ -401,9 +434,9 @@ class LicencesSection(Section):
         models: licence of the user's models.
     """
 
-    dataset: str = "unknown"
-    images: str = "unknown"
-    models: str = "unknown"
+    dataset: _Licence = "unknown"
+    images: _Licence = "unknown"
+    models: _Licence = "unknown"
 
 
 class Config(Section):
@@ -418,7 +451,7 @@ class Config(Section):
             ``ssaa2`` to ``ssaa8``.
     """
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9-]*$")]
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9-]*$", max_length=_LONGEST_NAME)]
     camera: CameraSection
     disparity: DisparitySection
     background: BackgroundSection = BackgroundSection()
@@ -432,7 +465,7 @@ class Config(Section):
     files: FilesSection = FilesSection()
     splits: SplitsSection = SplitsSection()
     licences: LicencesSection = LicencesSection()
-    outputs: Annotated[tuple[Annotated[str, one_of(OUTPUTS)], ...], FROM_LIST] = DEFAULT_OUTPUTS
+    outputs: Annotated[tuple[Annotated[str, one_of(OUTPUTS)], ...], FROM_LIST, Field(max_length=100)] = DEFAULT_OUTPUTS
     truth: TruthViews = "both"
     antialias: Annotated[str, Field(pattern=ANTIALIAS_PATTERN)] = "none"
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, InstanceOf, ValidationError
 
 from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS
-from semisynth_gl.config.fields import Count, Positive, one_of
+from semisynth_gl.config.fields import Positive, count, one_of
 from semisynth_gl.config.model import Config
 from semisynth_gl.dataset.plan import Shard, abbreviate, list_shards
 from semisynth_gl.dataset.schema import INDEX, PLAN, tar_path
@@ -39,6 +39,7 @@ def _check_below(name: str) -> str:
 
 
 _Number = Annotated[int, Field(ge=0)]
+_Count = Annotated[int, count(_MOST_PAIRS)]
 _Bytes = Annotated[int, Field(ge=0, le=_MOST_BYTES)]
 _Pairs = Annotated[int, Field(ge=1, le=_MOST_PAIRS)]
 _Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
@@ -55,8 +56,8 @@ class _Facts(BaseModel):
 
 
 class _Camera(_Facts):
-    width_px: Count | None = None
-    height_px: Count | None = None
+    width_px: _Count | None = None
+    height_px: _Count | None = None
 
 
 class _Disparity(_Facts):
@@ -122,9 +123,9 @@ class _Patch(_Facts):
     source: _Text
     left_px: _Number
     top_px: _Number
-    side_px: Count
+    side_px: _Count
     first_layer: _Number
-    layer_count: Count
+    layer_count: _Count
     texture: float
     sha256: _Sha256 | None = None
 

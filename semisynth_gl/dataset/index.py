@@ -13,6 +13,7 @@ from semisynth_gl.scene.sources import Sources
 from semisynth_gl.splits import SplitName
 from semisynth_gl.textures.image_files import builtin_licences, relative_names
 from semisynth_gl.textures.prepare import split_images
+from semisynth_gl.user_files import open_file
 
 # The licence of the models that this program builds.
 _OWN_LICENCE = "MIT"
@@ -87,7 +88,7 @@ def _file_sha256(path: Path | None) -> str | None:
     if path is None:
         return None
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError:
         return None

@@ -18,6 +18,8 @@ from semisynth_gl.splits import SPLITS, Split, SplitName
 # Shards usually have about 1 GB; a small dataset has smaller ones so that workers can share it.
 _SHARD_BYTES = 1_000_000_000
 _FEWEST_SHARDS = 8
+# Each is a few files, and a line of the index.
+_MOST_SHARDS = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +168,12 @@ def make_plan(
         config = config.model_copy(update={"outputs": (*config.outputs, *lacking)})
     if shard_pairs is None:
         shard_pairs = _shard_pairs(config, layout, max(counts.values()))
+    shards = sum(ceil(count / shard_pairs) for count in counts.values())
+    if shards > _MOST_SHARDS:
+        raise InputError(
+            f"{shards} shards of {shard_pairs} pairs: expected at most {_MOST_SHARDS}; give a larger --shard-pairs, or "
+            "make several datasets"
+        )
     return Plan(config, seed, layout_name, counts, shard_pairs)
 
 

@@ -18,6 +18,7 @@ from trimesh.exchange import load as trimesh_load
 from semisynth_gl.errors import InputError, Skipped
 from semisynth_gl.geometry.mesh import Mesh, make_mesh, merged, normalised, without_degenerate
 from semisynth_gl.geometry.unwrap import project_uv
+from semisynth_gl.user_files import files_below, of_kernel, open_file
 
 # Keeps trimesh's messages off standard error where the application sets up no log.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
@@ -52,10 +53,12 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
     meshes: list[Mesh] = []
     skipped: list[Skipped] = []
     for folder in folders:
+        if of_kernel(folder):
+            raise InputError(f"models: expected a folder or a file on a disk, but {folder} is the kernel's")
         if not folder.exists():
             raise InputError(f"models: expected a folder or a file, but {folder} does not exist")
         single = not folder.is_dir()
-        for path in [folder] if single else sorted(path for path in folder.rglob("*") if path.is_file()):
+        for path in [folder] if single else sorted(files_below(folder)):
             suffix = _model_suffix(path)
             if suffix is None and not single:
                 continue
@@ -78,6 +81,10 @@ def _model_suffix(path: Path) -> str | None:
 
 
 def _load_model(path: Path, name: str, suffix: str | None) -> Mesh:
+    try:
+        open_file(path).close()
+    except OSError as error:
+        raise _BrokenModelError(f"cannot be read: {error.strerror}") from error
     kind = path.suffix or path.name
     if suffix is None:
         raise _BrokenModelError(f"is of a kind that trimesh cannot read ({kind})")

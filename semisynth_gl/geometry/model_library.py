@@ -18,6 +18,7 @@ from semisynth_gl.geometry.topology import marked_solid
 from semisynth_gl.interrupts import interrupts_wait
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.splits import WHOLE, Split
+from semisynth_gl.user_files import expanded, files_below
 
 SOURCES = ("geometry", "seeds.py", "splits.py", "config/fields.py")
 """The program's sources that decide the models: a change of any of them makes the cache build them anew."""
@@ -56,10 +57,10 @@ def build_library(section: ModelsSection, particles: ParticlesSection, seed: int
     Raises:
         InputError: where a folder is missing or has no usable model, or where models are too few for all splits.
     """
-    folders = [Path(folder).expanduser() for folder in section.folders]
+    folders = [expanded(folder) for folder in section.folders]
     if not all(folder.is_dir() for folder in folders):  # a single file may refer to any file beside it
         return _build(section, particles, seed, split)
-    files = [sorted(path for path in folder.rglob("*") if path.is_file()) for folder in folders]
+    files = [sorted(files_below(folder)) for folder in folders]
 
     def key() -> dict[str, Any]:
         return {
@@ -120,7 +121,7 @@ def _build(section: ModelsSection, particles: ParticlesSection, seed: int, split
         with interrupts_wait():
             # Imported here: trimesh takes longer to load than all else together.
             from semisynth_gl.geometry.model_files import load_models  # noqa: PLC0415
-        user, skipped = load_models([Path(folder).expanduser() for folder in section.folders])
+        user, skipped = load_models([expanded(folder) for folder in section.folders])
     kinds = [list(family) for family in (SIMPLE_KINDS, COMPLEX_KINDS)]
     if split.models and split.held_out:
         user = split.share(user, seed, "models of the user's", _USER) if user else user

@@ -36,6 +36,7 @@ _SCENE_TRUTHS = tuple(f"{stem}.pfm" for stem in SCENE_STEMS)
 _MASK = "mask0nocc"
 _ETH3D = "two_view_training_gt"
 _LARGEST_CALIB = 1 << 16
+_LARGEST_NDISP = 1_000_000
 
 _Values = TypeVar("_Values", bound=np.generic)
 
@@ -235,12 +236,14 @@ def read_limits(path: Path) -> Limits:
     Raises:
         ReadError: where they are no whole numbers, or ndisp is not above 0.
     """
-    text = read_bytes(path)[:_LARGEST_CALIB].decode("utf-8", "replace")
+    text = read_bytes(path, _LARGEST_CALIB).decode("utf-8", "replace")
     values = {key: value for key, value in calib_values(text).items() if key in ("ndisp", "isint")}
     try:
         numbers = {key: _whole(value) for key, value in values.items()}
     except ValueError:
-        raise ReadError(path, f"expected whole numbers as ndisp and isint, got {values}") from None
+        raise ReadError(path, f"expected whole numbers as ndisp and isint, got {values}"[:400]) from None
+    if numbers.get("ndisp", 1) > _LARGEST_NDISP:
+        raise ReadError(path, f"ndisp: expected at most {_LARGEST_NDISP}, got {values['ndisp'].strip()[:100]}")
     if numbers.get("ndisp", 1) <= 0:
         raise ReadError(path, f"ndisp: expected a number above 0, got {values['ndisp']}")
     return Limits(numbers.get("ndisp"), bool(numbers.get("isint")))

@@ -1,5 +1,6 @@
 """Image files: the files that sources name, their names in a dataset, and the photographs used where none are given."""
 
+import fnmatch
 import glob
 import os
 from collections.abc import Collection, Iterator, Sequence
@@ -13,6 +14,7 @@ from ruamel.yaml import YAML
 from semisynth_gl.errors import InputError
 from semisynth_gl.resources import data_root
 from semisynth_gl.textures.images import image_extensions
+from semisynth_gl.user_files import expanded, of_kernel
 
 
 def find_images(sources: Sequence[str | Path]) -> list[Path]:
@@ -112,39 +114,89 @@ _Paths = Iterator[tuple[str, str]]
 
 
 def _expand(source: str | Path, extensions: Collection[str]) -> _Paths:
-    source = str(Path(source).expanduser())
-    # An existing path comes before a glob: "[" and "*" may stand in a real file name.
-    if os.path.isfile(source):  # noqa: PTH113
-        yield source, os.path.realpath(source)
-    elif os.path.isdir(source):  # noqa: PTH112
+    source = str(expanded(source))
+    # An existing path comes before a glob: "[" and "*" may stand in a real file name. A pipe or device that is named in
+    # full is refused where it is opened.
+    if os.path.isdir(source):  # noqa: PTH112
         yield from _files_below(source, extensions)
-    else:
-        for match in glob.glob(source, recursive=True):  # noqa: PTH207  # Path.glob takes no absolute pattern
-            path = str(Path(match))
+    elif os.path.exists(source):  # noqa: PTH110
+        yield source, os.path.realpath(source)
+    elif glob.has_magic(source):
+        for path in _matches(source):
             if os.path.isdir(path):  # noqa: PTH112
                 yield from _files_below(path, extensions)
-            elif _has_extension(path, extensions) and os.path.isfile(path):  # noqa: PTH113
+            elif _has_extension(path, extensions) and os.path.exists(path):  # noqa: PTH110
                 yield path, os.path.realpath(path)
+
+
+def _matches(pattern: str) -> Iterator[str]:
+    """Yield the paths that a glob matches; each folder is entered once, for ``**`` too, whatever links lead to it."""
+    top = "/" if pattern.startswith("/") else ""
+    found: dict[str, None] = {top: None}
+    parts = pattern.split("/")
+    for number, part in enumerate(parts):
+        if part == "**" and number == len(parts) - 1:
+            break  # a folder is searched with all below it
+        if part == "**":
+            found = dict.fromkeys(chain.from_iterable(_folders_below(path) for path in found))
+        elif glob.has_magic(part):
+            # As in a shell, a name that begins with a dot is matched by its dot alone.
+            names = ((path, entry.name) for path in found for entry in _entries(path or "."))
+            found = dict.fromkeys(
+                os.path.join(path, name)  # noqa: PTH118
+                for path, name in names
+                if fnmatch.fnmatchcase(name, part) and (part.startswith(".") or not name.startswith("."))
+            )
+        elif part:
+            found = dict.fromkeys(os.path.join(path, part) for path in found)  # noqa: PTH118
+    yield from (path or "." for path in found)
+
+
+def _folders_below(top: str) -> Iterator[str]:
+    """Yield a folder and all below whose names begin with no dot, each once, the nearer to the top the earlier."""
+    entered: set[str] = set()
+    folders = [top]
+    for folder in folders:  # the list grows in the loop
+        if not _first_entry(folder or ".", entered):
+            continue
+        yield folder
+        for entry in _entries(folder or "."):
+            with suppress(OSError):
+                if entry.is_dir() and not entry.name.startswith("."):
+                    folders.append(os.path.join(folder, entry.name))  # noqa: PTH118
 
 
 def _files_below(top: str, extensions: Collection[str]) -> _Paths:
     entered: set[str] = set()
     folders = [top]
     for folder in folders:  # the list grows in the loop, so that folders nearer to the top come first
-        real = os.path.realpath(folder)
-        if real in entered:  # through a link
+        if not _first_entry(folder, entered):
             continue
-        entered.add(real)
-        below = []
-        with suppress(OSError):  # a folder without the right to read it is passed over, as is a broken link
-            below = sorted(os.scandir(folder), key=lambda entry: entry.name)
-        for entry in below:
+        real = os.path.realpath(folder)
+        for entry in _entries(folder):
             path = entry.name if folder == "." else entry.path
             with suppress(OSError):
                 if entry.is_dir():
                     folders.append(path)
-                elif _has_extension(path, extensions) and entry.is_file():
+                elif _has_extension(path, extensions) and os.path.exists(path):  # noqa: PTH110 - not a broken link
                     yield path, os.path.realpath(path) if entry.is_symlink() else f"{real}/{entry.name}"
+
+
+def _first_entry(folder: str, entered: set[str]) -> bool:
+    """Return whether a folder is a folder of a disk that was not entered before, and note it."""
+    real = os.path.realpath(folder)
+    if real in entered or of_kernel(real):
+        return False
+    entered.add(real)
+    return True
+
+
+def _entries(folder: str) -> list[os.DirEntry[str]]:
+    """Return what is in a folder, sorted by name; nothing where it must not be read, or is no folder."""
+    try:
+        return sorted(os.scandir(folder), key=lambda entry: entry.name)
+    except OSError:
+        return []
 
 
 def _has_extension(path: str, extensions: Collection[str]) -> bool:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageFile, ImageOps, UnidentifiedImageError
 
 from semisynth_gl.errors import InputError
+from semisynth_gl.user_files import NotOnDiskError, open_file
 
 MAX_PIXELS = 178_956_970
 """Most pixels of an image; a header with more is refused before anything is decoded. Pillow itself refuses at this
@@ -118,7 +119,7 @@ def _opened(path: Path) -> Iterator[Image.Image]:
             warnings.simplefilter("ignore")  # about metadata, and about sizes that are decided here
             # A file object, not a name: given a name, Pillow maps uncompressed TIFF into memory, and where EXIF turns
             # one by a quarter it takes the turned width for the stored one (seen in 13.0): slanted pixels.
-            with path.open("rb") as file, Image.open(file, formats=_formats()) as image:
+            with open_file(path) as file, Image.open(file, formats=_formats()) as image:
                 _check_size(path, *image.size)
                 yield image
     except ImageError:
@@ -139,6 +140,8 @@ def _check_size(path: Path, width: int, height: int) -> None:
 def _reason(error: Exception) -> str:
     if isinstance(error, Image.DecompressionBombError):
         return f"has more pixels than are decoded: {error}".split(", could")[0]
+    if isinstance(error, NotOnDiskError):
+        return f"cannot be read: {error.strerror}"
     detail = " ".join(str(error).split()) or type(error).__name__
     reasons = (reason for kind, reason in _REASONS.items() if isinstance(error, kind))
     return next(reasons, f"is truncated or damaged ({detail})")

@@ -1,0 +1,77 @@
+"""Standard output and standard error that may be closed, full, or left by their reader at any time.
+
+Messages are lost then, and nothing else: a dataset does not fail because nobody hears of it. A result that is printed,
+such as the table of ``evaluate``, is what the command was run for, so that its loss is an error.
+"""
+
+import errno
+import io
+import os
+import sys
+from typing import Any, TextIO
+
+import click
+
+from semisynth_gl.errors import SemisynthError
+
+
+class PrintError(SemisynthError):
+    """Standard output takes no more."""
+
+
+class _Messages(io.FileIO):
+    """An open descriptor; what it does not take is dropped, and all that follows."""
+
+    def __init__(self, descriptor: int) -> None:
+        super().__init__(descriptor, "w", closefd=False)
+        self._lost = False
+
+    def write(self, data: Any) -> int:  # noqa: ANN401 - any buffer
+        if not self._lost:
+            try:
+                return super().write(data) or 0
+            except OSError as error:
+                self._lost = True
+                self._lose(error)
+        return memoryview(data).nbytes
+
+    def _lose(self, error: OSError) -> None:
+        pass
+
+
+class _Results(_Messages):
+    """The first loss is an error."""
+
+    def _lose(self, error: OSError) -> None:
+        if error.errno == errno.EPIPE:
+            raise PrintError("nobody reads standard output any more, so not all of it was printed") from None
+        raise PrintError(f"standard output: {error.strerror}, so not all of it was printed") from None
+
+
+def guard_streams() -> None:
+    """Replace ``sys.stdout`` and ``sys.stderr`` by streams that print any text and never stop a command for a message.
+
+    A closed descriptor of the first three is opened on /dev/null: the next file to be opened would get its number, and
+    with it every message of a driver.
+    """
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    sys.stdout = _text(_Results(1), sys.stdout)
+    sys.stderr = _text(_Messages(2), sys.stderr)
+
+
+def say(text: str) -> None:
+    """Print a message on standard output; where it takes none, standard error says so."""
+    try:
+        click.echo(text)
+    except PrintError as error:
+        click.echo(f"note: {error}", err=True)
+
+
+def _text(raw: io.FileIO, before: TextIO | None) -> TextIO:
+    encoding = before.encoding if before is not None else "utf-8"
+    # Names of files may hold bytes that are no text.
+    return io.TextIOWrapper(io.BufferedWriter(raw), encoding, errors="backslashreplace", line_buffering=True)
