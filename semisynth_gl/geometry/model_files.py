@@ -1,37 +1,28 @@
-"""Files of the user's models: any format that trimesh reads, as normalised meshes with UV in model units.
+"""Files of the user's models as normalised meshes with UV in model units.
 
 Only surfaces count: positions, triangles, UV maps. Materials, colours and textures are dropped, so that colours may be
 not finite, while a single position that is not finite breaks the model.
 """
 
-import logging
-import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
-from trimesh.exchange import load as trimesh_load
 
 from semisynth_gl.errors import InputError, Skipped
 from semisynth_gl.geometry.mesh import Mesh, make_mesh, merged, normalised, without_degenerate
+from semisynth_gl.geometry.model_parts import BrokenModelError, PlacedParts
+from semisynth_gl.geometry.model_process import ModelReader
 from semisynth_gl.geometry.unwrap import project_uv
-from semisynth_gl.user_files import files_below, of_kernel, open_file
-
-# Keeps trimesh's messages off standard error where the application sets up no log.
-logging.getLogger("trimesh").addHandler(logging.NullHandler())
+from semisynth_gl.user_files import files_below, of_kernel
 
 UV_LOSS = 0.5
 """Largest share of a part's surface without usable UV; where it is larger, the part's UV map is not used at all."""
 
 PULL_LIMIT = 16
 """UV of a triangle is unusable where the texture is stretched this many times as much as on the rest of its part."""
-
-
-class _BrokenModelError(Exception):
-    """A model is unusable; the message is a clause such as ``"has no triangles"``."""
 
 
 def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
@@ -50,21 +41,19 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
     Raises:
         InputError: where a folder does not exist, or no file has a usable model.
     """
-    meshes: list[Mesh] = []
-    skipped: list[Skipped] = []
     for folder in folders:
         if of_kernel(folder):
             raise InputError(f"models: expected a folder or a file on a disk, but {folder} is the kernel's")
         if not folder.exists():
             raise InputError(f"models: expected a folder or a file, but {folder} does not exist")
-        single = not folder.is_dir()
-        for path in [folder] if single else sorted(files_below(folder)):
-            suffix = _model_suffix(path)
-            if suffix is None and not single:
-                continue
+    with ModelReader() as reader:
+        meshes: list[Mesh] = []
+        skipped: list[Skipped] = []
+        for path, name in _files(folders, reader.formats):
             try:
-                meshes.append(_load_model(path, path.name if single else path.relative_to(folder).as_posix(), suffix))
-            except _BrokenModelError as error:
+                with np.errstate(all="ignore"):
+                    meshes.append(_joined(name, list(_placed(reader.read(path)))))
+            except BrokenModelError as error:
                 skipped.append(Skipped(path, str(error)))
     if not meshes:
         where = ", ".join(str(folder) for folder in folders)
@@ -73,91 +62,64 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
     return meshes, skipped
 
 
-def _model_suffix(path: Path) -> str | None:
-    """Return the format of a file's name, such as ``"obj"`` or ``"tar.gz"``; None where trimesh knows none."""
-    known = set(trimesh_load.mesh_loaders) | set(trimesh_load.compressed_loaders) | trimesh.available_formats()
-    fitting = [suffix for suffix in known if path.name.lower().endswith(f".{suffix}")]
-    return max(fitting, key=len) if fitting else None
-
-
-def _load_model(path: Path, name: str, suffix: str | None) -> Mesh:
-    try:
-        open_file(path).close()
-    except OSError as error:
-        raise _BrokenModelError(f"cannot be read: {error.strerror}") from error
-    kind = path.suffix or path.name
-    if suffix is None:
-        raise _BrokenModelError(f"is of a kind that trimesh cannot read ({kind})")
-    if suffix not in trimesh.available_formats():
-        raise _BrokenModelError(f"needs a package that is not installed for trimesh to read {kind} files")
-    # Textures of a material would be decoded for nothing. glTF's loader drops the UV map along with the material.
-    skip_materials = suffix not in {"glb", "gltf"}
-    with warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore")
-        try:
-            scene = trimesh.load_scene(path, process=False, allow_remote=False, skip_materials=skip_materials)
-            parts = list(_parts(scene))
-        except _BrokenModelError:
-            raise
-        except Exception as error:  # a reader may throw anything at a hostile file
-            clause = " ".join(f"{type(error).__name__}: {error}".split())[:120]
-            raise _BrokenModelError(f"cannot be read ({clause})") from error
-    if not parts:
-        raise _BrokenModelError("has no triangles")
-    return _joined(name, parts)
+def _files(folders: Sequence[Path], formats: Collection[str]) -> Iterator[tuple[Path, str]]:
+    """Yield the files that are given, and those of a known format in folders, each with its name."""
+    endings = tuple(f".{suffix}" for suffix in formats)
+    for folder in folders:
+        if not folder.is_dir():
+            yield folder, folder.name
+            continue
+        for path in sorted(files_below(folder)):
+            if path.name.lower().endswith(endings):
+                yield path, path.relative_to(folder).as_posix()
 
 
 _Part = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64] | None]
 """Positions (V, 3), triangles (T, 3), and UV (V, 2) with v downwards where the file has a UV map."""
 
 
-def _parts(scene: trimesh.Scene) -> Iterator[_Part]:
-    """Yield the triangle meshes of a scene, once for each node that places them, in the scene's frame."""
-    for node in scene.graph.nodes_geometry:
-        scene_from_part, geometry_name = scene.graph[node]
-        geometry = scene.geometry[geometry_name]
-        if not isinstance(geometry, trimesh.Trimesh) or len(geometry.faces) == 0:
-            continue  # point clouds and lines have no surface
-        transform = np.asarray(scene_from_part, np.float64)
-        local = np.asarray(geometry.vertices, np.float64)
-        triangles = np.asarray(geometry.faces, np.int64)
+def _placed(read: PlacedParts) -> Iterator[_Part]:
+    """Yield the parts of a model, once for each node that places them, in the scene's frame."""
+    for number, transform in zip(read.placed, read.scene_from_part, strict=True):
+        part = read.parts[number]
+        local, triangles = part.vertices, part.triangles
         index = triangles.min() if triangles.min() < 0 else triangles.max()
         if not 0 <= index < len(local):
-            raise _BrokenModelError(f"has triangle index {index} out of range, there are {len(local)} vertices")
+            raise BrokenModelError(f"has triangle index {index} out of range, there are {len(local)} vertices")
         _require_finite(local, "vertices")
         positions = local @ transform[:3, :3].T + transform[:3, 3]
         _require_finite(positions, "vertices once its nodes are placed")
         if np.linalg.det(transform[:3, :3]) < 0:  # a mirrored part keeps its outside
             triangles = triangles[:, ::-1]
         used, renumbered = np.unique(triangles, return_inverse=True)
-        uv = getattr(geometry.visual, "uv", None)
-        has_uv = uv is not None and np.shape(uv) == (len(local), 2)
-        # trimesh returns v upwards for all formats.
-        downwards = np.asarray(uv, np.float64)[used] * (1, -1) + np.array([0, 1]) if has_uv else None
+        # v points upwards in all formats, as trimesh returns it.
+        downwards = None if part.uv is None else part.uv[used] * (1, -1) + np.array([0, 1])
         yield positions[used], renumbered.reshape(-1, 3), downwards
 
 
 def _require_finite(positions: NDArray[np.float64], what: str) -> None:
     for is_bad, label in ((np.isnan(positions), "NaN"), (np.isinf(positions), "infinite")):
         if is_bad.any():
-            raise _BrokenModelError(f"has {int(is_bad.any(axis=1).sum())} {label} {what}")
+            raise BrokenModelError(f"has {int(is_bad.any(axis=1).sum())} {label} {what}")
 
 
 def _joined(name: str, parts: list[_Part]) -> Mesh:
     """Join parts to one normalised mesh."""
+    if not parts:
+        raise BrokenModelError("has no triangles")
     # In float64, before anything is rounded: a model may stand far from its origin, or be of any size.
     vertices = np.concatenate([positions for positions, _, _ in parts])
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     centre = low / 2 + high / 2
     extent = float(np.abs(high / 2 - low / 2).max())
     if not extent > 0 or extent < 1e-9 * float(np.abs(centre).max()):
-        raise _BrokenModelError("has no extent")
+        raise BrokenModelError("has no extent")
     try:
         unwrapped = [_unwrapped(name, (positions - centre) / extent, faces, uv) for positions, faces, uv in parts]
         # Normalised twice, since vertices without a triangle may have widened the bounding box.
         return normalised(without_degenerate(normalised(merged(name, list(chain(*unwrapped))))))
     except InputError as error:
-        raise _BrokenModelError("has no triangle with an area") from error
+        raise BrokenModelError("has no triangle with an area") from error
 
 
 def _unwrapped(

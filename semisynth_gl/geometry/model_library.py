@@ -13,9 +13,10 @@ from semisynth_gl.config.model import ModelsSection, ParticlesSection
 from semisynth_gl.errors import InputError, Skipped
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS, kind_weights
 from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.model_files import load_models
+from semisynth_gl.geometry.model_process import PASSING
 from semisynth_gl.geometry.silhouette import Silhouette, mean_silhouette
 from semisynth_gl.geometry.topology import marked_solid
-from semisynth_gl.interrupts import interrupts_wait
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.splits import WHOLE, Split
 from semisynth_gl.user_files import expanded, files_below
@@ -91,7 +92,7 @@ def _packed(library: ModelLibrary) -> Entry | None:
 
     None where a model was left out for a reason that may not hold the next time.
     """
-    if any("MemoryError" in skipped.reason for skipped in library.skipped):
+    if any(skipped.reason.startswith(PASSING) for skipped in library.skipped):
         return None
     values = {
         "rows": {name: [len(getattr(mesh, name)) for mesh in library.models] for name in _ARRAYS},
@@ -118,9 +119,6 @@ def _unpacked(entry: Entry) -> ModelLibrary:
 def _build(section: ModelsSection, particles: ParticlesSection, seed: int, split: Split) -> ModelLibrary:
     user, skipped = list[Mesh](), list[Skipped]()
     if section.folders:
-        with interrupts_wait():
-            # Imported here: trimesh takes longer to load than all else together.
-            from semisynth_gl.geometry.model_files import load_models  # noqa: PLC0415
         user, skipped = load_models([expanded(folder) for folder in section.folders])
     kinds = [list(family) for family in (SIMPLE_KINDS, COMPLEX_KINDS)]
     if split.models and split.held_out:

@@ -1,7 +1,7 @@
 """Reading an image file of any kind as 8-bit RGB, or refusing it with a reason."""
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -16,13 +16,25 @@ from semisynth_gl.user_files import NotOnDiskError, open_file
 
 MAX_PIXELS = 178_956_970
 """Most pixels of an image; a header with more is refused before anything is decoded. Pillow itself refuses at this
-size; an RGB image of this size takes 537 MB."""
+size. The RGB that `read_image` returns then takes 537 MB, and reading it up to `MAX_MEMORY`."""
+
+MAX_MEMORY = 1_800_000_000
+"""Most bytes that reading an image may take at its peak; where its header promises more, it is not decoded."""
 
 OUT_OF_MEMORY = "does not fit into memory"
 """The one reason for skipping an image that may not hold the next time."""
 
 # Pillow opens these formats but does not decode them, or starts another program to do so (Ghostscript for EPS).
 _FORMATS_WITHOUT_PIXELS = frozenset({"BUFR", "GRIB", "HDF5", "MPEG", "EPS", "WMF"})
+
+# Bytes per pixel at the peak of `read_image`: Pillow's image of 4 bytes, and once more where it is turned upright.
+_BYTES_PER_PIXEL = 8
+# Decoders with more room of their own beside Pillow's image, for each pixel and for each of its bands; measured.
+_DECODERS = {"AVIF": (16, 0), "JPEG2000": (5, 5), "WEBP": (17, 0)}
+_PROGRESSIVE_JPEG = (4, 2)  # all coefficients are in memory at once, 2 bytes each
+
+_STRIP_PIXELS = 1 << 20
+"""Pixels that are converted at a time, so that the steps in between take no memory in proportion to the image."""
 
 _REASONS: dict[type[Exception], str] = {
     FileNotFoundError: "does not exist",
@@ -70,7 +82,7 @@ def stored_size(path: Path) -> tuple[int, int]:
     """Return (height, width) in pixels as the header has them, before EXIF orientation; nothing is decoded.
 
     Raises:
-        ImageError: where the header cannot be read, is empty or has more than `MAX_PIXELS`.
+        ImageError: where the header cannot be read, is empty, or exceeds `MAX_PIXELS` or `MAX_MEMORY`.
     """
     with _opened(path) as image:
         return image.height, image.width
@@ -95,17 +107,32 @@ def read_image(path: Path) -> NDArray[np.uint8]:
         (H, W, 3) uint8 RGB, C-contiguous, EXIF orientation applied.
 
     Raises:
-        ImageError: where the file is missing, unreadable, truncated, empty, wholly transparent, out of range, or has
-            more than `MAX_PIXELS` pixels.
+        ImageError: where the file is missing, unreadable, truncated, empty, wholly transparent, out of range, has more
+            than `MAX_PIXELS` pixels, or needs more than `MAX_MEMORY` bytes.
     """
     with _opened(path) as image:
-        ImageOps.exif_transpose(image, in_place=True)
+        ImageOps.exif_transpose(image, in_place=True)  # decodes the pixels first
         if image.mode in ("I", "F") or image.mode.startswith("I;16"):
-            grey = _grey_levels(path, np.asarray(image))
-            return np.repeat(grey[..., np.newaxis], 3, axis=2)
-        if image.has_transparency_data:
-            return _blend_transparent(path, image)
-        return np.array(image if image.mode == "RGB" else image.convert("RGB"))
+            convert = _grey_conversion(path, image)
+        elif image.has_transparency_data:
+            convert = _opaque_conversion(path, image)
+        else:
+            convert = _as_rgb
+        pixels = np.empty((image.height, image.width, 3), np.uint8)
+        for top, strip in _strips(image):
+            pixels[top : top + strip.height] = convert(strip)
+        return pixels
+
+
+def _strips(image: Image.Image) -> Iterator[tuple[int, Image.Image]]:
+    """Yield the first row and the pixels of successive strips of an image."""
+    rows = max(1, _STRIP_PIXELS // image.width)
+    for top in range(0, image.height, rows):
+        yield top, image.crop((0, top, image.width, min(top + rows, image.height)))
+
+
+def _as_rgb(strip: Image.Image) -> NDArray[np.uint8]:
+    return np.asarray(strip if strip.mode == "RGB" else strip.convert("RGB"))
 
 
 @contextmanager
@@ -120,7 +147,7 @@ def _opened(path: Path) -> Iterator[Image.Image]:
             # A file object, not a name: given a name, Pillow maps uncompressed TIFF into memory, and where EXIF turns
             # one by a quarter it takes the turned width for the stored one (seen in 13.0): slanted pixels.
             with open_file(path) as file, Image.open(file, formats=_formats()) as image:
-                _check_size(path, *image.size)
+                _check_size(path, image)
                 yield image
     except ImageError:
         raise
@@ -130,11 +157,26 @@ def _opened(path: Path) -> Iterator[Image.Image]:
         ImageFile.LOAD_TRUNCATED_IMAGES = tolerant
 
 
-def _check_size(path: Path, width: int, height: int) -> None:
+def _check_size(path: Path, image: Image.Image) -> None:
+    width, height = image.size
     if min(width, height) < 1:
         raise ImageError(path, f"is empty ({width} x {height} pixels)")
     if width * height > MAX_PIXELS:
         raise ImageError(path, f"has {width} x {height} pixels, more than the limit of {MAX_PIXELS}")
+    needed = width * height * _bytes_per_pixel(image)
+    if needed > MAX_MEMORY:
+        raise ImageError(
+            path,
+            f"has {width} x {height} pixels, which take {needed / 1e9:.1f} GB of memory to read as {image.format}; "
+            f"the limit is {MAX_MEMORY / 1e9:.1f} GB: save it as PNG, or make it smaller",
+        )
+
+
+def _bytes_per_pixel(image: Image.Image) -> int:
+    decoder = _DECODERS.get(image.format or "", (_BYTES_PER_PIXEL, 0))
+    if image.format in {"JPEG", "MPO"} and image.info.get("progressive"):
+        decoder = _PROGRESSIVE_JPEG
+    return max(_BYTES_PER_PIXEL, decoder[0] + decoder[1] * len(image.getbands()))
 
 
 def _reason(error: Exception) -> str:
@@ -147,24 +189,44 @@ def _reason(error: Exception) -> str:
     return next(reasons, f"is truncated or damaged ({detail})")
 
 
-def _grey_levels(path: Path, values: NDArray[Any]) -> NDArray[np.uint8]:
-    low, high = values.min(), values.max()
+_Conversion = Callable[[Image.Image], NDArray[np.uint8]]
+"""From a strip to its RGB, (H, W, 3), or its grey levels, (H, W, 1)."""
+
+
+def _grey_conversion(path: Path, image: Image.Image) -> _Conversion:
+    # NumPy's extremes, not Python's: they are NaN where one is.
+    extremes = [(values.min(), values.max()) for values in (np.asarray(strip) for _, strip in _strips(image))]
+    low, high = np.min([low for low, _ in extremes]), np.max([high for _, high in extremes])
     if not (low >= 0 and high <= np.iinfo(np.uint16).max):  # also where one is NaN
         raise ImageError(path, f"has grey values from {low} to {high}, expected 0 to 65535")
-    if np.issubdtype(values.dtype, np.integer):
-        return ((values.astype(np.uint32) + 128) // 257).astype(np.uint8)
     brightest = next(white for white in (1, 255, 65535) if high <= white)
-    return np.floor(values * (255.0 / brightest) + 0.5).astype(np.uint8)
+
+    def convert(strip: Image.Image) -> NDArray[np.uint8]:
+        values: NDArray[Any] = np.asarray(strip)
+        if np.issubdtype(values.dtype, np.integer):
+            grey = (values.astype(np.uint32) + 128) // 257
+        else:
+            grey = np.floor(values * (255.0 / brightest) + 0.5)
+        return grey.astype(np.uint8)[..., np.newaxis]
+
+    return convert
 
 
-def _blend_transparent(path: Path, image: Image.Image) -> NDArray[np.uint8]:
-    with_alpha = image.convert("RGBA")
-    alpha = with_alpha.getchannel("A")
-    colours = with_alpha.convert("RGB")
-    visible = np.asarray(alpha) > 0
-    if not visible.any():
+def _opaque_conversion(path: Path, image: Image.Image) -> _Conversion:
+    total, count = np.zeros(3, np.int64), 0
+    for _, strip in _strips(image):
+        levels = np.asarray(strip.convert("RGBA"))
+        visible = levels[levels[..., 3] > 0]
+        total += visible[:, :3].sum(axis=0, dtype=np.int64)
+        count += len(visible)
+    if not count:
         raise ImageError(path, "is wholly transparent")
-    mean = np.asarray(colours)[visible].mean(axis=0)
-    blended = Image.new("RGB", image.size, tuple(int(level + 0.5) for level in mean))
-    blended.paste(colours, mask=alpha)
-    return np.array(blended)
+    mean = tuple(int(level + 0.5) for level in total / count)
+
+    def convert(strip: Image.Image) -> NDArray[np.uint8]:
+        with_alpha = strip.convert("RGBA")
+        blended = Image.new("RGB", strip.size, mean)
+        blended.paste(with_alpha.convert("RGB"), mask=with_alpha.getchannel("A"))
+        return np.asarray(blended)
+
+    return convert

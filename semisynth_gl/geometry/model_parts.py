@@ -1,0 +1,52 @@
+"""What is read from a model's file, before it becomes a mesh, and how much that may be."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+MAX_BYTES = 256 << 20
+"""Most bytes of a model's file with all that it refers to, unpacked."""
+
+MAX_TRIANGLES = 2_000_000
+"""Most triangles of a model, counted as often as its nodes place them."""
+
+MAX_VERTICES = 20_000_000
+"""Most vertices of a model's parts together, counted likewise; parts that share their vertices count them each."""
+
+MAX_PARTS = 20_000
+"""Most parts that a model's nodes place."""
+
+
+class BrokenModelError(Exception):
+    """A model is unusable; the message is a clause such as ``"has no triangles"``."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """A triangle mesh as its file has it.
+
+    Attributes:
+        vertices: (V, 3) float64, not necessarily finite.
+        triangles: (T, 3) int64, indices of vertices, not necessarily in range.
+        uv: (V, 2) float64 with v upwards, not necessarily finite; None where the file has no UV map.
+    """
+
+    vertices: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+    uv: NDArray[np.float64] | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedParts:
+    """The parts of a model, and its nodes that place them.
+
+    Attributes:
+        parts: each at least once placed.
+        placed: (N,) int64, the part that each node places.
+        scene_from_part: (N, 4, 4) float64, where each node places it.
+    """
+
+    parts: tuple[Part, ...]
+    placed: NDArray[np.int64]
+    scene_from_part: NDArray[np.float64]

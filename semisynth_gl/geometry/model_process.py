@@ -1,0 +1,183 @@
+"""A process of its own that reads models, so that one file cannot take this process's memory, time, or life.
+
+What a reader takes for a file cannot be told before it has run: trimesh has some twenty of its own and of other
+packages, and a few bytes may stand for parts without end. The system's limits hold for all of them.
+"""
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from io import BufferedReader
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Self, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.errors import WorkerError
+from semisynth_gl.geometry.model_parts import BrokenModelError, Part, PlacedParts
+
+MAX_MEMORY = 4 << 30
+"""Most bytes of memory that reading one model may take, in the process that does it."""
+
+MAX_CPU_S = 120
+"""Most seconds of a processor's time that reading one model may take; the clock's would depend on what else runs."""
+
+_DECIMATE = "decimate the model, for example in MeshLab or Blender, or save it as .glb"
+_TOO_MUCH_MEMORY = f"takes more than {MAX_MEMORY >> 30} GiB of memory to read: {_DECIMATE}"
+_TOO_MUCH_TIME = f"takes more than {MAX_CPU_S} s of a processor's time to read: {_DECIMATE}"
+_CRASHED = "crashes its reader"
+
+PASSING = (_TOO_MUCH_MEMORY, _TOO_MUCH_TIME, _CRASHED)
+"""Starts of the reasons for leaving a model out that may not hold the next time."""
+
+_FLOAT, _INDEX = np.dtype(np.float64), np.dtype(np.int64)
+
+
+class ModelReader:
+    """Reads models in a process of its own, which starts with the block and ends with it.
+
+    Attributes:
+        formats: suffixes of files, without the leading dot, that trimesh knows.
+    """
+
+    formats: frozenset[str]
+
+    def __enter__(self) -> Self:
+        self._start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._process.kill()
+        self._ended()
+
+    def read(self, path: Path) -> PlacedParts:
+        """Read a model's file, as `model_reader.read_parts` does.
+
+        Raises:
+            BrokenModelError: likewise, and where reading takes more than `MAX_MEMORY` or `MAX_CPU_S`, or crashes.
+        """
+        answer = self._answer(f"{json.dumps(str(path))}\n".encode())
+        if answer is None:
+            code = self._ended()
+            self._start()
+            raise BrokenModelError(_TOO_MUCH_TIME if code == -signal.SIGXCPU else f"{_CRASHED} ({_ending(code)})")
+        if isinstance(answer, str):
+            raise BrokenModelError(answer)
+        return answer
+
+    def _start(self) -> None:
+        self._process = subprocess.Popen(  # noqa: S603 - this interpreter and this module
+            # Not from the folder that the user stands in, whatever its files are called.
+            [sys.executable, "-P", "-c", f"from {__name__} import serve; serve({MAX_MEMORY}, {MAX_CPU_S})"],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            process_group=0,  # Ctrl-C is for this process, which ends the other one
+        )
+        greeting = cast("BufferedReader", self._process.stdout).readline()
+        if not greeting:
+            raise WorkerError(f"the process that reads models did not start ({_ending(self._ended())})")
+        self.formats = frozenset(json.loads(greeting))
+
+    def _ended(self) -> int:
+        """Close the pipes of a process that ends, and return its exit code."""
+        with suppress(BrokenPipeError), self._process:
+            pass
+        return self._process.returncode
+
+    def _answer(self, question: bytes) -> PlacedParts | str | None:
+        """Return the parts, or why there are none; None where the process has ended before all of it was sent."""
+        questions, stream = cast("BinaryIO", self._process.stdin), cast("BufferedReader", self._process.stdout)
+        try:
+            questions.write(question)
+            questions.flush()
+        except BrokenPipeError:
+            return None
+        header = stream.readline()
+        if not header.endswith(b"\n"):
+            return None
+        answer = json.loads(header)
+        if "reason" in answer:
+            return str(answer["reason"])
+        try:
+            parts = tuple(
+                Part(
+                    _received(stream, (vertices, 3), _FLOAT),
+                    _received(stream, (triangles, 3), _INDEX),
+                    _received(stream, (vertices, 2), _FLOAT) if has_uv else None,
+                )
+                for vertices, triangles, has_uv in answer["parts"]
+            )
+            placed = _received(stream, (answer["placed"],), _INDEX)
+            return PlacedParts(parts, placed, _received(stream, (answer["placed"], 4, 4), _FLOAT))
+        except EOFError:
+            return None
+
+
+def serve(max_memory: int, max_cpu_s: int) -> None:
+    """Answer the questions of a `ModelReader`, from standard input to standard output.
+
+    Args:
+        max_memory: most bytes that reading may take, beside what this process has when it starts.
+        max_cpu_s: most seconds of a processor's time that reading a model may take.
+    """
+    from semisynth_gl.geometry.model_reader import FORMATS, read_parts  # noqa: PLC0415  # trimesh loads in this process alone
+
+    answers = os.fdopen(os.dup(1), "wb")
+    with open(os.devnull, "wb") as nowhere:  # noqa: PTH123 - a device
+        for stream in (1, 2):  # readers may print
+            os.dup2(nowhere.fileno(), stream)
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+    _lower_limit(resource.RLIMIT_AS, pages * resource.getpagesize() + max_memory)
+    _lower_limit(resource.RLIMIT_CORE, 0)
+    answers.write(f"{json.dumps(sorted(FORMATS))}\n".encode())
+    answers.flush()
+    for question in sys.stdin.buffer:
+        used = resource.getrusage(resource.RUSAGE_SELF)
+        _lower_limit(resource.RLIMIT_CPU, int(used.ru_utime + used.ru_stime) + 1 + max_cpu_s)
+        try:
+            read = read_parts(Path(json.loads(question)))
+        except BrokenModelError as error:
+            _send(answers, {"reason": str(error)})
+        except MemoryError:
+            _send(answers, {"reason": _TOO_MUCH_MEMORY})
+        else:
+            sizes = [(len(part.vertices), len(part.triangles), part.uv is not None) for part in read.parts]
+            arrays = [array for part in read.parts for array in (part.vertices, part.triangles, part.uv)]
+            header = {"parts": sizes, "placed": len(read.placed)}
+            _send(answers, header, *arrays, read.placed, read.scene_from_part)
+
+
+def _lower_limit(kind: int, limit: int) -> None:
+    """Set a limit of this process, where the system's is not lower already."""
+    _, most = resource.getrlimit(kind)
+    resource.setrlimit(kind, (limit if most == resource.RLIM_INFINITY else min(limit, most), most))
+
+
+def _send(stream: BinaryIO, header: dict[str, Any], *arrays: NDArray[Any] | None) -> None:
+    stream.write(f"{json.dumps(header)}\n".encode())
+    stream.writelines(_bytes(np.ascontiguousarray(array)) for array in arrays if array is not None)
+    stream.flush()
+
+
+def _received(stream: BufferedReader, shape: tuple[int, ...], kind: np.dtype[Any]) -> NDArray[Any]:
+    array = np.empty(shape, kind)
+    if stream.readinto(_bytes(array)) < array.nbytes:
+        raise EOFError
+    return array
+
+
+def _bytes(array: NDArray[Any]) -> memoryview:
+    return array.reshape(-1).view(np.uint8).data
+
+
+def _ending(code: int) -> str:
+    return f"{signal.Signals(-code).name}" if code < 0 else f"exit code {code}"

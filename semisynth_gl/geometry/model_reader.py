@@ -1,0 +1,249 @@
+"""Reading a model's file with trimesh: its triangles and UV, and nothing from outside the folder that it lies in."""
+
+import bz2
+import gzip
+import io
+import json
+import logging
+import tarfile
+import warnings
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+import trimesh
+from trimesh.exchange import load as trimesh_load
+from trimesh.resolvers import Resolver, ZipResolver
+
+from semisynth_gl.geometry.model_parts import (
+    MAX_BYTES,
+    MAX_PARTS,
+    MAX_TRIANGLES,
+    MAX_VERTICES,
+    BrokenModelError,
+    Part,
+    PlacedParts,
+)
+
+# Keeps trimesh's messages off standard error where the application sets up no log.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
+
+_ARCHIVES = frozenset(trimesh_load.compressed_loaders)
+
+FORMATS = frozenset({*trimesh_load.mesh_loaders, *_ARCHIVES, *trimesh.available_formats()})
+"""Suffixes of files, without the leading dot, that trimesh knows; some need a package that is not installed."""
+
+_TEXT_FORMATS = frozenset({"gltf", "obj", "off", "stl", "stl_ascii", "xyz"})
+
+_LIMIT = f"the limit is {MAX_BYTES:,} bytes: decimate the model, for example in MeshLab or Blender"
+
+
+def read_parts(path: Path) -> PlacedParts:
+    """Read a model's file.
+
+    Files that it refers to are looked for in its own folder and below. Nothing is downloaded; materials and textures
+    are left out.
+
+    Args:
+        path: a file with a name that ends in one of `FORMATS`, in any case.
+
+    Returns:
+        The parts with triangles, in the order of their nodes.
+
+    Raises:
+        BrokenModelError: where the file cannot be read, refers to a file elsewhere, or exceeds a limit of
+            `model_parts`.
+        MemoryError: where this process may not have as much memory as the reader takes.
+    """
+    suffix = max((kind for kind in FORMATS if path.name.lower().endswith(f".{kind}")), key=len, default=None)
+    if suffix is None:
+        raise BrokenModelError(f"is of a kind that trimesh cannot read ({path.suffix or path.name})")
+    if suffix not in trimesh.available_formats():
+        raise BrokenModelError(f"needs a package that is not installed for trimesh to read {path.suffix} files")
+    if not path.is_file():
+        raise BrokenModelError("is no regular file")
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        try:
+            content = _read(path, MAX_BYTES)
+            if suffix in _ARCHIVES:
+                scenes = _scenes_in_archive(path, suffix, content)
+            else:
+                # Textures of a material would be read for nothing, but glTF's loader drops the UV map along with it.
+                beside, skip_materials = _Neighbours(path, MAX_BYTES - len(content)), suffix not in {"glb", "gltf"}
+                scenes = [_scene(content, suffix, beside, skip_materials=skip_materials)]
+            return _placed_parts(scenes)
+        except (BrokenModelError, MemoryError):
+            raise
+        except Exception as error:  # a reader may throw anything at a hostile file
+            clause = " ".join(f"{type(error).__name__}: {error}".split())[:120]
+            raise BrokenModelError(f"cannot be read ({clause})") from error
+
+
+def _scene(content: bytes, suffix: str, resolver: Resolver, *, skip_materials: bool) -> trimesh.Scene:
+    if zipfile.is_zipfile(io.BytesIO(content)):  # as 3mf, 3dxml and zae are
+        _require_room(_unpacked_size(content))
+    content = _in_utf8(content, suffix)
+    if suffix == "gltf":
+        json.loads(content)  # trimesh would look for another file, whatever is wrong with this one
+    return trimesh.load_scene(
+        io.BytesIO(content),
+        file_type=suffix,
+        resolver=resolver,
+        process=False,
+        allow_remote=False,
+        skip_materials=skip_materials,
+    )
+
+
+def _in_utf8(content: bytes, suffix: str) -> bytes:
+    """Return text as UTF-8: for others trimesh needs a further package, though only a comment may be in Latin-1."""
+    text, binary = content, b""
+    if suffix == "ply":
+        header, end, rest = content.partition(b"end_header")
+        text, binary = header, end + rest
+    elif suffix not in _TEXT_FORMATS or _is_binary_stl(content, suffix):
+        return content
+    try:
+        text.decode()
+    except UnicodeDecodeError:
+        text = text.decode("latin-1").encode()
+    return text + binary
+
+
+def _is_binary_stl(content: bytes, suffix: str) -> bool:
+    return suffix == "stl" and len(content) == 84 + 50 * int.from_bytes(content[80:84], "little")
+
+
+def _placed_parts(scenes: list[trimesh.Scene]) -> PlacedParts:
+    """Return the triangle meshes of scenes, once for each node that places them."""
+    meshes: list[trimesh.Trimesh] = []
+    placed, matrices = [], []
+    for scene in scenes:
+        numbers: dict[Any, int] = {}
+        for node in scene.graph.nodes_geometry:
+            scene_from_part, name = scene.graph[node]
+            geometry = scene.geometry[name]
+            if not isinstance(geometry, trimesh.Trimesh) or len(geometry.faces) == 0:
+                continue  # point clouds and lines have no surface
+            if name not in numbers:
+                numbers[name] = len(meshes)
+                meshes.append(geometry)
+            placed.append(numbers[name])
+            matrices.append(np.asarray(scene_from_part, np.float64))
+    for limit, what, count in (
+        (MAX_PARTS, "parts", len(placed)),
+        (MAX_TRIANGLES, "triangles", sum(len(meshes[number].faces) for number in placed)),
+        (MAX_VERTICES, "vertices", sum(len(meshes[number].vertices) for number in placed)),
+    ):
+        if count > limit:
+            how = "join them" if what == "parts" else "decimate the model"
+            raise BrokenModelError(
+                f"has {count:,} {what}, the limit is {limit:,}: {how}, for example in MeshLab or Blender"
+            )
+    return PlacedParts(
+        tuple(map(_part, meshes)), np.array(placed, np.int64), np.array(matrices, np.float64).reshape(-1, 4, 4)
+    )
+
+
+def _part(geometry: trimesh.Trimesh) -> Part:
+    vertices = np.asarray(geometry.vertices, np.float64)
+    uv = getattr(geometry.visual, "uv", None)
+    has_uv = uv is not None and np.shape(uv) == (len(vertices), 2)
+    return Part(vertices, np.asarray(geometry.faces, np.int64), np.asarray(uv, np.float64) if has_uv else None)
+
+
+class _Neighbours(Resolver):
+    """Gives trimesh the regular files in a model's folder and below, and no others.
+
+    Args:
+        model: the model's file.
+        room: most bytes of all files together.
+    """
+
+    def __init__(self, model: Path, room: int) -> None:
+        self.file_name = model.name  # trimesh names the parts of an OBJ file by it
+        self._folder = model.parent.resolve()
+        self._room = room
+
+    def get(self, name: str) -> bytes:
+        name = name.strip()
+        # As trimesh looks for it: many exporters write paths of the machine that they ran on.
+        for candidate in (name, name.lstrip("/"), PurePosixPath(name).name):
+            path = (self._folder / candidate).resolve()
+            if path.is_relative_to(self._folder) and path.is_file():
+                content = _read(path, self._room)
+                self._room -= len(content)
+                return content
+        raise BrokenModelError(f"refers to {name[:80]!r}, expected a file in the model's folder or below it")
+
+    def keys(self) -> list[str]:
+        return []
+
+    def write(self, name: str, data: Any) -> None:  # noqa: ANN401, ARG002 - as trimesh's resolvers have it
+        raise BrokenModelError(f"writes a file, {name!r}")
+
+    def namespaced(self, namespace: str) -> "_Neighbours":
+        raise BrokenModelError(f"refers to the folder {namespace!r}")
+
+
+def _read(path: Path, room: int) -> bytes:
+    with path.open("rb") as file:
+        content = file.read(room + 1)
+        if len(content) > room:
+            size = path.stat().st_size
+            raise BrokenModelError(f"is too large with what it refers to ({path.name} has {size:,} bytes), {_LIMIT}")
+    return content
+
+
+def _scenes_in_archive(path: Path, suffix: str, content: bytes) -> list[trimesh.Scene]:
+    """Load what an archive has of models; a member that cannot be read does not count beside one that can."""
+    members = _unpacked(path, suffix, content)
+    resolver = ZipResolver({name: io.BytesIO(member) for name, member in members.items()})
+    scenes, first_error = [], None
+    kinds = trimesh_load.mesh_formats()
+    for name, member in members.items():
+        kind = PurePosixPath(name.lower()).suffix[1:]
+        if kind in kinds:
+            try:
+                # glTF's UV maps are lost with the materials, as in datasets of earlier versions.
+                scenes.append(_scene(member, kind, resolver, skip_materials=True))
+            except MemoryError:
+                raise
+            except Exception as error:  # noqa: BLE001 - a reader may throw anything at a hostile file
+                first_error = first_error or error
+    if first_error and not scenes:
+        raise first_error
+    return scenes
+
+
+def _unpacked(path: Path, suffix: str, content: bytes) -> Mapping[str, bytes]:
+    """Return the files in an archive by their names, in its order."""
+    if suffix.endswith("zip"):
+        _require_room(_unpacked_size(content))
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            return {info.filename: archive.read(info) for info in archive.infolist() if not info.is_dir()}
+    packed: gzip.GzipFile | bz2.BZ2File
+    packed = gzip.GzipFile(fileobj=io.BytesIO(content)) if suffix.endswith("gz") else bz2.BZ2File(io.BytesIO(content))
+    with packed:
+        whole = packed.read(MAX_BYTES + 1)
+    _require_room(len(whole))
+    if "tar" not in suffix:
+        return {path.name.removesuffix(path.suffix): whole}
+    with tarfile.open(fileobj=io.BytesIO(whole), mode="r:") as archive:
+        files = [member for member in archive.getmembers() if member.isfile()]
+        _require_room(sum(file.size for file in files))  # a sparse file may be larger than the archive
+        streams = [(file.name, archive.extractfile(file)) for file in files]
+        return {name: stream.read() for name, stream in streams if stream is not None}
+
+
+def _unpacked_size(content: bytes) -> int:
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        return sum(info.file_size for info in archive.infolist())
+
+
+def _require_room(size: int) -> None:
+    if size > MAX_BYTES:
+        raise BrokenModelError(f"takes {size:,} bytes or more unpacked, {_LIMIT}")
