@@ -8,8 +8,10 @@ import trimesh
 from geometry_measures import areas, jacobians, stretch, volume
 
 from semisynth_gl.errors import InputError
+from semisynth_gl.geometry import model_files, model_reader
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_files import load_models
+from semisynth_gl.geometry.model_process import ModelReader
 from semisynth_gl.geometry.surfaces import box
 from semisynth_gl.geometry.unwrap import STRETCH_BOUND
 
@@ -17,6 +19,24 @@ MODELS = Path(__file__).parents[1].parent / "shared" / "data" / "models"
 needs_models = pytest.mark.skipif(not MODELS.is_dir(), reason="the folder of test models is not there")
 
 SQUARE = "v 0 0 0\nv 2 0 0\nv 2 2 0\nv 0 2 0\n"
+
+
+class ReaderHere:
+    """Reads models in this process: a new one for each test would take longer than all else."""
+
+    formats = model_reader.FORMATS
+    read = staticmethod(model_reader.read_parts)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+
+@pytest.fixture(autouse=True)
+def no_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(model_files, "ModelReader", ReaderHere)
 
 
 @pytest.fixture
@@ -245,7 +265,8 @@ def test_nothing_is_fetched_from_the_network(folder: Path, monkeypatch: pytest.M
 
 
 @needs_models
-def test_real_models(capfd: pytest.CaptureFixture[str]) -> None:
+def test_real_models(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(model_files, "ModelReader", ModelReader)
     meshes, skipped = load_models([MODELS])
     assert {broken.path.name: broken.reason for broken in skipped} == {
         "BoxWithInfinites.glb": "has 24 infinite vertices",
@@ -272,9 +293,11 @@ def test_real_models(capfd: pytest.CaptureFixture[str]) -> None:
 
 
 @needs_models
-def test_real_models_load_the_same_twice() -> None:
-    for name in ("Duck.glb", "chair_model.obj", "nested.glb"):
-        first, second = one(MODELS / name), one(MODELS / name)
+def test_real_models_load_the_same_here_and_in_a_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    paths = [MODELS / name for name in ("Duck.glb", "chair_model.obj", "nested.glb")]
+    here, _ = load_models(paths)
+    monkeypatch.setattr(model_files, "ModelReader", ModelReader)
+    for first, second in zip(here, load_models(paths)[0], strict=True):
         assert first.positions.tobytes() == second.positions.tobytes()
         assert first.uv.tobytes() == second.uv.tobytes()
         assert first.triangles.tobytes() == second.triangles.tobytes()

@@ -1,0 +1,384 @@
+"""Models made to take files, memory or time that are not theirs are refused with a reason, and the others read."""
+
+import base64
+import bz2
+import io
+import json
+import os
+import signal
+import struct
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from semisynth_gl.geometry import model_process, model_reader
+from semisynth_gl.geometry.model_files import load_models
+from semisynth_gl.geometry.model_parts import MAX_BYTES, BrokenModelError
+from semisynth_gl.geometry.model_process import ModelReader
+from semisynth_gl.geometry.model_reader import read_parts
+
+TRIANGLE = struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0)
+OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+
+
+def document(uri=None, **parts):
+    """A glTF of one triangle."""
+    return {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "buffers": [{"byteLength": 36} | ({"uri": uri} if uri is not None else {})],
+    } | parts
+
+
+def gltf(*arguments, **parts):
+    return json.dumps(document(*arguments, **parts)).encode()
+
+
+def glb(*arguments, **parts):
+    header = gltf(*arguments, **parts)
+    header += b" " * (-len(header) % 4)
+    chunk = struct.pack("<I4s", len(header), b"JSON") + header
+    if not arguments:
+        chunk += struct.pack("<I4s", len(TRIANGLE), b"BIN\0") + TRIANGLE
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunk)) + chunk
+
+
+def write(folder, name, content):
+    path = folder / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+def reason(path):
+    with pytest.raises(BrokenModelError) as caught:
+        read_parts(path)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.fixture
+def home(tmp_path):
+    """A folder of models, with what a file there may refer to and what it may not."""
+    home = tmp_path / "home"
+    (home / "below").mkdir(parents=True)
+    (tmp_path / "outside").mkdir()
+    for path in ("outside/secret.bin", "secret.bin", "home/own.bin", "home/below/own.bin"):
+        (tmp_path / path).write_bytes(TRIANGLE)
+    (home / "link.bin").symlink_to(tmp_path / "secret.bin")
+    (home / "folder").symlink_to(tmp_path / "outside")
+    (home / "inner.bin").symlink_to("below/own.bin")
+    (home / "self").symlink_to("self")
+    os.mkfifo(home / "pipe.bin")
+    return home
+
+
+def outside(home):
+    top = home.parent
+    return [
+        "/etc/passwd",
+        "file:///etc/passwd",
+        "../secret.bin",
+        "below/../../secret.bin",
+        "./../secret.bin",
+        " ../secret.bin ",
+        str(top / "secret.bin"),
+        f"file://{top}/secret.bin",
+        "link.bin",
+        "folder/secret.bin",
+        "../outside/secret.bin",
+        "%2e%2e/secret.bin",
+        "..%2fsecret.bin",
+        "..\\secret.bin",
+        "~/secret.bin",
+        "pipe.bin",
+        "self",
+        "self/own",
+        "below",
+        ".",
+        "..",
+        "",
+        "/",
+        "/dev/zero",
+        "/dev/stdin",
+        "/proc/self/mem",
+        "/proc/self/environ",
+        "own.bin/../../secret.bin",
+        "http://localhost:9/secret.bin",
+        "\0",
+        "own.bin\0",
+        "x" * 5000,
+        "\udcff.bin",
+    ]
+
+
+def test_nothing_outside_a_models_folder_is_opened(home):
+    for number, uri in enumerate(outside(home)):
+        for name, content in ((f"{number}.gltf", gltf(uri)), (f"{number}.glb", glb(uri))):
+            path = write(home, name, content)
+            assert "cannot be read" in reason(path) or "refers to" in reason(path), uri
+    for uri in (
+        "own.bin",
+        "below/own.bin",
+        "./below/own.bin",
+        "below/../own.bin",
+        "inner.bin",
+        "/own.bin",
+        "/x/own.bin",
+    ):
+        assert len(read_parts(write(home, "a.gltf", gltf(uri))).parts) == 1
+    data = "data:application/octet-stream;base64," + base64.b64encode(TRIANGLE).decode()
+    assert len(read_parts(write(home, "a.gltf", gltf(data))).parts) == 1
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    start=st.sampled_from(["", "/", "./", "file://", "HOME/", "TOP/", "~/"]),
+    parts=st.lists(
+        st.sampled_from(
+            ["..", ".", "", "below", "folder", "self", "outside", "own.bin", "secret.bin", "link.bin", "home"]
+        ),
+        max_size=6,
+    ),
+)
+def test_any_path_leads_to_a_file_inside_or_nowhere(home, start, parts):
+    for path in ("own.bin", "below/own.bin"):
+        (home / path).write_text("inside")
+    name = start.replace("HOME", str(home)).replace("TOP", str(home.parent)) + "/".join(parts)
+    try:
+        content = model_reader._Neighbours(  # noqa: SLF001 - what trimesh gets
+            home / "a.gltf", 100
+        ).get(name)
+    except (BrokenModelError, OSError, RuntimeError):
+        return
+    assert content == b"inside"
+
+
+def test_textures_and_materials_elsewhere_do_no_harm_and_are_not_opened(home, monkeypatch):
+    opened = []
+    real = model_reader._read  # noqa: SLF001
+    monkeypatch.setattr(model_reader, "_read", lambda path, room: opened.append(path.name) or real(path, room))
+    (home / "own.mtl").write_text("newmtl a\nmap_Kd /etc/passwd\n")
+    for name, content in {
+        "a.obj": "mtllib /etc/passwd\n" + OBJ,
+        "b.obj": "mtllib own.mtl\nusemtl a\n" + OBJ,
+        "a.ply": "ply\nformat ascii 1.0\ncomment TextureFile /etc/passwd\n" + PLY_BODY,
+        "a.gltf": gltf("own.bin", images=[{"uri": "/etc/passwd"}, {"uri": "../secret.bin"}, {"uri": "pipe.bin"}]),
+    }.items():
+        assert len(read_parts(write(home, name, content)).parts) == 1, name
+    assert opened == ["a.obj", "b.obj", "a.ply", "a.gltf", "own.bin"]
+
+
+PLY_BODY = (
+    "element vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+)
+PLY_BINARY = (
+    (
+        "ply\nformat binary_little_endian 1.0\ncomment Größe\nelement vertex 3\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    ).encode("latin-1")
+    + TRIANGLE
+    + struct.pack("<B3i", 3, 0, 1, 2)
+)
+STL = (
+    "solid Größe\nfacet normal 0 0 1\nouter loop\n"
+    "vertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid\n"
+)
+STL_BINARY = "solid Größe".encode("latin-1").ljust(80) + struct.pack(
+    "<I12fH", 1, *[0] * 3, *struct.unpack("<9f", TRIANGLE), 0
+)
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "utf-8"])
+def test_text_needs_no_further_package_in_another_encoding(tmp_path, monkeypatch, encoding):
+    for package in ("charset_normalizer", "chardet", "cchardet"):
+        monkeypatch.setitem(sys.modules, package, None)
+    data = "data:application/octet-stream;base64," + base64.b64encode(TRIANGLE).decode()
+    texts = {
+        "a.obj": "# Größe ÿ\no Tür\nusemtl größe\n" + OBJ,
+        "a.off": "OFF\n# Größe\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+        "a.ply": "ply\nformat ascii 1.0\ncomment Größe\n" + PLY_BODY,
+        "a.stl": STL,
+        "a.gltf": json.dumps(document(data) | {"nodes": [{"mesh": 0, "name": "Tür"}]}, ensure_ascii=False),
+    }
+    for name, text in texts.items():
+        parts = read_parts(write(tmp_path, name, text.encode(encoding))).parts
+        assert [len(part.triangles) for part in parts] == [1], name
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        archive.writestr("a.obj", texts["a.obj"].encode(encoding))
+    for name, content in {"a.zip": (tmp_path / "a.zip").read_bytes(), "b.ply": PLY_BINARY, "b.stl": STL_BINARY}.items():
+        (part,) = read_parts(write(tmp_path, name, content)).parts
+        np.testing.assert_array_equal(part.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+
+
+ROOM = 20_000
+
+
+def zipped(**members):
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in members.items():
+            archive.writestr(name.replace("_", "."), content)
+    return buffer.getvalue()
+
+
+def tarred(*members, mode="w"):
+    buffer = io.BytesIO()
+    with tarfile.open(fileobj=buffer, mode=mode) as archive:
+        for name, content in members:
+            info = tarfile.TarInfo(name)
+            info.size = len(content)
+            archive.addfile(info, io.BytesIO(content))
+    return buffer.getvalue()
+
+
+def sparse_tar():
+    """A GNU sparse file of 4 GiB in a tar of a few blocks."""
+    header = bytearray(tarred(("a.obj", b""))[:512])
+    header[156:157] = b"S"
+    header[257:265] = b"ustar  \0"
+    header[386:482] = b"0" * 96
+    header[483:495] = b"%011o\0" % (1 << 32)
+    header[148:156] = b" " * 8
+    header[148:156] = b"%06o\0 " % sum(header)
+    return bytes(header) + bytes(1024)
+
+
+def test_what_is_unpacked_is_counted_before_it_is_kept(tmp_path, monkeypatch):
+    monkeypatch.setattr(model_reader, "MAX_BYTES", ROOM)
+    bomb = OBJ.encode() + b"\n" * ROOM
+    half = OBJ.encode() + b"#" * (ROOM // 2)
+    declared = bytearray(zipped(a_obj=OBJ))
+    entry = declared.rindex(b"PK\x01\x02")
+    declared[entry + 24 : entry + 28] = struct.pack("<I", 4_000_000_000)
+    files = {
+        "a.zip": zipped(a_obj=bomb),
+        "two.zip": zipped(a_obj=half, b_obj=half),
+        "other.zip": zipped(a_obj=OBJ, b_txt=bomb),
+        "declared.zip": bytes(declared),
+        "inside.zip": zipped(a_obj=OBJ, b_zip=zipped(c_obj=bomb) + bomb),
+        "a.tar.gz": tarred(("a.obj", bomb), mode="w:gz"),
+        "a.tar.bz2": tarred(("a.obj", bomb), mode="w:bz2"),
+        "a.obj.bz2": bz2.compress(bomb),
+        "sparse.tar.bz2": bz2.compress(sparse_tar()),
+        "large.obj": bomb,
+        "large.stl": bytes(ROOM + 1),
+    }
+    for name, content in files.items():
+        why = reason(write(tmp_path, name, content))
+        assert "bytes" in why, (name, why)
+        assert "MeshLab" in why, (name, why)
+        assert f"{ROOM:,}" in why or f"{MAX_BYTES:,}" in why, (name, why)
+    for name, content in {
+        "b.zip": zipped(a_obj=OBJ),
+        "b.tar.gz": tarred(("a.obj", OBJ.encode()), mode="w:gz"),
+        "b.tar.bz2": tarred(("x/a.obj", OBJ.encode()), mode="w:bz2"),
+        "b.obj.bz2": bz2.compress(OBJ.encode()),
+        "part.zip": zipped(a_obj=OBJ, b_ply="no model"),
+    }.items():
+        assert len(read_parts(write(tmp_path, name, content)).parts) == 1, name
+
+
+def test_buffers_count_together(tmp_path, monkeypatch):
+    monkeypatch.setattr(model_reader, "MAX_BYTES", ROOM)
+    write(tmp_path, "a.bin", TRIANGLE + bytes(ROOM // 3))
+    buffers = [{"uri": "a.bin", "byteLength": 36}]
+    assert read_parts(write(tmp_path, "a.gltf", gltf(buffers=buffers * 2))).parts
+    assert "too large with what it refers to" in reason(write(tmp_path, "a.gltf", gltf(buffers=buffers * 3)))
+
+
+def test_triangles_vertices_and_parts_are_counted_as_often_as_they_are_placed(tmp_path, monkeypatch):
+    nodes = {"nodes": [{"mesh": 0}] * 8, "scenes": [{"nodes": list(range(8))}]}
+    path = write(tmp_path, "a.glb", glb(**nodes))
+    assert len(read_parts(path).placed) == 8
+    assert len(read_parts(path).parts) == 1
+    for name, limit, clause in (
+        ("MAX_PARTS", 7, "has 8 parts, the limit is 7: join them"),
+        ("MAX_TRIANGLES", 7, "has 8 triangles, the limit is 7: decimate the model, for example in MeshLab or Blender"),
+        ("MAX_VERTICES", 23, "has 24 vertices, the limit is 23: decimate the model"),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setattr(model_reader, name, limit + 1)
+            assert len(read_parts(path).placed) == 8
+            patch.setattr(model_reader, name, limit)
+            assert clause in reason(path)
+
+
+def test_a_pipe_that_is_given_as_a_model_is_not_opened(tmp_path):
+    os.mkfifo(tmp_path / "a.obj")
+    assert "no regular file" in reason(tmp_path / "a.obj")
+    assert "no regular file" in reason(write(tmp_path, "b.txt", "").with_name("absent.obj"))
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    name=st.sampled_from(["a.obj", "a.off", "a.ply", "b.ply", "a.stl", "b.stl", "a.gltf", "a.glb", "a.zip"]),
+    edits=st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), min_size=1, max_size=5),
+    end=st.floats(0.3, 1),
+)
+def test_damaged_bytes_give_parts_or_a_reason(tmp_path, name, edits, end):
+    data = "data:application/octet-stream;base64," + base64.b64encode(TRIANGLE).decode()
+    whole = {
+        "a.obj": OBJ.encode(),
+        "a.off": b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+        "a.ply": ("ply\nformat ascii 1.0\n" + PLY_BODY).encode(),
+        "b.ply": PLY_BINARY,
+        "a.stl": STL.encode(),
+        "b.stl": STL_BINARY,
+        "a.gltf": gltf(data),
+        "a.glb": glb(),
+        "a.zip": zipped(a_obj=OBJ),
+    }[name]
+    damaged = bytearray(whole[: max(1, int(len(whole) * end))])
+    for at, value in edits:
+        damaged[int(at * len(damaged))] = value
+    try:
+        read = read_parts(write(tmp_path, name, bytes(damaged)))
+    except (BrokenModelError, MemoryError):
+        return
+    assert len(read.placed) == len(read.scene_from_part)
+    assert all(part.triangles.shape[1:] == part.vertices.shape[1:] == (3,) for part in read.parts)
+
+
+def test_what_takes_too_much_memory_or_crashes_its_reader_leaves_the_other_models(tmp_path):
+    huge = {"accessors": [{"componentType": 5126, "count": 10**9, "type": "VEC3"}]}
+    views = {"bufferViews": [{"buffer": 0, "byteLength": 36}] * 5}
+    write(tmp_path, "a.glb", glb(**huge))
+    write(tmp_path, "b.obj", OBJ)
+    write(tmp_path, "c.glb", glb(**views))
+    write(tmp_path, "d.txt", "no model")
+    meshes, skipped = load_models([tmp_path])
+    assert [mesh.name for mesh in meshes] == ["b.obj", "c.glb"]
+    ((path, why),) = [(broken.path.name, broken.reason) for broken in skipped]
+    assert path == "a.glb"
+    assert why.startswith("takes more than 4 GiB of memory to read: decimate the model")
+    assert why.startswith(model_process.PASSING)
+
+
+def test_a_reader_that_is_killed_or_works_without_end_is_replaced(tmp_path, monkeypatch):
+    good = write(tmp_path, "good.obj", OBJ)
+    # One part for each material, each of which goes over all vertices.
+    slow = write(tmp_path, "slow.obj", "v 0 0 0\n" * 300_000 + "".join(f"usemtl {i}\nf 1 2 3\n" for i in range(20_000)))
+    monkeypatch.setattr(model_process, "MAX_CPU_S", 0)
+    write(tmp_path, "json.py", "raise SystemExit(3)")  # the process takes nothing from where the user stands
+    monkeypatch.chdir(tmp_path)
+    with ModelReader() as reader:
+        assert len(reader.read(Path("good.obj")).parts) == 1
+        with pytest.raises(BrokenModelError, match="s of a processor's time to read: decimate") as caught:
+            reader.read(slow)
+        assert str(caught.value).startswith(model_process.PASSING)
+        os.kill(reader._process.pid, signal.SIGSEGV)  # noqa: SLF001
+        with pytest.raises(BrokenModelError, match=r"crashes its reader \(SIGSEGV\)") as caught:
+            reader.read(good)
+        assert str(caught.value).startswith(model_process.PASSING)
+        np.testing.assert_array_equal(reader.read(good).parts[0].triangles, [[0, 1, 2]])
