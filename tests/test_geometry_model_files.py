@@ -78,7 +78,7 @@ PLY = (
         ("nan.obj", "v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "1 NaN vertices"),
         ("inf.obj", "v 0 0 0\nv 1 -inf 0\nv 0 1 inf\nf 1 2 3\n", "2 infinite vertices"),
         ("index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "out of bounds"),
-        ("index.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n", "outside the range"),
+        ("index.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n", "range"),
         ("index.ply", PLY + "3 0 1 7\n", "index 7 out of range, there are 3"),
         ("negative.ply", PLY + "3 0 1 -1\n", "index -1 out of range"),
         ("line.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "no triangle with an area"),
