@@ -31,6 +31,9 @@ LARGER = "v 0 0 0\nv 3 0 0\nv 2 2 0\nf 1 2 3\n"
 PARTICLES = ParticlesSection()
 
 
+pytestmark = pytest.mark.usefixtures("models_read_here")
+
+
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
     """A cache of the test's own, in which the times of new files count."""

@@ -8,7 +8,7 @@ import trimesh
 from geometry_measures import areas, jacobians, stretch, volume
 
 from semisynth_gl.errors import InputError
-from semisynth_gl.geometry import model_files, model_reader
+from semisynth_gl.geometry import model_files
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_files import load_models
 from semisynth_gl.geometry.model_process import ModelReader
@@ -21,22 +21,7 @@ needs_models = pytest.mark.skipif(not MODELS.is_dir(), reason="the folder of tes
 SQUARE = "v 0 0 0\nv 2 0 0\nv 2 2 0\nv 0 2 0\n"
 
 
-class ReaderHere:
-    """Reads models in this process: a new one for each test would take longer than all else."""
-
-    formats = model_reader.FORMATS
-    read = staticmethod(model_reader.read_parts)
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        pass
-
-
-@pytest.fixture(autouse=True)
-def no_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(model_files, "ModelReader", ReaderHere)
+pytestmark = pytest.mark.usefixtures("models_read_here")
 
 
 @pytest.fixture

@@ -3,6 +3,8 @@
 import io
 import pickle
 import struct
+import subprocess
+import sys
 import tracemalloc
 import warnings
 import zlib
@@ -237,6 +239,60 @@ def test_too_many_pixels_are_refused_before_decoding(
         read_image(path)
     with pytest.raises(ImageError, match="more"):
         stored_size(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "bytes_per_pixel"),
+    [
+        ("a.png", {}, 8),
+        ("a.tif", {}, 8),
+        ("a.jpg", {}, 8),
+        ("a.jpg", {"progressive": True}, 10),
+        ("a.webp", {}, 17),
+        ("a.jp2", {}, 20),
+    ],
+)
+def test_images_that_would_take_too_much_memory_are_refused_before_decoding(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, options: dict[str, Any], bytes_per_pixel: int
+) -> None:
+    path = save(Image.fromarray(levels(30, 40, 3)), tmp_path / name, **options)
+    monkeypatch.setattr(images, "MAX_MEMORY", 30 * 40 * bytes_per_pixel)
+    assert read_image(path).shape == (30, 40, 3)
+    monkeypatch.setattr(images, "MAX_MEMORY", 30 * 40 * bytes_per_pixel - 1)
+    monkeypatch.setattr(ImageFile.ImageFile, "load", lambda _: pytest.fail("was decoded"))
+    for read in (read_image, stored_size):
+        with pytest.raises(ImageError, match=r"has 40 x 30 pixels, which take .* GB of memory .*; the limit is .* GB"):
+            read(path)
+
+
+_PEAK = """
+import resource, sys
+from pathlib import Path
+from semisynth_gl.textures.images import read_image
+for path in map(Path, sys.argv[1:3]):  # what the first takes, loaded modules included, does not count
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    read_image(path)
+print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024)
+"""
+
+
+@pytest.mark.parametrize("kind", ["grey16", "transparent", "turned"])
+def test_reading_takes_no_more_memory_than_is_said(tmp_path: Path, kind: str) -> None:
+    def picture(side: int) -> Path:
+        options: dict[str, Any] = {"compress_level": 1}
+        image = Image.new("RGBA", (side, side), (1, 2, 3, 200))
+        if kind == "grey16":
+            image = Image.fromarray(np.full((side, side), 1000, np.uint16))
+        elif kind == "turned":
+            image, options["exif"] = image.convert("RGB"), Image.Exif()
+            options["exif"][0x0112] = 6
+        return save(image, tmp_path / f"{side}.png", **options)
+
+    side = 3000
+    answer = subprocess.run(
+        [sys.executable, "-c", _PEAK, picture(64), picture(side)], capture_output=True, text=True, check=True
+    )
+    assert int(answer.stdout) < 8 * side**2 + 20e6  # strips, whatever the size of the image
 
 
 @needs_shared

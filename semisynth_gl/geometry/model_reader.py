@@ -26,6 +26,7 @@ from semisynth_gl.geometry.model_parts import (
     Part,
     PlacedParts,
 )
+from semisynth_gl.user_files import open_file
 
 # Keeps trimesh's messages off standard error where the application sets up no log.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
@@ -62,8 +63,6 @@ def read_parts(path: Path) -> PlacedParts:
         raise BrokenModelError(f"is of a kind that trimesh cannot read ({path.suffix or path.name})")
     if suffix not in trimesh.available_formats():
         raise BrokenModelError(f"needs a package that is not installed for trimesh to read {path.suffix} files")
-    if not path.is_file():
-        raise BrokenModelError("is no regular file")
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         try:
@@ -190,7 +189,11 @@ class _Neighbours(Resolver):
 
 
 def _read(path: Path, room: int) -> bytes:
-    with path.open("rb") as file:
+    try:
+        file = open_file(path)
+    except OSError as error:
+        raise BrokenModelError(f"cannot be read: {error.strerror}") from error
+    with file:
         content = file.read(room + 1)
         if len(content) > room:
             size = path.stat().st_size
