@@ -58,7 +58,7 @@ def write_dataset(out, layout, pairs, shard_pairs, config=None):
                 encoded = encode_pair(plan.layout, key, frame, provenance, 200, encodings)
                 writer.add(encoded.files, facts | {"seconds": 0.1})
             split = {"split": shard.split, "first": shard.first, "end": shard.end}
-            writer.finish(split | {"redraws": 0, "renderers": ["none"], "seconds": 0.1})
+            writer.finish(split | {"redraws": 0, "renderers": ["none"]}, {"seconds": 0.1})
     index = describe_dataset(plan, sources, [complete_record(place, shard) for shard in plan.shards])
     index = json.loads(json.dumps(index))
     files.finish(index, {CARD: encode_card(index), CROISSANT: encode_croissant(index)})

@@ -1,6 +1,7 @@
 """The dataset card and the Croissant file: what hubs and mlcroissant make of them."""
 
 import hashlib
+import io
 import json
 from collections.abc import Mapping
 from fnmatch import fnmatch
@@ -10,10 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 from hand_made_datasets import sources_of
+from PIL import Image
 from ruamel.yaml import YAML
 
 from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.codecs.flo import Flo
+from semisynth_gl.codecs.png16 import DisparityPng16
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.card import encode_card
 from semisynth_gl.dataset.croissant import encode_croissant
@@ -32,6 +35,13 @@ CAMERA = StereoCamera(8, 6, 10.0, 0.1, 3.5, 3.5, 2.5)
 
 FLOW = {"outputs": OUTPUTS, "sequence": {"length": 2}}
 """Keys of a config with all outputs."""
+
+
+PROVENANCE = {
+    "pair": 0, "config": "tiny-train-x", "config_sha256": "", "version": "1", "renderer": "none",
+    "backend": "egl", "seed": 3, "sequence": 0, "frame": 0, "near_m": 0.1,
+    "instances": [{"model": "background", "still": True}] * 9,
+}  # fmt: skip
 
 
 def plan_for(layout: str, pairs: Mapping[str, int], licence: str = "unknown", **values: Any) -> Plan:
@@ -77,19 +87,11 @@ def frame(index: int) -> Frame:
 
 def write(plan: Plan, folder: Path | None = None) -> dict[str, Any]:
     """Return a dataset's index, and write its shards if there is a folder to write to."""
-    provenance = {
-        "pair": 0, "config": plan.config.name, "config_sha256": "", "version": "1", "renderer": "none",
-        "backend": "egl", "seed": 3, "sequence": 0, "frame": 0, "near_m": 0.1,
-        "instances": [{"model": "background", "still": True}] * 9,
-    }  # fmt: skip
     records = []
     for shard in plan.shards:
         content = b""
         for pair in range(shard.first, shard.end):
-            files = encode_pair(
-                plan.layout, plan.key(shard.split, pair), frame(pair), provenance | {"pair": pair}, 5,
-                plan.layout.encodings_for(plan.config),
-            ).files  # fmt: skip
+            files = encoded(plan, shard.split, pair)
             files = {path: files[path] for path in paths(plan, shard.split, pair).values()}
             for name, data in files.items():
                 if plan.layout.packed:
@@ -114,6 +116,17 @@ def write(plan: Plan, folder: Path | None = None) -> dict[str, Any]:
         (folder / "croissant.json").write_bytes(encode_croissant(index))
         (folder / "README.md").write_bytes(encode_card(index))
     return index
+
+
+def encoded(plan: Plan, split: SplitName, pair: int) -> dict[str, bytes]:
+    """Return the bytes of a pair's files by path, as `write` writes them."""
+    encodings = plan.layout.encodings_for(plan.config)
+    return encode_pair(plan.layout, plan.key(split, pair), frame(pair), PROVENANCE | {"pair": pair}, 5, encodings).files
+
+
+def keys_of(record: Mapping[str, Any], name: str) -> tuple[Any, ...]:
+    """Return a record's key, which may be of several parts."""
+    return tuple(value for field, value in record.items() if field.startswith(f"{name}/key"))
 
 
 def paths(plan: Plan, split: SplitName, pair: int) -> dict[str, str]:
@@ -189,26 +202,90 @@ def test_one_split_is_not_listed_as_such(tmp_path: Path, mlcroissant: Any) -> No
     assert len(list(dataset.records("train-right"))) == 1
 
 
-@pytest.mark.parametrize("values", [{}, FLOW], ids=["pairs", "sequences"])
-@pytest.mark.parametrize("layout", FOLDERS)
-def test_mlcroissant_reads_the_images_of_folders(
-    layout: str, values: dict[str, Any], tmp_path: Path, mlcroissant: Any
-) -> None:
-    # Of files that lie in folders it decodes images to RGB and knows no PFM, so that truth cannot be read by it.
-    plan = plan_for(layout, {"train": 3, "test": 2}, **values)
+@pytest.mark.parametrize("layout", layout_names())
+def test_mlcroissant_returns_every_record_set_unchanged(layout: str, tmp_path: Path, mlcroissant: Any) -> None:
+    plan = plan_for(layout, {"train": 3, "test": 1}, **({} if layout == "webdataset" else FLOW))
     write(plan, tmp_path)
     dataset = open_croissant(mlcroissant, tmp_path / "croissant.json")
+    read: dict[str, list[list[tuple[Any, ...]]]] = {}
     for split, pairs in plan.pairs.items():
-        sides = []
-        for role in ("left", "right"):
+        for role in (each.id.partition("-")[2] for each in dataset.metadata.record_sets if each.id.startswith(split)):
             name = f"{split}-{role}"
-            found = list(dataset.records(name))
-            keys = [field for field in found[0] if field.startswith(f"{name}/key")]
-            sides.append({tuple(record[key] for key in keys): record[f"{name}/content"] for record in found})
-        assert len(sides[0]) == pairs
-        assert sides[0].keys() == sides[1].keys()
-        levels = sorted(int(np.median(np.asarray(image))) for image in sides[0].values())
-        assert levels == list(range(pairs))
+            found = sorted(dataset.records(name), key=lambda record, name=name: keys_of(record, name))
+            read.setdefault(role, []).append([keys_of(record, name) for record in found])
+            files = sorted((paths(plan, split, pair)[role], pair) for pair in range(pairs))
+            for record, (path, pair) in zip(found, files, strict=True):
+                data = encoded(plan, split, pair)[path]
+                content = record[f"{name}/content"]
+                if isinstance(content, bytes):
+                    assert content == data, name
+                else:
+                    codec = plan.layout.role(role).codec(plan.layout.encodings_for(plan.config))
+                    assert np.array_equal(np.asarray(content), codec.decode(data, Path(path))), name
+    # Of every pair there are both images, by the same keys.
+    assert read["left"] == read["right"]
+    assert [len(set(keys)) for keys in read["left"]] == [3, 1]
+
+
+@pytest.mark.parametrize(
+    "files", [{"disparity": "tiff", "flow": "png16"}, {"disparity": "png16", "flow": "pfm", "image": "qoi"}]
+)
+def test_mlcroissant_returns_other_encodings_in_tars_unchanged(
+    files: dict[str, str], tmp_path: Path, mlcroissant: Any
+) -> None:
+    if "image" in files:
+        pytest.importorskip("imagecodecs")
+    plan = plan_for("webdataset", {"train": 1}, **FLOW, files=files)
+    write(plan, tmp_path)
+    dataset = open_croissant(mlcroissant, tmp_path / "croissant.json")
+    for role in ("left", "disparity_left", "flow_left"):
+        path = paths(plan, "train", 0)[role]
+        data, codec = encoded(plan, "train", 0)[path], plan.layout.role(role).codec(plan.config.files.encodings)
+        (content,) = [record[f"train-{role}/content"] for record in dataset.records(f"train-{role}")]
+        if codec.is_image:
+            stored = np.where(np.isinf(value := codec.decode(data, Path(path))), 0, value) if role != "left" else None
+            image = np.asarray(content)
+            if isinstance(codec, DisparityPng16):
+                assert np.array_equal(image / codec.steps, stored)
+            else:
+                assert np.array_equal(image, codec.decode(data, Path(path)))
+        else:
+            assert content == data
+
+
+@pytest.mark.parametrize("layout", FOLDERS)
+def test_load_dataset_reads_images_and_no_records(layout: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    datasets = pytest.importorskip("datasets")
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+    # KITTI's flow is 16-bit RGB, of which 8 bits would arrive.
+    plan = plan_for(layout, {"train": 3, "test": 1}, **(FLOW if layout == "kitti" else {}))
+    write(plan, tmp_path)
+    (tmp_path / "shards").mkdir()
+    (tmp_path / "shards" / "semisynth-tiny-train-x-train-000000.json").write_text('{"shard": 1}\n')
+    cache = str(tmp_path / "cache")
+    front, body = front_of((tmp_path / "README.md").read_bytes())
+    names = [config["config_name"] for config in front["configs"]]
+    encodings = plan.layout.encodings_for(plan.config)
+    for name in [None, *names]:
+        loaded = datasets.load_dataset(str(tmp_path), name, cache_dir=cache)
+        role = name or "left"
+        for split, pairs in plan.pairs.items():
+            assert loaded[split].column_names == ["image"]
+            # Row i of each config is of the same pair.
+            files = [
+                paths(plan, split, pair) for pair in sorted(range(pairs), key=lambda k: paths(plan, split, k)["left"])
+            ]
+            assert len(loaded[split]) == pairs
+            for row, own in zip(loaded[split], files, strict=True):
+                data = (tmp_path / plan.folder(split) / own[role]).read_bytes()
+                expected = Image.open(io.BytesIO(data))
+                assert row["image"].mode == expected.mode
+                assert np.array_equal(np.asarray(row["image"]), np.asarray(expected))
+    assert names[:2] == ["left", "right"]
+    assert all(plan.layout.role(name).codec(encodings).is_image for name in names)
+    told = body.partition("It cannot load: ")[2].partition(".\n")[0]
+    roles = set(paths(plan, "train", 0))
+    assert {role for role in roles if role in told.replace(",", " ").replace(";", " ").split()} == roles - set(names)
 
 
 @pytest.mark.parametrize("length", [None, 1, 2, 50])
@@ -291,12 +368,6 @@ def test_the_front_matter_is_what_a_hub_wants() -> None:
     assert (data.license, data.size_categories) == ("unknown", ["n<1K"])
     assert data.pretty_name == front["pretty_name"]
     assert data.to_dict()["configs"] == front["configs"]
-
-
-def test_folders_have_no_configs() -> None:
-    front, _ = front_of(encode_card(write(plan_for("kitti", {"train": 1}))))
-    assert "configs" not in front
-    assert "webdataset" not in front["tags"]
 
 
 def test_the_card_says_what_a_reader_needs() -> None:

@@ -33,7 +33,7 @@ def add_pairs(writer, most=3):
 def write_shard(root, *, packed=True):
     with open_writer(root, packed=packed) as writer:
         add_pairs(writer)
-        return writer.finish(RANGE)
+        return writer.finish(RANGE, {"seconds": 1.5})
 
 
 def finished_files(root):
@@ -51,7 +51,7 @@ def test_a_removed_journal_keeps_others_out(tmp_path, monkeypatch):
 
     def lock_late(descriptor, how):
         monkeypatch.undo()
-        other.finish(RANGE)
+        other.finish(RANGE, {"seconds": 1.5})
         other.close()
         lock(descriptor, how)
 
@@ -90,7 +90,7 @@ def test_a_shard_that_lacks_something_is_completed(tmp_path, packed, lost):
         assert not writer.complete
         assert len(writer.samples) == (2 if lost == "record" else 0)
         add_pairs(writer)
-        writer.finish(RANGE)
+        writer.finish(RANGE, {"seconds": 1.5})
     assert finished_files(tmp_path) == before
 
 
@@ -137,11 +137,11 @@ def test_two_runs_without_locks_do_the_same_work(tmp_path, monkeypatch, packed, 
             for count in (1, 2, 3):
                 add_pairs(one, count)
                 add_pairs(other, count)
-            one.finish(RANGE)
+            one.finish(RANGE, {"seconds": 1.5})
             assert finished_files(root) == expected
             assert open_writer(root, packed=packed).complete
             if ends:
-                other.finish(RANGE)
+                other.finish(RANGE, {"seconds": 1.5})
         assert finished_files(root) == expected
         assert not [path for path in (root / ".partial").iterdir() if path.is_dir()]
 
@@ -162,5 +162,5 @@ def test_nobody_is_known_to_be_alone_without_locks(tmp_path, monkeypatch):
         runs[0].finish({"program": "semisynth-gl"}, {})
         runs[0].close()
         add_pairs(other)
-        other.finish(RANGE)
+        other.finish(RANGE, {"seconds": 1.5})
     assert complete_record(Folder(tmp_path), SHARD) is not None

@@ -128,7 +128,7 @@ class _TimedStages:
             files, facts = self.job.encode(pair, SPLIT)
             listener.on_stage("encode")
             writer.add(files, facts)
-            record = writer.finish({"split": SPLIT, "first": shard.first, "end": shard.end})
+            record = writer.finish({"split": SPLIT, "first": shard.first, "end": shard.end}, {})
         # Beginning and end of a shard are part of writing, and take the less the more pairs it has.
         listener.on_stage("write")
         shutil.rmtree(place.path(""))

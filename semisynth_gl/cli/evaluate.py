@@ -1,6 +1,8 @@
 """``semisynth-gl evaluate``."""
 
 import json
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -10,7 +12,7 @@ from semisynth_gl.cli.outputs import Output, json_report, marked_png, output_opt
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.codecs.png import RGB8
 from semisynth_gl.errors import InputError
-from semisynth_gl.metrics.evaluate import REGIONS, Evaluation, evaluate_pair, report_json, report_table
+from semisynth_gl.metrics.evaluate import REGIONS, SIGN_HINT, Evaluation, evaluate_pair, report_json, report_table
 from semisynth_gl.metrics.predictions import find_predictions
 from semisynth_gl.metrics.protocol import PROTOCOL_NAMES, PROTOCOLS, ProtocolName
 from semisynth_gl.metrics.truth import TrueSet, find_truth
@@ -73,7 +75,7 @@ def evaluate(
             if evaluation.error_map is not None:
                 pictures[pair.name].write(RGB8.encode(evaluation.error_map))
             # Without the map: the maps of a large set would fill the memory.
-            evaluations.append(Evaluation(pair.name, evaluation.scores))
+            evaluations.append(replace(evaluation, error_map=None))
             progress.advance()
     if output.path is not None:
         paths = {name: prediction.path for name, prediction in predictions.items()}
@@ -85,6 +87,12 @@ def evaluate(
             click.echo()
             for line in report_table(evaluations, region, protocol):
                 click.echo(line)
+    _say_what_is_odd([predictions[each.name].path for each in evaluations if each.negative], missing)
+
+
+def _say_what_is_odd(negative: Sequence[Path], missing: Sequence[str]) -> None:
+    if negative:
+        click.echo(f"note: {len(negative)} of the predictions, such as {negative[0]}: {SIGN_HINT}", err=True)
     if missing:
         click.echo(f"No prediction for {len(missing)} pairs: {', '.join(missing)}", err=True)
 

@@ -23,13 +23,24 @@ class ByImagecodecs(Codec[NDArray[np.uint8]]):
         media_type: see `Codec`.
         description: see `Codec`.
         function: imagecodecs' name of the format.
+        is_image: see `Codec`.
         options: imagecodecs' options of the encoder.
     """
 
     pixel_bytes = PHOTOGRAPH_PIXEL_BYTES
 
-    def __init__(self, name: str, media_type: str, description: str, function: str, **options: Any) -> None:  # noqa: ANN401 - imagecodecs has no types
+    def __init__(
+        self,
+        name: str,
+        media_type: str,
+        description: str,
+        function: str,
+        *,
+        is_image: bool = True,
+        **options: Any,  # noqa: ANN401 - imagecodecs has no types
+    ) -> None:
         self.name = name
+        self.is_image = is_image
         self.media_type = media_type
         self.description = description
         self._function = function
@@ -68,5 +79,12 @@ class ByImagecodecs(Codec[NDArray[np.uint8]]):
 
 QOI = ByImagecodecs("qoi", "https://qoiformat.org/qoi-specification.pdf", "QOI, 8-bit RGB, lossless", "qoi")
 JXL = ByImagecodecs(
-    "jxl", "image/jxl", "JPEG XL, 8-bit RGB, lossless", "jpegxl", lossless=True, effort=_JXL_EFFORT, numthreads=1
+    "jxl",
+    "image/jxl",
+    "JPEG XL, 8-bit RGB, lossless",
+    "jpegxl",
+    is_image=False,  # Pillow knows it by plugins alone
+    lossless=True,
+    effort=_JXL_EFFORT,
+    numthreads=1,
 )

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.codecs.codec import read_bytes
 from semisynth_gl.codecs.pfm import ANY_PFM
+from semisynth_gl.codecs.png import GREY16
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, DisparityPng16
 from semisynth_gl.errors import ReadError
 
@@ -34,6 +35,18 @@ def read_disparity_map(path: Path, png_steps: float = KITTI_DISPARITY.steps) -> 
     if data.startswith(b"\x89PNG"):
         return DisparityPng16(png_steps).decode(data, path)
     return ANY_PFM.decode(data, path)
+
+
+def is_disparity_map(path: Path) -> bool:
+    """Return whether a file may be a disparity map; a PNG of another kind than 16-bit grey is a picture.
+
+    Args:
+        path: .pfm, .npy or .png; of others than PNG, the content is not looked at.
+
+    Raises:
+        ReadError: where the file cannot be read.
+    """
+    return GREY16.is_kind_of(read_bytes(path)) if path.suffix.lower() == ".png" else True
 
 
 def _read_npy(data: bytes, path: Path) -> NDArray[np.float32]:

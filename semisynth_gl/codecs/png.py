@@ -58,6 +58,10 @@ class Png(Codec[NDArray[Any]]):
         content = isal_zlib.compress(filtered, _LEVEL)
         return b"".join([_SIGNATURE, _chunk(b"IHDR", header), _chunk(b"IDAT", content), _chunk(b"IEND", b"")])
 
+    def is_kind_of(self, data: bytes) -> bool:
+        """Return whether a PNG's header says that it has this number of bits and these components."""
+        return data[:8] == _SIGNATURE and data[24:26] == bytes((self._bits, self._colour))
+
     def decode(self, data: bytes, path: Path) -> NDArray[Any]:
         """Decode an image; see `Codec.decode`."""
         if self._bits == 8:

@@ -11,6 +11,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from semisynth_gl.codecs import Codec
+from semisynth_gl.dataset.file_sets import FileSet, list_file_sets
 from semisynth_gl.dataset.files import plan_from_values
 from semisynth_gl.dataset.plan import Plan
 from semisynth_gl.frame import FLOW_OUTPUTS
@@ -30,6 +31,9 @@ _LICENCES = frozenset(
 )
 _SIZE_NAMES = ("1K", "10K", "100K", "1M", "10M", "100M", "1B", "10B", "100B", "1T")
 _UNITS = ("kB", "MB", "GB", "TB")
+# Endings of the images that the package datasets finds in folders and Pillow opens.
+_IMAGE_ENDINGS = (".png", ".jpg", ".tiff")
+_MAIN_ROLE = "left"
 
 _CAVEATS: Mapping[str, str] = {
     "kitti": (
@@ -88,11 +92,33 @@ def _front(plan: Plan, index: Mapping[str, Any]) -> str:
     if plan.layout.packed:
         files = [{"split": split, "path": _quoted(_glob(index, split))} for split in plan.splits]
         values["configs"] = [{"config_name": "default", "data_files": files}]
+    else:
+        values["configs"] = [_config(role, file_sets) for role, file_sets in _image_sets(plan).items()]
     yaml = YAML()
     yaml.width = 2**16
     text = io.StringIO()
     yaml.dump(values, text)
     return text.getvalue()
+
+
+def _config(role: str, file_sets: Sequence[FileSet]) -> dict[str, Any]:
+    """Return the config of a role's images; without configs hubs take whatever they find, such as shards' records."""
+    return {
+        "config_name": role,
+        **({"default": True} if role == _MAIN_ROLE else {}),
+        "data_files": [{"split": each.split, "path": _quoted(each.pattern)} for each in file_sets],
+        "drop_labels": True,  # else the folders' names become classes
+    }
+
+
+def _image_sets(plan: Plan) -> dict[str, list[FileSet]]:
+    """Return the file sets of images in folders by role, one for each split; those of the left image in any format."""
+    found: dict[str, list[FileSet]] = {}
+    for split in plan.splits:
+        for each in list_file_sets(plan, split):
+            if each.role == _MAIN_ROLE or (each.codec.is_image and each.pattern.endswith(_IMAGE_ENDINGS)):
+                found.setdefault(each.role, []).append(each)
+    return found
 
 
 def _licence(name: str) -> dict[str, str]:
@@ -172,11 +198,29 @@ def _reading(plan: Plan, index: Mapping[str, Any]) -> str:
         lines += ["```", "", "With the datasets package, in this folder:", "", "```python"]
         lines += ["from datasets import load_dataset", ""]
         lines += [f'load_dataset("webdataset", data_files={{{files}}}, streaming=True)', "```"]
-    else:
-        # Under python -OO, which drops docstrings, the loaders of a layout are unknown.
-        name, _, loaders = (type(plan.layout).__doc__ or "").partition("\n")[0].partition(": ")
-        lines += ["", f"Files stand as in {name}, for loaders of that: {loaders}"] if loaders else []
-    return "\n".join(lines)
+        return "\n".join(lines)
+    # Under python -OO, which drops docstrings, the loaders of a layout are unknown.
+    name, _, loaders = (type(plan.layout).__doc__ or "").partition("\n")[0].partition(": ")
+    lines += ["", f"Files stand as in {name}, for loaders of that: {loaders}"] if loaders else []
+    return "\n".join(lines + _reading_images(plan))
+
+
+def _reading_images(plan: Plan) -> list[str]:
+    """Return how the package datasets loads images in folders, and what it cannot load."""
+    file_sets = {each.role: each for each in list_file_sets(plan, plan.splits[0])}
+    images = [role for role in _image_sets(plan) if file_sets[role].pattern.endswith(_IMAGE_ENDINGS)]
+    others: dict[str, list[str]] = {}
+    for role, each in file_sets.items():
+        if role not in images:
+            others.setdefault(each.codec.description, []).append(role)
+    lines = ["", "The datasets package knows images alone."]
+    if _MAIN_ROLE in images:
+        lines[-1] += " In this folder:"
+        lines += ["", "```python", "from datasets import load_dataset", ""]
+        lines += [f'left = load_dataset(".", "{_MAIN_ROLE}")', "```", ""]
+        lines += [f"The configs are {', '.join(images)}; row i of each is of the same pair."]
+    cannot = "; ".join(f"{', '.join(roles)} ({description})" for description, roles in others.items())
+    return [*lines, f"It cannot load: {cannot}."]
 
 
 def _files(plan: Plan) -> str:

@@ -1,20 +1,22 @@
 """Croissant 1.1: a description of a dataset and its files, as JSON-LD for hubs and search engines.
 
-Files of the same role and split make a file set, and a record set with a record for each pair: the pair's key, the
-split, and the file's content. Records of the same key belong together.
+Files of the same role and split make a file set. Where mlcroissant returns their content unchanged, they also make a
+record set with a record for each pair: the pair's key, the split, and the file's content. Records of one key belong
+together.
 """
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from os.path import commonprefix
 from pathlib import PurePosixPath
 from typing import Any
 
 from semisynth_gl.codecs import Codec
+from semisynth_gl.codecs.calib import KITTI_CALIB, MIDDLEBURY_CALIB
+from semisynth_gl.codecs.jpeg import Jpeg
 from semisynth_gl.codecs.json_object import JSON_OBJECT
+from semisynth_gl.codecs.png import RGB8
+from semisynth_gl.dataset.file_sets import FileSet, list_file_sets
 from semisynth_gl.dataset.files import plan_from_values
-from semisynth_gl.dataset.plan import Plan
 from semisynth_gl.splits import SplitName
 
 _VERSION = "http://mlcommons.org/croissant/1.1"
@@ -45,23 +47,9 @@ _SPLITS: Mapping[SplitName, str] = {
     "validation": "cr:ValidationSplit",
     "test": "cr:TestSplit",
 }
-_DIGITS = "0123456789"
-# Numbers of sequences whose names differ wherever the names of any two sequences can.
-_SEQUENCES = (0, 1, 3, 123_456)
-
-
-@dataclass(frozen=True, slots=True)
-class _FileSet:
-    """The files of a role and a split; the stars of the pattern stand for the pair."""
-
-    split: SplitName
-    role: str
-    pattern: str
-    codec: Codec[Any]
-
-    @property
-    def id(self) -> str:
-        return f"{self.split}-{self.role}-files"
+# What mlcroissant returns unchanged of files in folders: it makes 8-bit RGB of every image, and fails at formats that
+# it does not know. Of files in tars it returns the bytes, or what Pillow makes of them.
+_READ_IN_FOLDERS: tuple[Codec[Any], ...] = (RGB8, Jpeg(), MIDDLEBURY_CALIB, KITTI_CALIB)
 
 
 def encode_croissant(index: Mapping[str, Any]) -> bytes:
@@ -77,7 +65,8 @@ def encode_croissant(index: Mapping[str, Any]) -> bytes:
     """
     plan = plan_from_values(index)
     tars = [shard for shard in index["shards"] if "tar" in shard]
-    file_sets = [file_set for split in plan.splits for file_set in _file_sets(plan, split)]
+    file_sets = [file_set for split in plan.splits for file_set in list_file_sets(plan, split)]
+    readable = [each for each in file_sets if plan.layout.packed or each.codec in _READ_IN_FOLDERS]
     width, height = plan.config.camera.width_px, plan.config.camera.height_px
     licence = plan.config.licences.dataset
     several = len(plan.splits) > 1
@@ -88,7 +77,8 @@ def encode_croissant(index: Mapping[str, Any]) -> bytes:
         "description": (
             f"{sum(plan.pairs.values())} rectified stereo pairs of {width} x {height} pixels with exact disparity, "
             "rendered: models textured with patches of photographs fall through a scene. Disparity is x_left - x_right "
-            "in pixels, positive. Record sets hold one file of each pair; records of one key belong together."
+            "in pixels, positive. Record sets hold one file of each pair; records of one key belong together. File "
+            "sets without a record set are for other readers, such as semisynth_gl.open_dataset."
         ),
         "conformsTo": _VERSION,
         "version": index["version"],
@@ -100,32 +90,14 @@ def encode_croissant(index: Mapping[str, Any]) -> bytes:
         ],
         "recordSet": [
             *([_splits(plan.splits)] if several else []),
-            *(_record_set(file_set, several=several) for file_set in file_sets),
+            *(_record_set(file_set, several=several) for file_set in readable),
         ],
     }
     return JSON_OBJECT.encode(described)
 
 
-def _file_sets(plan: Plan, split: SplitName) -> list[_FileSet]:
-    """Return a file set for each role's files, below the dataset's folder or inside a tar."""
-    layout = plan.layout
-    encodings = layout.encodings_for(plan.config)
-    length = plan.key(split, 0).sequence_length or 1
-    pairs = [plan.files(split, index) for index in (*(length * number for number in _SEQUENCES), min(1, length - 1))]
-    return [
-        _FileSet(split, role, _pattern([files[role] for files in pairs]), layout.role(role).codec(encodings))
-        for role in pairs[0]
-    ]
-
-
-def _pattern(paths: Sequence[str]) -> str:
-    """Return the paths with a star where the names of files or folders differ; numbers are not cut in two."""
-    parts = []
-    for names in zip(*(path.split("/") for path in paths), strict=True):
-        turned = [name[::-1] for name in names]
-        begin, end = (commonprefix(texts) for texts in (names, turned))  # noqa: RUF071 - names, not paths
-        parts.append(names[0] if len(set(names)) == 1 else f"{begin.rstrip(_DIGITS)}*{end[::-1].lstrip(_DIGITS)}")
-    return "/".join(parts)
+def _id(file_set: FileSet) -> str:
+    return f"{file_set.split}-{file_set.role}-files"
 
 
 def _file_object(shard: Mapping[str, Any]) -> dict[str, Any]:
@@ -140,22 +112,23 @@ def _file_object(shard: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _describe_file_set(file_set: _FileSet, tars: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def _describe_file_set(file_set: FileSet, tars: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     own = [{"@id": tar["tar"]} for tar in tars if tar["split"] == file_set.split]
     contained = {"containedIn": own} if own else {}
     return {
         "@type": "cr:FileSet",
-        "@id": file_set.id,
-        "name": file_set.id,
+        "@id": _id(file_set),
+        "name": _id(file_set),
+        "description": file_set.meaning,
         **contained,
         "encodingFormat": file_set.codec.media_type,
         "includes": file_set.pattern,
     }
 
 
-def _record_set(file_set: _FileSet, *, several: bool) -> dict[str, Any]:
+def _record_set(file_set: FileSet, *, several: bool) -> dict[str, Any]:
     name, split = f"{file_set.split}-{file_set.role}", file_set.split
-    source = {"fileSet": {"@id": file_set.id}}
+    source = {"fileSet": {"@id": _id(file_set)}}
     regexes = _key_regexes(file_set.pattern)
     # The text that stands for each star is a field; together they are the pair's key, the same in all roles. The keys
     # do not reference those of other record sets: mlcroissant would join records before it reads them, and fail.

@@ -28,6 +28,7 @@ from semisynth_gl.dataset.schema import (
     REPLACED,
     UNLOCKED,
     is_unfinished_file,
+    log_path,
     record_path,
     tar_path,
     unfinished_path,
@@ -362,7 +363,7 @@ def _own_names(plan: Plan) -> set[str]:
         if not layout.packed:
             own.update(path for key in keys for path in plan.files(split, key.index).values())
     for shard in plan.shards:
-        own |= {record_path(shard.name), tar_path(shard.name)}
+        own |= {record_path(shard.name), log_path(shard.name), tar_path(shard.name)}
     return own
 
 

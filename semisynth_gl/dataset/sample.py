@@ -15,7 +15,7 @@ from semisynth_gl.codecs.calib import Calibration
 from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.frame import CHANNELS, ROLES, Channel, Frame, View
 from semisynth_gl.layouts import Key, Layout
-from semisynth_gl.layouts.roles import Sample, mask_from_not_occluded, not_occluded_role
+from semisynth_gl.layouts.roles import Sample, mask_from_not_occluded, not_occluded_role, restore_outside
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,10 +120,13 @@ def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) ->
     path = Path(key.name)
     arrays = {role: value for role, value in values.items() if role in ROLES}
     for role, (eye, channel) in ROLES.items():
-        visible = values.get(not_occluded_role(channel, eye)) if channel.mask is not None else None
-        if channel.mask is not None and visible is not None and role in arrays:
-            mask = CHANNELS[channel.mask].role(eye)
+        if channel.mask is None or role not in arrays:
+            continue
+        mask, visible = CHANNELS[channel.mask].role(eye), values.get(not_occluded_role(channel, eye))
+        if visible is not None:
             arrays[mask] = mask_from_not_occluded(arrays[role], visible, channel, eye, path)
+        elif mask in arrays and arrays[mask].shape == arrays[role].shape[:2]:
+            arrays[mask] = restore_outside(arrays[mask], arrays[role], channel, eye)
     calibration, provenance = values.get("calibration"), values["provenance"]
     if calibration is None:
         # The provenance has more facts about the camera than the camera.

@@ -42,6 +42,11 @@ def record_path(shard: str) -> str:
     return f"{RECORDS}/{shard}.json"
 
 
+def log_path(shard: str) -> str:
+    """Return the path of a shard's log: what may differ between two runs that write the same dataset."""
+    return f"{RECORDS}/{shard}.log"
+
+
 def tar_path(shard: str) -> str:
     """Return the path of a shard's tar, in layouts that pack their files."""
     return f"{RECORDS}/{shard}.tar"

@@ -21,7 +21,7 @@ from semisynth_gl.dataset.files import complete_record
 from semisynth_gl.dataset.locks import lock, open_locked
 from semisynth_gl.dataset.places import Place, sync
 from semisynth_gl.dataset.plan import Shard
-from semisynth_gl.dataset.schema import PARTIAL, UNLOCKED, journal_name, record_path, tar_path
+from semisynth_gl.dataset.schema import PARTIAL, UNLOCKED, journal_name, log_path, record_path, tar_path
 from semisynth_gl.dataset.tar import tar_end, tar_member
 from semisynth_gl.errors import ReadError
 
@@ -108,11 +108,12 @@ class ShardWriter:
         self._journal.flush()
         self.samples.append(entry)
 
-    def finish(self, facts: Mapping[str, Any]) -> dict[str, Any]:
+    def finish(self, facts: Mapping[str, Any], log: Mapping[str, Any]) -> dict[str, Any]:
         """Complete the shard after its last pair.
 
         Args:
             facts: entries of the record beside the pairs, in JSON's types.
+            log: the content of the shard's log, in JSON's types.
 
         Returns:
             The record.
@@ -122,6 +123,7 @@ class ShardWriter:
         record["samples"] = [
             {key: value for key, value in entry.items() if key not in _ONLY_IN_JOURNAL} for entry in self.samples
         ]
+        self._place.write(log_path(self._name), (json.dumps(log) + "\n").encode())
         self._place.write(record_path(self._name), (json.dumps(record) + "\n").encode())
         (self._work / journal_name(self._name)).unlink(missing_ok=True)
         return record

@@ -105,6 +105,9 @@ def generate(
     files = DatasetFiles(place, plan, overwrite=overwrite)
     if files.complete:
         return GenerationResult(place, plan, 0)
+    if place.local is not None:
+        for advice in plan.layout.place_advice(str(place.local.absolute())):
+            listener.on_message(f"note: {advice}")
     sources = {split: prepare_sources(plan.config, seed, plan.split(split)) for split in plan.splits}
     digests = {split: split_sources.digests() for split, split_sources in sources.items()}
     job = ShardJob(plan, place, backend, digests, tuple(gpus))

@@ -117,8 +117,8 @@ class ShardJob:
                     "end": shard.end,
                     "redraws": sum(len(entry["redrawn"]) for entry in writer.samples),
                     "renderers": sorted({entry["renderer"] for entry in writer.samples}),
-                    "seconds": round(sum(entry["seconds"] for entry in writer.samples), 3),
-                }
+                },
+                {"seconds": round(sum(entry["seconds"] for entry in writer.samples), 3)},
             )
             return "complete"
 

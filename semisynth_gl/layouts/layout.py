@@ -35,6 +35,7 @@ class Layout(ABC):
         needs: outputs that the layout cannot do without.
         encodings: its own; None where the config's section ``files`` decides.
         right_truth_for: names loaders that read the right view's truth too; "" where none does.
+        replaced: names that loaders replace, or look for, in the whole path of a file.
         most_frames: how many frames of a sequence its names can tell apart, where they count frames; None for any.
     """
 
@@ -42,6 +43,7 @@ class Layout(ABC):
     needs: ClassVar[frozenset[str]] = frozenset()
     encodings: ClassVar[Encodings | None] = None
     right_truth_for: ClassVar[str] = ""
+    replaced: ClassVar[tuple[str, ...]] = ()
     most_frames: ClassVar[int | None] = None
 
     @abstractmethod
@@ -101,6 +103,19 @@ class Layout(ABC):
         if config.truth == "both" or not self.right_truth_for:
             return []
         return [f"{self.right_truth_for} read the right view's truth too: set truth to both."]
+
+    def place_advice(self, root: str) -> list[str]:
+        """Return sentences on what will keep loaders of this layout from reading a dataset in a folder.
+
+        Args:
+            root: the folder's path.
+        """
+        return [
+            f"Loaders of this layout replace {name!r} wherever it stands in the path of a file, and {root} has it: "
+            "choose another folder with --out, or move this one before training."
+            for name in self.replaced
+            if name in root
+        ]
 
     def encodings_for(self, config: Config) -> Encodings:
         """Return the encodings that pairs of a config have in this layout."""

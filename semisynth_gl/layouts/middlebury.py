@@ -24,6 +24,7 @@ _SIZE_STEP = 4
 class Middlebury(Layout):
     """MiddEval3: RAFT-Stereo, HSM, torchvision's CarlaStereo, the evaluation kit."""
 
+    replaced = (".png", ".npy")  # HSM chooses the reader of disparities so
     right_truth_for = "HSM and torchvision's CarlaStereo"
 
     def stems(self, key: Key) -> dict[str, str]:

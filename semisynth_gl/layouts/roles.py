@@ -73,8 +73,7 @@ def mask_from_not_occluded(
 ) -> NDArray[np.uint8]:
     """Work out the mask of a disparity or flow from all of it, and from that of the points that the mask calls visible.
 
-    A hidden point is outside the other image where its position is, and else occluded. Where rounding puts the
-    position right on the image's border, either may have been rendered.
+    A hidden point is outside the other image or occluded, see `restore_outside`.
 
     Args:
         truth: (H, W) float32 px, or (H, W, 2) for flow; inf where there is none.
@@ -98,14 +97,53 @@ def mask_from_not_occluded(
     wrong = int((seen & (pixels != seen_pixels).any(axis=2)).sum())
     if wrong:
         raise ReadError(path, f"{wrong} pixels in {roles[0]} are not those in {roles[1]}")
-    shift = pixels.astype(np.float64)
+    mask = np.where(seen, VISIBLE, np.where(_is_known(truth, channel), OCCLUDED, OUTSIDE)).astype(np.uint8)
+    return restore_outside(mask, truth, channel, eye)
+
+
+def stored_mask(mask: NDArray[np.uint8], truth: NDArray[np.float32], channel: Channel[Any]) -> NDArray[np.uint8]:
+    """Return a mask as files have it, where points outside the other image are occluded too, as in Middlebury's.
+
+    Args:
+        mask: (H, W) uint8, the values of `semisynth_gl.frame`.
+        truth: (H, W) float32 px, or (H, W, 2) for flow: what the mask is of; inf where there is none.
+        channel: the channel of the truth.
+
+    Returns:
+        (H, W) uint8: 255 where the point is seen, 128 where it is not, 0 where nothing is known.
+    """
+    stored: NDArray[np.uint8] = np.where((mask == OUTSIDE) & _is_known(truth, channel), np.uint8(OCCLUDED), mask)
+    return stored
+
+
+def restore_outside(
+    mask: NDArray[np.uint8], truth: NDArray[np.float32], channel: Channel[Any], eye: Eye
+) -> NDArray[np.uint8]:
+    """Return a mask from a file with the values of `semisynth_gl.frame`: an occluded point may be outside in truth.
+
+    It is outside where its position in the other image is. The renderer decides so too, in float32; a disparity that
+    its codec has rounded may fall on the other side of the image's border. Where a file has 0
+    though there is truth, as datasets of early versions do, 0 stays.
+
+    Args:
+        mask: (H, W) uint8, as `stored_mask` returns it.
+        truth: (H, W) float32 px, or (H, W, 2) for flow; inf where there is none.
+        channel: the channel of the truth.
+        eye: whose they are.
+
+    Returns:
+        (H, W) uint8.
+    """
+    height, width = mask.shape
+    # Where there is no truth, nothing is said of the point's position: NaN lies on no side of a border.
+    shift = np.where(np.isfinite(truth), truth, np.float32(np.nan)).reshape(height, width, -1)
     if channel.components == 1 and eye == "left":
         shift = -shift
-    outside = _is_outside(np.arange(width) + shift[..., 0], width)
+    outside = _is_outside(np.arange(width, dtype=np.float32) + shift[..., 0], width)
     if channel.components > 1:
-        outside |= _is_outside(np.arange(height)[:, None] + shift[..., 1], height)
-    hidden = np.where(outside, OUTSIDE, OCCLUDED)
-    return np.where(seen, VISIBLE, np.where(np.isfinite(pixels).all(axis=2), hidden, OUTSIDE)).astype(np.uint8)
+        outside |= _is_outside(np.arange(height, dtype=np.float32)[:, None] + shift[..., 1], height)
+    restored: NDArray[np.uint8] = np.where((mask == OCCLUDED) & outside, np.uint8(OUTSIDE), mask)
+    return restored
 
 
 def number_objects(instances: NDArray[np.uint16], table: Sequence[Mapping[str, Any]]) -> NDArray[np.uint8]:
@@ -130,7 +168,15 @@ def expose(image: NDArray[np.uint8], stops: float) -> NDArray[np.uint8]:
     return exposed
 
 
-def _is_outside(position: NDArray[np.float64], length: int) -> NDArray[np.bool_]:
+def _is_known(truth: NDArray[np.float32], channel: Channel[Any]) -> NDArray[np.bool_]:
+    """Return where there is a disparity, or flow, (H, W) bool."""
+    known: NDArray[np.bool_] = np.isfinite(truth)
+    if channel.components > 1:
+        known = np.logical_and.reduce(known, axis=2)
+    return known
+
+
+def _is_outside(position: NDArray[np.float32], length: int) -> NDArray[np.bool_]:
     outside: NDArray[np.bool_] = (position < -0.5) | (position >= length - 0.5)
     return outside
 
@@ -142,6 +188,16 @@ def _channel_role(eye: Eye, channel: Channel[Any]) -> Role:
     meaning = channel.meaning.format(view=eye, other=OTHER_EYE[eye])
     truth_eye = None if channel.name == "image" else eye
     return Role(meaning, lambda encodings: encodings.codec(channel.codec), value, channel.output, truth_eye)
+
+
+def _mask_role(eye: Eye, mask: Channel[Any], channel: Channel[Any]) -> Role:
+    def value(sample: Sample) -> NDArray[np.uint8] | None:
+        view = sample.frame.view(eye)
+        return stored_mask(view[mask.name], view[channel.name], channel) if mask.name in view else None
+
+    seen = mask.meaning.format(view=eye, other=OTHER_EYE[eye]).partition(",")[0]
+    meaning = f"{seen}, {OCCLUDED} where it does not, {OUTSIDE} where there is no {channel.codec}"
+    return Role(meaning, lambda encodings: encodings.codec(mask.codec), value, mask.output, eye)
 
 
 def _not_occluded(eye: Eye, channel: Channel[Any], mask: Channel[Any]) -> Role:
@@ -181,6 +237,12 @@ def _exposed_right(stops: int) -> Role:
 
 ROLES: Mapping[str, Role] = {
     **{role: _channel_role(eye, channel) for role, (eye, channel) in FRAME_ROLES.items()},
+    **{
+        CHANNELS[channel.mask].role(eye): _mask_role(eye, CHANNELS[channel.mask], channel)
+        for channel in CHANNELS.values()
+        if channel.mask is not None
+        for eye in EYES
+    },
     **{
         not_occluded_role(channel, eye): _not_occluded(eye, channel, CHANNELS[channel.mask])
         for channel in CHANNELS.values()

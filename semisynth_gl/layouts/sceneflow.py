@@ -52,6 +52,8 @@ class SceneFlow(Layout):
     """FlyingThings3D: RAFT-Stereo, torchvision, PSMNet, HSM; by lists CasStereo, GwcNet, MobileStereoNet, AANet."""
 
     encodings = Encodings(flow=FlowPfm())
+    # RAFT-Stereo makes the paths of disparities so, and others those of right images.
+    replaced = ("left", "right", _IMAGES, ".png")
     most_frames = 10_000
     right_truth_for = "torchvision's SceneFlowStereo and HSM"
 

@@ -18,6 +18,11 @@ from semisynth_gl.metrics.truth import TruePair
 
 ALL, VISIBLE = "all", "non-occluded"
 REGIONS = (ALL, VISIBLE)
+SIGN_HINT = (
+    "most values are negative, but disparity is x_left - x_right, which is positive: if they are the flow from "
+    "the left image to the right one, as RAFT-Stereo writes it, negate them"
+)
+"""What to say about a prediction that is `Evaluation.negative`."""
 """The regions of figures: all pixels with truth, and those among them that both views see."""
 _BACKGROUND, _FOREGROUND = "background", "foreground"
 _PARTS: Mapping[str, str] = {_BACKGROUND: "D1-bg", _FOREGROUND: "D1-fg"}
@@ -38,11 +43,13 @@ class Evaluation:
         scores: by (region,); where the truth has a map of objects, also by (region, part), with the part
             ``background`` or ``foreground``.
         error_map: (H, W, 3) uint8 RGB; None where it was not asked for.
+        negative: whether most values of the prediction are below 0, as those of a flow to the right image are.
     """
 
     name: str
     scores: Mapping[tuple[str, ...], Score]
     error_map: NDArray[np.uint8] | None = None
+    negative: bool = False
 
 
 def evaluate_pair(pair: TruePair, prediction: Prediction, protocol: Protocol, *, draw: bool = False) -> Evaluation:
@@ -60,6 +67,8 @@ def evaluate_pair(pair: TruePair, prediction: Prediction, protocol: Protocol, *,
     """
     truth = pair.read()
     values = read_disparity_map(prediction.path, prediction.png_scale)
+    finite = values[np.isfinite(values)]
+    negative = bool(finite.size and 2 * np.count_nonzero(finite < 0) > finite.size)
     try:
         comparison = protocol.compare(values, truth.disparity, truth.limits)
     except InputError as error:
@@ -67,7 +76,7 @@ def evaluate_pair(pair: TruePair, prediction: Prediction, protocol: Protocol, *,
     if not (np.isfinite(values).any() and comparison.estimated.any()):
         size, hint = shown_size(values), "expected pixels, and inf (in a PNG 0) only where there is no disparity"
         fault = f"by the definitions of {protocol.source} none of its {size} values is valid"
-        raise ReadError(prediction.path, f"has no disparity: {fault}; {hint}")
+        raise ReadError(prediction.path, f"has no disparity: {fault}; {SIGN_HINT if negative else hint}")
     if not comparison.judged.any():
         raise InputError(f"{pair.source}: the truth of {pair.name} has no disparity, so there is nothing to compare")
     masks = {ALL: np.ones_like(comparison.judged)}
@@ -79,7 +88,8 @@ def evaluate_pair(pair: TruePair, prediction: Prediction, protocol: Protocol, *,
         if protocol.pooled and truth.objects is not None:
             scores[region, _BACKGROUND] = tally(comparison, protocol, mask & (truth.objects == 0))
             scores[region, _FOREGROUND] = tally(comparison, protocol, mask & (truth.objects > 0))
-    return Evaluation(pair.name, scores, draw_error_map(comparison, protocol, truth.visible) if draw else None)
+    error_map = draw_error_map(comparison, protocol, truth.visible) if draw else None
+    return Evaluation(pair.name, scores, error_map, negative)
 
 
 def region_figures(evaluations: Sequence[Evaluation], region: str) -> dict[str, float]:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS
+from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, is_disparity_map
 from semisynth_gl.errors import InputError
 from semisynth_gl.metrics.truth import SCENE_STEMS as _SCENE_STEMS
 from semisynth_gl.metrics.truth import TruePair
@@ -30,7 +30,8 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) 
 
     A prediction has one of the pair's names, see `TruePair`, and ends in .pfm, .npy or .png. In a scene's folder it may
     also be ``disp0<METHOD>.pfm``, as Middlebury wants it; the truth's own name counts only where there is no such file,
-    since Middlebury's results lie beside the truth.
+    since Middlebury's results lie beside the truth. Of several files, pictures are left out: networks write them beside
+    their results.
 
     Args:
         folder: the folder of the predictions.
@@ -43,6 +44,7 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) 
     Raises:
         InputError: where there is no such folder, a pair has several predictions, predictions are missing against
             ``partial``, or all are missing.
+        ReadError: where one of several files of a pair cannot be read.
     """
     if not folder.is_dir():
         raise InputError(f"--pred {folder}: {'is a file' if folder.exists() else 'there is no such folder'}")
@@ -50,6 +52,8 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) 
     for pair in pairs:
         candidates = [Prediction(path, scale) for stem, scale in pair.stems.items() for path in _files(folder / stem)]
         candidates = [file for file in candidates if file.path.stem not in _SCENE_STEMS] or candidates
+        if len(candidates) > 1:
+            candidates = [file for file in candidates if is_disparity_map(file.path)] or candidates
         if len(candidates) > 1:
             names = ", ".join(str(prediction.path.relative_to(folder)) for prediction in candidates[:_SHOWN])
             raise InputError(f"--pred {folder}: {len(candidates)} predictions for {pair.name}: {names}: keep one file")

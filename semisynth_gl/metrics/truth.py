@@ -1,6 +1,7 @@
 """The true disparities of a set: a dataset of this program in any layout, or a benchmark's own folder."""
 
-from collections import Counter
+import os
+from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -168,7 +169,7 @@ def _folder_truths(folder: Path) -> TrueSet:
     if root is not None:
         pairs = [_kitti_pair(root, path) for path in sorted((root / _OCC).glob("*.png"))]
         protocol = "kitti"
-    elif scenes := next((paths for name in _SCENE_TRUTHS if (paths := sorted(folder.rglob(name)))), None):
+    elif scenes := _find_scenes(folder):
         pairs = [_scene_pair(folder, path) for path in scenes]
         if any(_ETH3D in path.absolute().parts for path in scenes):
             protocol = "eth3d"
@@ -189,6 +190,29 @@ def _folder_truths(folder: Path) -> TrueSet:
             where = f"--gt {folder}: {count} truths for {name}: {', '.join(sources[:3])}"
             raise InputError(f"{where}: give the folder of one size, or keep one file")
     return TrueSet(pairs, protocol)
+
+
+def _find_scenes(folder: Path) -> list[Path]:
+    """Return the truth's file of each scene below a folder, sorted; folders may be links.
+
+    A folder that is met again under the same name is left out, so that links may lead in circles.
+    """
+    found: dict[str, list[Path]] = {name: [] for name in _SCENE_TRUTHS}
+    seen = set()
+    # A link to a folder that is there by itself comes second, and is left out.
+    waiting = deque([folder])
+    while waiting:
+        for parent, folders, files in os.walk(waiting.popleft()):
+            place = Path(parent)
+            key = place.resolve(), place.name
+            if key in seen:
+                folders.clear()
+                continue
+            seen.add(key)
+            for name in found.keys() & set(files):
+                found[name].append(place / name)
+            waiting += sorted(place / name for name in folders if (place / name).is_symlink())
+    return next((sorted(paths) for paths in found.values() if paths), [])
 
 
 def _kitti_pair(root: Path, path: Path) -> TruePair:

@@ -12,7 +12,7 @@ from semisynth_gl.camera import EYES
 from semisynth_gl.dataset.plan import Shard
 from semisynth_gl.dataset.reader import Index, read_members, read_record
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file
-from semisynth_gl.dataset.schema import CARD, CROISSANT, INDEX, PARTIAL, PLAN, record_path, tar_path
+from semisynth_gl.dataset.schema import CARD, CROISSANT, INDEX, PARTIAL, PLAN, log_path, record_path, tar_path
 from semisynth_gl.errors import ReadError
 from semisynth_gl.verify.verdict import Verdict
 
@@ -192,9 +192,9 @@ def _lists_and_links(index: Index) -> tuple[dict[str, bytes], set[str]]:
 
 
 def _shard_files(index: Index) -> set[str]:
-    """Return the names of all files of all shards, and of their records."""
+    """Return the names of all files of all shards, and of their records and logs."""
     names = [shard.name for shard in index.shards]
-    paths = {record_path(name) for name in names}
+    paths = {path(name) for name in names for path in (record_path, log_path)}
     if index.layout.packed:
         return paths.union(map(tar_path, names))
     return paths.union(

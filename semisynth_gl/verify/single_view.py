@@ -225,7 +225,7 @@ def flow_bound_px(flow: NDArray[np.floating], encoding_px: float | NDArray[np.fl
 def check_flow(frame: StoredFrame, channel: str, eye: Eye, verdict: Verdict) -> None:
     """Check a view's flow in one direction: no NaN, both components of a pixel or none, and the mask's zeros.
 
-    A mask is 0 exactly where there is no flow, or the flow leads out of the image.
+    Of a mask as it was read, `OUTSIDE` stands exactly where there is no flow, or the flow leads out of the image.
 
     Args:
         frame: the pair as it was read.
@@ -266,7 +266,7 @@ def _check_outside(
     margin = flow_bound_px(flow, encoding_px)
     for fault, wrong in (
         ("is 0 for flow into the image", known & (inside_px > margin) & (mask == OUTSIDE)),
-        ("is not 0 for flow out of the image", known & (inside_px < -margin) & (mask != OUTSIDE)),
+        ("is neither 0 nor 128 for flow out of the image", known & (inside_px < -margin) & (mask != OUTSIDE)),
     ):
         if wrong.any():
             row, column = np.argwhere(wrong)[0]

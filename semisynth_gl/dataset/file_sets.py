@@ -1,0 +1,56 @@
+"""A dataset's files as patterns: one for each role in each split, for readers that know globs and no layouts."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os.path import commonprefix
+from typing import Any
+
+from semisynth_gl.codecs import Codec
+from semisynth_gl.dataset.plan import Plan
+from semisynth_gl.splits import SplitName
+
+_DIGITS = "0123456789"
+# Numbers of sequences whose names differ wherever the names of any two sequences can.
+_SEQUENCES = (0, 1, 3, 123_456)
+
+
+@dataclass(frozen=True, slots=True)
+class FileSet:
+    """The files of a role and a split.
+
+    Attributes:
+        split: the split.
+        role: the role; see `semisynth_gl.layouts.roles`.
+        pattern: a glob of the paths, below the dataset's folder or inside a tar; the stars stand for the pair.
+        codec: of the files.
+        meaning: the content of a file in a few words.
+    """
+
+    split: SplitName
+    role: str
+    pattern: str
+    codec: Codec[Any]
+    meaning: str
+
+
+def list_file_sets(plan: Plan, split: SplitName) -> list[FileSet]:
+    """Return a file set for each role of a split."""
+    layout = plan.layout
+    encodings = layout.encodings_for(plan.config)
+    length = plan.key(split, 0).sequence_length or 1
+    pairs = [plan.files(split, index) for index in (*(length * number for number in _SEQUENCES), min(1, length - 1))]
+    patterns = {role: _pattern([files[role] for files in pairs]) for role in pairs[0]}
+    return [
+        FileSet(split, role, pattern, layout.role(role).codec(encodings), layout.role(role).meaning)
+        for role, pattern in patterns.items()
+    ]
+
+
+def _pattern(paths: Sequence[str]) -> str:
+    """Return the paths with a star where the names of files or folders differ; numbers are not cut in two."""
+    parts = []
+    for names in zip(*(path.split("/") for path in paths), strict=True):
+        turned = [name[::-1] for name in names]
+        begin, end = (commonprefix(texts) for texts in (names, turned))  # noqa: RUF071 - names, not paths
+        parts.append(names[0] if len(set(names)) == 1 else f"{begin.rstrip(_DIGITS)}*{end[::-1].lstrip(_DIGITS)}")
+    return "/".join(parts)
