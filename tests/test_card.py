@@ -272,10 +272,7 @@ def test_load_dataset_reads_images_and_no_records(layout: str, tmp_path: Path, m
         for split, pairs in plan.pairs.items():
             assert loaded[split].column_names == ["image"]
             # Row i of each config is of the same pair.
-            files = [
-                paths(plan, split, pair) for pair in sorted(range(pairs), key=lambda k: paths(plan, split, k)["left"])
-            ]
-            assert len(loaded[split]) == pairs
+            files = sorted((paths(plan, split, pair) for pair in range(pairs)), key=lambda each: each["left"])
             for row, own in zip(loaded[split], files, strict=True):
                 data = (tmp_path / plan.folder(split) / own[role]).read_bytes()
                 expected = Image.open(io.BytesIO(data))

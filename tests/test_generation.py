@@ -63,7 +63,9 @@ def test_every_layout_reads_back_and_verifies_clean(config, tmp_path, layout):
     for side in ("left", "right"):
         came, made = read.view(side).disparity, frame.view(side).disparity
         np.testing.assert_allclose(came, made, rtol=0, atol=read.encodings.disparity.error_px)
-        assert (read.view(side).visibility != frame.view(side).visibility).mean() < 1e-3
+        # Whether a hidden point is outside follows from its disparity, which codecs may round.
+        share = 0 if read.encodings.disparity.lossless else 1e-3
+        assert (read.view(side).visibility != frame.view(side).visibility).mean() <= share
     assert read.camera == frame.camera or layout.startswith(("middlebury", "eth3d"))
     assert read.camera.focal_px == frame.camera.focal_px
     with pytest.raises(IndexError):

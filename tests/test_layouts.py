@@ -23,14 +23,14 @@ from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.calib import KITTI_CALIB
 from semisynth_gl.codecs.pfm import PFM
-from semisynth_gl.codecs.png import GREY16, RGB8
+from semisynth_gl.codecs.png import GREY8, GREY16, RGB8
 from semisynth_gl.config import load_config
 from semisynth_gl.config.model import FilesSection
 from semisynth_gl.dataset.sample import decode_file
 from semisynth_gl.errors import InputError, ReadError
-from semisynth_gl.frame import OUTPUTS, OUTSIDE, ROLES, VISIBLE, Frame, View
+from semisynth_gl.frame import CHANNELS, OCCLUDED, OUTPUTS, OUTSIDE, ROLES, VISIBLE, Frame, View
 from semisynth_gl.layouts import Key, find_layout, layout_names
-from semisynth_gl.layouts.roles import expose, mask_from_not_occluded, number_objects
+from semisynth_gl.layouts.roles import expose, mask_from_not_occluded, number_objects, restore_outside
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.splits import SPLITS
 
@@ -167,7 +167,9 @@ def test_what_a_codec_cannot_store_is_invalid_everywhere():
         np.testing.assert_array_equal(np.isinf(came.disparity), np.isinf(was.disparity) | where)
         assert (came.visibility[where] == OUTSIDE).all()
         assert np.isinf(came.disparity_change[where]).all()
-        np.testing.assert_array_equal(came.visibility[~where], was.visibility[~where])
+        # By a disparity that has grown, some points are outside now.
+        expected = restore_outside(was.visibility, came.disparity, View.disparity, eye)
+        np.testing.assert_array_equal(came.visibility[~where], expected[~where])
         np.testing.assert_array_equal(came.disparity_change[~where], was.disparity_change[~where])
     assert stored.calibration.vmax_px < 256
     assert encoded(layout, 3, frame=frame).share_beyond == 0
@@ -307,6 +309,62 @@ def test_kittis_objects_leave_out_what_stands_still():
     ids = np.array([[0, 1, 6, 7, 8, 255, 256, 257, 511, 606]], np.uint16)
     assert number_objects(ids, rows).tolist() == [[0, 0, 0, 7, 8, 255, 1, 2, 1, 96]]
     assert number_objects(ids, rows).dtype == np.uint8
+
+
+def stored_masks(frame):
+    """The masks of a frame as Middlebury's files have them, by role: 255 seen, 128 not seen, 0 unknown."""
+    masks = {}
+    for role, (eye, channel) in ROLES.items():
+        if channel.mask is not None:
+            mask, truth = frame.view(eye)[channel.mask], frame.arrays()[role]
+            known = np.isfinite(truth).reshape(*mask.shape, -1).all(axis=2)
+            masks[CHANNELS[channel.mask].role(eye)] = np.where(mask == VISIBLE, 255, np.where(known, 128, 0))
+    return masks
+
+
+@pytest.mark.parametrize("name", [name for name in layout_names() if name != "kitti"])
+def test_masks_have_middleburys_values_in_files_and_three_meanings_when_read(name):
+    layout, frame = find_layout(name), make_frame(2)
+    paths = layout.files(Key("lab", "train", 2), layout.encodings or Encodings())
+    files = encode(layout, 2, frame=frame)
+    earlier = dict(files)
+    for role, expected in stored_masks(frame).items():
+        stored = GREY8.decode(files[paths[role]], Path(role))
+        np.testing.assert_array_equal(stored, expected)
+        assert (stored != frame.arrays()[role]).mean() > 0.01
+        # Datasets of early versions have 0 where a point is outside.
+        earlier[paths[role]] = GREY8.encode(frame.arrays()[role])
+    for generation in (files, earlier):
+        read = decode(layout, 2, generation).arrays()
+        for role in stored_masks(frame):
+            np.testing.assert_array_equal(read[role], frame.arrays()[role])
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.sampled_from(EYES),
+    st.lists(st.floats(0.015625, 70, width=32) | st.sampled_from([0.5, 1.5, 2.5, 6.5, np.inf]), min_size=7, max_size=7),
+    st.lists(st.sampled_from([VISIBLE, OCCLUDED, OUTSIDE, 64]), min_size=7, max_size=7),
+)
+def test_a_hidden_point_is_outside_where_its_position_is(eye, disparity, mask):
+    disparity, mask = np.array([disparity], np.float32), np.array([mask], np.uint8)
+    restored = restore_outside(mask, disparity, View.disparity, eye)
+    for x in range(7):
+        # As visibility.frag does it, in float32.
+        position = np.float32(x) + (-disparity[0, x] if eye == "left" else disparity[0, x])
+        inside = np.isinf(disparity[0, x]) or -0.5 <= position < 6.5
+        assert restored[0, x] == (OUTSIDE if mask[0, x] == OCCLUDED and not inside else mask[0, x])
+
+
+@pytest.mark.parametrize("name", layout_names())
+def test_folders_with_a_name_that_loaders_replace_are_told(name):
+    layout = find_layout(name)
+    assert layout.place_advice("/data/lab") == []
+    for word in layout.replaced:
+        (told,) = layout.place_advice(f"/data/my{word}one/lab")
+        assert repr(word) in told
+        assert f"/data/my{word}one/lab" in told
+    assert set(layout.replaced) >= {"sceneflow": {"left", "right"}, "kitti": {"c_0"}}.get(name, set())
 
 
 def test_kittis_masks_follow_from_its_disparities():
@@ -600,7 +658,7 @@ def test_other_readers_see_the_same_kinds_of_images(name, tmp_path):
     imageio = pytest.importorskip("imageio.v3")
     layout = find_layout(name)
     encodings = layout.encodings or Encodings()
-    arrays = make_frame(1).arrays()
+    arrays = make_frame(1).arrays() | stored_masks(make_frame(1))
     write_tree(name, tmp_path, 2)
     modes = {"left": {"RGB"}, "right": {"RGB"}, "visibility": {"L"}, "objects": {"L"}, "instances": {"I;16", "I"}}
     for role, path in layout.files(Key("lab", "train", 1), encodings).items():

@@ -272,7 +272,7 @@ def test_a_wrong_change_of_one_view_is_found(copy):
 def test_wrong_masks_are_found(copy):
     dataset = copy()
     planted = {
-        "flow_mask0": (lambda mask: np.full_like(mask, VISIBLE), " is not 0 for flow out of the image"),
+        "flow_mask0": (lambda mask: np.full_like(mask, VISIBLE), " is neither 0 nor 128 for flow out of the image"),
         "flow_mask1": (lambda mask: np.full_like(mask, OCCLUDED), "pixels disagree with sceneflow-000002; at most"),
         "flow_backward_mask0": (
             lambda mask: np.where(mask == OCCLUDED, VISIBLE, mask).astype(np.uint8),
