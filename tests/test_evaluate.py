@@ -243,6 +243,57 @@ def test_limits_and_rigs_read_a_calib_alike(tmp_path):
         assert (rig.camera.focal_px, rig.camera.cx_left_px, rig.camera.cy_px) == (9, 4, 2)
 
 
+@pytest.mark.parametrize("mode", ["RGBA", "RGB", "L", "P"])
+def test_a_picture_beside_a_prediction_is_no_prediction(tmp_path, mode):
+    # So does RAFT-Stereo's demo leave its results.
+    gt = scenes(tmp_path / "gt", ["Teddy", "Vintage"])
+    pred = tmp_path / "pred"
+    for name, number in (("Teddy", 5), ("Vintage", 6)):
+        save_npy(pred / name, ramp(number))
+        Image.new(mode, SHAPE[::-1]).save(pred / f"{name}.png")
+    assert figures_of(tmp_path, "--pred", pred, "--gt", gt)["mean"]["all"]["avgerr"] == 0
+    # A disparity map in 16-bit PNG beside another one leaves a doubt; pictures alone are no predictions.
+    write(pred / "Teddy.png", KITTI_DISPARITY.encode(ramp()))
+    assert "2 predictions for Teddy: Teddy.npy, Teddy.png: keep one file" in refused(pred, gt)
+    (pred / "Teddy.npy").unlink()
+    (pred / "Vintage.npy").unlink()
+    said = refused(pred, gt)
+    assert str(pred / "Vintage.png") in said
+    assert "expected 16-bit grey" in said
+
+
+def test_scenes_may_be_links_even_in_circles(tmp_path):
+    own = scenes(tmp_path / "elsewhere", ["a", "b"])
+    gt = tmp_path / "gt"
+    scenes(gt, ["c"])
+    (gt / "a").symlink_to(own / "a")
+    (gt / "more").symlink_to(own)
+    (own / "b" / "up").symlink_to(own)
+    (gt / "c" / "itself").symlink_to(gt / "c")
+    (gt / "gone").symlink_to(tmp_path / "nowhere")
+    # A second way to a folder of scenes is no second set of them.
+    (gt / "elsewhere").symlink_to(own)
+    named = {"a", "b", "c"}
+    pairs = find_truth(str(gt)).pairs
+    assert sorted(pair.name for pair in pairs) == sorted(named)
+    (tmp_path / "linked").symlink_to(gt)
+    assert {pair.name for pair in find_truth(str(tmp_path / "linked")).pairs} == named
+
+
+@pytest.mark.parametrize("protocol", ["middlebury", "kitti", "eth3d", "paper"])
+def test_negative_predictions_are_asked_for_their_sign(tmp_path, protocol):
+    gt = scenes(tmp_path / "gt", ["Teddy", "Vintage"])
+    pred = tmp_path / "pred"
+    for name in ("Teddy", "Vintage"):
+        save_npy(pred / name, -ramp())
+    _, _, err = run("--pred", pred, "--gt", gt, "--protocol", protocol)
+    assert "most values are negative" in err
+    assert str(pred / "Teddy.npy") in err
+    for name in ("Teddy", "Vintage"):
+        save_npy(pred / name, ramp())
+    assert "negative" not in run("--pred", pred, "--gt", gt, "--protocol", protocol)[2]
+
+
 def test_eth3d_is_known_by_its_folder_and_masks_may_be_given(tmp_path):
     gt = scenes(tmp_path / "two_view_training_gt", ["lakeside_1l", "forest_1s"])
     for path in gt.glob("*/mask0nocc.png"):

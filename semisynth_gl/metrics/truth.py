@@ -195,20 +195,18 @@ def _folder_truths(folder: Path) -> TrueSet:
 def _find_scenes(folder: Path) -> list[Path]:
     """Return the truth's file of each scene below a folder, sorted; folders may be links.
 
-    A folder that is met again under the same name is left out, so that links may lead in circles.
+    A folder counts once, by its own name before that of a link, so links may lead in circles.
     """
     found: dict[str, list[Path]] = {name: [] for name in _SCENE_TRUTHS}
-    seen = set()
-    # A link to a folder that is there by itself comes second, and is left out.
+    seen: set[Path] = set()
     waiting = deque([folder])
     while waiting:
         for parent, folders, files in os.walk(waiting.popleft()):
             place = Path(parent)
-            key = place.resolve(), place.name
-            if key in seen:
+            if place.resolve() in seen:
                 folders.clear()
                 continue
-            seen.add(key)
+            seen.add(place.resolve())
             for name in found.keys() & set(files):
                 found[name].append(place / name)
             waiting += sorted(place / name for name in folders if (place / name).is_symlink())
