@@ -269,6 +269,27 @@ def test_a_wrong_change_of_one_view_is_found(copy):
     assert any("disparity_change_left differs" in each for each in said(findings(dataset.root), "change"))
 
 
+def test_masks_of_early_versions_are_right_too(copy):
+    # They have 0 for points outside, where files have 128 now.
+    dataset = copy()
+    frames = list(open_dataset(dataset.root))
+    for number, frame in enumerate(frames):
+        for view, eye in enumerate(("left", "right")):
+            for name, channel in (
+                (f"mask{view}nocc", "visibility"),
+                (f"flow_mask{view}", "flow_visibility"),
+                (f"flow_backward_mask{view}", "flow_backward_visibility"),
+            ):
+                values = frame.view(eye)[channel]
+                assert not (dataset.mask(name, number) == values).all()
+                dataset.change_mask(lambda _, values=values: values, name, number)
+    for number, frame in enumerate(open_dataset(dataset.root)):
+        for role, array in frame.arrays().items():
+            np.testing.assert_array_equal(array, frames[number].arrays()[role])
+    found = findings(dataset.root)
+    assert said(found, "mask") == said(found, "flow-mask") == []
+
+
 def test_wrong_masks_are_found(copy):
     dataset = copy()
     planted = {
