@@ -15,7 +15,7 @@ from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.shard import ShardBusyError, ShardWriter
 
 SHARD = make_plan(load_config("middlebury"), 0, "webdataset", {"train": 3}, shard_pairs=3).shards[0]
-RANGE = {"split": SHARD.split, "first": SHARD.first, "end": SHARD.end}
+RANGE = {"split": SHARD.split, "first": SHARD.first, "end": SHARD.end, "redraws": 0, "renderers": ["none"]}
 
 packed_or_not = pytest.mark.parametrize("packed", [True, False], ids=["tar", "files"])
 
@@ -27,7 +27,8 @@ def open_writer(root, *, packed=True):
 def add_pairs(writer, most=3):
     """Add pairs of files that are the same in every run."""
     for index in range(len(writer.samples), most):
-        writer.add({f"{index}.a": bytes([index]) * 700, f"{index}.b": b"b" * index}, {"redrawn": []})
+        files = {f"{index}.a": bytes([index]) * 700, f"{index}.b": b"b" * index}
+        writer.add(files, {"redrawn": [], "share_beyond": 0.0, "renderer": "none", "seconds": 0.5})
 
 
 def write_shard(root, *, packed=True):

@@ -150,7 +150,7 @@ def is_wrong(keys, value, original):
     """Whether no dataset has such a value there."""
     if value is TWICE or value in UNREADABLE:
         return True
-    if "seconds" in keys or (keys[0] == "pairs" and value is MISSING):
+    if keys[0] == "pairs" and value is MISSING:
         return False
     if value is None or value is MISSING:
         # What other versions, or the other layouts, do not write.
