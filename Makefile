@@ -56,13 +56,19 @@ ablation-textures: setup  ## procedural textures, photographs, and with IMAGES= 
 
 # Lint's complaints do not keep the tests from running: one run shows all that is wrong.
 .PHONY: test
-test: $(VENV)/.dev  ## lint, then run all tests, on EGL and on OSMesa where they can be had
+test: $(VENV)/.dev  ## lint, then all tests but those of test-heavy, on EGL and on OSMesa where they can be had
 	@sh tools/system-packages.sh $(VENV)/bin/python $(opengl)
 	@sh tools/browser-packages.sh
 	@status=0; \
 	$(MAKE) --no-print-directory lint || status=1; \
 	$(VENV)/bin/python -m pytest --numprocesses auto --dist worksteal || status=1; \
 	exit $$status
+
+# Examples of the property tests are the same in each run of test, and others in each run of this.
+.PHONY: test-heavy
+test-heavy: $(VENV)/.heavy  ## tests with PyTorch and Ray (GBs to download), and property tests on random examples
+	$(VENV)/bin/python -m pytest --numprocesses auto --dist worksteal -m "(heavy or hypothesis) and not faults" \
+	    --hypothesis-profile random
 
 .PHONY: test-faults
 test-faults: $(VENV)/.dev  ## kill runs at 50 random moments, and take them up again
@@ -80,11 +86,11 @@ format: $(VENV)/.dev  ## let ruff rewrite the Python files
 	$(VENV)/bin/ruff format .
 
 .PHONY: setup
-setup: $(VENV)/.photographs  ## the environment in VENV, and OpenGL's libraries where they are missing
+setup: $(VENV)/.installed  ## the environment in VENV, and OpenGL's libraries where they are missing
 	@sh tools/system-packages.sh $(VENV)/bin/python $(opengl)
 
 .PHONY: doctor
-doctor: $(VENV)/.photographs  ## show what OpenGL this machine offers, and test it
+doctor: $(VENV)/.installed  ## show what OpenGL this machine offers, and test it
 	$(VENV)/bin/semisynth-gl doctor
 
 .PHONY: clean
@@ -96,7 +102,7 @@ clean:  ## remove the environment, caches and built packages; datasets in OUT st
 # Make hands these down to what setup and test need, so that a machine without OpenGL's libraries says so before it
 # downloads anything. Lint and doctor run without.
 setup: opengl := $(backend)
-test: opengl := egl osmesa
+test test-heavy: opengl := egl osmesa
 
 # The stamps lie in the environment, so that they go when it goes.
 $(VENV)/.made:
@@ -104,13 +110,19 @@ $(VENV)/.made:
 	$(PYTHON) -m venv $(VENV)
 	@touch $@
 
-$(VENV)/.photographs: pyproject.toml $(VENV)/.made
+install = $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable
+
+$(VENV)/.installed: pyproject.toml $(VENV)/.made
 	@echo "Installing semisynth-gl and what it needs into $(VENV)"
-	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable ".[photographs]"
+	$(install) .
 	@touch $@
 
-# dev holds all that photographs does.
 $(VENV)/.dev: pyproject.toml $(VENV)/.made
 	@echo "Installing semisynth-gl, what it needs and what its tests need into $(VENV)"
-	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable ".[dev]"
-	@touch $(VENV)/.photographs $@
+	$(install) ".[dev]"
+	@touch $(VENV)/.installed $@
+
+$(VENV)/.heavy: pyproject.toml $(VENV)/.made
+	@echo "Installing semisynth-gl and what all of its tests need, PyTorch among it, into $(VENV)"
+	$(install) ".[heavy]"
+	@touch $(VENV)/.installed $(VENV)/.dev $@

@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
+from skimage.data import stereo_motorcycle
 
 from semisynth_gl.dataset.reader import INDEX, Dataset, open_dataset
 from semisynth_gl.errors import InputError
@@ -57,16 +58,7 @@ def motorcycle() -> Judges:
     """Middlebury's Motorcycle at a quarter of its size, 741 x 500 px, as the scikit-image package ships it.
 
     No photograph that the program takes from that package shows it; ``assets/photographs.yaml`` has their list.
-
-    Raises:
-        InputError: where scikit-image is not installed.
     """
-    try:
-        from skimage.data import stereo_motorcycle  # noqa: PLC0415 - an extra; everything else works without it
-    except ModuleNotFoundError:
-        raise InputError(
-            "Motorcycle comes with scikit-image, which is not installed: pip install 'semisynth-gl[photographs]'"
-        ) from None
     left, right, disparity = stereo_motorcycle()
     # Pixels without truth are inf here and NaN in the package's documentation.
     truth = np.where(np.isfinite(disparity), disparity, np.inf).astype(np.float32)

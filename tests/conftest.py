@@ -7,11 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from backends import backend_fault
+from hypothesis import HealthCheck, settings
 
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.render.context import Backend
 from semisynth_gl.render.devices import context_facts
 from semisynth_gl.render.renderer import Renderer
+
+# The same examples in each run, however busy the machine is: a test is red for everybody, or for nobody.
+settings.register_profile("fixed", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+# Others in each run, and each property test several times (make test-heavy).
+settings.register_profile("random", settings.get_profile("fixed"), derandomize=False, print_blob=True)
+settings.load_profile("fixed")
+RANDOM_ROUNDS = 5
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 
@@ -22,6 +30,13 @@ def _cache_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[No
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SEMISYNTH_GL_CACHE", str(tmp_path_factory.mktemp("cache")))
         yield
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Repeat property tests under the profile of random examples; their own numbers of examples stand beside them."""
+    if metafunc.config.getoption("--hypothesis-profile") == "random" and hasattr(metafunc.function, "hypothesis"):
+        metafunc.fixturenames.append("round_of_examples")
+        metafunc.parametrize("round_of_examples", range(RANDOM_ROUNDS))
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

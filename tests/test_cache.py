@@ -482,7 +482,7 @@ def test_two_processes_at_once(photographs, folder):
     for process in running:
         process.stdin.write("\n")
         process.stdin.flush()
-    said = [process.communicate(timeout=60) for process in running]
+    said = [process.communicate(timeout=300) for process in running]
     expected = hashlib.sha256(rebuilt(photographs).layers).hexdigest()
     for out, errors in said:
         assert errors == ""

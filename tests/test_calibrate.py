@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
+from skimage.data import stereo_motorcycle
 
 from semisynth_gl.calibration import calibrate
 from semisynth_gl.calibration.calibrate import ConfigFacts, config_facts, config_name, config_text
@@ -606,8 +607,7 @@ def call(monkeypatch, capsys, tmp_path):
 
 
 def test_a_real_pair_becomes_a_config_that_renders(call, tmp_path, monkeypatch):
-    skimage_data = pytest.importorskip("skimage.data", reason="scikit-image is not installed")
-    left, _, disparity = skimage_data.stereo_motorcycle()
+    left, _, disparity = stereo_motorcycle()
     (tmp_path / "photos").mkdir()
     Image.fromarray(left).save(tmp_path / "photos/im0.png")
     (tmp_path / "disp0.pfm").write_bytes(pfm(disparity))

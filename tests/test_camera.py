@@ -55,7 +55,8 @@ def test_right_eye_stands_at_plus_baseline():
     assert [camera.offset_m(eye) for eye in ("left", "right")] == [0, 0.4]
 
 
-@settings(suppress_health_check=[HealthCheck.filter_too_much])  # many spheres do not reach into the view
+# many spheres do not reach into the view
+@settings(suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow])
 @given(
     st.tuples(st.floats(-20, 20), st.floats(-20, 20), st.floats(-5, 30)),
     st.floats(0.001, 5),

@@ -391,12 +391,11 @@ def test_ctrl_c_stops_without_traceback_or_half_pairs(tmp_path, photographs):
         text=True,
     )
     scenes = tmp_path / "o/MiddEval3/trainingF"
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline and not (scenes.is_dir() and len(list(scenes.iterdir())) > 2):
+    while not (scenes.is_dir() and len(list(scenes.iterdir())) > 2):
+        assert process.poll() is None
         time.sleep(0.02)
-    assert len(list(scenes.iterdir())) > 2
     process.send_signal(signal.SIGINT)
-    output, messages = process.communicate(timeout=30)
+    output, messages = process.communicate(timeout=120)
     assert process.returncode == 2
     assert output == ""
     assert "Traceback" not in messages

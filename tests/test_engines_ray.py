@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from heavy import heavy
 from recorder import Recorder
 from tiny_datasets import digests, tiny
 
@@ -16,22 +17,25 @@ from semisynth_gl.engines import cluster
 from semisynth_gl.engines.cluster import RayEngine
 from semisynth_gl.errors import ContextLostError, InputError, WorkerError
 from semisynth_gl.generation.generate import generate
-from semisynth_gl.listener import Listener
 
-ray = pytest.importorskip("ray")
+ray = heavy("ray")
+pytestmark = pytest.mark.heavy
 
 TASKS = range(16)
 FAULTY = 3
+# Reached only where something that must happen never does.
+PATIENCE_S = 120
 NODE = {"num_cpus": 1, "object_store_memory": 80_000_000}
 
 
 @dataclass(frozen=True)
 class Squares:
-    """Squares numbers; beside the square comes the node."""
+    """Squares numbers, once so many processes have opened it; beside the square comes the node."""
 
     folder: Path
     fault: str = ""
-    pause_s: float = 0
+    processes: int = 1
+    waits_for_a_stop: bool = False
 
     @contextmanager
     def open(self, worker):
@@ -42,10 +46,14 @@ class Squares:
         listener.on_pair((worker, number))
         if number == FAULTY:
             self._fail()
-        until = time.monotonic() + self.pause_s
-        while time.monotonic() < until and not listener.stopping:
+        until = time.monotonic() + PATIENCE_S
+        while not self._complete(listener) and time.monotonic() < until:
             time.sleep(0.02)
         return number * number, ray.get_runtime_context().get_node_id()
+
+    def _complete(self, listener):
+        opened = len(list(self.folder.glob("opened-*")))
+        return listener.stopping or (opened >= self.processes and not self.waits_for_a_stop)
 
     def _fail(self):
         match self.fault:
@@ -102,7 +110,7 @@ def test_a_cluster_of_two_nodes(tmp_path, monkeypatch):
 
 
 def tasks_go_to_both_nodes(address, folder):
-    results, pairs, messages = run(address, Squares(folder, pause_s=0.2))
+    results, pairs, messages = run(address, Squares(folder, processes=2))
     assert {number: square for number, (square, _) in results.items()} == {n: n * n for n in TASKS}
     assert len({node for _, node in results.values()}) == 2
     assert sorted(pairs) == [(0, number) for number in TASKS]
@@ -118,8 +126,8 @@ def errors_keep_their_type(address, folder):
 
 
 def a_stop_lets_running_tasks_return_and_begins_no_other(address, folder):
-    # Each task would take longer than the test: a result shows that it has seen the stop.
-    results, pairs, _ = run(address, Squares(folder, pause_s=1000), range(100), recorder=Recorder(lambda _: True))
+    job = Squares(folder, waits_for_a_stop=True)
+    results, pairs, _ = run(address, job, range(100), recorder=Recorder(lambda _: True))
     assert 1 <= len(results) <= 2
     assert {number for _, number in pairs} == set(results)
 
@@ -141,7 +149,7 @@ def a_node_may_die(both, second, folder):
             gone.append(node)
             both.remove_node(second, allow_graceful=False)
 
-    results, pairs, messages = run(both.address, Squares(folder, pause_s=0.3), result=kill)
+    results, pairs, messages = run(both.address, Squares(folder, processes=2), result=kill)
     assert gone
     assert {number: square for number, (square, _) in results.items()} == {n: n * n for n in TASKS}
     assert {number for _, number in pairs} == set(TASKS)
@@ -171,9 +179,3 @@ def test_a_cluster_that_is_not_there_is_told_of():
         run("127.0.0.1:9", Squares(Path()))
     with pytest.raises(InputError, match="expected host:port or auto"):
         run("ray://127.0.0.1:9", Squares(Path()))
-
-
-def test_without_ray_the_message_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "ray.util.scheduling_strategies", None)
-    with pytest.raises(InputError, match=r"pip install 'semisynth-gl\[ray\]'"):
-        cluster.RayEngine().run(Squares(Path()), TASKS, Listener()).send(None)

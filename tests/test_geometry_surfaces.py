@@ -53,6 +53,8 @@ def test_every_frustum_unrolls_exactly(bottom: float, top: float, height: float,
     steps=[0.05, 0.0625, 0.125, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05],
     sides=24,
 )
+# Slopes that a wide cone fits, but not its facets.
+@example(radii=[0.4375, 0.8515625, 0.78125, 0.75], steps=[0.5, 0.125, 0.0625, 0.5, *[0.5] * 8], sides=24)
 @settings(max_examples=40, deadline=None)
 def test_lathe_keeps_its_bound_on_any_profile(radii: list[float], steps: list[float], sides: int) -> None:
     profile = np.column_stack([radii, np.cumsum(steps)[: len(radii)]])

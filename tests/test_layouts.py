@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 from hand_made_pairs import CAMERA, INF, PAIRS, decode, encode, encoded, make_frame, make_provenance, write_tree
+from heavy import heavy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -713,8 +714,9 @@ def test_webdataset_and_hugging_face_iterate_the_tars(tmp_path, monkeypatch):
         np.testing.assert_array_equal(disparity, make_frame(index).left.disparity)
 
 
+@pytest.mark.heavy
 def test_torch_loads_tars_and_trees_in_worker_processes(tmp_path):
-    data = pytest.importorskip("torch.utils.data")
+    data = heavy("torch.utils.data")
     webdataset = pytest.importorskip("webdataset")
     tars = [write_tar(tmp_path / f"{n}.tar", range(3 * n, 3 * n + 3)) for n in range(2)]
 

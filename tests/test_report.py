@@ -607,7 +607,7 @@ def opened(browser, page, tmp_path):
     assert [entry for entry in browser.get_log("browser") if entry["level"] != "DEBUG"] == []
 
 
-def wait(browser, true, seconds=10):
+def wait(browser, true, seconds=120):
     end = time.monotonic() + seconds
     while not true():
         assert time.monotonic() < end, browser.get_log("browser")

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from backends import backend_fault
+from heavy import heavy
 from tiny_datasets import cheap
 
 from semisynth_gl.camera import Crop, StereoCamera
@@ -25,7 +26,8 @@ from semisynth_gl.generation.generate import generate
 from semisynth_gl.pairs.pipeline import Pair, PairRenderer
 from semisynth_gl.render import context
 
-torch = pytest.importorskip("torch")
+torch = heavy("torch")
+pytestmark = pytest.mark.heavy
 
 from torch.utils.data import DataLoader, get_worker_info  # noqa: E402 - torch is optional
 

@@ -8,6 +8,7 @@ from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
+from heavy import heavy
 from tiny_datasets import cheap
 
 from semisynth_gl.camera import Crop
@@ -16,7 +17,8 @@ from semisynth_gl.frame import OUTPUTS
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.readers import PixelBuffers
 
-torch = pytest.importorskip("torch")
+torch = heavy("torch")
+pytestmark = pytest.mark.heavy
 
 from semisynth_gl.torch import Hardware, Selection, StereoStream, stream  # noqa: E402
 from semisynth_gl.torch.interop import CudaReader  # noqa: E402

@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from backends import backend_fault
+from heavy import heavy
 
-torch = pytest.importorskip("torch")
+torch = heavy("torch")
+pytestmark = pytest.mark.heavy
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "examples"))
 

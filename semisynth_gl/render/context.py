@@ -10,6 +10,7 @@ import moderngl
 from glcontext import egl
 
 from semisynth_gl.errors import BackendError, InputError
+from semisynth_gl.render.load_order import load_before_driver
 from semisynth_gl.render.osmesa import OSMesaContext
 from semisynth_gl.render.unbound import UnboundCalls
 
@@ -97,6 +98,7 @@ def open_context(backend: Backend = "auto", device_index: int = 0) -> GraphicsCo
     if _opened_in - {os.getpid()}:
         # Its threads did not come along, and the driver waits for them for ever.
         raise BackendError(f"this process was forked from one that had opened OpenGL: {_AFTER_FORK}")
+    load_before_driver()
     reasons = []
     for name, opener in openers.items():
         if backend not in ("auto", name):

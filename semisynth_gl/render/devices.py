@@ -13,6 +13,7 @@ from typing import Any
 
 from semisynth_gl.errors import InputError
 from semisynth_gl.render.context import Backend, open_context
+from semisynth_gl.render.load_order import load_before_driver
 
 _EGL_EXTENSIONS = 0x3055
 _EGL_DRM_DEVICE_FILE_EXT = 0x3233
@@ -70,6 +71,7 @@ class ContextFacts:
 
 def missing_libraries() -> dict[str, str]:
     """Return the libraries that cannot be loaded, each with the Debian package that brings it."""
+    load_before_driver()
     return {library: package for library, package in LIBRARIES.items() if not _loads(library)}
 
 
@@ -170,6 +172,7 @@ def print_devices() -> None:
 
 def query_devices() -> list[Device]:
     """List EGL's devices, with CUDA's numbers as they are in this process."""
+    load_before_driver()
     try:
         egl = ctypes.CDLL("libEGL.so.1")
     except OSError:

@@ -95,7 +95,7 @@ def builtin_photographs() -> list[Path]:
     if spec is None or not spec.submodule_search_locations:
         raise InputError(
             "no photographs: scikit-image, whose photographs are used where none are given, is not installed; "
-            "pass --images with your own, or install it: pip install 'semisynth-gl[photographs]'"
+            "pass --images with your own, or install it: pip install scikit-image"
         )
     folder = Path(spec.submodule_search_locations[0]) / "data"
     paths = [folder / name for name in builtin_licences()]
@@ -103,7 +103,7 @@ def builtin_photographs() -> list[Path]:
     if missing:
         raise InputError(
             f"the installed scikit-image lacks {', '.join(missing)}: expected them in {folder}; "
-            f"pass --images with your own photographs, or reinstall: pip install 'semisynth-gl[photographs]'"
+            "pass --images with your own photographs, or reinstall: pip install --force-reinstall scikit-image"
         )
     return paths
 
