@@ -100,6 +100,14 @@ def test_the_wheel_carries_the_data_inside_the_package(wheel: Path) -> None:
     assert "semisynth_gl/render/renderer.py" in names
 
 
+def test_the_wheel_brings_the_photographs(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        [name] = [name for name in archive.namelist() if name.endswith(".dist-info/METADATA")]
+        lines = archive.read(name).decode().splitlines()
+    always = {line.split()[1].split(">")[0] for line in lines if line.startswith("Requires-Dist:") and ";" not in line}
+    assert {"scikit-image", "moderngl", "numpy"} <= always
+
+
 def test_the_wheel_holds_the_package_alone(wheel: Path) -> None:
     for name in names_in_wheel(wheel):
         path = PurePosixPath(name)

@@ -1,13 +1,17 @@
-"""Scripts of tools/ and the Makefile, on machines that are made up of stand-ins for apt-get, sudo and Python."""
+"""How a machine is set up and tested: scripts of tools/ on made-up machines, the Makefile, and what the tests need."""
 
 import os
 import re
 import shutil
 import subprocess
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from heavy import heavy
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from semisynth_gl.render.context import INSTALL_COMMAND, INSTALL_COMMAND_OSMESA
 from semisynth_gl.render.devices import LIBRARIES
@@ -221,6 +225,58 @@ def test_only_the_target_ablation_takes_the_images() -> None:
 def test_a_sheet_shows_no_pair_that_the_dataset_lacks() -> None:
     [shown] = re.findall(r"preview .*--pairs \$\(\( (.*?) \)\)", make("-n", "eth3d", "PAIRS=3"))
     assert shown == "3 < 4 ? 3 : 4"
+
+
+def test_ci_runs_both_targets_of_tests() -> None:
+    script = (CHECKOUT / ".ci" / "run").read_text("utf-8")
+    assert re.findall(r"^make .*", script, re.MULTILINE) == ["make test", "make test-heavy"]
+
+
+# What tests need
+
+
+def wanted(extra: str) -> set[str]:
+    """Names of the packages of an extra, and of the extras that it takes in."""
+    extras = tomllib.loads((CHECKOUT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
+    names = set()
+    for requirement in extras[extra]:
+        name, others = re.match(r"([\w-]+)(?:\[([\w,]+)\])?", requirement).groups()
+        names |= set().union(*map(wanted, others.split(","))) if name == "semisynth-gl" else {name}
+    return names
+
+
+def test_large_packages_are_left_to_the_heavy_tests() -> None:
+    assert wanted("heavy") - wanted("dev") == {"ray", "torch", "torchdata", "triton"}
+    assert wanted("dev") < wanted("heavy")
+
+
+def test_modules_that_need_a_large_package_are_marked() -> None:
+    modules = Path(__file__).parent.glob("*.py")
+    needing = {path for path in modules if re.search(r"^\w+ = heavy\(", path.read_text("utf-8"), re.MULTILINE)}
+    assert {path.name for path in needing} >= {"test_stream.py", "test_engines_ray.py"}
+    for path in needing:
+        assert "\npytestmark = pytest.mark.heavy\n" in path.read_text("utf-8"), path.name
+
+
+def test_a_test_that_is_skipped_says_how_to_have_it() -> None:
+    with pytest.raises(pytest.skip.Exception, match=r"^no_such is not installed: make test-heavy brings it$"):
+        heavy("no_such.module")
+
+
+def test_examples_are_the_same_in_every_run_and_random_ones_are_not() -> None:
+    def examples(profile: str) -> list[int]:
+        seen = []
+
+        @settings(settings.get_profile(profile), database=None)
+        @given(st.integers())
+        def look(number: int) -> None:
+            seen.append(number)
+
+        look()
+        return seen
+
+    assert examples("fixed") == examples("fixed")
+    assert examples("random") != examples("random")
 
 
 # tools/browser-packages.sh
