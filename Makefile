@@ -67,6 +67,7 @@ test: $(VENV)/.dev  ## lint, then all tests but those of test-heavy, on EGL and 
 # Examples of the property tests are the same in each run of test, and others in each run of this.
 .PHONY: test-heavy
 test-heavy: $(VENV)/.heavy  ## tests with PyTorch and Ray (GBs to download), and property tests on random examples
+	$(VENV)/bin/mypy
 	$(VENV)/bin/python -m pytest --numprocesses auto --dist worksteal -m "(heavy or hypothesis) and not faults" \
 	    --hypothesis-profile random
 
