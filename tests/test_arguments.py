@@ -19,6 +19,7 @@ from semisynth_gl import (
     make_mesh,
     make_scene,
     move,
+    open_dataset,
     render_pair,
 )
 from semisynth_gl.errors import BackendError, InputError
@@ -101,6 +102,9 @@ WRONG = {
     "shards as a pair": lambda out: generate(CONFIG, out, 3, shards=(0, 1)),
     "engine by name": lambda out: generate(CONFIG, out, 3, engine="local"),
     "place of a number": lambda _: generate(CONFIG, 3, 3),
+    "dataset of a number": lambda _: open_dataset(3),
+    "dataset of nothing": lambda _: open_dataset(None),
+    "folder without a name": lambda _: load_config("kitti", {"textures.images": [""]}),
 }  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
@@ -375,7 +375,7 @@ class SequenceSection(Section):
 
 
 class FilesSection(Section):
-    """The encodings of files. Masks and ids are PNG, depth and change of disparity are PFM in any case.
+    """The encodings of files. Masks and ids are PNG; depth, normals and change of disparity are PFM in any case.
 
     Attributes:
         image: ``png``, ``qoi`` or ``jxl``, all lossless; the latter two need the extra ``codecs``.
@@ -444,9 +444,9 @@ class Config(Section):
 
     Attributes:
         name: first part of the name of every sample; letters, digits and hyphens.
-        outputs: further outputs beside images and disparities: ``visibility``, ``instances``, ``depth``, ``flow``,
-            ``flow_backward``, ``disparity_change``.
-        truth: views whose disparity and outputs are written: ``both``, or ``left`` alone, which is faster.
+        outputs: further outputs beside images and disparities: ``visibility``, ``instances``, ``depth``, ``normals``,
+            ``flow``, ``flow_backward``, ``disparity_change``.
+        truth: views whose disparity and outputs are written: ``both``, or ``left`` alone.
         antialias: antialiasing of colour: ``none``, ``msaa4`` (or another number of samples that the driver offers),
             ``ssaa2`` to ``ssaa8``.
     """
@@ -507,5 +507,10 @@ class Config(Section):
 
     def digest(self) -> str:
         """Return the SHA-256 of the config's values, 64 hex digits; equal for equal values in any notation."""
-        text = json.dumps(self.model_dump(mode="json"), sort_keys=True, separators=(",", ":"))
-        return hashlib.sha256(text.encode()).hexdigest()
+        return digest_of(self.model_dump(mode="json"))
+
+
+def digest_of(values: Mapping[str, Any]) -> str:
+    """Return the SHA-256, 64 hex digits, of the values of a config of any version, in JSON's types."""
+    text = json.dumps(values, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from os import PathLike
 from typing import Any, overload
 
+from semisynth_gl.arguments import check_type
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.dataset.documents import CHANGED_INDEX, check_index, check_plan, check_record
@@ -272,6 +273,7 @@ def open_dataset(address: str | PathLike[str], split: SplitName | None = None) -
     Raises:
         InputError: where the address has no dataset, or the dataset is not finished.
     """
+    check_type("address", address, str | PathLike)
     return Dataset(read_index(address), split)
 
 

@@ -89,8 +89,6 @@ class Kitti(Layout):
 
     def lists(self, keys: Sequence[Key], encodings: Encodings) -> dict[str, bytes]:
         """Return a list of the pairs: left image, right image and left disparity, as paths below the split's folder."""
-        if not keys:
-            return {}
         text = pair_lines(self.files(key, encodings) for key in keys)
         return {f"filenames/KITTI_2015_{SHORT_SPLITS[keys[0].split]}.txt": text}
 

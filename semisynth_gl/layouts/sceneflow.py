@@ -65,8 +65,6 @@ class SceneFlow(Layout):
 
     def lists(self, keys: Sequence[Key], encodings: Encodings) -> dict[str, bytes]:
         """Return lists of the pairs: left image, right image and left disparity, as paths below the split's folder."""
-        if not keys:
-            return {}
         text = pair_lines(self.files(key, encodings) for key in keys)
         name = SHORT_SPLITS[keys[0].split]
         return {f"filenames/sceneflow_{name}.txt": text, f"filenames/SceneFlow_finalpass_{name}.txt": text}

@@ -6,8 +6,7 @@ from pathlib import Path
 
 from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, is_disparity_map
 from semisynth_gl.errors import InputError
-from semisynth_gl.metrics.truth import SCENE_STEMS as _SCENE_STEMS
-from semisynth_gl.metrics.truth import TruePair
+from semisynth_gl.metrics.truth import SCENE_STEMS, TruePair
 
 _SHOWN = 8
 
@@ -51,7 +50,7 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) 
     predictions: dict[str, Prediction] = {}
     for pair in pairs:
         candidates = [Prediction(path, scale) for stem, scale in pair.stems.items() for path in _files(folder / stem)]
-        candidates = [file for file in candidates if file.path.stem not in _SCENE_STEMS] or candidates
+        candidates = [file for file in candidates if file.path.stem not in SCENE_STEMS] or candidates
         if len(candidates) > 1:
             candidates = [file for file in candidates if is_disparity_map(file.path)] or candidates
         if len(candidates) > 1:
@@ -74,7 +73,7 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) 
 def _files(path: Path) -> list[Path]:
     """Return the files of a name without ending; of disp0 and disp0GT also those named disp0<METHOD> beside them."""
     files = [path.with_name(f"{path.name}{extension}") for extension in MAP_EXTENSIONS]
-    if path.name in _SCENE_STEMS:
+    if path.name in SCENE_STEMS:
         methods = (file for file in sorted(path.parent.glob("disp0?*")) if file.suffix.lower() in MAP_EXTENSIONS)
-        files += [file for file in methods if file.stem not in _SCENE_STEMS]
+        files += [file for file in methods if file.stem not in SCENE_STEMS]
     return [file for file in files if file.is_file()]

@@ -1,7 +1,6 @@
 """Files: each file that a loader or the dataset needs is present and as recorded, and no file misleads a loader."""
 
 import hashlib
-import json
 import tarfile
 from collections.abc import Mapping
 from io import BufferedReader
@@ -9,6 +8,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from semisynth_gl.camera import EYES
+from semisynth_gl.config.model import digest_of
 from semisynth_gl.dataset.plan import Shard
 from semisynth_gl.dataset.reader import Index, read_members, read_record
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file
@@ -140,8 +140,7 @@ def check_index(index: Index, verdict: Verdict) -> None:
         verdict.add("index", index.fault)
     if not index.pairs:
         verdict.add("index", f"{INDEX} lists no pair")
-    values = json.dumps(index.config, sort_keys=True, separators=(",", ":"))
-    digest, recorded = hashlib.sha256(values.encode()).hexdigest(), index.values.get("config_sha256")
+    digest, recorded = digest_of(index.config), index.values.get("config_sha256")
     if digest != recorded:
         verdict.add("index", f"config_values have the digest {digest[:12]}, config_sha256 is {recorded!s:.12}")
     present = set(index.place.names())
