@@ -77,7 +77,7 @@ class ModelReader:
         self._process = subprocess.Popen(  # noqa: S603 - this interpreter and this module
             # Not from the folder that the user stands in, whatever its files are called.
             [sys.executable, "-P", "-c", f"from {__name__} import serve; serve({MAX_MEMORY}, {MAX_CPU_S})"],
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             process_group=0,  # Ctrl-C is for this process, which ends the other one
