@@ -1,6 +1,6 @@
 """A dataset's files as a run writes them: the plan first, shards in any order, the index last."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
@@ -76,7 +76,7 @@ class DatasetFiles:
                     f"this program. {advice}Choose another with --out"
                 )
         elif overwrite:
-            self._own_files(self._beginning)
+            self._own_files(_own_names(plan_from_values(self._beginning)))
         else:
             self._check_same(self._beginning)
         self.begun = self._beginning is not None
@@ -194,7 +194,7 @@ class DatasetFiles:
                 if not begun and all(name == PLAN or is_unfinished_file(name) for name in names):
                     self._remove_unfinished()
                     self._place.remove(PLAN)
-                    self._remove_folders(self._plan)
+                    self._remove_folders(self._plan, _own_names(self._plan))
                     local.rmdir()
         if self._lock is not None:
             self._lock.close()
@@ -225,9 +225,9 @@ class DatasetFiles:
         """Return the plan and what it is made from, in JSON's types."""
         return self._plan.values() | {"sources": {split: dict(digests) for split, digests in sources.items()}}
 
-    def _own_files(self, beginning: Mapping[str, Any]) -> list[str]:
-        """Return the names of an earlier dataset's files; raise InputError where files of others are among them."""
-        files, own = self._place.names(), _own_names(plan_from_values(beginning))
+    def _own_files(self, own: Collection[str]) -> list[str]:
+        """Return the names of the files there; raise InputError where one is not among ``own``, those of a dataset."""
+        files = self._place.names()
         foreign = [name for name in files if name not in own and not is_unfinished_file(name)]
         if foreign:
             raise InputError(
@@ -241,20 +241,22 @@ class DatasetFiles:
 
         The plan says so first. Else an equal plan would find what is left, and take it for its own work.
         """
-        place, plan, names = self._place, plan_from_values(beginning), self._own_files(beginning)
+        place, plan = self._place, plan_from_values(beginning)
+        own = _own_names(plan)
+        names = self._own_files(own)
         marked = plan.values() | {key: beginning[key] for key in ("version", "sources") if key in beginning}
         place.write(PLAN, JSON_OBJECT.encode(marked | {REPLACED: True}))
         for name in (INDEX, *names):
             if name not in (PLAN, LOCK):
                 place.remove(name)
         # Of all files that there may have been: an earlier run may have removed them, and not their folders.
-        self._remove_folders(plan)
+        self._remove_folders(plan, own)
         if place.local is not None:
             self._remove_partial_folders(place.local)
 
-    def _remove_folders(self, plan: Plan) -> None:
-        """Remove the folders of a dataset's files in which nothing is left."""
-        folders = {str(PurePosixPath(name).parent) for name in _own_names(plan)}
+    def _remove_folders(self, plan: Plan, own: Collection[str]) -> None:
+        """Remove the folders of a dataset's files, by their names, in which nothing is left."""
+        folders = {str(PurePosixPath(name).parent) for name in own}
         folders.update(f"{plan.folder(split)}{path}" for split in plan.splits for path in plan.layout.folders())
         self._place.remove_empty(folders)
 

@@ -81,7 +81,10 @@ class Plan:
         """Return the path of each file of a pair by role: below the dataset's folder, or inside a tar."""
         config, layout = self.config, self.layout
         files = layout.files(self.key(split, index), layout.encodings_for(config), config.outputs, config.truth)
-        return files if layout.packed else {role: f"{self.folder(split)}{path}" for role, path in files.items()}
+        if layout.packed:
+            return files
+        folder = self.folder(split)
+        return {role: f"{folder}{path}" for role, path in files.items()}
 
     def key(self, split: SplitName, index: int) -> Key:
         """Return the key of a pair, which names its files."""
