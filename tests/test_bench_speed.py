@@ -230,8 +230,8 @@ def test_the_command_prints_and_writes(monkeypatch, capsys, tmp_path, report):
     ("arguments", "expected"),
     [
         (("--json", "nowhere/a.json"), "does not exist"),
-        (("--workers", "1,x"), "whole numbers above 0"),
-        (("--workers", "0"), "whole numbers above 0"),
+        (("--workers", "1,x"), "whole numbers from 1 to"),
+        (("--workers", "0"), "whole numbers from 1 to"),
         (("--config", "nobody"), "nobody"),
     ],
 )

@@ -19,6 +19,7 @@ from tiny_datasets import tiny
 from semisynth_gl.codecs import FLOW_CODECS, Encodings
 from semisynth_gl.codecs.png import GREY16, RGB8, RGB16
 from semisynth_gl.config.model import FilesSection
+from semisynth_gl.dataset.documents import check_plan
 from semisynth_gl.dataset.places import Folder
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import Index
@@ -320,8 +321,8 @@ def test_an_index_tells_its_encoding_of_flow(tmp_path):
     assert Index(Folder(tmp_path), plan.values()).encodings == Encodings.from_names(flow="png16")
     values = plan.values()
     values["config_values"]["files"]["flow"] = "exr"
-    with pytest.raises(InputError, match=r"files\.flow 'exr'"):
-        _ = Index(Folder(tmp_path), values).encodings
+    with pytest.raises(ReadError, match=r"files\.flow: expected one of flo, pfm, png16, got 'exr'"):
+        check_plan(values, tmp_path / "plan.json")
     with pytest.raises(InputError, match=r"encodings of its own \(png, png16, png16\): leave .* files\.flow out"):
         make_plan(config(files={"flow": "pfm"}), 0, "kitti", {"train": 1})
 

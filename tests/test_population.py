@@ -323,9 +323,9 @@ def test_fewer_objects_than_can_cover_the_target_are_refused():
 
 
 def test_more_objects_than_can_be_made_are_refused():
-    config = tiny(particles={"density": 1e7})
+    config = tiny(particles={"density": 1e5, "size_px": 200})
     library = build_library(config.models, config.particles, 0)
-    with pytest.raises(InputError, match=r"density: 10000000 objects .* 0\.05 of the stated sizes"):
+    with pytest.raises(InputError, match=r"density: 100000 objects .* 0\.05 of the stated sizes"):
         SceneSampler(config, 0, library, PATCH).sample(0)
 
 

@@ -213,7 +213,7 @@ def gpu(monkeypatch, runtime):
 
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "current_device", lambda: 0)
-    monkeypatch.setattr(stream, "egl_index_of_worker", lambda gpus, worker: len(gpus) - 1 + worker)
+    monkeypatch.setattr(stream, "egl_index_of_worker", lambda gpus, worker: max(len(gpus) - 1, 0) + worker)
     monkeypatch.setattr(stream, "CudaReader", made)
     return runtime
 

@@ -1,6 +1,6 @@
 """A dataset's files as a run writes them: the plan first, shards in any order, the index last."""
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
@@ -76,7 +76,7 @@ class DatasetFiles:
                     f"this program. {advice}Choose another with --out"
                 )
         elif overwrite:
-            self._own_files(_own_names(plan_from_values(self._beginning)))
+            self._own_files(plan_from_values(self._beginning))
         else:
             self._check_same(self._beginning)
         self.begun = self._beginning is not None
@@ -194,7 +194,7 @@ class DatasetFiles:
                 if not begun and all(name == PLAN or is_unfinished_file(name) for name in names):
                     self._remove_unfinished()
                     self._place.remove(PLAN)
-                    self._remove_folders(self._plan, _own_names(self._plan))
+                    self._remove_folders(self._plan)
                     local.rmdir()
         if self._lock is not None:
             self._lock.close()
@@ -225,14 +225,19 @@ class DatasetFiles:
         """Return the plan and what it is made from, in JSON's types."""
         return self._plan.values() | {"sources": {split: dict(digests) for split, digests in sources.items()}}
 
-    def _own_files(self, own: Collection[str]) -> list[str]:
-        """Return the names of the files there; raise InputError where one is not among ``own``, those of a dataset."""
+    def _own_files(self, plan: Plan) -> list[str]:
+        """Return the names of the files there; raise InputError where one is not a dataset's, or unfinished."""
         files = self._place.names()
-        foreign = [name for name in files if name not in own and not is_unfinished_file(name)]
+        foreign = {name for name in files if not is_unfinished_file(name)}
+        for name in _own_names(plan):
+            # A dataset that was hardly begun need not be gone through to its end.
+            if not foreign:
+                break
+            foreign.discard(name)
         if foreign:
             raise InputError(
                 f"{self._place.address}: --overwrite replaces only what this program wrote, but the folder holds "
-                f"{abbreviate(foreign, 3)}. Choose another folder with --out, or remove these yourself"
+                f"{abbreviate(sorted(foreign), 3)}. Choose another folder with --out, or remove these yourself"
             )
         return files
 
@@ -242,23 +247,26 @@ class DatasetFiles:
         The plan says so first. Else an equal plan would find what is left, and take it for its own work.
         """
         place, plan = self._place, plan_from_values(beginning)
-        own = _own_names(plan)
-        names = self._own_files(own)
+        names = self._own_files(plan)
         marked = plan.values() | {key: beginning[key] for key in ("version", "sources") if key in beginning}
         place.write(PLAN, JSON_OBJECT.encode(marked | {REPLACED: True}))
         for name in (INDEX, *names):
             if name not in (PLAN, LOCK):
                 place.remove(name)
         # Of all files that there may have been: an earlier run may have removed them, and not their folders.
-        self._remove_folders(plan, own)
+        self._remove_folders(plan)
         if place.local is not None:
             self._remove_partial_folders(place.local)
 
-    def _remove_folders(self, plan: Plan, own: Collection[str]) -> None:
-        """Remove the folders of a dataset's files, by their names, in which nothing is left."""
-        folders = {str(PurePosixPath(name).parent) for name in own}
-        folders.update(f"{plan.folder(split)}{path}" for split in plan.splits for path in plan.layout.folders())
-        self._place.remove_empty(folders)
+    def _remove_folders(self, plan: Plan) -> None:
+        """Remove the folders of a dataset's files in which nothing is left."""
+        there = {folder for folder in self._place.folders() if folder.partition("/")[0] != PARTIAL}
+        own: set[str] = set()
+        for folder in _own_folders(plan):
+            if own == there:
+                break
+            own.update({folder, *map(str, PurePosixPath(folder).parents)} & there)
+        self._place.remove_empty(own)
 
     def _remove_unfinished(self) -> None:
         """Remove the unfinished files that this program left, the lock last; files of others stay."""
@@ -354,19 +362,27 @@ def plan_from_values(values: Mapping[str, Any]) -> Plan:
         raise InputError(f"the dataset's plan is not this version's: {str(error).splitlines()[0]}") from None
 
 
-def _own_names(plan: Plan) -> set[str]:
-    """Return the names of all files that a dataset may have."""
-    own = {INDEX, CARD, CROISSANT, PLAN}
+def _own_names(plan: Plan) -> Iterator[str]:
+    """Yield the names of all files that a dataset may have, those of its pairs last."""
     layout = plan.layout
+    yield from (INDEX, CARD, CROISSANT, PLAN)
     for split in plan.splits:
-        folder, keys = plan.folder(split), plan.keys(split)
-        lists = layout.lists(keys, layout.encodings_for(plan.config))
-        own |= {f"{folder}{path}" for path in (*lists, *layout.links(keys))}
-        if not layout.packed:
-            own.update(path for key in keys for path in plan.files(split, key.index).values())
+        folder, keys = plan.folder(split), [plan.key(split, 0)]
+        for path in (*layout.lists(keys, layout.encodings_for(plan.config)), *layout.links(keys)):
+            yield f"{folder}{path}"
     for shard in plan.shards:
-        own |= {record_path(shard.name), log_path(shard.name), tar_path(shard.name)}
-    return own
+        yield from (record_path(shard.name), log_path(shard.name), tar_path(shard.name))
+    if not layout.packed:
+        for split in plan.splits:
+            for index in range(plan.pairs[split]):
+                yield from plan.files(split, index).values()
+
+
+def _own_folders(plan: Plan) -> Iterator[str]:
+    """Yield the folders that a dataset may have, some more than once."""
+    for split in plan.splits:
+        yield from (f"{plan.folder(split)}{path}" for path in plan.layout.folders())
+    yield from (str(PurePosixPath(name).parent) for name in _own_names(plan))
 
 
 def _read_json(place: Place, name: str) -> dict[str, Any] | None:

@@ -76,6 +76,10 @@ class Place(ABC):
         """Remove a file; nothing happens where it is missing."""
 
     @abstractmethod
+    def folders(self) -> list[str]:
+        """Return the names of all folders below; none where there are no folders."""
+
+    @abstractmethod
     def remove_empty(self, folders: Iterable[str]) -> None:
         """Remove those of the folders, and of the folders above them, in which nothing is left."""
 
@@ -176,6 +180,15 @@ class Folder(Place):
         """Remove a file or a link; never a folder, which may hold what others put there."""
         with suppress(NotADirectoryError):
             (self.local / name).unlink(missing_ok=True)
+
+    def folders(self) -> list[str]:
+        """Return the names of all folders below; links are files."""
+        return [
+            Path(parent, name).relative_to(self.local).as_posix()
+            for parent, folders, _ in os.walk(self.local)
+            for name in folders
+            if not Path(parent, name).is_symlink()
+        ]
 
     def remove_empty(self, folders: Iterable[str]) -> None:
         """Remove empty folders, the deepest first."""
@@ -293,6 +306,10 @@ class Remote(Place):
         """Remove a file."""
         with self._clear_errors(), suppress(FileNotFoundError):
             self._system.rm_file(self._at(name))
+
+    def folders(self) -> list[str]:
+        """Return nothing: stores have no folders."""
+        return []
 
     def remove_empty(self, folders: Iterable[str]) -> None:
         """Do nothing: stores have no folders."""

@@ -144,8 +144,11 @@ def make_scene(
 
 
 def _for_each(name: str, value: object, n: int) -> NDArray[np.float64]:
-    """Return an (N, 2) array of what is (2,) for all instances or (N, 2)."""
+    """Return an (N, 2) array of what is (2,) for all instances, (N, 2), or broadcasts to that."""
     array = to_array(name, value, np.float64)
-    if array.shape not in {(2,), (n, 2)}:
-        raise InputError(f"scene: {name} must have shape (2,) or ({n}, 2) for {n} instances, got {array.shape}")
-    return np.broadcast_to(array, (n, 2))
+    try:
+        return np.broadcast_to(array, (n, 2))
+    except ValueError:
+        raise InputError(
+            f"scene: {name} must have shape (2,) or ({n}, 2) for {n} instances, got {array.shape}"
+        ) from None
