@@ -17,6 +17,7 @@ from backends import backend_fault
 from PIL import Image
 
 from semisynth_gl.cli import main
+from semisynth_gl.config import load_config, packaged_configs
 
 SMALL = ("--set", "camera.width_px=160", "--set", "camera.height_px=96", "--set", "models.variants=1")
 
@@ -437,3 +438,16 @@ def test_quotes_in_paths_survive(call, tmp_path):
     Image.fromarray(noise).save(folder / "n.png")
     done = call("generate", "--config", "eth3d", "--images", folder, "--out", "o", "--pairs", 1, *SMALL, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
+
+
+def test_configs_are_listed_and_printed_in_full(call, tmp_path):
+    listed = call("configs", cwd=tmp_path)
+    assert listed.returncode == 0
+    assert [line.split()[0] for line in listed.stdout.splitlines()] == packaged_configs()
+    (tmp_path / "lab.yaml").write_text(call("configs", "kitti", cwd=tmp_path).stdout)
+    assert load_config(tmp_path / "lab.yaml").digest() == load_config("kitti").digest()
+    refused(call("configs", "kiti", cwd=tmp_path), "Did you mean kitti?")
+
+
+def test_generate_without_a_config_says_which_there_are(call, tmp_path):
+    refused(call("generate", cwd=tmp_path), "--config: name a YAML file", "middlebury  ", "configs NAME")

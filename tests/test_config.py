@@ -1,3 +1,4 @@
+import re
 from pathlib import Path
 
 import numpy as np
@@ -6,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from semisynth_gl.config import Config, Range, load_config, packaged_configs
+from semisynth_gl.config.explain import explain, summaries
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.errors import InputError
 
@@ -299,3 +301,22 @@ def test_digests_follow_values_not_spelling(tmp_path):
     other = load_config(written(tmp_path, "name: mine\n" + CAMERA + "disparity: {min_px: 1, max_px: 21}\n", "c.yaml"))
     assert one.digest() == same.digest() != other.digest()
     assert Config.model_validate(one.model_dump()) == one
+
+
+@pytest.mark.parametrize("name", packaged_configs())
+def test_a_config_in_full_is_the_same_config_and_explains_every_key(name):
+    text, config = explain(name), load_config(name)
+    assert parse_config(text, "full.yaml").digest() == config.digest()
+    blocks = [block.splitlines() for block in text.strip().split("\n\n")]
+    assert len(blocks) == len(Config.model_fields)
+    for key, lines in zip(Config.model_fields, blocks, strict=True):
+        section = getattr(config, key)
+        keys = type(section).model_fields if hasattr(section, "model_fields") else ()
+        for indent, name_of_key in [("", key), *(("  ", inner) for inner in keys)]:
+            [at] = [at for at, line in enumerate(lines) if re.match(rf"{indent}(# )?{name_of_key}:( |$)", line)]
+            assert re.match(rf"{indent}# \S", lines[at - 1]), name_of_key
+
+
+def test_each_packaged_config_says_what_it_is_for():
+    assert set(summaries()) == set(packaged_configs())
+    assert all(len(summary) > 20 and summary.endswith(".") for summary in summaries().values())

@@ -13,8 +13,10 @@ from semisynth_gl.errors import SemisynthError
 # 2 also stands for a run that was stopped or found no room: nothing half-written is left, and it may be started again.
 _REFUSED = 2
 
-
-_COMMANDS = ("generate", "preview", "doctor", "verify", "report", "bench", "calibrate", "textures", "evaluate")
+_COMMANDS = (
+    *("bench", "calibrate", "configs", "doctor", "evaluate"),
+    *("generate", "preview", "report", "textures", "verify"),
+)
 
 
 class _LazyGroup(click.Group):

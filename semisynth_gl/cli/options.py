@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from semisynth_gl.config import Config, load_config, packaged_configs
+from semisynth_gl.config.explain import summaries
 from semisynth_gl.errors import InputError
 from semisynth_gl.render.context import BACKENDS, Backend
 
@@ -136,6 +137,16 @@ class SceneOptions:
         return read_config(self.config_name, self.images, self.models, (*self.settings, *settings))
 
 
+def _needed(_: click.Context, __: click.Parameter, name: str | None) -> str:
+    """Say which configs there are where none is given."""
+    if name is None:
+        lines = "".join(f"\n  {name:30}{summary}" for name, summary in summaries().items())
+        raise InputError(
+            f"--config: name a YAML file, or a packaged config:{lines}\n`semisynth-gl configs NAME` prints one in full."
+        )
+    return name
+
+
 scene_options = option_group(
     "scene",
     SceneOptions,
@@ -143,9 +154,9 @@ scene_options = option_group(
         "--config",
         "config_name",
         type=Source(),
-        required=True,
+        callback=_needed,
         metavar="NAME_OR_PATH",
-        help=f"A YAML file, or a packaged config: {', '.join(packaged_configs())}.",
+        help=f"A YAML file, or a packaged config: {', '.join(packaged_configs())}.  [required]",
     ),
     images_option(),
     option(

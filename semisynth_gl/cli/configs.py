@@ -1,0 +1,20 @@
+"""``semisynth-gl configs``: what configs there are, or one in full."""
+
+import click
+
+from semisynth_gl.cli.options import Source
+from semisynth_gl.config.explain import explain, summaries
+
+
+@click.command()
+@click.argument("config_name", type=Source(), metavar="[NAME_OR_PATH]", required=False)
+def configs(config_name: str | None) -> None:
+    """List the packaged configs, or print one with all of its keys, defaults and comments.
+
+    What is printed is a config: save it, change it, and give it to generate.
+    """
+    if config_name is not None:
+        click.echo(explain(config_name), nl=False)
+        return
+    for name, summary in summaries().items():
+        click.echo(f"{name:30}{summary}")
