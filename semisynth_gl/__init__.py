@@ -5,6 +5,7 @@ cameras as arrays. Importing this package loads no OpenGL; the names below are l
 """
 
 from importlib import import_module
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -40,6 +41,8 @@ _HOME = {
     "render_pair": "pairs.pipeline",
 }
 
+__version__ = version("semisynth-gl")
+
 __all__ = [
     "BackendError",
     "Config",
@@ -61,6 +64,10 @@ __all__ = [
     "open_dataset",
     "render_pair",
 ]
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__", "__doc__"]
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401 - any public name

@@ -1,6 +1,7 @@
 """What is built, installed and run elsewhere, rather than the checkout."""
 
 import os
+import re
 import subprocess
 import sys
 import tarfile
@@ -97,7 +98,8 @@ def test_the_checkout_has_data_to_carry() -> None:
 def test_the_wheel_carries_the_data_inside_the_package(wheel: Path) -> None:
     names = names_in_wheel(wheel)
     assert {f"semisynth_gl/{name}" for name in data_files()} <= names
-    assert "semisynth_gl/render/renderer.py" in names
+    assert {"semisynth_gl/render/renderer.py", "semisynth_gl/py.typed"} <= names
+    assert any(name.endswith(".dist-info/licenses/LICENSE") for name in names)
 
 
 def test_the_wheel_brings_the_photographs(wheel: Path) -> None:
@@ -158,6 +160,43 @@ def test_the_installed_wheel_renders(elsewhere: dict[str, str], backend: str, tm
     written = {path.name for path in (tmp_path / "set").rglob("*") if path.is_file() and path.stat().st_size}
     assert {"im0.png", "im1.png", "disp0GT.pfm", "disp1GT.pfm", "mask0nocc.png", "calib.txt"} <= written
     assert [path.name for path in tmp_path.iterdir()] == ["set"]
+    program = (sys.executable, "-S", "-m", "semisynth_gl")
+    assert "nothing found" in run(*program, "verify", "set", cwd=tmp_path, env=elsewhere)
+    run(*program, "report", "set", "--out", "set.html", cwd=tmp_path, env=elsewhere)
+    run(*program, "preview", "--config", "eth3d", "--pairs", "1", *small, "--out", "sheet.png", "--backend", backend,
+        cwd=tmp_path, env=elsewhere)  # fmt: skip
+    assert {"set", "set.html", "sheet.png"} == {path.name for path in tmp_path.iterdir()}
+
+
+USERS_SCRIPT = """
+import numpy as np
+from numpy.typing import NDArray
+from semisynth_gl import Crop, PairRenderer, StereoCamera, __version__, load_config, make_scene
+from semisynth_gl import open_dataset, render_pair
+
+config = load_config("kitti", {"camera.width_px": 64})
+disparity: NDArray[np.float32] = render_pair(config, index=3, seed=1).left.disparity
+with PairRenderer(config, seed=0) as pairs:
+    image: NDArray[np.uint8] = pairs.render(0, crop=Crop(0, 0, 32, 32)).frame.right.image
+scene = make_scene(StereoCamera.centred(64, 48, 50.0, 0.1), model=[], world_from_model=[], layer=[])
+first: NDArray[np.uint8] = open_dataset("out")[0].left.visibility
+text: str = __version__
+"""
+
+
+def test_a_users_script_is_checked_by_the_wheels_types(target: Path, tmp_path: Path) -> None:
+    run(sys.executable, "-m", "venv", "--without-pip", "user", cwd=tmp_path)
+    [packages] = (tmp_path / "user").glob("lib/python*/site-packages")
+    others = [path for path in sys.path if Path(path).name in ("site-packages", "dist-packages")]
+    (packages / "installed.pth").write_text("\n".join([str(target), *others]))
+    check = [sys.executable, "-m", "mypy", "--strict", "--config-file=", "--cache-dir=cache", "--python-executable",
+             "user/bin/python", "script.py"]  # fmt: skip
+    (tmp_path / "script.py").write_text(USERS_SCRIPT)
+    assert "no issues found" in run(*check, cwd=tmp_path)
+    (tmp_path / "script.py").write_text(f"{USERS_SCRIPT}\nrender_pair('kitti', 0)\nreveal_type(config.digest())\n")
+    done = subprocess.run(check, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert 'Argument 1 to "render_pair" has incompatible type "str"; expected "Config"' in done.stdout
+    assert re.search(r'Revealed type is "(builtins\.)?str"', done.stdout)
 
 
 def test_the_tests_run_on_a_package_that_finds_its_data() -> None:

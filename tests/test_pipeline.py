@@ -1,5 +1,6 @@
 """From a config to files: determinism, real material, flat memory."""
 
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -134,6 +135,8 @@ def test_images_without_any_are_told(tmp_path):
 
 
 def test_the_package_offers_its_public_names():
+    assert dir(semisynth_gl) == sorted({*semisynth_gl.__all__, "__version__", "__doc__"})
+    assert semisynth_gl.__version__ == version("semisynth-gl")
     for name in semisynth_gl.__all__:
         assert getattr(semisynth_gl, name).__name__ == name
     with pytest.raises(AttributeError, match="nonsense"):
