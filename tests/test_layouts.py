@@ -27,6 +27,7 @@ from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY8, GREY16, RGB8
 from semisynth_gl.config import load_config
 from semisynth_gl.config.model import FilesSection
+from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.sample import decode_file
 from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.frame import CHANNELS, OCCLUDED, OUTPUTS, OUTSIDE, ROLES, VISIBLE, Frame, View
@@ -758,3 +759,21 @@ def test_pfm_is_read_strictly(tmp_path):
     path = root / "two_view_training_gt" / "lab-000000" / "disp0GT.pfm"
     assert path.read_bytes().startswith(b"Pf\n48 32\n-1.0\n")
     np.testing.assert_array_equal(PFM.read(path), make_frame(0).left.disparity)
+
+
+@pytest.mark.parametrize(
+    ("layout", "folder"),
+    [
+        ("middlebury", "MiddEval3/trainingF"),
+        ("middlebury-2014", "2014"),
+        ("kitti", "training"),
+        ("eth3d", "two_view_training"),
+        ("webdataset", "shards"),
+    ],
+)
+def test_a_plan_knows_the_folder_of_its_images(layout, folder):
+    plan = make_plan(load_config("middlebury"), 0, layout, {"train": 3})
+    assert plan.images_folder() == folder
+    # Of several splits, the folder that holds all.
+    splits = make_plan(load_config("middlebury"), 0, layout, {"train": 3, "test": 2})
+    assert splits.images_folder() == ("shards" if layout == "webdataset" else "")

@@ -1,6 +1,7 @@
 """``semisynth-gl generate``."""
 
 import re
+import shlex
 import sys
 from dataclasses import dataclass
 
@@ -289,4 +290,11 @@ def _conclude(result: GenerationResult) -> None:
     for split in plan.splits:
         for advice in plan.layout.advice(plan.pairs[split], plan.config, split):
             click.echo(f"note: {advice}", err=True)
-    say(f"{total} pairs in {result.place.address}")
+    address, (_, loaders) = result.place.address, plan.layout.title
+    say(f"{total} pairs in {address}")
+    images = f"{address}/{plan.images_folder()}".rstrip("/")
+    click.echo(
+        f"The images are in {images}, for {loaders or 'loaders'}. To look at them: "
+        f"semisynth-gl report {shlex.quote(address)}",
+        err=True,
+    )

@@ -199,9 +199,8 @@ def _reading(plan: Plan, index: Mapping[str, Any]) -> str:
         lines += ["from datasets import load_dataset", ""]
         lines += [f'load_dataset("webdataset", data_files={{{files}}}, streaming=True)', "```"]
         return "\n".join(lines)
-    # Under python -OO, which drops docstrings, the loaders of a layout are unknown.
-    name, _, loaders = (type(plan.layout).__doc__ or "").partition("\n")[0].partition(": ")
-    lines += ["", f"Files stand as in {name}, for loaders of that: {loaders}"] if loaders else []
+    name, loaders = plan.layout.title
+    lines += ["", f"Files stand as in {name}, for loaders of that: {loaders}."] if loaders else []
     return "\n".join(lines + _reading_images(plan))
 
 

@@ -1,5 +1,6 @@
 """The plan of a dataset: its pairs, their shards and their names. Everything but the pixels follows from the plan."""
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -7,8 +8,9 @@ from math import ceil
 from typing import Any
 
 from semisynth_gl.arguments import check_type, to_whole
+from semisynth_gl.camera import EYES
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.schema import PROGRAM, shard_name
+from semisynth_gl.dataset.schema import PROGRAM, RECORDS, shard_name
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import CHANNELS
 from semisynth_gl.layouts import Key, Layout, find_layout
@@ -85,6 +87,18 @@ class Plan:
             return files
         folder = self.folder(split)
         return {role: f"{folder}{path}" for role, path in files.items()}
+
+    def images_folder(self) -> str:
+        """Return the folder below the dataset's in which all images are: of its tars, where shards are packed."""
+        if self.layout.packed:
+            return RECORDS
+        images = (
+            self.files(split, index)[eye]
+            for split in self.splits
+            for index in (0, self.pairs[split] - 1)
+            for eye in EYES
+        )
+        return os.path.commonpath([os.path.dirname(path) for path in images])  # noqa: PTH120 - of addresses too
 
     def key(self, split: SplitName, index: int) -> Key:
         """Return the key of a pair, which names its files."""

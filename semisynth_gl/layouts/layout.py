@@ -28,7 +28,7 @@ _SCENE_NAMES: Mapping[str, str] = {
 class Layout(ABC):
     """Names of files. What a file holds follows from its role; see `semisynth_gl.layouts.roles`.
 
-    The first line of a layout's docstring names it and, behind a colon, its loaders: dataset cards quote the line.
+    The first line of a layout's docstring names it and, behind a colon, its loaders; see `title`.
 
     Attributes:
         packed: whether the files of a shard are packed into one tar; else they stand by themselves.
@@ -45,6 +45,12 @@ class Layout(ABC):
     right_truth_for: ClassVar[str] = ""
     replaced: ClassVar[tuple[str, ...]] = ()
     most_frames: ClassVar[int | None] = None
+
+    @property
+    def title(self) -> tuple[str, str]:
+        """The layout's name and its loaders; both are "" under ``python -OO``, which drops docstrings."""
+        name, _, loaders = (type(self).__doc__ or "").partition("\n")[0].partition(": ")
+        return name, loaders.removesuffix(".")
 
     @abstractmethod
     def stems(self, key: Key) -> dict[str, str]:
