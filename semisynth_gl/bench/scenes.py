@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -113,11 +112,15 @@ def cast_truth(
             x, y = column.astype(np.float64), row.astype(np.float64)
             hits = cast_rays(scene, bench.models, eye, x, y)
             kept = far_from_edge[row, column] & (hits.instance == instance[row, column])
-            for right, down in product((-_FROM_CREASE_PX, _FROM_CREASE_PX), repeat=2):
-                around = np.flatnonzero(kept)
-                seen = cast_rays(scene, bench.models, eye, x[around] + right, y[around] + down)
-                alike = (seen.instance == hits.instance[around]) & (seen.triangle == hits.triangle[around])
-                kept[around] = alike
+            # All four in one cast, whose cost is mostly the number of instances.
+            seen = np.flatnonzero(kept)
+            right, down = np.meshgrid(*[(-_FROM_CREASE_PX, _FROM_CREASE_PX)] * 2)
+            around_x, around_y = np.add.outer(right.ravel(), x[seen]), np.add.outer(down.ravel(), y[seen])
+            around = cast_rays(scene, bench.models, eye, around_x.ravel(), around_y.ravel())
+            other = (around.instance.reshape(4, -1) != hits.instance[seen]) | (
+                around.triangle.reshape(4, -1) != hits.triangle[seen]
+            )
+            kept[seen] = ~other.any(axis=0)
             truth = oracle.disparity_px(scene.camera, hits)
             truths.append(Truth(number, eye, row[kept], column[kept], truth[kept], int((~kept).sum())))
     return truths, outlines
