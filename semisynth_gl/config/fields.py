@@ -135,7 +135,7 @@ def _serialize(value: Range) -> float | list[float]:
 def _parse_path(value: Any) -> str:  # noqa: ANN401 - a validator gets any YAML value
     if not isinstance(value, str):
         raise ValueError("input should be a valid string")  # noqa: TRY004 - pydantic's
-    if not value.strip():
+    if not value:
         raise ValueError("expected the name of a file or folder, got an empty one")
     if "\0" in value:
         raise ValueError("expected the name of a file or folder, got one with a zero byte")
