@@ -14,6 +14,7 @@ from semisynth_gl.config import Config, load_config, packaged_configs
 from semisynth_gl.config.explain import summaries
 from semisynth_gl.errors import InputError
 from semisynth_gl.render.context import BACKENDS, Backend
+from semisynth_gl.user_files import expanded
 
 Command = Callable[..., Any]
 
@@ -79,9 +80,9 @@ def _named(value: str, param: click.Parameter | None) -> str:
 
 def _at_home(value: str, param: click.Parameter | None) -> Path:
     try:
-        return Path(value).expanduser()
-    except RuntimeError:
-        raise InputError(f"{_shown(param)} {value}: there is no user of this name") from None
+        return expanded(value)
+    except InputError as error:
+        raise InputError(f"{_shown(param)} {error}") from None
 
 
 def _shown(param: click.Parameter | None) -> str:

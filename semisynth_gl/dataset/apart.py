@@ -9,6 +9,7 @@ from semisynth_gl.errors import InputError
 from semisynth_gl.textures.image_files import find_files
 from semisynth_gl.textures.images import image_extensions
 from semisynth_gl.textures.reach import photograph_sources, reaching_source
+from semisynth_gl.user_files import expanded
 
 
 def check_apart(place: Place, plan: Plan) -> None:
@@ -42,7 +43,7 @@ def check_apart(place: Place, plan: Plan) -> None:
                 if Path(os.path.realpath(path)).is_relative_to(real):
                     raise InputError(f"{place.address}: the photograph {path} lies in this folder. {advice}")
     for models in config.models.folders:
-        real_models = Path(os.path.realpath(Path(models).expanduser()))
+        real_models = Path(os.path.realpath(expanded(models)))
         if real.is_relative_to(real_models) or real_models.is_relative_to(real):
             inside = "lies in" if real.is_relative_to(real_models) else "holds"
             raise InputError(f"{place.address}: {inside} {models}, where models are sought. {advice}")

@@ -14,7 +14,7 @@ from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.documents import CHANGED_INDEX, check_index, check_plan, check_record
 from semisynth_gl.dataset.locks import lock, open_locked
-from semisynth_gl.dataset.places import Place, files_below
+from semisynth_gl.dataset.places import Place, entries_below
 from semisynth_gl.dataset.plan import Plan, Shard, abbreviate, differences
 from semisynth_gl.dataset.schema import (
     CARD,
@@ -411,6 +411,6 @@ def _foreign_names(place: Place) -> list[str]:
             names = place.names(PARTIAL)
             ours = (name for name in names if (name == LOCK and not place.size(name)) or name.startswith(plan))
             foreign += sorted(set(names) - {name for name in ours if is_unfinished_file(name)})
-        elif next(files_below(top), None) is not None:
+        elif next(entries_below(top), None) is not None:
             foreign.append(top.name)
     return foreign

@@ -17,6 +17,7 @@ from typing import Any, BinaryIO, Self, cast
 
 from semisynth_gl.dataset.schema import PARTIAL, unfinished_path
 from semisynth_gl.errors import InputError, ReadError
+from semisynth_gl.user_files import expanded
 
 _WITH_BUCKETS = frozenset({"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oci", "oss"})
 _ONE_SLASH = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/(?!/)")
@@ -152,7 +153,7 @@ class Folder(Place):
 
     def names(self, folder: str = "") -> list[str]:
         """Return the names of all files below a folder; links count as files, and are not followed."""
-        return sorted(path.relative_to(self.local).as_posix() for path in files_below(self.local / folder))
+        return sorted(path.relative_to(self.local).as_posix() for path in entries_below(self.local / folder))
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file under another name, and rename it."""
@@ -368,14 +369,11 @@ def open_place(address: str | os.PathLike[str]) -> Place:
             f"{text}: expected a folder or an address such as {protocol}//bucket/name, got one slash behind the colon; "
             f"for a folder of this name give ./{text}"
         )
-    try:
-        return Folder(Path(path).expanduser())
-    except RuntimeError:
-        raise InputError(f"{text}: there is no user {Path(path).parts[0][1:]!r}, whose home folder it names") from None
+    return Folder(expanded(path))
 
 
-def files_below(folder: Path) -> Iterator[Path]:
-    """Yield all files below a folder; links count as files, and are not followed."""
+def entries_below(folder: Path) -> Iterator[Path]:
+    """Yield all files and links below a folder; links are not followed."""
     for parent, folders, files in os.walk(folder):
         yield from (Path(parent) / name for name in files)
         yield from (path for name in folders if (path := Path(parent) / name).is_symlink())

@@ -7,6 +7,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from semisynth_gl.config.model import TexturesSection
+from semisynth_gl.user_files import expanded
 
 
 def photograph_sources(section: TexturesSection) -> tuple[str, ...]:
@@ -24,7 +25,7 @@ def reaching_source(path: Path, sources: Sequence[str], extensions: Collection[s
     """
     real = Path(os.path.realpath(path))
     fits = extensions is None or real.suffix.lower() in extensions
-    return next((source for source in sources if _reaches(str(Path(source).expanduser()), real, fits=fits)), None)
+    return next((source for source in sources if _reaches(str(expanded(source)), real, fits=fits)), None)
 
 
 def _reaches(source: str, path: Path, *, fits: bool) -> bool:
