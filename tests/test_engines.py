@@ -60,6 +60,8 @@ class Squares:
         until = time.monotonic() + self.pause_s
         while time.monotonic() < until and not listener.stopping:
             time.sleep(0.01)
+        if self.pause_s and not listener.stopping:
+            raise InputError("nobody told this task of the stop")
         listener.on_pair((worker, number, "done"))
         return number * number, os.getpid(), os.environ.get("LP_NUM_THREADS")
 
@@ -176,8 +178,8 @@ def test_there_are_no_more_workers_than_tasks_and_tasks_are_taken_late(tmp_path)
 @pytest.mark.parametrize("name", ENGINES)
 def test_a_stop_lets_running_tasks_return_and_begins_no_other(name, tmp_path):
     recorder = Recorder(lambda _: True)
-    # Tasks go on until they see the stop: a result shows that they have.
-    with closing(ENGINES[name].run(Squares(tmp_path, pause_s=1000), range(100), recorder)) as yielded:
+    # A task goes on until it sees the stop, and fails where it never does: a result shows that it has.
+    with closing(ENGINES[name].run(Squares(tmp_path, pause_s=PATIENCE_S), range(100), recorder)) as yielded:
         results = dict(yielded)
     assert 1 <= len(results) <= 2
     assert set(results) == {pair[1] for pair in recorder.pairs}

@@ -49,6 +49,8 @@ class Squares:
         until = time.monotonic() + PATIENCE_S
         while not self._complete(listener) and time.monotonic() < until:
             time.sleep(0.02)
+        if not self._complete(listener):
+            raise InputError("nobody told this task of the stop, or processes are missing")
         return number * number, ray.get_runtime_context().get_node_id()
 
     def _complete(self, listener):
