@@ -1,7 +1,7 @@
 """``semisynth-gl evaluate``."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -59,9 +59,9 @@ def evaluate(
     Predictions are .pfm, .npy or 16-bit .png, under the pair's name or under the truth's.
     """
     truth_set = find_truth(truth, split, masks)
-    inputs = [str(folder) for folder in (pred, truth, masks) if folder is not None]
-    output.check(inputs)
-    pictures = _error_maps(maps, pred, truth_set, truth, output)
+    inputs = {"--pred": str(pred), "--gt": truth} | ({} if masks is None else {"--mask": str(masks)})
+    output.check([*inputs.values()])
+    pictures = _error_maps(maps, pred, truth_set, inputs, output)
     predictions = find_predictions(pred, truth_set.pairs, partial=partial)
     missing = [pair.name for pair in truth_set.pairs if pair.name not in predictions]
     protocol = PROTOCOLS[protocol_name or truth_set.protocol]
@@ -97,7 +97,9 @@ def _say_what_is_odd(negative: Sequence[Path], missing: Sequence[str]) -> None:
         click.echo(f"No prediction for {len(missing)} pairs: {', '.join(missing)}", err=True)
 
 
-def _error_maps(maps: Path | None, pred: Path, truth_set: TrueSet, truth: str, output: Output) -> dict[str, Output]:
+def _error_maps(
+    maps: Path | None, pred: Path, truth_set: TrueSet, inputs: Mapping[str, str], output: Output
+) -> dict[str, Output]:
     """Return the files of error maps by the pair's name; refuse a folder that they cannot go to."""
     if maps is None:
         return {}
@@ -105,12 +107,14 @@ def _error_maps(maps: Path | None, pred: Path, truth_set: TrueSet, truth: str, o
         raise InputError(f"--maps {maps}: is a file; name a folder")
     if maps.resolve() == pred.resolve():
         raise InputError(f"--maps {maps}: is the folder of predictions, which error maps would be taken for")
-    inside = truth_set.local is not None and maps.resolve().is_relative_to(truth_set.local.resolve())
-    if inside or ("://" not in truth and maps.resolve() == Path(truth).resolve()):
+    if truth_set.local is not None and maps.resolve().is_relative_to(truth_set.local.resolve()):
         raise InputError(f"--maps {maps}: lies in --gt, which is left as it is; name another folder")
+    for name, source in inputs.items():
+        if "://" not in source and maps.resolve() == Path(source).resolve():
+            raise InputError(f"--maps {maps}: lies in {name}, which is left as it is; name another folder")
     pictures = {
         pair.name: Output("--maps", _ERROR_MAP, maps / f"{pair.name}.png", output.overwrite) for pair in truth_set.pairs
     }
     for picture in pictures.values():
-        picture.check([str(pred), truth], makes_folder=True)
+        picture.check([*inputs.values()], makes_folder=True)
     return pictures

@@ -18,12 +18,12 @@ from semisynth_gl.metrics.truth import TruePair
 
 ALL, VISIBLE = "all", "non-occluded"
 REGIONS = (ALL, VISIBLE)
+"""The regions of figures: all pixels with truth, and those among them that both views see."""
 SIGN_HINT = (
     "most values are negative, but disparity is x_left - x_right, which is positive: if they are the flow from "
     "the left image to the right one, as RAFT-Stereo writes it, negate them"
 )
 """What to say about a prediction that is `Evaluation.negative`."""
-"""The regions of figures: all pixels with truth, and those among them that both views see."""
 _BACKGROUND, _FOREGROUND = "background", "foreground"
 _PARTS: Mapping[str, str] = {_BACKGROUND: "D1-bg", _FOREGROUND: "D1-fg"}
 # Columns of tables, in their order; some benchmarks have others between them.
