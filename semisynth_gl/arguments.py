@@ -1,5 +1,6 @@
 """Checks of what callers in Python hand in: a wrong type is an error at the call, and not far behind it."""
 
+from math import isfinite
 from numbers import Integral, Real
 from types import NoneType, UnionType
 from typing import Any, get_args
@@ -35,7 +36,7 @@ def to_whole(name: str, value: object, least: int | None = None) -> int:
     if not isinstance(value, Integral) or isinstance(value, bool):
         raise _wrong(name, "a whole number", value)
     if least is not None and int(value) < least:
-        raise InputError(f"{name} must be {least} or more, got {value}")
+        raise InputError(f"{name} must be {least} or more, got {_shown(int(value))}")
     return int(value)
 
 
@@ -45,7 +46,11 @@ def check_real(name: str, value: object) -> None:
     Raises:
         InputError: where it is not.
     """
-    if not isinstance(value, Real) or isinstance(value, bool) or not np.isfinite(float(value)):
+    try:
+        finite = isinstance(value, Real) and not isinstance(value, bool) and isfinite(value)
+    except OverflowError:  # a whole number that no float holds
+        finite = False
+    if not finite:
         raise _wrong(name, "a finite number", value)
 
 
@@ -76,6 +81,14 @@ def _named(expected: type | UnionType) -> str:
 
 
 def _wrong(name: str, expected: str, value: object, hint: str = "") -> InputError:
-    text = repr(value)
-    shown = text if len(text) <= 60 else f"{text[:57]}..."
-    return InputError(f"{name} must be {expected}, got {shown} ({type(value).__name__})" + (hint and f": {hint}"))
+    return InputError(
+        f"{name} must be {expected}, got {_shown(value)} ({type(value).__name__})" + (hint and f": {hint}")
+    )
+
+
+def _shown(value: object) -> str:
+    try:
+        text = repr(value)
+    except ValueError:  # Python writes no whole numbers of thousands of digits
+        return "a number of thousands of digits"
+    return text if len(text) <= 60 else f"{text[:57]}..."

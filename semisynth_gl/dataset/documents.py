@@ -210,7 +210,7 @@ def check_document(values: Mapping[str, Any], model: type[_Facts], path: Path) -
             text = fault["msg"].removeprefix("Value error, ")
             came = "" if fault["type"] == "missing" else f", got {_shorten(fault['input'])}"
             faults.append(f"{key}: {text[0].lower()}{text[1:]}{came}")
-        raise ReadError(path, "; ".join([abbreviate(faults, _SHOWN)])) from None
+        raise ReadError(path, abbreviate(faults, _SHOWN)) from None
 
 
 def check_plan(values: Mapping[str, Any], path: Path) -> None:

@@ -109,7 +109,10 @@ class Index:
     def files(self, split: SplitName, index: int) -> dict[str, str]:
         """Return the path of each file of a pair by role: below the dataset's folder, or inside a tar."""
         files = self.layout.files(self.key(split, index), self.encodings, self.outputs, self.truth)
-        return files if self.layout.packed else {role: f"{self.folder(split)}{path}" for role, path in files.items()}
+        if self.layout.packed:
+            return files
+        folder = self.folder(split)
+        return {role: f"{folder}{path}" for role, path in files.items()}
 
     @property
     def shards(self) -> list[Shard]:
@@ -223,7 +226,7 @@ class Dataset(Sequence[StoredFrame]):
         if layout.packed:
             files = self._read_members(split, pair, list(names.values()))
         else:
-            files = {name: _read(place, name) for name in names.values()}
+            files = {name: read_whole(place, name) for name in names.values()}
         values = {
             role: decode_file(layout, role, files[name], place.path(name), encodings) for role, name in names.items()
         }
@@ -334,7 +337,12 @@ def read_members(
     return contents
 
 
-def _read(place: Place, name: str) -> bytes:
+def read_whole(place: Place, name: str) -> bytes:
+    """Read a file of a dataset.
+
+    Raises:
+        ReadError: where it is missing, no plain file, or cannot be read.
+    """
     try:
         return place.read(name)
     except (FileNotFoundError, NotADirectoryError):
@@ -344,4 +352,4 @@ def _read(place: Place, name: str) -> bytes:
 
 
 def _read_json(place: Place, name: str) -> dict[str, Any]:
-    return JSON_OBJECT.decode(_read(place, name), place.path(name))
+    return JSON_OBJECT.decode(read_whole(place, name), place.path(name))

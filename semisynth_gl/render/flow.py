@@ -50,7 +50,9 @@ class FlowPass:
         targets = Targets(self._context, size, FLOW, self._read)
         # moderngl binds the framebuffer in use again after making a new one, so the old ones go last.
         targets.framebuffer.use()
-        self.release()
+        for outgrown in (self._then, self._targets):
+            if outgrown is not None:
+                outgrown.release()
         self._then, self._targets = then, targets
 
     def place(self, placed: Placed, motion: Motion, models: ModelBuffers) -> tuple[Placed, NDArray[np.void]]:
@@ -116,10 +118,3 @@ class FlowPass:
             self._gl.depth_func = "1" if number == 0 else "!="
             draw.render(moderngl.TRIANGLES, 3)
         return self._targets
-
-    def release(self) -> None:
-        """Free the targets."""
-        for targets in (self._then, self._targets):
-            if targets is not None:
-                targets.release()
-        self._then = self._targets = None

@@ -10,7 +10,7 @@ from typing import Any, cast
 from semisynth_gl.camera import EYES
 from semisynth_gl.config.model import digest_of
 from semisynth_gl.dataset.plan import Shard
-from semisynth_gl.dataset.reader import Index, read_members, read_record
+from semisynth_gl.dataset.reader import Index, read_members, read_record, read_whole
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file
 from semisynth_gl.dataset.schema import CARD, CROISSANT, INDEX, PARTIAL, PLAN, log_path, record_path, tar_path
 from semisynth_gl.errors import ReadError
@@ -112,11 +112,9 @@ class StoredShard:
         if self._index.layout.packed:
             return self._member(number, name)
         try:
-            return self._index.place.read(name)
-        except (FileNotFoundError, NotADirectoryError):
-            raise ReadError(Path(name), "is missing") from None
-        except OSError as error:
-            raise ReadError(Path(name), f"cannot be read: {error.strerror}") from None
+            return read_whole(self._index.place, name)
+        except ReadError as error:
+            raise ReadError(Path(name), error.reason) from None
 
     def check_digest(self, number: int, name: str, data: bytes, verdict: Verdict) -> None:
         """Compare the digest of a file outside tars with the record; a tar has one digest for all its files."""
@@ -138,8 +136,6 @@ def check_index(index: Index, verdict: Verdict) -> None:
     """Check the index against itself, and the files in the dataset's folder against the index."""
     if index.fault is not None:
         verdict.add("index", index.fault)
-    if not index.pairs:
-        verdict.add("index", f"{INDEX} lists no pair")
     digest, recorded = digest_of(index.config), index.values.get("config_sha256")
     if digest != recorded:
         verdict.add("index", f"config_values have the digest {digest[:12]}, config_sha256 is {recorded!s:.12}")
@@ -165,10 +161,7 @@ def check_index(index: Index, verdict: Verdict) -> None:
 
 def _check_list(index: Index, name: str, expected: bytes, verdict: Verdict) -> None:
     try:
-        data = index.place.read(name)
-    except FileNotFoundError:
-        verdict.add("files", f"{name} is missing")
-        return
+        data = read_whole(index.place, name)
     except ReadError as error:
         verdict.add("files", f"{name} {error.reason}")
         return
