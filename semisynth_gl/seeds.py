@@ -1,11 +1,12 @@
 """Random generators, one per purpose: a further draw for one purpose shifts no draw for another purpose."""
 
 import zlib
-from enum import IntEnum
+from enum import IntEnum, unique
 
 import numpy as np
 
 
+@unique
 class Purpose(IntEnum):
     """The purpose of a stream of random numbers. Datasets depend on the values: never renumber them."""
 
@@ -23,6 +24,7 @@ class Purpose(IntEnum):
     STRUCTURES = 11
     SWAY = 12
     CROP = 13
+    MIX = 16
 
 
 def generator(seed: int, purpose: Purpose, *keys: int | str) -> np.random.Generator:

@@ -23,7 +23,7 @@ from semisynth_gl.engines.task import threads_each
 from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.frame import Frame, View
 from semisynth_gl.generation.generate import generate
-from semisynth_gl.pairs.pipeline import Pair, PairRenderer
+from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render import context
 
 torch = heavy("torch")
@@ -119,7 +119,7 @@ def test_tensors_have_torchs_order_of_axes_and_types_that_it_works_with():
     ids = np.full((4, 5), 65535, np.uint16)
     left = View({"image": image, "disparity": flow[..., 0], "instances": ids, "flow": flow})
     frame = Frame(camera, left, View({"image": image}))
-    sample = to_sample(Pair(7, frame, {}))
+    sample = to_sample(7, frame)
     assert sample["index"] == 7
     assert sample["camera"] == {
         "focal_px": 6.0, "baseline_m": 0.25, "doffs_px": 1.0, "cx_left_px": 1.5, "cx_right_px": 2.5, "cy_px": 1.5,

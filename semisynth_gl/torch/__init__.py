@@ -1,4 +1,4 @@
-"""Pairs for PyTorch, rendered while a network trains: `StereoStream`.
+"""Pairs for PyTorch: rendered while a network trains, `StereoStream`; read, `StereoDataset`; mixed, `StereoMix`.
 
 No other room of the package imports torch.
 """
@@ -10,7 +10,19 @@ except ModuleNotFoundError as error:
         "semisynth_gl.torch needs PyTorch, which is not installed: pip install 'semisynth-gl[torch]'"
     ) from error
 
+from semisynth_gl.torch.dataset import StereoDataset
 from semisynth_gl.torch.dealing import Selection, TrainingProcess
+from semisynth_gl.torch.mix import StereoMix
+from semisynth_gl.torch.samples import Sample, collate
 from semisynth_gl.torch.stream import Hardware, StereoStream
 
-__all__ = ["Hardware", "Selection", "StereoStream", "TrainingProcess"]
+__all__ = [
+    "Hardware",
+    "Sample",
+    "Selection",
+    "StereoDataset",
+    "StereoMix",
+    "StereoStream",
+    "TrainingProcess",
+    "collate",
+]

@@ -1,19 +1,32 @@
-"""A pair as a dictionary of tensors."""
+"""A pair as a dictionary of tensors, its crop, and a batch of such dictionaries."""
 
+from collections.abc import Sequence
+from numbers import Integral
 from typing import Any
 
+import numpy as np
 import torch
+from torch.nn.functional import pad
+from torch.utils.data import default_collate
 
-from semisynth_gl.pairs.pipeline import Pair
+from semisynth_gl.arguments import check_type
+from semisynth_gl.camera import Crop
+from semisynth_gl.errors import InputError
+from semisynth_gl.frame import ROLES, Frame
+from semisynth_gl.seeds import Purpose, generator
 
 Sample = dict[str, Any]
-"""What a stream yields for a pair, before `transform`: see `to_sample`."""
+"""A pair as `StereoStream` and `StereoDataset` make it, before `transform`: see `to_sample`."""
 
 _CAMERA = ("focal_px", "baseline_m", "doffs_px", "cx_left_px", "cx_right_px", "cy_px")
 
 
-def to_sample(pair: Pair) -> Sample:
+def to_sample(index: int, frame: Frame) -> Sample:
     """Make a dictionary of a pair that default_collate can batch.
+
+    Args:
+        index: the pair's number in its split.
+        frame: rendered, or read from files.
 
     Returns:
         ``index``, int; ``camera``, a dictionary of floats (``focal_px``, ``baseline_m``, ``doffs_px`` and the principal
@@ -21,15 +34,101 @@ def to_sample(pair: Pair) -> Sample:
         uint8, normals as (3, H, W) float32, flow as (2, H, W) float32, ids as (H, W) int32, the rest as (H, W) of its
         own type.
     """
-    frame = pair.frame
     camera = {name: float(getattr(frame.camera, name)) for name in _CAMERA}
     tensors = {role: _tensor(array) for role, array in frame.arrays().items()}
-    return {"index": pair.index, "camera": camera, **tensors}
+    return {"index": index, "camera": camera, **tensors}
+
+
+def collate(samples: Sequence[Sample]) -> Sample:
+    """Batch samples whose sizes or keys differ: ``DataLoader(..., collate_fn=collate)``.
+
+    Smaller arrays get columns on the right and rows at the bottom, with the value that says "nothing": inf for
+    disparity, depth and flow, 0 for all else. The cameras stay true. Keys that some of the samples lack are left out.
+    For the rest this is PyTorch's default_collate.
+
+    Args:
+        samples: dictionaries, as `to_sample` makes them; further keys are batched by default_collate.
+
+    Returns:
+        ``left`` (B, 3, H, W), ``disparity_left`` (B, H, W) and so on, with the largest H and W of the batch.
+
+    Raises:
+        InputError: where a sample is no dictionary, as after a transform that returns something else.
+    """
+    for sample in samples:
+        check_type("a sample", sample, dict, "default_collate batches what is none")
+    return {
+        name: default_collate(_of_one_size(name, [sample[name] for sample in samples]))
+        for name in samples[0]
+        if all(name in sample for sample in samples)
+    }
+
+
+def check_transform(transform: object) -> None:
+    """Check that a transform is a function, or None.
+
+    Raises:
+        InputError: where it is not.
+    """
+    if transform is not None and not callable(transform):
+        raise InputError(f"transform must be a function of a sample, got {transform!r}")
+
+
+def check_crop(crop: Any, sides: tuple[int, int], whose: str) -> None:  # noqa: ANN401 - that is what it checks
+    """Check that a crop is (height, width) within images of ``sides``, (height, width).
+
+    Args:
+        crop: what a caller gave.
+        sides: height and width of the images, px.
+        whose: what has these sides, for the message.
+
+    Raises:
+        InputError: where it is not.
+    """
+    whole = isinstance(crop, Sequence) and len(crop) == 2 and all(isinstance(side, Integral) for side in crop)
+    if not whole or not all(1 <= side <= most for side, most in zip(crop, sides, strict=True)):
+        raise InputError(
+            f"crop: expected (height, width), whole numbers of up to {sides} px, which is what {whose} has, got "
+            f"{crop!r}"
+        )
+
+
+def draw_crop(crop: tuple[int, int], sides: tuple[int, int], seed: int, sequence: int, epoch: int = 0) -> Crop:
+    """Draw the place of a sequence's crop: all of its frames get one place, so that flow leads from one to the next.
+
+    Args:
+        crop: height and width, px.
+        sides: height and width of the images, px.
+        seed: of the split.
+        sequence: number of the sequence; without sequences, of the pair.
+        epoch: each has places of its own.
+    """
+    rng = generator(seed, Purpose.CROP, sequence, *([epoch] if epoch else []))
+    height, width = crop
+    x, y = rng.integers(sides[1] - width + 1), rng.integers(sides[0] - height + 1)
+    return Crop(int(x), int(y), int(width), int(height))
 
 
 def _tensor(array: Any) -> torch.Tensor:  # noqa: ANN401 - an array, or what a reader has made instead
+    if isinstance(array, np.ndarray):
+        # Arrays read from files may be views of the bytes, upside down or read-only; torch takes neither.
+        array = np.require(array, requirements=("C", "W"))
     tensor = torch.as_tensor(array)
     if tensor.dtype == torch.uint16:
         # torch can do next to nothing with it.
         tensor = tensor.to(torch.int32)
     return tensor.permute(2, 0, 1).contiguous() if tensor.ndim == 3 else tensor.contiguous()
+
+
+def _of_one_size(name: str, values: list[Any]) -> list[Any]:
+    """Pad the arrays of a role to the largest height and width; return all else as it is."""
+    if name not in ROLES:
+        return values
+    height, width = (max(value.shape[axis] for value in values) for axis in (-2, -1))
+    nothing = ROLES[name][1].nothing
+    return [
+        pad(value, (0, width - value.shape[-1], 0, height - value.shape[-2]), value=nothing)
+        if value.shape[-2:] != (height, width)
+        else value
+        for value in values
+    ]

@@ -5,35 +5,28 @@ Sample n of the stream is a pair of the dataset that the same config and seed gi
 """
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass
-from importlib.metadata import version
-from numbers import Integral
 from typing import Any, Literal, get_args
 
 import torch
-from torch.utils.data import IterableDataset, get_worker_info
+from torch.utils.data import get_worker_info
 
 from semisynth_gl.arguments import check_type, to_whole
-from semisynth_gl.camera import Crop
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.plan import abbreviate, differences
-from semisynth_gl.dataset.schema import PROGRAM
 from semisynth_gl.engines.task import THREADS, threads_each
 from semisynth_gl.errors import BackendError, InputError
-from semisynth_gl.pairs.pipeline import Pair, PairRenderer
+from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.context import BACKENDS, Backend
 from semisynth_gl.render.devices import egl_index_of_worker
 from semisynth_gl.render.readers import read_array
-from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.torch.dealing import Dealing, Selection, TrainingProcess, Worker
 from semisynth_gl.torch.interop import CudaReader
-from semisynth_gl.torch.samples import Sample, to_sample
+from semisynth_gl.torch.iteration import DealtDataset
+from semisynth_gl.torch.samples import Sample, check_crop, check_transform, draw_crop, to_sample
 
 TensorDevice = Literal["cpu", "cuda"]
-
-_STATE = {"yielded", "worker", "workers", "stream"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +56,7 @@ class Hardware:
             raise InputError(f"device: expected one of {', '.join(get_args(TensorDevice))}, got {self.device!r}")
 
 
-class StereoStream(IterableDataset[Any]):
+class StereoStream(DealtDataset):
     """Renders pairs one after the other, in the DataLoader's workers if it has any; writes no files.
 
     Samples are numbered from 0 on and never repeat within an iteration; each iteration begins at ``selection.first``.
@@ -109,119 +102,75 @@ class StereoStream(IterableDataset[Any]):
             ("hardware", hardware, Hardware),
         ):
             check_type(name, value, expected | None)
-        if transform is not None and not callable(transform):
-            raise InputError(f"transform must be a function of a sample, got {transform!r}")
-        self.config = config
-        self.seed = seed
         selection = selection or Selection()
-        self._frames = selection.frames_in(config.sequence.length)
-        self._crop = crop
-        self._checked = checked
-        self._transform = transform
-        self._process = process or TrainingProcess.current()
-        self._hardware = hardware or Hardware()
-        self._dealing = Dealing(selection.first, selection.pairs, batch_size, len(self._frames))
-        self._check()
+        source = RenderedPairs(
+            config, seed, selection, hardware or Hardware(), crop=crop, checked=checked, transform=transform
+        )
+        super().__init__(source, Dealing(selection.first, selection.pairs, batch_size, source.together), process)
+
+
+class RenderedPairs:
+    """The pairs of a config and a seed as a `Source`: sample n is rendered when it is asked for.
+
+    Args:
+        config: see `StereoStream`, as for the others.
+        seed: see there.
+        selection: split and frames of the pairs.
+        hardware: see `StereoStream`.
+        crop: see there.
+        checked: see there.
+        transform: see there.
+
+    Attributes:
+        together: number of frames of each sequence.
+        identity: all that decides what the samples are.
+
+    Raises:
+        InputError: where an argument cannot be used.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        seed: int,
+        selection: Selection,
+        hardware: Hardware,
+        *,
+        crop: tuple[int, int] | None,
+        checked: bool,
+        transform: Callable[[Sample], Any] | None,
+    ) -> None:
+        self._config, self._seed = config, seed
         self._split = config.splits.split(selection.split, selection.splits)
-        # All that decides which samples come, in JSON's types; ``pairs`` decides only where they end.
-        self._identity = {
-            "version": version(PROGRAM),
+        self._frames = selection.frames_in(config.sequence.length)
+        self._crop, self._checked, self._transform, self._hardware = crop, checked, transform, hardware
+        self._check()
+        self.together = len(self._frames)
+        self.identity = {
             "config": config.name,
             "config_sha256": config.digest(),
             "seed": seed,
             "split": selection.split,
             "splits": list(selection.splits),
-            "first": selection.first,
             "frames": list(self._frames),
-            "crop": crop and list(crop),
+            "crop": crop and [int(side) for side in crop],
             "checked": checked,
-            "batch_size": batch_size,
-            "rank": self._process.rank,
-            "world_size": self._process.world_size,
         }
-        self._resumed: tuple[int, Worker] | None = None
-        self._yielded: int | None = None
-
-    def __len__(self) -> int:
-        """Return the number of samples of this training process.
-
-        Raises:
-            TypeError: where the stream has no end.
-        """
-        samples = self._dealing.count(self._process)
-        if samples is None:
-            raise TypeError("a stream without pairs=... has no end and no length")
-        return samples
-
-    def __iter__(self) -> Iterator[Any]:
-        """Begin at the first sample, or, once, at the sample that follows a loaded state.
-
-        Raises:
-            InputError: where the state is another worker's, or workers shall yield CUDA tensors.
-        """
-        worker = _this_worker()
-        resumed, self._resumed = self._resumed, None
-        if resumed is not None and resumed[1] != worker:
-            raise InputError(
-                f"the state that was loaded is of worker {resumed[1].number} of {resumed[1].total}, and this is worker "
-                f"{worker.number} of {worker.total}: resume with the same number of workers through torchdata's "
-                "StatefulDataLoader, or select first=steps * batch_size * world_size"
-            )
-        if self._hardware.device == "cuda" and get_worker_info() is not None:
-            raise InputError("device='cuda' goes with num_workers=0 alone: tensors on a GPU do not leave their process")
-        self._yielded = 0 if resumed is None else resumed[0]
-        return self._samples(worker, self._yielded)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return the position of this process in the stream, and the stream's arguments, in JSON's types.
-
-        A worker's stream has a state of its own: torchdata's StatefulDataLoader gathers them.
-
-        Raises:
-            InputError: where this process has yielded nothing, since the loader's workers do.
-        """
-        if self._yielded is None:
-            raise InputError(
-                "this process has not begun to iterate over the stream: a loader's workers have copies of their own. "
-                "Ask torchdata's StatefulDataLoader for its state, or select first=steps * batch_size * world_size"
-            )
-        number, total = _this_worker()
-        return {"yielded": self._yielded, "worker": number, "workers": total, "stream": self._identity}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Let the next iteration go on after the samples that the state has yielded.
-
-        Args:
-            state: the result of `state_dict`.
-
-        Raises:
-            InputError: where the state is no stream's, or of a stream that yields other samples.
-        """
-        if not set(state) >= _STATE:
-            raise InputError(f"expected what state_dict() of a stream has returned, got the keys {sorted(state)}")
-        changed = differences(state["stream"], self._identity)
-        if changed:
-            raise InputError(
-                f"the state is of a stream that yields other samples: {abbreviate(changed)}. Make the stream as it was"
-            )
-        self._yielded = state["yielded"]
-        self._resumed = state["yielded"], Worker(state["worker"], state["workers"])
-
-    def _samples(self, worker: Worker, skipped: int) -> Iterator[Any]:
-        length = self.config.sequence.length
-        with self._open_renderer(worker) as render:
-            for yielded, number in enumerate(self._dealing.numbers(self._process, worker, skipped), skipped + 1):
-                sequence, frame = divmod(number, len(self._frames))
-                sample = to_sample(render(sequence * length + self._frames[frame], self._crop_for(sequence)))
-                result = sample if self._transform is None else self._transform(sample)
-                self._yielded = yielded
-                yield result
 
     @contextmanager
-    def _open_renderer(self, worker: Worker) -> Iterator[Callable[[int, Crop | None], Pair]]:
-        """Open this process's renderer; give a function that renders the pair of an index and a crop."""
+    def open(self, worker: Worker) -> Iterator[Callable[[int], Any]]:
+        """Open a worker's renderer; give a function from a sample's number to the sample.
+
+        Raises:
+            InputError: where workers shall yield CUDA tensors, or photographs or models cannot be used.
+            BackendError: where OpenGL cannot be used.
+        """
         name = "the stream"
         if get_worker_info() is not None:
+            if self._hardware.device == "cuda":
+                raise InputError(
+                    "device='cuda' goes with num_workers=0 alone: tensors on a GPU do not leave their process"
+                )
             name = f"worker {worker.number} of {worker.total}"
             os.environ.setdefault(THREADS, str(threads_each(worker.total)))
         gpus, backend = self._hardware.gpus, self._hardware.backend
@@ -231,34 +180,32 @@ class StereoStream(IterableDataset[Any]):
             reader = CudaReader(torch.device("cuda", gpus[0]))
         device_index = egl_index_of_worker(tuple(gpus), worker.number)
         try:
-            renderer = PairRenderer(self.config, self.seed, backend, self._split, device_index, reader or read_array)
+            renderer = PairRenderer(self._config, self._seed, backend, self._split, device_index, reader or read_array)
         except BackendError as error:
             raise BackendError(f"{name} cannot render: {error}") from error
         with renderer, nullcontext() if reader is None else closing(reader):
-            yield lambda index, crop: renderer.render(index, crop=crop, checked=self._checked)
+            yield lambda number: self._render(renderer, number)
 
-    def _crop_for(self, sequence: int) -> Crop | None:
-        """Draw the crop of a sequence: all of its frames at one place, so that flow leads from one to the next."""
-        if self._crop is None:
-            return None
-        height, width = self._crop
-        camera = self.config.camera
-        rng = generator(self._split.seed(self.seed), Purpose.CROP, sequence)
-        x, y = rng.integers(camera.width_px - width + 1), rng.integers(camera.height_px - height + 1)
-        return Crop(int(x), int(y), width, height)
+    def _render(self, renderer: PairRenderer, number: int) -> Any:  # noqa: ANN401 - what the transform returns
+        sequence, frame = divmod(number, len(self._frames))
+        crop = None
+        if self._crop is not None:
+            camera = self._config.camera
+            sides = camera.height_px, camera.width_px
+            crop = draw_crop(self._crop, sides, self._split.seed(self._seed), sequence)
+        index = sequence * self._config.sequence.length + self._frames[frame]
+        pair = renderer.render(index, crop=crop, checked=self._checked)
+        sample = to_sample(pair.index, pair.frame)
+        return sample if self._transform is None else self._transform(sample)
 
     def _check(self) -> None:
-        camera, hardware = self.config.camera, self._hardware
+        camera, hardware = self._config.camera, self._hardware
+        check_transform(self._transform)
         if self._crop is not None:
-            sides = camera.height_px, camera.width_px
-            if not _fits(self._crop, sides):
-                raise InputError(
-                    f"crop: expected (height, width), whole numbers of up to {sides} px, which is what the config's "
-                    f"camera has, got {self._crop!r}"
-                )
+            check_crop(self._crop, (camera.height_px, camera.width_px), "the config's camera")
         if hardware.device == "cpu":
             return
-        if self._checked or not self.config.imperfections.none():
+        if self._checked or not self._config.imperfections.none():
             raise InputError(
                 "device='cuda' needs checked=False and a config without imperfections, since checks and imperfections "
                 "work on arrays in the computer's memory: change that, or leave device out and let the loader pin "
@@ -269,15 +216,3 @@ class StereoStream(IterableDataset[Any]):
                 f"device='cuda' needs EGL and a GPU that torch finds, got backend={hardware.backend!r} and "
                 f"torch.cuda.is_available() {torch.cuda.is_available()}: leave device out"
             )
-
-
-def _fits(crop: object, sides: tuple[int, int]) -> bool:
-    """Whether a crop is (height, width) within an image of that height and width."""
-    if not isinstance(crop, Sequence) or len(crop) != 2 or not all(isinstance(side, Integral) for side in crop):
-        return False
-    return all(1 <= side <= most for side, most in zip(crop, sides, strict=True))
-
-
-def _this_worker() -> Worker:
-    info = get_worker_info()
-    return Worker() if info is None else Worker(info.id, info.num_workers)

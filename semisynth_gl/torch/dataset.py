@@ -1,0 +1,96 @@
+"""Written pairs for a training loop: `StereoDataset`, a map-style dataset over any layout."""
+
+from collections.abc import Callable, Mapping
+from copy import copy
+from os import PathLike
+from typing import Any
+
+from torch.utils.data import Dataset
+
+from semisynth_gl.arguments import to_whole
+from semisynth_gl.dataset.reader import open_dataset
+from semisynth_gl.frame import Frame
+from semisynth_gl.splits import Split, SplitName
+from semisynth_gl.torch.samples import Sample, check_crop, check_transform, draw_crop, to_sample
+
+
+class StereoDataset(Dataset[Any]):
+    """The pairs of a written dataset, in any layout: ``dataset[i]`` is the sample that `StereoStream` yields of it.
+
+    A sample is a dictionary, see `to_sample`. Files are read when a sample is asked for, and none stays open: it can be
+    pickled, and workers may be forked or spawned. It needs no OpenGL.
+
+    Args:
+        address: the dataset's folder, or an address that fsspec knows.
+        split: a split of the dataset; None for all pairs, training pairs first.
+        crop: height and width, px: read a crop of each pair; None for whole images.
+        seed: of the places of crops, which follow from it, the pair's sequence and the epoch; by default the dataset's
+            own, which gives the places of `StereoStream`.
+        transform: gets the sample, returns the object that the dataset has instead.
+
+    Attributes:
+        pairs: the dataset as `open_dataset` opens it: ``dataset.pairs[i].provenance`` says what made a pair.
+        identity: all that decides what the samples are, in JSON's types; not where the dataset lies.
+
+    Raises:
+        InputError: where the address has no dataset, the dataset is not finished or has no such split, or an argument
+            cannot be used.
+        ReadError: where a crop is asked for, and the first pair, whose size is looked up, cannot be read.
+    """
+
+    def __init__(
+        self,
+        address: str | PathLike[str],
+        split: SplitName | None = "train",
+        *,
+        crop: tuple[int, int] | None = None,
+        seed: int | None = None,
+        transform: Callable[[Sample], Any] | None = None,
+    ) -> None:
+        check_transform(transform)
+        self.pairs = open_dataset(address, split)
+        about = self.pairs.about
+        self._seed = int(about.values["seed"]) if seed is None else to_whole("a seed", seed, least=0)
+        self._length = int(about.number("sequence", "length") or 1)
+        self._crop, self._transform, self._epoch = crop, transform, 0
+        if crop is not None:
+            camera = self.pairs[0].camera
+            self._sides = camera.height_px, camera.width_px
+            check_crop(crop, self._sides, f"{about.place.address}")
+        made = ("version", "config", "config_sha256", "seed", "layout", "pairs")
+        self.identity: Mapping[str, Any] = {
+            "dataset": {name: about.values[name] for name in made},
+            "split": split,
+            "crop": crop and [int(side) for side in crop],
+            "crop_seed": self._seed,
+        }
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    def __getitem__(self, number: int) -> Any:  # noqa: ANN401 - what the transform returns
+        """Read a sample; its ``index`` is the pair's number in its split.
+
+        Raises:
+            InputError: where the number is no whole number, or a codec needs a package that is not installed.
+            IndexError: where the dataset has fewer pairs.
+            ReadError: where a file is missing, cut off or cannot be read.
+        """
+        number = to_whole("the number of a pair", number)
+        split, index = self.pairs.pair(number)
+        frame: Frame = self.pairs[number]
+        if self._crop is not None:
+            seed = Split(split).seed(self._seed)
+            frame = frame.cropped(draw_crop(self._crop, self._sides, seed, index // self._length, self._epoch))
+        sample = to_sample(index, frame)
+        return sample if self._transform is None else self._transform(sample)
+
+    def at_epoch(self, epoch: int) -> "StereoDataset":
+        """Return this dataset with the crops of an epoch, counted from 0; each epoch has places of its own.
+
+        Raises:
+            InputError: where the epoch is no whole number of 0 or more.
+        """
+        other = copy(self)
+        other._epoch = to_whole("an epoch", epoch, least=0)  # noqa: SLF001 - its own
+        return other

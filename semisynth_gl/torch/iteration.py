@@ -1,0 +1,138 @@
+"""What `StereoStream` and `StereoMix` have in common: numbered samples, dealt out, iterated over and resumed."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager
+from importlib.metadata import version
+from typing import Any, Protocol
+
+from torch.utils.data import IterableDataset, get_worker_info
+
+from semisynth_gl.dataset.plan import abbreviate, differences
+from semisynth_gl.dataset.schema import PROGRAM
+from semisynth_gl.errors import InputError
+from semisynth_gl.torch.dealing import Dealing, TrainingProcess, Worker
+
+_STATE = {"yielded", "worker", "workers", "stream"}
+
+
+class Source(Protocol):
+    """Samples that have numbers: any process can make each of them from its number alone.
+
+    Goes to worker processes by pickling: it holds settings, and opens its resources when it is entered.
+    """
+
+    @property
+    def together(self) -> int:
+        """How many successive samples one worker should make, such as the frames of a sequence."""
+
+    @property
+    def identity(self) -> Mapping[str, Any]:
+        """All that decides what the samples are, in JSON's types."""
+
+    def open(self, worker: Worker) -> AbstractContextManager[Callable[[int], Any]]:
+        """Open the resources in a worker; give a function from a sample's number to the sample."""
+
+
+class DealtDataset(IterableDataset[Any]):
+    """The samples of a source, dealt out to the loader's workers and to the training processes.
+
+    Args:
+        source: makes the samples.
+        dealing: says who gets which.
+        process: the training process; by default the process that torch.distributed says.
+
+    Attributes:
+        source: as given.
+        dealing: as given.
+    """
+
+    def __init__(self, source: Source, dealing: Dealing, process: TrainingProcess | None) -> None:
+        self.source = source
+        self.dealing = dealing
+        self._process = process or TrainingProcess.current()
+        # All that decides which samples come; the number of samples decides only where they end.
+        self._identity = {
+            "version": version(PROGRAM),
+            **source.identity,
+            "first": dealing.first,
+            "batch_size": dealing.batch,
+            "rank": self._process.rank,
+            "world_size": self._process.world_size,
+        }
+        self._resumed: tuple[int, Worker] | None = None
+        self._yielded: int | None = None
+
+    def __len__(self) -> int:
+        """Return the number of samples of this training process.
+
+        Raises:
+            TypeError: where the stream has no end.
+        """
+        samples = self.dealing.count(self._process)
+        if samples is None:
+            raise TypeError("a stream without pairs=... has no end and no length")
+        return samples
+
+    def __iter__(self) -> Iterator[Any]:
+        """Begin at the first sample, or, once, at the sample that follows a loaded state.
+
+        Raises:
+            InputError: where the state is another worker's.
+        """
+        worker = _this_worker()
+        resumed, self._resumed = self._resumed, None
+        if resumed is not None and resumed[1] != worker:
+            raise InputError(
+                f"the state that was loaded is of worker {resumed[1].number} of {resumed[1].total}, and this is worker "
+                f"{worker.number} of {worker.total}: resume with the same number of workers through torchdata's "
+                "StatefulDataLoader, or select first=steps * batch_size * world_size"
+            )
+        self._yielded = 0 if resumed is None else resumed[0]
+        return self._samples(worker, self._yielded)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the position of this process in the stream, and the stream's arguments, in JSON's types.
+
+        A worker's stream has a state of its own: torchdata's StatefulDataLoader gathers them.
+
+        Raises:
+            InputError: where this process has yielded nothing, since the loader's workers do.
+        """
+        if self._yielded is None:
+            raise InputError(
+                "this process has not begun to iterate over the stream: a loader's workers have copies of their own. "
+                "Ask torchdata's StatefulDataLoader for its state, or select first=steps * batch_size * world_size"
+            )
+        number, total = _this_worker()
+        return {"yielded": self._yielded, "worker": number, "workers": total, "stream": self._identity}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Let the next iteration go on after the samples that the state has yielded.
+
+        Args:
+            state: the result of `state_dict`.
+
+        Raises:
+            InputError: where the state is no stream's, or of a stream that yields other samples.
+        """
+        if not set(state) >= _STATE:
+            raise InputError(f"expected what state_dict() of a stream has returned, got the keys {sorted(state)}")
+        changed = differences(state["stream"], self._identity)
+        if changed:
+            raise InputError(
+                f"the state is of a stream that yields other samples: {abbreviate(changed)}. Make the stream as it was"
+            )
+        self._yielded = state["yielded"]
+        self._resumed = state["yielded"], Worker(state["worker"], state["workers"])
+
+    def _samples(self, worker: Worker, skipped: int) -> Iterator[Any]:
+        with self.source.open(worker) as read:
+            for yielded, number in enumerate(self.dealing.numbers(self._process, worker, skipped), skipped + 1):
+                sample = read(number)
+                self._yielded = yielded
+                yield sample
+
+
+def _this_worker() -> Worker:
+    info = get_worker_info()
+    return Worker() if info is None else Worker(info.id, info.num_workers)

@@ -1,0 +1,216 @@
+"""Streams and datasets mixed in shares: `StereoMix`.
+
+The source of sample n, and the number of its sample, follow from the seed and n alone, so any worker can make any
+sample, and a mix goes on anywhere at once.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from fractions import Fraction
+from itertools import accumulate
+from math import lcm
+from typing import Any
+
+import numpy as np
+from torch.utils.data import Dataset, IterableDataset
+
+from semisynth_gl.arguments import check_real, check_type, to_whole
+from semisynth_gl.errors import InputError
+from semisynth_gl.seeds import Purpose, generator
+from semisynth_gl.torch.dataset import StereoDataset
+from semisynth_gl.torch.dealing import Dealing, TrainingProcess, Worker
+from semisynth_gl.torch.iteration import DealtDataset, Source
+
+_WINDOW = 256
+"""Turns whose order is drawn at once."""
+_UNIT = 2**32
+_GOLDEN = 2654435769
+"""The golden section of `_UNIT`: its multiples are spread more evenly than those of any other number."""
+
+
+class StereoMix(DealtDataset):
+    """Mixes streams and datasets in shares; an IterableDataset that is dealt out and resumed as `StereoStream` is.
+
+    Sample n is the next one of a source that the seed and n decide. Shares are exact in the long run: of each 256
+    successive samples a source of share s has 256 s, rounded up or down, and what falls short is made up for. Datasets
+    are read over and over, each time in another order and, of a `StereoDataset`, with the crops of another epoch;
+    streams go on, or begin again where they have an end. The batch size and the process of a stream that is mixed do
+    not count.
+
+    Args:
+        sources: each a `StereoStream`, a `StereoDataset`, another map-style dataset or a `StereoMix`, with its share, a
+            number above 0; what counts are the ratios.
+        seed: of the mix and of the orders of datasets, 0 or more.
+        first: number of the first sample. To go on with a mix that began at 0, take
+            ``steps * batch_size * world_size``.
+        pairs: number of samples, of all training processes together; None for no end.
+        batch_size: the DataLoader's: batches then consist of successive samples, and come in order.
+        process: the training process; by default the process that torch.distributed says.
+
+    Raises:
+        InputError: where an argument cannot be used.
+    """
+
+    def __init__(
+        self,
+        sources: Sequence[tuple[Dataset[Any], float]],
+        seed: int = 0,
+        *,
+        first: int = 0,
+        pairs: int | None = None,
+        batch_size: int = 1,
+        process: TrainingProcess | None = None,
+    ) -> None:
+        seed = to_whole("a seed", seed, least=0)
+        first = to_whole("first, the number of a sample,", first, least=0)
+        if pairs is not None:
+            pairs = to_whole("pairs (None for a mix without end)", pairs, least=1)
+        batch_size = to_whole("batch_size, the loader's,", batch_size, least=1)
+        check_type("process", process, TrainingProcess | None)
+        source = MixedSamples(sources, seed)
+        super().__init__(source, Dealing(first, pairs, batch_size, source.together), process)
+
+
+class MixedSamples:
+    """Samples of several sources as one `Source`.
+
+    Args:
+        sources: see `StereoMix`.
+        seed: see there.
+
+    Attributes:
+        together: how many successive samples come from one source: as many as keep each source's together.
+        identity: all that decides what the samples are.
+
+    Raises:
+        InputError: where an argument cannot be used.
+    """
+
+    def __init__(self, sources: Sequence[tuple[Dataset[Any], float]], seed: int) -> None:
+        check_type("sources", sources, Sequence, "a list of (source, share)")
+        if not sources:
+            raise InputError("sources: expected at least one (source, share), got none")
+        for pair in sources:
+            if not isinstance(pair, tuple) or len(pair) != 2:
+                raise InputError(f"sources: expected pairs of (source, share), got {pair!r:.80}")
+            check_real("a share", pair[1])
+            if pair[1] <= 0:
+                raise InputError(f"a share must be above 0, got {pair[1]}: leave the source out")
+        total = sum(Fraction(share) for _, share in sources)
+        self._shares = [Fraction(share) / total for _, share in sources]
+        self._parts = [_dealt(source, seed, place) for place, (source, _) in enumerate(sources)]
+        self._seed = seed
+        self.together = lcm(*(part.source.together for part in self._parts))
+        self.identity = {
+            "seed": seed,
+            "sources": {
+                str(place): {
+                    **part.source.identity,
+                    "first": part.dealing.first,
+                    "pairs": part.dealing.samples,
+                    "share": float(share),
+                }
+                for place, (part, share) in enumerate(zip(self._parts, self._shares, strict=True))
+            },
+        }
+
+    @contextmanager
+    def open(self, worker: Worker) -> Iterator[Callable[[int], Any]]:
+        """Open all sources in a worker; give a function from a sample's number to the sample."""
+        turns = Turns(self._shares, self._seed)
+        with ExitStack() as stack:
+            reads = [stack.enter_context(part.source.open(worker)) for part in self._parts]
+
+            def read(number: int) -> Any:  # noqa: ANN401 - a sample of any source
+                turn, within = divmod(number, self.together)
+                place, earlier = turns[turn]
+                drawn, dealing = earlier * self.together + within, self._parts[place].dealing
+                if dealing.samples is not None:
+                    drawn %= dealing.samples
+                return reads[place](dealing.first + drawn)
+
+            yield read
+
+
+class Turns:
+    """Whose turn it is: a sequence without end of sources, in which each has its share.
+
+    Turns are drawn in windows of 256. Over each window stand 256 points at equal distances, a source gets those that
+    fall into its share, and the seed decides on their order. From window to window the points are shifted by the golden
+    section, so that what falls short in one window is made up for in another.
+
+    Args:
+        shares: of the sources; their sum is 1.
+        seed: 0 or more.
+    """
+
+    def __init__(self, shares: Sequence[Fraction], seed: int) -> None:
+        self._ends = np.array([round(end * _WINDOW * _UNIT) for end in accumulate(shares)], np.int64)
+        self._seed = seed
+        self._offset = int(generator(seed, Purpose.MIX).integers(_UNIT))
+        self._draw(0)
+
+    def __getitem__(self, turn: int) -> tuple[int, int]:
+        """Return the source whose turn it is, and how many turns it has had before."""
+        window, within = divmod(turn, _WINDOW)
+        if window != self._window:
+            self._draw(window)
+        return int(self._sources[within]), int(self._earlier[within])
+
+    def _draw(self, window: int) -> None:
+        """Work out the turns of a window from those of all windows before it."""
+        phases = (self._offset + np.arange(window + 1, dtype=np.int64) * _GOLDEN) % _UNIT
+        # How many of a window's points, which stand at phase + k * _UNIT, are below the end of each source's share.
+        below = (self._ends[:, None] - phases + _UNIT - 1) // _UNIT
+        counts = np.diff(below, axis=0, prepend=0)
+        rng = generator(self._seed, Purpose.MIX, window)
+        self._sources = rng.permutation(np.repeat(np.arange(len(counts)), counts[:, -1]))
+        self._earlier = np.empty(_WINDOW, np.int64)
+        for source, before in enumerate(counts[:, :-1].sum(axis=1)):
+            own = self._sources == source
+            self._earlier[own] = before + np.arange(np.count_nonzero(own))
+        self._window = window
+
+
+class _Passes:
+    """A map-style dataset as a `Source`: read over and over, each pass in an order of its own."""
+
+    together = 1
+
+    def __init__(self, dataset: Dataset[Any], length: int, seed: int, place: int) -> None:
+        self._dataset, self._length, self._seed, self._place = dataset, length, seed, place
+        ours = dataset.identity if isinstance(dataset, StereoDataset) else {"dataset": type(dataset).__qualname__}
+        self.identity: Mapping[str, Any] = {**ours, "length": length}
+
+    @contextmanager
+    def open(self, _: Worker) -> Iterator[Callable[[int], Any]]:
+        """Give a function from a sample's number to the sample; nothing has to be opened."""
+        current, order, dataset = -1, np.arange(0), self._dataset
+
+        def read(number: int) -> Any:  # noqa: ANN401 - whatever the dataset has
+            nonlocal current, order, dataset
+            turn, within = divmod(number, self._length)
+            if turn != current:
+                order = generator(self._seed, Purpose.MIX, self._place, turn).permutation(self._length)
+                if isinstance(self._dataset, StereoDataset):
+                    dataset = self._dataset.at_epoch(turn)
+                current = turn
+            return dataset[int(order[within])]
+
+        yield read
+
+
+def _dealt(source: object, seed: int, place: int) -> DealtDataset:
+    """Return a stream or a mix as it is, and a map-style dataset as a stream of its passes."""
+    if isinstance(source, DealtDataset):
+        return source
+    if not isinstance(source, Dataset) or isinstance(source, IterableDataset) or not hasattr(source, "__len__"):
+        raise InputError(
+            "sources: expected a StereoStream, a StereoDataset, a StereoMix or another map-style dataset of "
+            f"PyTorch's with a length, got {source!r:.80}"
+        )
+    length = len(source)
+    if length < 1:
+        raise InputError(f"sources: expected a dataset with samples, got {source!r:.80}, which has none")
+    passes: Source = _Passes(source, length, seed, place)
+    return DealtDataset(passes, Dealing(0, None, 1, 1), TrainingProcess())

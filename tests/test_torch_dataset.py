@@ -1,0 +1,251 @@
+"""Written datasets for PyTorch: the stream's samples, in any layout, in workers, in batches of any sizes."""
+
+import pickle
+
+import numpy as np
+import pytest
+from hand_made_datasets import config_of, write_dataset
+from hand_made_pairs import CAMERA, make_frame
+from heavy import heavy
+from tiny_datasets import cheap
+
+from semisynth_gl.camera import Crop
+from semisynth_gl.dataset.reader import open_dataset
+from semisynth_gl.errors import InputError
+from semisynth_gl.frame import OUTPUTS, ROLES
+from semisynth_gl.generation.generate import generate
+from semisynth_gl.layouts import layout_names
+
+torch = heavy("torch")
+pytestmark = pytest.mark.heavy
+
+from torch.utils.data import ConcatDataset, DataLoader, Subset, get_worker_info  # noqa: E402 - torch is optional
+
+from semisynth_gl.torch import Hardware, Selection, StereoDataset, StereoStream, collate  # noqa: E402
+
+TIMEOUT_S = 120
+SEED = 3
+CROP = (20, 30)
+SPLITS = {"train": 4, "test": 2}
+# Half a step of the files, and of JPEG the levels that it was seen to be off here, and one more.
+ROUNDING = {
+    "kitti": {"disparity": 1 / 512, "flow": 1 / 128, "flow_backward": 1 / 128},
+    "crestereo": {"disparity": 1 / 64, "image": 5},
+}
+
+
+def same(sample, other):
+    return (
+        list(sample) == list(other)
+        and all(sample[name] == other[name] for name in ("index", "camera"))
+        and all(torch.equal(sample[name], other[name]) for name in sample if name in ROLES)
+    )
+
+
+@pytest.fixture(scope="module")
+def moving():
+    """A config of sequences with every output."""
+    return cheap(sequence={"length": 2}, outputs=list(OUTPUTS))
+
+
+@pytest.fixture(scope="module")
+def streamed(moving):
+    """What the stream yields, by split and crop."""
+    return {
+        (split, crop): list(StereoStream(moving, SEED, Selection(split, tuple(SPLITS), pairs=pairs), crop=crop))
+        for split, pairs in SPLITS.items()
+        for crop in ((None, CROP) if split == "train" else (CROP,))
+    }
+
+
+@pytest.fixture(scope="module")
+def hand_made(tmp_path_factory):
+    """Seven training pairs and three of a test split, as tars."""
+    folder = tmp_path_factory.mktemp("hand-made")
+    write_dataset(folder, "webdataset", {"train": 7, "test": 3}, 3)
+    return folder
+
+
+@pytest.mark.parametrize("backend", ["egl"], indirect=True)
+@pytest.mark.parametrize("layout", layout_names())
+def test_a_dataset_has_the_samples_of_the_stream(backend, moving, streamed, layout, tmp_path):
+    generate(moving, tmp_path / "set", SPLITS, SEED, layout=layout, backend=backend)
+    rounding = ROUNDING.get(layout, {})
+    for (split, crop), wanted in streamed.items():
+        dataset = StereoDataset(tmp_path / "set", split, crop=crop)
+        assert len(dataset) == SPLITS[split]
+        for sample, stored in zip(wanted, dataset, strict=True):
+            assert list(stored) == list(sample)
+            assert stored["index"] == sample["index"]
+            assert stored["camera"] == sample["camera"]
+            compared = 0
+            for role, (_, channel) in ROLES.items():
+                tensor, other = sample[role], stored[role]
+                assert (other.dtype, other.shape, other.is_contiguous()) == (tensor.dtype, tensor.shape, True)
+                atol = rounding.get(channel.name, 0)
+                np.testing.assert_allclose(other.double(), tensor.double(), rtol=0, atol=atol, err_msg=role)
+                compared += 1
+            assert compared == 22
+
+
+@pytest.mark.parametrize("layout", ["webdataset", "middlebury", "kitti"])
+def test_an_object_store_is_read_like_a_folder(layout, tmp_path):
+    pytest.importorskip("fsspec")
+    address = f"memory://{tmp_path.name}-{layout}"
+    for place in (address, tmp_path):
+        # KITTI's files have encodings and outputs of their own.
+        write_dataset(place, layout, {"train": 3}, 2, config_of(outputs=["visibility", "instances"]))
+    there, here = StereoDataset(address), StereoDataset(tmp_path)
+    assert [same(sample, other) for sample, other in zip(there, here, strict=True)] == [True] * 3
+
+
+def test_samples_are_what_was_written_and_stay_so(hand_made):
+    dataset = StereoDataset(hand_made)
+    for index, sample in enumerate(dataset):
+        arrays = make_frame(index, ("visibility",)).arrays()
+        assert set(sample) == {"index", "camera", *arrays}
+        assert (sample["index"], sample["camera"]["baseline_m"]) == (index, CAMERA.baseline_m)
+        for role, array in arrays.items():
+            found = sample[role].numpy()
+            np.testing.assert_array_equal(found.transpose(1, 2, 0) if found.ndim == 3 else found, array)
+            sample[role].zero_()  # as code that changes its batch does
+    assert dataset[-1]["left"].any()
+    assert same(dataset[-1], dataset[6])
+    assert dataset.pairs[2].provenance["pair"] == 2
+
+
+def test_a_split_is_chosen(hand_made):
+    assert [sample["index"] for sample in StereoDataset(hand_made, "test")] == [0, 1, 2]
+    assert [sample["index"] for sample in StereoDataset(hand_made, None)] == [*range(7), 0, 1, 2]
+    with pytest.raises(InputError, match="expected a split of train, test, got 'validation'"):
+        StereoDataset(hand_made, "validation")
+
+
+def place_of(sample, whole):
+    """Where a crop was cut, by its camera."""
+    x, y = (whole["camera"][name] - sample["camera"][name] for name in ("cx_left_px", "cy_px"))
+    return Crop(round(x), round(y), CROP[1], CROP[0])
+
+
+def test_crops_are_parts_that_the_seed_and_the_epoch_choose(hand_made):
+    whole, crops = StereoDataset(hand_made), StereoDataset(hand_made, crop=CROP)
+
+    def places(dataset):
+        return [place_of(sample, pair) for sample, pair in zip(dataset, whole, strict=True)]
+
+    first = places(crops)
+    for place, sample, stored in zip(first, crops, open_dataset(hand_made, "train"), strict=True):
+        for role, array in stored.cropped(place).arrays().items():
+            found = sample[role].numpy()
+            np.testing.assert_array_equal(found.transpose(1, 2, 0) if found.ndim == 3 else found, array)
+    assert len(set(first)) == 7
+    assert places(crops) == places(crops.at_epoch(0)) == places(StereoDataset(hand_made, crop=CROP, seed=SEED)) == first
+    others = [places(crops.at_epoch(epoch)) for epoch in (1, 2)]
+    others += [places(StereoDataset(hand_made, crop=CROP, seed=SEED + 1))]
+    others += [places(StereoDataset(hand_made, crop=CROP, seed=SEED + 1).at_epoch(1))]
+    assert len({*map(tuple, [first, *others])}) == 5
+    assert places(crops) == first  # at_epoch made another dataset
+    test = StereoDataset(hand_made, "test", crop=CROP)
+    assert [place_of(*both) for both in zip(test, StereoDataset(hand_made, "test"), strict=True)] != first[:3]
+
+
+def by_worker(sample):
+    """A transform that spawned workers find."""
+    sample["worker"] = get_worker_info().id
+    return sample
+
+
+@pytest.mark.parametrize("backend", ["egl"], indirect=True)
+@pytest.mark.parametrize(("way", "workers"), [("fork", 3), ("spawn", 2)])
+def test_workers_read_what_this_process_reads(backend, hand_made, way, workers):
+    # Forked from a process that has drawn: a dataset needs no OpenGL.
+    next(iter(StereoStream(cheap(), hardware=Hardware(backend))))
+    here = StereoDataset(hand_made, None, crop=CROP)
+    wanted = list(here)
+    dataset = StereoDataset(hand_made, None, crop=CROP, transform=by_worker)
+    batches = DataLoader(dataset, 2, num_workers=workers, multiprocessing_context=way, timeout=TIMEOUT_S)
+    at, seen = 0, set()
+    for batch in batches:
+        seen.update(batch.pop("worker").tolist())
+        for number, index in enumerate(batch["index"].tolist()):
+            assert index == wanted[at]["index"]
+            for name in set(batch) - {"index", "camera"}:
+                assert torch.equal(batch[name][number], wanted[at][name]), name
+            at += 1
+    assert at == 10
+    assert seen == set(range(workers))
+
+
+def test_a_dataset_travels(hand_made):
+    dataset = StereoDataset(hand_made, crop=CROP).at_epoch(3)
+    dataset[0]
+    for travelled in (pickle.loads(pickle.dumps(dataset)), Subset(dataset, range(7))):  # noqa: S301 - pickled here
+        assert all(same(sample, other) for sample, other in zip(dataset, travelled, strict=True))
+
+
+def test_datasets_are_put_together_and_batched(hand_made, tmp_path):
+    write_dataset(tmp_path, "eth3d", {"train": 3}, 2, config_of(name="other", outputs=["visibility", "depth"]))
+    both = ConcatDataset([StereoDataset(hand_made, crop=CROP), StereoDataset(tmp_path, crop=CROP)])
+    assert len(both) == 10
+    assert same({**both[8]}, StereoDataset(tmp_path, crop=CROP)[1])
+    batches = list(DataLoader(both, batch_size=5, collate_fn=collate))
+    assert [batch["index"].tolist() for batch in batches] == [[0, 1, 2, 3, 4], [5, 6, 0, 1, 2]]
+    # Depth is in the second dataset alone.
+    assert all("depth_left" not in batch and batch["left"].shape == (5, 3, *CROP) for batch in batches)
+    default = next(iter(DataLoader(Subset(both, [0, 1]), batch_size=2)))
+    assert set(default) == set(batches[0])
+
+
+def test_what_lacks_pixels_is_filled_with_nothing(hand_made):
+    small, large = StereoDataset(hand_made, crop=CROP)[0], StereoDataset(hand_made)[1]
+    small["weight"], large["weight"] = 0.5, 1.5
+    large["only here"] = 1
+    for samples in ([small, large], [large, small]):
+        batch = collate(samples)
+        assert set(batch) == set(small)
+        assert batch["weight"].tolist() == [sample["weight"] for sample in samples]
+        assert batch["camera"]["cx_left_px"].tolist() == [sample["camera"]["cx_left_px"] for sample in samples]
+        for name in set(small) & set(ROLES):
+            assert batch[name].dtype == small[name].dtype
+            assert batch[name].shape[-2:] == large[name].shape[-2:]
+            at = samples.index(small)
+            assert torch.equal(batch[name][at][..., : CROP[0], : CROP[1]], small[name])
+            assert torch.equal(batch[name][1 - at], large[name])
+            filled = torch.ones(batch[name].shape[-2:], dtype=torch.bool)
+            filled[: CROP[0], : CROP[1]] = False
+            assert (batch[name][at][..., filled] == (torch.inf if name.startswith("disparity") else 0)).all(), name
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"crop": (33, 10)}, r"up to \(32, 48\) px, which is what .*hand-made.* has, got \(33, 10\)"),
+        ({"crop": (0, 10)}, r"got \(0, 10\)"),
+        ({"crop": 10}, "got 10"),
+        ({"crop": (10.0, 10)}, r"got \(10.0, 10\)"),
+        ({"seed": -1}, "seed must be 0 or more, got -1"),
+        ({"seed": "3"}, "seed must be a whole number"),
+        ({"transform": "crop"}, "transform must be a function of a sample, got 'crop'"),
+        ({"split": "val"}, "expected a split of train, test, got 'val'"),
+    ],
+)
+def test_arguments_that_cannot_be_used_are_refused(hand_made, options, message):
+    with pytest.raises(InputError, match=message):
+        StereoDataset(hand_made, **options)
+
+
+def test_what_is_no_dataset_pair_or_sample_is_refused(hand_made, tmp_path):
+    with pytest.raises(InputError, match="no such folder"):
+        StereoDataset(tmp_path / "none")
+    with pytest.raises(InputError, match="address must be a str or PathLike, got 3"):
+        StereoDataset(3)
+    dataset = StereoDataset(hand_made)
+    with pytest.raises(IndexError):
+        dataset[7]
+    for number in ("0", 1.0, slice(2)):
+        with pytest.raises(InputError, match="number of a pair must be a whole number"):
+            dataset[number]
+    with pytest.raises(InputError, match="epoch must be 0 or more"):
+        dataset.at_epoch(-1)
+    with pytest.raises(InputError, match=r"a sample must be a dict, got \(.*default_collate"):
+        collate([(1, 2)])
