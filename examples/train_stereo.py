@@ -22,10 +22,8 @@ from numpy.typing import NDArray
 
 from semisynth_gl.bench.summary import machine_facts
 from semisynth_gl.config import load_config
-from semisynth_gl.dataset.reader import Dataset, open_dataset
 from semisynth_gl.errors import InputError, SemisynthError
 from semisynth_gl.histogram import PixelCount
-from semisynth_gl.splits import SPLITS
 
 try:
     import torch
@@ -49,52 +47,6 @@ _BIN_PX = 0.25
 _REFUSED = 2
 
 Sample = dict[str, Tensor]
-
-
-class Crops(data.Dataset[Sample]):
-    """Random crops of a dataset's pairs: sample i is the same in every run, whatever the number of workers.
-
-    Args:
-        pairs: of one size.
-        crop: (height, width), px.
-        samples: how many.
-        seed: of the order of pairs and the places of crops.
-
-    Raises:
-        InputError: where there are no pairs, or they are smaller than the crop.
-    """
-
-    def __init__(self, pairs: Dataset, crop: tuple[int, int], samples: int, seed: int) -> None:
-        if not len(pairs):
-            raise InputError(f"{pairs.about.place.address}: holds no pair")
-        self.pairs, self.crop, self.samples, self.seed = pairs, crop, samples, seed
-        # What would fail is told before workers start.
-        self[0]
-
-    def __len__(self) -> int:
-        return self.samples
-
-    def __getitem__(self, number: int) -> Sample:
-        """Read a crop: ``left`` and ``right`` (3, H, W) uint8, ``disparity_left`` (H, W) float32 px."""
-        if not 0 <= number < self.samples:
-            raise IndexError(number)
-        turn, place = divmod(number, len(self.pairs))
-        order = np.random.default_rng((self.seed, turn)).permutation(len(self.pairs))
-        frame = self.pairs[int(order[place])]
-        height, width = frame.left.disparity.shape
-        if height < self.crop[0] or width < self.crop[1]:
-            raise InputError(
-                f"{self.pairs.about.place.address}: pairs have {width} x {height} pixels, expected at least --crop "
-                f"{self.crop[0]} {self.crop[1]} (height, width); give a smaller one"
-            )
-        rng = np.random.default_rng((self.seed, turn, place))
-        top, left = (int(rng.integers(0, room + 1)) for room in (height - self.crop[0], width - self.crop[1]))
-        window = slice(top, top + self.crop[0]), slice(left, left + self.crop[1])
-        return {
-            "left": _image(frame.left.image[window]),
-            "right": _image(frame.right.image[window]),
-            "disparity_left": torch.from_numpy(np.array(frame.left.disparity[window], np.float32)),
-        }
 
 
 def _image(pixels: NDArray[np.uint8]) -> Tensor:
@@ -234,7 +186,7 @@ def find_device(name: str) -> torch.device:
 
 
 def needed(sample: dict[str, Any]) -> Sample:
-    """Drop what the stream yields beside what is learnt from."""
+    """Drop what a sample has beside what is learnt from."""
     return {name: sample[name] for name in ("left", "right", "disparity_left")}
 
 
@@ -255,9 +207,9 @@ def open_source(
     Raises:
         InputError: where it cannot be used.
     """
-    if source == STREAM:
-        from semisynth_gl.torch import Selection, StereoStream  # noqa: PLC0415 - a dataset needs no renderer
+    from semisynth_gl.torch import Selection, StereoDataset, StereoMix, StereoStream  # noqa: PLC0415 - they load OpenGL
 
+    if source == STREAM:
         made_of = load_config(config, list(settings))
         # A crop is rendered alone where the rest of its pair need not be looked at.
         stream: data.Dataset[Sample] = StereoStream(
@@ -272,10 +224,11 @@ def open_source(
         return stream
     if settings or config != str(_CONFIG):
         raise InputError(f"--config and --set are the stream's, and --data {source} is a dataset: leave them out")
-    dataset = open_dataset(source)
-    if len(dataset.about.pairs) > 1:
-        dataset = open_dataset(source, SPLITS[0])
-    return Crops(dataset, crop, steps * batch, seed)
+    # A mix of one dataset reads it over and over, each time with other crops in another order.
+    passes: data.Dataset[Sample] = StereoMix(
+        [(StereoDataset(source, crop=crop, transform=needed), 1)], seed, pairs=steps * batch, batch_size=batch
+    )
+    return passes
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})

@@ -12,6 +12,7 @@ from heavy import heavy
 torch = heavy("torch")
 pytestmark = pytest.mark.heavy
 ROOT = Path(__file__).resolve().parents[1]
+CONFIG = ROOT / "examples" / "small-rooms.yaml"
 sys.path.insert(0, str(ROOT / "examples"))
 
 import stereo_evaluation as evaluation  # noqa: E402 - found by the line above
@@ -54,7 +55,7 @@ def dataset(tmp_path_factory):
     if backend_fault("auto"):
         pytest.skip("no OpenGL here")
     folder = tmp_path_factory.mktemp("train") / "pairs"
-    generate(load_config(train_stereo.__file__.replace("train_stereo.py", "small-rooms.yaml"), SMALL), folder, 3, 0)
+    generate(load_config(CONFIG, SMALL), folder, 3, 0)
     return folder
 
 
@@ -164,15 +165,20 @@ def test_scores_of_the_true_level_cost_least():
 # --- training ---
 
 
+def crops_of(folder, crop, steps, batch=1):
+    """What is trained on, of a dataset."""
+    return train_stereo.open_source(str(folder), str(CONFIG), (), crop, steps, batch, seed=3)
+
+
 def test_crops_agree_with_the_pairs_and_repeat(dataset):
-    pairs = open_dataset(dataset)
-    crops = train_stereo.Crops(pairs, (32, 48), samples=7, seed=3)
-    again = train_stereo.Crops(pairs, (32, 48), samples=7, seed=3)
+    crops = list(crops_of(dataset, (32, 48), 7))
+    again = list(crops_of(dataset, (32, 48), 7))
     assert len(crops) == 7
     assert all(torch.equal(crops[i][name], again[i][name]) for i in (6, 2) for name in crops[i])
     first = crops[0]
+    assert set(first) == {"left", "right", "disparity_left"}
     assert (first["left"].shape, first["left"].dtype) == ((3, 32, 48), torch.uint8)
-    whole = [pair.left.disparity for pair in pairs]
+    whole = [pair.left.disparity for pair in open_dataset(dataset)]
     windows = [np.lib.stride_tricks.sliding_window_view(each, (32, 48)) for each in whole]
     assert any((window == first["disparity_left"].numpy()).all(axis=(-1, -2)).any() for window in windows)
     # Each pair comes once before one comes again.
@@ -189,10 +195,9 @@ def test_views_are_photographed_apart():
 
 
 def test_a_few_steps_reduce_the_loss(dataset, network):
-    crops = train_stereo.Crops(open_dataset(dataset), (48, 64), samples=40, seed=0)
     done = train_stereo.train(
         network,
-        train_stereo.batches_of(crops, 2, 0),
+        train_stereo.batches_of(crops_of(dataset, (48, 64), 20, 2), 2, 0),
         steps=20,
         max_disparity=32,
         device=torch.device("cpu"),
@@ -334,7 +339,7 @@ def test_what_cannot_be_followed_is_refused(arguments, words, tmp_path, monkeypa
 def test_crops_larger_than_the_pairs_are_refused(dataset):
     done = run("--data", dataset, "--steps", "1", "--crop", "80", "64")
     assert done.exit_code == 2
-    assert "pairs have 96 x 64 pixels, expected at least --crop 80 64" in done.output
+    assert f"crop: expected (height, width), whole numbers of up to (64, 96) px, which is what {dataset}" in done.output
 
 
 def test_cuda_is_refused_where_there_is_none(monkeypatch):
@@ -347,8 +352,7 @@ def test_cuda_is_refused_where_there_is_none(monkeypatch):
 def test_the_stream_can_be_trained_on():
     if backend_fault("auto"):
         pytest.skip("no OpenGL here")
-    config = str(Path(train_stereo.__file__).with_name("small-rooms.yaml"))
-    source = train_stereo.open_source("stream", config, tuple(SMALL), (48, 64), steps=2, batch=2, seed=0)
+    source = train_stereo.open_source("stream", str(CONFIG), tuple(SMALL), (48, 64), steps=2, batch=2, seed=0)
     batches = list(train_stereo.batches_of(source, 2, 0))
     assert [set(batch) for batch in batches] == [{"left", "right", "disparity_left"}] * 2
     assert batches[0]["left"].shape == (2, 3, 48, 64)
