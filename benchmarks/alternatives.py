@@ -37,7 +37,7 @@ from semisynth_gl.bench.timing import alternated, compare_times
 from semisynth_gl.camera import EYES
 from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS
 from semisynth_gl.config import Config, load_config
-from semisynth_gl.render.context import BACKENDS, Backend
+from semisynth_gl.render.backends import BACKENDS, Backend
 
 VARIANT_TEXTS: Mapping[Variant, str] = {
     "depth24": "24-bit depth buffer, near plane at 0.05 m, made linear in float64",

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from semisynth_gl.camera import Eye
 from semisynth_gl.errors import BackendError
 from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.constants import ConstantsBuffer
-from semisynth_gl.render.context import Backend, open_context
+from semisynth_gl.render.context import open_context
 from semisynth_gl.render.model_buffers import ModelBuffers, refill
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.projection import clip_from_view

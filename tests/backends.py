@@ -3,7 +3,8 @@
 from functools import cache
 
 from semisynth_gl.errors import BackendError
-from semisynth_gl.render.context import Backend, open_context
+from semisynth_gl.render.backends import Backend
+from semisynth_gl.render.context import open_context
 
 
 @cache

@@ -11,7 +11,7 @@ from backends import backend_fault
 from hypothesis import HealthCheck, settings
 
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
-from semisynth_gl.render.context import Backend
+from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.devices import context_facts
 from semisynth_gl.render.renderer import Renderer
 

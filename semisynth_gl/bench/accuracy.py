@@ -24,7 +24,7 @@ from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS
 from semisynth_gl.config import Config
 from semisynth_gl.frame import Frame
 from semisynth_gl.listener import Listener
-from semisynth_gl.render.context import Backend
+from semisynth_gl.render.backends import Backend
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from semisynth_gl.bench.summary import front
 from semisynth_gl.bench.timing import compare_times, turns
 from semisynth_gl.camera import EYES
 from semisynth_gl.errors import BackendError
-from semisynth_gl.render.context import Backend
+from semisynth_gl.render.backends import Backend
 
 MODES: Mapping[str, str] = {
     "none": "one sample at the pixel's centre",

@@ -22,7 +22,7 @@ from semisynth_gl.engines.task import Task
 from semisynth_gl.errors import SemisynthError
 from semisynth_gl.generation.shard_job import ShardJob
 from semisynth_gl.listener import Listener
-from semisynth_gl.render.context import Backend
+from semisynth_gl.render.backends import Backend
 
 _POLL_S = 0.002
 # Folders of compiled shaders: of Mesa, its older versions, NVIDIA.

@@ -19,7 +19,7 @@ from semisynth_gl.frame import DEFAULT_OUTPUTS
 from semisynth_gl.geometry.mesh import Mesh, without_degenerate
 from semisynth_gl.geometry.surfaces import lathe
 from semisynth_gl.geometry.topology import marked_solid
-from semisynth_gl.render.context import Backend
+from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.scene import Scene, make_scene

@@ -13,7 +13,7 @@ from semisynth_gl.config import Config
 from semisynth_gl.frame import Frame
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import build_library
-from semisynth_gl.render.context import Backend
+from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SceneSampler

@@ -13,7 +13,7 @@ from semisynth_gl.engines.task import Job, Result
 from semisynth_gl.errors import WorkerError
 from semisynth_gl.generation.shard_job import ShardJob
 from semisynth_gl.listener import Listener
-from semisynth_gl.render.context import Backend
+from semisynth_gl.render.backends import Backend
 from semisynth_gl.splits import SplitName
 
 LAYOUT = "middlebury"

@@ -15,7 +15,7 @@ from semisynth_gl.bench.workers import measure_workers
 from semisynth_gl.config import Config
 from semisynth_gl.engines.task import cores
 from semisynth_gl.listener import Listener
-from semisynth_gl.render.context import Backend
+from semisynth_gl.render.backends import Backend
 
 # Number of scenes that antialiasing modes and outputs are measured on.
 _SCENES = 1

@@ -31,7 +31,7 @@ from semisynth_gl.engines.task import THREADS, Task, cores, threads_each
 from semisynth_gl.generation.shard_job import ShardJob
 from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.pipeline import PairRenderer
-from semisynth_gl.render.context import Backend
+from semisynth_gl.render.backends import Backend
 
 # Least number of pairs of each worker in a round.
 _PAIRS_EACH = 4

@@ -9,11 +9,11 @@ from typing import Any
 
 import click
 
-from semisynth_gl.cli.options import COUNT, MOST_WORKERS, SEED, Command, Source, option, option_group
+from semisynth_gl.cli.options import COUNT, MOST_WORKERS, SEED, Command, ConfigName, Setting, option, option_group
 from semisynth_gl.cli.outputs import Output, json_report, output_option
 from semisynth_gl.config import load_config
 from semisynth_gl.listener import Listener
-from semisynth_gl.render.context import BACKENDS, Backend
+from semisynth_gl.render.backends import BACKENDS, Backend
 from semisynth_gl.textures.reach import photograph_sources
 
 
@@ -46,8 +46,21 @@ def _bench_options(config: str) -> Callable[[Command], Command]:
     return option_group(
         "options",
         _BenchOptions,
-        option("--config", "config_name", type=Source(), default=config, help="Whose scenes: a name or a YAML file."),
-        option("--set", "settings", multiple=True, metavar="dotted.key=value", help="Override a key of the config."),
+        option(
+            "--config",
+            "config_name",
+            type=ConfigName(),
+            default=config,
+            help="Whose scenes: a name or a YAML file.",
+        ),
+        option(
+            "--set",
+            "settings",
+            type=Setting(),
+            multiple=True,
+            metavar="dotted.key=value",
+            help="Override a key of the config.",
+        ),
         option("--seed", type=SEED, default=0, help="Other scenes."),
         option("--backend", type=click.Choice(BACKENDS), default="auto", help="As for generate."),
     )

@@ -2,12 +2,12 @@
 
 import click
 
-from semisynth_gl.cli.options import Source
+from semisynth_gl.cli.options import ConfigName
 from semisynth_gl.config.explain import explain, summaries
 
 
 @click.command()
-@click.argument("config_name", type=Source(), metavar="[NAME_OR_PATH]", required=False)
+@click.argument("config_name", type=ConfigName(), metavar="[NAME_OR_PATH]", required=False)
 def configs(config_name: str | None) -> None:
     """List the packaged configs, or print one with all of its keys, defaults and comments.
 

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from semisynth_gl.cache.store import cache_summary
 from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.errors import BackendError
-from semisynth_gl.render.context import INSTALL_COMMAND, INSTALL_COMMAND_OSMESA, Backend, as_root
-from semisynth_gl.render.devices import context_facts, egl_devices, missing_libraries
-from semisynth_gl.render.renderer import Renderer
+from semisynth_gl.render.backends import Backend
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.scene import make_scene
 
@@ -24,6 +22,10 @@ _LARGEST_ERROR_PX = 1e-3
 @click.command()
 def doctor() -> None:
     """Show what this machine offers, say what is missing, and render one pair against its known disparity."""
+    # Imported here, as below: completion needs no OpenGL.
+    from semisynth_gl.render.context import INSTALL_COMMAND, INSTALL_COMMAND_OSMESA, as_root  # noqa: PLC0415
+    from semisynth_gl.render.devices import egl_devices, missing_libraries  # noqa: PLC0415
+
     click.echo(f"Python {platform.python_version()} on {platform.platform()}")
     for package in _PACKAGES:
         click.echo(f"  {package} {_version(package)}")
@@ -53,6 +55,8 @@ def doctor() -> None:
 
 def _try(backend: Backend) -> bool:
     """Show a backend and render its test pair; return whether all is well."""
+    from semisynth_gl.render.devices import context_facts  # noqa: PLC0415
+
     click.echo(f"Backend {backend}")
     try:
         facts = context_facts(backend)
@@ -72,6 +76,8 @@ def _try(backend: Backend) -> bool:
 
 def plane_error_px(backend: Backend) -> float:
     """Render a slanted plane and return the largest error of both disparities against its equation, px."""
+    from semisynth_gl.render.renderer import Renderer  # noqa: PLC0415
+
     camera = StereoCamera(320, 240, 400.0, 0.2, 155.5, 163.5, 119.5)
     normal = np.array([0.3, -0.2, 1.0])  # the plane normal . p = 2 m
     corner, along_x, along_y = np.array([-9.0, -9.0]), np.array([18.0, 0.0]), np.array([0.0, 18.0])

@@ -4,9 +4,11 @@ import re
 import shlex
 import sys
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import click
 
+from semisynth_gl.cli.completion import one_of, some_of
 from semisynth_gl.cli.options import (
     COUNT,
     MOST_WORKERS,
@@ -26,12 +28,13 @@ from semisynth_gl.engines.local import LocalEngine, SerialEngine
 from semisynth_gl.engines.task import Engine, cores
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import OUTPUTS, TRUTH_VIEWS, TruthViews, View
-from semisynth_gl.generation.generate import GenerationResult
-from semisynth_gl.generation.generate import generate as generate_dataset
 from semisynth_gl.interrupts import interrupts_stop
 from semisynth_gl.layouts import layout_names
 from semisynth_gl.listener import FinishedPair
 from semisynth_gl.splits import SplitName
+
+if TYPE_CHECKING:
+    from semisynth_gl.generation.generate import GenerationResult
 
 ENGINES = ("serial", "local", "ray")
 # Engines that do not take --workers and --timeout, and why.
@@ -90,10 +93,16 @@ _dataset_options = option_group(
     ),
     option(
         "--layout",
+        shell_complete=one_of(layout_names()),
         metavar="NAME",
         help=f"Names of files: {', '.join(layout_names())}.  [default: middlebury; webdataset from 10,000 pairs on]",
     ),
-    option("--outputs", metavar="a,b", help=f"Beside images and disparities: {', '.join(OUTPUTS)}; or none."),
+    option(
+        "--outputs",
+        shell_complete=some_of((*OUTPUTS, "none")),
+        metavar="a,b",
+        help=f"Beside images and disparities: {', '.join(OUTPUTS)}; or none.",
+    ),
     option(
         "--truth",
         type=click.Choice(TRUTH_VIEWS),
@@ -154,6 +163,7 @@ _worker_options = option_group(
     _WorkerOptions,
     option(
         "--engine",
+        shell_complete=one_of(ENGINES),
         metavar="|".join(ENGINES),
         help="What makes the shards: this process, processes of this machine, or a Ray cluster.  [default: local, "
         "where there is work for several workers]",
@@ -207,6 +217,9 @@ def generate(
     The layout decides which loaders read the files; docs/layouts.md has them all. Outputs add files; those of flow want
     sequences, which the config's section sequence makes. The config's section files chooses other encodings.
     """
+    # Imported here: help and completion need no renderer.
+    from semisynth_gl.generation.generate import generate as generate_dataset  # noqa: PLC0415
+
     config = scene.config(*dataset.settings())
     counts = dataset.counts()
     engine = workers.open_engine(sum(counts.values()))
@@ -248,7 +261,7 @@ class _GenerationProgress(Progress):
             if pair.share_beyond > _LARGE_SHARE_BEYOND:
                 self._shares_beyond.append(pair.share_beyond)
 
-    def conclude(self, config: Config, result: GenerationResult) -> None:
+    def conclude(self, config: Config, result: "GenerationResult") -> None:
         for reason in self._redrawn[:_REASONS_SHOWN]:
             self.on_message(f"drawn again, {reason}")
         if self._redrawn:
@@ -274,7 +287,7 @@ def _range(text: str) -> range:
     return range(first, last + 1)
 
 
-def _conclude(result: GenerationResult) -> None:
+def _conclude(result: "GenerationResult") -> None:
     plan, total = result.plan, sum(result.plan.pairs.values())
     if result.stopped:
         click.echo("Stopped. Whole pairs stay on disk; the same command goes on where it ended.", err=True)

@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.shell_completion import CompletionItem
 
+from semisynth_gl.cli.completion import beginning
 from semisynth_gl.config import Config, load_config, packaged_configs
-from semisynth_gl.config.explain import summaries
+from semisynth_gl.config.explain import config_keys, summaries
 from semisynth_gl.errors import InputError
-from semisynth_gl.render.context import BACKENDS, Backend
+from semisynth_gl.render.backends import BACKENDS, Backend
 from semisynth_gl.user_files import expanded
 
 Command = Callable[..., Any]
@@ -66,10 +68,31 @@ class Source(click.types.StringParamType):
     def __init__(self, *, home: bool = False) -> None:
         self._home = home
 
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:  # noqa: ARG002 - click's
+        """Leave the completion of files and folders to the shell."""
+        return [CompletionItem(incomplete, type="file")]
+
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:  # noqa: ARG002 - click's
         """Return the value, unless it is empty: that would stand for the current folder."""
         named = _named(value, param)
         return str(_at_home(named, param)) if self._home and "://" not in named else named
+
+
+class ConfigName(Source):
+    """The type of an option that names a config."""
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Offer the packaged configs, and files."""
+        # Bash drops what comes before the files.
+        return [*super().shell_complete(ctx, param, incomplete), *beginning(packaged_configs(), incomplete)]
+
+
+class Setting(click.types.StringParamType):
+    """The type of an option that sets a key of a config."""
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:  # noqa: ARG002 - click's
+        """Offer the keys."""
+        return beginning([f"{key}=" for key in config_keys()], incomplete)
 
 
 def _named(value: str, param: click.Parameter | None) -> str:
@@ -154,7 +177,7 @@ scene_options = option_group(
     option(
         "--config",
         "config_name",
-        type=Source(),
+        type=ConfigName(),
         callback=_needed,
         metavar="NAME_OR_PATH",
         help=f"A YAML file, or a packaged config: {', '.join(packaged_configs())}.  [required]",
@@ -171,6 +194,7 @@ scene_options = option_group(
     option(
         "--set",
         "settings",
+        type=Setting(),
         multiple=True,
         metavar="dotted.key=value",
         help="Override a key of the config, for example camera.width_px=640. May be repeated.",

@@ -9,7 +9,6 @@ from semisynth_gl.cli.outputs import Output, marked_png, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.histogram import total_variation, wasserstein_px
-from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.textures.reach import photograph_sources
 
 
@@ -19,7 +18,8 @@ from semisynth_gl.textures.reach import photograph_sources
 @option("--pairs", type=click.IntRange(min=1, max=64), default=4, help="How many pairs to show.")
 def preview(scene: SceneOptions, output: Output, pairs: int) -> None:
     """Draw a contact sheet: the first pairs of a dataset, and their histogram against the config's."""
-    # Imported here: matplotlib takes longer to load than a pair to render.
+    # Imported here: help and completion need no renderer, and matplotlib takes longer to load than a pair to render.
+    from semisynth_gl.pairs.pipeline import PairRenderer  # noqa: PLC0415
     from semisynth_gl.report.contact_sheet import draw_sheet  # noqa: PLC0415
 
     config = scene.config()

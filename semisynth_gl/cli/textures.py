@@ -4,7 +4,7 @@ import io
 
 import click
 
-from semisynth_gl.cli.options import SEED, Source, images_option, option, read_config
+from semisynth_gl.cli.options import SEED, ConfigName, Setting, images_option, option, read_config
 from semisynth_gl.cli.outputs import Output, marked_png, output_option
 from semisynth_gl.cli.streams import say
 from semisynth_gl.config import packaged_configs
@@ -18,7 +18,7 @@ from semisynth_gl.textures.reach import photograph_sources
 @option(
     "--config",
     "config_name",
-    type=Source(),
+    type=ConfigName(),
     default="middlebury",
     metavar="NAME_OR_PATH",
     help=f"Its section textures counts: a YAML file, or a packaged config: {', '.join(packaged_configs())}.",
@@ -28,6 +28,7 @@ from semisynth_gl.textures.reach import photograph_sources
 @option(
     "--set",
     "settings",
+    type=Setting(),
     multiple=True,
     metavar="dotted.key=value",
     help="Override a key of the config, for example textures.flat_share=0.1. May be repeated.",

@@ -26,7 +26,7 @@ from semisynth_gl.engines.task import Engine
 from semisynth_gl.errors import InputError
 from semisynth_gl.generation.shard_job import ShardJob
 from semisynth_gl.listener import Listener
-from semisynth_gl.render.context import Backend
+from semisynth_gl.render.backends import Backend
 from semisynth_gl.scene.sources import Sources, prepare_sources
 from semisynth_gl.splits import SplitName
 

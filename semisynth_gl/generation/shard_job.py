@@ -16,7 +16,7 @@ from semisynth_gl.engines.task import Task
 from semisynth_gl.errors import InputError
 from semisynth_gl.listener import FinishedPair, Listener
 from semisynth_gl.pairs.pipeline import Pair, PairRenderer
-from semisynth_gl.render.context import Backend
+from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.devices import egl_index_of_worker
 from semisynth_gl.splits import SplitName
 

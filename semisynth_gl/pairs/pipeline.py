@@ -22,7 +22,7 @@ from semisynth_gl.histogram import Histogram
 from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.checks import faults
 from semisynth_gl.pairs.imperfections import with_imperfections
-from semisynth_gl.render.context import Backend
+from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.readers import Reader, read_array
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.sampler import SampledScene, SceneSampler

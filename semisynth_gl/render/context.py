@@ -4,18 +4,16 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from threading import get_ident
-from typing import Any, Literal, get_args
+from typing import Any
 
 import moderngl
 from glcontext import egl
 
 from semisynth_gl.errors import BackendError, InputError
+from semisynth_gl.render.backends import BACKENDS, Backend
 from semisynth_gl.render.load_order import load_before_driver
 from semisynth_gl.render.osmesa import OSMesaContext
 from semisynth_gl.render.unbound import UnboundCalls
-
-Backend = Literal["auto", "egl", "osmesa"]
-BACKENDS: tuple[Backend, ...] = get_args(Backend)
 
 # 4.5 is where glClipControl, needed for reversed Z, became core; llvmpipe has offered it since Mesa 20.2.
 REQUIRED_VERSION = 450

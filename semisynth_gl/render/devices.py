@@ -12,7 +12,8 @@ from itertools import takewhile
 from typing import Any
 
 from semisynth_gl.errors import InputError
-from semisynth_gl.render.context import Backend, open_context
+from semisynth_gl.render.backends import Backend
+from semisynth_gl.render.context import open_context
 from semisynth_gl.render.load_order import load_before_driver
 
 _EGL_EXTENSIONS = 0x3055

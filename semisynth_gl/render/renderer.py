@@ -36,8 +36,9 @@ from semisynth_gl.frame import (
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.antialias import ColourTargets, parse_antialias
+from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.constants import ConstantsBuffer
-from semisynth_gl.render.context import Backend, open_context
+from semisynth_gl.render.context import open_context
 from semisynth_gl.render.flow import FlowPass
 from semisynth_gl.render.model_buffers import Filled, ModelBuffers, Placed
 from semisynth_gl.render.programs import link_program

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageFile
 
 from semisynth_gl.dataset.sample import StoredFrame
 
@@ -128,6 +128,8 @@ def pack_floats(values: NDArray[np.float32]) -> bytes:
 
 def _jpeg(image: Image.Image, quality: int) -> str:
     data = io.BytesIO()
+    # Pillow's buffer for that has a byte a pixel, and noise takes more.
+    ImageFile.MAXBLOCK = max(ImageFile.MAXBLOCK, 4 * image.width * image.height)
     image.save(data, "JPEG", quality=quality, subsampling=0, optimize=True)
     return _base64(data.getvalue())
 

@@ -18,7 +18,7 @@ from semisynth_gl.config import Config
 from semisynth_gl.engines.task import THREADS, threads_each
 from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
-from semisynth_gl.render.context import BACKENDS, Backend
+from semisynth_gl.render.backends import BACKENDS, Backend
 from semisynth_gl.render.devices import egl_index_of_worker
 from semisynth_gl.render.readers import read_array
 from semisynth_gl.torch.dealing import Dealing, Selection, TrainingProcess, Worker

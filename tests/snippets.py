@@ -1,0 +1,57 @@
+"""The blocks of code in README and docs, and the marks that say whether the tests run them."""
+
+import re
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = {page.stem: page for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))}
+
+_MARK = re.compile(r"<!-- (runnable|runnable: heavy|not run: \S.*) -->")
+_FENCE = re.compile(r"( *)```(.*)")
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A fenced block.
+
+    Attributes:
+        place: file and line, for messages.
+        language: the word after the fence.
+        mark: what the comment on the line before says: "runnable", "runnable: heavy", "not run: REASON", or nothing.
+        text: the lines inside.
+    """
+
+    place: str
+    language: str
+    mark: str
+    text: str
+
+    @property
+    def commands(self) -> list[list[str]]:
+        """The words of each command, without comments; of a session at a terminal, what was typed."""
+        lines = self.text.replace("\\\n", " ").splitlines()
+        if self.language == "console":
+            lines = [line.removeprefix("$ ") for line in lines if line.startswith("$ ")]
+        return [words for line in lines if (words := shlex.split(line, comments=True))]
+
+
+def blocks(page: str) -> list[Block]:
+    """The fenced blocks of a page, in order."""
+    path = PAGES[page]
+    lines = path.read_text("utf-8").splitlines()
+    found: list[Block] = []
+    start = None
+    for number, line in enumerate(lines):
+        fence = _FENCE.fullmatch(line)
+        if fence and start is None:
+            start = number
+        elif fence:
+            indent, language = _FENCE.fullmatch(lines[start]).groups()
+            mark = _MARK.fullmatch(lines[start - 1].strip())
+            text = "".join(f"{inner.removeprefix(indent)}\n" for inner in lines[start + 1 : number])
+            found.append(Block(f"{path.name}:{start + 1}", language, mark[1] if mark else "", text))
+            start = None
+    assert start is None, f"{path.name}:{start + 1}: a block without an end"
+    return found

@@ -1,0 +1,200 @@
+"""The blocks of code in README and docs run as they stand, and none is forgotten."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+from backends import backend_fault
+from click.testing import CliRunner
+from heavy import heavy
+from PIL import Image
+from snippets import PAGES, blocks
+from tiny_datasets import cheap
+
+from semisynth_gl.cli import semisynth_gl
+from semisynth_gl.codecs.pfm import PFM
+from semisynth_gl.config import load_config, packaged_configs
+from semisynth_gl.generation.generate import generate
+
+LANGUAGES = {"python", "sh", "bash", "console", "text", "yaml"}
+RUN = {"python", "sh", "bash"}
+PROGRAM = "semisynth-gl"
+ALL_BLOCKS = [block for page in PAGES for block in blocks(page)]
+
+# --- what pages presume: the user's photographs, calibration and predictions, and datasets made before ---
+
+# As small as calibrate's patches allow.
+WIDTH, HEIGHT = 320, 256
+CALIBRATION = f"""cam0=[420 0 150; 0 420 120; 0 0 1]
+cam1=[420 0 155; 0 420 120; 0 0 1]
+doffs=5
+baseline=120
+width={WIDTH}
+height={HEIGHT}
+"""
+
+
+def photographs(folder, path):
+    """Photographs of the rig, as sharp as any."""
+    (folder / path).mkdir(parents=True)
+    for number in range(3):
+        pixels = np.random.default_rng(number).integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8)
+        Image.fromarray(pixels).save(folder / path / f"{number}.png")
+
+
+def rig(folder, calibration, maps):
+    """The rig's calibration, and two true disparity maps: mostly of a wall, which takes few models to make."""
+    (folder / calibration).write_text(CALIBRATION)
+    (folder / maps).mkdir()
+    for number in range(2):
+        disparity = np.full((HEIGHT, WIDTH), 30, np.float32)
+        disparity[:20] = np.linspace(30, 40, WIDTH)
+        (folder / maps / f"{number}.pfm").write_bytes(PFM.encode(disparity))
+
+
+def predictions(folder, path, name, shape=(HEIGHT, WIDTH)):
+    """A network's disparities for the first dozen pairs."""
+    (folder / path).mkdir()
+    for pair in range(12):
+        np.save(folder / path / f"{name}-{pair:06d}.npy", np.full(shape, 20, np.float32))
+
+
+def dataset(folder, path, pairs=2, layout="middlebury", shard_pairs=None, **sections):
+    """A dataset of tiny pairs."""
+    generate(cheap(**sections), folder / path, pairs, 0, layout=layout, shard_pairs=shard_pairs)
+
+
+PRESUMED = {
+    "README": lambda folder: (
+        photographs(folder, "home/photos/lab"),
+        rig(folder, "calib.txt", "gt"),
+        predictions(folder, "guesses", "lab"),
+        dataset(folder, "out/middlebury"),
+    ),
+    "evaluate": lambda folder: (
+        predictions(folder, "guesses", "middlebury", (48, 64)),
+        dataset(folder, "out/middlebury", name="middlebury"),
+    ),
+    "flow": lambda folder: dataset(folder, "data/flow", outputs=["visibility", "flow", "disparity_change"]),
+    "layouts": lambda folder: dataset(folder, ".", 8, "webdataset", 1, name="lab"),
+    "output": lambda folder: dataset(folder, "data/lab"),
+    "training": lambda folder: dataset(folder, "out/small-rooms", 4),
+}
+
+
+@pytest.fixture
+def make_folder(tmp_path, monkeypatch):
+    """Go to a folder that holds what a page presumes, with a home folder inside."""
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"])))
+
+    def make(page):
+        PRESUMED.get(page, lambda _: None)(tmp_path)
+        return tmp_path
+
+    return make
+
+
+# --- running ---
+
+
+def run_python(block, names):
+    """Run a block in this process; what it defines stays for the page's next one."""
+    exec(compile(block.text, block.place, "exec"), names)  # noqa: S102 - the project's own documentation
+
+
+def run_shell(block):
+    """Run a block: where it does nothing but call the program, in this process, which saves it the time to start."""
+    if all(words[0] == PROGRAM and not {">", "|", "&&"} & {*words} for words in block.commands):
+        for _, *words in block.commands:
+            done = CliRunner().invoke(semisynth_gl, words)
+            assert done.exit_code == 0, (block.place, words, done.output, done.exception)
+        return
+    shell = ["bash" if block.language == "bash" else "sh", "-e", "-c", block.text]
+    done = subprocess.run(shell, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, ""), (block.place, done.stdout)
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if any(block.mark == "runnable" for block in blocks(page))])
+def test_the_blocks_of_a_page_run_in_order(page, make_folder):
+    make_folder(page)
+    names = {"__name__": "__main__"}
+    for block in blocks(page):
+        if block.mark == "runnable":
+            run_python(block, names) if block.language == "python" else run_shell(block)
+
+
+# Workers that are spawned import the script, so it has to be one.
+@pytest.mark.heavy
+@pytest.mark.parametrize("page", [page for page in PAGES if any("heavy" in block.mark for block in blocks(page))])
+def test_the_heavy_blocks_of_a_page_run_in_order(page, make_folder):
+    heavy("torch")
+    folder = make_folder(page)
+    script = folder / "snippets.py"
+    script.write_text("".join(block.text for block in blocks(page) if "heavy" in block.mark))
+    offline = {"HF_HUB_OFFLINE": "1", "HF_HOME": str(folder / "hub")}
+    done = subprocess.run(
+        [sys.executable, script], capture_output=True, text=True, check=False, env=os.environ | offline
+    )
+    assert done.returncode == 0, done.stderr
+
+
+# --- what is not run ---
+
+
+def test_every_block_says_what_it_is():
+    assert [block.place for block in ALL_BLOCKS if block.language not in LANGUAGES] == []
+    for path in PAGES.values():
+        prose = re.sub(r"^```.*?^```", "", path.read_text("utf-8"), flags=re.MULTILINE | re.DOTALL)
+        assert re.findall(r"\n\n(    .*)", prose) == [], (
+            f"{path.name}: an indented block; fence it, and name its language"
+        )
+
+
+def test_every_block_that_could_run_runs_or_says_why_not():
+    assert [block.place for block in ALL_BLOCKS if block.language in RUN and not block.mark] == []
+    assert [block.place for block in ALL_BLOCKS if block.language not in RUN and block.mark] == []
+    heavy_ones = [block for block in ALL_BLOCKS if "heavy" in block.mark]
+    assert {block.language for block in heavy_ones} == {"python"}
+    comments = [
+        re.findall(r"^<!-- (?:runnable|not run).*$", path.read_text("utf-8"), re.MULTILINE) for path in PAGES.values()
+    ]
+    # Else one is misspelt, or away from its block.
+    assert sum(map(len, comments)) == sum(bool(block.mark) for block in ALL_BLOCKS)
+    assert sum(block.mark == "runnable" for block in ALL_BLOCKS) > 5
+
+
+@pytest.mark.parametrize("place", [block.place for block in ALL_BLOCKS if block.language == "python"])
+def test_blocks_of_python_are_python(place):
+    [block] = [block for block in ALL_BLOCKS if block.place == place]
+    compile(block.text, place, "exec")
+
+
+def test_commands_that_are_not_run_have_options_and_keys_that_exist():
+    """Options of commands that take hours, and of those whose output is shown."""
+    checked = 0
+    shells = [block for block in ALL_BLOCKS if block.language in {"sh", "console"} and block.mark != "runnable"]
+    for block in shells:
+        for words in block.commands:
+            if words[0] != PROGRAM:
+                continue
+            group, arguments = semisynth_gl, words[1:]
+            parent = click.Context(group, info_name=PROGRAM)
+            while isinstance(group, click.Group):
+                name, *arguments = arguments
+                group = group.get_command(parent, name)
+                assert group is not None, (block.place, name)
+            with group.make_context(name, arguments, parent) as context:
+                config_name = context.params.get("config_name")
+                if config_name in packaged_configs():
+                    load_config(config_name, context.params["settings"])
+            checked += 1
+    assert checked > 10
