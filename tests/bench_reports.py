@@ -10,6 +10,7 @@ SMALL = (
     "textures.source=procedural",
     "textures.max_patches=8",
     "models.variants=1",
+    "models.complex=0",
 )
 
 

@@ -31,9 +31,13 @@ DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 
 @pytest.fixture(scope="session", autouse=True)
 def _cache_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Tests share a cache, with the programs that they start too, and leave the user's alone."""
+    """Tests share a cache, with the programs that they start and pytest's other workers, and leave the user's alone."""
+    base = tmp_path_factory.getbasetemp()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("SEMISYNTH_GL_CACHE", str(tmp_path_factory.mktemp("cache")))
+        # A worker has a folder of its own in that of the run.
+        patch.setenv(
+            "SEMISYNTH_GL_CACHE", str((base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "cache")
+        )
         yield
 
 

@@ -1,5 +1,6 @@
 """Which models are solid, and that nothing is lost where only their fronts are drawn."""
 
+from copy import deepcopy
 from dataclasses import replace
 from itertools import product
 
@@ -77,11 +78,17 @@ def test_rays_from_outside_meet_the_front_of_a_solid_model(name):
     assert (np.einsum("nk,nk->n", normal, camera.rays("left", x[met], y[met])) < 0).all()
 
 
+@pytest.fixture(scope="module")
+def all_kinds():
+    """A model of each kind, and the generator as it is afterwards."""
+    rng = np.random.default_rng(11)
+    return [marked_solid(build(rng)) for build in KINDS.values()], rng
+
+
 # At 0.7 m the near plane cuts models open, whose insides are then seen.
 @pytest.mark.parametrize(("mirrored", "near_m"), [(False, 0.01), (True, 0.01), (False, 0.7), (True, 0.7)])
-def test_drawing_fronts_only_changes_no_pixel(open_renderer, mirrored, near_m):
-    rng = np.random.default_rng(11)
-    models = [marked_solid(build(rng)) for build in KINDS.values()]
+def test_drawing_fronts_only_changes_no_pixel(open_renderer, all_kinds, mirrored, near_m):
+    models, rng = deepcopy(all_kinds)
     count = len(models)
     matrices = np.tile(np.eye(4), (count, 1, 1))
     for matrix in matrices:

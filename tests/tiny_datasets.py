@@ -42,7 +42,7 @@ def tiny(name="middlebury", **sections):
     for layer in values["particles"]["layers"] or ():
         layer["disparity_px"] = scaled(layer["disparity_px"])
     values["models"]["variants"] = 1
-    values["textures"]["patch_px"] = 64
+    values["textures"] |= {"patch_px": 64, "max_patches": 64}
     for section, keys in sections.items():
         values[section] |= keys
     if values["textures"]["source"] == "builtin":
