@@ -1,13 +1,13 @@
 """The command line: options in, messages and exit codes out."""
 
 import errno
-import signal
 import sys
 from importlib import import_module
 from typing import NoReturn
 
 import click
 
+from semisynth_gl.cli.loading import stopped_by_interrupts
 from semisynth_gl.errors import SemisynthError
 
 # 2 also stands for a run that was stopped or found no room: nothing half-written is left, and it may be started again.
@@ -28,13 +28,8 @@ class _LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002 - click's signature
         if cmd_name not in _COMMANDS:
             return None
-        # Some packages swallow every exception while they are imported, and Ctrl-C with it. So it stops the process
-        # itself until all is loaded.
-        handler = signal.signal(signal.SIGINT, signal.SIG_DFL)
-        try:
+        with stopped_by_interrupts():
             command: click.Command = getattr(import_module(f"semisynth_gl.cli.{cmd_name}"), cmd_name)
-        finally:
-            signal.signal(signal.SIGINT, handler)
         return command
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from semisynth_gl.cli.completion import one_of, some_of
+from semisynth_gl.cli.loading import stopped_by_interrupts
 from semisynth_gl.cli.options import (
     COUNT,
     MOST_WORKERS,
@@ -218,7 +219,8 @@ def generate(
     sequences, which the config's section sequence makes. The config's section files chooses other encodings.
     """
     # Imported here: help and completion need no renderer.
-    from semisynth_gl.generation.generate import generate as generate_dataset  # noqa: PLC0415
+    with stopped_by_interrupts():
+        from semisynth_gl.generation.generate import generate as generate_dataset  # noqa: PLC0415
 
     config = scene.config(*dataset.settings())
     counts = dataset.counts()

@@ -4,6 +4,7 @@ import io
 
 import click
 
+from semisynth_gl.cli.loading import stopped_by_interrupts
 from semisynth_gl.cli.options import SceneOptions, option, scene_options
 from semisynth_gl.cli.outputs import Output, marked_png, output_option
 from semisynth_gl.cli.progress import Progress
@@ -19,8 +20,9 @@ from semisynth_gl.textures.reach import photograph_sources
 def preview(scene: SceneOptions, output: Output, pairs: int) -> None:
     """Draw a contact sheet: the first pairs of a dataset, and their histogram against the config's."""
     # Imported here: help and completion need no renderer, and matplotlib takes longer to load than a pair to render.
-    from semisynth_gl.pairs.pipeline import PairRenderer  # noqa: PLC0415
-    from semisynth_gl.report.contact_sheet import draw_sheet  # noqa: PLC0415
+    with stopped_by_interrupts():
+        from semisynth_gl.pairs.pipeline import PairRenderer  # noqa: PLC0415
+        from semisynth_gl.report.contact_sheet import draw_sheet  # noqa: PLC0415
 
     config = scene.config()
     output.check((scene.config_name, *config.models.folders), photograph_sources(config.textures))
