@@ -8,7 +8,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, shown
 
 
 def check_type(name: str, value: object, expected: type | UnionType, hint: str = "") -> None:
@@ -36,7 +36,7 @@ def to_whole(name: str, value: object, least: int | None = None) -> int:
     if not isinstance(value, Integral) or isinstance(value, bool):
         raise _wrong(name, "a whole number", value)
     if least is not None and int(value) < least:
-        raise InputError(f"{name} must be {least} or more, got {_shown(int(value))}")
+        raise InputError(f"{name} must be {least} or more, got {shown(int(value))}")
     return int(value)
 
 
@@ -82,13 +82,5 @@ def _named(expected: type | UnionType) -> str:
 
 def _wrong(name: str, expected: str, value: object, hint: str = "") -> InputError:
     return InputError(
-        f"{name} must be {expected}, got {_shown(value)} ({type(value).__name__})" + (hint and f": {hint}")
+        f"{name} must be {expected}, got {shown(value)} ({type(value).__name__})" + (hint and f": {hint}")
     )
-
-
-def _shown(value: object) -> str:
-    try:
-        text = repr(value)
-    except ValueError:  # Python writes no whole numbers of thousands of digits
-        return "a number of thousands of digits"
-    return text if len(text) <= 60 else f"{text[:57]}..."

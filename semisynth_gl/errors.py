@@ -1,4 +1,4 @@
-"""Errors whose cause lies outside the program, and the files that were skipped."""
+"""Errors whose cause lies outside the program, what their messages share, and the files that were skipped."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -55,3 +55,16 @@ class Skipped:
 
     def __str__(self) -> str:
         return f"{self.path}: {self.reason}"
+
+
+def shown(value: object, most: int = 100) -> str:
+    """Return a value as a message shows it, cut where it is longer than so many characters."""
+    try:
+        return cut(repr(value), most)
+    except ValueError:  # Python writes no whole number of more than 4300 digits
+        return "a number of thousands of digits"
+
+
+def cut(text: str, most: int = 100) -> str:
+    """Return a text, cut where it is longer than so many characters."""
+    return text if len(text) <= most else f"{text[:most]}..."

@@ -13,7 +13,7 @@ from semisynth_gl.codecs import read_bytes
 from semisynth_gl.codecs.calib import calib_matrix, calib_values
 from semisynth_gl.config.fields import LARGEST
 from semisynth_gl.config.yaml_values import YamlError, read_yaml
-from semisynth_gl.errors import InputError, ReadError
+from semisynth_gl.errors import InputError, ReadError, shown
 from semisynth_gl.textures.image_files import find_files
 from semisynth_gl.user_files import expanded
 
@@ -35,6 +35,8 @@ _KITTI = re.compile(
 _KITTI_PAIRS = (("P_rect_02", "P_rect_03"), ("P_rect_00", "P_rect_01"), ("P2", "P3"), ("P0", "P1"))
 _OPENCV_PAIRS = (("P1", "P2"), ("LEFT.P", "RIGHT.P"))
 _RAW_CAMERAS = ("M1", "K1", "cameraMatrix1", "camera_matrix_1", "LEFT.K", "R", "T")
+# Characters of a matrix in a message.
+_SHOWN = 400
 _SIZES = (("image_width", "image_height"), ("width", "height"), ("LEFT.width", "LEFT.height"))
 _SIZE_PAIRS = ("image_size", "imageSize", "size")
 
@@ -140,7 +142,7 @@ def _middlebury(path: Path, values: Mapping[str, str]) -> Projections:
         try:
             return float(values[key])
         except ValueError:
-            raise ReadError(path, f"{key}: expected a number, got {values[key][:100]!r}") from None
+            raise ReadError(path, f"{key}: expected a number, got {shown(values[key])}") from None
 
     left, right = (_middlebury_matrix(path, key, values[key]) for key in ("cam0", "cam1"))
     baseline_m = number("baseline") / 1000
@@ -162,9 +164,9 @@ def _middlebury_matrix(path: Path, key: str, text: str) -> NDArray[np.float64]:
     try:
         matrix = np.reshape(calib_matrix(text), (3, 3))
     except ValueError:
-        raise ReadError(path, f"{key}: expected a matrix [f 0 cx; 0 f cy; 0 0 1], got {text[:400]!r}") from None
+        raise ReadError(path, f"{key}: expected a matrix [f 0 cx; 0 f cy; 0 0 1], got {shown(text, _SHOWN)}") from None
     if not (np.abs(matrix) <= LARGEST).all():
-        raise ReadError(path, f"{key}: expected finite numbers of at most {LARGEST:g}, got {text[:400]!r}")
+        raise ReadError(path, f"{key}: expected finite numbers of at most {LARGEST:g}, got {shown(text, _SHOWN)}")
     return np.hstack([matrix, np.zeros((3, 1))])
 
 
@@ -227,7 +229,7 @@ def _matrix(path: Path, key: str, node: Any) -> NDArray[np.float64]:  # noqa: AN
     except (TypeError, ValueError):
         values = np.empty(0)
     if values.size != 12 or (isinstance(node, Mapping) and (node.get("rows", 3), node.get("cols", 4)) != (3, 4)):
-        raise ReadError(path, f"{key}: expected a 3 x 4 projection matrix of 12 numbers, got {node!r}"[:400])
+        raise ReadError(path, f"{key}: expected a 3 x 4 projection matrix of 12 numbers, got {shown(node, _SHOWN)}")
     return values.reshape(3, 4)
 
 
@@ -252,12 +254,11 @@ def _checked_size(path: Path, size: Sequence[Any] | None) -> Size | None:
         width_px, height_px = int(size[0]), int(size[1])
     except (TypeError, ValueError, OverflowError):
         width_px = height_px = 0
+    came = f"{shown(size[0])} x {shown(size[1])}"
     if width_px < 1 or height_px < 1:
-        fault = f"expected a width and height of at least 1 pixel, got {size[0]!r} x {size[1]!r}"
-        raise ReadError(path, fault[:400])
+        raise ReadError(path, f"expected a width and height of at least 1 pixel, got {came}")
     if max(width_px, height_px) > _LARGEST_SIDE_PX:
-        fault = f"expected a width and height of at most {_LARGEST_SIDE_PX} pixels, got {size[0]!r} x {size[1]!r}"
-        raise ReadError(path, fault[:400])
+        raise ReadError(path, f"expected a width and height of at most {_LARGEST_SIDE_PX} pixels, got {came}")
     return Size(width_px, height_px)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from semisynth_gl.codecs.codec import Codec
-from semisynth_gl.errors import ReadError
+from semisynth_gl.errors import ReadError, shown
 
 # Whatever is larger is no float64.
 _LARGEST = 10**300
@@ -52,7 +52,7 @@ def _check_numbers(key: str, value: object) -> None:
     """Raise ValueError where a value, or an item of a list, is no finite float64; objects have been checked before."""
     if isinstance(value, float | int):
         if not (isfinite(value) if isinstance(value, float) else -_LARGEST < value < _LARGEST):
-            raise ValueError(f"expected a finite number at the key {key!r}, got {value!r:.40}")
+            raise ValueError(f"expected a finite number at the key {key!r}, got {shown(value)}")
     elif isinstance(value, list):
         for item in value:
             _check_numbers(key, item)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from semisynth_gl.config.fields import FROM_LIST, LARGEST, Finite, NotNegative, Positive, Section, Weight
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, shown
 from semisynth_gl.histogram import Histogram, mix_histograms
 from semisynth_gl.user_files import read_file
 
@@ -252,10 +252,10 @@ def read_histogram(path: Path) -> dict[str, Any]:
         try:
             low, high, share = (float(part) for part in text.split(","))
         except ValueError:
-            fault = f"expected three numbers, low_px,high_px,share, got {text[:100]!r}"
+            fault = f"expected three numbers, low_px,high_px,share, got {shown(text)}"
             raise InputError(f"{path}:{number}: {fault}") from None
         if not (-LARGEST <= low < high <= LARGEST and 0 <= share <= LARGEST):
-            fault = f"expected low_px < high_px and a share of 0 or more, all at most {LARGEST:g}, got {text[:100]!r}"
+            fault = f"expected low_px < high_px and a share of 0 or more, all at most {LARGEST:g}, got {shown(text)}"
             raise InputError(f"{path}:{number}: {fault}")
         if bins and abs(bins[-1][1] - low) > _RESOLUTION_PX:
             raise InputError(f"{path}:{number}: expected the bin to begin at {bins[-1][1]:g} px, where the last ends")

@@ -16,7 +16,7 @@ from semisynth_gl.arguments import check_type
 from semisynth_gl.config.distributions import read_histogram
 from semisynth_gl.config.model import Config
 from semisynth_gl.config.yaml_values import DEEPEST, MOST_BYTES, Key, YamlError, read_yaml
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, cut, shown
 from semisynth_gl.resources import data_root
 from semisynth_gl.user_files import expanded, read_file
 
@@ -35,8 +35,7 @@ _REPLACES = {
 
 # Configs that extend each other, one the next.
 _MOST_PARENTS = 16
-# Of a message: faults, and characters of a value.
-_FAULTS_SHOWN, _SHOWN = 20, 100
+_FAULTS_SHOWN = 20
 
 
 @dataclass(slots=True)
@@ -72,17 +71,17 @@ def load_config(name_or_path: str | Path, overrides: Overrides = ()) -> Config:
     return _validated(_read_document(_find_config(str(name_or_path)), ()), overrides)
 
 
-def parse_config(text: str, shown: str) -> Config:
+def parse_config(text: str, file: str) -> Config:
     """Read a config from its YAML.
 
     Args:
-        text: the YAML. A file that it names without a folder is sought beside ``shown``.
-        shown: the file that messages name.
+        text: the YAML. A file that it names without a folder is sought beside ``file``.
+        file: the file that messages name.
 
     Raises:
         InputError: see `load_config`.
     """
-    return _validated(_parse_document(text, Path(shown), shown, ()))
+    return _validated(_parse_document(text, Path(file), file, ()))
 
 
 def _validated(document: _Document, overrides: Overrides = ()) -> Config:
@@ -111,7 +110,7 @@ def _read_target_file(document: _Document) -> None:
     if "path" not in target:
         faults.append(((*_TARGET, "form"), "a target of form file needs a path beside it: disparity.target.path"))
     elif not isinstance(path, str):
-        faults.append(((*_TARGET, "path"), f"expected the name of a file, got {_shown(path)}"))
+        faults.append(((*_TARGET, "path"), f"expected the name of a file, got {shown(path)}"))
     if faults:
         raise InputError("\n".join(f"{_prefix(key, document)}: {fault}" for key, fault in faults))
     # A path in a config counts from the folder of the config, a path in an override from the working folder.
@@ -133,47 +132,47 @@ def _find_config(name: str) -> Path | Traversable:
         return data_root("configs") / f"{stem}.yaml"
     similar = difflib.get_close_matches(stem, names, n=1)
     hint = f" Did you mean {similar[0]}?" if similar else ""
-    raise InputError(f"no such config: {_cut(name)}.{hint} Expected a YAML file, or one of: {', '.join(names)}")
+    raise InputError(f"no such config: {cut(name)}.{hint} Expected a YAML file, or one of: {', '.join(names)}")
 
 
 def _read_document(path: Path | Traversable, parents: tuple[str, ...]) -> _Document:
-    shown = str(path) if isinstance(path, Path) else path.name
-    if shown in parents:
-        raise InputError(f"{shown}: configs extend each other in a circle: {' -> '.join((*parents, shown))}")
+    file = str(path) if isinstance(path, Path) else path.name
+    if file in parents:
+        raise InputError(f"{file}: configs extend each other in a circle: {' -> '.join((*parents, file))}")
     if len(parents) > _MOST_PARENTS:
-        raise InputError(f"{shown}: more than {_MOST_PARENTS} configs extend each other, one the next")
+        raise InputError(f"{file}: more than {_MOST_PARENTS} configs extend each other, one the next")
     try:
         data = read_file(path, MOST_BYTES) if isinstance(path, Path) else path.read_bytes()
         text = data.decode("utf-8")
     except OSError as error:
-        raise InputError(f"{shown}: cannot be read as YAML: {error.strerror}") from None
+        raise InputError(f"{file}: cannot be read as YAML: {error.strerror}") from None
     except UnicodeDecodeError as error:
-        raise InputError(f"{shown}: cannot be read as YAML: {error}") from None
-    return _parse_document(text, path, shown, parents)
+        raise InputError(f"{file}: cannot be read as YAML: {error}") from None
+    return _parse_document(text, path, file, parents)
 
 
-def _parse_document(text: str, path: Path | Traversable, shown: str, parents: tuple[str, ...]) -> _Document:
+def _parse_document(text: str, path: Path | Traversable, file: str, parents: tuple[str, ...]) -> _Document:
     try:
         tree, lines = read_yaml(text)
     except YamlError as error:
-        place = shown if error.line is None else f"{shown}:{error.line}"
+        place = file if error.line is None else f"{file}:{error.line}"
         raise InputError(f"{place}: {error}") from None
     if not isinstance(tree, dict):
-        raise InputError(f"{shown}:1: expected sections such as camera: and disparity:, got {_shown(tree)}")
-    own = _Document(tree, {key: f"{shown}:{line}" for key, line in lines.items()})
+        raise InputError(f"{file}:1: expected sections such as camera: and disparity:, got {shown(tree)}")
+    own = _Document(tree, {key: f"{file}:{line}" for key, line in lines.items()})
     base_name = own.values.pop(_EXTENDS, None)
     if base_name is None:
         return own
     place = own.places[(_EXTENDS,)]
     if not isinstance(base_name, str):
-        raise InputError(f"{place}: {_EXTENDS}: expected the name of a config, got {_shown(base_name)}")
+        raise InputError(f"{place}: {_EXTENDS}: expected the name of a config, got {shown(base_name)}")
     try:
         beside = path.parent / expanded(base_name) if isinstance(path, Path) else None
         is_beside = beside is not None and os.path.isfile(beside)  # noqa: PTH113 - see _find_config
         base_path = beside if beside is not None and is_beside else _find_config(base_name)
     except InputError as error:
         raise InputError(f"{place}: {_EXTENDS}: {error}") from None
-    return _merged(_read_document(base_path, (*parents, shown)), own)
+    return _merged(_read_document(base_path, (*parents, file)), own)
 
 
 def _merged(base: _Document, own: _Document) -> _Document:
@@ -211,17 +210,17 @@ def _merged(base: _Document, own: _Document) -> _Document:
 def _parsed_override(text: str) -> tuple[str, Any]:
     key, equals, value = text.partition("=")
     if not equals or not key:
-        raise InputError(f"{_OVERRIDE} {_cut(text)}: expected dotted.key=value, such as camera.width_px=640")
+        raise InputError(f"{_OVERRIDE} {cut(text)}: expected dotted.key=value, such as camera.width_px=640")
     try:
         return key, read_yaml(value)[0]
     except YamlError as error:
-        raise InputError(f"{_OVERRIDE} {_cut(key)}: the value {_cut(repr(value))}: {error}") from None
+        raise InputError(f"{_OVERRIDE} {cut(key)}: the value {shown(value)}: {error}") from None
 
 
 def _set(document: _Document, dotted: str, value: Any) -> None:  # noqa: ANN401 - any YAML value
     *sections, last = key = tuple(dotted.split("."))
     if len(sections) > DEEPEST:
-        raise InputError(f"{_OVERRIDE} {_cut(dotted)}: expected a key of at most {DEEPEST} parts")
+        raise InputError(f"{_OVERRIDE} {cut(dotted)}: expected a key of at most {DEEPEST} parts")
     node = document.values
     for section in sections:
         node = node.setdefault(section, {})
@@ -253,7 +252,7 @@ def _explain(fault: ErrorDetails, document: _Document) -> str:
     if kind == "missing":
         return f"{prefix}: missing; this key has no default"
     message = fault["msg"].removeprefix("Value error, ")
-    value = "" if isinstance(fault["input"], (dict, BaseModel)) else f", got {_shown(fault['input'])}"
+    value = "" if isinstance(fault["input"], (dict, BaseModel)) else f", got {shown(fault['input'])}"
     return f"{prefix}: {message[0].lower()}{message[1:]}{value}"
 
 
@@ -264,23 +263,11 @@ def _explain_form(key: Key, names: Iterable[str], fault: ErrorDetails, document:
     prefix, listed = _prefix(key, document), f"expected one of: {', '.join(names)}"
     if fault["type"] == "union_tag_not_found":
         return f"{prefix}: missing; {listed}"
-    form = _cut(fault["ctx"]["tag"])
+    form = cut(fault["ctx"]["tag"])
     if form == _TARGET_FILE and is_part:
         return f"{prefix}: a part of a mixture takes no file, only a whole target does; {listed}"
     similar = difflib.get_close_matches(form, names, n=1, cutoff=0.5)
     return f"{prefix}: unknown form {form}; {f'did you mean {similar[0]}? ' if similar else ''}{listed}"
-
-
-def _shown(value: object) -> str:
-    """Return a value for a message, cut where it is long."""
-    try:
-        return _cut(repr(value))
-    except ValueError:  # Python writes no integer of more than 4300 digits
-        return "a number of thousands of digits"
-
-
-def _cut(text: str) -> str:
-    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
 
 
 def _prefix(key: Key, document: _Document) -> str:

@@ -22,6 +22,8 @@ from ruamel.yaml.nodes import ScalarNode
 from ruamel.yaml.reader import ReaderError
 from ruamel.yaml.resolver import VersionedResolver
 
+from semisynth_gl.errors import cut
+
 MOST_BYTES = 1 << 18
 """Most bytes of a text, about what is read in a second where all of it is punctuation."""
 
@@ -85,7 +87,7 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int]]:
         line = text.count("\n", 0, error.position) + 1
         raise YamlError(line, (), f"not valid YAML: the character {chr(error.character)!r} is not allowed") from None
     except Exception as error:  # noqa: BLE001 - a parser of hostile texts raises anything
-        raise YamlError(None, (), f"not valid YAML: {error}"[:200]) from None
+        raise YamlError(None, (), f"not valid YAML: {cut(str(error), 200)}") from None
 
 
 class _Reader:

@@ -16,7 +16,7 @@ from semisynth_gl.config.model import Config
 from semisynth_gl.dataset.plan import Shard, abbreviate, list_shards
 from semisynth_gl.dataset.schema import INDEX, PLAN, tar_path
 from semisynth_gl.dataset.tar import content_offsets
-from semisynth_gl.errors import ReadError
+from semisynth_gl.errors import ReadError, shown
 from semisynth_gl.frame import TruthViews
 from semisynth_gl.layouts import layout_names
 from semisynth_gl.splits import SplitName
@@ -28,7 +28,6 @@ CHANGED_INDEX = f"somebody changed it; without {INDEX}, the dataset's generate c
 _MOST_PAIRS = 10**8
 _MOST_BYTES = 2**62
 _SHOWN = 3
-_SHOWN_CHARACTERS = 60
 
 
 def _check_below(name: str) -> str:
@@ -208,7 +207,7 @@ def check_document(values: Mapping[str, Any], model: type[_Facts], path: Path) -
         for fault in error.errors(include_url=False):
             key = ".".join(str(part) for part in fault["loc"] if part != "[key]")
             text = fault["msg"].removeprefix("Value error, ")
-            came = "" if fault["type"] == "missing" else f", got {_shorten(fault['input'])}"
+            came = "" if fault["type"] == "missing" else f", got {shown(fault['input'])}"
             faults.append(f"{key}: {text[0].lower()}{text[1:]}{came}")
         raise ReadError(path, abbreviate(faults, _SHOWN)) from None
 
@@ -256,12 +255,12 @@ def check_record(values: Mapping[str, Any], shard: Shard, path: Path, *, packed:
     if came != expected:
         raise ReadError(
             path, f"samples: expected the pairs {shard.first} to {shard.end - 1}, its record lists {len(came)} pairs"
-            f" ({_shorten(came)})"
+            f" ({shown(came)})"
         )  # fmt: skip
     if not packed:
         return
     if values.get("tar") != tar_path(shard.name):
-        raise ReadError(path, f"tar: expected {tar_path(shard.name)}, got {_shorten(values.get('tar'))}")
+        raise ReadError(path, f"tar: expected {tar_path(shard.name)}, got {shown(values.get('tar'))}")
     files = [
         (f"samples.{number}.files.{name}", file)
         for number, sample in enumerate(values["samples"])
@@ -270,7 +269,7 @@ def check_record(values: Mapping[str, Any], shard: Shard, path: Path, *, packed:
     offsets, size = content_offsets(file["bytes"] for _, file in files)
     for (key, file), offset in zip(files, offsets, strict=True):
         if file.get("offset") != offset:
-            raise ReadError(path, f"{key}.offset: expected {offset} by the sizes, got {_shorten(file.get('offset'))}")
+            raise ReadError(path, f"{key}.offset: expected {offset} by the sizes, got {shown(file.get('offset'))}")
     if values["bytes"] != size:
         raise ReadError(path, f"bytes: expected {size} by the sizes of the files, got {values['bytes']}")
 
@@ -279,9 +278,4 @@ def _check_shard(values: Mapping[str, Any], shard: Shard, prefix: str, path: Pat
     expected = {"shard": shard.name, "split": shard.split, "first": shard.first, "end": shard.end}
     for key, value in expected.items():
         if values[key] != value:
-            raise ReadError(path, f"{prefix}{key}: expected {value!r}, got {_shorten(values[key])}")
-
-
-def _shorten(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= _SHOWN_CHARACTERS else f"{text[:_SHOWN_CHARACTERS]}..."
+            raise ReadError(path, f"{prefix}{key}: expected {value!r}, got {shown(values[key])}")

@@ -11,7 +11,7 @@ from semisynth_gl.arguments import check_type, to_whole
 from semisynth_gl.camera import EYES
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.schema import PROGRAM, RECORDS, shard_name
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, shown
 from semisynth_gl.frame import CHANNELS
 from semisynth_gl.layouts import Key, Layout, find_layout
 from semisynth_gl.layouts.key import sequence_length
@@ -216,7 +216,7 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any], prefix: str =
         if isinstance(old, Mapping) and isinstance(new, Mapping):
             texts += differences(old, new, f"{prefix}{key}.")
         elif old != new:
-            texts.append(f"{prefix}{key} ({_shorten(old)} there, {_shorten(new)} now)")
+            texts.append(f"{prefix}{key} ({_shown(old)} there, {_shown(new)} now)")
     return texts
 
 
@@ -229,6 +229,5 @@ def abbreviate(names: Sequence[str], most: int = 8) -> str:
 _ABSENT = object()
 
 
-def _shorten(value: object) -> str:
-    text = "nothing" if value is _ABSENT else repr(value)
-    return text if len(text) <= 40 else f"{text[:37]}..."
+def _shown(value: object) -> str:
+    return "nothing" if value is _ABSENT else shown(value, 40)

@@ -14,7 +14,7 @@ from semisynth_gl.dataset.plan import Shard, list_shards
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file
 from semisynth_gl.dataset.schema import INDEX, PLAN, PROGRAM, record_path, tar_path
 from semisynth_gl.dataset.tar import HEADER, header_fault
-from semisynth_gl.errors import InputError, ReadError
+from semisynth_gl.errors import InputError, ReadError, shown
 from semisynth_gl.frame import DEFAULT_OUTPUTS, OUTPUTS, TruthViews
 from semisynth_gl.layouts import Key, Layout, find_layout
 from semisynth_gl.layouts.key import sequence_length
@@ -160,7 +160,7 @@ def read_index(address: str | PathLike[str]) -> Index:
             ours |= name == PLAN and error.reason != _MISSING
             continue
         if values.get("program") != PROGRAM:
-            raise InputError(f"{address}: {name} is not of {PROGRAM}: program is {values.get('program')!r:.80}")
+            raise InputError(f"{address}: {name} is not of {PROGRAM}: program is {shown(values.get('program'))}")
         ours = True
         try:
             check(values, place.path(name))

@@ -17,6 +17,7 @@ import trimesh
 from trimesh.exchange import load as trimesh_load
 from trimesh.resolvers import Resolver, ZipResolver
 
+from semisynth_gl.errors import cut, shown
 from semisynth_gl.geometry.model_parts import (
     MAX_BYTES,
     MAX_PARTS,
@@ -77,7 +78,7 @@ def read_parts(path: Path) -> PlacedParts:
         except (BrokenModelError, MemoryError):
             raise
         except Exception as error:  # a reader may throw anything at a hostile file
-            clause = " ".join(f"{type(error).__name__}: {error}".split())[:120]
+            clause = cut(" ".join(f"{type(error).__name__}: {error}".split()), 120)
             raise BrokenModelError(f"cannot be read ({clause})") from error
 
 
@@ -176,7 +177,7 @@ class _Neighbours(Resolver):
                 content = _read(path, self._room)
                 self._room -= len(content)
                 return content
-        raise BrokenModelError(f"refers to {name[:80]!r}, expected a file in the model's folder or below it")
+        raise BrokenModelError(f"refers to {shown(name)}, expected a file in the model's folder or below it")
 
     def keys(self) -> list[str]:
         return []

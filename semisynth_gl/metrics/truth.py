@@ -19,7 +19,7 @@ from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, DisparityPng16
 from semisynth_gl.dataset.reader import Dataset, open_dataset
 from semisynth_gl.dataset.schema import INDEX, PLAN
-from semisynth_gl.errors import InputError, ReadError
+from semisynth_gl.errors import InputError, ReadError, cut, shown
 from semisynth_gl.frame import VISIBLE
 from semisynth_gl.metrics.protocol import UNLIMITED, Limits, ProtocolName, shown_size
 from semisynth_gl.splits import SplitName
@@ -263,11 +263,11 @@ def read_limits(path: Path) -> Limits:
     try:
         numbers = {key: _whole(value) for key, value in values.items()}
     except ValueError:
-        raise ReadError(path, f"expected whole numbers as ndisp and isint, got {values}"[:400]) from None
+        raise ReadError(path, f"expected whole numbers as ndisp and isint, got {shown(values)}") from None
     if numbers.get("ndisp", 1) > _LARGEST_NDISP:
-        raise ReadError(path, f"ndisp: expected at most {_LARGEST_NDISP}, got {values['ndisp'].strip()[:100]}")
+        raise ReadError(path, f"ndisp: expected at most {_LARGEST_NDISP}, got {cut(values['ndisp'].strip())}")
     if numbers.get("ndisp", 1) <= 0:
-        raise ReadError(path, f"ndisp: expected a number above 0, got {values['ndisp']}")
+        raise ReadError(path, f"ndisp: expected a number above 0, got {cut(values['ndisp'])}")
     return Limits(numbers.get("ndisp"), bool(numbers.get("isint")))
 
 
