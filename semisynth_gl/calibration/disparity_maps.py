@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.calibration.rig import Size
-from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, read_disparity_map
+from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, is_disparity_map, read_disparity_map
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.errors import InputError
 from semisynth_gl.histogram import Histogram, PixelCount
 from semisynth_gl.textures.image_files import find_files
-from semisynth_gl.user_files import expanded, open_file
+from semisynth_gl.user_files import expanded
 
 # Fine enough for any quantile, and for bins of any round width from 1 px.
 _FINE_PX = 1 / 16
@@ -44,12 +44,13 @@ def find_maps(sources: Sequence[str | Path]) -> list[Path]:
 
     Raises:
         InputError: where a source matches no map.
+        ReadError: where a PNG of a folder or glob cannot be read.
     """
     paths: dict[Path, None] = {}
     for source in sources:
         maps = find_files([source], MAP_EXTENSIONS)
         if not expanded(source).is_file():
-            maps = [path for path in maps if path.suffix.lower() != ".png" or _is_grey16(path)]
+            maps = [path for path in maps if is_disparity_map(path)]
         if not maps:
             raise InputError(
                 f"--disparity {source}: no disparity map there: expected .pfm, .npy or 16-bit grey .png, or a folder "
@@ -120,13 +121,3 @@ def measure_maps(
         pixels += disparity.size
         valid += count
     return MeasuredMaps(Histogram.from_counts(edges, shares), pixels, valid)
-
-
-def _is_grey16(path: Path) -> bool:
-    try:
-        with open_file(path) as file:
-            head = file.read(26)
-    except OSError:
-        return False
-    # Depth 16 and colour type 0 end PNG's first chunk.
-    return head[12:16] == b"IHDR" and head[24:] == bytes([16, 0])

@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 
 from semisynth_gl.codecs.codec import read_bytes
 from semisynth_gl.codecs.pfm import ANY_PFM
-from semisynth_gl.codecs.png import GREY16
+from semisynth_gl.codecs.png import GREY16, HEAD_BYTES
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, DisparityPng16
 from semisynth_gl.errors import ReadError
+from semisynth_gl.user_files import NotOnDiskError, open_file
 
 MAP_EXTENSIONS = (".pfm", ".npy", ".png")
 """Endings of the names of disparity maps."""
@@ -38,7 +39,7 @@ def read_disparity_map(path: Path, png_steps: float = KITTI_DISPARITY.steps) -> 
 
 
 def is_disparity_map(path: Path) -> bool:
-    """Return whether a file may be a disparity map; a PNG of another kind than 16-bit grey is a picture.
+    """Return whether a file may be a disparity map: no pipe, and no picture, which is a PNG that is not 16-bit grey.
 
     Args:
         path: .pfm, .npy or .png; of others than PNG, the content is not looked at.
@@ -46,7 +47,15 @@ def is_disparity_map(path: Path) -> bool:
     Raises:
         ReadError: where the file cannot be read.
     """
-    return GREY16.is_kind_of(read_bytes(path)) if path.suffix.lower() == ".png" else True
+    if path.suffix.lower() != ".png":
+        return True
+    try:
+        with open_file(path) as file:
+            return GREY16.is_kind_of(file.read(HEAD_BYTES))
+    except NotOnDiskError:
+        return False
+    except OSError as error:
+        raise ReadError(path, f"cannot be read: {error.strerror}") from None
 
 
 def _read_npy(data: bytes, path: Path) -> NDArray[np.float32]:

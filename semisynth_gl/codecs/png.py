@@ -19,6 +19,8 @@ from semisynth_gl.errors import ReadError
 _LEVEL = 1
 _FILTER_UP = 2  # difference to the pixel above
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
+HEAD_BYTES = 26
+"""The first bytes of a PNG, up to its number of bits and its components."""
 _END = b"\x00\x00\x00\x00IEND\xaeB\x60\x82"
 # Masks and ids, which are the same over large parts of an image.
 _MAP_PIXEL_BYTES = 0.05
@@ -59,7 +61,7 @@ class Png(Codec[NDArray[Any]]):
         return b"".join([_SIGNATURE, _chunk(b"IHDR", header), _chunk(b"IDAT", content), _chunk(b"IEND", b"")])
 
     def is_kind_of(self, data: bytes) -> bool:
-        """Return whether a PNG's header says that it has this number of bits and these components."""
+        """Return whether the first `HEAD_BYTES` of a PNG, or more, say that it has these bits and components."""
         return data[:8] == _SIGNATURE and data[24:26] == bytes((self._bits, self._colour))
 
     def decode(self, data: bytes, path: Path) -> NDArray[Any]:

@@ -1,17 +1,15 @@
 """A config in full, as YAML: every key with its value and, as a comment, what it is for."""
 
 import inspect
-import io
 import re
 import textwrap
 from collections.abc import Iterator
-from typing import Any
 
 from pydantic import BaseModel
-from ruamel.yaml import YAML
 
 from semisynth_gl.config.load import load_config, packaged_configs
 from semisynth_gl.config.model import Config
+from semisynth_gl.config.yaml_values import write_yaml
 from semisynth_gl.resources import data_root
 
 _WIDTH = 100
@@ -66,7 +64,7 @@ def _section(section: BaseModel, indent: str) -> Iterator[str]:
             yield f"{indent}{key}:"
             yield from _section(inner, f"{indent}  ")
         else:
-            yield f"{indent}{key}: {_flow(value)}"
+            yield f"{indent}{key}: {write_yaml(value, flow=True)}"
         if not indent:
             yield ""
 
@@ -83,11 +81,3 @@ def _meanings(section: type[BaseModel]) -> dict[str, str]:
         elif name:
             meanings[name] += f" {line.strip()}"
     return meanings
-
-
-def _flow(value: Any) -> str:  # noqa: ANN401 - any JSON
-    """Write a value on one line of YAML."""
-    stream, yaml = io.StringIO(), YAML()
-    yaml.default_flow_style, yaml.width = True, 1 << 20
-    yaml.dump(value, stream)
-    return stream.getvalue().removesuffix("\n").removesuffix("...").strip()

@@ -1,9 +1,10 @@
-"""YAML as plain values, with the line of each key, within limits that are checked as the text is read.
+"""YAML as plain values, with the line of each key, within limits that are checked as the text is read; and written.
 
 Mappings, lists, texts, numbers, booleans and null are all that configs and calibrations need. Tags, anchors, aliases
 and merge keys are refused: aliases of aliases grow beyond any memory, and a tag may build anything. A date is text.
 """
 
+import io
 from collections.abc import Iterator
 from typing import Any, NoReturn
 
@@ -88,6 +89,24 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int]]:
         raise YamlError(line, (), f"not valid YAML: the character {chr(error.character)!r} is not allowed") from None
     except Exception as error:  # noqa: BLE001 - a parser of hostile texts raises anything
         raise YamlError(None, (), f"not valid YAML: {cut(str(error), 200)}") from None
+
+
+def write_yaml(value: Any, *, flow: bool = False) -> str:  # noqa: ANN401 - any YAML value
+    """Return the YAML of a value, each text and list of values on one line.
+
+    Args:
+        value: plain values.
+        flow: write all of it on one line, without a line break at its end.
+    """
+    stream, yaml = io.StringIO(), YAML()
+    yaml.width = 1 << 20
+    if not flow:
+        yaml.dump(value, stream)
+        return stream.getvalue()
+    yaml.default_flow_style = True
+    yaml.dump(value, stream)
+    # The mark of a document's end stands behind a value that is no mapping and no list.
+    return stream.getvalue().removesuffix("\n").removesuffix("...").strip()
 
 
 class _Reader:

@@ -1,16 +1,15 @@
 """The dataset card: a README.md for people, with the front matter that hubs read."""
 
-import io
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from math import isfinite
 from typing import Any
 
-from ruamel.yaml import YAML
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from semisynth_gl.codecs import Codec
+from semisynth_gl.config.yaml_values import write_yaml
 from semisynth_gl.dataset.file_sets import FileSet, list_file_sets
 from semisynth_gl.dataset.files import plan_from_values
 from semisynth_gl.dataset.plan import Plan
@@ -94,11 +93,7 @@ def _front(plan: Plan, index: Mapping[str, Any]) -> str:
         values["configs"] = [{"config_name": "default", "data_files": files}]
     else:
         values["configs"] = [_config(role, file_sets) for role, file_sets in _image_sets(plan).items()]
-    yaml = YAML()
-    yaml.width = 2**16
-    text = io.StringIO()
-    yaml.dump(values, text)
-    return text.getvalue()
+    return write_yaml(values)
 
 
 def _config(role: str, file_sets: Sequence[FileSet]) -> dict[str, Any]:

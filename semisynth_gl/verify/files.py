@@ -39,7 +39,6 @@ class StoredShard:
         self.split = shard.split
         self.numbers = range(shard.first, shard.end)
         self._shard = shard
-        self._name = name = shard.name
         self._index = index
         self._record: Mapping[str, Any] = {}
         self.fault: str | None = None
@@ -48,7 +47,9 @@ class StoredShard:
             self._record = read_record(index.place, shard, packed=index.layout.packed)
             self._samples = {sample["pair"]: sample["files"] for sample in self._record["samples"]}
         except ReadError as error:
-            self.fault = f"{record_path(name)} {error.reason}: the shard is not finished, or its record was changed"
+            self.fault = (
+                f"{record_path(shard.name)} {error.reason}: the shard is not finished, or its record was changed"
+            )
 
     def check(self, verdict: Verdict) -> None:
         """Check the record against the index, and the tar's digest and list of members against the record."""
@@ -60,13 +61,13 @@ class StoredShard:
         for key in ("bytes", "sha256"):
             if entry[key] != record[key]:
                 verdict.add(
-                    "shard", f"{self._name}: {key} is {record[key]!r} in its record, {entry[key]!r} in the index"
+                    "shard", f"{self._shard.name}: {key} is {record[key]!r} in its record, {entry[key]!r} in the index"
                 )
         if "tar" in record:
             self._check_tar(verdict)
 
     def _check_tar(self, verdict: Verdict) -> None:
-        place, name = self._index.place, tar_path(self._name)
+        place, name = self._index.place, tar_path(self._shard.name)
         try:
             with place.open(name) as file:
                 digest = hashlib.file_digest(cast("BufferedReader", file), "sha256").hexdigest()
