@@ -1,5 +1,7 @@
 """Errors whose cause lies outside the program, what their messages share, and the files that were skipped."""
 
+import difflib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -68,3 +70,21 @@ def shown(value: object, most: int = 100) -> str:
 def cut(text: str, most: int = 100) -> str:
     """Return a text, cut where it is longer than so many characters."""
     return text if len(text) <= most else f"{text[:most]}..."
+
+
+def near(name: str, known: Iterable[str], most: int = 1, least_ratio: float = 0.7) -> list[str]:
+    """Return the known names that a wrong one may have been meant for, the likeliest first.
+
+    Args:
+        name: the wrong name.
+        known: the names that there are.
+        most: how many to return at most.
+        least_ratio: how alike names must be, of 1; see `difflib.SequenceMatcher.ratio`.
+    """
+    return difflib.get_close_matches(name, list(known), most, least_ratio)
+
+
+def did_you_mean(names: Iterable[str], otherwise: str = "") -> str:
+    """Return the question for a message, or other words where there are no names."""
+    listed = " or ".join(names)
+    return f"did you mean {listed}?" if listed else otherwise

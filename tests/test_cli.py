@@ -210,7 +210,7 @@ def test_wrong_ways_to_generate_are_refused_and_nothing_written(call, tmp_path, 
         (["--config", "nope"], ["no such config: nope", "middlebury"]),
         (
             ["--config", "middlebury", "--set", "camera.widht_px=3"],
-            ["--set camera.widht_px: unknown key; did you mean width_px?"],
+            ["--set camera.widht_px: unknown key; did you mean camera.width_px?"],
         ),
         (["--config", "middlebury", "--images", "nowhere"], ["nowhere"]),
         (["--config", "middlebury", "--images", "nowhere/*.jpg"], ["nowhere/*.jpg"]),
@@ -467,7 +467,7 @@ def test_configs_are_listed_and_printed_in_full(call, tmp_path):
     assert [line.split()[0] for line in listed.stdout.splitlines()] == packaged_configs()
     (tmp_path / "lab.yaml").write_text(call("configs", "kitti", cwd=tmp_path).stdout)
     assert load_config(tmp_path / "lab.yaml").digest() == load_config("kitti").digest()
-    refused(call("configs", "kiti", cwd=tmp_path), "Did you mean kitti?")
+    refused(call("configs", "kiti", cwd=tmp_path), "did you mean kitti?")
 
 
 def test_generate_without_a_config_says_which_there_are(call, tmp_path):

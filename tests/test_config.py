@@ -99,7 +99,7 @@ def test_errors_name_file_line_and_key(tmp_path):
         in lines
     )
     assert f"{path}:6: camera.baseline_m: expected numbers above 0, got -1" in lines
-    assert f"{path}:7: camera.widht_px: unknown key; did you mean width_px?" in lines
+    assert f"{path}:7: camera.widht_px: unknown key; did you mean camera.width_px?" in lines
     assert any(
         line.startswith(f"{path}:9: zzz: unknown key; expected one of: antialias, background, camera,")
         for line in lines
@@ -139,7 +139,7 @@ def test_errors_in_an_extended_file_name_that_file(tmp_path):
         ("extends: mine.yaml\n", "extend each other in a circle"),
         ("extends: nowhere\n", "no such config: nowhere"),
         ("extends: [1]\n", "expected the name of a config"),
-        ("camera: 3\n", "camera: input should be a valid dictionary"),
+        ("camera: 3\n", "camera: expected a section with keys of its own, got 3"),
     ],
 )
 def test_wrong_configs_are_refused(tmp_path, text, word):
@@ -156,7 +156,7 @@ def test_binary_files_are_refused(tmp_path):
 
 
 def test_unknown_names_get_the_nearest(tmp_path):
-    with pytest.raises(InputError, match=r"no such config: midlebury\. Did you mean middlebury\?"):
+    with pytest.raises(InputError, match=r"no such config: midlebury; did you mean middlebury\?"):
         load_config("midlebury")
     with pytest.raises(InputError, match="no such config"):
         load_config(tmp_path / "none.yaml")
@@ -173,8 +173,9 @@ def test_overrides_are_yaml_and_name_themselves(tmp_path):
     config = load_config(path, ["camera.focal_px=[40, 1e2]", "textures.sequence=true"])
     assert (config.camera.focal_px, config.textures.sequence) == (Range(40, 100), True)
     assert load_config(path, {"camera.focal_px": [40, 100.0], "textures.sequence": True}) == config
+    assert load_config(path, {"camera": {"focal_px": [40, 100.0]}, "textures": {"sequence": True}}) == config
     for setting, word in (
-        ("camera.width=3", r"--set camera\.width: unknown key; did you mean width_px\?"),
+        ("camera.width=3", r"--set camera\.width: unknown key; did you mean camera\.width_px\?"),
         ("camera.width_px=x", r"--set camera\.width_px: input should be a valid integer, got 'x'"),
         ("camera.width_px.more=3", r"camera\.width_px: input should be a valid integer"),
         ("camera.width_px", "expected dotted.key=value"),
@@ -182,6 +183,46 @@ def test_overrides_are_yaml_and_name_themselves(tmp_path):
     ):
         with pytest.raises(InputError, match=word):
             load_config(path, [setting])
+
+
+MEANT = {
+    "camera.widht_px": "camera.width_px",
+    "width_px": "camera.width_px",
+    "camra.width_px": "camera.width_px",
+    "camra.widht_px": "camera.width_px",
+    "Camera.width_px": "camera.width_px",
+    "texture.source": "textures.source",
+    "output": "outputs",
+    "layers": "particles.layers",
+    "particles.max_px": "disparity.max_px",
+    "background.panels": "background.plane or structures.panels",
+    "images": "textures.images or licences.images",
+    "textures.image": "textures.images or files.image",
+    "models.kind.chair": "models.kinds",
+    "disparity.target.frm": "disparity.target.form",
+}
+
+
+@pytest.mark.parametrize("as_text", [True, False])
+def test_a_wrong_key_names_those_that_may_be_meant(tmp_path, as_text):
+    said = {}
+    for key in MEANT:
+        with pytest.raises(InputError) as caught:
+            load_config("middlebury", [f"{key}=3"] if as_text else {key: 3})
+        said[key] = str(caught.value)
+        assert said[key].startswith(f"--set {key}: ")
+    assert {key: re.search(r"unknown key; did you mean (.*)\?$", text)[1] for key, text in said.items()} == MEANT
+    path = written(
+        tmp_path, "name: m\n" + CAMERA + "disparity: {min_px: 1, max_px: 9}\nwidth_px: 3\ncamra: {cy_px: 3}\n"
+    )
+    with pytest.raises(
+        InputError, match=rf"{path}:\d+: width_px: unknown key; did you mean camera.width_px\?"
+    ) as caught:
+        load_config(path)
+    assert "camra: unknown key; did you mean camera.cy_px?" in str(caught.value)
+    for key in ("zzz", "seed", "zzz.qqq"):
+        with pytest.raises(InputError, match="unknown key; expected one of: antialias, background, camera,"):
+            load_config("middlebury", {key: 3})
 
 
 BINS = "low_px,high_px,share\n1,10,3\n10,19,1\n"
@@ -231,7 +272,10 @@ def test_what_is_replaced_lends_its_place_to_nothing(tmp_path):
     ("target", "said"),
     [
         ("{form: gamma, mean_px: 3}", ": disparity.target.spread_px: missing; this key has no default"),
-        ("{form: gamma, mean_px: 3, spred_px: 2}", ": disparity.target.spred_px: unknown key; did you mean spread_px?"),
+        (
+            "{form: gamma, mean_px: 3, spred_px: 2}",
+            ": disparity.target.spred_px: unknown key; did you mean disparity.target.spread_px?",
+        ),
         ("{form: histogram, bin_px: 3, shares: [1, x]}", ": disparity.target.shares.1: input should be a valid number"),
         ("{form: uniform, zzz: 3}", ": disparity.target.zzz: unknown key; expected one of: form, high_px, low_px"),
         ("{mean_px: 3}", f": disparity.target.form: missing; expected one of: {FORMS}, mixture, file"),
@@ -242,7 +286,8 @@ def test_what_is_replaced_lends_its_place_to_nothing(tmp_path):
         ("{form: [1]}", f": disparity.target.form: unknown form [1]; expected one of: {FORMS}, mixture, file"),
         (
             "{form: mixture, parts: [{target: {form: gamma, mean_px: 2, spred_px: 3}}]}",
-            ": disparity.target.parts.0.target.spred_px: unknown key; did you mean spread_px?",
+            ": disparity.target.parts.0.target.spred_px: unknown key; "
+            "did you mean disparity.target.parts.0.target.spread_px?",
         ),
         (
             "{form: mixture, parts: [{target: {form: gamma, mean_px: 2}}]}",
@@ -250,7 +295,7 @@ def test_what_is_replaced_lends_its_place_to_nothing(tmp_path):
         ),
         (
             "{form: mixture, parts: [{weigth: 2}]}",
-            ": disparity.target.parts.0.weigth: unknown key; did you mean weight?",
+            ": disparity.target.parts.0.weigth: unknown key; did you mean disparity.target.parts.0.weight?",
         ),
         (
             "{form: mixture, parts: [{target: {form: mixture}}]}",

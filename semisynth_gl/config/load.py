@@ -1,8 +1,7 @@
 """Reading a config: YAML with ``extends``, overrides, and errors that name file, line and key."""
 
-import difflib
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -16,7 +15,7 @@ from semisynth_gl.arguments import check_type
 from semisynth_gl.config.distributions import read_histogram
 from semisynth_gl.config.model import Config
 from semisynth_gl.config.yaml_values import DEEPEST, MOST_BYTES, Key, YamlError, read_yaml
-from semisynth_gl.errors import InputError, cut, shown
+from semisynth_gl.errors import InputError, cut, did_you_mean, near, shown
 from semisynth_gl.resources import data_root
 from semisynth_gl.user_files import expanded, read_file
 
@@ -36,6 +35,8 @@ _REPLACES = {
 # Configs that extend each other, one the next.
 _MOST_PARENTS = 16
 _FAULTS_SHOWN = 20
+# Keys of one name that a message suggests, and how alike keys are that differ by a letter or two.
+_KEYS_SHOWN, _BY_A_LETTER = 3, 0.9
 
 
 @dataclass(slots=True)
@@ -59,8 +60,8 @@ def load_config(name_or_path: str | Path, overrides: Overrides = ()) -> Config:
 
     Args:
         name_or_path: a path, or the name of a packaged config with or without ".yaml".
-        overrides: ``{"camera.width_px": 640}``, or a list of ``"camera.width_px=640"``, with a value in YAML, and of
-            ``("camera.width_px", 640)``; later ones win.
+        overrides: ``{"camera.width_px": 640}`` or ``{"camera": {"width_px": 640}}``, or a list of
+            ``"camera.width_px=640"``, with a value in YAML, and of ``("camera.width_px", 640)``; later ones win.
 
     Raises:
         InputError: with a line per fault: its place (file, line), the dotted key, what was expected and what came.
@@ -87,7 +88,7 @@ def parse_config(text: str, file: str) -> Config:
 def _validated(document: _Document, overrides: Overrides = ()) -> Config:
     own = _Document()
     for override in overrides.items() if isinstance(overrides, Mapping) else overrides:
-        _set(own, *(_parsed_override(override) if isinstance(override, str) else override))
+        _set(own, *_key_and_value(override))
     document = _merged(document, own)
     _read_target_file(document)
     try:
@@ -130,9 +131,10 @@ def _find_config(name: str) -> Path | Traversable:
     stem, names = path.name.removesuffix(".yaml"), packaged_configs()
     if path.parent == Path() and stem in names:
         return data_root("configs") / f"{stem}.yaml"
-    similar = difflib.get_close_matches(stem, names, n=1)
-    hint = f" Did you mean {similar[0]}?" if similar else ""
-    raise InputError(f"no such config: {cut(name)}.{hint} Expected a YAML file, or one of: {', '.join(names)}")
+    hint = did_you_mean(near(stem, names))
+    raise InputError(
+        f"no such config: {cut(name)}; {hint}{' ' if hint else ''}expected a YAML file, or one of: {', '.join(names)}"
+    )
 
 
 def _read_document(path: Path | Traversable, parents: tuple[str, ...]) -> _Document:
@@ -207,6 +209,16 @@ def _merged(base: _Document, own: _Document) -> _Document:
     return _Document(values, places | own.places)
 
 
+def _key_and_value(override: object) -> tuple[str, Any]:
+    if isinstance(override, str):
+        return _parsed_override(override)
+    if isinstance(override, tuple) and len(override) == 2 and isinstance(override[0], str):
+        return override
+    raise InputError(
+        f"overrides: expected 'camera.width_px=640' or ('camera.width_px', 640) of each, got {shown(override)}"
+    )
+
+
 def _parsed_override(text: str) -> tuple[str, Any]:
     key, equals, value = text.partition("=")
     if not equals or not key:
@@ -246,11 +258,12 @@ def _explain(fault: ErrorDetails, document: _Document) -> str:
     prefix = _prefix(key, document)
     if kind == "extra_forbidden":
         known = sorted(section.model_fields)
-        similar = difflib.get_close_matches(str(key[-1]), known, n=1, cutoff=0.5)
-        hint = f"did you mean {similar[0]}?" if similar else f"expected one of: {', '.join(known)}"
+        hint = did_you_mean(_meant_keys(key, known, fault["input"]), f"expected one of: {', '.join(known)}")
         return f"{prefix}: unknown key; {hint}"
     if kind == "missing":
         return f"{prefix}: missing; this key has no default"
+    if kind in ("model_type", "model_attributes_type"):
+        return f"{prefix}: expected a section with keys of its own, got {shown(fault['input'])}"
     message = fault["msg"].removeprefix("Value error, ")
     value = "" if isinstance(fault["input"], (dict, BaseModel)) else f", got {shown(fault['input'])}"
     return f"{prefix}: {message[0].lower()}{message[1:]}{value}"
@@ -266,8 +279,45 @@ def _explain_form(key: Key, names: Iterable[str], fault: ErrorDetails, document:
     form = cut(fault["ctx"]["tag"])
     if form == _TARGET_FILE and is_part:
         return f"{prefix}: a part of a mixture takes no file, only a whole target does; {listed}"
-    similar = difflib.get_close_matches(form, names, n=1, cutoff=0.5)
-    return f"{prefix}: unknown form {form}; {f'did you mean {similar[0]}? ' if similar else ''}{listed}"
+    hint = did_you_mean(near(form, names))
+    return f"{prefix}: unknown form {form}; {hint}{' ' if hint else ''}{listed}"
+
+
+def _meant_keys(key: Key, siblings: Collection[str], value: object) -> list[str]:
+    """Return the dotted keys that an unknown one may have been meant for.
+
+    Args:
+        key: the unknown key.
+        siblings: the keys of its section.
+        value: its value; of a misspelt section, the keys in it.
+    """
+    *above, last = map(str, key)
+    inner: list[str] = []
+    while isinstance(value, Mapping) and len(value) == 1:
+        ((name, value),) = value.items()
+        inner.append(str(name))
+    whole, known = ".".join([*above, last, *inner]), _dotted_keys(Config)
+    alike = [".".join([*above, name]) for name in near(last, siblings)]
+    if inner:
+        alike = near(whole, known) or alike
+    # The same key of another section, unless a sibling differs from it by a letter or two.
+    leaf = whole.rpartition(".")[2]
+    elsewhere = [name for name in known if name.rpartition(".")[2] == leaf and name != whole][:_KEYS_SHOWN]
+    if not elsewhere:
+        return alike
+    return list(dict.fromkeys([*near(whole, alike, least_ratio=_BY_A_LETTER), *elsewhere]))
+
+
+def _dotted_keys(section: type[BaseModel], prefix: str = "") -> list[str]:
+    """Return all keys of a config, sections and the keys of all forms included, without those inside of lists."""
+    keys: dict[str, None] = {}
+    for name, field_ in section.model_fields.items():
+        keys[f"{prefix}{name}"] = None
+        forms = _by_form(field_.annotation).values()
+        for below in forms or _members(field_.annotation):
+            if isinstance(below, type) and issubclass(below, BaseModel):
+                keys |= dict.fromkeys(_dotted_keys(below, f"{prefix}{name}."))
+    return list(keys)
 
 
 def _prefix(key: Key, document: _Document) -> str:

@@ -1,6 +1,5 @@
 """The kinds of built-in models: builders by name, in two families, and their weights."""
 
-import difflib
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from types import MappingProxyType
@@ -8,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, did_you_mean, near
 from semisynth_gl.geometry import furniture, hardware, plants, solids, structures, vessels
 from semisynth_gl.geometry.mesh import Mesh, merged, normalised
 
@@ -40,7 +39,6 @@ def kind_weights(given: Mapping[str, float]) -> dict[str, float]:
     known = [*SIMPLE_KINDS, *COMPLEX_KINDS]
     unknown = [kind for kind in given if kind not in known]
     if unknown:
-        near = difflib.get_close_matches(unknown[0], known, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"expected some of: {', '.join(sorted(known))}"
+        hint = did_you_mean(near(unknown[0], known), f"expected some of: {', '.join(sorted(known))}")
         raise InputError(f"models.kinds.{unknown[0]}: no such kind of model; {hint}")
     return dict.fromkeys(known, 1.0) | dict(given)
