@@ -155,6 +155,7 @@ def is_wrong(keys, value, original):
     if value is None or value is MISSING:
         # What other versions, or the other layouts, do not write.
         return keys[0] not in ("config_values", "sources", "splits") and keys[-1] not in (
+            "format",
             "tar",
             "redrawn",
             "share_beyond",

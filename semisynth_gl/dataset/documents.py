@@ -1,10 +1,11 @@
 """The JSON files about a dataset, typed: index, plan, and the records and journals of shards.
 
 What a file says is checked here, before anything is opened or allocated by it. Keys that this version does not know are
-left alone: another version may have written them.
+left alone: another version may have written them. A document of a newer format than this program's is refused.
 """
 
 from collections.abc import Mapping
+from importlib.metadata import version
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal
 
@@ -14,9 +15,9 @@ from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS
 from semisynth_gl.config.fields import Positive, count, one_of
 from semisynth_gl.config.model import Config
 from semisynth_gl.dataset.plan import Shard, abbreviate, list_shards
-from semisynth_gl.dataset.schema import INDEX, PLAN, tar_path
+from semisynth_gl.dataset.schema import FORMAT, INDEX, PLAN, PROGRAM, tar_path
 from semisynth_gl.dataset.tar import content_offsets
-from semisynth_gl.errors import ReadError, shown
+from semisynth_gl.errors import InputError, ReadError, shown
 from semisynth_gl.frame import TruthViews
 from semisynth_gl.layouts import layout_names
 from semisynth_gl.splits import SplitName
@@ -30,6 +31,10 @@ _MOST_BYTES = 2**62
 _SHOWN = 3
 
 
+class NewerFormatError(InputError):
+    """A dataset has a newer format than this program reads."""
+
+
 def _check_below(name: str) -> str:
     path = PurePosixPath(name)
     if not path.parts or path.is_absolute() or ".." in path.parts or str(path) != name or not name.isprintable():
@@ -37,6 +42,7 @@ def _check_below(name: str) -> str:
     return name
 
 
+_Format = Annotated[int, Field(ge=1, le=FORMAT)]
 _Number = Annotated[int, Field(ge=0)]
 _Count = Annotated[int, count(_MOST_PAIRS)]
 _Bytes = Annotated[int, Field(ge=0, le=_MOST_BYTES)]
@@ -103,6 +109,7 @@ class PlanDocument(_Facts):
     program: Literal["semisynth-gl"]
     layout: Annotated[str, one_of(layout_names())]
     version: str
+    format: _Format = 1
     config: Annotated[str, *Config.model_fields["name"].metadata]
     config_sha256: _Sha256
     config_values: _StoredConfig
@@ -185,6 +192,7 @@ class JournalEntry(_Sample):
 class RecordDocument(_ShardEntry):
     """The record of a shard; see `semisynth_gl.dataset.shard`."""
 
+    format: _Format = 1
     renderers: list[str]
     samples: list[_Sample]
 
@@ -216,8 +224,10 @@ def check_plan(values: Mapping[str, Any], path: Path) -> None:
     """Check a plan.
 
     Raises:
+        NewerFormatError: where a newer program wrote it.
         ReadError: see `check_document`.
     """
+    _check_format(values, path)
     check_document(values, PlanDocument, path)
 
 
@@ -225,8 +235,10 @@ def check_index(values: Mapping[str, Any], path: Path) -> None:
     """Check an index, whose list of shards must be the one that follows from its numbers of pairs.
 
     Raises:
+        NewerFormatError: where a newer program wrote it.
         ReadError: see `check_document`.
     """
+    _check_format(values, path)
     check_document(values, IndexDocument, path)
     pairs, shard_pairs, listed = values["pairs"], values["shard_pairs"], values["shards"]
     # Counted first: a wrong number may ask for a list that no memory holds.
@@ -272,6 +284,16 @@ def check_record(values: Mapping[str, Any], shard: Shard, path: Path, *, packed:
             raise ReadError(path, f"{key}.offset: expected {offset} by the sizes, got {shown(file.get('offset'))}")
     if values["bytes"] != size:
         raise ReadError(path, f"bytes: expected {size} by the sizes of the files, got {values['bytes']}")
+
+
+def _check_format(values: Mapping[str, Any], path: Path) -> None:
+    number = values.get("format")
+    if isinstance(number, int) and number > FORMAT:
+        raise NewerFormatError(
+            f"{path}: format: expected at most {FORMAT}, which {PROGRAM} {version(PROGRAM)} reads, got "
+            f"{shown(number)}: {PROGRAM} {shown(values.get('version'))} wrote the dataset; install that version or a "
+            "newer one"
+        )
 
 
 def _check_shard(values: Mapping[str, Any], shard: Shard, prefix: str, path: Path) -> None:

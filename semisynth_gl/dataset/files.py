@@ -202,8 +202,14 @@ class DatasetFiles:
 
     def _check_same(self, beginning: Mapping[str, Any]) -> None:
         """Raise InputError where the dataset was begun with another plan; it may have been smaller."""
-        values = self._plan.values()
-        keys = ("version", "config_values", "seed", "layout", "shard_pairs")
+        values, began = self._plan.values(), beginning.get("version")
+        if began != values["version"]:
+            raise InputError(
+                f"{self._place.address}: holds a dataset that was begun with another version, whose pairs may differ: "
+                f"version ({began} there, {values['version']} now). Go on with {PROGRAM} {began}, choose another "
+                "folder with --out, or give --overwrite to replace it. A finished dataset can be read as it is"
+            )
+        keys = ("config_values", "seed", "layout", "shard_pairs")
         changed = differences({key: beginning.get(key) for key in keys}, {key: values[key] for key in keys})
         pairs = beginning.get("pairs", {})
         if set(pairs) != set(values["pairs"]):

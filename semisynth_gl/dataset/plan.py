@@ -10,7 +10,7 @@ from typing import Any
 from semisynth_gl.arguments import check_type, to_whole
 from semisynth_gl.camera import EYES
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.schema import PROGRAM, RECORDS, shard_name
+from semisynth_gl.dataset.schema import FORMAT, PROGRAM, RECORDS, shard_name
 from semisynth_gl.errors import InputError, shown
 from semisynth_gl.frame import CHANNELS
 from semisynth_gl.layouts import Key, Layout, find_layout
@@ -119,6 +119,7 @@ class Plan:
         return {
             "program": PROGRAM,
             "version": version(PROGRAM),
+            "format": FORMAT,
             "config": self.config.name,
             "config_sha256": self.config.digest(),
             "config_values": self.config.model_dump(mode="json"),

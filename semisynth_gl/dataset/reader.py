@@ -143,7 +143,7 @@ def read_index(address: str | PathLike[str]) -> Index:
         address: the dataset's folder, or an address that fsspec knows.
 
     Raises:
-        InputError: where the address has no dataset of this program.
+        InputError: where the address has no dataset of this program, or one of a newer format.
         DamagedIndexError: where both index and plan are cut off, or have values that no dataset has.
     """
     place = open_place(address)

@@ -7,6 +7,13 @@ from semisynth_gl.splits import SPLITS, SplitName
 PROGRAM = "semisynth-gl"
 """Value of the key ``program`` in index and plan."""
 
+FORMAT = 1
+"""Value of the key ``format`` in index, plan and records: the newest format of a dataset that this program reads.
+
+What an older program would misread takes the next number. What it passes over, such as a further key, takes none.
+Documents without the key are of format 1.
+"""
+
 INDEX = "index.json"
 """Written last: it says that the dataset is complete."""
 CARD = "README.md"
