@@ -33,7 +33,7 @@ try:
 except ModuleNotFoundError as missing:
     if missing.name != "torch":
         raise
-    sys.exit("PyTorch is not installed, and this example trains with it: pip install 'semisynth-gl[torch]'")
+    sys.exit("PyTorch is not installed, and this example trains with it: pip install torch")
 
 STREAM = "stream"
 _CONFIG = Path(__file__).with_name("small-rooms.yaml")

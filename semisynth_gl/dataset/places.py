@@ -16,7 +16,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO, Self, cast
 
 from semisynth_gl.dataset.schema import PARTIAL, unfinished_path
-from semisynth_gl.errors import InputError, ReadError
+from semisynth_gl.errors import InputError, ReadError, how_to_install
 from semisynth_gl.user_files import expanded
 
 _WITH_BUCKETS = frozenset({"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oci", "oss"})
@@ -240,7 +240,7 @@ class Remote(Place):
         except ImportError as error:
             raise InputError(
                 f"{self.address}: writing there needs packages that cannot be imported ({error}): "
-                f"pip install 'semisynth-gl[remote]', and what fsspec names for {self.address.partition('://')[0]}://"
+                f"{how_to_install('remote')}; and what fsspec names for {self.address.partition('://')[0]}://"
             ) from None
         except ValueError as error:
             raise InputError(f"{self.address}: {error}") from None

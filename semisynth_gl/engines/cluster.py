@@ -13,7 +13,7 @@ from typing import Any, Generic
 from semisynth_gl.engines.cluster_worker import Post, do_task
 from semisynth_gl.engines.task import Job, Result
 from semisynth_gl.engines.worker import Failed, Finished
-from semisynth_gl.errors import InputError, WorkerError
+from semisynth_gl.errors import InputError, WorkerError, how_to_install
 from semisynth_gl.interrupts import interrupts_kept, interrupts_wait
 from semisynth_gl.listener import Listener
 
@@ -178,7 +178,7 @@ def _ray() -> Any:  # noqa: ANN401 - a module
     except ImportError as error:
         raise InputError(
             f"--engine ray needs the package ray, which cannot be imported ({error}): "
-            "pip install 'semisynth-gl[ray]', here and on all nodes, or choose another engine"
+            f"{how_to_install('ray')}; here and on all nodes, or choose another engine"
         ) from None
 
 

@@ -3,12 +3,12 @@
 No other room of the package imports torch.
 """
 
+from semisynth_gl.errors import how_to_install
+
 try:
     import torch as _torch  # noqa: F401 - imported here, so that the message says what to do
 except ModuleNotFoundError as error:
-    raise ImportError(
-        "semisynth_gl.torch needs PyTorch, which is not installed: pip install 'semisynth-gl[torch]'"
-    ) from error
+    raise ImportError(f"semisynth_gl.torch needs PyTorch, which is not installed: {how_to_install('torch')}") from error
 
 from semisynth_gl.torch.dataset import StereoDataset
 from semisynth_gl.torch.dealing import Selection, TrainingProcess

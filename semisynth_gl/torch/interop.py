@@ -11,7 +11,7 @@ from typing import Any
 
 import torch
 
-from semisynth_gl.errors import BackendError, InputError
+from semisynth_gl.errors import BackendError, InputError, how_to_install
 from semisynth_gl.render.readers import PixelBuffers, Viewport
 
 _TYPES = {"f1": torch.uint8, "u1": torch.uint8, "u2": torch.uint16, "f4": torch.float32}
@@ -34,8 +34,7 @@ class CudaReader:
             self._cuda: Any = import_module("cuda.bindings.runtime")
         except ImportError:
             raise InputError(
-                "device='cuda' needs NVIDIA's bindings of CUDA, which are not installed: "
-                "pip install 'semisynth-gl[cuda]'"
+                f"device='cuda' needs NVIDIA's bindings of CUDA, which are not installed: {how_to_install('cuda')}"
             ) from None
         self._device = device
         self._buffers = PixelBuffers()
