@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import EYES, Crop, Eye, StereoCamera
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, shown
 
 VISIBLE = 255
 OCCLUDED = 128
@@ -263,6 +263,32 @@ class Frame:
     def view(self, eye: Eye) -> View:
         """Return one eye's view."""
         return self.left if eye == "left" else self.right
+
+    def points(self, eye: Eye = "left") -> NDArray[np.float32]:
+        """Return the point that each pixel of a view shows, from its disparity and the calibration.
+
+        Args:
+            eye: the view.
+
+        Returns:
+            (H, W, 3) float32: x right, y down and z forward in the left camera's frame, metres, for either view; nan
+            in all three where the pixel has no disparity, and with a baseline of 0 everywhere.
+
+        Raises:
+            InputError: where there is no such view, or the view has no disparity.
+        """
+        if eye not in EYES:
+            raise InputError(f"a view must be one of {', '.join(EYES)}, got {shown(eye)}")
+        disparity = self.view(eye).get("disparity")
+        if disparity is None:
+            raise InputError(f"points of the {eye} view: expected its disparity, got none: it was not made")
+        depth_m = self.camera.depth_m(disparity)
+        has_point = np.isfinite(disparity) & np.isfinite(depth_m) & (depth_m > 0)
+        height, width = disparity.shape
+        y_px, x_px = np.mgrid[:height, :width]
+        points = self.camera.rays(eye, x_px, y_px) * np.where(has_point, depth_m, np.nan)[..., None]
+        points[..., 0] += self.camera.offset_m(eye)
+        return points.astype(np.float32)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return both views' arrays by role: ``left``, ``right``, ``disparity_left`` and so on."""

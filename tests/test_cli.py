@@ -13,9 +13,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import trimesh
 from backends import backend_fault
 from PIL import Image
 
+from semisynth_gl import render_pair
 from semisynth_gl.cli import main
 from semisynth_gl.config import load_config, packaged_configs
 
@@ -138,12 +140,20 @@ def test_preview_draws_a_sheet(call, tmp_path, photographs):
         photographs,
         "--out",
         "sheet.png",
+        "--ply",
+        "cloud.ply",
         "--pairs",
         2,
         *SMALL,
         cwd=tmp_path,
     )
     assert done.returncode == 0, done.stderr
+    assert "the points of pair 0 in cloud.ply\n" in done.stdout
+    cloud = trimesh.load(tmp_path / "cloud.ply")
+    values = ["textures.source=images", ("textures.images", [str(photographs)]), *SMALL[1::2]]
+    frame = render_pair(load_config("kitti", values), 0)
+    np.testing.assert_array_equal(np.float32(cloud.vertices), frame.points().reshape(-1, 3))
+    np.testing.assert_array_equal(cloud.colors[:, :3], frame.left.image.reshape(-1, 3))
     assert re.search(r"total variation of 0\.0\d\d from the target, [\d.]+ px", done.stdout)
     sheet = np.asarray(Image.open(tmp_path / "sheet.png").convert("RGB"))
     assert sheet.shape[1] == 1600

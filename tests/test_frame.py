@@ -5,6 +5,8 @@ import pickle
 
 import numpy as np
 import pytest
+from scenes import noise_layers
+from scipy.spatial.transform import Rotation
 
 from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.codecs import Encodings
@@ -12,7 +14,9 @@ from semisynth_gl.codecs.codec import Codec
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import CHANNELS, DEFAULT_OUTPUTS, FLOW_OUTPUTS, OUTPUTS, ROLES, Frame, View
+from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.layouts.roles import ROLES as FILE_ROLES
+from semisynth_gl.scene.scene import make_scene
 
 CAMERA = StereoCamera.centred(5, 4, 6.0, 0.1)
 
@@ -161,3 +165,62 @@ def test_frames_and_arrays_by_role_are_inverses():
     assert again.right.image is frame.right.image
     assert again.view("left") is again.left
     assert again.view("right") is again.right
+
+
+# Points
+
+
+def test_points_lie_on_the_surface_that_was_drawn(open_renderer):
+    camera = StereoCamera(64, 48, 50.0, 0.2, 30.0, 33.5, 22.0)
+    square = make_mesh("square", [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]],
+                       [[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])  # fmt: skip
+    turn = Rotation.from_euler("xyz", [35, -25, 10], degrees=True).as_matrix()
+    world_from_model = np.eye(4)
+    world_from_model[:3] = np.column_stack([turn, (0.1, -0.05, 2.0)])
+    renderer = open_renderer([square], noise_layers(1, 16), outputs=["depth", "normals"])
+    frame = renderer.render(make_scene(camera, model=[0], world_from_model=[world_from_model], layer=[0]))
+    for eye in EYES:
+        view, points = frame.view(eye), frame.points(eye)
+        assert (points.shape, points.dtype) == ((48, 64, 3), np.float32)
+        seen = np.isfinite(view.disparity)
+        assert 500 < seen.sum() < seen.size
+        assert np.isnan(points[~seen]).all()
+        np.testing.assert_allclose(points[..., 2][seen], view.depth[seen], rtol=1e-5)
+        # In the square's own frame: on its plane, and within it.
+        local = (points[seen] - world_from_model[:3, 3]) @ turn
+        assert np.abs(local[:, 2]).max() < 2e-5
+        assert np.abs(local[:, :2]).max() < 1 + 2e-5
+        # Neighbours span the plane that the normals say.
+        step = np.cross(points[20, 31] - points[20, 30], points[21, 30] - points[20, 30])
+        np.testing.assert_allclose(-step / np.linalg.norm(step), view.normals[20, 30], atol=1e-3)
+        # The pixel again: the camera looks through its centre.
+        x_px = camera.cx_px(eye) + camera.focal_px * (points[..., 0] - camera.offset_m(eye)) / points[..., 2]
+        np.testing.assert_allclose(x_px[seen], np.mgrid[:48, :64][1][seen], atol=1e-3)
+
+
+def test_what_has_no_disparity_has_no_point():
+    camera = StereoCamera.centred(5, 4, 6.0, 0.1, doffs_px=2.0)
+    disparity = np.full((4, 5), 3, np.float32)
+    disparity[0] = np.inf, np.nan, -2, -3, -np.inf
+    view = View({"image": make_array("image"), "disparity": disparity})
+    points = Frame(camera, view, View({"image": make_array("image")})).points()
+    assert np.isnan(points[0]).all()
+    assert np.isfinite(points[1:]).all()
+    np.testing.assert_allclose(points[1:, :, 2], 6.0 * 0.1 / (3 + 2), rtol=1e-6)
+    frame = Frame(camera, view, View({"image": make_array("image")}))
+    for eye, said in (
+        ("right", "of the right view: expected its disparity"),
+        ("middle", "left, right, got 'middle'"),
+        (0, "got 0"),
+    ):
+        with pytest.raises(InputError, match=said):
+            frame.points(eye)
+    still = StereoCamera.centred(5, 4, 6.0, 0.0)
+    assert np.isnan(Frame(still, view, view).points("right")).all()
+
+
+def test_a_stored_frame_has_points_too():
+    view = View({"image": make_array("image"), "disparity": np.full((4, 5), 3, np.float32)})
+    np.testing.assert_array_equal(
+        StoredFrame(CAMERA, view, view).points("right"), Frame(CAMERA, view, view).points("right")
+    )

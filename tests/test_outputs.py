@@ -13,7 +13,7 @@ from PIL import Image
 from tiny_datasets import cheap
 
 from semisynth_gl.cli import main
-from semisynth_gl.cli.outputs import Output, json_report, marked_html, marked_png
+from semisynth_gl.cli.outputs import Output, json_report, marked_html, marked_ply, marked_png
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import RGB8
 from semisynth_gl.dataset.apart import check_apart
@@ -182,6 +182,19 @@ def test_inputs_are_kept_whatever_is_forced(call, home, tmp_path):
         assert call("evaluate --pred pred --gt gt --maps maps", cwd=tmp_path)[0] == 0
     assert call("evaluate --pred pred --gt gt --maps photos --overwrite", cwd=tmp_path)[0] == 0
     assert {path.name for path, data in files(tmp_path).items() if before.get(path, data) != data} == {"a.png"}
+
+
+def test_a_point_cloud_replaces_none_but_its_own_kind(call, tmp_path):
+    command = f"preview --config sceneflow --images photos --pairs 1 {SMALL} --out"
+    foreign, sheet = tmp_path / "a.ply", tmp_path / "a.png"
+    foreign.write_bytes(b"ply\nformat binary_little_endian 1.0\nelement vertex 0\nend_header\n")
+    assert refused(call(command, sheet, "--ply", foreign), f"--ply {foreign}", "is there already", "--overwrite")
+    assert refused(call(command, sheet, "--ply", tmp_path / "a.obj"), "--ply", "ends in .ply")
+    assert refused(call(command, sheet, "--ply", "set/a.ply"), "--ply", "lies in the dataset's folder")
+    assert files(tmp_path) == {foreign: foreign.read_bytes()}
+    kind = marked_ply("semisynth-gl preview")
+    assert kind.recognises(kind.marked(foreign.read_bytes()))
+    assert not kind.recognises(foreign.read_bytes())
 
 
 def test_marks_leave_pictures_and_pages_readable(tmp_path):

@@ -76,6 +76,17 @@ def marked_html(command: str) -> Kind:
     return Kind(f"a page of {command}", recognises, lambda data: data.replace(head, head + tag + b"\n", 1))
 
 
+def marked_ply(command: str) -> Kind:
+    """Return the kind of a binary PLY, whose first comment says which command wrote it."""
+    head = b"ply\nformat binary_little_endian 1.0\n"
+    marked_head = head + f"comment {command}\n".encode()
+
+    def recognises(data: bytes) -> bool:
+        return data.startswith(marked_head)
+
+    return Kind(f"a point cloud of {command}", recognises, lambda data: data.replace(head, marked_head, 1))
+
+
 CONFIG = Kind("a config that may be replaced", lambda _: False)
 """The kind of a config: users write such files too, so none is replaced without being asked for."""
 
@@ -165,6 +176,17 @@ class Output:
             partial.unlink(missing_ok=True)
 
 
+def ending_check(name: str, *endings: str) -> Callable[..., Path | None]:
+    """Return a callback for click that refuses files whose names end otherwise; see `output_option`."""
+
+    def check(_: click.Context, __: click.Parameter, path: Path | None) -> Path | None:
+        if path is not None and endings and path.suffix.lower() not in endings:
+            raise InputError(f"{name} {path}: expected a name that ends in {endings[0]}")
+        return path
+
+    return check
+
+
 def output_option(
     name: str,
     kind: Kind,
@@ -184,11 +206,6 @@ def output_option(
         required: whether it has to be given.
     """
 
-    def check_ending(_: click.Context, __: click.Parameter, path: Path | None) -> Path | None:
-        if path is not None and endings and path.suffix.lower() not in endings:
-            raise InputError(f"{name} {path}: expected a name that ends in {endings[0]}")
-        return path
-
     def decorate(command: Command) -> Command:
         @wraps(command)
         def with_output(*, output_path: Path | None, overwrite: bool, **values: Any) -> Any:  # noqa: ANN401 - click's
@@ -199,7 +216,7 @@ def output_option(
             name,
             "output_path",
             type=UserPath(),
-            callback=check_ending,
+            callback=ending_check(name, *endings),
             default=default,
             required=required,
             help=help,

@@ -1,23 +1,38 @@
 """``semisynth-gl preview``."""
 
 import io
+from importlib import import_module
+from pathlib import Path
+from typing import Any
 
 import click
+import numpy as np
 
 from semisynth_gl.cli.loading import stopped_by_interrupts
-from semisynth_gl.cli.options import SceneOptions, option, scene_options
-from semisynth_gl.cli.outputs import Output, marked_png, output_option
+from semisynth_gl.cli.options import SceneOptions, UserPath, option, scene_options
+from semisynth_gl.cli.outputs import Output, ending_check, marked_ply, marked_png, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
+from semisynth_gl.frame import Frame
 from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.textures.reach import photograph_sources
+
+_PLY = marked_ply("semisynth-gl preview")
 
 
 @click.command()
 @scene_options
 @output_option("--out", marked_png("semisynth-gl preview"), ".png", default="preview.png", help="PNG to write.")
+@option(
+    "--ply",
+    "ply_path",
+    type=UserPath(),
+    callback=ending_check("--ply", ".ply"),
+    metavar="FILE",
+    help="Also write the first pair's left view as a point cloud, in metres and with colours, to this PLY.",
+)
 @option("--pairs", type=click.IntRange(min=1, max=64), default=4, help="How many pairs to show.")
-def preview(scene: SceneOptions, output: Output, pairs: int) -> None:
+def preview(scene: SceneOptions, output: Output, ply_path: Path | None, pairs: int) -> None:
     """Draw a contact sheet: the first pairs of a dataset, and their histogram against the config's."""
     # Imported here: help and completion need no renderer, and matplotlib takes longer to load than a pair to render.
     with stopped_by_interrupts():
@@ -25,7 +40,9 @@ def preview(scene: SceneOptions, output: Output, pairs: int) -> None:
         from semisynth_gl.report.contact_sheet import draw_sheet  # noqa: PLC0415
 
     config = scene.config()
-    output.check((scene.config_name, *config.models.folders), photograph_sources(config.textures))
+    cloud = Output("--ply", _PLY, ply_path, output.overwrite)
+    for file in (output, cloud):
+        file.check((scene.config_name, *config.models.folders), photograph_sources(config.textures))
     with PairRenderer(config, scene.seed, scene.backend) as renderer, Progress() as progress:
         progress.on_total(pairs)
         frames = []
@@ -39,9 +56,22 @@ def preview(scene: SceneOptions, output: Output, pairs: int) -> None:
     draw_sheet(frames, target, title).savefig(png, format="png")
     output.write(png.getvalue())
     say(f"{pairs} pairs in {output.file}")
+    if cloud.path is not None:
+        cloud.write(_encode_points(frames[0]))
+        say(f"the points of pair 0 in {cloud.path}")
     if expected is not None:
         say(
             f"over many pairs, disparities are expected to come to a total variation of "
             f"{total_variation(expected, target):.3f} from the target, {wasserstein_px(target, expected):.2g} px "
             "(Wasserstein-1)"
         )
+
+
+def _encode_points(frame: Frame) -> bytes:
+    """Return the left view as a point cloud: binary PLY, metres in the left camera's frame, with colours."""
+    # Loaded here: it brings scipy, which takes longer to load than a pair to render.
+    trimesh: Any = import_module("trimesh")
+    points = frame.points()
+    seen = np.isfinite(points[..., 2])
+    ply: bytes = trimesh.PointCloud(points[seen], colors=frame.left.image[seen]).export(file_type="ply")
+    return ply
