@@ -1,7 +1,8 @@
 """Stereo training pairs from photographs, rendered headless with exact disparity.
 
-`load_config` and `render_pair` are the short way. `Renderer` draws scenes made by hand: meshes, patches, instances and
-cameras as arrays. Importing this package loads no OpenGL; the names below are loaded when they are first used.
+`load_config` and `render_pair` are the short way; `generate` and `open_dataset` write and read whole datasets.
+`Renderer` draws scenes made by hand: meshes, patches, instances and cameras as arrays. Importing this package loads no
+OpenGL; the names below are loaded when they are first used. They are public: docs/python.md says what may change.
 """
 
 from importlib import import_module
@@ -11,11 +12,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from semisynth_gl.camera import Crop, StereoCamera
     from semisynth_gl.config import Config, load_config
-    from semisynth_gl.dataset.reader import open_dataset
+    from semisynth_gl.dataset.reader import Dataset, open_dataset
+    from semisynth_gl.dataset.sample import StoredFrame
     from semisynth_gl.errors import BackendError, InputError, SemisynthError
     from semisynth_gl.frame import Frame, View
+    from semisynth_gl.generation.generate import GenerationResult, generate
     from semisynth_gl.geometry.mesh import Mesh, make_mesh
-    from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
+    from semisynth_gl.metrics.evaluate import evaluate
+    from semisynth_gl.metrics.score import Score, score
+    from semisynth_gl.pairs.pipeline import Pair, PairRenderer, render_pair
     from semisynth_gl.render.renderer import Renderer
     from semisynth_gl.scene.scene import Motion, Scene, make_scene, move
 
@@ -23,22 +28,30 @@ _HOME = {
     "BackendError": "errors",
     "Config": "config",
     "Crop": "camera",
+    "Dataset": "dataset.reader",
     "Frame": "frame",
+    "GenerationResult": "generation.generate",
     "InputError": "errors",
     "Mesh": "geometry.mesh",
     "Motion": "scene.scene",
+    "Pair": "pairs.pipeline",
     "PairRenderer": "pairs.pipeline",
     "Renderer": "render.renderer",
     "Scene": "scene.scene",
+    "Score": "metrics.score",
     "SemisynthError": "errors",
     "StereoCamera": "camera",
+    "StoredFrame": "dataset.sample",
     "View": "frame",
+    "evaluate": "metrics.evaluate",
+    "generate": "generation.generate",
     "load_config": "config",
     "make_mesh": "geometry.mesh",
     "make_scene": "scene.scene",
     "move": "scene.scene",
     "open_dataset": "dataset.reader",
     "render_pair": "pairs.pipeline",
+    "score": "metrics.score",
 }
 
 __version__ = version("semisynth-gl")
@@ -47,22 +60,30 @@ __all__ = [
     "BackendError",
     "Config",
     "Crop",
+    "Dataset",
     "Frame",
+    "GenerationResult",
     "InputError",
     "Mesh",
     "Motion",
+    "Pair",
     "PairRenderer",
     "Renderer",
     "Scene",
+    "Score",
     "SemisynthError",
     "StereoCamera",
+    "StoredFrame",
     "View",
+    "evaluate",
+    "generate",
     "load_config",
     "make_mesh",
     "make_scene",
     "move",
     "open_dataset",
     "render_pair",
+    "score",
 ]
 
 

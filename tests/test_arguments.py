@@ -8,23 +8,28 @@ from itertools import count
 
 import numpy as np
 import pytest
+from hand_made_datasets import write_dataset
 from scenes import facing, noise_layers
 
 from semisynth_gl import (
     Crop,
+    Frame,
     PairRenderer,
     Renderer,
     StereoCamera,
+    View,
+    evaluate,
+    generate,
     load_config,
     make_mesh,
     make_scene,
     move,
     open_dataset,
     render_pair,
+    score,
 )
 from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.frame import OUTPUTS
-from semisynth_gl.generation.generate import generate
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.flow import FlowPass
 from semisynth_gl.render.targets import EyeTargets
@@ -38,6 +43,11 @@ CAMERA = StereoCamera.centred(40, 30, 40.0, 0.1)
 SQUARE = make_mesh("square", [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])  # fmt: skip # noqa: E501
 LAYERS = noise_layers(1, 16)
 SCENE = make_scene(CAMERA, model=[0], world_from_model=[facing(CAMERA, 0, 0, 40, 30, 2.0)], layer=[0])
+
+
+TRUTH = np.ones((4, 5), np.float32)
+IMAGE = np.zeros((30, 40, 3), np.uint8)
+FRAME = Frame(CAMERA, View({"image": IMAGE, "disparity": np.ones((30, 40), np.float32)}), View({"image": IMAGE}))
 
 
 def scene(**changed):
@@ -105,6 +115,10 @@ WRONG = {
     "dataset of a config's name": lambda out: generate("kitti", out, 1),
     "fractional pairs": lambda out: generate(CONFIG, out, 0.5),
     "pairs as text": lambda out: generate(CONFIG, out, "3"),
+    "pairs of an unknown split": lambda out: generate(CONFIG, out, {"train": 1, "valid": 1}),
+    "GPUs as text": lambda out: generate(CONFIG, out, 3, gpus="0"),
+    "GPUs as a number": lambda out: generate(CONFIG, out, 3, gpus=0),
+    "listener of text": lambda out: generate(CONFIG, out, 3, listener="loud"),
     "empty shards": lambda out: generate(CONFIG, out, 3, shard_pairs=0),
     "fractional shards": lambda out: generate(CONFIG, out, 3, shard_pairs=1.5),
     "unknown layout": lambda out: generate(CONFIG, out, 3, layout=3),
@@ -113,6 +127,21 @@ WRONG = {
     "place of a number": lambda _: generate(CONFIG, 3, 3),
     "dataset of a number": lambda _: open_dataset(3),
     "dataset of nothing": lambda _: open_dataset(None),
+    "split of no name": lambda out: write_dataset(out.parent / "there", "middlebury", {"train": 1}, 1)
+    and open_dataset(out.parent / "there", 3),
+    "points of no view": lambda _: FRAME.points("middle"),
+    "points of a number": lambda _: FRAME.points(0),
+    "points of a view without disparity": lambda _: FRAME.points("right"),
+    "score of text": lambda _: score("a.pfm", TRUTH, "kitti"),
+    "score of a row": lambda _: score(TRUTH[0], TRUTH, "kitti"),
+    "score of ragged rows": lambda _: score([[1], [1, 2]], TRUTH, "kitti"),
+    "score by an unknown protocol": lambda _: score(TRUTH, TRUTH, "nuscenes"),
+    "score by a number": lambda _: score(TRUTH, TRUTH, 3),
+    "score in a mask of text": lambda _: score(TRUTH, TRUTH, "kitti", mask="visible"),
+    "score within limits of a number": lambda _: score(TRUTH, TRUTH, "kitti", limits=64),
+    "predictions of a number": lambda out: evaluate(3, out),
+    "truth of nothing": lambda out: evaluate(out, None),
+    "masks of a number": lambda out: evaluate(out, out, masks=3),
     "folder without a name": lambda _: load_config("kitti", {"textures.images": [""]}),
 }  # fmt: skip
 

@@ -8,6 +8,7 @@ from typing import Annotated, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
+import semisynth_gl
 from semisynth_gl.config import Config, Range, load_config, packaged_configs
 from semisynth_gl.config.distributions import MixturePart, TargetSection, UniformTarget
 from semisynth_gl.config.model import DepthLayerSection
@@ -113,6 +114,13 @@ def test_every_form_of_the_target_is_documented_with_its_keys():
 
 def test_every_packaged_config_is_documented():
     assert [name for name in packaged_configs() if f"`{name}`" not in CONFIG_PAGE] == []
+
+
+def test_the_public_names_are_documented_and_no_others():
+    page = (ROOT / "docs" / "python.md").read_text("utf-8")
+    table = page.split("| name | what it is |\n|---|---|\n")[1].split("\n\n")[0]
+    named = [re.match(r"\w+", name)[0] for row in table.splitlines() for name in row.split("|")[1].split("`")[1::2]]
+    assert sorted(named) == sorted(semisynth_gl.__all__)
 
 
 def test_the_example_config_loads(tmp_path):

@@ -67,8 +67,9 @@ def load_config(name_or_path: str | Path, overrides: Overrides = ()) -> Config:
         InputError: with a line per fault: its place (file, line), the dotted key, what was expected and what came.
     """
     check_type("config", name_or_path, str | Path)
-    # A text is a sequence of texts too.
-    check_type("overrides", None if isinstance(overrides, str) else overrides, Mapping | Sequence)
+    if isinstance(overrides, str):  # a sequence of texts too
+        raise InputError(f"overrides must be a Mapping or a list, got the text {shown(overrides)}: put it into a list")
+    check_type("overrides", overrides, Mapping | Sequence)
     return _validated(_read_document(_find_config(str(name_or_path)), ()), overrides)
 
 

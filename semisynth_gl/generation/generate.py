@@ -23,12 +23,12 @@ from semisynth_gl.dataset.plan import Plan, Shard, make_plan
 from semisynth_gl.dataset.schema import CARD, CROISSANT
 from semisynth_gl.engines.local import SerialEngine
 from semisynth_gl.engines.task import Engine
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, shown
 from semisynth_gl.generation.shard_job import ShardJob
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.scene.sources import Sources, prepare_sources
-from semisynth_gl.splits import SplitName
+from semisynth_gl.splits import SPLITS, SplitName
 
 _SECONDS_BETWEEN_LOOKS = 1.0
 # From so many pairs on, a file system is slower with files than with tars of them.
@@ -94,7 +94,13 @@ def generate(
     check_type("engine", engine, Engine | None)
     check_type("shards", shards, range | None)
     named: Mapping[SplitName, int] = pairs if isinstance(pairs, Mapping) else {"train": pairs}
+    for name in named:
+        if name not in SPLITS:
+            raise InputError(f"pairs of {shown(name)}: expected the splits {', '.join(SPLITS)}, got {shown(name)}")
     counts = {name: to_whole(f"pairs of {name}", count) for name, count in named.items()}
+    check_type("gpus", gpus, Sequence)
+    gpus = tuple(to_whole("the number of a GPU", number, least=0) for number in gpus)
+    check_type("listener", listener, Listener | None)
     listener = listener or Listener()
     place = open_place(out)
     earlier = {} if overwrite else read_beginning(place) or {}
@@ -110,7 +116,7 @@ def generate(
             listener.on_message(f"note: {advice}")
     sources = {split: prepare_sources(plan.config, seed, plan.split(split)) for split in plan.splits}
     digests = {split: split_sources.digests() for split, split_sources in sources.items()}
-    job = ShardJob(plan, place, backend, digests, tuple(gpus))
+    job = ShardJob(plan, place, backend, digests, gpus)
     if files.replaces(digests):
         # The driver or the checks may refuse the first pair: the earlier dataset stays then.
         with job.open_renderer(chosen[0].split) as renderer:

@@ -2,19 +2,23 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.arguments import check_type
 from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.metrics.error_map import draw_error_map
-from semisynth_gl.metrics.predictions import Prediction
-from semisynth_gl.metrics.protocol import Protocol, shown_size
+from semisynth_gl.metrics.predictions import Prediction, find_predictions
+from semisynth_gl.metrics.protocol import Protocol, ProtocolName, find_protocol, shown_size
 from semisynth_gl.metrics.score import Score, mean_figures, tally
-from semisynth_gl.metrics.truth import TruePair
+from semisynth_gl.metrics.truth import TruePair, find_truth
+from semisynth_gl.splits import SplitName
+from semisynth_gl.user_files import expanded
 
 ALL, VISIBLE = "all", "non-occluded"
 REGIONS = (ALL, VISIBLE)
@@ -50,6 +54,45 @@ class Evaluation:
     scores: Mapping[tuple[str, ...], Score]
     error_map: NDArray[np.uint8] | None = None
     negative: bool = False
+
+
+def evaluate(
+    predictions: str | PathLike[str],
+    truth: str | PathLike[str],
+    protocol: ProtocolName | Protocol | None = None,
+    *,
+    split: SplitName | None = None,
+    masks: str | PathLike[str] | None = None,
+    partial: bool = False,
+) -> dict[str, Any]:
+    """Evaluate a folder of predictions, as ``semisynth-gl evaluate`` does.
+
+    Args:
+        predictions: a folder of .pfm, .npy or 16-bit .png, under the pairs' names or under the truth's.
+        truth: a dataset of this program or a folder of Middlebury, ETH3D or KITTI; see `find_truth`.
+        protocol: one of `PROTOCOLS`, or its name; by default that of the benchmark whose form the truth has.
+        split: the split of a dataset of this program; None for all pairs.
+        masks: a folder of masks, 255 where not occluded, instead of the truth's own.
+        partial: whether predictions may be missing.
+
+    Returns:
+        What ``--json`` writes, in JSON's types: ``mean`` has figures by region and name, ``images`` those of each pair.
+
+    Raises:
+        InputError: where folders, names or sizes do not fit, or predictions are missing.
+        ReadError: where a file cannot be read.
+    """
+    for name, value in (("predictions", predictions), ("truth", truth)):
+        check_type(name, value, str | PathLike)
+    check_type("masks", masks, str | PathLike | None)
+    address = fspath(truth)
+    folder = address if "://" in address else str(expanded(address))
+    true_set = find_truth(folder, split, None if masks is None else expanded(fspath(masks)))
+    chosen = find_protocol(true_set.protocol if protocol is None else protocol)
+    found = find_predictions(expanded(fspath(predictions)), true_set.pairs, partial=partial)
+    evaluations = [evaluate_pair(pair, found[pair.name], chosen) for pair in true_set.pairs if pair.name in found]
+    missing = [pair.name for pair in true_set.pairs if pair.name not in found]
+    return report_json(evaluations, chosen, missing, {name: prediction.path for name, prediction in found.items()})
 
 
 def evaluate_pair(pair: TruePair, prediction: Prediction, protocol: Protocol, *, draw: bool = False) -> Evaluation:

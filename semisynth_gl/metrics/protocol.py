@@ -12,7 +12,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, shown
 
 ProtocolName = Literal["middlebury", "eth3d", "kitti", "paper"]
 PROTOCOL_NAMES: tuple[ProtocolName, ...] = get_args(ProtocolName)
@@ -257,3 +257,16 @@ PROTOCOLS: Mapping[ProtocolName, Protocol] = {
         ),
     )
 }
+
+
+def find_protocol(name: ProtocolName | Protocol) -> Protocol:
+    """Return a benchmark's definitions by their name, or those that are given.
+
+    Raises:
+        InputError: where there is none of that name.
+    """
+    if isinstance(name, Protocol):
+        return name
+    if not isinstance(name, str) or name not in PROTOCOLS:
+        raise InputError(f"a protocol must be one of {', '.join(PROTOCOLS)}, got {shown(name)}")
+    return PROTOCOLS[name]

@@ -8,8 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.arguments import check_type, to_array
 from semisynth_gl.errors import InputError
-from semisynth_gl.metrics.protocol import PROTOCOLS, UNLIMITED, Comparison, Limits, Protocol, ProtocolName, shown_size
+from semisynth_gl.metrics.protocol import (
+    UNLIMITED,
+    Comparison,
+    Limits,
+    Protocol,
+    ProtocolName,
+    find_protocol,
+    shown_size,
+)
 
 THRESHOLDS_PX = (0.5, 1.0, 2.0, 4.0)
 QUANTILES = (0.5, 0.9, 0.95, 0.99)
@@ -106,12 +115,16 @@ def score(
         limits: ndisp and isint of the truth.
 
     Raises:
-        InputError: where sizes differ.
+        InputError: where sizes differ, or there is no such protocol.
     """
-    if not isinstance(protocol, Protocol):
-        protocol = PROTOCOLS[protocol]
-    comparison = protocol.compare(np.asarray(prediction, np.float32), np.asarray(truth, np.float32), limits)
-    return tally(comparison, protocol, mask)
+    protocol = find_protocol(protocol)
+    check_type("mask", mask, np.ndarray | None)
+    check_type("limits", limits, Limits)
+    maps = (to_array("prediction", prediction, np.float32), to_array("truth", truth, np.float32))
+    for name, array in zip(("prediction", "truth"), maps, strict=True):
+        if array.ndim != 2:
+            raise InputError(f"{name} must be (H, W), got an array of shape {array.shape}")
+    return tally(protocol.compare(*maps, limits), protocol, None if mask is None else mask.astype(np.bool_))
 
 
 def tally(comparison: Comparison, protocol: Protocol, mask: NDArray[np.bool_] | None = None) -> Score:
