@@ -12,6 +12,7 @@ from backends import backend_fault
 from PIL import Image
 from tiny_datasets import config_of
 
+from semisynth_gl import evaluate
 from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.cli import main
 from semisynth_gl.codecs.disparity_map import read_disparity_map
@@ -69,9 +70,14 @@ def run(*arguments):
 
 
 def figures_of(tmp_path, *arguments):
+    """What --json writes, and Python returns."""
     path = tmp_path / "figures.json"
     assert run(*arguments, "--json", path)[0] == 0
-    return json.loads(path.read_text())
+    said = json.loads(path.read_text())
+    given = dict(zip(arguments[::2], arguments[1::2], strict=True))
+    options = {"split": given.get("--split"), "masks": given.get("--mask")}
+    assert evaluate(given["--pred"], given["--gt"], given.get("--protocol"), **options) == said
+    return said
 
 
 def write(path, data):

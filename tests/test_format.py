@@ -93,7 +93,8 @@ def test_a_dataset_of_format_1_is_read_value_by_value(layout):
                 x = np.arange(16) + (-view.disparity if number == 0 else view.disparity)
                 expected = np.where((expected == 128) & ((x < -0.5) | (x >= 15.5)), 0, expected)
             np.testing.assert_array_equal(view[channel], expected, err_msg=f"{channel} {number}")
-    assert pair.left.image[0, 0].tolist() == [135, 184, 93]
+    # Decoders of JPEG round in their own ways.
+    assert pair.left.image[0, 0].tolist() == pytest.approx([135, 184, 93], abs=2 if layout == "crestereo" else 0)
     assert pair.left.disparity[5, :3].tolist() == pytest.approx(DISPARITY_PX[layout], abs=1e-7)
     assert pair.left.visibility[5].tolist() == [0] + [255] * 15
     camera = pair.camera
