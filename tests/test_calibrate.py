@@ -1,5 +1,6 @@
 """A config from a rig's calibration: every format, the measured histogram, and the numbers in refusals."""
 
+import json
 import os
 import re
 import struct
@@ -118,6 +119,39 @@ def ros_both(camera=CAMERA):
     return f"left:\n{indented(ros(camera, 0))}right:\n{indented(ros(camera, 1))}"
 
 
+def echoed(camera=CAMERA, side=1, *, key="p", p=None, style="block", frame="infra2_optical_frame", sec=1718500617):
+    """A message as `ros2 topic echo` prints it, with the line that divides it from the next.
+
+    With --flow-style the whole message stands on one line; ROS 1 printed lists alone so.
+    """
+    matrix = matrices(camera)[side]
+    lists = {"d": np.zeros(5), "k": matrix[:, :3], "r": np.eye(3), key: matrix if p is None else np.array(p)}
+    message = {
+        "header": {"stamp": {"sec": sec, "nanosec": 444867328}, "frame_id": frame},
+        "height": camera.height_px,
+        "width": camera.width_px,
+        "distortion_model": "plumb_bob",
+        **{name: values.ravel().tolist() for name, values in lists.items()},
+        "binning_x": 0,
+        "binning_y": 0,
+        "roi": {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False},
+    }
+
+    def flow(value):
+        return json.dumps(value).replace('"', "")
+
+    def lines(value, indent=""):
+        for name, inner in value.items():
+            if isinstance(inner, dict):
+                yield from (f"{indent}{name}:", *lines(inner, f"{indent}  "))
+            elif isinstance(inner, list) and style == "block":
+                yield from (f"{indent}{name}:", *(f"- {item!r}" for item in inner))
+            else:
+                yield f"{indent}{name}: {flow(inner)}"
+
+    return "\n".join([flow(message)] if style == "flow" else lines(message)) + "\n---\n"
+
+
 def write(folder, name, text):
     path = folder / name
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -155,6 +189,16 @@ def refused(error, *words):
         ("extrinsics.yml", opencv()),
         ("right.yaml", ros_both()),
         ("LEFT.yaml", opencv().replace("P1:", "LEFT.P:").replace("P2:", "RIGHT.P:")),
+        ("rig.yaml", echoed(side=0) + echoed(side=1)),
+        ("rig.yaml", echoed(side=0, style="flow") + echoed(side=1, style="flow")),
+        ("rig.txt", echoed(side=0, key="P", style="ROS 1") + echoed(side=1, key="P", style="ROS 1")),  # ROS 1
+        ("rig.yaml", "---\n" + (echoed(side=0) + echoed(side=1)).removesuffix("---\n").replace("\n", "\r\n")),
+        ("rig.yaml", "".join(echoed(side=side, sec=sec) for side in (0, 1) for sec in range(20))),  # without --once
+        ("rig.yaml", echoed(side=0).replace("binning_x: 0", "binning_x: 1") + ros(side=1)),
+        (
+            "rig.yaml",
+            (echoed(side=0) + echoed(side=1)).replace("  height: 0\n  width: 0", "  height: 500\n  width: 741"),
+        ),
     ],
 )
 def test_each_format_gives_the_same_rig(tmp_path, name, text):
@@ -184,6 +228,7 @@ def test_a_rig_written_in_any_format_is_read_back(tmp_path_factory, size, focal_
         "k.txt": kitti(camera),
         "o.yaml": opencv(camera),
         "r.yaml": ros_both(camera),
+        "e.yaml": echoed(camera, 0) + echoed(camera, 1),
     }.items():
         (rig,) = read_rigs([write(folder, name, text)])
         assert rig.size == size
@@ -211,7 +256,8 @@ def test_eth3d_has_no_doffs(tmp_path):
     assert (rig.camera.doffs_px, rig.camera.baseline_m, rig.bounds.ndisp) == (0, pytest.approx(0.0599079), 64)
 
 
-def test_ros_left_and_right_are_two_files_or_the_right_one_alone(tmp_path):
+@pytest.mark.parametrize("ros", [ros, echoed])
+def test_ros_left_and_right_are_two_files_or_the_right_one_alone(tmp_path, ros):
     left, right = write(tmp_path, "left.yaml", ros(side=0)), write(tmp_path, "right.yaml", ros(side=1))
     (both,) = read_rigs([left, right])
     assert both.camera.doffs_px == pytest.approx(CAMERA.doffs_px)
@@ -278,6 +324,26 @@ def test_the_size_comes_from_the_file_or_the_user(tmp_path):
          ["not rectified", "M1, R", "stereoRectify"]),
         (ros().replace("994.978", "0"), ["focal length is 0"]),
         ("left:\n  a: 1\nright:\n  b: 2\n", ["left.projection_matrix: missing"]),
+        (echoed(side=0), ["is the left camera's, with no baseline", "another --calib"]),
+        (echoed(side=0) + echoed(side=0, frame="other"), ["both have 0 in the first row's last place", "no rig"]),
+        (echoed(side=1) + echoed(side=1, frame="other"), ["both have -192.032", "baseline is 0 m", "no rig"]),
+        (echoed(side=1) + echoed(side=0), ["the baseline is -0.193", "swap"]),
+        (echoed(side=0) + echoed(side=1, frame="b") * 2 + echoed(side=1), ["3 of 3 calibrations are of one camera"]),
+        (echoed(side=0) + "a: [\n", ["no YAML", "line 5"]),
+        (echoed(side=0) + opencv()[10:], ["document 2: projection_matrix: missing: it has image_size, P1, P2"]),
+        (echoed(side=0) + "- 1\n", ["is no calibration", *FORMATS]),
+        (echoed(side=0) + echoed(StereoCamera.centred(64, 48, 50, 0.1)), ["images of 741 x 500 and of 64 x 48"]),
+        (echoed(key="q"), ["has header, height, width", *FORMATS]),
+        (echoed(p=[0.0] * 12), ["p: is all zeros", "not rectified", "cameracalibrator"]),
+        (echoed(side=0) + echoed(p=[0.0] * 12), ["document 2: p: is all zeros"]),
+        (echoed(p=[1.0] * 9), ["p: expected a 3 x 4 projection matrix of 12 numbers"]),
+        (echoed().replace("p:\n- 994.978", "p:\n- .nan"), ["expected finite numbers"]),
+        (echoed().replace("\np:", "\np: '<array type: double[12]>'\nq:"), ["p: expected a 3 x 4", "array type"]),
+        (echoed().replace("width: 741", "width: 0"), ["at least 1 pixel"]),
+        (echoed().replace("binning_x: 0", "binning_x: 2"), ["binning_x: expected 0 or 1, got 2", "--scale"]),
+        (echoed().replace("binning_y: 0", "binning_y: [2]"), ["binning_y: expected 0 or 1, got [2]"]),
+        (echoed().replace("x_offset: 0", "x_offset: 8"), ["roi: expected 0", "[8, 0, 0, 0]", "window"]),
+        (echoed().replace("  height: 0\n  width: 0", "  height: 400\n  width: 741"), ["roi: ", "[0, 0, 741, 400]"]),
         ("fx: 3\n", ["has fx", *FORMATS]),
         ("", [*FORMATS]),
         ("[1, 2", ["line 1", *FORMATS]),

@@ -19,7 +19,15 @@ from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.cli import semisynth_gl
 from semisynth_gl.config import Config, Range, load_config
 from semisynth_gl.config.distributions import read_histogram
-from semisynth_gl.config.yaml_values import DEEPEST, MOST_BYTES, MOST_KEYS, MOST_VALUES, YamlError, read_yaml
+from semisynth_gl.config.yaml_values import (
+    DEEPEST,
+    MOST_BYTES,
+    MOST_KEYS,
+    MOST_VALUES,
+    YamlError,
+    read_documents,
+    read_yaml,
+)
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.errors import InputError, SemisynthError
 from semisynth_gl.metrics.truth import read_limits
@@ -160,6 +168,17 @@ def test_any_text_is_a_value_or_an_error(text):
 )
 def test_plain_yaml_is_read(text, value):
     assert read_yaml(text)[0] == value
+    assert read_documents(text) == ([] if text == "" else [value])
+
+
+def test_documents_are_read_one_by_one_within_limits_of_all():
+    text = "a: 1\n---\n[b]\n---\n"
+    assert read_documents(text) == [{"a": 1}, ["b"], None]
+    with pytest.raises(YamlError, match="expected a single document"):
+        read_yaml(text)
+    for many, said in (("---\n" * (MOST_VALUES + 1), MOST_VALUES), ("a: 1\n---\n" * (MOST_KEYS + 1), MOST_KEYS)):
+        with pytest.raises(YamlError, match=f"more than {said} "):
+            read_documents(many)
 
 
 def test_configs_that_extend_each_other_without_end(tmp_path):

@@ -12,7 +12,7 @@ from semisynth_gl.calibration.rig import DisparityBounds, Projections, Rig, Size
 from semisynth_gl.codecs import read_bytes
 from semisynth_gl.codecs.calib import calib_matrix, calib_values
 from semisynth_gl.config.fields import LARGEST
-from semisynth_gl.config.yaml_values import YamlError, read_yaml
+from semisynth_gl.config.yaml_values import YamlError, read_documents
 from semisynth_gl.errors import InputError, ReadError, shown
 from semisynth_gl.textures.image_files import find_files
 from semisynth_gl.user_files import expanded
@@ -21,7 +21,7 @@ FORMATS = (
     "calib.txt of Middlebury and ETH3D (cam0=[...], cam1=[...], baseline=...)",
     "calib_cam_to_cam.txt of KITTI (P_rect_02: ..., P_rect_03: ...) or its P2: and P3:",
     "OpenCV's YAML with P1 and P2",
-    "camera_info YAML of ROS with projection_matrix, of both cameras or of the right one",
+    "camera_info of ROS with projection_matrix, or p where `ros2 topic echo` printed it, of both cameras or the right",
 )
 """All formats, for messages."""
 
@@ -34,6 +34,8 @@ _KITTI = re.compile(
 )
 _KITTI_PAIRS = (("P_rect_02", "P_rect_03"), ("P_rect_00", "P_rect_01"), ("P2", "P3"), ("P0", "P1"))
 _OPENCV_PAIRS = (("P1", "P2"), ("LEFT.P", "RIGHT.P"))
+# ROS's calibration files, messages of ROS 2, and messages of ROS 1.
+_ROS_MATRICES = ("projection_matrix", "p", "P")
 _RAW_CAMERAS = ("M1", "K1", "cameraMatrix1", "camera_matrix_1", "LEFT.K", "R", "T")
 # Characters of a matrix in a message.
 _SHOWN = 400
@@ -50,8 +52,8 @@ def read_rigs(sources: Sequence[str | Path], *, size: Size | None = None, unit_m
     """Read rectified rigs from calibration files.
 
     Args:
-        sources: files and globs. Each file describes a rig, except for ROS's camera_info: two of these make a rig, the
-            left one first, or the right camera's alone.
+        sources: files and globs. Each file describes a rig, except for ROS's camera_info: two of these, in two files or
+            in one, make a rig, the left one first, or the right camera's alone.
         size: size of the images, for files without one.
         unit_m: metres in the unit of an OpenCV file's translation; None where it is not known.
 
@@ -70,14 +72,14 @@ def read_rigs(sources: Sequence[str | Path], *, size: Size | None = None, unit_m
         if not matches:
             raise InputError(f"--calib {source}: no such file, and no .txt, .yaml or .yml that the glob matches")
         paths |= dict.fromkeys(matches)
-    calibrations = [_read(path, unit_m) for path in paths]
+    calibrations = [calibration for path in paths for calibration in _read(path, unit_m)]
     pairs = [pair for pair in calibrations if isinstance(pair, Projections)]
     cameras = [camera for camera in calibrations if isinstance(camera, _Camera)]
     if cameras and (pairs or len(cameras) > 2):
         names = ", ".join(camera.source for camera in cameras[:4]) + (", ..." if len(cameras) > 4 else "")
         raise InputError(
-            f"{len(cameras)} of {len(paths)} calibrations are of one camera ({names}): expected two, the left one "
-            "first, or the right camera's alone"
+            f"{len(cameras)} of {len(calibrations)} calibrations are of one camera ({names}): expected two, the left "
+            "one first, or the right camera's alone"
         )
     if cameras:
         pairs = [_paired(cameras)]
@@ -98,6 +100,12 @@ def _paired(cameras: Sequence[_Camera]) -> Projections:
         source = left.source if left.source == right.source else f"{left.source} and {right.source}"
         if left.size != right.size:
             raise InputError(f"{source}: images of {left.size} and of {right.size}: expected one size")
+        if np.array_equal(left.matrix[:, 3], right.matrix[:, 3]):
+            raise InputError(
+                f"{source}: both have {right.matrix[0, 3]:g} in the first row's last place, so that the baseline is 0 "
+                "m: expected 0 for the left camera and -(focal length x baseline) for the right one, as calibrating a "
+                "rig writes them; cameras that were calibrated one by one are no rig"
+            )
         return Projections(left.matrix, right.matrix, left.size, source)
     (right,) = cameras
     if right.matrix[0, 3] == 0:
@@ -110,25 +118,25 @@ def _paired(cameras: Sequence[_Camera]) -> Projections:
     return Projections(left_matrix, right.matrix, right.size, right.source)
 
 
-def _read(path: Path, unit_m: float | None) -> Projections | _Camera:
+def _read(path: Path, unit_m: float | None) -> Sequence[Projections | _Camera]:
     try:
         text = read_bytes(path, _LARGEST_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise ReadError(path, f"is not text; {_EXPECTED}") from None
-    calibration: Projections | _Camera
+    calibrations: Sequence[Projections | _Camera]
     if "cam0" in (lines := calib_values(text)):
-        calibration = _middlebury(path, lines)
+        calibrations = [_middlebury(path, lines)]
     elif _KITTI.search(text):
-        calibration = _kitti(path, text)
+        calibrations = [_kitti(path, text)]
     else:
-        values = _yaml(path, text)
+        documents = _yaml(path, text)
         for left, right in _OPENCV_PAIRS:
-            if left in values and right in values:
-                return _opencv(path, values, (left, right), unit_m)
-        calibration = _ros(path, values)
+            if left in documents[0] and right in documents[0] and len(documents) == 1:
+                return [_opencv(path, documents[0], (left, right), unit_m)]
+        calibrations = _ros(path, documents)
     if unit_m is not None:
         raise ReadError(path, "its format has a unit of its own: leave --unit out, which is for OpenCV's files alone")
-    return calibration
+    return calibrations
 
 
 def _middlebury(path: Path, values: Mapping[str, str]) -> Projections:
@@ -198,27 +206,77 @@ def _opencv(path: Path, values: Mapping[str, Any], keys: tuple[str, str], unit_m
     return Projections(left, right, _size(path, values), str(path))
 
 
-def _ros(path: Path, values: Mapping[str, Any]) -> Projections | _Camera:
-    left, right = values.get("left"), values.get("right")
-    if isinstance(left, Mapping) and isinstance(right, Mapping):
-        return _paired([_ros_camera(path, left, "left."), _ros_camera(path, right, "right.")])
-    if "projection_matrix" not in values and "P" not in values:
+def _ros(path: Path, documents: Sequence[Mapping[str, Any]]) -> Sequence[Projections | _Camera]:
+    if len(documents) == 1:
+        left, right = documents[0].get("left"), documents[0].get("right")
+        if isinstance(left, Mapping) and isinstance(right, Mapping):
+            return [_paired([_ros_camera(path, left, "left."), _ros_camera(path, right, "right.")])]
+        return [_ros_camera(path, documents[0], "")]
+    return [_ros_camera(path, values, f"document {number}: ") for number, values in _distinct(documents).items()]
+
+
+def _distinct(documents: Sequence[Mapping[str, Any]]) -> dict[int, Mapping[str, Any]]:
+    """Return documents by their number, from 1; of messages that differ in their time alone, the first."""
+    # `ros2 topic echo` without --once prints a camera's message until it is stopped.
+    seen: list[tuple[Any, Mapping[str, Any]]] = []
+    distinct = {}
+    for number, values in enumerate(documents, 1):
+        header = values.get("header")
+        frame = header.get("frame_id") if isinstance(header, Mapping) else None
+        message = (frame, {key: value for key, value in values.items() if key != "header"})
+        if message not in seen:
+            seen.append(message)
+            distinct[number] = values
+    return distinct
+
+
+def _ros_camera(path: Path, values: Mapping[str, Any], prefix: str) -> _Camera:
+    key = next((key for key in _ROS_MATRICES if key in values), None)
+    if key is None:
         raw = [key for key in _RAW_CAMERAS if key in values]
         if raw:
             raise ReadError(
                 path,
-                f"is not rectified: it has {', '.join(raw)}, the raw cameras, but no P1 and P2. Rectify first (OpenCV: "
-                "stereoRectify gives P1 and P2), and store them beside",
+                f"{prefix}is not rectified: it has {', '.join(raw)}, the raw cameras, but no P1 and P2. Rectify first "
+                "(OpenCV: stereoRectify gives P1 and P2), and store them beside",
             )
-        raise ReadError(path, f"has {', '.join(list(values)[:8]) or 'nothing'}; {_EXPECTED}")
-    return _ros_camera(path, values, "")
+        missing = f"{prefix}projection_matrix: missing: it " if prefix else ""
+        raise ReadError(path, f"{missing}has {', '.join(list(values)[:8]) or 'nothing'}; {_EXPECTED}")
+    matrix = _matrix(path, prefix + key, values[key])
+    if not matrix.any():
+        raise ReadError(
+            path,
+            f"{prefix}{key}: is all zeros: the camera is not calibrated, or not rectified. Calibrate the stereo rig "
+            "(ROS: `ros2 run camera_calibration cameracalibrator` with both cameras), and give the calibration of the "
+            "rectified images",
+        )
+    size = _size(path, values)
+    _check_whole_image(path, values, prefix, size)
+    return _Camera(matrix, size, str(path))
 
 
-def _ros_camera(path: Path, values: Mapping[str, Any], prefix: str) -> _Camera:
-    key = "P" if "P" in values else "projection_matrix"
-    if key not in values:
-        raise ReadError(path, f"{prefix}{key}: missing: expected the 3 x 4 matrix of the rectified camera")
-    return _Camera(_matrix(path, prefix + key, values[key]), _size(path, values), str(path))
+def _check_whole_image(path: Path, values: Mapping[str, Any], prefix: str, size: Size | None) -> None:
+    """Refuse a message of ROS whose images are a part of what its matrices are for."""
+    for key in ("binning_x", "binning_y"):
+        if values.get(key, 0) not in (0, 1):
+            fault = f"{prefix}{key}: expected 0 or 1, got {values[key]!r}"[:200]
+            raise ReadError(
+                path,
+                f"{fault}: images with binning are smaller than those that the calibration is of. Take them without; "
+                "or, where both directions are binned alike, write 1 here and give --scale, 0.5 for a binning of 2",
+            )
+    roi = values.get("roi")
+    if not isinstance(roi, Mapping):
+        return
+    window = [roi.get(name, 0) for name in ("x_offset", "y_offset", "width", "height")]
+    if window not in ([0, 0, 0, 0], [0, 0, *(size or ())]):
+        fault = f"{prefix}roi: expected 0 for x_offset, y_offset, width and height, got {window}"[:200]
+        raise ReadError(
+            path,
+            f"{fault}: the images are a window of those that the calibration is of. Take whole images; or write 0 for "
+            "all four, the window's size as the message's width and height, and subtract the offsets from cx and cy in "
+            "its projection matrix",
+        )
 
 
 def _matrix(path: Path, key: str, node: Any) -> NDArray[np.float64]:  # noqa: ANN401 - any YAML value
@@ -262,14 +320,17 @@ def _checked_size(path: Path, size: Sequence[Any] | None) -> Size | None:
     return Size(width_px, height_px)
 
 
-def _yaml(path: Path, text: str) -> Mapping[str, Any]:
+def _yaml(path: Path, text: str) -> Sequence[Mapping[str, Any]]:
+    """Return one or more documents."""
     # OpenCV's first line is no directive of YAML: it has a colon in place of the space. Its matrices are mappings.
     text = re.sub(r"\A%YAML:[^\n]*\n|!!opencv-matrix\b", "", text)
     try:
-        values, _ = read_yaml(text)
+        documents = read_documents(text)
     except YamlError as error:
         line = "" if error.line is None else f"line {error.line}: "
         raise ReadError(path, f"is no calibration and no YAML ({line}{error}); {_EXPECTED}") from None
-    if not isinstance(values, Mapping):
+    # `ros2 topic echo` ends each message with a line that opens another document.
+    documents = [values for values in documents if values is not None]
+    if not documents or not all(isinstance(values, Mapping) for values in documents):
         raise ReadError(path, f"is no calibration; {_EXPECTED}")
-    return values
+    return documents

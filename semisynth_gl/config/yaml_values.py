@@ -70,14 +70,28 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int]]:
     Keys are texts as they are written; an empty text is None.
 
     Raises:
-        YamlError: where the text is not valid YAML, or beyond a limit of this module.
+        YamlError: where the text is not valid YAML, has several documents, or is beyond a limit of this module.
     """
+    values, lines = _read(text, several=False)
+    return values[0] if values else None, lines
+
+
+def read_documents(text: str) -> list[Any]:
+    """Return the value of each of a text's documents, which lines of ``---`` divide; an empty document is None.
+
+    Raises:
+        YamlError: where the text is not valid YAML, or beyond a limit of this module, which counts all documents.
+    """
+    return _read(text, several=True)[0]
+
+
+def _read(text: str, *, several: bool) -> tuple[list[Any], dict[Key, int]]:
     # A character has at least a byte, so that a long text is not encoded to be counted.
     if len(text) > MOST_BYTES or len(text.encode(errors="surrogatepass")) > MOST_BYTES:
         raise YamlError(None, (), f"has more than {MOST_BYTES} bytes, the most that YAML may have here")
     reader = _Reader(text)
     try:
-        return reader.document(), reader.lines
+        return reader.documents(several=several), reader.lines
     except YamlError:
         raise
     except MarkedYAMLError as error:
@@ -119,14 +133,14 @@ class _Reader:
         self._resolver = VersionedResolver(version=(1, 2))
         self._values = self._keys = 0
 
-    def document(self) -> Any:  # noqa: ANN401 - any value
+    def documents(self, *, several: bool) -> list[Any]:
         values: list[Any] = []
         for event in self._events:
             if isinstance(event, DocumentStartEvent):
-                if values:
+                if values and not several:
                     self._refuse(event, (), "not valid YAML: expected a single document")
                 values.append(self._value(next(self._events), (), 0))
-        return values[0] if values else None
+        return values
 
     def _value(self, event: Event, key: Key, depth: int) -> Any:  # noqa: ANN401 - any value
         self._values += 1
