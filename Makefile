@@ -94,6 +94,11 @@ setup: $(VENV)/.installed  ## the environment in VENV, and OpenGL's libraries wh
 doctor: $(VENV)/.installed  ## show what OpenGL this machine offers, and test it
 	$(VENV)/bin/semisynth-gl doctor
 
+.PHONY: release-check
+release-check:  ## build sdist and wheel into dist/, check them, and use the wheel in a fresh environment
+	@sh tools/system-packages.sh $(PYTHON) $(backend)
+	@sh tools/release-check.sh $(PYTHON)
+
 .PHONY: clean
 clean:  ## remove the environment, caches and built packages; datasets in OUT stay
 	[ ! -f $(VENV)/pyvenv.cfg ] || rm -rf $(VENV)
