@@ -10,6 +10,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import click
 import cv2
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from backends import backend_fault
 from PIL import Image
 
 from semisynth_gl import render_pair
-from semisynth_gl.cli import main
+from semisynth_gl.cli import main, semisynth_gl
 from semisynth_gl.config import load_config, packaged_configs
 
 SMALL = (
@@ -89,6 +90,22 @@ def photographs(tmp_path):
     noise = np.random.default_rng(0).integers(0, 256, (300, 400, 3), dtype=np.uint8)
     Image.fromarray(noise).save(folder / "noise.png")
     return folder
+
+
+def test_each_option_and_argument_that_is_needed_is_missed_by_name(call, tmp_path):
+    needed = set()
+    for name in semisynth_gl.list_commands(click.Context(semisynth_gl)):
+        command = semisynth_gl.get_command(click.Context(semisynth_gl), name)
+        for missing in (parameter for parameter in command.params if parameter.required):
+            given = [name]
+            for other in command.params:
+                if other.required and other is not missing:
+                    given += [other.opts[0], "x.yaml"] if isinstance(other, click.Option) else ["x.yaml"]
+            shown = missing.opts[0] if isinstance(missing, click.Option) else missing.human_readable_name
+            refused(call(*given, cwd=tmp_path), "Missing", shown)
+            needed.add((name, missing.name))
+    assert needed >= {("calibrate", "output_path"), ("evaluate", "pred"), ("verify", "directory")}
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_generate_writes_a_dataset_that_opencv_reads(call, tmp_path, photographs):

@@ -211,14 +211,16 @@ def output_option(
         def with_output(*, output_path: Path | None, overwrite: bool, **values: Any) -> Any:  # noqa: ANN401 - click's
             return command(output=Output(name, kind, output_path, overwrite), **values)
 
+        # An option whose default is said to be None counts as given, and would never be missed.
+        defaults: dict[str, Any] = {} if default is None else {"default": default}
         flag = option("--overwrite", is_flag=True, help=f"Replace the file of {name} whatever it is, but for inputs.")
         file = option(
             name,
             "output_path",
             type=UserPath(),
             callback=ending_check(name, *endings),
-            default=default,
             required=required,
+            **defaults,
             help=help,
         )
         return file(flag(with_output))
