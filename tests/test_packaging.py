@@ -124,6 +124,7 @@ def test_the_sdist_carries_what_a_build_and_the_tests_need(sdist_and_its_wheel: 
         names = {name.split("/", 1)[1] for name in archive.getnames()}
     assert data_files() <= names
     assert {"pyproject.toml", "README.md", "Makefile", "tests/test_packaging.py", "semisynth_gl/__init__.py"} <= names
+    assert {"Containerfile", ".ci/run", ".github/workflows/ci.yml", "tools/release-check.sh"} <= names
     for name in names:
         assert not set(JUNK) & set(PurePosixPath(name).parts), name
 
