@@ -66,7 +66,8 @@ test: $(VENV)/.dev  ## lint, then all tests but those of test-heavy, on EGL and 
 
 # Examples of the property tests are the same in each run of test, and others in each run of this.
 .PHONY: test-heavy
-test-heavy: $(VENV)/.heavy  ## tests with PyTorch and Ray (GBs to download), and property tests on random examples
+test-heavy: $(VENV)/.heavy  ## tests with PyTorch and Ray (GBs to download), of the site, and property tests on random examples
+	@sh tools/browser-packages.sh
 	$(VENV)/bin/mypy
 	$(VENV)/bin/python -m pytest --numprocesses auto --dist worksteal -m "(heavy or hypothesis) and not faults" \
 	    --hypothesis-profile random
@@ -74,6 +75,19 @@ test-heavy: $(VENV)/.heavy  ## tests with PyTorch and Ray (GBs to download), and
 .PHONY: test-faults
 test-faults: $(VENV)/.dev  ## kill runs at 50 random moments, and take them up again
 	$(VENV)/bin/python -m pytest -m faults -rP tests/test_faults.py
+
+# Material announces its successor in each build.
+.PHONY: docs
+docs: build/gallery/.drawn $(VENV)/.docs  ## build the documentation as a site into build/docs, pictures and all
+	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/python -m mkdocs build --quiet --strict
+	@echo "Open build/docs/index.html"
+
+# Everything that a picture may depend on.
+build/gallery/.drawn: docs/make_gallery.py $(shell find semisynth_gl shaders configs assets -type f ! -name '*.pyc') | setup
+	@echo "Drawing the gallery's pictures, which takes minutes without a GPU"
+	rm -rf build/gallery
+	$(VENV)/bin/python docs/make_gallery.py build/gallery
+	@touch $@
 
 .PHONY: lint
 lint: $(VENV)/.dev  ## ruff and mypy
@@ -107,7 +121,7 @@ clean:  ## remove the environment, caches and built packages; datasets in OUT st
 
 # Make hands these down to what setup and test need, so that a machine without OpenGL's libraries says so before it
 # downloads anything. Lint and doctor run without.
-setup: opengl := $(backend)
+setup docs: opengl := $(backend)
 test test-heavy: opengl := egl osmesa
 
 # The stamps lie in the environment, so that they go when it goes.
@@ -128,7 +142,12 @@ $(VENV)/.dev: pyproject.toml $(VENV)/.made
 	$(install) ".[dev]"
 	@touch $(VENV)/.installed $@
 
+$(VENV)/.docs: pyproject.toml $(VENV)/.made
+	@echo "Installing semisynth-gl, what it needs and what its documentation needs into $(VENV)"
+	$(install) ".[docs]"
+	@touch $(VENV)/.installed $@
+
 $(VENV)/.heavy: pyproject.toml $(VENV)/.made
 	@echo "Installing semisynth-gl and what all of its tests need, PyTorch among it, into $(VENV)"
 	$(install) ".[heavy]"
-	@touch $(VENV)/.installed $(VENV)/.dev $@
+	@touch $(VENV)/.installed $(VENV)/.dev $(VENV)/.docs $@

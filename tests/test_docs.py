@@ -1,22 +1,31 @@
 """Documentation that can be checked against the program."""
 
 import re
+import sys
+from fnmatch import fnmatch
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
+from ruamel.yaml import YAML
 
 import semisynth_gl
 from semisynth_gl.config import Config, Range, load_config, packaged_configs
 from semisynth_gl.config.distributions import MixturePart, TargetSection, UniformTarget
-from semisynth_gl.config.model import DepthLayerSection
+from semisynth_gl.config.model import DepthLayerSection, ImperfectionsSection
+from semisynth_gl.frame import CHANNELS
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.textures.image_files import builtin_photographs
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "docs"))
+
+import make_gallery  # noqa: E402 - a script beside the pages
+
 CONFIG_PAGE = (ROOT / "docs" / "config.md").read_text("utf-8")
+MKDOCS = YAML().load((ROOT / "mkdocs.yml").read_text("utf-8"))
 FOLDERS_OF_PAGES = (".", "docs", "benchmarks/results", "benchmarks/peers", "shaders")
 PAGES = [page for folder in FOLDERS_OF_PAGES for page in sorted((ROOT / folder).glob("*.md"))]
 
@@ -166,3 +175,34 @@ def test_links_lead_somewhere():
     assert [f"{page.name}#{anchor}" for page, anchor in anchored if anchor not in anchors(page)] == []
     assert len(links) > len(PAGES)
     assert len(anchored) > 1
+
+
+def pages_of(nav):
+    """The pages of a part of the navigation, in order."""
+    for entry in nav:
+        [named] = entry.values() if isinstance(entry, dict) else [entry]
+        yield from [named] if isinstance(named, str) else pages_of(named)
+
+
+def test_the_site_leads_to_each_page_once():
+    named = list(pages_of(MKDOCS["nav"]))
+    assert len(set(named)) == len(named)
+    assert [page for page in named if not (ROOT / "docs" / page).is_file()] == []
+    own = {page.relative_to(ROOT / "docs").as_posix() for page in (ROOT / "docs").rglob("*.md")}
+    assert own - set(named) == set()
+
+
+def test_the_site_has_what_its_pages_link_to():
+    outside = {
+        target[3:] for page in (ROOT / "docs").glob("*.md") for target in re.findall(r"\]\((\.\./[^)#]*)", prose(page))
+    } | {page[3:] for page in pages_of(MKDOCS["nav"]) if page.startswith("../")}
+    carried = MKDOCS["extra"]["beside_docs"]
+    assert [path for path in outside if not any(fnmatch(path, pattern) for pattern in carried)] == []
+    assert outside
+
+
+def test_the_gallery_has_a_picture_of_everything():
+    assert make_gallery.SHOWN.keys() == CHANNELS.keys()
+    assert make_gallery.IMPERFECTIONS.keys() == ImperfectionsSection.model_fields.keys()
+    marks = re.findall(r"<!-- pictures: (.*) -->", (ROOT / "docs" / "gallery.md").read_text("utf-8"))
+    assert sorted(marks) == sorted(make_gallery.SECTIONS)

@@ -1,7 +1,6 @@
 """The report: its numbers against independent ones, its page in a browser."""
 
 import json
-import os
 import re
 import shutil
 import sys
@@ -14,6 +13,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 from backends import backend_fault
+from browser import open_browser, wait
 from scenes import facing
 from tiny_datasets import config_of
 
@@ -564,34 +564,7 @@ def test_texture_is_said_to_be_of_what_is_stored(dataset, measured):
 # The page in a browser.
 
 
-def browser_fault():
-    try:
-        import selenium  # noqa: F401
-    except ImportError:
-        return "selenium is not installed"
-    missing = [name for name in ("chromium", "chromedriver") if shutil.which(name) is None]
-    return f"no {' and no '.join(missing)} here (tools/browser-packages.sh brings them)" if missing else None
-
-
-@pytest.fixture(scope="module")
-def browser():
-    fault = browser_fault()
-    if fault:
-        if os.environ.get("SEMISYNTH_GL_EXPECT_BROWSER"):
-            pytest.fail(f"a browser was expected here: {fault}")
-        pytest.skip(fault)
-    from selenium import webdriver
-    from selenium.webdriver.chrome.service import Service
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = shutil.which("chromium")
-    # Containers have no sandbox to offer, and little shared memory.
-    for argument in ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"):
-        options.add_argument(argument)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
-    yield driver
-    driver.quit()
+browser = pytest.fixture(scope="module")(open_browser)
 
 
 @pytest.fixture
@@ -605,13 +578,6 @@ def opened(browser, page, tmp_path):
     wait(browser, lambda: attribute(browser, "pair") == "0")
     yield browser
     assert [entry for entry in browser.get_log("browser") if entry["level"] != "DEBUG"] == []
-
-
-def wait(browser, true, seconds=120):
-    end = time.monotonic() + seconds
-    while not true():
-        assert time.monotonic() < end, browser.get_log("browser")
-        time.sleep(0.02)
 
 
 def element(browser, name):

@@ -1,0 +1,203 @@
+"""Draw the pictures of docs/gallery.md, and write for each of its sections the Markdown that shows them.
+
+Run it as ``python docs/make_gallery.py build/gallery``; `make docs` does.
+"""
+
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.colors import hsv_to_rgb
+from numpy.typing import NDArray
+from PIL import Image
+from skimage.data import data_dir
+
+from semisynth_gl import PairRenderer, Renderer, StereoCamera, View, load_config, make_scene, render_pair
+from semisynth_gl.config.explain import summaries
+from semisynth_gl.config.model import ImperfectionsSection
+from semisynth_gl.frame import CHANNELS, OUTPUTS, Channel
+from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
+
+Floats = NDArray[np.floating]
+Picture = NDArray[np.uint8]
+
+# The one config that cannot do without photographs gets those of a Middlebury scene, which scikit-image ships.
+TARGET = [f"textures.images=[{Path(data_dir) / 'motorcycle_left.png'}, {Path(data_dir) / 'motorcycle_right.png'}]"]
+
+# A value on either side where the imperfection goes both ways. A key without a row here has no picture: an error.
+IMPERFECTIONS = {
+    "exposure_stops": (-1.5, 1),
+    "gamma": (0.5, 2),
+    "noise": (6, 15),
+    "blur_px": (1, 2.5),
+}
+
+# Both eyes move and things fall, so that nothing of what a config can ask for is empty.
+MOVING = ["camera.sway_m=0.05", "camera.sway_deg=1", "sequence.length=3", f"outputs=[{','.join(OUTPUTS)}]"]
+
+MODEL_PX, SAMPLES, DISTANCE_M = 180, 3, 6.0
+
+
+def save(picture: Picture | Floats, path: Path, width: int) -> None:
+    """Write a picture, uint8 or 0 to 1, at most ``width`` pixels wide."""
+    if picture.dtype != np.uint8:
+        picture = np.rint(255 * np.clip(picture, 0, 1)).astype(np.uint8)
+    image = Image.fromarray(picture).convert("RGB")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    image.thumbnail((width, width), Image.Resampling.BOX)
+    image.save(path, quality=82, optimize=True)
+
+
+def figure(name: str, meaning: str, path: str) -> str:
+    """Return the Markdown of a picture with its caption."""
+    return (
+        f'<figure markdown="span">\n![{name}](gallery/{path}){{ loading=lazy }}\n'
+        f'<figcaption markdown="span">{meaning}</figcaption>\n</figure>\n'
+    )
+
+
+def colours(values: Floats, name: str, low: float, high: float) -> Floats:
+    """Colour finite values by a map of matplotlib; the others are black."""
+    shown = mpl.colormaps[name]((np.where(np.isfinite(values), values, low) - low) / (high - low))[..., :3]
+    shown[~np.isfinite(values)] = 0
+    return shown
+
+
+def beside(*pictures: Picture | Floats) -> Floats:
+    """Put pictures of one height beside each other, with a white gap."""
+    parts = [picture / 255 if picture.dtype == np.uint8 else picture for picture in pictures]
+    gap = np.ones((parts[0].shape[0], parts[0].shape[1] // 60, 3))
+    return np.concatenate([each for part in parts for each in (part, gap)][:-1], axis=1)
+
+
+def draw_configs(folder: Path) -> Iterator[str]:
+    """Draw a pair of each packaged config: the left image and its disparity."""
+    for name, summary in summaries().items():
+        frame = render_pair(load_config(name, TARGET if name.endswith("-target") else []), index=3)
+        disparity = frame.left.disparity
+        shown = colours(disparity, "inferno", 0, float(np.quantile(disparity[np.isfinite(disparity)], 0.995)))
+        save(beside(frame.left.image, shown), folder / "configs" / f"{name}.jpg", 1200)
+        yield figure(name, f"`{name}`: {summary}", f"configs/{name}.jpg")
+
+
+def seen_from_above() -> NDArray[np.float64]:
+    """Return the pose of a model in front of the camera: upright (z upwards), turned, and seen from above."""
+    yaw, tilt = np.deg2rad(35), np.deg2rad(24)
+    upright = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+    turned = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
+    tilted = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
+    pose = np.eye(4)
+    pose[:3, :3] = tilted @ turned @ upright
+    pose[2, 3] = DISTANCE_M
+    return pose
+
+
+def draw_model(renderer: Renderer, model: int, layer: int) -> Floats:
+    """Draw a model with a patch on it, lit from the top left, on white; (H, W, 3), 0 to 1."""
+    side = MODEL_PX * SAMPLES
+    camera = StereoCamera.centred(side, side, focal_px=side / 2 * DISTANCE_M / 1.02, baseline_m=0.1)
+    scene = make_scene(camera, model=[model], world_from_model=[seen_from_above()], layer=[layer], uv_scale=(0.7, 0.7))
+    view = renderer.render(scene).left
+    light = np.array([-0.45, -0.75, -0.5]) / np.linalg.norm([-0.45, -0.75, -0.5])
+    shade = 0.45 + 0.75 * np.clip(view.normals @ light, 0, 1)
+    lit = np.clip(view.image / 255 * shade[..., None], 0, 1)
+    lit[~np.isfinite(view.disparity)] = 1
+    return lit.reshape(MODEL_PX, SAMPLES, MODEL_PX, SAMPLES, 3).mean(axis=(1, 3))
+
+
+def draw_models(folder: Path, kinds: Iterable[str]) -> Iterator[str]:
+    """Draw the variants of each of these kinds beside each other."""
+    with PairRenderer(load_config("sceneflow"), seed=0) as pairs:
+        models, layers = pairs.sampler.models, pairs.sources.atlas.layers
+    numbers = {name: [number for number, model in enumerate(models) if model.name == name] for name in kinds}
+    with Renderer(models, layers, outputs=("normals",), truth="left") as renderer:
+        for place, (name, variants) in enumerate(numbers.items()):
+            patches = (np.arange(len(variants)) + 7 * place) % len(layers)
+            drawn = [draw_model(renderer, *pair) for pair in zip(variants, patches, strict=True)]
+            save(np.concatenate(drawn, axis=1), folder / "models" / f"{name}.jpg", len(drawn) * MODEL_PX)
+            yield figure(name, f"`{name}`", f"models/{name}.jpg")
+
+
+def draw_imperfections(folder: Path) -> Iterator[str]:
+    """Draw a part of one image without any imperfection, and with each of them alone."""
+    settings = [(key, value) for key in ImperfectionsSection.model_fields for value in IMPERFECTIONS[key]]
+    for number, (key, value) in enumerate([("", 0.0), *settings]):
+        config = load_config("sceneflow", [f"imperfections.{key}={value}"] if key else [])
+        picture = render_pair(config, index=4).left.image[100:400, 200:650]
+        path = f"imperfections/{number}-{key or 'none'}.jpg"
+        save(picture, folder / path, 450)
+        yield figure(key or "none", f"`{key}: {value}`" if key else "none", path)
+
+
+def show_flow(flow: Floats) -> Floats:
+    """Colour flow: hue is its direction, saturation its length."""
+    length = np.hypot(flow[..., 0], flow[..., 1])
+    angle = np.arctan2(flow[..., 1], flow[..., 0]) / (2 * np.pi) % 1
+    return hsv_to_rgb(np.stack([angle, np.clip(length / 40, 0, 1), np.ones_like(length)], axis=2))
+
+
+def show_ids(ids: NDArray[np.uint16]) -> Floats:
+    """Give each id a colour of its own; 0 is black."""
+    table = hsv_to_rgb(np.random.default_rng(5).uniform((0, 0.35, 0.55), (1, 0.9, 1), (int(ids.max()) + 1, 3)))
+    table[0] = 0
+    return table[ids]
+
+
+def quantile_colours(name: str) -> Callable[[Floats], Floats]:
+    """Return what colours values between their extreme hundredths."""
+    return lambda values: colours(values, name, *np.quantile(values[np.isfinite(values)], (0.01, 0.99)))
+
+
+# How a channel is shown. A channel that is missing here has no picture: an error.
+SHOWN: dict[str, Callable[[NDArray[np.generic]], Floats | Picture]] = {
+    "image": lambda image: image,
+    "disparity": quantile_colours("inferno"),
+    "visibility": lambda mask: np.repeat(mask[..., None], 3, axis=2),
+    "instances": show_ids,
+    "depth": quantile_colours("viridis_r"),
+    "normals": lambda normals: (1 - normals) / 2,
+    "flow": show_flow,
+    "flow_visibility": lambda mask: np.repeat(mask[..., None], 3, axis=2),
+    "flow_backward": show_flow,
+    "flow_backward_visibility": lambda mask: np.repeat(mask[..., None], 3, axis=2),
+    "disparity_change": lambda change: colours(change, "coolwarm", -3, 3),
+}
+
+
+def draw_outputs(folder: Path) -> Iterator[str]:
+    """Draw each channel of one left view."""
+    with PairRenderer(load_config("sceneflow", MOVING), seed=0) as pairs:
+        view: View = pairs.render(13).frame.left
+    for name, channel in CHANNELS.items():
+        save(SHOWN[name](view[name]), folder / "outputs" / f"{name}.jpg", 480)
+        yield figure(name, caption(channel), f"outputs/{name}.jpg")
+
+
+def caption(channel: Channel[np.generic]) -> str:
+    """Return a channel's name, the output that it belongs to, and its meaning."""
+    output = "" if channel.output in (None, channel.name) else f" (output `{channel.output}`)"
+    return f"`{channel.name}`{output}: {channel.meaning.format(view='left', other='right')}"
+
+
+# Each section's name, which docs/gallery.md has in a mark, and what draws it and yields its Markdown.
+SECTIONS: dict[str, Callable[[Path], Iterator[str]]] = {
+    "configs": draw_configs,
+    "complex-models": partial(draw_models, kinds=COMPLEX_KINDS),
+    "simple-models": partial(draw_models, kinds=SIMPLE_KINDS),
+    "imperfections": draw_imperfections,
+    "outputs": draw_outputs,
+}
+
+
+def main(folder: Path) -> None:
+    """Draw all sections."""
+    for name, draw in SECTIONS.items():
+        text = "\n".join(draw(folder))
+        (folder / f"{name}.md").write_text(f'<div class="pictures {name}" markdown>\n\n{text}\n</div>\n', "utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,48 @@
+"""What MkDocs is told beside mkdocs.yml: the files of the site that do not lie in docs/."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.exceptions import PluginError
+from mkdocs.structure.files import File, Files, InclusionLevel
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add what pages link to outside of docs/, and the gallery's pictures."""
+    for place, path in _files_beside_docs(config):
+        file = File.generated(config, place, abs_src_path=str(path), inclusion=InclusionLevel.INCLUDED)
+        # Links and the navigation name it as seen from docs/; in the site it lies below the pages' folder.
+        _ = file.dest_uri, file.url
+        file.src_uri = f"../{place}"
+        files.append(file)
+    for path in sorted(_gallery(config).glob("*/*.jpg")):
+        place = f"gallery/{path.parent.name}/{path.name}"
+        files.append(File.generated(config, place, abs_src_path=str(path)))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:  # noqa: ARG001 - MkDocs passes them by name
+    """Put the sections that docs/make_gallery.py wrote in the place of their marks."""
+    if page.file.src_uri != "gallery.md":
+        return markdown
+    folder = _gallery(config)
+    return re.sub(r"<!-- pictures: (.*) -->", lambda mark: (folder / f"{mark[1]}.md").read_text("utf-8"), markdown)
+
+
+def _files_beside_docs(config: MkDocsConfig) -> Iterator[tuple[str, Path]]:
+    """Yield each file with its path from the project's folder."""
+    for pattern in config.extra["beside_docs"]:
+        for path in sorted(path for path in ROOT.glob(pattern) if path.is_file()):
+            yield path.relative_to(ROOT).as_posix(), path
+
+
+def _gallery(config: MkDocsConfig) -> Path:
+    folder = ROOT / config.extra["gallery"]
+    if not folder.is_dir():
+        raise PluginError(f"the gallery's pictures are missing: python docs/make_gallery.py {folder}")
+    return folder
