@@ -1,4 +1,4 @@
-"""Packages of hundreds of MB, which the tests of `make test` do without."""
+"""Packages which the tests of `make test` do without: those of hundreds of MB, and those that build the site."""
 
 from types import ModuleType
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from semisynth_gl.errors import InputError, shown
 
 ProtocolName = Literal["middlebury", "eth3d", "kitti", "paper"]
+"""A benchmark; ``paper`` counts as HSM's eval_mb.py does."""
 PROTOCOL_NAMES: tuple[ProtocolName, ...] = get_args(ProtocolName)
 UNFILLED = np.float32(-1)
 """KITTI's value for no disparity; where holes cannot be filled, it is compared with the truth like any other."""
@@ -257,6 +258,7 @@ PROTOCOLS: Mapping[ProtocolName, Protocol] = {
         ),
     )
 }
+"""The definitions of each benchmark by its name."""
 
 
 def find_protocol(name: ProtocolName | Protocol) -> Protocol:
