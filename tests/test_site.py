@@ -15,7 +15,7 @@ from backends import backend_fault
 from browser import open_browser, wait
 from heavy import heavy
 from PIL import Image
-from test_docs import PAGES, ROOT, make_gallery
+from snippets import ROOT
 
 import semisynth_gl
 from semisynth_gl import metrics
@@ -23,9 +23,14 @@ from semisynth_gl.config import packaged_configs
 from semisynth_gl.frame import CHANNELS
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 
+sys.path.insert(0, str(ROOT / "docs"))
+
+import make_gallery
+
 mkdocs = heavy("mkdocs")
 pytestmark = pytest.mark.heavy
 
+PAGES = [page for folder in ("docs", "benchmarks/results", "benchmarks/peers") for page in (ROOT / folder).glob("*.md")]
 MOST_BYTES_OF_PICTURES = 3_000_000
 
 browser = pytest.fixture(scope="module")(open_browser)
