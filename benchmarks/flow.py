@@ -2,7 +2,8 @@
 
     python benchmarks/flow.py --out flow.json
 
-Two tables: errors by config, and seconds of a pair by what is made. docs/flow.md quotes from them.
+Two tables: errors by config, and seconds of a pair by what is made. docs/accuracy.md and
+docs/performance.md quote from them.
 """
 
 import json
