@@ -25,6 +25,7 @@ class Purpose(IntEnum):
     SWAY = 12
     CROP = 13
     MIX = 16
+    PICTURES = 14
 
 
 def generator(seed: int, purpose: Purpose, *keys: int | str) -> np.random.Generator:

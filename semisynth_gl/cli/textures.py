@@ -9,8 +9,8 @@ from semisynth_gl.cli.outputs import Output, marked_png, output_option
 from semisynth_gl.cli.streams import say
 from semisynth_gl.config import packaged_configs
 from semisynth_gl.textures.crop_report import REJECTIONS, TextureReport, count_crops
-from semisynth_gl.textures.image_files import printable, relative_names
-from semisynth_gl.textures.prepare import prepare_atlas, split_images
+from semisynth_gl.textures.image_files import printable
+from semisynth_gl.textures.prepare import named_images, prepare_atlas
 from semisynth_gl.textures.reach import photograph_sources
 
 
@@ -46,9 +46,8 @@ def textures(config_name: str, images: tuple[str, ...], seed: int, settings: tup
     kept = report.total("kept")
     shown = ", ".join(section.images) if section.source == "images" else section.source
     title = f"{kept} patches of {report.patch_px} x {report.patch_px} pixels: {shown}"
-    files = {name: path for path, name in relative_names(split_images(section, seed)).items()}
     png = io.BytesIO()
-    draw_texture_sheet(atlas, files, title).save(png, format="png")
+    draw_texture_sheet(atlas, named_images(section, seed, report.named_images), title).save(png, format="png")
     output.write(png.getvalue())
     for line in _table(report):
         say(line)

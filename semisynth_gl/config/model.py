@@ -271,7 +271,8 @@ class TexturesSection(Section):
     """The patches: their source, their selection and their mapping onto the models.
 
     Attributes:
-        source: ``images`` (the user's), ``builtin`` (the photographs in scikit-image) or ``procedural``.
+        source: ``images`` (the user's), ``builtin`` (pictures that are drawn, and the photographs in scikit-image),
+            ``photographs`` (those alone) or ``procedural``.
         images: files, folders and globs of the source ``images``.
         patch_px: side of a patch in the atlas.
         scales: sides of the squares cut from an image, in units of ``patch_px``.
@@ -289,7 +290,7 @@ class TexturesSection(Section):
         sequence: take the images of a folder as successive frames, which an instance shows in turn.
     """
 
-    source: Literal["images", "builtin", "procedural"] = "builtin"
+    source: Literal["images", "builtin", "photographs", "procedural"] = "builtin"
     images: _Paths = ()
     patch_px: Annotated[int, Field(ge=16, le=8192)] = 256
     scales: Annotated[tuple[_AtLeastOne, ...], FROM_LIST, Field(min_length=1, max_length=100)] = (1.0, 2.0, 4.0)

@@ -15,7 +15,7 @@ from semisynth_gl.textures.image_files import builtin_licences, relative_names
 from semisynth_gl.textures.prepare import split_images
 from semisynth_gl.user_files import open_file
 
-# The licence of the models that this program builds.
+# The licence of the models and pictures that this program makes.
 _OWN_LICENCE = "MIT"
 _SHARD_KEYS = ("shard", "split", "first", "end", "tar", "bytes", "sha256", "redraws")
 
@@ -49,15 +49,18 @@ def _describe_split(plan: Plan, split: SplitName, sources: Sources) -> dict[str,
     ]
     images = split_images(config.textures, plan.seed, plan.split(split))
     paths = {name: path for path, name in relative_names(images).items()}
-    licences = builtin_licences() if config.textures.source == "builtin" else {}
+    drawn = sources.atlas.pictures
+    licences = builtin_licences() if config.textures.source in {"builtin", "photographs"} else {}
+    if config.textures.source == "builtin":
+        licences |= dict.fromkeys(drawn, _OWN_LICENCE)
     skipped = (*sources.atlas.report.images_skipped, *sources.model_library.skipped)
     return {
         "pairs": plan.pairs[split],
         "photographs": [
             {
                 "name": name,
-                "sha256": _file_sha256(paths.get(name)),
-                "licence": licences.get(Path(name).name, config.licences.images if paths else "none"),
+                "sha256": drawn.get(name) or _file_sha256(paths.get(name)),
+                "licence": licences.get(name, config.licences.images if paths or drawn else "none"),
             }
             for name in sorted({patch.source for patch in sources.atlas.patches})
         ],

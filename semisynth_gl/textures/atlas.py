@@ -1,7 +1,7 @@
 """The patch atlas: all patches that the renderer samples, and the place in an image that each patch comes from."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -44,11 +44,13 @@ class Atlas:
             transparent, because rows of 4-byte pixels need no padding on the way to OpenGL.
         patches: the patches in the order of their layers.
         report: numbers of kept and rejected crops.
+        pictures: the pictures that patches come from beside files: SHA-256 of their pixels, by name.
     """
 
     layers: NDArray[np.uint8]
     patches: tuple[Patch, ...]
     report: TextureReport
+    pictures: Mapping[str, str] = field(default_factory=dict)
 
 
 def atlas_from_arrays(patches: Sequence[NDArray[Any]], sources: Sequence[str] | None = None) -> Atlas:

@@ -20,6 +20,7 @@ from semisynth_gl.textures.crops import (
     texture_measure,
 )
 from semisynth_gl.textures.images import ImageError, read_image, stored_size
+from semisynth_gl.textures.pictures import Picture, TextureImage, pixels_of
 
 Clip = tuple[Path, ...]
 """The frames in their order, at least one."""
@@ -46,7 +47,7 @@ def natural_key(path: Path) -> tuple[tuple[int, int, str], ...]:
 
 
 def cut_clips(
-    images: Sequence[Path], section: TexturesSection, limits: AtlasLimits
+    images: Sequence[Path], section: TexturesSection, limits: AtlasLimits, *, alone: bool = True
 ) -> tuple[list[Clip], list[Skipped]]:
     """Group images into image sequences and cut those into clips, decoding nothing.
 
@@ -58,6 +59,7 @@ def cut_clips(
         images: files, in any order.
         section: the config's section; its ``patch_px``, ``scales`` and ``max_patches`` count.
         limits: the most layers and frames.
+        alone: whether all patches come from these images; else others may fill ``max_patches``.
 
     Returns:
         The clips, by folder and name, and the files whose headers could not be read.
@@ -75,8 +77,9 @@ def cut_clips(
     crops = {size: len(crop_boxes(*size, section.patch_px, section.scales)) for _, size in image_sequences}
 
     def layers(frames: int) -> int:
+        most = min(section.max_patches, limits.layers)
         patches = sum(crops[size] * -(-len(paths) // frames) for (_, size), paths in image_sequences.items())
-        return frames * min(patches, section.max_patches, limits.layers)
+        return frames * (min(patches, most) if alone else most)
 
     frames = next((frames for frames in range(limits.frames, 1, -1) if layers(frames) <= limits.layers), 1)
     clips = []
@@ -115,18 +118,18 @@ class PatchFrames:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClipSurvey:
-    """A clip that was read, and its crops.
+    """A clip that was read, or a picture, and its crops.
 
     Attributes:
-        frames: the readable frames.
+        frames: the readable frames, or the picture.
         skipped: the other frames, and why.
         good: crops that are neither flat nor blurred; this list and the next two are ordered by side, row and column.
         flat: crops with less texture than ``min_texture`` in any frame.
         blurred: crops with enough texture, but less sharp than ``min_sharpness`` in any frame.
-        still: the decoded image of a clip of one frame, so that it is not read again.
+        still: the pixels of a picture or of a clip of one frame, so that it is not read again.
     """
 
-    frames: Clip
+    frames: tuple[TextureImage, ...]
     skipped: Sequence[Skipped]
     good: list[MeasuredCrop]
     flat: list[MeasuredCrop]
@@ -142,10 +145,10 @@ class ClipSurvey:
         """Cut crops out of all frames, which are read again, one at a time."""
         shape = (len(self.frames), patch_px, patch_px, 3)
         patches = [PatchFrames(crop.square, crop.texture, np.empty(shape, np.uint8)) for crop in crops]
-        for number, path in enumerate(self.frames if crops else ()):
-            image = read_image(path) if self.still is None else self.still
+        for number, image in enumerate(self.frames if crops else ()):
+            pixels = pixels_of(image) if self.still is None else self.still
             for patch in patches:
-                patch.frames[number] = cut_crop(image, patch.square.box, patch_px)
+                patch.frames[number] = cut_crop(pixels, patch.square.box, patch_px)
         return patches
 
 
@@ -172,8 +175,7 @@ def survey_clip(clip: Clip, names: Mapping[Path, str], section: TexturesSection)
             continue
         if shape is None:
             shape = image.shape
-            boxes = crop_boxes(shape[0], shape[1], section.patch_px, section.scales)
-            crops = [MeasuredCrop(Square(names[path], *box)) for box in boxes]
+            crops = _crops(names[path], image, section)
         elif image.shape != shape:  # equal as stored, but turned by EXIF
             reason = f"is {image.shape[1]} x {image.shape[0]} upright, frames before it {shape[1]} x {shape[0]}"
             skipped.append(Skipped(path, reason))
@@ -181,14 +183,37 @@ def survey_clip(clip: Clip, names: Mapping[Path, str], section: TexturesSection)
         frames.append(path)
         for crop in crops:
             _measure(crop, cut_crop(image, crop.square.box, section.patch_px), section)
+    return _survey(tuple(frames), skipped, crops, image if len(clip) == 1 else None, section)
+
+
+def survey_picture(picture: Picture, section: TexturesSection) -> ClipSurvey:
+    """Measure the crops of a picture, as `survey_clip` does those of an image file."""
+    crops = _crops(picture.name, picture.pixels, section)
+    for crop in crops:
+        _measure(crop, cut_crop(picture.pixels, crop.square.box, section.patch_px), section)
+    return _survey((picture,), [], crops, picture.pixels, section)
+
+
+def _crops(name: str, image: NDArray[np.uint8], section: TexturesSection) -> list[MeasuredCrop]:
+    boxes = crop_boxes(image.shape[0], image.shape[1], section.patch_px, section.scales)
+    return [MeasuredCrop(Square(name, *box)) for box in boxes]
+
+
+def _survey(
+    frames: tuple[TextureImage, ...],
+    skipped: Sequence[Skipped],
+    crops: Sequence[MeasuredCrop],
+    still: NDArray[np.uint8] | None,
+    section: TexturesSection,
+) -> ClipSurvey:
     textured = [crop for crop in crops if crop.texture >= section.min_texture]
     return ClipSurvey(
-        frames=tuple(frames),
+        frames=frames,
         skipped=skipped,
         good=[crop for crop in textured if crop.sharpness >= section.min_sharpness],
         flat=[crop for crop in crops if crop.texture < section.min_texture],
         blurred=[crop for crop in textured if crop.sharpness < section.min_sharpness],
-        still=image if len(clip) == 1 else None,
+        still=still,
     )
 
 

@@ -117,6 +117,12 @@ class TextureReport:
         return {side: f"{side / self.patch_px:g}x" for side in sorted({count.side_px for count in self.counts})}
 
     @property
+    def named_images(self) -> set[str]:
+        """The names of all images of which there are examples, or that are too small."""
+        squares = chain.from_iterable((example.square, example.like) for example in self.examples)
+        return {square.source for square in squares if square is not None} | set(self.too_small)
+
+    @property
     def grouped_counts(self) -> dict[str, list[CropCount]]:
         """The counts by `patch_group`, in their order."""
         groups: dict[str, list[CropCount]] = defaultdict(list)

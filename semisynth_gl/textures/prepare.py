@@ -1,6 +1,6 @@
 """The atlas of a dataset, from the source that its config names: built once, and then found in the cache."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,8 +15,10 @@ from semisynth_gl.textures.atlas import Atlas, Patch
 from semisynth_gl.textures.clips import AtlasLimits
 from semisynth_gl.textures.crop_report import CropCount, JudgedCrop, TextureReport
 from semisynth_gl.textures.crops import Square
+from semisynth_gl.textures.drawn import drawn_pictures
 from semisynth_gl.textures.image_files import builtin_photographs, find_images, relative_names
 from semisynth_gl.textures.images import OUT_OF_MEMORY
+from semisynth_gl.textures.pictures import Picture, PictureSource, TextureImage
 from semisynth_gl.textures.procedural import procedural_atlas
 from semisynth_gl.textures.selection import build_atlas
 
@@ -24,6 +26,11 @@ SOURCES = ("textures", "seeds.py", "splits.py")
 """The program's sources that decide an atlas: a change of any of them makes the cache build it anew."""
 
 Item = TypeVar("Item")
+
+# The sources with pictures that a program draws.
+_PICTURE_SOURCES: Mapping[str, PictureSource] = {"builtin": drawn_pictures}
+# The sources with the photographs that scikit-image ships.
+_WITH_PHOTOGRAPHS = {"builtin", "photographs"}
 
 # The items that `Split.share` deals out.
 _PHOTOGRAPHS = 0
@@ -38,19 +45,20 @@ def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> 
         section: the config's section.
         seed: the dataset's seed.
         split: the split that the photographs are for; of image sequences whole folders are held out, since their frames
-            show the same.
+            show the same. Pictures are drawn anew for each split.
 
     Raises:
         InputError: where no image is found, none is usable, or there are too few to hold some out.
     """
     images = split_images(section, seed, split)
+    pictures = split_pictures(section, seed, split)
     seed = split.seed(seed)
 
     def build() -> tuple[Atlas, Sequence[Path]]:
         rng = generator(seed, Purpose.ATLAS)
         if section.source == "procedural":
             return procedural_atlas(rng, section.max_patches, section.patch_px), []
-        return build_atlas(images, section, AtlasLimits(), rng)
+        return build_atlas(images, section, AtlasLimits(), rng, pictures)
 
     def key() -> dict[str, Any]:
         return {
@@ -72,7 +80,7 @@ def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> 
 
 
 def split_images(section: TexturesSection, seed: int, split: Split = WHOLE) -> list[Path]:
-    """Return the files that a split's patches may come from, sorted; none where patches are procedural.
+    """Return the files that a split's patches may come from, sorted; none where all patches are drawn.
 
     Args:
         section: the config's section.
@@ -84,7 +92,7 @@ def split_images(section: TexturesSection, seed: int, split: Split = WHOLE) -> l
     """
     if section.source == "procedural":
         return []
-    if section.source == "builtin":
+    if section.source in _WITH_PHOTOGRAPHS:
         images = sorted(builtin_photographs(), key=Path.as_posix)
     elif section.images:
         images = find_images(section.images)
@@ -98,6 +106,33 @@ def split_images(section: TexturesSection, seed: int, split: Split = WHOLE) -> l
         return share_photographs(split, images, seed)
     folders = share_photographs(split, sorted({path.parent for path in images}), seed, "folders of frames")
     return [path for path in images if path.parent in folders]
+
+
+def split_pictures(section: TexturesSection, seed: int, split: Split = WHOLE) -> Iterable[Picture] | None:
+    """Return the pictures that a split's patches may come from; each is drawn when it is asked for.
+
+    Args:
+        section: the config's section.
+        seed: the dataset's seed.
+        split: the split; each has pictures of its own.
+
+    Returns:
+        The pictures, to be gone through once; None where the config's source draws none.
+    """
+    source = _PICTURE_SOURCES.get(section.source)
+    return None if source is None else source(generator(split.seed(seed), Purpose.PICTURES))
+
+
+def named_images(section: TexturesSection, seed: int, names: Collection[str]) -> dict[str, TextureImage]:
+    """Return those images of the whole dataset that have the given names in its atlas; pictures are drawn again."""
+    images: dict[str, TextureImage] = {name: path for path, name in relative_names(split_images(section, seed)).items()}
+    missing = set(names) - set(images)
+    for picture in split_pictures(section, seed) or ():
+        if not missing:
+            break
+        images[picture.name] = picture
+        missing.discard(picture.name)
+    return {name: image for name, image in images.items() if name in names}
 
 
 def share_photographs(split: Split, items: Sequence[Item], seed: int, what: str = "photographs") -> list[Item]:
@@ -120,7 +155,7 @@ def pack_atlas(atlas: Atlas, images: Sequence[Path]) -> Entry | None:
         return None
     number = {path: index for index, path in enumerate(images)}
     report = asdict(atlas.report) | {"images_skipped": [[number[image.path], image.reason] for image in skipped]}
-    values = {"patches": [asdict(patch) for patch in atlas.patches], "report": report}
+    values = {"patches": [asdict(patch) for patch in atlas.patches], "report": report, "pictures": atlas.pictures}
     return Entry(values, {"layers": atlas.layers})
 
 
@@ -136,4 +171,4 @@ def unpack_atlas(entry: Entry, images: Sequence[Path]) -> Atlas:
         ),
     }
     patches = tuple(Patch(**patch) for patch in entry.values["patches"])
-    return Atlas(entry.arrays["layers"], patches, TextureReport(**report | typed))
+    return Atlas(entry.arrays["layers"], patches, TextureReport(**report | typed), entry.values["pictures"])

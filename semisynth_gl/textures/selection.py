@@ -1,9 +1,11 @@
-"""From image files to an atlas: the choice of the crops that become patches."""
+"""From images to an atlas: the choice of the crops that become patches."""
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
+import hashlib
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import accumulate, chain, zip_longest
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -18,10 +20,12 @@ from semisynth_gl.textures.clips import (
     PatchFrames,
     cut_clips,
     survey_clip,
+    survey_picture,
 )
 from semisynth_gl.textures.crop_report import JudgedClip, JudgedCrop, TextureReport, crop_counts, rejected_examples
 from semisynth_gl.textures.crops import DuplicateFinder, Square
 from semisynth_gl.textures.image_files import relative_names
+from semisynth_gl.textures.pictures import Picture
 
 PATCHES_PER_IMAGE = 4
 """Once the atlas is full and no image holds more patches than this, no further image is opened. Fewer would make an
@@ -30,9 +34,15 @@ times as long as from 128."""
 
 _REASONS_SHOWN = 5
 
+_Item = TypeVar("_Item")
+
 
 def build_atlas(
-    images: Sequence[Path], section: TexturesSection, limits: AtlasLimits, rng: np.random.Generator
+    images: Sequence[Path],
+    section: TexturesSection,
+    limits: AtlasLimits,
+    rng: np.random.Generator,
+    pictures: Iterable[Picture] | None = None,
 ) -> tuple[Atlas, list[Path]]:
     """Crop squares out of images and keep those with texture that are sharp and unlike each other.
 
@@ -42,6 +52,9 @@ def build_atlas(
     makes up for an image with few crops. Once the atlas is full and no image has more than `PATCHES_PER_IMAGE`, the
     remaining images are not opened. In memory are one decoded image, those of its crops that may be kept, and the
     patches of the atlas.
+
+    Pictures are judged by the same measures. Files and pictures take turns, as long as there are both; pictures come in
+    their own order, and are asked for one at a time.
 
     With ``section.sequence``, clips of successive frames (see `cut_clips`) take the place of images: a patch has the
     same square from each frame of its clip, and a crop counts as flat or blurred if it is so in any frame. No crops are
@@ -58,31 +71,43 @@ def build_atlas(
         section: the config's section.
         limits: the most layers and frames.
         rng: source of every random choice.
+        pictures: pictures beside the files, or instead of them.
 
     Returns:
-        The atlas, its patches ordered by image, side, row and column; and the images that were opened: no other one
-        has a part in the atlas.
+        The atlas, its patches ordered by image, side, row and column, files before pictures; and the files that were
+        opened: no other one has a part in the atlas.
 
     Raises:
-        InputError: where there is no patch.
+        InputError: where there is no patch, or two pictures have one name.
     """
     images = sorted(images, key=Path.as_posix)
     names = relative_names(images)
     clips: list[Clip]
-    clips, skipped = cut_clips(images, section, limits) if section.sequence else ([(path,) for path in images], [])
+    clips, skipped = (
+        cut_clips(images, section, limits, alone=pictures is None)
+        if section.sequence
+        else ([(path,) for path in images], [])
+    )
     patch_limit = min(section.max_patches, limits.layers)
     flat_limit = min(round(section.flat_share * patch_limit), patch_limit - 1)
     textured, flat = _Quota(patch_limit - flat_limit), _Quota(flat_limit)
     duplicate_finder = DuplicateFinder(section.min_difference)
     judged: dict[int, JudgedClip] = {}
-    too_small: list[Path] = []
-    pending = [int(i) for i in rng.permutation(len(clips))]
-    while pending and not (textured.settled and flat.settled):
-        index = pending.pop(0)
-        survey = survey_clip(clips[index], names, section)
+    too_small: list[str] = []
+    pending = {int(i): clips[i] for i in rng.permutation(len(clips))}
+    drawn: dict[str, str] = {}
+    numbered = enumerate(pictures or (), start=len(clips))
+    for index, image in _in_turn(list(pending.items()), numbered):
+        if isinstance(image, Picture):
+            if image.name in drawn:
+                raise InputError(f"expected pictures with a name each, got two with the name {image.name!r}")
+            drawn[image.name] = hashlib.sha256(image.pixels.tobytes()).hexdigest()
+            survey = survey_picture(image, section)
+        else:
+            survey = survey_clip(pending.pop(index), names, section)
         skipped += survey.skipped
         if survey.too_small:
-            too_small += survey.frames
+            too_small += [frame.name if isinstance(frame, Picture) else names[frame] for frame in survey.frames]
             continue
         good = _alternate_sides(survey.good, rng)
         duplicates = duplicate_finder.find(
@@ -94,7 +119,9 @@ def build_atlas(
         textured.add(index, patches[: len(offered)])
         flat.add(index, patches[len(offered) :])
         judged[index] = _judged(survey, duplicates)
-        del survey  # and the decoded image with it, before the next one is read
+        del survey, image  # and the pixels with them, before the next one is read or drawn
+        if textured.settled and flat.settled:
+            break
     flat.shrink(round(textured.total * section.flat_share / (1 - section.flat_share)))
 
     chosen = [
@@ -110,9 +137,9 @@ def build_atlas(
     report = TextureReport(
         images_used=used,
         images_unused=sum(clip.frame_count for clip in all_judged) - used,
-        too_small=tuple(sorted(names[path] for path in too_small)),
+        too_small=tuple(sorted(too_small)),
         images_skipped=tuple(sorted(skipped, key=lambda skipped: skipped.path.as_posix())),
-        images_not_opened=sum(len(clips[index]) for index in pending),
+        images_not_opened=sum(map(len, pending.values())),
         counts=crop_counts(all_judged, kept),
         examples=rejected_examples(all_judged, kept),
         patch_px=section.patch_px,
@@ -121,16 +148,20 @@ def build_atlas(
         longest_clip=max((len(patch.frames) for patch in chosen), default=0),
     )
     if not chosen:
-        raise InputError(_no_patch_message(len(images), report))
+        raise InputError(_no_patch_message(len(images) + len(drawn), report))
     # The headers of all successive frames are read.
-    unopened = set() if section.sequence else {path for index in pending for path in clips[index]}
+    unopened = set() if section.sequence else set(chain.from_iterable(pending.values()))
+    shown = {name: digest for name, digest in drawn.items() if name in sources}
+    atlas = Atlas(opaque_layers([patch.frames for patch in chosen]), _described(chosen), report, shown)
+    return atlas, [path for path in images if path not in unopened]
+
+
+def _described(chosen: Sequence[PatchFrames]) -> tuple[Patch, ...]:
     first_layers = accumulate((len(patch.frames) for patch in chosen), initial=0)
-    described = [
+    return tuple(
         Patch(*patch.square, layer, len(patch.frames), patch.texture)
         for patch, layer in zip(chosen, first_layers, strict=False)
-    ]
-    atlas = Atlas(opaque_layers([patch.frames for patch in chosen]), tuple(described), report)
-    return atlas, [path for path in images if path not in unopened]
+    )
 
 
 class _Quota:
@@ -169,6 +200,17 @@ class _Quota:
         while self.total > limit:
             max(self.patches.values(), key=len).pop()
             self.total -= 1
+
+
+def _in_turn(*sources: Iterable[_Item]) -> Iterator[_Item]:
+    """Yield one item of each source in turn; a source is asked for no item before its turn."""
+    waiting = deque(map(iter, sources))
+    while waiting:
+        source = waiting.popleft()
+        for item in source:
+            yield item
+            waiting.append(source)
+            break
 
 
 def _alternate_sides(crops: Sequence[MeasuredCrop], rng: np.random.Generator) -> list[MeasuredCrop]:

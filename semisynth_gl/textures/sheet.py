@@ -3,7 +3,6 @@
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,7 @@ from semisynth_gl.textures.crop_report import (
 )
 from semisynth_gl.textures.crops import Square, cut_crop
 from semisynth_gl.textures.image_files import printable
-from semisynth_gl.textures.images import read_image
+from semisynth_gl.textures.pictures import TextureImage, pixels_of
 
 _WIDTH_PX = 1600
 _TILE_PX = 72
@@ -47,7 +46,7 @@ _MEANING: Mapping[Reason, str] = {
 }
 
 
-def draw_texture_sheet(atlas: Atlas, files: Mapping[str, Path], title: str) -> Image.Image:
+def draw_texture_sheet(atlas: Atlas, images: Mapping[str, TextureImage], title: str) -> Image.Image:
     """Draw all patches by the image that they come from, and below them examples of rejected crops.
 
     Each patch is reduced to a tile, with its scale (image pixels per patch pixel) in the corner where that is not 1,
@@ -55,7 +54,7 @@ def draw_texture_sheet(atlas: Atlas, files: Mapping[str, Path], title: str) -> I
 
     Args:
         atlas: the atlas with its report.
-        files: the images by their names in the atlas; none where patches are procedural.
+        images: the images by their names in the atlas, at least `TextureReport.named_images`.
         title: a line on top.
 
     Returns:
@@ -69,7 +68,7 @@ def draw_texture_sheet(atlas: Atlas, files: Mapping[str, Path], title: str) -> I
         page.feed(_LINE_PX)
     page.feed(8)
     _draw_groups(page, atlas)
-    _draw_rejected(page, atlas.report, files)
+    _draw_rejected(page, atlas.report, images)
     return page.draw()
 
 
@@ -154,8 +153,8 @@ def _rejected_line(counts: Sequence[CropCount]) -> str:
     return f"left out: {parts}" if parts else ""
 
 
-def _draw_rejected(page: _Page, report: TextureReport, files: Mapping[str, Path]) -> None:
-    pixels = _read_squares(report, files)
+def _draw_rejected(page: _Page, report: TextureReport, images: Mapping[str, TextureImage]) -> None:
+    pixels = _read_squares(report, images)
     for reason in REASONS:
         examples = [example for example in report.examples if example.reason == reason]
         heading = (
@@ -165,7 +164,7 @@ def _draw_rejected(page: _Page, report: TextureReport, files: Mapping[str, Path]
         _draw_examples(page, heading, [[(square.source, pixels[square]) for square in pair] for pair in pairs])
     shown = report.too_small[:_MOST_NAMED]
     heading = f"images smaller than a patch ({report.patch_px} pixels): {len(report.too_small)}"
-    _draw_examples(page, heading, [[(source, read_image(files[source]))] for source in shown if source in files])
+    _draw_examples(page, heading, [[(source, pixels_of(images[source]))] for source in shown if source in images])
     if len(shown) < len(report.too_small):
         page.text(_MARGIN_PX, f" and {len(report.too_small) - len(shown)} more", colour=_FAINT)
         page.feed(_LINE_PX)
@@ -191,7 +190,7 @@ def _draw_examples(page: _Page, heading: str, examples: Sequence[Sequence[tuple[
     page.feed(_STEP_PX + _LINE_PX)
 
 
-def _read_squares(report: TextureReport, files: Mapping[str, Path]) -> dict[Square, NDArray[np.uint8]]:
+def _read_squares(report: TextureReport, images: Mapping[str, TextureImage]) -> dict[Square, NDArray[np.uint8]]:
     """Cut the squares of all examples out of their images; each image is read once."""
     squares: dict[str, set[Square]] = defaultdict(set)
     for example in report.examples:
@@ -200,7 +199,7 @@ def _read_squares(report: TextureReport, files: Mapping[str, Path]) -> dict[Squa
                 squares[square.source].add(square)
     pixels: dict[Square, NDArray[np.uint8]] = {}
     for source, image_squares in squares.items():
-        image = read_image(files[source])
+        image = pixels_of(images[source])
         pixels |= {square: cut_crop(image, square.box, report.patch_px) for square in image_squares}
     return pixels
 
