@@ -25,7 +25,7 @@ def strip(panels: list[NDArray[np.uint8]], path: Path) -> None:
 
 def draw_pair(path: Path) -> None:
     """Draw left, right and disparity."""
-    frame = render_pair(load_config("sceneflow"), index=4)
+    frame = render_pair(load_config("sceneflow"), index=1)
     shown = mpl.colormaps["inferno"](frame.left.disparity / 200)[..., :3]
     strip([frame.left.image, frame.right.image, (255 * shown).astype(np.uint8)], path)
 

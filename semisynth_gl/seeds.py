@@ -24,8 +24,8 @@ class Purpose(IntEnum):
     STRUCTURES = 11
     SWAY = 12
     CROP = 13
-    MIX = 16
     PICTURES = 14
+    MIX = 16
 
 
 def generator(seed: int, purpose: Purpose, *keys: int | str) -> np.random.Generator:

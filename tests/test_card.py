@@ -368,7 +368,7 @@ def test_the_front_matter_is_what_a_hub_wants() -> None:
 
 
 def test_the_card_says_what_a_reader_needs() -> None:
-    plan = plan_for("kitti", {"train": 3, "validation": 1}, textures={"source": "builtin"})
+    plan = plan_for("kitti", {"train": 3, "validation": 1}, textures={"source": "photographs"})
     index = write(plan)
     _, body = front_of(encode_card(index))
     for text in (

@@ -43,9 +43,12 @@ def tiny(name="middlebury", **sections):
         layer["disparity_px"] = scaled(layer["disparity_px"])
     values["models"]["variants"] = 1
     values["textures"] |= {"patch_px": 64, "max_patches": 64}
+    if values["textures"]["source"] == "builtin":
+        # Drawing takes seconds; tests/test_textures_drawn.py has its own atlases.
+        values["textures"]["source"] = "photographs"
     for section, keys in sections.items():
         values[section] |= keys
-    if values["textures"]["source"] == "builtin":
+    if values["textures"]["source"] in {"builtin", "photographs"}:
         try:
             builtin_photographs()
         except InputError as error:

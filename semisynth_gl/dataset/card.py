@@ -141,7 +141,11 @@ def _size_category(pairs: int) -> str:
 def _introduction(plan: Plan) -> str:
     config = plan.config
     camera, disparity = config.camera, config.disparity
-    patches = "procedural patterns" if _source(plan) == "pattern" else "patches of photographs"
+    patches = {
+        "pattern": "procedural patterns",
+        "picture": "patches of drawn pictures and photographs",
+        "photograph": "patches of photographs",
+    }[_source(plan)]
     baseline = f"{camera.baseline_m.low:g}"
     if camera.baseline_m.high != camera.baseline_m.low:
         baseline += f" to {camera.baseline_m.high:g}"
@@ -159,7 +163,7 @@ def _introduction(plan: Plan) -> str:
 
 def _source(plan: Plan) -> str:
     """Return the name of a source of patches."""
-    return "pattern" if plan.config.textures.source == "procedural" else "photograph"
+    return {"procedural": "pattern", "builtin": "picture"}.get(plan.config.textures.source, "photograph")
 
 
 def _splits(plan: Plan, index: Mapping[str, Any]) -> str:
@@ -169,7 +173,7 @@ def _splits(plan: Plan, index: Mapping[str, Any]) -> str:
         photographs, patches = (len(index["splits"][split][key]) for key in ("photographs", "patches"))
         rows.append((split, plan.pairs[split], len(sizes), _bytes(sum(sizes)), photographs, patches))
     source = f"{_source(plan)}s"
-    apart = "\n\nPhotographs of one split show up in no other." if len(rows) > 1 and source == "photographs" else ""
+    apart = f"\n\n{source.title()} of one split show up in no other." if len(rows) > 1 and source != "patterns" else ""
     return "## Splits\n\n" + _table(("split", "pairs", "shards", "size", source, "patches"), rows) + apart
 
 

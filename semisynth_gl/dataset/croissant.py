@@ -76,7 +76,7 @@ def encode_croissant(index: Mapping[str, Any]) -> bytes:
         "name": plan.config.name,
         "description": (
             f"{sum(plan.pairs.values())} rectified stereo pairs of {width} x {height} pixels with exact disparity, "
-            "rendered: models textured with patches of photographs fall through a scene. Disparity is x_left - x_right "
+            "rendered: models textured with patches of images fall through a scene. Disparity is x_left - x_right "
             "in pixels, positive. Record sets hold one file of each pair; records of one key belong together. File "
             "sets without a record set are for other readers, such as semisynth_gl.open_dataset."
         ),

@@ -1,1 +1,1 @@
-"""Photographs into the patch atlas: reading, cropping, judging texture."""
+"""Photographs and drawn pictures into the patch atlas: reading, drawing, cropping, judging texture."""

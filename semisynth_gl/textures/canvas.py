@@ -1,0 +1,271 @@
+"""What all drawn pictures are made with: colours that go together, noise, relief, cells, lettering."""
+
+from functools import cache
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+SIDE_PX = 768
+"""Width and height of a drawn picture."""
+
+FINE = 2
+"""Shapes are drawn at this multiple of their size and reduced, since Pillow draws hard edges."""
+
+Field = NDArray[np.float32]
+Pixels = NDArray[np.uint8]
+Colour = tuple[int, int, int]
+
+# Five colours each, found by eye; from dark to light within a line where there is an order.
+_PALETTES = """
+264653 2a9d8f e9c46a f4a261 e76f51 | 1d3557 457b9d a8dadc f1faee e63946 | 3d405b 81b29a f2cc8f e07a5f f4f1de
+003049 d62828 f77f00 fcbf49 eae2b7 | 606c38 283618 fefae0 dda15e bc6c25 | 5f0f40 9a031e fb8b24 e36414 0f4c5c
+2b2d42 8d99ae edf2f4 ef233c d90429 | 132a13 31572c 4f772d 90a955 ecf39e | 10002b 5a189a 9d4edd e0aaff ff9e00
+335c67 fff3b0 e09f3e 9e2a2b 540b0e | 0b132b 1c2541 3a506b 5bc0be f5f5f0 | 6b2d5c f0386b ff5376 f8c0c8 f5e6c8
+22577a 38a3a5 57cc99 80ed99 faf3dd | 4a2c2a 8c5e3c c19a6b e8d5b5 2f4858 | 233d4d fe7f2d fcca46 a1c181 619b8a
+386641 6a994e a7c957 f2e8cf bc4749 | 33202a 6d4c5b c97b84 a85751 f0d9c0 | 073b4c 118ab2 06d6a0 ffd166 ef476f
+2d2424 5c3d2e b85c38 e0c097 f6efe2 | 27476e 006992 eaf8bf ffb703 d1495b | 1b4332 40916c b7e4c7 f9c74f f3722c
+"""
+
+_SYLLABLES = """
+ba be bo bra ca ce chi co cra da de di do dra el en fa fi flo ga go gri ha hi ka ki la le li lo lu ma me mi mo na ne ni
+no o pa pe pi plo ra re ri ro sa se shi so sta ta te ti to tra u va ve vi wa wi xa ya yo za
+"""
+
+
+def palette(rng: np.random.Generator) -> NDArray[np.float64]:
+    """Return five colours that go together, in random order, (5, 3) of 0 to 255."""
+    lines = [line.split() for line in _PALETTES.replace("\n", "|").split("|") if line.strip()]
+    colours = np.array([list(bytes.fromhex(colour)) for colour in lines[int(rng.integers(len(lines)))]], np.float64)
+    return np.clip(rng.permutation(colours) * rng.uniform(0.9, 1.08, 3), 0, 255)
+
+
+def colour(values: NDArray[Any]) -> Colour:
+    """Return a colour as Pillow takes it."""
+    red, green, blue = (int(value) for value in np.clip(values, 0, 255))
+    return red, green, blue
+
+
+def varied(rng: np.random.Generator, values: NDArray[Any], spread: float = 14.0) -> Colour:
+    """Return a colour near the given one: lighter or darker, and a little other in hue."""
+    return colour(values + rng.normal(0, spread) + rng.normal(0, spread / 3, 3))
+
+
+def pick(rng: np.random.Generator, colours: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return one of several colours."""
+    chosen: NDArray[np.float64] = colours[int(rng.integers(len(colours)))]
+    return chosen
+
+
+def luminance(values: NDArray[Any]) -> float:
+    """Return the luminance of a colour, 0 to 255."""
+    return float(np.dot(values, (0.299, 0.587, 0.114)))
+
+
+def ink_on(paper: NDArray[Any], colours: NDArray[np.float64]) -> Colour:
+    """Return that of several colours that can be read best on a paper, or black or white where none can."""
+    best = max(colours, key=lambda ink: abs(luminance(ink) - luminance(paper)))
+    if abs(luminance(best) - luminance(paper)) > 90:
+        return colour(best)
+    return (245, 243, 236) if luminance(paper) < 128 else (24, 24, 28)
+
+
+def fractal(
+    rng: np.random.Generator,
+    shape: tuple[int, int] = (SIDE_PX, SIDE_PX),
+    *,
+    coarsest_px: int = 256,
+    finest_px: int = 1,
+    persistence: float = 0.9,
+) -> Field:
+    """Return noise (H, W) with a mean of about 0 and a standard deviation of about 1.
+
+    Args:
+        rng: source of the noise.
+        shape: height and width.
+        coarsest_px: size of the largest blobs, a power of two.
+        finest_px: size of the smallest ones, a power of two.
+        persistence: contrast of an octave as a part of that of the next coarser one; 1 is that of photographs.
+    """
+    cell, amplitude = coarsest_px, 1.0
+    field: Field | None = None
+    while cell >= finest_px:
+        size = (-(-shape[0] // cell) + 1, -(-shape[1] // cell) + 1)
+        octave = rng.standard_normal(size, np.float32) * np.float32(amplitude)
+        if field is not None:
+            octave += resized(field, (2 * field.shape[0], 2 * field.shape[1]))[: size[0], : size[1]]
+        field, cell, amplitude = octave, cell // 2, amplitude * persistence
+    assert field is not None  # noqa: S101 - coarsest_px is at least finest_px
+    if finest_px > 1:
+        field = resized(field, (field.shape[0] * finest_px, field.shape[1] * finest_px))
+    field = field[: shape[0], : shape[1]]
+    some = field[::4, ::4].astype(np.float64)
+    scaled: Field = (field - np.float32(some.mean())) * np.float32(1 / some.std())
+    return scaled
+
+
+def resized(field: Field, shape: tuple[int, int]) -> Field:
+    """Return a field (H, W) at another size, smoothly interpolated."""
+    return np.asarray(Image.fromarray(field).resize((shape[1], shape[0]), Image.Resampling.BICUBIC))
+
+
+def grid() -> tuple[Field, Field]:
+    """Return row and column of each pixel of a picture."""
+    rows, columns = np.mgrid[:SIDE_PX, :SIDE_PX].astype(np.float32)
+    return rows, columns
+
+
+def direction(down: Field, right: Field) -> Field:
+    """Return the angle of a place around a centre, rad.
+
+    In float64: NumPy's arctan2 of float32 depends on the processor, and so would the patches of a dataset.
+    """
+    return np.arctan2(down.astype(np.float64), right.astype(np.float64)).astype(np.float32)
+
+
+def step(field: NDArray[Any], width: float = 1.0) -> Field:
+    """Return 0 where a field is below 0, 1 where it is above ``width``, and a slope between, which makes an edge."""
+    return np.asarray(np.clip(field / np.float32(width), 0, 1), np.float32)
+
+
+def toned(field: NDArray[Any], colours: ArrayLike) -> Field:
+    """Colour a field: values of -2 to 2 go through the colours in their order; (H, W, 3)."""
+    stops = np.asarray(colours, np.float64)
+    at = np.linspace(0, len(stops) - 1, 1024)
+    table = np.stack([np.interp(at, np.arange(len(stops)), stops[:, channel]) for channel in range(3)], axis=1)
+    index = np.clip((field + 2) * (1023 / 4), 0, 1023).astype(np.int16)
+    return table.astype(np.float32)[index]
+
+
+def mixed(below: ArrayLike, above: ArrayLike, mask: NDArray[Any]) -> Field:
+    """Lay pixels or a colour over others where a mask (H, W) is 1; (H, W, 3)."""
+    low, high = np.asarray(below, np.float32), np.asarray(above, np.float32)
+    return np.asarray(low + (high - low) * mask[..., np.newaxis], np.float32)
+
+
+def relief(height: NDArray[Any], strength: float) -> Field:
+    """Return the light on a surface of a height in pixels, from the upper left: 1 where it is level; (H, W, 1)."""
+    slope = np.diff(height, axis=0, prepend=height[:1]) + np.diff(height, axis=1, prepend=height[:, :1])
+    return np.asarray(np.clip(1 + np.float32(strength) * slope, 0.35, 1.7), np.float32)[..., np.newaxis]
+
+
+def bent(pixels: NDArray[Any], rows: NDArray[Any], columns: NDArray[Any]) -> NDArray[Any]:
+    """Return the pixels that are a number of rows and columns away, mirrored at the borders."""
+    y, x = grid()
+    places = []
+    for at, extent in ((y + rows, pixels.shape[0]), (x + columns, pixels.shape[1])):
+        around = np.rint(at).astype(np.int32) % (2 * extent)
+        places.append(np.minimum(around, 2 * extent - 1 - around))
+    moved: NDArray[Any] = pixels[places[0], places[1]]
+    return moved
+
+
+def cells(
+    rng: np.random.Generator, cell_px: int, irregular: float = 0.9
+) -> tuple[NDArray[np.int32], Field, NDArray[np.float32]]:
+    """Divide a picture into cells around random points.
+
+    Args:
+        rng: source of the points.
+        cell_px: mean distance of the points.
+        irregular: 0 for squares, up to 1.
+
+    Returns:
+        The number of each pixel's cell; its distance from the border to the next cell, pixels; and the cells' points as
+        (N, 2), row and column.
+    """
+    count = -(-SIDE_PX // cell_px)
+    side = count * cell_px
+    centres = (np.mgrid[-1 : count + 1, -1 : count + 1] + 0.5) * cell_px
+    points = (centres + rng.uniform(-0.5, 0.5, centres.shape) * irregular * cell_px).astype(np.float32)
+    y = np.arange(side, dtype=np.float32).reshape(count, cell_px, 1, 1)
+    x = np.arange(side, dtype=np.float32).reshape(1, 1, count, cell_px)
+    nearest = np.full((count, cell_px, count, cell_px), np.inf, np.float32)
+    second = nearest.copy()
+    number = np.zeros(nearest.shape, np.int32)
+    every = np.arange((count + 2) ** 2, dtype=np.int32).reshape(count + 2, count + 2)
+    for down in range(3):
+        for right in range(3):
+            window = np.s_[down : down + count, right : right + count]
+            py, px, own = (values[window][:, np.newaxis, :, np.newaxis] for values in (*points, every))
+            distance = np.square(y - py) + np.square(x - px)
+            closer = distance < nearest
+            second = np.minimum(second, np.maximum(distance, nearest))
+            number = np.where(closer, own, number)
+            nearest = np.minimum(nearest, distance)
+    border = (np.sqrt(second) - np.sqrt(nearest)) / np.float32(2)
+    whole = (side, side)
+    cut = np.s_[:SIDE_PX, :SIDE_PX]
+    return number.reshape(whole)[cut], border.reshape(whole)[cut].astype(np.float32), points.reshape(2, -1).T
+
+
+def sheet(paper: NDArray[Any]) -> tuple[Image.Image, ImageDraw.ImageDraw]:
+    """Return an image of one colour and `FINE` times the size, to draw shapes on, and its pen."""
+    image = Image.new("RGB", (FINE * SIDE_PX, FINE * SIDE_PX), colour(paper))
+    return image, ImageDraw.Draw(image)
+
+
+def reduced(image: Image.Image) -> Field:
+    """Return an image of `FINE` times the size at its own size, (H, W, 3)."""
+    return np.asarray(image.reduce(FINE), np.float32)
+
+
+def finished(rng: np.random.Generator, image: NDArray[Any], grain: float = 5.0, light: float = 0.06) -> Pixels:
+    """Return a picture as 8-bit RGB, under a grain and uneven light, as all that a camera sees.
+
+    Args:
+        rng: source of the grain.
+        image: (H, W, 3) of 0 to 255.
+        grain: standard deviation of the grain, levels.
+        light: that of the light, as a part.
+    """
+    shade = 1 + np.float32(light) * fractal(rng, coarsest_px=512, finest_px=64, persistence=0.5)
+    noise = np.float32(grain) * fractal(rng, coarsest_px=16, persistence=1.0)
+    lit: Pixels = np.clip(np.rint(image * shade[..., np.newaxis] + noise[..., np.newaxis]), 0, 255).astype(np.uint8)
+    return lit
+
+
+@cache
+def font(size_px: int) -> ImageFont.FreeTypeFont:
+    """Return Pillow's own font, Aileron (CC0), at a size."""
+    return cast("ImageFont.FreeTypeFont", ImageFont.load_default(size_px))
+
+
+def word(rng: np.random.Generator, syllables: int = 0) -> str:
+    """Return an invented word."""
+    count = syllables or int(rng.choice([1, 2, 2, 3, 3, 4]))
+    known = _SYLLABLES.split()
+    return "".join(known[int(number)] for number in rng.integers(0, len(known), count))
+
+
+def words(rng: np.random.Generator, count: int) -> str:
+    """Return a line of invented words, some with a capital letter, a comma or a number."""
+    found = []
+    for chance in rng.random(count):
+        text = word(rng)
+        if chance < 0.06:
+            text = str(int(rng.integers(1, 2100)))
+        found.append(text.title() if chance > 0.85 else f"{text}," if chance > 0.75 else text)
+    return " ".join(found)
+
+
+def lettering(
+    draw: ImageDraw.ImageDraw, rng: np.random.Generator, box: tuple[int, int, int, int], size_px: int, ink: Colour
+) -> None:
+    """Fill a box (left, top, right, bottom) with paragraphs of invented words, cut off at its sides."""
+    left, top, right, bottom = box
+    letters = max(2, int((right - left) / (0.5 * size_px)))
+    y, stop = top, 0
+    while y + size_px < bottom:
+        text = words(rng, letters // 4 + 2)[:letters]
+        if stop == 0:
+            text, stop = text[: int(len(text) * rng.uniform(0.3, 0.9))] + ".", int(rng.integers(3, 9))
+        draw.text((left, y), text.capitalize() if stop == 1 else text, ink, font(size_px))
+        stop -= 1
+        y += round(1.25 * size_px)
+
+
+def fitted(text: str, width_px: float, largest_px: int) -> ImageFont.FreeTypeFont:
+    """Return the font in which a text is as wide as a box, at most of a size."""
+    return font(max(8, min(largest_px, int(20 * width_px / max(font(20).getlength(text), 1)))))

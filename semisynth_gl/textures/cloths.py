@@ -1,0 +1,265 @@
+"""Drawn pictures of cloth: tartan, rugs, knitting, quilts, printed flowers, weave."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.textures.canvas import (
+    SIDE_PX,
+    Field,
+    Pixels,
+    bent,
+    direction,
+    finished,
+    fractal,
+    grid,
+    mixed,
+    palette,
+    pick,
+    relief,
+    resized,
+    step,
+    toned,
+)
+
+
+def tartan(rng: np.random.Generator) -> Pixels:
+    """Twill of coloured threads that cross."""
+    colours = palette(rng)
+    colours[0] *= 0.45
+    pitch = int(rng.integers(3, 6))
+    threads = SIDE_PX // pitch + 2
+
+    def sett() -> NDArray[np.float32]:
+        widths = rng.choice([1, 2, 3, 6, 10, 16], 12)
+        stripes = np.repeat(rng.choice(5, 12, p=[0.35, 0.25, 0.2, 0.1, 0.1]), widths)
+        mirrored = np.concatenate([stripes, stripes[::-1]])
+        numbers = np.resize(mirrored, threads)
+        shades = rng.normal(1, 0.06, (threads, 1))
+        return (colours[numbers] * shades).astype(np.float32)
+
+    warp, weft = sett(), sett() if rng.random() < 0.4 else None
+    weft = warp if weft is None else weft
+    y, x = grid()
+    sway = 2.5 * fractal(rng, coarsest_px=512, finest_px=16, persistence=0.6)
+    v, u = (y + sway) / pitch, (x - sway) / pitch
+    row, column = (np.clip(np.floor(at), 0, threads - 1).astype(np.int32) for at in (v, u))
+    over = (row + column) % 4 < 2
+    image = np.where(over[..., np.newaxis], warp[column], weft[row])
+    round_thread = np.where(over, np.abs(u % 1 - np.float32(0.5)), np.abs(v % 1 - np.float32(0.5)))
+    fibre = fractal(rng, coarsest_px=4)
+    image = image * (np.float32(1.18) - 0.75 * round_thread + 0.09 * fibre)[..., np.newaxis]
+    folds = fractal(rng, coarsest_px=256, finest_px=16, persistence=0.5)
+    return finished(rng, image * (1 + np.float32(0.10) * folds)[..., np.newaxis], grain=5)
+
+
+def rug(rng: np.random.Generator) -> Pixels:
+    """A knotted rug: medallions and borders, drawn in knots, each a little other."""
+    knot = 4
+    count = SIDE_PX // knot
+    colours = palette(rng)
+    half = count // 2
+    v, u = np.mgrid[:half, :half].astype(np.float32)
+    pattern = np.zeros((half, half), np.int32)
+    # From the middle outwards: lozenges and stars of random sizes, one on the other.
+    for number in range(26):
+        cy, cx = rng.choice([0, 0, half * rng.random(), half * rng.random()], 2) if number else (0, 0)
+        radius = rng.uniform(6, 70 if number < 8 else 26)
+        shapes = (
+            np.abs(v - cy) + np.abs(u - cx),
+            np.maximum(np.abs(v - cy), np.abs(u - cx)),
+            np.minimum(np.abs(v - cy) + 0.4 * np.abs(u - cx), np.abs(u - cx) + 0.4 * np.abs(v - cy)) * 1.5,
+        )
+        distance = shapes[int(rng.integers(3))]
+        teeth = 2 * ((v + u) // 3 % 2)
+        ring = ((distance + teeth) // rng.integers(3, 8)).astype(np.int32)
+        pattern = np.where(distance < radius, (ring + number) % 5, pattern)
+    edge = half - 1 - np.maximum(v, u)
+    along = np.minimum(v, u)
+    for near, far in ((0, 6), (8, 26), (28, 34)):
+        motif = (np.abs(along % (far - near + 4) - (far - near) / 2) + np.abs(edge - (near + far) / 2)) // 2.5
+        pattern = np.where((edge >= near) & (edge < far), motif.astype(np.int32) % 5, pattern)
+        pattern = np.where((edge == near) | (edge == far), 4, pattern)
+    whole = np.block([[pattern[::-1, ::-1], pattern[::-1]], [pattern[:, ::-1], pattern]])
+    # Wool was dyed in lots: bands of rows differ.
+    lots = 1 + 0.06 * resized(rng.standard_normal((count // 8, 1)).astype(np.float32), (count, 1))
+    tints = colours[whole] * lots[..., np.newaxis] * rng.normal(1, 0.07, (count, count, 1)) + rng.normal(
+        0, 5, (count, count, 3)
+    )
+    image = np.repeat(np.repeat(tints.astype(np.float32), knot, 0), knot, 1)
+    y, x = grid()
+    sway = fractal(rng, coarsest_px=128, finest_px=4, persistence=0.6)
+    image = bent(image, 3 * sway, 2 * fractal(rng, coarsest_px=64, finest_px=4, persistence=0.6))
+    pile = 1.1 - 0.09 * ((y % knot) == 0) - 0.07 * ((x % knot) == 0) + np.float32(0.08) * fractal(rng, coarsest_px=8)
+    worn = step(fractal(rng, coarsest_px=256) - 1.2, 1.2)
+    image = mixed(image, (176, 160, 138), np.float32(0.45) * worn) * pile[..., np.newaxis].astype(np.float32)
+    return finished(rng, image, grain=6)
+
+
+def knitting(rng: np.random.Generator) -> Pixels:
+    """Stitches in rows, with bands of ornament."""
+    wide = int(rng.integers(14, 24))
+    high = round(0.8 * wide)
+    columns, rows = SIDE_PX // wide + 2, SIDE_PX // high + 3
+    colours = palette(rng)
+    pattern = np.zeros((rows, columns), np.int32)
+    at = 0
+    while at < rows:
+        band, period = int(rng.integers(2, 13)), int(rng.integers(4, 15))
+        motif = rng.random((band, period)) < 0.45
+        motif = np.logical_or(motif, motif[:, ::-1])
+        back, front = rng.choice(5, 2, replace=False)
+        stitches = np.where(np.tile(motif, (1, columns // period + 1))[:, :columns], front, back)
+        stitches = np.full_like(stitches, back) if rng.random() < 0.3 else stitches
+        pattern[at : at + band] = stitches[: rows - at]
+        at += band
+    tints = (colours[pattern] * rng.normal(1, 0.06, (rows, columns, 1))).astype(np.float32)
+    y, x = grid()
+    sway = fractal(rng, coarsest_px=256, finest_px=8, persistence=0.6)
+    u = (x + 3 * sway) / wide
+    side = np.abs(u % 1 - np.float32(0.5))
+    v = (y + 3 * sway) / high + np.float32(1.1) - 1.6 * side
+    row, column = (
+        np.clip(np.floor(v), 0, rows - 1).astype(np.int32),
+        np.clip(np.floor(u), 0, columns - 1).astype(np.int32),
+    )
+    yarn = np.minimum(
+        1, 1.7 * np.sqrt(np.clip((0.5 - np.abs(v % 1 - np.float32(0.5))) * np.minimum(side, 0.5 - side) * 4, 0, 1))
+    )
+    twist = np.sin((v * 5 + np.where(u % 1 < 0.5, 1, -1) * side * 26).astype(np.float32))
+    fluff = fractal(rng, coarsest_px=8)
+    image = tints[row, column] * (np.float32(0.38) + 0.68 * yarn + 0.07 * twist + 0.07 * fluff)[..., np.newaxis]
+    return finished(rng, image.astype(np.float32), grain=5)
+
+
+def quilt(rng: np.random.Generator) -> Pixels:
+    """Patches of many printed cloths, sewn together."""
+    size = int(rng.choice([128, 147, 171]))
+    y, x = grid()
+    sway = 5 * fractal(rng, coarsest_px=128, finest_px=8, persistence=0.5)
+    v, u = y + sway, x - sway
+    row, column = (np.clip(np.floor(at / size), 0, 15).astype(np.int32) for at in (v, u))
+    across, down = u % size, v % size
+    upper = (across + np.where((row + column) % 2, down, size - down)) > size
+    number = (row * 16 + column) * 2 + upper
+    kinds, periods = rng.integers(0, 6, 512), rng.uniform(10, 30, 512).astype(np.float32)
+    pairs = np.array([rng.permutation(palette(rng))[:3] for _ in range(512)], np.float32)
+    period, kind = periods[number], kinds[number]
+    a, b = u / period, v / period
+    cell = (np.floor(a) + np.floor(b)).astype(np.int32)
+    dot = np.hypot(a % 1 - np.float32(0.5), b % 1 - np.float32(0.5))
+    wave = fractal(rng, coarsest_px=32, finest_px=2, persistence=0.6)
+    patterns = (
+        step(dot * -1 + 0.33, 0.06),
+        step(np.abs(a % 1 - 0.5) - 0.25, 0.06),
+        (cell % 2).astype(np.float32),
+        step(wave, 0.2),
+        step(np.abs((a + b) % 1 - 0.5) - 0.3, 0.06),
+        step(np.abs(dot - 0.3) * -1 + 0.08, 0.05),
+    )
+    shape = np.choose(kind, patterns).astype(np.float32)
+    image = mixed(pairs[number, 0], pairs[number, 1], shape)
+    image = mixed(image, pairs[number, 2], step(wave - 1.3, 0.2))
+    weave = fractal(rng, coarsest_px=2) * np.float32(0.06)
+    edge = np.minimum(np.minimum(across, size - across), np.minimum(down, size - down))
+    diagonal = np.abs(across - np.where((row + column) % 2, size - down, down)) / np.float32(1.41)
+    seam = np.minimum(edge, diagonal)
+    image = (
+        image
+        * (1 + weave - 0.35 * np.exp(-seam / 3))[..., np.newaxis]
+        * relief(6 * np.sqrt(np.minimum(seam, 24)), 0.09)
+    )
+    stitch = step(1.4 - np.abs(seam - 9), 1) * ((u + v) % 9 < 5)
+    return finished(rng, mixed(image, (240, 236, 226), np.float32(0.8) * stitch.astype(np.float32)), grain=5)
+
+
+def weave(rng: np.random.Generator) -> Pixels:
+    """Basket or coarse cloth of uneven strands in two directions."""
+    pitch = int(rng.integers(12, 30))
+    y, x = grid()
+    sway = fractal(rng, coarsest_px=128, finest_px=4, persistence=0.6)
+    v, u = (y + 2 * sway) / pitch, (x + 2 * sway) / pitch
+    row, column = (np.clip(np.floor(at), 0, SIDE_PX).astype(np.int32) for at in (v, u))
+    over = (row + column) % 2 == 0
+    colours = palette(rng)
+    straw = np.array([[196, 164, 112], [168, 130, 82], [214, 190, 146], *colours[:2]])
+    strands = [
+        straw[rng.choice(5, SIDE_PX + 1, p=[0.3, 0.2, 0.2, 0.15, 0.15])] * rng.normal(1, 0.1, (SIDE_PX + 1, 1))
+        for _ in "vu"
+    ]
+    along = fractal(rng, (SIDE_PX, 128), coarsest_px=16)
+    fibre = np.where(over, resized(along, (SIDE_PX, SIDE_PX)), resized(along.T.copy(), (SIDE_PX, SIDE_PX)))
+    image = np.where(over[..., np.newaxis], strands[0][row], strands[1][column]).astype(np.float32)
+    across = np.where(over, v, u) % 1 - np.float32(0.5)
+    length = np.where(over, u, v) % 1 - np.float32(0.5)
+    height = np.sqrt(np.clip(0.25 - across * across, 0, 1)) * (1 - 1.6 * length * length)
+    image = image * (np.float32(0.3) + 1.6 * height + np.float32(0.1) * fibre)[..., np.newaxis]
+    return finished(rng, image * relief(pitch * height, 0.12), grain=5)
+
+
+def flowered(rng: np.random.Generator) -> Pixels:
+    """Cloth printed with flowers and leaves, each a little other."""
+    y, x = grid()
+    colours = palette(rng)
+    ground = pick(rng, colours)
+    image = np.ones((SIDE_PX, SIDE_PX, 3), np.float32) * ground.astype(np.float32)
+    for layer in range(3):
+        size = (64, 128, 205)[layer]
+        for _ in range((80, 36, 16)[layer]):
+            cy, cx = rng.uniform(-20, SIDE_PX + 20, 2)
+            radius = size * rng.uniform(0.28, 0.5)
+            top, left = max(0, int(cy - radius)), max(0, int(cx - radius))
+            window = np.s_[top : int(cy + radius) + 2, left : int(cx + radius) + 2]
+            v, u = y[window] - np.float32(cy), x[window] - np.float32(cx)
+            if not v.size:
+                continue
+            image[window] = _flower(rng, image[window], v, u, radius, colours)
+    threads = np.float32(0.05) * (np.sin(x * 1.6) * np.sin(y * 1.6)) + np.float32(0.05) * fractal(rng, coarsest_px=4)
+    folds = fractal(rng, coarsest_px=256, finest_px=16, persistence=0.5)
+    tone = 1 + threads + np.float32(0.08) * folds
+    return finished(rng, image * tone[..., np.newaxis].astype(np.float32), grain=6)
+
+
+def _flower(
+    rng: np.random.Generator, below: Field, v: Field, u: Field, radius: float, colours: NDArray[np.float64]
+) -> Field:
+    distance, angle = np.hypot(v, u), direction(v, u) + np.float32(rng.uniform(0, 7))
+    petals = int(rng.integers(4, 10))
+    inks = rng.permutation(colours)
+    # In float64, as `direction`.
+    lobes = np.abs(np.cos(angle * petals / 2)).astype(np.float64) ** rng.uniform(0.3, 1.5)
+    reach = radius * (0.45 + 0.5 * lobes)
+    veins = 0.85 + 0.25 * distance / radius + 0.08 * np.sin(angle * petals * 4)
+    image = mixed(below, inks[0] * 0.55, step(reach - distance + 2, 1.5))
+    image = mixed(
+        image, inks[1].astype(np.float32) * veins[..., np.newaxis].astype(np.float32), step(reach - distance, 1.5)
+    )
+    image = mixed(image, inks[2], step(0.55 * reach - distance, 1.5) * np.float32(0.8))
+    return mixed(image, inks[3], step(0.2 * radius - distance + np.sin(angle * 14), 1.5))
+
+
+def sequins(rng: np.random.Generator) -> Pixels:
+    """Overlapping scales in waves of colour, each with its own gleam."""
+    size = int(rng.integers(24, 44))
+    colours = palette(rng)
+    y, x = grid()
+    sway = fractal(rng, coarsest_px=256, finest_px=4, persistence=0.5)
+    v, u = y + 5 * sway, x + 5 * sway
+    image = np.zeros((SIDE_PX, SIDE_PX, 3), np.float32)
+    flow = fractal(rng, coarsest_px=256, finest_px=8, persistence=0.6)
+    tilts = rng.normal(0, 1, 1 << 14).astype(np.float32)
+    done = np.zeros((SIDE_PX, SIDE_PX), bool)
+    # A scale covers the one above: the first that reaches a pixel, from the lowest row on, is seen.
+    for back in (1, 0, -1):
+        row = np.floor(v / (size / 2)).astype(np.int32) + back
+        shift = (row % 2) * np.float32(size / 2)
+        column = np.floor((u + shift) / size).astype(np.int32)
+        cu, cv = (u + shift) % size - size / 2, v - row * np.float32(size / 2)
+        distance = np.hypot(cu, cv)
+        number = (row * 131 + column) % len(tilts)
+        seen = (distance < size * 0.52) & ~done
+        level = flow + np.float32(0.35) * tilts[number]
+        shine = 1 + np.float32(0.35) * tilts[number] * (cu + cv) / size * 2 - 0.5 * (distance > size * 0.47)
+        scale = toned(level, colours) * np.clip(shine, 0.3, 1.8)[..., np.newaxis]
+        image = np.where(seen[..., np.newaxis], scale, image)
+        done |= seen
+    return finished(rng, image.astype(np.float32), grain=5)

@@ -1,0 +1,92 @@
+"""What drawn pages have on them: pictures, charts, discs; and paper."""
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+from semisynth_gl.textures.canvas import (
+    Field,
+    Pixels,
+    colour,
+    finished,
+    font,
+    fractal,
+    mixed,
+    pick,
+    step,
+    toned,
+    varied,
+    words,
+)
+
+Box = tuple[int, int, int, int]
+"""Left, top, right and bottom."""
+
+
+def around(x: float, y: float, radius: float) -> tuple[float, float, float, float]:
+    """Return the box of a disc."""
+    return x - radius, y - radius, x + radius, y + radius
+
+
+def printed(rng: np.random.Generator, image: Field, grain: float = 4.0) -> Pixels:
+    """Return print as a camera sees it: fibres, a few folds, stains."""
+    crease = np.exp(-np.abs(fractal(rng, coarsest_px=512, finest_px=2, persistence=0.45)) * 40)
+    stain = step(fractal(rng, coarsest_px=256) - 1.4, 1.5)
+    image = (
+        image * (1 - 0.12 * crease - 0.12 * stain + np.float32(0.02) * fractal(rng, coarsest_px=32))[..., np.newaxis]
+    )
+    return finished(rng, image.astype(np.float32), grain=grain)
+
+
+def photograph(image: Image.Image, rng: np.random.Generator, box: Box, inks: NDArray[np.float64]) -> None:
+    """Paste a small landscape or a still life of blobs."""
+    left, top, right, bottom = box
+    shape = (bottom - top, right - left)
+    y = np.linspace(-2, 2, shape[0], dtype=np.float32)[:, np.newaxis]
+    rough = fractal(rng, shape, coarsest_px=128)
+    if rng.random() < 0.6:
+        inks = inks[np.argsort(-inks.sum(axis=1))]
+        view = toned(0.8 * y + 0.25 * rough, inks[:2])
+        for number in range(3):
+            skyline = fractal(rng, (2, shape[1]), coarsest_px=64, persistence=0.55)[0] * np.float32(0.28)
+            ridge = step((y - (number * 0.55 - 0.5) - skyline) * 40)
+            view = mixed(view, toned(rough, [inks[2 + number] * 0.6, inks[2 + number], inks[2 + number] * 1.2]), ridge)
+    else:
+        view = toned(fractal(rng, shape, coarsest_px=128, persistence=0.7), inks)
+    image.paste(Image.fromarray(np.clip(view, 0, 255).astype(np.uint8)), (left, top))
+
+
+def chart(draw: ImageDraw.ImageDraw, rng: np.random.Generator, box: Box, inks: NDArray[np.float64]) -> None:
+    """Draw bars, lines or a pie with labels."""
+    left, top, right, bottom = box
+    draw.rectangle(box, fill=colour(0.12 * inks[1] + 0.88 * np.array([250, 248, 244])), outline=(90, 90, 90))
+    draw.text((left + 8, top + 4), words(rng, 3), (30, 30, 30), font(13))
+    kind, count = int(rng.integers(3)), int(rng.integers(5, 14))
+    for number in range(1, 5):
+        level = bottom - number * (bottom - top - 30) // 5
+        draw.line((left + 6, level, right - 6, level), fill=(188, 186, 180))
+    at = np.linspace(left + 18, right - 18, count)
+    if kind == 0:
+        wide = 0.35 * (right - left - 36) / count
+        for x, height in zip(at, rng.uniform(0.1, 0.8, count) * (bottom - top), strict=True):
+            draw.rectangle((x - wide, bottom - height, x + wide, bottom - 4), fill=varied(rng, pick(rng, inks)))
+    elif kind == 1:
+        for ink in inks[:3]:
+            heights = np.clip(np.cumsum(rng.normal(0, 0.14, count)) + 0.5, 0.08, 0.8) * (bottom - top)
+            points = [(float(x), float(bottom - height)) for x, height in zip(at, heights, strict=True)]
+            draw.line(points, fill=colour(ink), width=3)
+            for x, y in points:
+                draw.ellipse(around(x, y, 4), fill=colour(ink), outline=(255, 255, 255))
+    else:
+        radius = 0.4 * min(right - left, bottom - top - 24)
+        x, y = (left + right) / 2, (top + bottom) / 2 + 10
+        angle = 0.0
+        for number, share in enumerate(rng.dirichlet(np.full(6, 2.0)) * 360):
+            draw.pieslice(
+                around(x, y, radius),
+                angle,
+                angle + share,
+                fill=colour(inks[number % 5]),
+                outline=(255, 255, 255),
+            )
+            angle += share

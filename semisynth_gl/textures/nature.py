@@ -1,0 +1,284 @@
+"""Drawn pictures of nature and of painting: leaves, meadows, pebbles, fruit, fields from above, brush strokes."""
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import ImageDraw
+
+from semisynth_gl.textures.canvas import (
+    FINE,
+    SIDE_PX,
+    Field,
+    Pixels,
+    bent,
+    cells,
+    colour,
+    direction,
+    finished,
+    fractal,
+    grid,
+    mixed,
+    palette,
+    pick,
+    reduced,
+    relief,
+    sheet,
+    step,
+    toned,
+    varied,
+)
+
+_GREENS = np.array(
+    [[38, 70, 30], [66, 104, 40], [98, 136, 54], [140, 168, 74], [52, 92, 62], [168, 178, 92]], np.float64
+)
+_AUTUMN = np.array(
+    [[122, 52, 24], [182, 84, 30], [212, 132, 44], [228, 178, 72], [92, 66, 34], [150, 34, 30]], np.float64
+)
+_Points = list[tuple[float, float]]
+
+
+def _leaf(
+    draw: ImageDraw.ImageDraw,
+    rng: np.random.Generator,
+    at: NDArray[np.float64],
+    angle: float,
+    length: float,
+    tint: Field,
+) -> None:
+    """Draw a leaf from its stem at ``at``: a dark edge, two halves in other light, veins."""
+    wide, bend = length * rng.uniform(0.16, 0.3), rng.uniform(-0.25, 0.25)
+    t = np.linspace(0, 1, 9)
+    spine = np.stack([length * t, bend * length * t * (1 - t) * 2], axis=1)
+    breadth = wide * np.sin(np.pi * t**0.8) * (1 + 0.06 * rng.normal(size=9))
+    cos, sin = np.cos(angle), np.sin(angle)
+    turn = np.array([[cos, sin], [-sin, cos]])
+
+    def points(offset: NDArray[np.float64]) -> NDArray[np.float64]:
+        placed: NDArray[np.float64] = (spine + np.stack([np.zeros(9), offset], axis=1)) @ turn + at
+        return placed
+
+    left, right, middle = points(breadth), points(-breadth), points(np.zeros(9))
+    light = np.array([255, 255, 210])
+    shadow = np.concatenate([left, right[::-1]]) + length * 0.035
+    draw.polygon(_pairs(shadow), fill=colour(tint * 0.3))
+    draw.polygon(_pairs(np.concatenate([left, middle[::-1]])), fill=colour(0.85 * tint + 0.12 * light))
+    draw.polygon(_pairs(np.concatenate([right, middle[::-1]])), fill=colour(tint * 0.78))
+    ink = colour(0.7 * tint + 0.3 * light)
+    draw.line(_pairs(middle), fill=ink, width=max(1, int(length * 0.018)))
+    for number in range(2, 7):
+        for edge in (left, right):
+            tip = 0.75 * edge[number + 1] + 0.25 * middle[number]
+            draw.line(_pairs(np.array([middle[number - 1], tip])), fill=ink, width=max(1, int(length * 0.008)))
+
+
+def _pairs(points: NDArray[np.float64]) -> _Points:
+    return [(float(x), float(y)) for x, y in points]
+
+
+def leaves(rng: np.random.Generator) -> Pixels:
+    """Leaves over leaves, green or in autumn."""
+    tints = _AUTUMN if rng.random() < 0.4 else _GREENS
+    image, draw = sheet(tints[0] * 0.5)
+    count = 620
+    side = FINE * SIDE_PX
+    places = rng.uniform(-60, side + 60, (count, 2))
+    lean = rng.uniform(0, 2 * np.pi)
+    for number, at in enumerate(places):
+        depth = number / count
+        tint = tints[int(rng.integers(len(tints)))] * (0.45 + 0.65 * depth) + rng.normal(0, 10, 3)
+        _leaf(draw, rng, at, lean + rng.normal(0, 1.1), rng.uniform(80, 280), tint)
+    rough = fractal(rng, coarsest_px=128)
+    light = fractal(rng, coarsest_px=256, finest_px=8, persistence=0.6)
+    tone = 1 + np.float32(0.1) * rough + np.float32(0.14) * light
+    return finished(rng, reduced(image) * tone[..., np.newaxis], grain=6)
+
+
+def meadow(rng: np.random.Generator) -> Pixels:
+    """Grass and flowers of several sorts."""
+    image, draw = sheet(np.array([34, 50, 22]))
+    side = FINE * SIDE_PX
+    for number in range(1300):
+        depth = number / 1300
+        x, y = rng.uniform(-40, side + 40, 2)
+        lean, length = rng.normal(0, 0.5), rng.uniform(80, 220)
+        tint = varied(rng, _GREENS[int(rng.integers(6))] * (0.5 + 0.6 * depth), 10)
+        base, tip = rng.uniform(3, 7), (x + length * np.sin(lean), y - length * np.cos(lean))
+        draw.polygon(
+            [(x - base, y), (x + base, y), (x + 0.4 * length * np.sin(lean * 0.6), y - 0.5 * length), tip], fill=tint
+        )
+    inks = palette(rng)
+    for number in range(250):
+        at, radius = rng.uniform(0, side, 2), rng.uniform(10, 42) * (1.6 if number > 215 else 1)
+        ink, petals, turn = pick(rng, inks), int(rng.integers(5, 13)), rng.uniform(0, 7)
+        squash = np.array([1, rng.uniform(0.5, 1)])
+        for petal in range(petals):
+            angle = turn + 2 * np.pi * petal / petals
+            out = np.array([np.cos(angle), np.sin(angle)])
+            sideways = np.array([-out[1], out[0]]) * np.sin(np.pi / petals) * 0.95
+            outline = [
+                0 * out,
+                0.6 * out + sideways * 0.8,
+                out + sideways * 0.4,
+                1.05 * out,
+                out - sideways * 0.4,
+                0.6 * out - sideways * 0.8,
+            ]
+            draw.polygon(_pairs(at + radius * np.array(outline) * squash), fill=varied(rng, ink, 16))
+            draw.line(_pairs(at + radius * np.array([0.2 * out, 0.9 * out]) * squash), fill=colour(ink * 0.72), width=2)
+        heart = radius * 0.28
+        box = (at[0] - heart, at[1] - heart * squash[1], at[0] + heart, at[1] + heart * squash[1])
+        draw.ellipse(box, fill=varied(rng, np.array([214, 168, 52])), outline=(120, 78, 26), width=2)
+    rough = fractal(rng, coarsest_px=64)
+    return finished(rng, reduced(image) * (1 + np.float32(0.1) * rough)[..., np.newaxis], grain=6)
+
+
+def pebbles(rng: np.random.Generator) -> Pixels:
+    """Pebbles of all sizes on sand, some with bands."""
+    image = toned(fractal(rng, coarsest_px=16), [[118, 98, 74], [158, 136, 106], [196, 176, 144]])
+    stones = np.array(
+        [[92, 94, 98], [148, 138, 124], [196, 186, 170], [120, 84, 66], [72, 84, 82], [172, 128, 96], [222, 216, 204]]
+    )
+    stones = np.concatenate([stones, 0.45 * palette(rng) + 60])
+    rough = fractal(rng, coarsest_px=64)
+    sway = fractal(rng, coarsest_px=128, finest_px=2, persistence=0.6)
+    for size, share, wobble in ((22, 0.8, 1.5), (44, 0.6, 3), (86, 0.5, 5), (171, 0.32, 8)):
+        number, border, points = cells(rng, size, 0.85)
+        shown = rng.random(len(points)) < share
+        inset = rng.uniform(0.03, 0.16, len(points)).astype(np.float32) * size
+        y, x = grid()
+        away = np.hypot(y - points[number, 0], x - points[number, 1])
+        # No stone reaches far: the corners of large cells are rounded off.
+        round_off = np.minimum(border, np.float32(0.52 * size) - away)
+        depth = round_off - inset[number] + np.float32(wobble * 0.25) * sway
+        mask = step(depth) * shown[number]
+        tints = (stones[rng.integers(0, len(stones), len(points))] * rng.uniform(0.8, 1.15, (len(points), 1))).astype(
+            np.float32
+        )
+        banded = np.sin((sway * 3 + border * np.float32(14 / size) * 3) * 2) * (number % 3 == 0)
+        stone = tints[number] * (1 + np.float32(0.1) * rough + np.float32(0.12) * banded)[..., np.newaxis]
+        dome = np.sqrt(np.clip(depth, 0, 0.3 * size))
+        image = image * (1 - 0.55 * np.clip(1 - np.abs(depth) / 6, 0, 1) * shown[number])[..., np.newaxis]
+        image = mixed(image, stone * relief(1.6 * dome, 0.42), mask)
+    return finished(rng, image.astype(np.float32), grain=5)
+
+
+def fruit(rng: np.random.Generator) -> Pixels:
+    """Fruit, sweets or beads in a heap, each a ball with its own light."""
+    colours = palette(rng)
+    y, x = grid()
+    image = np.full((SIDE_PX, SIDE_PX, 3), 24, np.float32)
+    speckle = fractal(rng, coarsest_px=32)
+    largest = rng.uniform(34, 84)
+    count = int(2.4 * (SIDE_PX / largest) ** 2)
+    for number in range(count):
+        cy, cx = rng.uniform(0, SIDE_PX, 2)
+        radius = largest * rng.uniform(0.5, 1)
+        top, left = max(0, int(cy - 1.2 * radius)), max(0, int(cx - 1.2 * radius))
+        window = np.s_[top : int(cy + 1.2 * radius) + 2, left : int(cx + 1.2 * radius) + 2]
+        v, u = (y[window] - np.float32(cy)) / np.float32(radius), (x[window] - np.float32(cx)) / np.float32(radius)
+        squared = v * v + u * u
+        tint = pick(rng, colours) * rng.uniform(0.8, 1.15) + rng.normal(0, 8, 3)
+        other = pick(rng, colours)
+        blush = step(u * np.float32(rng.normal()) + v * np.float32(rng.normal()) + 0.3 * speckle[window], 0.9)
+        ball = mixed(tint, 0.55 * tint + 0.45 * other, np.float32(0.7) * blush)
+        if number % 3 == 0:
+            angle = direction(v, u) + 2.0 * np.sqrt(squared)
+            ball = mixed(ball, (244, 240, 232), step(np.sin(angle * 5 + number) - 0.3, 0.3))
+        z = np.sqrt(np.clip(1 - squared, 0, 1))
+        shade = 0.32 + 0.8 * np.clip(0.75 * z - 0.4 * v - 0.35 * u, 0, 1) + 0.06 * speckle[window]
+        gleam = step(0.05 - np.square(u + 0.36) - np.square(v + 0.42), 0.05)
+        ball = mixed(ball * shade[..., np.newaxis], (255, 252, 244), np.float32(0.75) * gleam)
+        below = image[window] * (1 - 0.6 * step(1.35 - squared, 0.5))[..., np.newaxis]
+        image[window] = mixed(below, ball, step((1 - np.sqrt(squared)) * np.float32(radius), 1.2))
+    return finished(rng, image, grain=5)
+
+
+def fields(rng: np.random.Generator) -> Pixels:
+    """Farmland from above: crops in rows, hedges, paths, trees."""
+    number, border, points = cells(rng, int(rng.integers(130, 230)), 1.0)
+    crops = np.array(
+        [
+            [126, 142, 62],
+            [176, 158, 84],
+            [92, 116, 52],
+            [198, 176, 112],
+            [128, 98, 66],
+            [70, 98, 50],
+            [156, 170, 92],
+            [214, 190, 74],
+        ]
+    )
+    angles, periods = rng.uniform(0, np.pi, len(points)), rng.uniform(5, 16, len(points))
+    y, x = grid()
+    rough = fractal(rng)
+    along = x * np.cos(angles).astype(np.float32)[number] + y * np.sin(angles).astype(np.float32)[number]
+    rows = np.sin((along + 2 * rough) * (2 * np.pi / periods).astype(np.float32)[number])
+    strength = rng.uniform(0.03, 0.2, len(points)).astype(np.float32)[number]
+    tints = (crops[rng.integers(0, len(crops), len(points))] * rng.uniform(0.8, 1.15, (len(points), 1))).astype(
+        np.float32
+    )
+    image = tints[number] * (1 + strength * rows + np.float32(0.12) * rough)[..., np.newaxis]
+    hedge = step(4 + 2.5 * rough - border)
+    image = mixed(image, toned(fractal(rng, coarsest_px=8), [[24, 40, 20], [50, 74, 34], [86, 106, 52]]), hedge)
+    image = mixed(image, (206, 192, 166), step(2.2 - np.abs(border - 8)) * (number % 3 == 0))
+    flow = fractal(rng, coarsest_px=512, finest_px=4, persistence=0.5)
+    water = np.abs(flow) - 0.05
+    image = mixed(image, (58, 86, 96), step(-water, 0.02))
+    trees, distance, middles = cells(rng, 24, 1.0)
+    wood = (flow[tuple(np.clip(middles.T, 0, SIDE_PX - 1).astype(np.int32))] > 0.9) | (rng.random(len(middles)) < 0.05)
+    crown = np.sqrt(np.clip(distance - 1, 0, None))
+    canopy = toned(rough, [[30, 52, 26], [58, 86, 40], [96, 118, 56]]) * relief(2 * crown + 0.4 * rough, 0.3)
+    image = mixed(
+        image * (1 - 0.4 * np.roll(step(crown) * wood[trees], (5, 5), (0, 1)))[..., np.newaxis],
+        canopy,
+        step(crown) * wood[trees],
+    )
+    return finished(rng, image.astype(np.float32), grain=5)
+
+
+def strokes(rng: np.random.Generator) -> Pixels:
+    """A painting in thick strokes that follow the forms."""
+    colours = palette(rng)
+    colours = colours[np.argsort(colours.sum(axis=1))]
+    plan = fractal(rng, coarsest_px=512, finest_px=2, persistence=0.6)
+    hue = fractal(rng, coarsest_px=256, finest_px=4, persistence=0.6)
+    target = 0.72 * toned(plan, colours) + 0.28 * toned(hue, rng.permutation(colours))
+    flow = fractal(rng, coarsest_px=512, finest_px=8, persistence=0.5)
+    image, draw = sheet(colours[1])
+    side = FINE * SIDE_PX
+    for size, count in ((150, 240), (90, 520), (52, 760)):
+        places = rng.uniform(0, side, (count, 2))
+        middles = np.minimum(places / FINE, SIDE_PX - 1).astype(np.int32)
+        turns = 2.2 * flow[middles[:, 1], middles[:, 0]] + rng.normal(0, 0.25, count)
+        tints = target[middles[:, 1], middles[:, 0]] + rng.normal(0, 13, (count, 1)) + rng.normal(0, 7, (count, 3))
+        for at, turn, tint in zip(places, turns, tints, strict=True):
+            length, width = size * rng.uniform(0.8, 1.7), size * 0.26
+            ahead = np.array([np.cos(turn), np.sin(turn)]) * length / 2
+            aside = np.array([-np.sin(turn), np.cos(turn)]) * width
+            for number, (reach, light) in enumerate(rng.normal(1, 0.09, (4, 2)), start=-1):
+                ends = at + aside * number * 0.5 + np.array([-ahead, ahead]) * reach
+                draw.line(_pairs(ends), fill=colour(tint * light), width=int(width * 0.62))
+    painted = reduced(image)
+    height = painted.mean(axis=2) / 255 + 0.05 * fractal(rng, coarsest_px=16)
+    canvas = 1 + 0.035 * np.sin(grid()[0] * 1.4) * np.sin(grid()[1] * 1.4)
+    return finished(
+        rng, painted * relief(height.astype(np.float32), 0.7) * canvas[..., np.newaxis].astype(np.float32), grain=5
+    )
+
+
+def marbled(rng: np.random.Generator) -> Pixels:
+    """Marbled paper: inks that were combed into swirls."""
+    colours = palette(rng)
+    y, x = grid()
+    drops, border, points = cells(rng, int(rng.integers(36, 80)), 1.0)
+    rings = (border / np.float32(rng.uniform(4, 9))).astype(np.int32)
+    numbers = (rng.integers(0, 5, len(points))[drops] + rings) % 5
+    tints = colours[numbers].astype(np.float32)
+    for scale in (256, 128, 64):
+        swirl, other = (fractal(rng, coarsest_px=scale, finest_px=8, persistence=0.4) for _ in "yx")
+        tints = bent(tints, 0.22 * scale * swirl, 0.22 * scale * other)
+    comb = 34 * np.abs((x / np.float32(rng.uniform(50, 110))) % 2 - 1) + 14 * np.sin(
+        y / np.float32(rng.uniform(30, 60))
+    )
+    image = bent(tints, comb.astype(np.float32), np.zeros_like(comb))
+    rough = fractal(rng, coarsest_px=64)
+    return finished(rng, image * (1 + np.float32(0.06) * rough)[..., np.newaxis], grain=7)
