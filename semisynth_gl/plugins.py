@@ -1,0 +1,209 @@
+"""Plug-ins: layouts, texture sources, families of models and scene recipes of other installed packages.
+
+A package names them as entry points, one group for each sort. Names are found without importing any package; a plug-in
+is imported when it is asked for. Processes find the plug-ins by themselves, wherever the packages are installed.
+"""
+
+import traceback
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
+from types import MappingProxyType
+from typing import Any, Final, Literal, get_args
+
+from semisynth_gl.errors import InputError, SemisynthError
+
+Group = Literal["layouts", "textures", "models", "recipes"]
+"""The sorts of plug-ins; entry points of the group `semisynth_gl.layouts` are layouts, and so on."""
+
+GROUPS: tuple[Group, ...] = get_args(Group)
+
+NOUNS: Final[Mapping[Group, str]] = MappingProxyType(
+    {"layouts": "layout", "textures": "texture source", "models": "family of models", "recipes": "scene recipe"}
+)
+"""What one plug-in of a group is called in messages."""
+
+Used = Iterable[tuple[Group, str]]
+"""Names of what a dataset uses, with their groups."""
+
+Records = Mapping[Group, Mapping[str, Mapping[str, str]]]
+"""Who each plug-in comes from, ``{"package": NAME, "version": VERSION}``, by group and name, in JSON's types."""
+
+
+class MissingPluginError(InputError):
+    """A plug-in that is asked for by name is not installed."""
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """One entry point of an installed package.
+
+    Attributes:
+        group: the sort of plug-in.
+        name: the name under which users ask for it.
+        package: the installed package's name.
+        version: the package's.
+        entry: the entry point.
+    """
+
+    group: Group
+    name: str
+    package: str
+    version: str
+    entry: EntryPoint = field(repr=False)
+
+    def __str__(self) -> str:
+        return (
+            f"{NOUNS[self.group]} {self.name!r} of the package {self.package} {self.version} "
+            f"(entry point {self.name} = {self.entry.value})"
+        )
+
+    @cached_property
+    def value(self) -> Any:  # noqa: ANN401 - what it should be depends on the group
+        """What the entry point refers to, imported at the first use.
+
+        Raises:
+            InputError: where it cannot be imported.
+        """
+        with self.blamed("cannot be imported"):
+            return self.entry.load()
+
+    @property
+    def record(self) -> dict[str, str]:
+        """Who it comes from, as datasets record it; see `Records`."""
+        return {"package": self.package, "version": self.version}
+
+    def fault(self, fault: str) -> InputError:
+        """Return the error of a plug-in that does not keep to what its group asks for.
+
+        Args:
+            fault: what was expected, and what came.
+        """
+        return InputError(f"{self}: {fault}")
+
+    @contextmanager
+    def blamed(self, what: str) -> Iterator[None]:
+        """Turn any error of the plug-in's own code into an `InputError` that names the plug-in and the line.
+
+        Args:
+            what: what the plug-in did, such as ``"cannot be imported"``.
+
+        Raises:
+            InputError: where the block raises anything but MemoryError.
+        """
+        try:
+            yield
+        except MemoryError:
+            raise
+        except Exception as error:
+            if isinstance(error, SemisynthError):
+                raise self.fault(f"{what}: {error}") from error
+            frames = traceback.extract_tb(error.__traceback__)[1:]
+            own = [frame for frame in frames if frame.filename != __file__ and "importlib" not in frame.filename]
+            where = f", in {own[-1].filename}, line {own[-1].lineno}" if own else ""
+            raise self.fault(f"{what}: {type(error).__name__}: {error}{where}") from error
+
+
+@cache
+def installed_plugins() -> tuple[Plugin, ...]:
+    """Return all plug-ins of all installed packages, sorted by group, name and package; none of them is imported."""
+    found = [
+        Plugin(group, entry.name, entry.dist.name, entry.dist.version, entry)
+        for group in GROUPS
+        for entry in entry_points(group=f"semisynth_gl.{group}")
+        if entry.dist is not None
+    ]
+    return tuple(sorted(found, key=lambda each: (GROUPS.index(each.group), each.name, each.package)))
+
+
+def plugin_names(group: Group) -> tuple[str, ...]:
+    """Return the names of the installed plug-ins of a group, sorted; none of them is imported."""
+    return tuple(dict.fromkeys(each.name for each in installed_plugins() if each.group == group))
+
+
+def find_plugin(group: Group, name: str, built_in: Collection[str] = ()) -> Plugin:
+    """Return the plug-in of a name; it is not imported yet.
+
+    Args:
+        group: the sort of plug-in.
+        name: its name.
+        built_in: names of the program's own of that sort, for the message.
+
+    Raises:
+        MissingPluginError: where no installed package has it.
+        InputError: where two packages have it.
+    """
+    found = [each for each in installed_plugins() if each.group == group and each.name == name]
+    if not found:
+        known = sorted({*built_in, *plugin_names(group)})
+        expected = f"expected one of: {', '.join(known)}" if known else "no installed package has any"
+        raise MissingPluginError(f"no such {NOUNS[group]}: {name!r:.100}; {expected}")
+    if len(found) > 1:
+        listed = " and ".join(f"{each.package} {each.version} ({each.entry.value})" for each in found)
+        raise InputError(
+            f"{NOUNS[group]} {name!r}: expected one package with an entry point of this name, got {listed}: "
+            "pip uninstall one of them"
+        )
+    return found[0]
+
+
+def refuse_clash(group: Group, name: str) -> None:
+    """Refuse plug-ins that have the name of something built in.
+
+    Args:
+        group: the sort of plug-in.
+        name: the name of a built-in one, which is asked for.
+
+    Raises:
+        InputError: where an installed package has a plug-in of that name.
+    """
+    for each in installed_plugins():
+        if each.group == group and each.name == name:
+            raise each.fault(
+                f"expected a name of its own, got that of a built-in {NOUNS[group]}: rename the entry point, or "
+                f"pip uninstall {each.package}"
+            )
+
+
+def plugin_records(used: Used) -> dict[Group, dict[str, dict[str, str]]]:
+    """Return who the plug-ins come from that something uses, for its provenance.
+
+    Args:
+        used: names with their groups, none of them built in.
+
+    Raises:
+        InputError: see `find_plugin`.
+    """
+    records: dict[Group, dict[str, dict[str, str]]] = {}
+    for group, name in sorted(used, key=lambda each: (GROUPS.index(each[0]), each[1])):
+        records.setdefault(group, {})[name] = find_plugin(group, name).record
+    return records
+
+
+def require_plugins(records: Records, groups: Collection[Group] = GROUPS) -> None:
+    """Check that the plug-ins are installed, in any version, that a dataset was made with.
+
+    Args:
+        records: the dataset's.
+        groups: the only groups to check.
+
+    Raises:
+        MissingPluginError: where one is not, with the command that installs it.
+    """
+    for group in groups:
+        for name, record in records.get(group, {}).items():
+            if name not in plugin_names(group):
+                raise MissingPluginError(_missing(group, name, record["package"], record["version"]))
+
+
+def _missing(group: Group, name: str, package: str, needed: str) -> str:
+    try:
+        state = f"which has none of this name in version {version(package)}, installed here"
+    except PackageNotFoundError:
+        state = "which is not installed"
+    return (
+        f"{NOUNS[group]} {name!r} comes from the plug-in package {package} {needed}, {state}: "
+        f"pip install {package}=={needed}"
+    )
