@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from semisynth_gl.frame import Frame, View
     from semisynth_gl.generation.generate import GenerationResult, generate
     from semisynth_gl.geometry.mesh import Mesh, make_mesh
+    from semisynth_gl.geometry.model_units import make_model
     from semisynth_gl.metrics.evaluate import evaluate
     from semisynth_gl.metrics.score import Score, score
     from semisynth_gl.pairs.pipeline import Pair, PairRenderer, render_pair
@@ -47,6 +48,7 @@ _HOME = {
     "generate": "generation.generate",
     "load_config": "config",
     "make_mesh": "geometry.mesh",
+    "make_model": "geometry.model_units",
     "make_scene": "scene.scene",
     "move": "scene.scene",
     "open_dataset": "dataset.reader",
@@ -79,6 +81,7 @@ __all__ = [
     "generate",
     "load_config",
     "make_mesh",
+    "make_model",
     "make_scene",
     "move",
     "open_dataset",

@@ -4,12 +4,15 @@ A package names them as entry points, one group for each sort. Names are found w
 is imported when it is asked for. Processes find the plug-ins by themselves, wherever the packages are installed.
 """
 
+import difflib
 import traceback
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
+from importlib.util import find_spec
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, Literal, get_args
 
@@ -20,7 +23,7 @@ Group = Literal["layouts", "textures", "models", "recipes"]
 
 GROUPS: tuple[Group, ...] = get_args(Group)
 
-NOUNS: Final[Mapping[Group, str]] = MappingProxyType(
+NOUNS: Final[Mapping[str, str]] = MappingProxyType(
     {"layouts": "layout", "textures": "texture source", "models": "family of models", "recipes": "scene recipe"}
 )
 """What one plug-in of a group is called in messages."""
@@ -28,7 +31,7 @@ NOUNS: Final[Mapping[Group, str]] = MappingProxyType(
 Used = Iterable[tuple[Group, str]]
 """Names of what a dataset uses, with their groups."""
 
-Records = Mapping[Group, Mapping[str, Mapping[str, str]]]
+Records = Mapping[str, Mapping[str, Mapping[str, str]]]
 """Who each plug-in comes from, ``{"package": NAME, "version": VERSION}``, by group and name, in JSON's types."""
 
 
@@ -74,6 +77,14 @@ class Plugin:
     def record(self) -> dict[str, str]:
         """Who it comes from, as datasets record it; see `Records`."""
         return {"package": self.package, "version": self.version}
+
+    @property
+    def code(self) -> Path:
+        """Folder of the package, or file of the module, that the entry point refers to."""
+        spec = find_spec(self.entry.module.partition(".")[0])
+        if spec is None or (spec.origin is None and not spec.submodule_search_locations):
+            raise FileNotFoundError(self.entry.module)
+        return Path(next(iter(spec.submodule_search_locations or (spec.origin or "",))))
 
     def fault(self, fault: str) -> InputError:
         """Return the error of a plug-in that does not keep to what its group asks for.
@@ -138,8 +149,10 @@ def find_plugin(group: Group, name: str, built_in: Collection[str] = ()) -> Plug
     found = [each for each in installed_plugins() if each.group == group and each.name == name]
     if not found:
         known = sorted({*built_in, *plugin_names(group)})
-        expected = f"expected one of: {', '.join(known)}" if known else "no installed package has any"
-        raise MissingPluginError(f"no such {NOUNS[group]}: {name!r:.100}; {expected}")
+        similar = difflib.get_close_matches(name, known, n=1)
+        expected = f"expected one of {', '.join(known)}" if known else "no installed package has any"
+        hint = f"; did you mean {similar[0]}?" if similar else ""
+        raise MissingPluginError(f"{NOUNS[group]}: {expected}, got {name!r:.100}{hint}")
     if len(found) > 1:
         listed = " and ".join(f"{each.package} {each.version} ({each.entry.value})" for each in found)
         raise InputError(
@@ -167,7 +180,7 @@ def refuse_clash(group: Group, name: str) -> None:
             )
 
 
-def plugin_records(used: Used) -> dict[Group, dict[str, dict[str, str]]]:
+def plugin_records(used: Used) -> dict[str, dict[str, dict[str, str]]]:
     """Return who the plug-ins come from that something uses, for its provenance.
 
     Args:
@@ -176,34 +189,36 @@ def plugin_records(used: Used) -> dict[Group, dict[str, dict[str, str]]]:
     Raises:
         InputError: see `find_plugin`.
     """
-    records: dict[Group, dict[str, dict[str, str]]] = {}
+    records: dict[str, dict[str, dict[str, str]]] = {}
     for group, name in sorted(used, key=lambda each: (GROUPS.index(each[0]), each[1])):
         records.setdefault(group, {})[name] = find_plugin(group, name).record
     return records
 
 
-def require_plugins(records: Records, groups: Collection[Group] = GROUPS) -> None:
-    """Check that the plug-ins are installed, in any version, that a dataset was made with.
+def require_plugins(records: Records, groups: Collection[Group] = GROUPS, *, same: bool = False) -> None:
+    """Check that the plug-ins are installed that a dataset was made with.
 
     Args:
         records: the dataset's.
         groups: the only groups to check.
+        same: whether the packages must have the same versions too.
 
     Raises:
         MissingPluginError: where one is not, with the command that installs it.
     """
     for group in groups:
         for name, record in records.get(group, {}).items():
-            if name not in plugin_names(group):
-                raise MissingPluginError(_missing(group, name, record["package"], record["version"]))
+            here = [each.record for each in installed_plugins() if each.group == group and each.name == name]
+            if (record not in here) if same else not here:
+                package, needed = record["package"], record["version"]
+                raise MissingPluginError(
+                    f"{NOUNS[group]} {name!r} comes from the plug-in package {package} {needed}, {_state(package)}: "
+                    f"pip install {package}=={needed}"
+                )
 
 
-def _missing(group: Group, name: str, package: str, needed: str) -> str:
+def _state(package: str) -> str:
     try:
-        state = f"which has none of this name in version {version(package)}, installed here"
+        return f"and {version(package)} is installed"
     except PackageNotFoundError:
-        state = "which is not installed"
-    return (
-        f"{NOUNS[group]} {name!r} comes from the plug-in package {package} {needed}, {state}: "
-        f"pip install {package}=={needed}"
-    )
+        return "which is not installed"

@@ -73,11 +73,11 @@ def cached(
     return result
 
 
-def source_digest(sources: Sequence[str]) -> str:
-    """Return the SHA-256 of modules and folders of this package, so that a changed program builds anew.
+def source_digest(sources: Sequence[str | Path]) -> str:
+    """Return the SHA-256 of modules and folders of this package or of others, so that a changed program builds anew.
 
     Args:
-        sources: paths relative to the package, such as ``"geometry"`` or ``"seeds.py"``.
+        sources: paths relative to this package, such as ``"geometry"`` or ``"seeds.py"``; absolute ones of others.
 
     Raises:
         OSError: where a source is not a file on disk.
@@ -87,7 +87,7 @@ def source_digest(sources: Sequence[str]) -> str:
         path = _PACKAGE / name
         for source in sorted(path.rglob("*.py")) or [path]:
             content = source.read_bytes()
-            digest.update(f"{source.relative_to(_PACKAGE).as_posix()} {len(content)}\n".encode() + content)
+            digest.update(f"{source.relative_to(path.parent).as_posix()} {len(content)}\n".encode() + content)
     return digest.hexdigest()
 
 

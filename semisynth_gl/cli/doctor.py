@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from semisynth_gl.cache.store import cache_summary
 from semisynth_gl.camera import EYES, StereoCamera
-from semisynth_gl.errors import BackendError
+from semisynth_gl.errors import BackendError, InputError
+from semisynth_gl.layouts import find_layout
+from semisynth_gl.plugins import Plugin, find_plugin, installed_plugins
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.scene import make_scene
@@ -29,6 +31,8 @@ def doctor() -> None:
     click.echo(f"Python {platform.python_version()} on {platform.platform()}")
     for package in _PACKAGES:
         click.echo(f"  {package} {_version(package)}")
+    for plugin in installed_plugins():
+        click.echo(f"Plug-in: {plugin}{_fault(plugin)}")
     click.echo(f"Cache: {cache_summary()}")
     click.echo("EGL devices (in EGL's order, which is not CUDA's)")
     for device in egl_devices():
@@ -97,6 +101,18 @@ def plane_error_px(backend: Backend) -> float:
         depth = (2.0 - origin) / (camera.rays(eye, x, y) @ normal)
         worst = max(worst, float(np.abs(frame.view(eye).disparity - camera.disparity_px(depth)).max()))
     return worst
+
+
+def _fault(plugin: Plugin) -> str:
+    """Return what is wrong with a plug-in, "" where nothing is."""
+    try:
+        if plugin.group == "layouts":
+            find_layout(plugin.name)
+        find_plugin(plugin.group, plugin.name)
+        _ = plugin.value
+    except InputError as error:
+        return f"\n  BROKEN: {error}"
+    return ""
 
 
 def _version(package: str) -> str:

@@ -25,6 +25,8 @@ from semisynth_gl.cli.options import (
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.config import Config
+from semisynth_gl.dataset.files import read_resumed
+from semisynth_gl.dataset.places import open_place
 from semisynth_gl.engines.local import LocalEngine, SerialEngine
 from semisynth_gl.engines.task import Engine, cores
 from semisynth_gl.errors import InputError
@@ -32,6 +34,7 @@ from semisynth_gl.frame import OUTPUTS, TRUTH_VIEWS, TruthViews, View
 from semisynth_gl.interrupts import interrupts_stop
 from semisynth_gl.layouts import layout_names
 from semisynth_gl.listener import FinishedPair
+from semisynth_gl.plugins import MissingPluginError
 from semisynth_gl.splits import SplitName
 
 if TYPE_CHECKING:
@@ -222,7 +225,12 @@ def generate(
     with stopped_by_interrupts():
         from semisynth_gl.generation.generate import generate as generate_dataset  # noqa: PLC0415
 
-    config = scene.config(*dataset.settings())
+    try:
+        config = scene.config(*dataset.settings())
+    except MissingPluginError:
+        if dataset.out is not None and not overwrite:
+            read_resumed(open_place(dataset.out))  # the dataset there may know the package to install
+        raise
     counts = dataset.counts()
     engine = workers.open_engine(sum(counts.values()))
     with _GenerationProgress() as progress:

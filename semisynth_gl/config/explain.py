@@ -53,7 +53,8 @@ def _section(section: BaseModel, indent: str) -> Iterator[str]:
     """Yield the lines of a section; keys that have no value are comments too."""
     meanings, values = _meanings(type(section)), section.model_dump(mode="json")
     for key in type(section).model_fields:
-        value, inner = values[key], getattr(section, key)
+        inner = getattr(section, key)
+        value = values.get(key, inner)  # some keys are left out of the values where they are empty
         meaning = meanings.get(key, inspect.getdoc(type(inner)) if isinstance(inner, BaseModel) else "") or ""
         comment = meaning.partition("\n\n")[0].replace("``", "")
         mark = f"{indent}# "

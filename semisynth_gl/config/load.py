@@ -13,9 +13,10 @@ from pydantic_core import ErrorDetails
 
 from semisynth_gl.arguments import check_type
 from semisynth_gl.config.distributions import read_histogram
-from semisynth_gl.config.model import Config
+from semisynth_gl.config.model import TEXTURE_SOURCES, Config
 from semisynth_gl.config.yaml_values import DEEPEST, MOST_BYTES, Key, YamlError, read_yaml
 from semisynth_gl.errors import InputError, cut, did_you_mean, near, shown
+from semisynth_gl.plugins import find_plugin
 from semisynth_gl.resources import data_root
 from semisynth_gl.user_files import expanded, read_file
 
@@ -93,12 +94,18 @@ def _validated(document: _Document, overrides: Overrides = ()) -> Config:
     document = _merged(document, own)
     _read_target_file(document)
     try:
-        return Config.model_validate(document.values)
+        config = Config.model_validate(document.values)
     except ValidationError as error:
         faults = error.errors(include_url=False)
         lines = [_explain(fault, document) for fault in faults[:_FAULTS_SHOWN]]
         more = [f"and {len(faults) - _FAULTS_SHOWN} more faults"] if len(faults) > _FAULTS_SHOWN else []
         raise InputError("\n".join([*dict.fromkeys(lines), *more])) from None
+    for key, (group, name) in config.used_plugins().items():
+        try:
+            find_plugin(group, name, TEXTURE_SOURCES if group == "textures" else ())
+        except InputError as error:
+            raise type(error)(f"{_prefix(key, document)}: {error}") from None
+    return config
 
 
 def _read_target_file(document: _Document) -> None:

@@ -27,6 +27,7 @@ from semisynth_gl.config.fields import (
 )
 from semisynth_gl.frame import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, OUTPUTS, TruthViews
 from semisynth_gl.histogram import Histogram
+from semisynth_gl.plugins import Group
 from semisynth_gl.splits import Split, SplitName
 
 _EDGE_ON_DEG = 90
@@ -43,8 +44,12 @@ _BYTES_PER_TEXEL = 4
 # Items of a list, and characters of a name.
 _MOST_ITEMS, _LONGEST_NAME, _LONGEST_LICENCE = 1000, 100, 1000
 
+TEXTURE_SOURCES = ("images", "builtin", "photographs", "procedural")
+"""The program's own sources of patches; other names are plug-ins'."""
+
 _Side = Annotated[int, count(_WIDEST_PX)]
 _Paths = Annotated[tuple[PathText, ...], FROM_LIST, Field(max_length=100_000)]
+_PluginName = Annotated[str, Field(min_length=1, max_length=_LONGEST_NAME)]
 _Licence = Annotated[str, Field(max_length=_LONGEST_LICENCE)]
 
 
@@ -250,7 +255,8 @@ class ModelsSection(Section):
         user: weight of the models in ``folders``.
         kinds: weights of kinds within their family, by name. A kind without a weight has 1, and 0 leaves a kind out.
         folders: folders of model files; trimesh reads the files.
-        variants: number of models of each kind; each variant has its own proportions.
+        variants: number of models of each kind and of each of ``families``; each variant has its own proportions.
+        families: weights of families of models that plug-ins have, by the plug-in's name.
     """
 
     simple: Weight = 1.0
@@ -259,11 +265,15 @@ class ModelsSection(Section):
     kinds: Annotated[dict[str, Weight], Field(max_length=_MOST_ITEMS)] = Field(default_factory=dict)
     folders: _Paths = ()
     variants: Annotated[int, count(100)] = 3
+    # Left out of the values where there are none: those of a dataset without plug-ins are the same as ever.
+    families: Annotated[
+        dict[_PluginName, Weight], Field(max_length=_MOST_ITEMS, exclude_if=lambda families: not families)
+    ] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _some_family(self) -> Self:
-        if self.simple + self.complex + self.user == 0:
-            raise ValueError("expected a weight above 0 for simple, complex or user")
+        if self.simple + self.complex + self.user + sum(self.families.values()) == 0:
+            raise ValueError("expected a weight above 0 for simple, complex or user, or in families")
         return self
 
 
@@ -272,7 +282,7 @@ class TexturesSection(Section):
 
     Attributes:
         source: ``images`` (the user's), ``builtin`` (pictures that are drawn, and the photographs in scikit-image),
-            ``photographs`` (those alone) or ``procedural``.
+            ``photographs`` (those alone), ``procedural``, or the name of a plug-in.
         images: files, folders and globs of the source ``images``.
         patch_px: side of a patch in the atlas.
         scales: sides of the squares cut from an image, in units of ``patch_px``.
@@ -290,7 +300,7 @@ class TexturesSection(Section):
         sequence: take the images of a folder as successive frames, which an instance shows in turn.
     """
 
-    source: Literal["images", "builtin", "photographs", "procedural"] = "builtin"
+    source: _PluginName = "builtin"
     images: _Paths = ()
     patch_px: Annotated[int, Field(ge=16, le=8192)] = 256
     scales: Annotated[tuple[_AtLeastOne, ...], FROM_LIST, Field(min_length=1, max_length=100)] = (1.0, 2.0, 4.0)
@@ -505,6 +515,14 @@ class Config(Section):
         """
         section = self.disparity
         return wanted_histogram(section.target, section.min_px, section.max_px, self.camera.mean_doffs_px)
+
+    def used_plugins(self) -> dict[tuple[str, ...], tuple[Group, str]]:
+        """Return group and name of each plug-in that the config asks for, by the key that does so."""
+        used: dict[tuple[str, ...], tuple[Group, str]] = {}
+        if self.textures.source not in TEXTURE_SOURCES:
+            used["textures", "source"] = ("textures", self.textures.source)
+        drawn = [name for name, weight in self.models.families.items() if weight > 0]
+        return used | {("models", "families", name): ("models", name) for name in drawn}
 
     def digest(self) -> str:
         """Return the SHA-256 of the config's values, 64 hex digits; equal for equal values in any notation."""

@@ -14,6 +14,7 @@ from semisynth_gl.dataset.file_sets import FileSet, list_file_sets
 from semisynth_gl.dataset.files import plan_from_values
 from semisynth_gl.dataset.plan import Plan
 from semisynth_gl.frame import FLOW_OUTPUTS
+from semisynth_gl.plugins import NOUNS
 from semisynth_gl.splits import SplitName
 
 # The names in the documentation of Hugging Face's hub; any other licence is "other" with a name of its own.
@@ -188,6 +189,8 @@ def _reading(plan: Plan, index: Mapping[str, Any]) -> str:
         "pair.left, pair.right, pair.left.disparity",
         "```",
     ]
+    if package := plan.plugins.get("layouts", {}).get(plan.layout_name):
+        lines += ["", f"This needs the layout's package too: `pip install {package['package']}=={package['version']}`."]
     if plan.layout.packed:
         lines += ["", "With the webdataset package:", "", "```python", "import webdataset", ""]
         lines += [
@@ -271,6 +274,7 @@ def _origin(plan: Plan, index: Mapping[str, Any]) -> str:
         ("SHA-256 of the config", f"`{index['config_sha256']}`"),
         ("seed", plan.seed),
         ("layout", plan.layout_name),
+        *_plugins(plan),
         ("renderer", _escaped(", ".join(index["renderers"]))),
         ("redrawn", _count(index["redraws"], "attempt")),
     ]
@@ -279,6 +283,15 @@ def _origin(plan: Plan, index: Mapping[str, Any]) -> str:
         + _table(("", ""), rows)
         + "\n\n`index.json` has the whole config and the digests of all photographs, patches, models and shards."
     )
+
+
+def _plugins(plan: Plan) -> list[tuple[str, str]]:
+    """Return the rows of the plug-ins: what each is, and its package."""
+    return [
+        (f"{NOUNS[group]} {name}", f"plug-in package {package['package']} {package['version']}")
+        for group, packages in plan.plugins.items()
+        for name, package in packages.items()
+    ]
 
 
 def _rights(plan: Plan, index: Mapping[str, Any]) -> str:

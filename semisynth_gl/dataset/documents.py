@@ -9,7 +9,16 @@ from importlib.metadata import version
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, InstanceOf, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    InstanceOf,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+)
 
 from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS
 from semisynth_gl.config.fields import Positive, count, one_of
@@ -20,6 +29,7 @@ from semisynth_gl.dataset.tar import content_offsets
 from semisynth_gl.errors import InputError, ReadError, shown
 from semisynth_gl.frame import TruthViews
 from semisynth_gl.layouts import layout_names
+from semisynth_gl.plugins import Group, MissingPluginError, require_plugins
 from semisynth_gl.splits import SplitName
 
 CHANGED_INDEX = f"somebody changed it; without {INDEX}, the dataset's generate command goes on from {PLAN}"
@@ -103,11 +113,19 @@ class _StoredConfig(_Facts):
     checks: _Object | None = None
 
 
+class _Package(_Facts):
+    """Messages have both in a command to be copied."""
+
+    package: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100)]
+    version: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._+!-]*$", max_length=100)]
+
+
 class PlanDocument(_Facts):
     """A dataset's plan; see `semisynth_gl.dataset.plan.Plan.values`."""
 
     program: Literal["semisynth-gl"]
-    layout: Annotated[str, one_of(layout_names())]
+    plugins: dict[Group, dict[str, _Package]] = {}
+    layout: str
     version: str
     format: _Format = 1
     config: Annotated[str, *Config.model_fields["name"].metadata]
@@ -117,6 +135,16 @@ class PlanDocument(_Facts):
     pairs: Annotated[dict[SplitName, _Pairs], Field(min_length=1)]
     shard_pairs: _Pairs
     sources: dict[SplitName, dict[str, str]] = {}
+
+    @field_validator("layout")
+    @classmethod
+    def _is_known(cls, name: str, info: ValidationInfo) -> str:
+        package = info.data.get("plugins", {}).get("layouts", {}).get(name)
+        if package is not None:
+            require_plugins({"layouts": {name: package.model_dump()}})
+        if name not in layout_names():
+            raise ValueError(f"expected one of {', '.join(layout_names())}")
+        return name
 
 
 class _Source(_Facts):
@@ -207,9 +235,12 @@ def check_document(values: Mapping[str, Any], model: type[_Facts], path: Path) -
 
     Raises:
         ReadError: with the keys that are wrong or missing, what was expected, and what came.
+        MissingPluginError: where the layout is a plug-in's that is not installed.
     """
     try:
         model.model_validate(values)
+    except MissingPluginError as error:
+        raise MissingPluginError(f"{path}: {error}") from None
     except ValidationError as error:
         faults = []
         for fault in error.errors(include_url=False):

@@ -34,6 +34,7 @@ from semisynth_gl.dataset.schema import (
     unfinished_path,
 )
 from semisynth_gl.errors import InputError, ReadError
+from semisynth_gl.plugins import MissingPluginError, require_plugins
 from semisynth_gl.splits import SplitName
 
 _QUESTIONS = 16
@@ -211,6 +212,7 @@ class DatasetFiles:
             )
         keys = ("config_values", "seed", "layout", "shard_pairs")
         changed = differences({key: beginning.get(key) for key in keys}, {key: values[key] for key in keys})
+        changed += differences({"plugins": beginning.get("plugins", {})}, {"plugins": values.get("plugins", {})})
         pairs = beginning.get("pairs", {})
         if set(pairs) != set(values["pairs"]):
             changed += differences({"pairs": pairs}, {"pairs": values["pairs"]})
@@ -332,6 +334,21 @@ def read_beginning(place: Place) -> dict[str, Any] | None:
     return None
 
 
+def read_resumed(place: Place) -> dict[str, Any]:
+    """Return the values that the dataset was begun with that a run is to go on with; none where there is no dataset.
+
+    Raises:
+        ReadError: see `read_beginning`.
+        MissingPluginError: where a plug-in that the dataset is made with is not installed.
+    """
+    values = read_beginning(place) or {}
+    try:
+        require_plugins(values.get("plugins", {}))
+    except MissingPluginError as error:
+        raise MissingPluginError(f"{place.address}: {error}") from None
+    return values
+
+
 def complete_record(place: Place, shard: Shard) -> dict[str, Any] | None:
     """Return a shard's record, or None where the shard is to be made again.
 
@@ -363,7 +380,8 @@ def plan_from_values(values: Mapping[str, Any]) -> Plan:
     """
     try:
         config = Config.model_validate(values["config_values"])
-        return Plan(config, int(values["seed"]), values["layout"], dict(values["pairs"]), int(values["shard_pairs"]))
+        numbers = int(values["seed"]), int(values["shard_pairs"])
+        return Plan(config, numbers[0], values["layout"], dict(values["pairs"]), numbers[1], values.get("plugins", {}))
     except (ValidationError, KeyError, TypeError, ValueError) as error:
         raise InputError(f"the dataset's plan is not this version's: {str(error).splitlines()[0]}") from None
 

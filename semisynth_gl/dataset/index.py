@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from semisynth_gl.dataset.plan import Plan
+from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.scene.sources import Sources
 from semisynth_gl.splits import SplitName
 from semisynth_gl.textures.image_files import builtin_licences, relative_names
@@ -53,6 +54,7 @@ def _describe_split(plan: Plan, split: SplitName, sources: Sources) -> dict[str,
     licences = builtin_licences() if config.textures.source in {"builtin", "photographs"} else {}
     if config.textures.source == "builtin":
         licences |= dict.fromkeys(drawn, _OWN_LICENCE)
+    own_kinds = {*SIMPLE_KINDS, *COMPLEX_KINDS}
     skipped = (*sources.atlas.report.images_skipped, *sources.model_library.skipped)
     return {
         "pairs": plan.pairs[split],
@@ -70,8 +72,8 @@ def _describe_split(plan: Plan, split: SplitName, sources: Sources) -> dict[str,
             {
                 "name": mesh.name,
                 "sha256": _sha256(mesh.positions, mesh.uv, mesh.triangles),
-                # Names of the user's models are names of files and have an ending; names of built-in kinds have none.
-                "licence": config.licences.models if "." in mesh.name else _OWN_LICENCE,
+                # Names of the user's models are names of files and have an ending; those of plug-ins have a slash.
+                "licence": _OWN_LICENCE if mesh.name in own_kinds else config.licences.models,
             }
             for mesh in sources.model_library.models
         ],

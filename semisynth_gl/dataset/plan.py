@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from math import ceil
 from typing import Any
@@ -10,11 +10,12 @@ from typing import Any
 from semisynth_gl.arguments import check_type, to_whole
 from semisynth_gl.camera import EYES
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.schema import FORMAT, PROGRAM, RECORDS, shard_name
+from semisynth_gl.dataset.schema import CARD, CROISSANT, FORMAT, INDEX, PARTIAL, PROGRAM, RECORDS, shard_name
 from semisynth_gl.errors import InputError, shown
 from semisynth_gl.frame import CHANNELS
-from semisynth_gl.layouts import Key, Layout, find_layout
+from semisynth_gl.layouts import Key, Layout, built_in_layouts, find_layout
 from semisynth_gl.layouts.key import sequence_length
+from semisynth_gl.plugins import Records, plugin_records
 from semisynth_gl.splits import SPLITS, Split, SplitName
 
 # Shards usually have about 1 GB; a small dataset has smaller ones so that workers can share it.
@@ -22,6 +23,7 @@ _SHARD_BYTES = 1_000_000_000
 _FEWEST_SHARDS = 8
 # Each is a few files, and a line of the index.
 _MOST_SHARDS = 1_000_000
+_OF_EVERY_DATASET = (INDEX, CARD, CROISSANT, RECORDS, PARTIAL)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +55,7 @@ class Plan:
         layout_name: see `semisynth_gl.layouts`.
         pairs: number of pairs of each split; splits without pairs are left out.
         shard_pairs: number of pairs in a shard; the last shard of a split may have fewer.
+        plugins: the packages of the plug-ins that the dataset is made with.
     """
 
     config: Config
@@ -60,6 +63,7 @@ class Plan:
     layout_name: str
     pairs: Mapping[SplitName, int]
     shard_pairs: int
+    plugins: Records = field(default_factory=dict)
 
     @property
     def layout(self) -> Layout:
@@ -127,6 +131,7 @@ class Plan:
             "layout": self.layout_name,
             "pairs": dict(self.pairs),
             "shard_pairs": self.shard_pairs,
+            **({"plugins": dict(self.plugins)} if self.plugins else {}),
         }
 
 
@@ -192,7 +197,35 @@ def make_plan(
             f"{shards} shards of {shard_pairs} pairs: expected at most {_MOST_SHARDS}; give a larger --shard-pairs, or "
             "make several datasets"
         )
-    return Plan(config, seed, layout_name, counts, shard_pairs)
+    plan = Plan(config, seed, layout_name, counts, shard_pairs, used_plugins(config, layout_name))
+    _check_names(plan)
+    return plan
+
+
+def used_plugins(config: Config, layout_name: str) -> Records:
+    """Return the packages, as they are installed here, of the plug-ins that a dataset is made with.
+
+    Raises:
+        InputError: where one is not installed.
+    """
+    used = [*config.used_plugins().values()]
+    if layout_name not in built_in_layouts():
+        used.append(("layouts", layout_name))
+    return plugin_records(used)
+
+
+def _check_names(plan: Plan) -> None:
+    """Raise InputError where the layout gives files of its own names that every dataset has."""
+    for split in plan.splits:
+        keys, folder = [plan.key(split, 0)], plan.folder(split)
+        lists = plan.layout.lists(keys, plan.layout.encodings_for(plan.config))
+        names = [f"{folder}{path}" for path in (*lists, *plan.layout.links(keys), *plan.layout.folders())]
+        for name in names if plan.layout.packed else (*names, *plan.files(split, 0).values()):
+            if name.partition("/")[0] in _OF_EVERY_DATASET:
+                raise InputError(
+                    f"the layout {plan.layout_name} gives a file the name {name}: expected none in "
+                    f"{', '.join(_OF_EVERY_DATASET)}, which every dataset has"
+                )
 
 
 def _shard_pairs(config: Config, layout: Layout, pairs: int) -> int:

@@ -8,6 +8,7 @@ from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import build_library
+from semisynth_gl.plugins import MissingPluginError, require_plugins
 from semisynth_gl.scene.sampler import SampledScene, SceneSampler
 from semisynth_gl.scene.scene import Motion
 from semisynth_gl.splits import SplitName
@@ -47,6 +48,11 @@ class RebuiltScenes:
                 f"{index.place.address}: the scenes cannot be rebuilt from the index: expected patches and a "
                 f"seed of 0 or more, got {len(patches)} and {self.seed}"
             )
+        try:
+            # Another version may make other models.
+            require_plugins(values.get("plugins", {}), ("models", "recipes"), same=True)
+        except MissingPluginError as error:
+            raise MissingPluginError(f"{index.place.address}: the scenes cannot be rebuilt: {error}") from None
         library = build_library(self.config.models, self.config.particles, self.seed, part)
         self._sampler = SceneSampler(self.config, part.seed(self.seed), library, patches)
         self.models: tuple[Mesh, ...] = self._sampler.models

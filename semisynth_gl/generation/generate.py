@@ -16,7 +16,7 @@ from semisynth_gl.config import Config
 from semisynth_gl.dataset.apart import check_apart
 from semisynth_gl.dataset.card import encode_card
 from semisynth_gl.dataset.croissant import encode_croissant
-from semisynth_gl.dataset.files import DatasetFiles, complete_record, read_beginning
+from semisynth_gl.dataset.files import DatasetFiles, complete_record, read_resumed
 from semisynth_gl.dataset.index import describe_dataset
 from semisynth_gl.dataset.places import Place, open_place
 from semisynth_gl.dataset.plan import Plan, Shard, make_plan
@@ -103,7 +103,7 @@ def generate(
     check_type("listener", listener, Listener | None)
     listener = listener or Listener()
     place = open_place(out)
-    earlier = {} if overwrite else read_beginning(place) or {}
+    earlier = {} if overwrite else read_resumed(place)
     layout = layout or earlier.get("layout") or ("middlebury" if sum(counts.values()) < _MANY_PAIRS else "webdataset")
     plan = make_plan(config, seed, layout, counts, earlier.get("shard_pairs") if shard_pairs is None else shard_pairs)
     chosen = _chosen(plan.shards, shards)

@@ -9,7 +9,7 @@ from math import ceil
 from typing import Any, Literal
 
 from semisynth_gl.dataset.places import Place
-from semisynth_gl.dataset.plan import Plan, Shard, abbreviate, differences
+from semisynth_gl.dataset.plan import Plan, Shard, abbreviate, differences, used_plugins
 from semisynth_gl.dataset.sample import encode_pair
 from semisynth_gl.dataset.shard import ShardBusyError, ShardWriter
 from semisynth_gl.engines.task import Task
@@ -53,6 +53,12 @@ class ShardJob:
             The function that makes the shard of a number.
         """
         shards = self.plan.shards
+        changed = differences(self.plan.plugins, used_plugins(self.plan.config, self.plan.layout_name))
+        if changed:
+            raise InputError(
+                f"this process finds other plug-ins than the one that began the dataset: {abbreviate(changed)}. "
+                "Install the same versions on all machines"
+            )
         renderer: PairRenderer | None = None
         with ExitStack() as resources:
 
@@ -117,6 +123,7 @@ class ShardJob:
                     "end": shard.end,
                     "redraws": sum(len(entry["redrawn"]) for entry in writer.samples),
                     "renderers": sorted({entry["renderer"] for entry in writer.samples}),
+                    **({"plugins": self.plan.plugins} if self.plan.plugins else {}),
                 },
                 {"seconds": round(sum(entry["seconds"] for entry in writer.samples), 3)},
             )

@@ -11,6 +11,7 @@ from semisynth_gl.cache.lookup import cached, installed_packages, package_versio
 from semisynth_gl.cache.store import Entry
 from semisynth_gl.config.model import ModelsSection, ParticlesSection
 from semisynth_gl.errors import InputError, Skipped
+from semisynth_gl.geometry.families import build_family, find_family
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS, kind_weights
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_files import load_models
@@ -56,12 +57,14 @@ def build_library(section: ModelsSection, particles: ParticlesSection, seed: int
         split: the split whose models are built.
 
     Raises:
-        InputError: where a folder is missing or has no usable model, or where models are too few for all splits.
+        InputError: where a folder is missing or has no usable model, a plug-in cannot be used, or models are too few
+            for all splits.
     """
     folders = [expanded(folder) for folder in section.folders]
     if not all(folder.is_dir() for folder in folders):  # a single file may refer to any file beside it
         return _build(section, particles, seed, split)
     files = [sorted(files_below(folder)) for folder in folders]
+    families = [find_family(name) for name, weight in section.families.items() if weight > 0]
 
     def key() -> dict[str, Any]:
         return {
@@ -71,7 +74,9 @@ def build_library(section: ModelsSection, particles: ParticlesSection, seed: int
             "split": [split.name, sorted(split.held_out.items()) if split.models else []],
             "files": [[str(path.absolute()) for path in group] for group in files],
             "versions": package_versions("numpy", "pyrr"),
-            "readers": installed_packages() if folders else [],
+            "families": {plugin.name: [plugin.record, source_digest([plugin.code])] for plugin in families},
+            # A reader, and a family, may be of any package.
+            "readers": installed_packages() if folders or families else [],
             "program": source_digest(SOURCES),
         }
 
@@ -124,6 +129,11 @@ def _build(section: ModelsSection, particles: ParticlesSection, seed: int, split
     if split.models and split.held_out:
         user = split.share(user, seed, "models of the user's", _USER) if user else user
         kinds = [split.share(names, seed, "kinds of built-in models", k, names) for k, names in enumerate(kinds)]
+    foreign = [
+        (weight, build_family(name, section.variants, seed, split))
+        for name, weight in section.families.items()
+        if weight > 0
+    ]
     seed = split.seed(seed)
     weights = kind_weights(section.kinds)
     families = [(section.user, user, [1.0] * len(user))]
@@ -135,6 +145,7 @@ def _build(section: ModelsSection, particles: ParticlesSection, seed: int, split
             # The kind's name is in the key, not its position: a further kind changes no model of the others.
             models = [builders[name](generator(seed, Purpose.MODELS, name, number)) for name, number in variants]
             families.append((weight, list(map(marked_solid, models)), [weights[name] for name, _ in variants]))
+    families += [(weight, models, [1.0] * len(models)) for weight, models in foreign]
     if not any(weight > 0 and models for weight, models, _ in families):
         raise InputError(
             "there are no models to draw: models.simple and models.complex are 0, and of the user's there is none; "

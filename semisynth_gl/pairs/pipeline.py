@@ -22,6 +22,7 @@ from semisynth_gl.histogram import Histogram
 from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.checks import faults
 from semisynth_gl.pairs.imperfections import with_imperfections
+from semisynth_gl.plugins import plugin_records
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.readers import Reader, read_array
 from semisynth_gl.render.renderer import Renderer
@@ -109,6 +110,7 @@ class PairRenderer:
             read=read,
         )
         self._settled: _Settled | None = None
+        plugins = plugin_records(config.used_plugins().values())
         self._made_by = {
             "program": "semisynth-gl",
             "version": version("semisynth-gl"),
@@ -116,6 +118,7 @@ class PairRenderer:
             "config_sha256": config.digest(),
             "seed": seed,
             "split": split.name,
+            **({"plugins": plugins} if plugins else {}),
             "renderer": self._renderer.renderer_name,
             "backend": self._renderer.backend,
         }

@@ -1,0 +1,61 @@
+"""Families of models that plug-ins have: a function from a generator to a mesh each."""
+
+from typing import Any
+
+from semisynth_gl.errors import InputError
+from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.model_units import make_model
+from semisynth_gl.plugins import Plugin, find_plugin, refuse_clash
+from semisynth_gl.seeds import Purpose, generator
+from semisynth_gl.splits import Split
+
+_BUILT_IN = ("simple", "complex", "user")
+# `Split.share`'s purpose; 0 to 2 are those of the families that the program has itself.
+_SHARED = 3
+_FUNCTION = "a function from a numpy.random.Generator to a semisynth_gl.Mesh"
+
+
+def find_family(name: str) -> Plugin:
+    """Return the plug-in of a family.
+
+    Raises:
+        InputError: where there is none, it cannot be imported, is no function, or has the name of a family that the
+            program has itself.
+    """
+    if name in _BUILT_IN:
+        refuse_clash("models", name)
+        raise InputError(f"models.families.{name}: expected the name of a plug-in; models.{name} has that weight")
+    plugin = find_plugin("models", name)
+    if not callable(plugin.value):
+        raise plugin.fault(f"expected {_FUNCTION}, got {type(plugin.value).__name__}")
+    return plugin
+
+
+def build_family(name: str, variants: int, seed: int, split: Split) -> list[Mesh]:
+    """Build the models of a family.
+
+    Args:
+        name: the plug-in's.
+        variants: number of models to draw.
+        seed: the dataset's.
+        split: the split. Where models are held out, the splits share the models of the dataset's seed; else each split
+            draws models of its own.
+
+    Raises:
+        InputError: where the plug-in cannot be used, fails, or returns no mesh, or where the models are too few for all
+            splits.
+    """
+    plugin, numbers = find_family(name), range(variants)
+    if not (split.models and split.held_out):
+        return [_built(plugin, split.seed(seed), number) for number in numbers]
+    what = f"models of the family {name} (models.variants)"
+    own = split.share(numbers, seed, what, _SHARED, [f"{name}/{number}" for number in numbers])
+    return [_built(plugin, seed, number) for number in own]
+
+
+def _built(plugin: Plugin, seed: int, number: int) -> Mesh:
+    with plugin.blamed(f"fails for model {number}"):
+        mesh: Any = plugin.value(generator(seed, Purpose.MODELS, plugin.group, plugin.name, number))
+        if not isinstance(mesh, Mesh):
+            raise InputError(f"expected {_FUNCTION}, got {type(mesh).__name__}; make_model makes a Mesh")
+        return make_model(f"{plugin.name}/{mesh.name}", mesh.positions, mesh.triangles, mesh.uv)

@@ -1,0 +1,122 @@
+"""Surfaces of any place and size as one model of a library: normalised, with UV in model units."""
+
+from itertools import chain
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.arguments import to_array
+from semisynth_gl.errors import InputError
+from semisynth_gl.geometry.mesh import Mesh, make_mesh, merged, normalised, without_degenerate
+from semisynth_gl.geometry.model_parts import BrokenModelError
+from semisynth_gl.geometry.unwrap import project_uv
+
+UV_LOSS = 0.5
+"""Largest share of a part's surface without usable UV; where it is larger, the part's UV map is not used at all."""
+
+PULL_LIMIT = 16
+"""UV of a triangle is unusable where the texture is stretched this many times as much as on the rest of its part."""
+
+Surface = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64] | None]
+"""Positions (V, 3), triangles (T, 3), and UV (V, 2) with v downwards where there is a UV map."""
+
+
+def make_model(name: str, positions: object, triangles: object, uv: object = None) -> Mesh:
+    """Make a model of a surface of any place and size, as it is done with the user's files.
+
+    The model is normalised: its bounding sphere has radius 1 about the origin. Its UV is measured in model units. A UV
+    map is scaled to them; without one, and where it cannot be used, every triangle is projected along the nearest of 26
+    directions. Triangles without area are left out.
+
+    Args:
+        name: the model's name in the provenance of a sample.
+        positions: (V, 3), array-like, of any unit; z is up.
+        triangles: (T, 3), array-like, indices of positions; anticlockwise seen from outside.
+        uv: (V, 2), array-like, of any unit; u to the right and v downwards in the patch.
+
+    Raises:
+        InputError: where shapes, indices or values are wrong, or no triangle has an area.
+    """
+    points = to_array(f"model {name}: positions", positions, np.float64)
+    coordinates = None if uv is None else to_array(f"model {name}: uv", uv, np.float64)
+    unmapped = np.zeros((len(points) if points.ndim else 0, 2))
+    given = make_mesh(name, points, unmapped if coordinates is None else coordinates, triangles)
+    # Others would count in the size of the model.
+    used, renumbered = np.unique(given.triangles, return_inverse=True)
+    surface = points[used], renumbered.reshape(-1, 3), None if coordinates is None else coordinates[used]
+    try:
+        with np.errstate(all="ignore"):
+            return join_surfaces(name, [surface])
+    except BrokenModelError as error:
+        raise InputError(f"model {name}: {error}") from None
+
+
+def join_surfaces(name: str, parts: list[Surface]) -> Mesh:
+    """Join surfaces to one model; see `make_model`.
+
+    Raises:
+        BrokenModelError: where there are none, or no triangle has an area.
+    """
+    if not parts:
+        raise BrokenModelError("has no triangles")
+    # In float64, before anything is rounded: a model may stand far from its origin, or be of any size.
+    vertices = np.concatenate([positions for positions, _, _ in parts])
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    centre = low / 2 + high / 2
+    extent = float(np.abs(high / 2 - low / 2).max())
+    if not extent > 0 or extent < 1e-9 * float(np.abs(centre).max()):
+        raise BrokenModelError("has no extent")
+    try:
+        unwrapped = [_unwrapped(name, (positions - centre) / extent, faces, uv) for positions, faces, uv in parts]
+        # Normalised twice, since vertices without a triangle may have widened the bounding box.
+        return normalised(without_degenerate(normalised(merged(name, list(chain(*unwrapped))))))
+    except InputError as error:
+        raise BrokenModelError("has no triangle with an area") from error
+
+
+def _unwrapped(
+    name: str, positions: NDArray[np.float64], triangles: NDArray[np.int64], uv: NDArray[np.float64] | None
+) -> list[Mesh]:
+    """Return a part with its UV map in model units where the map is usable, and projected UV elsewhere."""
+    if uv is None:
+        return [project_uv(name, positions, triangles)]
+    area, uv_area, pull = _texture_pull(positions[triangles], uv[triangles])
+    mapped = (area > 0) & np.isfinite(pull)
+    if area[mapped].sum() <= UV_LOSS * area.sum():
+        return [project_uv(name, positions, triangles)]
+    # The texture is finer than this scale on half of the surface. A mean would be decided by a few triangles that fill
+    # much of the map, such as eyes on a body of one colour.
+    factor = np.sqrt(area[mapped] / uv_area[mapped])
+    order = np.argsort(factor, kind="stable")
+    share = np.cumsum(area[mapped][order])
+    scale = float(factor[order][np.searchsorted(share, share[-1] / 2)])
+    usable = (area == 0) | (mapped & (pull < PULL_LIMIT * scale))
+    if area[usable].sum() <= UV_LOSS * area.sum():
+        return [project_uv(name, positions, triangles)]
+    kept = make_mesh(name, positions, np.where(np.isfinite(uv), uv, 0) * scale, triangles[usable])
+    return [kept] if usable.all() else [kept, project_uv(name, positions, triangles[~usable])]
+
+
+def _texture_pull(
+    corners: NDArray[np.float64], uv: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return twice the area of triangles, twice their UV area, and how far the texture is pulled over them; (T,) each.
+
+    The pull is the largest ratio of a length to its length in UV, over all directions. It is infinite or NaN where the
+    UV map has collapsed. Corners are (T, 3, 3), UV is (T, 3, 2).
+    """
+    # Squared ratios are eigenvalues of inv(T) S; S and T hold inner products of two edges, on the surface and in UV.
+    a, b, c = _inner_products(np.diff(corners, axis=1))
+    p, q, r = _inner_products(np.diff(uv, axis=1))
+    with np.errstate(all="ignore"):
+        determinant, uv_determinant = a * c - b * b, p * r - q * q
+        half_trace = (c * p - 2 * b * q + a * r) / 2
+        root = np.sqrt(np.maximum(half_trace**2 - determinant * uv_determinant, 0))
+        pull = np.sqrt((half_trace + root) / uv_determinant)
+        return np.sqrt(np.maximum(determinant, 0)), np.sqrt(np.maximum(uv_determinant, 0)), pull
+
+
+def _inner_products(edges: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """Return the products first by first, first by second and second by second of edges, (T, 2, D); (T,) each."""
+    first, second = edges[:, 0], edges[:, 1]
+    return (first * first).sum(axis=1), (first * second).sum(axis=1), (second * second).sum(axis=1)

@@ -1,0 +1,116 @@
+"""Layouts of plug-ins, each checked once: what they say of a few pairs must make a dataset that can be read."""
+
+import difflib
+import os
+import re
+from collections.abc import Iterator
+from functools import cache
+from itertools import product
+from pathlib import PurePosixPath
+
+from semisynth_gl.codecs import Encodings
+from semisynth_gl.errors import InputError
+from semisynth_gl.frame import OUTPUTS
+from semisynth_gl.layouts.key import Key
+from semisynth_gl.layouts.layout import Layout
+from semisynth_gl.layouts.roles import ROLES
+from semisynth_gl.plugins import Plugin
+from semisynth_gl.splits import SPLITS, SplitName
+
+_NEEDED = ("left", "right", "disparity_left", "provenance")
+"""Roles without which no pair can be read back."""
+
+# Pairs at which digits grow, with sequences and without, and in one split and in several.
+_INDICES = (0, 1, 9, 10, 11, 100, 999_999)
+_LENGTHS = (None, 3)
+_SPLITS: tuple[tuple[SplitName, ...], ...] = (("train",), SPLITS)
+# Printable ASCII but blanks and slashes: names that every shell, loader and store takes.
+_PART = re.compile(r"(?!\.{1,2}$)[!-.0-~]+")
+
+
+@cache
+def checked_layout(plugin: Plugin) -> Layout:
+    """Return the layout of a plug-in.
+
+    Args:
+        plugin: of the group ``layouts``; refers to an instance of `Layout`, or to a subclass without parameters.
+
+    Raises:
+        InputError: where it cannot be imported or is no layout, where its own code fails, or where it gives roles that
+            there are not, leaves out one that reading a pair needs, or gives two files of a dataset one path.
+    """
+    value = plugin.value
+    if isinstance(value, type) and issubclass(value, Layout):
+        with plugin.blamed("cannot be made"):
+            value = value()
+    if not isinstance(value, Layout):
+        kind = value.__name__ if isinstance(value, type) else type(value).__name__
+        raise plugin.fault(f"expected an instance or a subclass of semisynth_gl.layouts.Layout, got {kind}")
+    with plugin.blamed("cannot be used"):
+        check_layout(value)
+    return value
+
+
+def check_layout(layout: Layout) -> None:
+    """Check what a layout says of a few pairs.
+
+    Args:
+        layout: the layout; its own code may raise anything.
+
+    Raises:
+        InputError: where a dataset in this layout could not be written, or not be read back.
+    """
+    if not isinstance(layout.packed, bool):
+        raise InputError(f"packed: expected True or False, got {layout.packed!r:.80}")
+    if not (layout.encodings is None or isinstance(layout.encodings, Encodings)):
+        raise InputError(f"encodings: expected None or Encodings, got {layout.encodings!r:.80}")
+    if unknown := sorted(set(layout.needs) - set(OUTPUTS)):
+        raise InputError(f"needs: expected some of {', '.join(OUTPUTS)}, got {', '.join(unknown)}")
+    for splits, length in product(_SPLITS, _LENGTHS):
+        owners: dict[str, str] = {}
+        for split in splits:
+            keys = [Key("config", split, index, length) for index in _INDICES]
+            for path, owner in _paths(layout, keys, "" if layout.packed else layout.folder(split, splits)):
+                if not path.isascii() or not all(map(_PART.fullmatch, path.split("/"))):
+                    raise InputError(
+                        f"{owner}: expected a path below the dataset's folder, in ASCII without blanks, got {path!r}"
+                    )
+                # The shards of a split have tars of their own.
+                owner_before = owners.setdefault(f"{split}:{path}" if layout.packed else path, owner)
+                if owner_before != owner:
+                    raise InputError(
+                        f"expected a path of its own for each file, got {path!r} for {owner_before} and for {owner}"
+                    )
+
+
+def _paths(layout: Layout, keys: list[Key], folder: str) -> Iterator[tuple[str, str]]:
+    """Yield the path of each file of pairs and of each list, link and folder of their split, and what it is of."""
+    encodings, split = layout.encodings or Encodings(), keys[0].split
+    for key in keys:
+        stems = layout.stems(key)
+        if lacking := [role for role in _NEEDED if role not in stems]:
+            raise InputError(f"stems: expected the roles {', '.join(_NEEDED)} and others, got no {', '.join(lacking)}")
+        if unknown := [role for role in stems if not _is_known(layout, role)]:
+            similar = difflib.get_close_matches(unknown[0], ROLES, n=1)
+            hint = f"did you mean {similar[0]}?" if similar else f"expected some of {', '.join(ROLES)}"
+            raise InputError(f"stems: there is no role {unknown[0]!r}; {hint}")
+        files = layout.files(key, encodings)
+        yield from ((f"{folder}{path}", f"{role} of pair {key.index} of {split}") for role, path in files.items())
+    for path, data in layout.lists(keys, encodings).items():
+        if not isinstance(data, bytes):
+            raise InputError(f"lists: expected bytes for {path}, got {type(data).__name__}")
+        yield f"{folder}{path}", f"list of {split}"
+    for path, target in layout.links(keys).items():
+        yield f"{folder}{path}", "link"
+        if os.path.normpath(PurePosixPath(path).parent / target).startswith(("..", "/")):
+            raise InputError(f"links: expected targets below the dataset's folder, got {target!r} for {path}")
+    yield from ((f"{folder}{path}", "folder") for path in layout.folders())
+
+
+def _is_known(layout: Layout, role: str) -> bool:
+    """Return whether a layout knows a role; it may have roles of its own."""
+    try:
+        layout.role(role)
+    except KeyError:
+        return False
+    return True
