@@ -142,11 +142,9 @@ def _size_category(pairs: int) -> str:
 def _introduction(plan: Plan) -> str:
     config = plan.config
     camera, disparity = config.camera, config.disparity
-    patches = {
-        "pattern": "procedural patterns",
-        "picture": "patches of drawn pictures and photographs",
-        "photograph": "patches of photographs",
-    }[_source(plan)]
+    patches = "procedural patterns" if _source(plan) == "pattern" else f"patches of {_source(plan)}s"
+    if config.textures.source == "builtin":
+        patches += " and photographs"
     baseline = f"{camera.baseline_m.low:g}"
     if camera.baseline_m.high != camera.baseline_m.low:
         baseline += f" to {camera.baseline_m.high:g}"
@@ -164,6 +162,8 @@ def _introduction(plan: Plan) -> str:
 
 def _source(plan: Plan) -> str:
     """Return the name of a source of patches."""
+    if "textures" in plan.plugins:
+        return "picture"
     return {"procedural": "pattern", "builtin": "picture"}.get(plan.config.textures.source, "photograph")
 
 

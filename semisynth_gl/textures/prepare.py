@@ -2,12 +2,13 @@
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from semisynth_gl.cache.lookup import cached, package_versions, source_digest
+from semisynth_gl.cache.lookup import cached, installed_packages, package_versions, source_digest
 from semisynth_gl.cache.store import Entry
-from semisynth_gl.config.model import TexturesSection
+from semisynth_gl.config.model import TEXTURE_SOURCES, TexturesSection
 from semisynth_gl.errors import InputError, Skipped
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.splits import WHOLE, Split
@@ -16,6 +17,7 @@ from semisynth_gl.textures.clips import AtlasLimits
 from semisynth_gl.textures.crop_report import CropCount, JudgedCrop, TextureReport
 from semisynth_gl.textures.crops import Square
 from semisynth_gl.textures.drawn import drawn_pictures
+from semisynth_gl.textures.foreign import find_source, plugin_pictures
 from semisynth_gl.textures.image_files import builtin_photographs, find_images, relative_names
 from semisynth_gl.textures.images import OUT_OF_MEMORY
 from semisynth_gl.textures.pictures import Picture, PictureSource, TextureImage
@@ -48,8 +50,10 @@ def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> 
             show the same. Pictures are drawn anew for each split.
 
     Raises:
-        InputError: where no image is found, none is usable, or there are too few to hold some out.
+        InputError: where no image is found, none is usable, or there are too few to hold some out, or where a plug-in
+            cannot be used.
     """
+    plugin = find_source(section.source, TEXTURE_SOURCES)
     images = split_images(section, seed, split)
     pictures = split_pictures(section, seed, split)
     seed = split.seed(seed)
@@ -67,6 +71,8 @@ def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> 
             "images": list(relative_names(images).values()),
             "versions": package_versions("numpy", "Pillow"),
             "program": source_digest(SOURCES),
+            # A plug-in may use any other package.
+            "plugin": plugin and [plugin.record, source_digest([plugin.code]), installed_packages()],
         }
 
     return cached(
@@ -90,7 +96,7 @@ def split_images(section: TexturesSection, seed: int, split: Split = WHOLE) -> l
     Raises:
         InputError: where no image is found, or there are too few to hold some out.
     """
-    if section.source == "procedural":
+    if section.source == "procedural" or section.source not in TEXTURE_SOURCES:
         return []
     if section.source in _WITH_PHOTOGRAPHS:
         images = sorted(builtin_photographs(), key=Path.as_posix)
@@ -120,6 +126,9 @@ def split_pictures(section: TexturesSection, seed: int, split: Split = WHOLE) ->
         The pictures, to be gone through once; None where the config's source draws none.
     """
     source = _PICTURE_SOURCES.get(section.source)
+    plugin = find_source(section.source, TEXTURE_SOURCES)
+    if plugin is not None:
+        source = partial(plugin_pictures, plugin)
     return None if source is None else source(generator(split.seed(seed), Purpose.PICTURES))
 
 
