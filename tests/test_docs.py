@@ -56,7 +56,9 @@ def default_text(key, default):
     if isinstance(default, float):
         return f"{default:g}"
     written = {PydanticUndefined: "required", UniformTarget(): "`{form: uniform}`", (): "none", False: "false"}
-    return "1 each" if default == {} else written.get(default, str(default))
+    if default == {}:
+        return {"models.kinds": "1 each", "models.families": "none"}[key]
+    return written.get(default, str(default))
 
 
 def keys_with_defaults(model, section=""):

@@ -441,8 +441,8 @@ class LicencesSection(Section):
 
     Attributes:
         dataset: licence of the dataset, under the name that the hubs use.
-        images: licence of the user's photographs.
-        models: licence of the user's models.
+        images: licence of the user's photographs, and of a plug-in's pictures.
+        models: licence of the user's models, and of a plug-in's.
     """
 
     dataset: _Licence = "unknown"

@@ -144,7 +144,7 @@ def _introduction(plan: Plan) -> str:
     camera, disparity = config.camera, config.disparity
     patches = "procedural patterns" if _source(plan) == "pattern" else f"patches of {_source(plan)}s"
     if config.textures.source == "builtin":
-        patches += " and photographs"
+        patches = "patches of drawn pictures and photographs"
     baseline = f"{camera.baseline_m.low:g}"
     if camera.baseline_m.high != camera.baseline_m.low:
         baseline += f" to {camera.baseline_m.high:g}"

@@ -1,0 +1,52 @@
+"""Plug-in packages for the tests, installed in folders of their own."""
+
+import importlib
+import re
+import sys
+import zipfile
+from pathlib import Path
+
+from hatchling import build
+
+from semisynth_gl import plugins
+from semisynth_gl.layouts import foreign
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "extending.md"
+_BLOCK = re.compile(r"^`([\w./]+)`[^\n`]*:\n\n```\w+\n(.*?)^```", re.MULTILINE | re.DOTALL)
+EXAMPLES = dict(_BLOCK.findall(PAGE.read_text("utf-8")))
+"""The page's blocks of code by the files that they are of."""
+
+
+def build_examples(folder, patch):
+    """Write the package of the page, and build its wheel by the page's own pyproject.toml; return the wheel's path."""
+    for name, code in {**EXAMPLES, "acme_stereo/__init__.py": ""}.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(code)
+    patch.chdir(folder)
+    return folder / build.build_wheel(str(folder))
+
+
+def unpack(wheel, folder):
+    """Install a wheel of Python modules alone: pip --target unpacks it likewise."""
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(folder)
+
+
+def write_package(folder, entries, code="", name="other-plugins", version="0.3"):
+    """Write an installed package with the module `other`: its entry points, by group, and its code."""
+    info = folder / f"{name.replace('-', '_')}-{version}.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
+    lines = [f"[semisynth_gl.{group}]\n" + "".join(f"{line}\n" for line in found) for group, found in entries.items()]
+    (info / "entry_points.txt").write_text("\n".join(lines))
+    (folder / "other.py").write_text(code)
+
+
+def find_anew():
+    """Forget which plug-ins there are, and their modules, as a new process would."""
+    importlib.invalidate_caches()
+    plugins.installed_plugins.cache_clear()
+    foreign.checked_layout.cache_clear()
+    for name in [name for name in sys.modules if name.partition(".")[0] in ("acme_stereo", "other")]:
+        del sys.modules[name]

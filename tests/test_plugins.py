@@ -1,0 +1,484 @@
+"""Plug-ins: the package of docs/extending.md from end to end, and what is said of plug-ins that cannot be used."""
+
+import json
+import os
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from installed_plugins import EXAMPLES, build_examples, find_anew, unpack, write_package
+from tiny_datasets import cheap, digests
+
+from semisynth_gl import make_model, open_dataset
+from semisynth_gl.cli import semisynth_gl
+from semisynth_gl.codecs import Encodings
+from semisynth_gl.config import Config, load_config
+from semisynth_gl.dataset.plan import make_plan
+from semisynth_gl.dataset.reader import read_index
+from semisynth_gl.errors import InputError
+from semisynth_gl.generation.generate import generate
+from semisynth_gl.geometry.families import build_family, find_family
+from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.model_library import build_library
+from semisynth_gl.layouts import Key, find_layout, layout_names
+from semisynth_gl.layouts.foreign import check_layout
+from semisynth_gl.splits import WHOLE, Split
+from semisynth_gl.textures.prepare import prepare_atlas
+
+PLUGINS = {
+    "layouts": {"flat": {"package": "acme-stereo", "version": "1.2.0"}},
+    "textures": {"posters": {"package": "acme-stereo", "version": "1.2.0"}},
+    "models": {"knots": {"package": "acme-stereo", "version": "1.2.0"}},
+}
+MISSING = "comes from the plug-in package acme-stereo 1.2.0, which is not installed: pip install acme-stereo==1.2.0"
+CONFIG = cheap(
+    models={"simple": 0.0, "complex": 0.0, "variants": 3, "families": {"knots": 2.0}},
+    textures={"source": "posters", "max_patches": 8, "patch_px": 64, "scales": [2.0]},
+)
+
+
+@pytest.fixture(autouse=True)
+def _found_anew():
+    find_anew()
+    yield
+    find_anew()
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        return build_examples(tmp_path_factory.mktemp("package"), patch)
+
+
+@pytest.fixture(scope="module")
+def site(wheel, tmp_path_factory):
+    """A folder in which the page's package is installed."""
+    folder = tmp_path_factory.mktemp("site")
+    unpack(wheel, folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def made(site, tmp_path_factory):
+    """The config of the page's plug-ins, and its dataset, by the command and by two workers."""
+    folder = tmp_path_factory.mktemp("made")
+    config = folder / "acme.yaml"
+    config.write_text(json.dumps(CONFIG.model_dump(mode="json", exclude_none=True)))
+    options = ["--pairs", "3", "--layout", "flat", "--shard-pairs", "2", "--workers", "2"]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH")]))}
+    done = subprocess.run(
+        [sys.executable, "-m", "semisynth_gl", "generate", "--config", config, "--out", folder / "set", *options],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return config, folder / "set"
+
+
+@pytest.fixture
+def acme(site, monkeypatch):
+    monkeypatch.syspath_prepend(str(site))
+    find_anew()
+
+
+@pytest.fixture
+def install(tmp_path):
+    """Install a package that has these entry points and this code, within a block."""
+
+    @contextmanager
+    def installed(entries, code="", folder="site", **names):
+        write_package(tmp_path / folder, entries, code, **names)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.syspath_prepend(str(tmp_path / folder))
+            find_anew()
+            yield
+        find_anew()
+
+    return installed
+
+
+def said(*arguments):
+    """Run a command here; return its output, or the error that it ends with."""
+    done = CliRunner().invoke(semisynth_gl, [str(argument) for argument in arguments], standalone_mode=False)
+    return done.output if done.exception is None else str(done.exception)
+
+
+def test_the_page_has_an_example_of_each_group_in_under_40_lines():
+    assert {Path(name).stem for name in EXAMPLES} == {"pyproject", "layouts", "textures", "models"}
+    assert {name: code.count("\n") for name, code in EXAMPLES.items() if code.count("\n") >= 40} == {}
+
+
+@pytest.mark.usefixtures("acme")
+def test_the_examples_make_a_dataset_that_all_commands_know(made):
+    config, out = made
+    assert "3 pairs, nothing found" in said("verify", out, "--oracle")
+    pair = open_dataset(out)[2]
+    assert pair.left.image.shape == (48, 64, 3)
+    assert (out / "pairs" / "000002_seen_left.png").is_file()
+    assert (out / "pairs.txt").read_text() == "".join(f"pairs/00000{i}_left.png\n" for i in range(3))
+    for shown in (read_index(out).values, json.loads((out / "shards/plan.json").read_text())):
+        assert shown["plugins"] == PLUGINS
+    records = [json.loads(path.read_text()) for path in out.glob("shards/semisynth-*.json")]
+    assert [record["plugins"] for record in records] == [PLUGINS] * 2
+    assert pair.provenance["plugins"] == {group: PLUGINS[group] for group in ("textures", "models")}
+    assert set(pair.provenance["models"]) - {"face"} <= {f"knots/{kind}" for kind in ("2-3", "3-2", "2-5", "3-4")}
+    index = read_index(out).values["splits"]["train"]
+    assert {each["name"][:8] for each in index["photographs"]} == {"posters/"}
+    assert all(each["sha256"] and each["licence"] == "unknown" for each in index["photographs"] + index["models"])
+    card = (out / "README.md").read_text()
+    assert "`pip install acme-stereo==1.2.0`" in card
+    assert "| family of models knots | plug-in package acme-stereo 1.2.0 |" in card
+    assert "for loaders of that: Acme's loader." in card
+    shown = said("doctor")
+    for noun in ("layout 'flat'", "texture source 'posters'", "family of models 'knots'"):
+        assert f"Plug-in: {noun} of the package acme-stereo 1.2.0" in shown
+    assert "BROKEN" not in shown
+    assert "flat" in said("generate", "--help")
+    # The same command again finds nothing to do.
+    before = digests(out)
+    options = ("--pairs", 3, "--layout", "flat")
+    assert "3 pairs in" in said("generate", "--config", config, "--out", out, *options)
+    assert digests(out) == before
+
+
+@pytest.mark.usefixtures("acme")
+def test_another_version_does_not_go_on_with_a_dataset(made, site, tmp_path, monkeypatch):
+    config, out = made
+    newer = tmp_path / "newer"
+    newer.mkdir()
+    for path in site.iterdir():
+        (newer / path.name.replace("1.2.0", "1.3.0")).symlink_to(path)
+    info = newer / "acme_stereo-1.3.0.dist-info"
+    target = info.resolve()
+    info.unlink()
+    info.mkdir()
+    for path in target.iterdir():
+        (info / path.name).write_text(path.read_text().replace("Version: 1.2.0", "Version: 1.3.0"))
+    monkeypatch.syspath_prepend(str(newer))
+    find_anew()
+    options = ("--pairs", 3, "--layout", "flat")
+    refused = said("generate", "--config", config, "--out", out, *options)
+    assert "begun with other values: plugins.layouts.flat.version ('1.2.0' there, '1.3.0' now)" in refused
+    assert open_dataset(out)[0].left.image.shape == (48, 64, 3)
+    assert "nothing found" in said("verify", out)
+    assert "acme-stereo 1.2.0, and 1.3.0 is installed: pip install acme-stereo==1.2.0" in said(
+        "verify", out, "--oracle"
+    )
+
+
+def test_without_the_package_messages_name_it(made, site, tmp_path, monkeypatch):
+    config, out = made
+    find_anew()
+    missing = f"layout 'flat' {MISSING}"
+    for arguments in (
+        ("verify", out),
+        ("report", out),
+        ("generate", "--config", config, "--out", out, "--pairs", 3),
+        ("generate", "--config", "middlebury", "--out", out, "--overwrite"),
+    ):
+        assert missing in said(*arguments), arguments
+    with pytest.raises(InputError, match=r"layout 'flat' comes from the plug-in package acme-stereo 1\.2\.0"):
+        open_dataset(out)
+    # A new dataset knows no package.
+    said_of_config = said("generate", "--config", config, "--out", tmp_path / "new")
+    assert said_of_config.startswith(f"{config}:1: textures.source: texture source: expected one of builtin, ")
+    assert "expected one of crestereo" in said("generate", "--config", "middlebury", "--layout", "flat")
+    # In a layout of the program's own, a dataset is read without its textures and models, and goes on with them alone.
+    monkeypatch.syspath_prepend(str(site))
+    find_anew()
+    generate(CONFIG, tmp_path / "set", 1)
+    monkeypatch.undo()
+    find_anew()
+    assert open_dataset(tmp_path / "set")[0].provenance["plugins"]["models"] == PLUGINS["models"]
+    assert "nothing found" in said("verify", tmp_path / "set")
+    assert f"family of models 'knots' {MISSING}" in said("verify", tmp_path / "set", "--oracle")
+    assert f"texture source 'posters' {MISSING}" in said("generate", "--config", config, "--out", tmp_path / "set")
+    with pytest.raises(InputError, match="texture source 'posters' comes from"):
+        generate(CONFIG, tmp_path / "set", 2)
+
+
+# What cannot be used
+
+OTHER = "of the package other-plugins 0.3 (entry point thing = other:thing)"
+LAYOUT = """
+from semisynth_gl.layouts import Layout, view_stems
+
+class thing(Layout):
+    place = "{key.split}/{key.index}_"
+    names = view_stems({}, "{channel}_{view}") | {"provenance": "pair"}
+
+    def stems(self, key):
+        return {role: self.place.format(key=key) + name for role, name in self.names.items()}
+
+    def folder(self, split, splits):
+        return ""
+
+"""
+MESH = "import semisynth_gl\nCORNERS, TRIANGLES = [[0, 0, 0], [0, 1, 0], [0, 0, {0}]], [[0, 1, 2]]\n"
+POINT = "CORNERS = [[1, 1, 1]] * 3\n"
+PICTURE = "picture = lambda rng: rng.integers(0, 256, (99, 99, 3), 'uint8')\n"
+PICTURES = "expected a function from a numpy.random.Generator to pictures, arrays (H, W, 3) of uint8"
+FUNCTION = "expected a function from a numpy.random.Generator to a semisynth_gl.Mesh"
+
+USES = {
+    "layout": ("layouts", lambda: find_layout("thing")),
+    "texture source": (
+        "textures",
+        lambda: prepare_atlas(CONFIG.textures.model_copy(update={"source": "thing"}), 0),
+    ),
+    "family of models": ("models", lambda: build_family("thing", 2, 0, WHOLE)),
+}
+
+# The code of the plug-in, and parts of the message.
+FAULTS = {
+    "layout": [
+        ("import nowhere", "cannot be imported: ModuleNotFoundError: No module named 'nowhere', in *other.py, line 1"),
+        ("", "cannot be imported: AttributeError: module 'other' has no attribute 'thing'"),
+        ("thing = 3", "expected an instance or a subclass of semisynth_gl.layouts.Layout, got int"),
+        ("class thing: pass", "expected an instance or a subclass of semisynth_gl.layouts.Layout, got thing"),
+        ("from semisynth_gl.layouts import Layout as thing", "cannot be made: TypeError: Can't instantiate abstract"),
+    ],
+    "texture source": [
+        ("thing = 3", f"{PICTURES}, got int"),
+        ("thing = lambda rng: 1 / 0", "fails: ZeroDivisionError: division by zero, in *other.py, line 1"),
+        ("thing = lambda: []", "fails: TypeError: <lambda>() takes 0 positional arguments"),
+        ("thing = lambda rng: rng.random((99, 99, 3))", f"fails: {PICTURES}, got ndarray"),
+        (
+            "thing = lambda rng: [rng.random((9, 9, 3))]",
+            "'thing/00000': expected an array (H, W, 3) of uint8, got (9, 9",
+        ),
+        (
+            f"{PICTURE}thing = lambda rng: [picture(rng), None]",
+            "fails at picture 1: picture 'thing/00001': expected an",
+        ),
+        (
+            f"{PICTURE}def thing(rng):\n    yield picture(rng)\n    raise KeyError('x')",
+            "fails at picture 1: KeyError: 'x', in *other.py, line 4",
+        ),
+    ],
+    "family of models": [
+        ("thing = 3", f"{FUNCTION}, got int"),
+        ("def thing(rng):\n    return rng.nothing", "fails for model 0: AttributeError: *other.py, line 2"),
+        ("thing = lambda rng: 3", f"fails for model 0: {FUNCTION}, got int; make_model makes a Mesh"),
+        (
+            f"{MESH}{POINT}thing = lambda rng: semisynth_gl.make_model('x', CORNERS, TRIANGLES)",
+            "fails for model 0: model x: has no extent",
+        ),
+        (
+            f"{MESH}{POINT}thing = lambda rng: semisynth_gl.make_mesh('x', CORNERS, [[0, 0]] * 3, TRIANGLES)",
+            "fails for model 0: model thing/x: has no extent",
+        ),
+    ],
+}
+LAYOUT_FAULTS = [
+    ("stems = lambda self, key: 1 / 0", "cannot be used: ZeroDivisionError: division by zero, in *other.py, line 14"),
+    (
+        "stems = lambda self, key: {}",
+        "stems: expected the roles left, right, disparity_left, provenance and others, got no",
+    ),
+    (
+        "names = thing.names | {'disparty_right': 'd'}",
+        "stems: there is no role 'disparty_right'; did you mean disparity_r",
+    ),
+    (
+        "names = dict.fromkeys(thing.names, 'x')",
+        "expected a path of its own for each file, got 'train/0_x.png' for left",
+    ),
+    ("place = 'all'", "got 'allimage_left.png' for left of pair 0 of train and for left of pair 1 of train"),
+    ("place = '{key.index}_'", "for left of pair 0 of train and for left of pair 0 of validation"),
+    ("place = '../{key.split}/{key.index}_'", "left of pair 0 of train: expected a path below the dataset's folder"),
+    ("place = '/{key.split}/{key.index}_'", "left of pair 0 of train: expected a path below the dataset's folder"),
+    ("place = 'a b/{key.split}/{key.index}_'", "in ASCII without blanks, got 'a b/train/0_image_left.png'"),
+    ("place = 'é/{key.split}/{key.index}_'", "in ASCII without blanks, got 'é/train/0_image_left.png'"),
+    ("needs = {'depht'}", "needs: expected some of visibility, *got depht"),
+    ("encodings = 'png'", "encodings: expected None or Encodings, got 'png'"),
+    ("packed = 'yes'", "packed: expected True or False, got 'yes'"),
+    ("lists = lambda *_: {'all.txt': 'text'}", "lists: expected bytes for all.txt, got str"),
+    (
+        "links = lambda *_: {'there': '../..'}",
+        "links: expected targets below the dataset's folder, got '../..' for there",
+    ),
+    (
+        "links = lambda *_: {'train/0_image_left.png': '.'}",
+        "'train/0_image_left.png' for left of pair 0 of train and for link",
+    ),
+]
+FAULTS["layout"] += [(f"{LAYOUT}thing.{line}", message) for line, message in LAYOUT_FAULTS]
+
+
+@pytest.mark.parametrize("noun", USES)
+def test_a_plugin_that_cannot_be_used_is_named_with_its_fault(noun, install):
+    group, use = USES[noun]
+    for number, (code, message) in enumerate(FAULTS[noun]):
+        with install({group: ["thing = other:thing"]}, code, folder=str(number)), pytest.raises(InputError) as caught:
+            use()
+        text = str(caught.value)
+        assert text.startswith(f"{noun} 'thing' {OTHER}: "), code
+        for part in message.split("*"):
+            assert part in text, code
+
+
+def test_a_layout_without_a_fault_is_taken(install):
+    with install({"layouts": ["thing = other:thing"]}, LAYOUT):
+        assert find_layout("thing").files(Key("lab", "test", 7), Encodings())["left"] == "test/7_image_left.png"
+
+
+def test_a_broken_plugin_keeps_nobody_from_the_others(install):
+    with install({"layouts": ["thing = other:nothing"], "models": ["knots = nowhere:knot"]}):
+        assert "thing" in layout_names()
+        assert find_layout("kitti").title[0] == "KITTI 2015"
+        shown = said("doctor")
+    assert "BROKEN: layout 'thing' of the package other-plugins 0.3" in shown
+    assert "BROKEN: family of models 'knots' of the package other-plugins 0.3" in shown
+    assert "Ready: " in shown
+
+
+def test_names_that_are_taken_are_refused_where_they_are_asked_for(install):
+    procedural = load_config("kitti", ["textures.source=procedural"]).textures
+    uses = {
+        "layout 'kitti'": lambda: find_layout("kitti"),
+        "texture source 'procedural'": lambda: prepare_atlas(procedural, 0),
+        "family of models 'user'": lambda: find_family("user"),
+    }
+    taken = {"layouts": ["kitti"], "textures": ["builtin", "procedural"], "models": ["user"]}
+    entries = {group: [f"{name} = other:thing" for name in names] for group, names in taken.items()}
+    with install(entries, "thing = 3"):
+        for noun, use in uses.items():
+            with pytest.raises(
+                InputError, match=rf"^{noun} of the package other-plugins 0\.3 .*got that of a built-in"
+            ):
+                use()
+        assert find_layout("eth3d").title[0] == "ETH3D two-view"
+    entries = {"models": ["knots = other:thing"]}
+    with (
+        install(entries, folder="first", name="first"),
+        install(entries, folder="second", name="second"),
+        pytest.raises(InputError, match=r"'knots': expected one package .* got first 0\.3 .* and second 0\.3"),
+    ):
+        find_family("knots")
+    with pytest.raises(
+        InputError, match=r"models\.families\.simple: expected the name of a plug-in; models\.simple has"
+    ):
+        find_family("simple")
+
+
+@pytest.mark.usefixtures("acme")
+def test_names_in_a_config_are_checked_with_their_place(tmp_path):
+    path = tmp_path / "lab.yaml"
+    path.write_text(
+        "extends: kitti\ntextures:\n  source: poster\nmodels:\n  families: {knots: 1, nots: 0, hinges: 2}\n"
+    )
+    with pytest.raises(InputError) as caught:
+        load_config(path)
+    expected = "texture source: expected one of builtin, images, photographs, posters, procedural, got 'poster'"
+    assert str(caught.value) == f"{path}:3: textures.source: {expected}; did you mean posters?"
+    with pytest.raises(InputError, match=r"lab.yaml:5: models.families.hinges: .* expected one of knots, got 'hinges'"):
+        load_config(path, ["textures.source=posters"])
+    config = load_config(path, ["textures.source=posters", "models.families.hinges=0"])
+    # A weight of 0 leaves out what need not be there.
+    assert list(config.used_plugins().values()) == [("textures", "posters"), ("models", "knots")]
+    with pytest.raises(
+        InputError, match="models: expected a weight above 0 for simple, complex or user, or in families"
+    ):
+        load_config("kitti", ["models={simple: 0, complex: 0, user: 0, families: {knots: 0}}"])
+
+
+def test_a_dataset_without_plugins_has_no_key_of_theirs():
+    config = load_config("kitti")
+    assert "families" not in config.model_dump(mode="json")["models"]
+    assert "plugins" not in make_plan(config, 0, "kitti", {"train": 1}).values()
+    assert Config.model_validate(config.model_dump(mode="json")) == config
+    assert load_config("kitti", {"models.families": {}}).digest() == config.digest()
+
+
+@pytest.mark.parametrize("name", layout_names())
+def test_the_layouts_of_the_program_pass_what_those_of_plugins_must(name):
+    check_layout(find_layout(name))
+
+
+def test_a_layout_takes_no_name_that_every_dataset_has(install):
+    for top in ("shards", "README.md", ".partial"):
+        code = f"{LAYOUT}thing.place = '{top}/{{key.split}}-{{key.index}}_'"
+        refused = pytest.raises(InputError, match=f"layout thing gives a file the name {top}/train-0_image_left.png")
+        with install({"layouts": ["thing = other:thing"]}, code, folder=top), refused:
+            make_plan(load_config("kitti"), 0, "thing", {"train": 1})
+
+
+# Models and pictures
+
+
+@pytest.mark.usefixtures("acme")
+def test_splits_have_models_and_pictures_of_their_own():
+    def split(name, models):
+        return Split(name, {"validation": 0.2, "test": 0.2}, models)
+
+    for models, counts in ((False, (5, 5, 5)), (True, (3, 1, 1))):
+        families = [build_family("knots", 5, 4, split(name, models)) for name in ("train", "validation", "test")]
+        assert tuple(map(len, families)) == counts
+        positions = [mesh.positions.tobytes() for family in families for mesh in family]
+        assert len(set(positions)) == len(positions)
+    with pytest.raises(InputError, match=r"2 models of the family knots \(models.variants\) are too few"):
+        build_family("knots", 2, 4, split("train", models=True))
+    atlases = [prepare_atlas(CONFIG.textures, 4, split(name, models=False)) for name in ("train", "test")]
+    assert not set(atlases[0].pictures.values()) & set(atlases[1].pictures.values())
+
+
+@pytest.mark.usefixtures("acme")
+def test_a_family_has_its_weight_beside_the_others():
+    section = CONFIG.models.model_copy(update={"simple": 1.0, "kinds": {}, "variants": 1, "families": {"knots": 3.0}})
+    library = build_library(section, CONFIG.particles, 0)
+    knots = [mesh.name.startswith("knots/") for mesh in library.models]
+    assert sum(knots) == 1
+    assert library.chances[knots].sum() == pytest.approx(0.75)
+    assert all(mesh.radius == pytest.approx(1, abs=1e-6) for mesh in library.models)
+
+
+def test_the_cache_knows_the_version_and_the_code_of_a_plugin(install, tmp_path):
+    log = tmp_path / "calls"
+    call = f"def thing(rng):\n    open({str(log)!r}, 'a').write('.')\n"
+    code = f"{MESH}{call}    return semisynth_gl.make_model('x', CORNERS, TRIANGLES)"
+    section = CONFIG.models.model_copy(update={"families": {"thing": 1.0}, "variants": 1})
+    heights, calls = [], []
+    for number, (version, height) in enumerate([("1", 1), ("1", 1), ("1", 20), ("2", 20), ("2", 20)]):
+        with install({"models": ["thing = other:thing"]}, code.format(height), folder=str(number), version=version):
+            mesh = build_library(section, CONFIG.particles, 0).models[0]
+        heights.append(float(np.ptp(mesh.positions[:, 2]) / np.ptp(mesh.positions[:, 1])))
+        calls.append(len(log.read_text()))
+    np.testing.assert_allclose(heights, [1, 1, 20, 20, 20], rtol=1e-5)
+    assert calls == [1, 1, 2, 3, 3]
+
+
+def surface(mesh):
+    """Lengths of edges on the surface and in UV, model units."""
+    corners, uv = mesh.positions[mesh.triangles], mesh.uv[mesh.triangles]
+    return (np.linalg.norm(np.diff(each, axis=1), axis=2) for each in (corners, uv))
+
+
+def test_a_model_is_scaled_and_gets_uv_in_its_units():
+    corners = np.array([[0, 0, 5], [30, 0, 5], [30, 40, 5], [0, 40, 5], [900, 900, 900]]) * 1.0
+    triangles = [[0, 1, 2], [0, 2, 3]]
+    for uv in (None, corners[:, :2] / 7, np.zeros((5, 2))):
+        mesh = make_model("sheet", corners, triangles, uv)
+        assert isinstance(mesh, Mesh)
+        assert mesh.radius == pytest.approx(1)
+        assert len(mesh.positions) == 4  # no triangle has the fifth
+        lengths, in_uv = surface(mesh)
+        np.testing.assert_allclose(lengths, in_uv, rtol=1e-5)
+    for arguments, message in (
+        ((corners, [[0, 1, 5]]), "triangle index 5 is out of range"),
+        ((corners, [[0, 1, -1]]), "index -1 is negative"),
+        ((corners[:, :2], triangles), r"positions must be \(V, 3\)"),
+        ((corners * np.nan, triangles), "not finite"),
+        ((corners, triangles, corners[:2, :2]), "5 positions but 2 uv"),
+        ((corners, [[0, 0, 1]]), "has no triangle with an area"),
+        ((corners, []), "has no triangles"),
+        (("cube", triangles), "positions"),
+    ):
+        with pytest.raises(InputError, match=message):
+            make_model("sheet", *arguments)
