@@ -26,7 +26,7 @@ from PIL import Image
 
 from semisynth_gl.config.load import packaged_configs
 from semisynth_gl.frame import OUTPUTS
-from semisynth_gl.layouts import layout_names
+from semisynth_gl.layouts import built_in_layouts
 
 # Layouts in which the config chooses the encodings.
 FREE_LAYOUTS = ("middlebury", "webdataset")
@@ -46,7 +46,7 @@ def cases() -> Iterator[tuple[str, tuple[str, ...]]]:
     """Name each dataset, with the options of `semisynth-gl generate` that make it."""
     for config in packaged_configs():
         yield f"config/{config}", ("--config", config, "--pairs", "2")
-    for layout in layout_names():
+    for layout in built_in_layouts():
         moving = ("--config", "sceneflow", "--pairs", "4", "--layout", layout, *MOVING)
         yield f"layout/{layout}", moving
         splits = ("--validation", "1", "--test", "1", "--set", "splits.models=true")

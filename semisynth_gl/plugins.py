@@ -149,7 +149,7 @@ def find_plugin(group: Group, name: str, built_in: Collection[str] = ()) -> Plug
     found = [each for each in installed_plugins() if each.group == group and each.name == name]
     if not found:
         known = sorted({*built_in, *plugin_names(group)})
-        similar = difflib.get_close_matches(name, known, n=1)
+        similar = difflib.get_close_matches(str(name), known, n=1)
         expected = f"expected one of {', '.join(known)}" if known else "no installed package has any"
         hint = f"; did you mean {similar[0]}?" if similar else ""
         raise MissingPluginError(f"{NOUNS[group]}: {expected}, got {name!r:.100}{hint}")

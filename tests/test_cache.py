@@ -300,6 +300,7 @@ UNDECIDING = {
     "errors.py",  # the texts of messages
     "interrupts.py",  # the time of Ctrl-C
     "resources.py",  # paths of files, whose content counts
+    "plugins.py",  # which package has a plug-in; the key has its version and code
     "arguments.py",  # refuses what callers hand in
     "user_files.py",  # which paths are opened; the content of files counts
 }
