@@ -2,26 +2,32 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from installed_plugins import EXAMPLES, build_examples, find_anew, unpack, write_package
-from tiny_datasets import cheap, digests
+from tiny_datasets import cheap, digests, findings
 
 from semisynth_gl import make_model, open_dataset
 from semisynth_gl.cli import semisynth_gl
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config, load_config
+from semisynth_gl.dataset.documents import check_plan
+from semisynth_gl.dataset.places import open_place
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import read_index
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.generation.generate import generate
+from semisynth_gl.generation.shard_job import ShardJob
 from semisynth_gl.geometry.families import build_family, find_family
+from semisynth_gl.geometry.kinds import SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.layouts import Key, find_layout, layout_names
@@ -36,7 +42,12 @@ PLUGINS = {
 }
 MISSING = "comes from the plug-in package acme-stereo 1.2.0, which is not installed: pip install acme-stereo==1.2.0"
 CONFIG = cheap(
-    models={"simple": 0.0, "complex": 0.0, "variants": 3, "families": {"knots": 2.0}},
+    models={
+        "complex": 0.0,
+        "variants": 3,
+        "kinds": dict.fromkeys({*SIMPLE_KINDS} - {"cube"}, 0.0),
+        "families": {"knots": 2.0},
+    },
     textures={"source": "posters", "max_patches": 8, "patch_px": 64, "scales": [2.0]},
 )
 
@@ -64,11 +75,11 @@ def site(wheel, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def made(site, tmp_path_factory):
-    """The config of the page's plug-ins, and its dataset, by the command and by two workers."""
+    """The config of the page's plug-ins, and its dataset: by the command, and a worker that it starts."""
     folder = tmp_path_factory.mktemp("made")
     config = folder / "acme.yaml"
     config.write_text(json.dumps(CONFIG.model_dump(mode="json", exclude_none=True)))
-    options = ["--pairs", "3", "--layout", "flat", "--shard-pairs", "2", "--workers", "2"]
+    options = ["--pairs", "3", "--layout", "flat", "--shard-pairs", "2", "--engine", "local", "--workers", "1"]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH")]))}
     done = subprocess.run(
         [sys.executable, "-m", "semisynth_gl", "generate", "--config", config, "--out", folder / "set", *options],
@@ -127,10 +138,14 @@ def test_the_examples_make_a_dataset_that_all_commands_know(made):
     records = [json.loads(path.read_text()) for path in out.glob("shards/semisynth-*.json")]
     assert [record["plugins"] for record in records] == [PLUGINS] * 2
     assert pair.provenance["plugins"] == {group: PLUGINS[group] for group in ("textures", "models")}
-    assert set(pair.provenance["models"]) - {"face"} <= {f"knots/{kind}" for kind in ("2-3", "3-2", "2-5", "3-4")}
+    assert {each for each in pair.provenance["models"] if "/" in each} <= {
+        f"knots/{kind}" for kind in ("2-3", "3-2", "2-5", "3-4")
+    }
     index = read_index(out).values["splits"]["train"]
     assert {each["name"][:8] for each in index["photographs"]} == {"posters/"}
-    assert all(each["sha256"] and each["licence"] == "unknown" for each in index["photographs"] + index["models"])
+    assert all(each["sha256"] and each["licence"] == "unknown" for each in index["photographs"])
+    licences = {(each["name"].partition("/")[0], each["licence"]) for each in index["models"]}
+    assert licences == {("cube", "MIT"), ("knots", "unknown")}
     card = (out / "README.md").read_text()
     assert "`pip install acme-stereo==1.2.0`" in card
     assert "| family of models knots | plug-in package acme-stereo 1.2.0 |" in card
@@ -201,6 +216,50 @@ def test_without_the_package_messages_name_it(made, site, tmp_path, monkeypatch)
     assert f"texture source 'posters' {MISSING}" in said("generate", "--config", config, "--out", tmp_path / "set")
     with pytest.raises(InputError, match="texture source 'posters' comes from"):
         generate(CONFIG, tmp_path / "set", 2)
+
+
+@pytest.mark.usefixtures("acme")
+def test_a_worker_with_another_version_makes_nothing(tmp_path):
+    plan = make_plan(CONFIG, 0, "flat", {"train": 1})
+    other = replace(plan, plugins={**plan.plugins, "layouts": {"flat": {"package": "acme-stereo", "version": "1.1.0"}}})
+    refused = (
+        r"other plug-ins than the one that began the dataset: layouts\.flat\.version \('1\.1\.0' there, '1\.2\.0' now"
+    )
+    with pytest.raises(InputError, match=refused), ShardJob(other, open_place(tmp_path), "auto", {}).open(0):
+        pass
+
+
+@pytest.mark.usefixtures("acme")
+def test_verify_compares_the_plugins_of_a_pair_with_the_index(made, tmp_path):
+    _, out = made
+    shutil.copytree(out, tmp_path / "set")
+    index = tmp_path / "set" / "index.json"
+    values = json.loads(index.read_text())
+    values["plugins"]["models"]["knots"]["version"] = "1.1.0"
+    index.write_text(json.dumps(values))
+    found = findings(tmp_path / "set")
+    assert len(found) == 3
+    assert all("origin" in line and "'version': '1.1.0'" in line for line in found)
+
+
+def test_what_a_file_says_of_plugins_is_checked():
+    values = make_plan(load_config("kitti"), 0, "kitti", {"train": 1}).values()
+    check_plan(values, Path("plan.json"))
+    for plugins, message in (
+        (
+            {"layouts": {"x": {"package": "a; rm -rf ~", "version": "1"}}},
+            "plugins.layouts.x.package: string should match",
+        ),
+        ({"layouts": {"x": {"package": "a", "version": "$(b)"}}}, "plugins.layouts.x.version: string should match"),
+        ({"layouts": {"x": {"package": "a"}}}, "plugins.layouts.x.version: field required"),
+        ({"engines": {}}, "plugins.engines: input should be 'layouts'"),
+        ({"layouts": []}, "plugins.layouts: input should be a valid dictionary"),
+    ):
+        with pytest.raises(ReadError) as caught:
+            check_plan(values | {"plugins": plugins}, Path("plan.json"))
+        assert message in str(caught.value)
+    with pytest.raises(ReadError, match=r"layout: expected one of crestereo, .*, got 'flat'"):
+        check_plan(values | {"layout": "flat"}, Path("plan.json"))
 
 
 # What cannot be used
@@ -431,11 +490,9 @@ def test_splits_have_models_and_pictures_of_their_own():
 
 @pytest.mark.usefixtures("acme")
 def test_a_family_has_its_weight_beside_the_others():
-    section = CONFIG.models.model_copy(update={"simple": 1.0, "kinds": {}, "variants": 1, "families": {"knots": 3.0}})
-    library = build_library(section, CONFIG.particles, 0)
-    knots = [mesh.name.startswith("knots/") for mesh in library.models]
-    assert sum(knots) == 1
-    assert library.chances[knots].sum() == pytest.approx(0.75)
+    library = build_library(CONFIG.models, CONFIG.particles, 0)
+    assert [mesh.name.partition("/")[0] for mesh in library.models] == ["cube"] * 3 + ["knots"] * 3
+    np.testing.assert_allclose(library.chances, [1 / 9] * 3 + [2 / 9] * 3)
     assert all(mesh.radius == pytest.approx(1, abs=1e-6) for mesh in library.models)
 
 
@@ -443,7 +500,7 @@ def test_the_cache_knows_the_version_and_the_code_of_a_plugin(install, tmp_path)
     log = tmp_path / "calls"
     call = f"def thing(rng):\n    open({str(log)!r}, 'a').write('.')\n"
     code = f"{MESH}{call}    return semisynth_gl.make_model('x', CORNERS, TRIANGLES)"
-    section = CONFIG.models.model_copy(update={"families": {"thing": 1.0}, "variants": 1})
+    section = CONFIG.models.model_copy(update={"simple": 0.0, "families": {"thing": 1.0}, "variants": 1})
     heights, calls = [], []
     for number, (version, height) in enumerate([("1", 1), ("1", 1), ("1", 20), ("2", 20), ("2", 20)]):
         with install({"models": ["thing = other:thing"]}, code.format(height), folder=str(number), version=version):

@@ -260,6 +260,9 @@ def check_origin(frame: StoredFrame, index: Index, verdict: Verdict) -> None:
     for key in ("program", "version", "config", "config_sha256", "seed"):
         if provenance.get(key) != index.values.get(key):
             verdict.add("origin", f"{key} is {provenance.get(key)!r}, in the index {index.values.get(key)!r}")
+    recorded = {group: names for group, names in index.values.get("plugins", {}).items() if group != "layouts"}
+    if provenance.get("plugins", {}) != recorded:
+        verdict.add("origin", f"plugins are {provenance.get('plugins', {})!r}, in the index {recorded!r}")
     for key, expected in (("pair", frame.index), ("split", frame.split)):
         if provenance.get(key) != expected:
             verdict.add("origin", f"{key} is {provenance.get(key)!r}, by the place of its files {expected!r}")
