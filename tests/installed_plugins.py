@@ -12,7 +12,7 @@ from semisynth_gl import plugins
 from semisynth_gl.layouts import foreign
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "extending.md"
-_BLOCK = re.compile(r"^`([\w./]+)`[^\n`]*:\n\n```\w+\n(.*?)^```", re.MULTILINE | re.DOTALL)
+_BLOCK = re.compile(r"^`([\w./]+)`[^\n`]*:\n\n(?:<!--[^\n]*-->\n)?```\w+\n(.*?)^```", re.MULTILINE | re.DOTALL)
 EXAMPLES = dict(_BLOCK.findall(PAGE.read_text("utf-8")))
 """The page's blocks of code by the files that they are of."""
 

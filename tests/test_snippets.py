@@ -21,7 +21,7 @@ from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.config import load_config, packaged_configs
 from semisynth_gl.generation.generate import generate
 
-LANGUAGES = {"python", "sh", "bash", "console", "text", "yaml"}
+LANGUAGES = {"python", "sh", "bash", "console", "text", "toml", "yaml"}
 RUN = {"python", "sh", "bash"}
 PROGRAM = "semisynth-gl"
 ALL_BLOCKS = [block for page in PAGES for block in blocks(page)]
