@@ -74,7 +74,7 @@ def test_both_views_agree_where_both_see(backend):
 def test_real_photographs_and_models_go_through(shared_data, backend):
     images = [str(shared_data / "textures"), str(shared_data / "hostile")]
     config = tiny(
-        textures={"source": "images", "images": images},
+        textures={"source": "images", "images": images, "max_patches": 512},  # so many that each image is opened
         models={"simple": 0.0, "complex": 0.0, "folders": [str(shared_data / "models")]},
     )
     with PairRenderer(config, 0, backend) as pairs:
