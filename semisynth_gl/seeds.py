@@ -25,6 +25,7 @@ class Purpose(IntEnum):
     SWAY = 12
     CROP = 13
     PICTURES = 14
+    RECIPES = 15
     MIX = 16
 
 

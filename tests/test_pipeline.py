@@ -80,13 +80,13 @@ def test_real_photographs_and_models_go_through(shared_data, backend):
     with PairRenderer(config, 0, backend) as pairs:
         reasons = {skipped.path.name: skipped.reason for skipped in pairs.sources.atlas.report.images_skipped}
         assert set(reasons) == {"png_bomb_65536.png", "truncated.jpg"}
-        assert {skipped.path.name for skipped in pairs.sources.model_library.skipped} == {
+        assert {skipped.path.name for skipped in pairs.sources.skipped_models} == {
             "empty.obj",
             "BoxWithInfinites.glb",
         }
-        assert len(pairs.sources.model_library.models) == 15
+        assert len(pairs.sources.models) == 15
         used = pairs.render(0).provenance
-        assert "Duck.glb" in {mesh.name for mesh in pairs.sources.model_library.models}
+        assert "Duck.glb" in {mesh.name for mesh in pairs.sources.models}
     assert any("harbour" in name or "Djembe" in name or ".png" in name for name in used["images"])
 
 

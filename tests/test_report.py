@@ -28,7 +28,7 @@ from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.report import pictures
 from semisynth_gl.report.build import build_report
-from semisynth_gl.report.measure import QUANTITIES, PairMeasures, find_outliers, measure, spread, target_histogram
+from semisynth_gl.report.measure import QUANTITIES, PairMeasures, find_outliers, measure, read_config, spread
 from semisynth_gl.report.page import render_page
 from semisynth_gl.report.pictures import make_picture, make_pictures, pack_floats
 from semisynth_gl.report.plots import Bars, count_bars, draw_histogram
@@ -178,7 +178,7 @@ def test_the_histogram_counts_every_pixel(dataset, measured):
     shares = np.histogram(values, measured.disparity.edges_px)[0] / values.size
     np.testing.assert_allclose(measured.disparity.shares, shares, atol=1e-12)
     assert measured.disparity.mean_px == pytest.approx(values.mean(), abs=0.02)
-    target = target_histogram(read_index(dataset))
+    target = read_config(read_index(dataset)).wanted_histogram()
     in_bins = np.histogram(np.clip(values, target.edges_px[0], target.edges_px[-1]), target.edges_px)[0] / values.size
     assert total_variation(target, measured.disparity) == pytest.approx(np.abs(in_bins - target.shares).sum() / 2)
 
@@ -218,7 +218,7 @@ def test_scenes_that_are_others_are_left_out_with_the_reason(changed):
     path = changed / "train" / "MiddEval3" / "trainingF" / "middlebury-000001" / "pair.json"
     edit_json(path, lambda pair: pair["camera"].update(focal_px=99.0))
     measurement = measure(open_dataset(changed), [0, 1], {})
-    reason = "config and seed of the index give another camera than the pair's provenance has"
+    reason = "config and seed of the index give another scene than the pair's provenance has"
     assert measurement.ray_faults == {reason: 1}
     assert (measurement.rays.pairs, len(measurement.pairs)) == (1, 2)
 
@@ -467,7 +467,7 @@ def test_the_page_names_nothing_outside_itself(page):
 
 
 def test_the_page_says_the_numbers(dataset, measured, page):
-    target = target_histogram(read_index(dataset))
+    target = read_config(read_index(dataset)).wanted_histogram()
     assert f"{total_variation(target, measured.disparity):.3f}" in page
     assert f"{wasserstein_px(target, measured.disparity):.3g} px" in page
     low, middle, high = np.percentile(measured.rays.texels_per_pixel, [5, 50, 95])

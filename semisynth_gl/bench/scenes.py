@@ -12,13 +12,12 @@ from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.config import Config
 from semisynth_gl.frame import Frame
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.renderer import Renderer
+from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import Scene
-from semisynth_gl.textures.prepare import prepare_atlas
+from semisynth_gl.scene.sources import prepare_sources
 
 # A jump of disparity between neighbours, or another instance beside, makes a depth edge.
 _JUMP_PX = 1.0
@@ -75,10 +74,10 @@ def sample_scenes(config: Config, seed: int, pairs: int) -> BenchScenes:
     Raises:
         InputError: where images, models or ranges cannot be used.
     """
-    atlas = prepare_atlas(config.textures, seed)
-    sampler = SceneSampler(config, seed, build_library(config.models, config.particles, seed), atlas.patches)
+    sources = prepare_sources(config, seed)
+    sampler = MixSampler(config, seed, sources.libraries, sources.atlas.patches)
     scenes = [sampler.sample(index).scene for index in range(pairs)]
-    return BenchScenes(config, sampler.models, atlas.layers, scenes)
+    return BenchScenes(config, sampler.models, sources.atlas.layers, scenes)
 
 
 def cast_truth(

@@ -1,6 +1,7 @@
 """``semisynth-gl preview``."""
 
 import io
+from collections import Counter
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -45,26 +46,34 @@ def preview(scene: SceneOptions, output: Output, ply_path: Path | None, pairs: i
         file.check((scene.config_name, *config.models.folders), photograph_sources(config.textures))
     with PairRenderer(config, scene.seed, scene.backend) as renderer, Progress() as progress:
         progress.on_total(pairs)
-        frames = []
+        shown = []
         for index in range(pairs):
-            frames.append(renderer.render(index).frame)
+            shown.append(renderer.render(index))
             progress.advance()
         expected = renderer.expected_histogram()
         title = f"{config.name}, seed {scene.seed}, pairs 0 to {pairs - 1}, {renderer.renderer_name}"
+    first = shown[0].frame
     png = io.BytesIO()
     target = config.wanted_histogram()
-    draw_sheet(frames, target, title).savefig(png, format="png")
+    recipes = [recipe.name for recipe in config.recipes() if recipe.name is not None]
+    names = []
+    if recipes:
+        shown.sort(key=lambda pair: recipes.index(pair.provenance["recipe"]))
+        names = [f"{pair.provenance['recipe']}, pair {pair.index}" for pair in shown]
+    draw_sheet([pair.frame for pair in shown], target, title, names).savefig(png, format="png")
     output.write(png.getvalue())
     say(f"{pairs} pairs in {output.file}")
     if cloud.path is not None:
-        cloud.write(_encode_points(frames[0]))
+        cloud.write(_encode_points(first))
         say(f"the points of pair 0 in {cloud.path}")
-    if expected is not None:
-        say(
-            f"over many pairs, disparities are expected to come to a total variation of "
-            f"{total_variation(expected, target):.3f} from the target, {wasserstein_px(target, expected):.2g} px "
-            "(Wasserstein-1)"
-        )
+    if recipes:
+        counts = Counter(pair.provenance["recipe"] for pair in shown)
+        say("of each recipe: " + ", ".join(f"{name} {counts[name]}" for name in recipes))
+    say(
+        f"over many pairs, disparities are expected to come to a total variation of "
+        f"{total_variation(expected, target):.3f} from the target, {wasserstein_px(target, expected):.2g} px "
+        "(Wasserstein-1)"
+    )
 
 
 def _encode_points(frame: Frame) -> bytes:

@@ -3,7 +3,8 @@
 import inspect
 import re
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 from pydantic import BaseModel
 
@@ -61,6 +62,9 @@ def _section(section: BaseModel, indent: str) -> Iterator[str]:
         yield from textwrap.wrap(comment, _WIDTH, initial_indent=mark, subsequent_indent=mark)
         if value is None:
             yield f"{indent}# {key}:"
+        elif key == "scenes" and value:
+            yield "scenes:"
+            yield from _recipes(value)
         elif isinstance(inner, BaseModel) and type(section) is Config and key != "target":
             yield f"{indent}{key}:"
             yield from _section(inner, f"{indent}  ")
@@ -68,6 +72,14 @@ def _section(section: BaseModel, indent: str) -> Iterator[str]:
             yield f"{indent}{key}: {write_yaml(value, flow=True)}"
         if not indent:
             yield ""
+
+
+def _recipes(recipes: Iterable[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield the lines of a list of recipes, a section on each."""
+    for recipe in recipes:
+        head = {key: recipe[key] for key in ("recipe", "extends", "weight") if key in recipe}
+        for number, (key, value) in enumerate({**head, **recipe}.items()):
+            yield f"  {'  ' if number else '- '}{key}: {write_yaml(value, flow=True)}"
 
 
 def _meanings(section: type[BaseModel]) -> dict[str, str]:

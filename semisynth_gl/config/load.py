@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from types import NoneType, UnionType
@@ -13,7 +12,9 @@ from pydantic_core import ErrorDetails
 
 from semisynth_gl.arguments import check_type
 from semisynth_gl.config.distributions import read_histogram
+from semisynth_gl.config.merge import Document, keys_of, merged
 from semisynth_gl.config.model import TEXTURE_SOURCES, Config
+from semisynth_gl.config.plugin_recipes import plugin_recipe
 from semisynth_gl.config.yaml_values import DEEPEST, MOST_BYTES, Key, YamlError, read_yaml
 from semisynth_gl.errors import InputError, cut, did_you_mean, near, shown
 from semisynth_gl.plugins import find_plugin
@@ -23,29 +24,14 @@ from semisynth_gl.user_files import expanded, read_file
 _EXTENDS = "extends"
 _TARGET = ("disparity", "target")
 _TARGET_FILE = "file"
+_SCENES = "scenes"
 _OVERRIDE = "--set"
-
-# Keys that say the same in another way: a key that is set later takes back the keys that it replaces.
-_REPLACES = {
-    "focal_px": ("focal_mm", "sensor_width_mm"),
-    "focal_mm": ("focal_px",),
-    "doffs_px": ("cx_right_px",),
-    "cx_right_px": ("doffs_px",),
-}
 
 # Configs that extend each other, one the next.
 _MOST_PARENTS = 16
 _FAULTS_SHOWN = 20
 # Keys of one name that a message suggests, and how alike keys are that differ by a letter or two.
 _KEYS_SHOWN, _BY_A_LETTER = 3, 0.9
-
-
-@dataclass(slots=True)
-class _Document:
-    """Plain values of one file or several merged files, and the place where each key was set."""
-
-    values: dict[str, Any] = field(default_factory=dict)
-    places: dict[Key, str] = field(default_factory=dict)
 
 
 def packaged_configs() -> list[str]:
@@ -87,12 +73,13 @@ def parse_config(text: str, file: str) -> Config:
     return _validated(_parse_document(text, Path(file), file, ()))
 
 
-def _validated(document: _Document, overrides: Overrides = ()) -> Config:
-    own = _Document()
+def _validated(document: Document, overrides: Overrides = ()) -> Config:
+    own = Document()
     for override in overrides.items() if isinstance(overrides, Mapping) else overrides:
         _set(own, *_key_and_value(override))
-    document = _merged(document, own)
-    _read_target_file(document)
+    document = merged(document, own)
+    _read_plugin_recipes(document)
+    _read_target_files(document)
     try:
         config = Config.model_validate(document.values)
     except ValidationError as error:
@@ -108,27 +95,48 @@ def _validated(document: _Document, overrides: Overrides = ()) -> Config:
     return config
 
 
-def _read_target_file(document: _Document) -> None:
-    """Put the histogram in the place of the file that a target names."""
-    disparity = document.values.get(_TARGET[0])
+def _read_plugin_recipes(document: Document) -> None:
+    """Put the keys of plug-ins' recipes below those of the recipes that extend them."""
+    recipes = document.values.get(_SCENES)
+    for number, recipe in enumerate(recipes if isinstance(recipes, list) else ()):
+        name = recipe.get(_EXTENDS) if isinstance(recipe, dict) else None
+        if isinstance(name, str):
+            try:
+                keys = plugin_recipe(name)
+            except InputError as error:
+                raise type(error)(f"{_prefix((_SCENES, number, _EXTENDS), document)}: {error}") from None
+            recipes[number] = merged(Document({"recipe": name} | keys), Document(recipe)).values
+
+
+def _read_target_files(document: Document) -> None:
+    """Put histograms in the places of the files that targets name: the config's target, and those of recipes."""
+    recipes = document.values.get(_SCENES)
+    _read_target_file(document, document.values, ())
+    for number, recipe in enumerate(recipes if isinstance(recipes, list) else ()):
+        if isinstance(recipe, dict):
+            _read_target_file(document, recipe, (_SCENES, number))
+
+
+def _read_target_file(document: Document, sections: dict[str, Any], at: Key) -> None:
+    disparity = sections.get(_TARGET[0])
     target = disparity.get(_TARGET[1]) if isinstance(disparity, dict) else None
     if not (isinstance(disparity, dict) and isinstance(target, dict) and target.get("form") == _TARGET_FILE):
         return
-    path = target.get("path")
-    faults = [((*_TARGET, key), "expected none beside form and path") for key in target if key not in ("form", "path")]
+    path, at = target.get("path"), (*at, *_TARGET)
+    faults = [((*at, key), "expected none beside form and path") for key in target if key not in ("form", "path")]
     if "path" not in target:
-        faults.append(((*_TARGET, "form"), "a target of form file needs a path beside it: disparity.target.path"))
+        faults.append(((*at, "form"), "a target of form file needs a path beside it: disparity.target.path"))
     elif not isinstance(path, str):
-        faults.append(((*_TARGET, "path"), f"expected the name of a file, got {shown(path)}"))
+        faults.append(((*at, "path"), f"expected the name of a file, got {shown(path)}"))
     if faults:
         raise InputError("\n".join(f"{_prefix(key, document)}: {fault}" for key, fault in faults))
     # A path in a config counts from the folder of the config, a path in an override from the working folder.
-    place = document.places.get((*_TARGET, "path"), _OVERRIDE)
+    place = document.places.get((*at, "path"), _OVERRIDE)
     folder = Path() if place.startswith(_OVERRIDE) else Path(place.rpartition(":")[0]).parent
     try:
         disparity[_TARGET[1]] = read_histogram(folder / expanded(str(path)))
     except InputError as error:
-        raise InputError(f"{_prefix((*_TARGET, 'path'), document)}: {error}") from None
+        raise InputError(f"{_prefix((*at, 'path'), document)}: {error}") from None
 
 
 def _find_config(name: str) -> Path | Traversable:
@@ -145,7 +153,7 @@ def _find_config(name: str) -> Path | Traversable:
     )
 
 
-def _read_document(path: Path | Traversable, parents: tuple[str, ...]) -> _Document:
+def _read_document(path: Path | Traversable, parents: tuple[str, ...]) -> Document:
     file = str(path) if isinstance(path, Path) else path.name
     if file in parents:
         raise InputError(f"{file}: configs extend each other in a circle: {' -> '.join((*parents, file))}")
@@ -161,7 +169,7 @@ def _read_document(path: Path | Traversable, parents: tuple[str, ...]) -> _Docum
     return _parse_document(text, path, file, parents)
 
 
-def _parse_document(text: str, path: Path | Traversable, file: str, parents: tuple[str, ...]) -> _Document:
+def _parse_document(text: str, path: Path | Traversable, file: str, parents: tuple[str, ...]) -> Document:
     try:
         tree, lines = read_yaml(text)
     except YamlError as error:
@@ -169,7 +177,7 @@ def _parse_document(text: str, path: Path | Traversable, file: str, parents: tup
         raise InputError(f"{place}: {error}") from None
     if not isinstance(tree, dict):
         raise InputError(f"{file}:1: expected sections such as camera: and disparity:, got {shown(tree)}")
-    own = _Document(tree, {key: f"{file}:{line}" for key, line in lines.items()})
+    own = Document(tree, {key: f"{file}:{line}" for key, line in lines.items()})
     base_name = own.values.pop(_EXTENDS, None)
     if base_name is None:
         return own
@@ -182,39 +190,7 @@ def _parse_document(text: str, path: Path | Traversable, file: str, parents: tup
         base_path = beside if beside is not None and is_beside else _find_config(base_name)
     except InputError as error:
         raise InputError(f"{place}: {_EXTENDS}: {error}") from None
-    return _merged(_read_document(base_path, (*parents, file)), own)
-
-
-def _merged(base: _Document, own: _Document) -> _Document:
-    # A value that is replaced takes its place along, so that no message sends the user there.
-    places = dict(base.places)
-
-    def forget(key: Key, value: Any) -> None:  # noqa: ANN401 - any YAML value
-        for below in _keys(value, key):
-            places.pop(below, None)
-
-    def merge(below: dict[str, Any], above: dict[str, Any], at: Key) -> dict[str, Any]:
-        replaced = {name for key in above for name in _REPLACES.get(key, ()) if name not in above}
-        result = dict(below)
-        for name in replaced & below.keys():
-            forget((*at, name), below[name])
-            del result[name]
-        for name, value in above.items():
-            key = (*at, name)
-            # A form comes with all its keys: the keys of another form do not belong to it.
-            if isinstance(value, dict) and isinstance(below.get(name), dict) and "form" not in value:
-                result[name] = merge(below[name], value, key)
-            else:
-                forget(key, below.get(name))
-                # A key that was set through a key below it has the place of that key.
-                through = next((own.places[set_key] for set_key in _keys(value, key) if set_key in own.places), None)
-                if through is not None:
-                    places[key] = through
-                result[name] = value
-        return result
-
-    values = merge(base.values, own.values, ())
-    return _Document(values, places | own.places)
+    return merged(_read_document(base_path, (*parents, file)), own)
 
 
 def _key_and_value(override: object) -> tuple[str, Any]:
@@ -237,7 +213,7 @@ def _parsed_override(text: str) -> tuple[str, Any]:
         raise InputError(f"{_OVERRIDE} {cut(key)}: the value {shown(value)}: {error}") from None
 
 
-def _set(document: _Document, dotted: str, value: Any) -> None:  # noqa: ANN401 - any YAML value
+def _set(document: Document, dotted: str, value: Any) -> None:  # noqa: ANN401 - any YAML value
     *sections, last = key = tuple(dotted.split("."))
     if len(sections) > DEEPEST:
         raise InputError(f"{_OVERRIDE} {cut(dotted)}: expected a key of at most {DEEPEST} parts")
@@ -246,24 +222,22 @@ def _set(document: _Document, dotted: str, value: Any) -> None:  # noqa: ANN401 
         node = node.setdefault(section, {})
         if not isinstance(node, dict):
             raise InputError(f"{_OVERRIDE} {dotted}: {section} is no section with keys of its own")
-    for below in _keys(node.get(last), key):
+    for below in keys_of(node.get(last), key):
         document.places.pop(below, None)
     node[last] = value
     # The override sets all keys of a mapping too.
-    document.places |= dict.fromkeys(_keys(value, key), f"{_OVERRIDE} {dotted}")
+    document.places |= dict.fromkeys(keys_of(value, key), f"{_OVERRIDE} {dotted}")
 
 
-def _keys(value: Any, key: Key) -> list[Key]:  # noqa: ANN401 - any YAML value
-    parts = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    return [key, *(below for part, child in parts for below in _keys(child, (*key, part)))]
-
-
-def _explain(fault: ErrorDetails, document: _Document) -> str:
+def _explain(fault: ErrorDetails, document: Document) -> str:
     key, section = _locate(fault["loc"])
     kind = fault["type"]
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         return _explain_form((*key, "form"), _by_form(section.model_fields[str(key[-1])].annotation), fault, document)
     prefix = _prefix(key, document)
+    if kind == "extra_forbidden" and key[0] == _SCENES and _is_key(key[2:]):
+        dotted = ".".join(map(str, key[2:]))
+        return f"{prefix}: a recipe cannot change it, which holds for all pairs: set {dotted} beside {_SCENES}"
     if kind == "extra_forbidden":
         known = sorted(section.model_fields)
         hint = did_you_mean(_meant_keys(key, known, fault["input"]), f"expected one of: {', '.join(known)}")
@@ -277,9 +251,9 @@ def _explain(fault: ErrorDetails, document: _Document) -> str:
     return f"{prefix}: {message[0].lower()}{message[1:]}{value}"
 
 
-def _explain_form(key: Key, names: Iterable[str], fault: ErrorDetails, document: _Document) -> str:
+def _explain_form(key: Key, names: Iterable[str], fault: ErrorDetails, document: Document) -> str:
     """Say which forms a target may have, where the key ``form`` is missing or wrong."""
-    is_part = key[:-1] != _TARGET
+    is_part = key[-3:-1] != _TARGET
     names = [*names, *(() if is_part else (_TARGET_FILE,))]
     prefix, listed = _prefix(key, document), f"expected one of: {', '.join(names)}"
     if fault["type"] == "union_tag_not_found":
@@ -316,6 +290,17 @@ def _meant_keys(key: Key, siblings: Collection[str], value: object) -> list[str]
     return list(dict.fromkeys([*near(whole, alike, least_ratio=_BY_A_LETTER), *elsewhere]))
 
 
+def _is_key(key: Key) -> bool:
+    """Return whether a config has a key, of its own or of one of its sections."""
+    section: type[BaseModel] = Config
+    for part in key[:-1]:
+        field = section.model_fields.get(str(part))
+        if field is None or not (isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel)):
+            return False
+        section = field.annotation
+    return bool(key) and str(key[-1]) in section.model_fields.keys() - {_SCENES}
+
+
 def _dotted_keys(section: type[BaseModel], prefix: str = "") -> list[str]:
     """Return all keys of a config, sections and the keys of all forms included, without those inside of lists."""
     keys: dict[str, None] = {}
@@ -328,7 +313,7 @@ def _dotted_keys(section: type[BaseModel], prefix: str = "") -> list[str]:
     return list(keys)
 
 
-def _prefix(key: Key, document: _Document) -> str:
+def _prefix(key: Key, document: Document) -> str:
     """Return the place where a key was set, as far as it is known, and the key."""
     place = next((document.places[key[:n]] for n in range(len(key), 0, -1) if key[:n] in document.places), "")
     dotted = ".".join(str(part) for part in key) or "config"

@@ -3,9 +3,20 @@
 import hashlib
 import json
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import (
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    ValidationInfo,
+    create_model,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS, Encodings
 from semisynth_gl.config.distributions import TargetSection, UniformTarget, check_target, wanted_histogram
@@ -25,6 +36,9 @@ from semisynth_gl.config.fields import (
     count,
     one_of,
 )
+from semisynth_gl.config.merge import Document, merged
+from semisynth_gl.config.partial import partial_section
+from semisynth_gl.config.yaml_values import Key
 from semisynth_gl.frame import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, OUTPUTS, TruthViews
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.plugins import Group
@@ -43,6 +57,7 @@ _MOST_TEXELS = 1 << 31
 _BYTES_PER_TEXEL = 4
 # Items of a list, and characters of a name.
 _MOST_ITEMS, _LONGEST_NAME, _LONGEST_LICENCE = 1000, 100, 1000
+_MOST_RECIPES = 100
 
 TEXTURE_SOURCES = ("images", "builtin", "photographs", "procedural")
 """The program's own sources of patches; other names are plug-ins'."""
@@ -51,6 +66,7 @@ _Side = Annotated[int, count(_WIDEST_PX)]
 _Paths = Annotated[tuple[PathText, ...], FROM_LIST, Field(max_length=100_000)]
 _PluginName = Annotated[str, Field(min_length=1, max_length=_LONGEST_NAME)]
 _Licence = Annotated[str, Field(max_length=_LONGEST_LICENCE)]
+_Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9-]*$", max_length=_LONGEST_NAME)]
 
 
 class CameraSection(Section):
@@ -450,11 +466,71 @@ class LicencesSection(Section):
     models: _Licence = "unknown"
 
 
+# The sections that a recipe may change, with the keys that hold for all pairs of a dataset: the size of images, models
+# and patches themselves, how the graphics card samples patches, and the limits that truth is stored and checked by.
+_OF_RECIPES: Mapping[str, tuple[type[Section], Collection[str]]] = {
+    "camera": (CameraSection, ("width_px", "height_px")),
+    "disparity": (DisparitySection, ("min_px", "max_px")),
+    "background": (BackgroundSection, ()),
+    "structures": (StructuresSection, ()),
+    "particles": (ParticlesSection, ()),
+    "models": (ModelsSection, ("folders", "variants")),
+    "textures": (TexturesSection, TexturesSection.model_fields.keys() - {"texels_per_pixel"}),
+}
+_partial_sections: dict[str, Any] = {
+    name: (partial_section(section, without) | None, None) for name, (section, without) in _OF_RECIPES.items()
+}
+_Changes = create_model("_Changes", __base__=Section, **_partial_sections)
+
+
+class RecipeSection(_Changes):
+    """A recipe of scenes: keys of sections that take the place of the config's.
+
+    Attributes:
+        recipe: name of the recipe; letters, digits and hyphens. By default that of ``extends``.
+        extends: name of a plug-in's recipe that the keys go over; its keys become the recipe's when the config is read.
+        weight: weight of the recipe; shares of sequences are in proportion to weights.
+    """
+
+    recipe: _Name
+    extends: _PluginName | None = None
+    weight: Weight = 1.0
+
+    @model_serializer(mode="wrap")
+    def _given(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {key: value for key, value in serialise(self).items() if value is not None}
+
+    def changes(self) -> dict[str, Any]:
+        """Return the keys that the recipe changes, by their section, in JSON's types."""
+        return self.model_dump(mode="json", exclude={"recipe", "extends", "weight"})
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """A recipe by which the scenes of some sequences are made.
+
+    Attributes:
+        name: its name; None where a config has no recipes, so that all sequences are made by the config itself.
+        share: its share of the sequences.
+        config: the config with the recipe's keys, and without recipes of its own.
+    """
+
+    name: str | None
+    share: float
+    config: "Config"
+
+
+# Tells a config that it is a recipe of a mix, whose target the mix has to meet and not each recipe.
+_WITHIN_MIX = {"within_mix": True}
+
+
 class Config(Section):
     """All that determines a pair, with a seed and an index. The class of each section documents its keys.
 
     Attributes:
         name: first part of the name of every sample; letters, digits and hyphens.
+        scenes: recipes, of which each sequence takes one, by their weights. Their keys go over the sections above; by
+            default all sequences follow these sections.
         outputs: further outputs beside images and disparities: ``visibility``, ``instances``, ``depth``, ``normals``,
             ``flow``, ``flow_backward``, ``disparity_change``.
         truth: views whose disparity and outputs are written: ``both``, or ``left`` alone.
@@ -462,7 +538,7 @@ class Config(Section):
             ``ssaa2`` to ``ssaa8``.
     """
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9-]*$", max_length=_LONGEST_NAME)]
+    name: _Name
     camera: CameraSection
     disparity: DisparitySection
     background: BackgroundSection = BackgroundSection()
@@ -470,6 +546,7 @@ class Config(Section):
     particles: ParticlesSection = ParticlesSection()
     models: ModelsSection = ModelsSection()
     textures: TexturesSection = TexturesSection()
+    scenes: Annotated[tuple[RecipeSection, ...], FROM_LIST, Field(max_length=_MOST_RECIPES)] = ()
     sequence: SequenceSection = SequenceSection()
     imperfections: ImperfectionsSection = ImperfectionsSection()
     checks: ChecksSection = ChecksSection()
@@ -495,15 +572,69 @@ class Config(Section):
                 raise ValueError(f"{key} goes up to {values.high:g} px, but disparity.max_px, the limit, is {limit:g}")
         return self
 
+    @field_validator("scenes")
+    @classmethod
+    def _recipes_differ_in_name(cls, scenes: tuple[RecipeSection, ...]) -> tuple[RecipeSection, ...]:
+        names = [section.recipe for section in scenes]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"expected a name of its own for each recipe, but several are named {name}")
+        if scenes and not sum(section.weight for section in scenes) > 0:
+            raise ValueError("expected a weight above 0 for at least one recipe")
+        return scenes
+
     @model_validator(mode="after")
-    def _target_can_be_shown(self) -> Self:
-        lowest = [self.disparity.min_px]
-        if self.background.plane:
-            lowest.append(self.background.plane_disparity_px.low)
-        if self.background.cuboid and self.background.wall_disparity_px is not None:
-            lowest.append(self.background.wall_disparity_px.low)
-        check_target(self.disparity.target, self.disparity.min_px, self.disparity.max_px, min(lowest))
+    def _recipes_hold(self) -> Self:
+        faults = []
+        for number, section in enumerate(self.scenes):
+            try:
+                self._with(section)
+            except ValidationError as error:
+                for fault in error.errors(include_url=False):
+                    reason = PydanticCustomError("recipe", "{reason}", {"reason": fault["msg"]})
+                    location = ("scenes", number, *fault["loc"])
+                    faults.append(InitErrorDetails(type=reason, loc=location, input=fault["input"]))
+        if faults:
+            raise ValidationError.from_exception_data("Config", faults)
         return self
+
+    @model_validator(mode="after")
+    def _target_can_be_shown(self, info: ValidationInfo) -> Self:
+        if info.context == _WITHIN_MIX:
+            return self
+        lowest = min(recipe.config.lowest_px() for recipe in self.recipes())
+        check_target(self.disparity.target, self.disparity.min_px, self.disparity.max_px, lowest)
+        return self
+
+    def lowest_px(self) -> float:
+        """Return the smallest disparity that the sections allow scenes to show."""
+        background, lowest = self.background, [self.disparity.min_px]
+        if background.plane:
+            lowest.append(background.plane_disparity_px.low)
+        if background.cuboid and background.wall_disparity_px is not None:
+            lowest.append(background.wall_disparity_px.low)
+        return min(lowest)
+
+    @model_serializer(mode="wrap")
+    def _without_no_scenes(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        # A config without recipes has the values, and the digest, that it had before there were any.
+        return {key: value for key, value in serialise(self).items() if key != "scenes" or value}
+
+    def recipes(self) -> tuple[Recipe, ...]:
+        """Return the recipes of the sequences, at least one; those of weight 0 are left out."""
+        total = sum(section.weight for section in self.scenes)
+        return tuple(
+            Recipe(section.recipe, section.weight / total, self._with(section))
+            for section in self.scenes
+            if section.weight > 0
+        ) or (Recipe(None, 1.0, self),)
+
+    def _with(self, section: RecipeSection) -> Self:
+        """Return the config with a recipe's keys over its own."""
+        base, changes = self.model_dump(mode="json", exclude={"scenes"}), section.changes()
+        has_target = "disparity" in changes
+        values = merged(Document(base), Document(changes)).values
+        return type(self).model_validate(values, context=None if has_target else _WITHIN_MIX)
 
     def wanted_histogram(self) -> Histogram:
         """Return the distribution of disparity that ``disparity.target`` asks for.
@@ -516,13 +647,20 @@ class Config(Section):
         section = self.disparity
         return wanted_histogram(section.target, section.min_px, section.max_px, self.camera.mean_doffs_px)
 
-    def used_plugins(self) -> dict[tuple[str, ...], tuple[Group, str]]:
+    def used_plugins(self) -> dict[Key, tuple[Group, str]]:
         """Return group and name of each plug-in that the config asks for, by the key that does so."""
-        used: dict[tuple[str, ...], tuple[Group, str]] = {}
+        used: dict[Key, tuple[Group, str]] = {}
         if self.textures.source not in TEXTURE_SOURCES:
             used["textures", "source"] = ("textures", self.textures.source)
-        drawn = [name for name, weight in self.models.families.items() if weight > 0]
-        return used | {("models", "families", name): ("models", name) for name in drawn}
+        families: dict[Key, float] = {
+            ("models", "families", name): weight for name, weight in self.models.families.items()
+        }
+        for number, section in enumerate(self.scenes):
+            if section.extends is not None:
+                used["scenes", number, "extends"] = ("recipes", section.extends)
+            weights = section.changes().get("models", {}).get("families", {})
+            families |= {("scenes", number, "models", "families", name): weight for name, weight in weights.items()}
+        return used | {key: ("models", str(key[-1])) for key, weight in families.items() if weight > 0}
 
     def digest(self) -> str:
         """Return the SHA-256 of the config's values, 64 hex digits; equal for equal values in any notation."""

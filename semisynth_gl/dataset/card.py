@@ -145,9 +145,12 @@ def _introduction(plan: Plan) -> str:
     patches = "procedural patterns" if _source(plan) == "pattern" else f"patches of {_source(plan)}s"
     if config.textures.source == "builtin":
         patches = "patches of drawn pictures and photographs"
-    baseline = f"{camera.baseline_m.low:g}"
-    if camera.baseline_m.high != camera.baseline_m.low:
-        baseline += f" to {camera.baseline_m.high:g}"
+    recipes = config.recipes()
+    baselines = [recipe.config.camera.baseline_m for recipe in recipes]
+    low, high = min(each.low for each in baselines), max(each.high for each in baselines)
+    baseline = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+    named = [f"{recipe.name} {recipe.share:.1%}" for recipe in recipes if recipe.name is not None]
+    scenes = f"\n- Recipes of scenes, by their shares: {', '.join(named)}" if named else ""
     return (
         f"# {config.name}\n\n"
         f"{_count(sum(plan.pairs.values()), 'rectified stereo pair')} with exact disparity, rendered with OpenGL. "
@@ -156,7 +159,7 @@ def _introduction(plan: Plan) -> str:
         f"- Images: {camera.width_px} x {camera.height_px} pixels\n"
         f"- Disparity: {disparity.min_px:g} to {disparity.max_px:g} px; none exceeds the upper end, a far plane may be "
         "below the lower one\n"
-        f"- Baseline: {baseline} m"
+        f"- Baseline: {baseline} m{scenes}"
     )
 
 

@@ -55,7 +55,7 @@ def _describe_split(plan: Plan, split: SplitName, sources: Sources) -> dict[str,
     if config.textures.source == "builtin":
         licences |= dict.fromkeys(drawn, _OWN_LICENCE)
     own_kinds = {*SIMPLE_KINDS, *COMPLEX_KINDS}
-    skipped = (*sources.atlas.report.images_skipped, *sources.model_library.skipped)
+    skipped = (*sources.atlas.report.images_skipped, *sources.skipped_models)
     return {
         "pairs": plan.pairs[split],
         "photographs": [
@@ -75,7 +75,7 @@ def _describe_split(plan: Plan, split: SplitName, sources: Sources) -> dict[str,
                 # Names of the user's models are names of files and have an ending; those of plug-ins have a slash.
                 "licence": _OWN_LICENCE if mesh.name in own_kinds else config.licences.models,
             }
-            for mesh in sources.model_library.models
+            for mesh in sources.models
         ],
         "left_out": [str(file) for file in skipped],
     }

@@ -7,10 +7,11 @@ from semisynth_gl.dataset.reader import Index
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.plugins import MissingPluginError, require_plugins
-from semisynth_gl.scene.sampler import SampledScene, SceneSampler
+from semisynth_gl.scene.mix import MixSampler
+from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.scene import Motion
+from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.splits import SplitName
 from semisynth_gl.textures.atlas import Patch
 
@@ -49,12 +50,12 @@ class RebuiltScenes:
                 f"seed of 0 or more, got {len(patches)} and {self.seed}"
             )
         try:
-            # Another version may make other models.
-            require_plugins(values.get("plugins", {}), ("models", "recipes"), same=True)
+            # Another version may make other models. The keys of recipes are in the config.
+            require_plugins(values.get("plugins", {}), ("models",), same=True)
         except MissingPluginError as error:
             raise MissingPluginError(f"{index.place.address}: the scenes cannot be rebuilt: {error}") from None
-        library = build_library(self.config.models, self.config.particles, self.seed, part)
-        self._sampler = SceneSampler(self.config, part.seed(self.seed), library, patches)
+        libraries = recipe_libraries(self.config, self.seed, part)
+        self._sampler = MixSampler(self.config, part.seed(self.seed), libraries, patches)
         self.models: tuple[Mesh, ...] = self._sampler.models
 
     def sampled(self, frame: StoredFrame) -> SampledScene | None:
@@ -64,12 +65,14 @@ class RebuiltScenes:
             frame: the stored pair.
 
         Returns:
-            The scene; None where config and seed give another camera than the pair's provenance has.
+            The scene; None where config and seed give another recipe or camera than the pair's provenance has.
         """
         # A sequence whose first frame failed the config's checks was drawn again, once for each entry.
         redrawn = frame.provenance.get("redrawn")
         rebuilt = self._sampler.sample(frame.index, len(redrawn) if isinstance(redrawn, list) else 0)
         recorded, camera = frame.provenance.get("camera"), rebuilt.scene.camera
+        if rebuilt.recipe != frame.recipe:
+            return None
         if not isinstance(recorded, dict) or any(
             recorded.get(name) != getattr(camera, name) for name in camera.__slots__
         ):

@@ -38,6 +38,11 @@ class StoredFrame(Frame):
     calibration: Calibration | None = None
     encodings: Encodings = field(default_factory=Encodings)
 
+    @property
+    def recipe(self) -> str | None:
+        """Name of the recipe that the scene was made by; None where the config has no recipes."""
+        return self.provenance.get("recipe")
+
     def rounding_px(self, disparity: NDArray[np.floating[Any]] | float) -> NDArray[np.float64]:
         """Return the largest error that the codec puts on disparities, of the same shape, float64 px."""
         error = self.encodings.disparity.error_px

@@ -145,9 +145,9 @@ def _describe(sources: Mapping[SplitName, Sources], listener: Listener) -> None:
     for split, split_sources in sources.items():
         prefix = f"{split}: " if len(sources) > 1 else ""
         listener.on_message(prefix + split_sources.atlas.report.summary())
-        for reason in split_sources.model_library.skipped:
+        for reason in split_sources.skipped_models:
             listener.on_message(f"model left out: {reason}")
-        listener.on_message(f"{prefix}{len(split_sources.model_library.models)} models")
+        listener.on_message(f"{prefix}{len(split_sources.models)} models")
 
 
 def _make(job: ShardJob, missing: list[Shard], engine: Engine, files: DatasetFiles, listener: Listener) -> None:

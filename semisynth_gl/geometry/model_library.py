@@ -1,6 +1,9 @@
 """The models that a dataset draws from: built or read once from (config, seed), then loaded from the cache."""
 
-from dataclasses import dataclass
+import hashlib
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,16 +35,18 @@ _ARRAYS = ("positions", "uv", "triangles")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelLibrary:
-    """M models with their chances.
+    """Models, and the chances of those that are drawn.
 
     Attributes:
         models: each normalised to radius 1.
+        drawn: (M,) int64, the models that are drawn, as indices into ``models``; other recipes may draw the others.
         chances: (M,) float64, sum 1; a family's models share its weight in proportion to the weights of their kinds.
-        silhouette: the mean silhouette of all models.
+        silhouette: the mean silhouette of the drawn models.
         skipped: the user's models that could not be used.
     """
 
     models: tuple[Mesh, ...]
+    drawn: NDArray[np.int64]
     chances: NDArray[np.float64]
     silhouette: Silhouette
     skipped: tuple[Skipped, ...]
@@ -92,6 +97,50 @@ def build_library(section: ModelsSection, particles: ParticlesSection, seed: int
     )
 
 
+def build_libraries(
+    recipes: Sequence[tuple[ModelsSection, ParticlesSection]], seed: int, split: Split = WHOLE
+) -> tuple[ModelLibrary, ...]:
+    """Build the library of each recipe. All have the same ``models``: those that any of them draws, each once.
+
+    A recipe draws the same models by the same chances as from a library of its own.
+
+    Args:
+        recipes: the sections of each recipe, see `build_library`.
+        seed: the dataset's.
+        split: the split whose models are built.
+
+    Raises:
+        InputError: see `build_library`.
+    """
+    own: list[ModelLibrary] = []
+    for number, (section, particles) in enumerate(recipes):
+        like = (section, particles.stretch, particles.thinness)
+        same = (k for k, (other, its) in enumerate(recipes[:number]) if (other, its.stretch, its.thinness) == like)
+        first = next(same, None)
+        own.append(build_library(section, particles, seed, split) if first is None else own[first])
+    models: dict[tuple[str, int], Mesh] = {}
+    result = []
+    for library in own:
+        seen = Counter[str]()
+        keys = []
+        for mesh in library.models:
+            digest = _digest(mesh)
+            # A library may have equal models, and each has its own chance.
+            keys.append((digest, seen[digest]))
+            seen[digest] += 1
+            models.setdefault(keys[-1], mesh)
+        place = {key: number for number, key in enumerate(models)}
+        result.append(replace(library, drawn=np.array([place[key] for key in keys], np.int64)))
+    return tuple(replace(library, models=tuple(models.values())) for library in result)
+
+
+def _digest(mesh: Mesh) -> str:
+    digest = hashlib.sha256(mesh.name.encode(errors="surrogatepass"))
+    for name in _ARRAYS:
+        digest.update(np.ascontiguousarray(getattr(mesh, name)).data)
+    return digest.hexdigest()
+
+
 def _packed(library: ModelLibrary) -> Entry | None:
     """Return the library as an entry whose arrays hold the models one after the other.
 
@@ -115,6 +164,7 @@ def _unpacked(entry: Entry) -> ModelLibrary:
     meshes = zip(values["models"], *parts, strict=True)
     return ModelLibrary(
         tuple(Mesh(name, positions, uv, triangles, solid) for (name, solid), positions, uv, triangles in meshes),
+        np.arange(len(values["models"])),
         arrays["chances"],
         Silhouette(values["fill"], arrays["heights"]),
         tuple(Skipped(Path(path), reason) for path, reason in values["skipped"]),
@@ -155,4 +205,5 @@ def _build(section: ModelsSection, particles: ParticlesSection, seed: int, split
     chances = np.concatenate([weight * np.array(shares) / max(sum(shares), 1e-300) for weight, _, shares in families])
     chances /= chances.sum()
     rng = generator(seed, Purpose.MODELS, len(families))
-    return ModelLibrary(tuple(library), chances, mean_silhouette(library, chances, particles, rng), tuple(skipped))
+    silhouette = mean_silhouette(library, chances, particles, rng)
+    return ModelLibrary(tuple(library), np.arange(len(library)), chances, silhouette, tuple(skipped))

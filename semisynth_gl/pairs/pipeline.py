@@ -1,6 +1,6 @@
 """From a config to pairs. Data goes this way:
 
-config -> scene    `SceneSampler`: the objects of pair i, from (config, seed, i) alone
+config -> scene    `MixSampler`: the objects of pair i, from (config, seed, i) alone
        -> frame    `Renderer`: images, disparities and visibilities as arrays
        -> sample   `encode_pair`: files in memory
        -> shard    `ShardWriter`: a fixed range of samples on disk, complete or absent
@@ -26,7 +26,8 @@ from semisynth_gl.plugins import plugin_records
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.readers import Reader, read_array
 from semisynth_gl.render.renderer import Renderer
-from semisynth_gl.scene.sampler import SampledScene, SceneSampler
+from semisynth_gl.scene.mix import MixSampler
+from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.sources import prepare_sources
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.splits import WHOLE, Split
@@ -96,7 +97,7 @@ class PairRenderer:
         self.split = split
         self.sources = prepare_sources(config, seed, split)
         atlas = self.sources.atlas
-        self.sampler = SceneSampler(config, split.seed(seed), self.sources.model_library, atlas.patches)
+        self.sampler = MixSampler(config, split.seed(seed), self.sources.libraries, atlas.patches)
         self._renderer = Renderer(
             self.sampler.models,
             atlas.layers,
@@ -147,9 +148,9 @@ class PairRenderer:
         """The driver's name of the renderer (GL_RENDERER)."""
         return self._renderer.renderer_name
 
-    def expected_histogram(self) -> Histogram | None:
-        """Return the expected distribution of disparity over many pairs; see `Population.expected`."""
-        return self.sampler.population.expected()
+    def expected_histogram(self) -> Histogram:
+        """Return the expected distribution of disparity over many pairs; see `MixSampler.expected`."""
+        return self.sampler.expected()
 
     @property
     def facts(self) -> dict[str, str]:

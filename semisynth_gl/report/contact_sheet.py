@@ -16,13 +16,14 @@ _INVALID = "#4060c0"
 _WIDTH_IN = 16.0
 
 
-def draw_sheet(frames: Sequence[Frame], target: Histogram, title: str) -> Figure:
+def draw_sheet(frames: Sequence[Frame], target: Histogram, title: str, names: Sequence[str] = ()) -> Figure:
     """Draw a row for each pair (left, right, left disparity with its scale in px) above the histogram of all pairs.
 
     Args:
         frames: the pairs, at least one.
         target: distribution that the config asks for.
         title: title of the sheet.
+        names: a name for each pair, which stands under its left image; none by default.
     """
     first = frames[0].camera
     row_in = (_WIDTH_IN / 3.15) * first.height_px / first.width_px
@@ -48,6 +49,8 @@ def draw_sheet(frames: Sequence[Frame], target: Histogram, title: str) -> Figure
             axis.set(xticks=[], yticks=[])
             if row == 0:
                 axis.set_title(label, fontsize=9)
+        if names:
+            axes[0].set_xlabel(names[row], fontsize=9)
     _draw_histogram(figure, grid[len(frames), :], np.concatenate(valid), target)
     return figure
 

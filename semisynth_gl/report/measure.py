@@ -1,7 +1,7 @@
 """A sample of a dataset's pairs measured from their files, and the pairs farthest from the others."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
 from typing import cast
@@ -47,6 +47,7 @@ class PairMeasures:
         texture: texture measure of the flatter stored image, in levels; the config's ``checks.min_texture`` takes the
             same measure before imperfections.
         redraws: number of times that the pair was drawn again.
+        recipe: name of the recipe that the scene was made by; None where the config has no recipes.
     """
 
     position: int
@@ -57,6 +58,30 @@ class PairMeasures:
     invalid: float
     texture: float
     redraws: int
+    recipe: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RecipeMeasures:
+    """The measures of a recipe's pairs, means over those of the sample.
+
+    Attributes:
+        name: the recipe's name.
+        wanted: the share of sequences that the config asks for; None where this version cannot read the config.
+        pairs: number of pairs.
+        median_px: see `PairMeasures`; None where no pair has a disparity.
+        occluded: see `PairMeasures`; None without masks.
+        texture: see `PairMeasures`.
+        redraws: number of times that the pairs were drawn again, in all.
+    """
+
+    name: str
+    wanted: float | None
+    pairs: int
+    median_px: float | None
+    occluded: float | None
+    texture: float | None
+    redraws: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,6 +91,7 @@ class Measurement:
     Attributes:
         dataset_pairs: number of pairs of the dataset, or of the split that the sample is from.
         pairs: the measures of each readable pair of the sample.
+        recipes: the measures of each recipe, in the config's order; none where the config has no recipes.
         unread: the faults of the unreadable pairs of the sample.
         disparity: distribution over all pixels of the left views; None where no pixel has a disparity.
         target: distribution that the config asks for; None where this version cannot read the config.
@@ -78,6 +104,7 @@ class Measurement:
 
     dataset_pairs: int
     pairs: tuple[PairMeasures, ...]
+    recipes: tuple[RecipeMeasures, ...]
     unread: tuple[str, ...]
     disparity: Histogram | None
     target: Histogram | None
@@ -94,18 +121,17 @@ def spread(count: int, wanted: int) -> list[int]:
     return [(2 * number + 1) * count // (2 * wanted) for number in range(wanted)]
 
 
-def target_histogram(index: Index) -> Histogram:
-    """Return the distribution of disparity that a dataset's config asks for.
+def read_config(index: Index) -> Config:
+    """Return a dataset's config.
 
     Raises:
         InputError: where the config in the index is not a config of this version.
     """
     try:
-        config = Config.model_validate(index.config)
+        return Config.model_validate(index.config)
     except ValidationError as error:
         reason = "; ".join(str(error).splitlines()[:3])
         raise InputError(f"the config in the index is not a config of this version: {reason}") from None
-    return config.wanted_histogram()
 
 
 def measure(
@@ -128,9 +154,11 @@ def measure(
     index = dataset.about
     listener = listener or Listener()
     listener.on_total(len(positions))
-    target, fault = None, None
+    target, fault, wanted = None, None, dict[str, float]()
     try:
-        target = target_histogram(index)
+        config = read_config(index)
+        wanted = {recipe.name: recipe.share for recipe in config.recipes() if recipe.name is not None}
+        target = config.wanted_histogram()
     except InputError as error:
         fault = str(error)
     caster = RayCaster(index)
@@ -168,6 +196,7 @@ def measure(
     return Measurement(
         dataset_pairs=len(dataset),
         pairs=tuple(pairs),
+        recipes=_measure_recipes(pairs, wanted),
         unread=tuple(unread),
         disparity=count.histogram if count is not None and count.counts.any() else None,
         target=target,
@@ -202,7 +231,32 @@ def _measure_pair(
         invalid=1 - valid.size / frame.left.disparity.size,
         texture=least_texture((frame.left.image, frame.right.image)),
         redraws=len(redraws.get(key, ())),
+        recipe=frame.recipe,
     )
+
+
+def _measure_recipes(pairs: Sequence[PairMeasures], wanted: Mapping[str, float]) -> tuple[RecipeMeasures, ...]:
+    found: dict[str, list[PairMeasures]] = {name: [] for name in wanted}
+    for pair in pairs:
+        if pair.recipe is not None:
+            found.setdefault(pair.recipe, []).append(pair)
+    return tuple(
+        RecipeMeasures(
+            name=name,
+            wanted=wanted.get(name),
+            pairs=len(its),
+            median_px=_mean(pair.median_px for pair in its),
+            occluded=_mean(pair.occluded for pair in its),
+            texture=_mean(pair.texture for pair in its),
+            redraws=sum(pair.redraws for pair in its),
+        )
+        for name, its in found.items()
+    )
+
+
+def _mean(values: Iterable[float | None]) -> float | None:
+    known = [value for value in values if value is not None and np.isfinite(value)]
+    return float(np.mean(known)) if known else None
 
 
 @dataclass(frozen=True, slots=True)

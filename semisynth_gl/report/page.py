@@ -11,6 +11,7 @@ from jinja2 import Environment, StrictUndefined
 from matplotlib import colormaps
 from numpy.typing import NDArray
 
+from semisynth_gl.config.merge import Document, merged
 from semisynth_gl.dataset.reader import Index
 from semisynth_gl.histogram import Histogram, total_variation, wasserstein_px
 from semisynth_gl.report.measure import QUANTITIES, RAYS, Measurement, Outlier, PairMeasures
@@ -18,6 +19,8 @@ from semisynth_gl.report.pictures import JPEG_QUALITY, Picture
 from semisynth_gl.report.plots import COLOUR_MAP, Bars, count_bars, draw_histogram
 from semisynth_gl.report.redraws import PairKey, Redraws
 from semisynth_gl.resources import data_root
+
+Values = Mapping[str, Any]
 
 _MOST_REDRAWN = 20
 _DISPARITY_BINS = 72
@@ -78,6 +81,7 @@ def render_page(
     disparity, target = measurement.disparity, measurement.target
     medians = _finite(pair.median_px for pair in measurement.pairs)
     sources = index.values.get("splits", {})
+    configs = _recipe_configs(index)
     return environment.from_string(assets.joinpath("report.html").read_text("utf-8")).render(
         index=index,
         values=index.values,
@@ -87,9 +91,9 @@ def render_page(
         target_variation=total_variation(target, disparity) if target and disparity else None,
         target_wasserstein_px=wasserstein_px(target, disparity) if target and disparity else None,
         medians_px=np.percentile(medians, [5, 95]) if medians.size else None,
-        charts=_charts(index, measurement),
-        size_range_px=_size_range_px(index),
-        texels_range=_config_range(index, "textures", "texels_per_pixel"),
+        charts=_charts(configs, measurement),
+        size_range_px=_size_range_px(configs),
+        texels_range=_config_range(configs, "textures", "texels_per_pixel"),
         imperfect=index.imperfect,
         rays_per_pair=RAYS,
         outliers=[(outlier, _left_file(index, outlier.pair.key)) for outlier in outliers],
@@ -120,6 +124,8 @@ def _viewed(pair: ShownPair) -> dict[str, Any]:
     """Return the values that report.js takes for a pair, without images and arrays."""
     measures, picture = pair.measures, pair.picture
     caption = [f"{measures.name}: median disparity {measures.median_px:.4g} px"]
+    if measures.recipe is not None:
+        caption.insert(0, f"recipe {measures.recipe}")
     if measures.occluded is not None:
         caption.append(f"{measures.occluded:.1%} occluded")
     caption.append(f"texture {measures.texture:.3g} levels")
@@ -140,7 +146,7 @@ def _viewed(pair: ShownPair) -> dict[str, Any]:
     }
 
 
-def _charts(index: Index, measurement: Measurement) -> dict[str, Chart | None]:
+def _charts(configs: Sequence[Values], measurement: Measurement) -> dict[str, Chart | None]:
     """Draw the distributions; a chart without values is None."""
     pairs, rays, disparity = measurement.pairs, measurement.rays, measurement.disparity
 
@@ -163,9 +169,9 @@ def _charts(index: Index, measurement: Measurement) -> dict[str, Chart | None]:
 
     occluded = np.array([100 * pair.occluded for pair in pairs if pair.occluded is not None], np.float64)
     texture = np.array([pair.texture for pair in pairs], np.float64)
-    texels = marks("textures.texels_per_pixel", _config_range(index, "textures", "texels_per_pixel"))
-    least = marks("checks.min_texture", _config_range(index, "checks", "min_texture"))
-    sizes = marks("particles.size_px", _size_range_px(index))
+    texels = marks("textures.texels_per_pixel", _config_range(configs, "textures", "texels_per_pixel"))
+    least = marks("checks.min_texture", _config_range(configs, "checks", "min_texture"))
+    sizes = marks("particles.size_px", _size_range_px(configs))
     return {
         "disparity": _disparity_chart(disparity, measurement.target) if disparity else None,
         "median": chart("median", _finite(pair.median_px for pair in pairs), "px"),
@@ -190,22 +196,40 @@ def _disparity_chart(achieved: Histogram, target: Histogram | None) -> Chart:
     return Chart(svg, *(achieved.quantile(share) for share in (0.05, 0.5, 0.95)))
 
 
-def _config_range(index: Index, section: str, key: str) -> list[float]:
-    """Return the ends of a range of the config, or its only number; nothing where the config has no number there."""
-    value = index.value(section, key)
-    ends = value if isinstance(value, list) else [value]
-    return [float(end) for end in ends if isinstance(end, int | float)]
+def _recipe_configs(index: Index) -> list[Values]:
+    """Return the config of each recipe, in JSON's types; the config itself where it has no recipes."""
+    recipes, config = index.config.get("scenes"), Document(dict(index.config))
+    if not isinstance(recipes, list):
+        return [index.config]
+    changes = [{name: value for name, value in recipe.items() if isinstance(value, dict)} for recipe in recipes]
+    return [merged(config, Document(values)).values for values in changes]
 
 
-def _size_range_px(index: Index) -> list[float]:
+def _config_range(configs: Sequence[Values], section: str, key: str) -> list[float]:
+    """Return the ends of a range over all recipes, or its only number; nothing where one has no number there."""
+    found = []
+    for config in configs:
+        keys = config.get(section)
+        value = keys.get(key) if isinstance(keys, dict) else None
+        ends = [float(end) for end in (value if isinstance(value, list) else [value]) if isinstance(end, int | float)]
+        if not ends:
+            return []
+        found.append(ends)
+    return found[0] if len(found) == 1 else sorted({min(min(ends) for ends in found), max(max(ends) for ends in found)})
+
+
+def _size_range_px(configs: Sequence[Values]) -> list[float]:
     """Return the range ``particles.size_px``; nothing where another key sizes models, too."""
-    particles = index.config.get("particles")
-    if not isinstance(particles, dict) or particles.get("size_m") is not None:
-        return []
-    layers = [*(particles.get("layers") or ()), *(particles.get("clutter") or ())]
-    if particles.get("density", "default") != "default" or any(layer.get("size_px") is not None for layer in layers):
-        return []
-    return _config_range(index, "particles", "size_px")
+    for config in configs:
+        particles = config.get("particles")
+        if not isinstance(particles, dict) or particles.get("size_m") is not None:
+            return []
+        if particles.get("density", "default") != "default":
+            return []
+        layers = [*(particles.get("layers") or ()), *(particles.get("clutter") or ())]
+        if any(layer.get("size_px") is not None for layer in layers):
+            return []
+    return _config_range(configs, "particles", "size_px")
 
 
 def _left_file(index: Index, key: PairKey) -> str:

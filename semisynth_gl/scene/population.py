@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import StereoCamera
-from semisynth_gl.config.model import Config
+from semisynth_gl.config.model import Config, DepthLayerSection
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.silhouette import Silhouette
 from semisynth_gl.histogram import Histogram
@@ -65,16 +65,17 @@ class Population:
         config: the configuration.
         seed: 0 or more; draws the pilot scenes.
         silhouette: mean silhouette of the models.
+        wanted: the wanted distribution; by default the config's.
 
     Attributes:
         target: the wanted distribution, in bins that depth layers can follow.
     """
 
-    def __init__(self, config: Config, seed: int, silhouette: Silhouette) -> None:
+    def __init__(self, config: Config, seed: int, silhouette: Silhouette, wanted: Histogram | None = None) -> None:
         self._config = config
         self._seed = seed
         self._silhouette = silhouette
-        self.target = merge_bins(config.wanted_histogram())
+        self.target = merge_bins(wanted or config.wanted_histogram())
         self._layers = DepthLayers.from_bins(self.target, config.disparity.min_px, config.disparity.max_px)
         self._first_quantile = generator(seed, Purpose.COUNTS).random(len(self._layers))
 
@@ -109,18 +110,28 @@ class Population:
         solved = [Batch(low, high, int(count), aim.sizes) for low, high, count in layers]
         return solved + stated_batches(particles.clutter, particles, rng)
 
-    def expected(self) -> Histogram | None:
+    def expected(self) -> Histogram:
         """Return the mean distribution of the dataset, by the Boolean model of the pilot scenes.
 
         Returns:
-            A histogram in the bins of ``target``, or None where the config states the numbers of particles.
+            A histogram in the bins of ``target``.
 
         Raises:
             InputError: where the target cannot be met, see `draw`.
         """
-        if self._config.particles.layers is not None:
-            return None
-        return Histogram.from_counts(self.target.edges_px, self._aim.achieved)
+        layers = self._config.particles.layers
+        return Histogram.from_counts(
+            self.target.edges_px, self._aim.achieved if layers is None else self._stated_shares(layers)
+        )
+
+    def _stated_shares(self, layers: Sequence[DepthLayerSection]) -> Floats:
+        """(K,) mean shares of scenes whose numbers of particles are stated."""
+        inner = self.target.edges_px[1:-1]
+        below = [
+            np.searchsorted(np.sort(bare_px), inner) / len(bare_px) * np.exp(-self._stated_cover(camera, layers))
+            for camera, bare_px in self._pilots
+        ]
+        return np.diff(np.concatenate([[0.0], np.mean(below, axis=0), [1.0]]))
 
     @cached_property
     def _aim(self) -> _Aim:
@@ -204,18 +215,18 @@ class Population:
         for camera, bare_px in pilots:
             exceedances.append(self._exceedance(self._layers, inner, camera, sizes))
             below = np.searchsorted(np.sort(bare_px), inner) / len(bare_px)
-            bare.append(below * np.exp(-self._clutter_cover(camera)))
+            bare.append(below * np.exp(-self._stated_cover(camera, ())))
             background = np.clip(np.searchsorted(edges, np.median(bare_px)) - 1, 0, len(self._layers) - 1)
             own = (np.arange(len(self._layers)) == background) & self._layers.has_room
             least.append(np.where(own, _POPULATED, 0.0))
             cover.append(expected_cover(camera, sizes, self._layers.middle_px, self._silhouette.fill))
         return _Views(np.array(bare), np.array(exceedances), np.array(least), np.array(cover))
 
-    def _clutter_cover(self, camera: StereoCamera) -> Floats:
-        """(K - 1,) number of times that stated clutter covers a pixel with each inner edge or more."""
+    def _stated_cover(self, camera: StereoCamera, layers: Sequence[DepthLayerSection]) -> Floats:
+        """(K - 1,) number of times that layers and clutter cover a pixel with each inner edge or more."""
         particles, inner = self._config.particles, self.target.edges_px[1:-1]
         total = np.zeros(len(inner))
-        for section in particles.clutter:
+        for section in (*layers, *particles.clutter):
             layer = DepthLayers(np.array([section.disparity_px.low]), np.array([section.disparity_px.high]))
             sizes = stated_sizes(particles, section)
             cover = expected_cover(camera, sizes, layer.middle_px, self._silhouette.fill)[0]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from semisynth_gl.config.model import Config
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
+from semisynth_gl.histogram import Histogram
 from semisynth_gl.scene.particles import Particles, Release, Slots, draw_release, draw_slots, particles_at
 from semisynth_gl.scene.population import Population
 from semisynth_gl.scene.rig import near_depth_m
@@ -30,6 +31,7 @@ class SampledScene:
 
     Attributes:
         scene: the arrays that the renderer draws; the instances that stand still come first.
+        recipe: name of the recipe that the scene is made by; None where the config has no recipes.
         background: "cuboid" or "plane".
         sequence: number of the sequence.
         frame: number of the frame within the sequence.
@@ -40,6 +42,7 @@ class SampledScene:
     """
 
     scene: Scene
+    recipe: str | None
     background: str
     sequence: int
     frame: int
@@ -87,23 +90,35 @@ def _generation_key(generation: int) -> int:
 
 
 class SceneSampler:
-    """Samples the scenes of one dataset.
+    """Samples the scenes of one recipe.
 
     Args:
-        config: the configuration.
+        config: the configuration; its own recipes are not looked at.
         seed: 0 or more.
         library: the models, from the same config and seed.
         patches: the atlas's patches, from the same config and seed.
+        recipe: name of the recipe; None where a dataset has but one.
+        wanted: the distribution of disparity that the recipe's scenes are to come to; by default the config's.
 
     Attributes:
+        recipe: name of the recipe.
         population: numbers of particles, and the disparities that scenes come to.
     """
 
-    def __init__(self, config: Config, seed: int, library: ModelLibrary, patches: tuple[Patch, ...]) -> None:
+    def __init__(
+        self,
+        config: Config,
+        seed: int,
+        library: ModelLibrary,
+        patches: tuple[Patch, ...],
+        recipe: str | None = None,
+        wanted: Histogram | None = None,
+    ) -> None:
         self._config = config
+        self.recipe = recipe
         self._seed = seed
         self._model_library = library
-        self.population = Population(config, seed, library.silhouette)
+        self.population = Population(config, seed, library.silhouette, wanted)
         self._patches = patches
         self._first_layer = np.array([patch.first_layer for patch in patches])
         self._layer_count = np.array([patch.layer_count for patch in patches])
@@ -154,6 +169,7 @@ class SceneSampler:
         return {
             "sequence": sampled.sequence,
             "frame": sampled.frame,
+            **({} if sampled.recipe is None else {"recipe": sampled.recipe}),
             "background": sampled.background,
             "near_m": sampled.scene.near_m,
             "camera": {name: getattr(camera, name) for name in camera.__slots__} | {"doffs_px": camera.doffs_px},
@@ -200,7 +216,8 @@ class SceneSampler:
         kept = np.flatnonzero(depth_m - particles.radius_m > near_m)
         generations = particles.generation[kept]
         chance = draw.per_slot(Purpose.SHAPE, generations, kept, 1)[:, 0]
-        drawn = np.minimum(np.searchsorted(self._cumulative, chance, side="right"), len(self._cumulative) - 1)
+        number = np.minimum(np.searchsorted(self._cumulative, chance, side="right"), len(self._cumulative) - 1)
+        drawn = self._model_library.drawn[number]
         patch, offset, texels = self._textures(draw, len(still), generations, kept)
         # Video frames start at a phase of their own and go round.
         count = self._layer_count[patch]
@@ -222,7 +239,9 @@ class SceneSampler:
             uv_offset=offset,
         )
         slot, generation = (np.concatenate([np.full(len(still), -1), numbers]) for numbers in (kept, generations))
-        return SampledScene(scene, stage.background, draw.sequence, frame, draw.attempt, patch, slot, generation)
+        return SampledScene(
+            scene, self.recipe, stage.background, draw.sequence, frame, draw.attempt, patch, slot, generation
+        )
 
     def _particles(self, draw: _Draw, frame: int, generation: NDArray[np.int64] | None = None) -> Particles:
         """Place the models of all slots at a frame: the models shown then, or those of the generations given."""

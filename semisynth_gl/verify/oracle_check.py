@@ -74,7 +74,7 @@ class OracleCheck:
         """
         sampled = self._scenes.sampled(frame)
         if sampled is None:
-            verdict.add("oracle", "config and seed of the index give another camera than the pair's provenance has")
+            verdict.add("oracle", "config and seed of the index give another scene than the pair's provenance has")
             return
         motions = {
             name: self._scenes.motion(sampled, frames)

@@ -1,0 +1,61 @@
+"""Values of configs merged key by key: a file over the one that it extends, an override over a file."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from semisynth_gl.config.yaml_values import Key
+
+# Keys that say the same in another way: a key that is set later takes back the keys that it replaces.
+_REPLACES = {
+    "focal_px": ("focal_mm", "sensor_width_mm"),
+    "focal_mm": ("focal_px",),
+    "doffs_px": ("cx_right_px",),
+    "cx_right_px": ("doffs_px",),
+}
+
+
+@dataclass(slots=True)
+class Document:
+    """Plain values of one file or several merged files, and where keys were set, as far as that is known."""
+
+    values: dict[str, Any] = field(default_factory=dict)
+    places: dict[Key, str] = field(default_factory=dict)
+
+
+def merged(base: Document, own: Document) -> Document:
+    """Return a document's values over those of another: mappings key by key, all else whole."""
+    # A value that is replaced takes its place along, so that no message sends the user there.
+    places = dict(base.places)
+
+    def forget(key: Key, value: Any) -> None:  # noqa: ANN401 - any YAML value
+        for below in keys_of(value, key):
+            places.pop(below, None)
+
+    def merge(below: dict[str, Any], above: dict[str, Any], at: Key) -> dict[str, Any]:
+        replaced = {name for key in above for name in _REPLACES.get(key, ()) if name not in above}
+        result = dict(below)
+        for name in replaced & below.keys():
+            forget((*at, name), below[name])
+            del result[name]
+        for name, value in above.items():
+            key = (*at, name)
+            # A form comes with all its keys: the keys of another form do not belong to it.
+            if isinstance(value, dict) and isinstance(below.get(name), dict) and "form" not in value:
+                result[name] = merge(below[name], value, key)
+            else:
+                forget(key, below.get(name))
+                # A key that was set through a key below it has the place of that key.
+                through = next((own.places[set_key] for set_key in keys_of(value, key) if set_key in own.places), None)
+                if through is not None:
+                    places[key] = through
+                result[name] = value
+        return result
+
+    values = merge(base.values, own.values, ())
+    return Document(values, places | own.places)
+
+
+def keys_of(value: Any, key: Key) -> list[Key]:  # noqa: ANN401 - any YAML value
+    """Return a key, and the keys of all values below its value."""
+    parts = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    return [key, *(below for part, child in parts for below in keys_of(child, (*key, part)))]

@@ -1,0 +1,47 @@
+"""Recipes of scenes that plug-ins have: the keys of a recipe, under a name."""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import ValidationError
+
+from semisynth_gl.config.model import RecipeSection
+from semisynth_gl.plugins import Plugin, find_plugin
+
+_EXPECTED = "expected a mapping of a config's sections to their keys, or a function that returns one"
+
+
+def plugin_recipe(name: str) -> dict[str, Any]:
+    """Return the keys of a plug-in's recipe, by their section, in JSON's types.
+
+    Args:
+        name: the plug-in's name.
+
+    Raises:
+        InputError: where there is no such plug-in, or it has no recipe.
+    """
+    return check_recipe(find_plugin("recipes", name))
+
+
+def check_recipe(plugin: Plugin) -> dict[str, Any]:
+    """Return the keys of a plug-in's recipe; see `plugin_recipe`."""
+    value = plugin.value
+    if callable(value):
+        with plugin.blamed("fails"):
+            value = value()
+    if not isinstance(value, Mapping):
+        raise plugin.fault(f"{_EXPECTED}, got {type(value).__name__}")
+    with plugin.blamed("has values that are none of YAML's"):
+        keys: dict[str, Any] = json.loads(json.dumps(dict(value), allow_nan=False))
+    own = keys.keys() & {"recipe", "weight", "extends"}
+    if own:
+        raise plugin.fault(f"{_EXPECTED}, got the key {min(own)}, which is for a config that uses the recipe")
+    try:
+        RecipeSection.model_validate({"recipe": plugin.name} | keys)
+    except ValidationError as error:
+        fault = error.errors(include_url=False)[0]
+        dotted = ".".join(map(str, fault["loc"]))
+        message = "a recipe cannot change it" if fault["type"] == "extra_forbidden" else fault["msg"]
+        raise plugin.fault(f"{dotted}: {message}") from None
+    return keys

@@ -1,0 +1,139 @@
+"""The scenes of a dataset, each sequence by the recipe that it takes."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from semisynth_gl.config.model import Config
+from semisynth_gl.errors import InputError
+from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.model_library import ModelLibrary
+from semisynth_gl.histogram import Histogram, mix_histograms
+from semisynth_gl.scene.depth_layers import merge_bins
+from semisynth_gl.scene.sampler import SampledScene, SceneSampler
+from semisynth_gl.scene.scene import Motion
+from semisynth_gl.seeds import Purpose, generator
+from semisynth_gl.textures.atlas import Patch
+
+# Multiples of this number spread over [0, 1) almost as evenly as those of the golden ratio, and its root is unrelated
+# to the roots that share out the numbers of particles: 221 is 13 times 17, and those are of primes.
+_STEP = (221**0.5 - 11) / 10
+
+
+class Shares:
+    """Shares out sequences among recipes, so that successive sequences have each recipe as often as its share says.
+
+    Args:
+        shares: (R,) above 0, sum 1.
+        seed: 0 or more; draws where the sequence of recipes begins.
+    """
+
+    def __init__(self, shares: Sequence[float], seed: int) -> None:
+        self._ends = np.cumsum(shares)[:-1]
+        self._first = generator(seed, Purpose.RECIPES).random()
+
+    def recipe(self, sequence: int) -> int:
+        """Return the number of a sequence's recipe."""
+        return int(np.searchsorted(self._ends, (self._first + sequence * _STEP) % 1.0, side="right"))
+
+
+class MixSampler:
+    """Samples the scenes of one dataset.
+
+    A sequence's scene is the one that a config of its recipe alone, with the same seed, has for the same sequence; but
+    where recipes state their layers or a target of their own, the others are solved for what the dataset's target then
+    lacks.
+
+    Args:
+        config: the configuration.
+        seed: 0 or more.
+        libraries: the models of each recipe, from the same config and seed.
+        patches: the atlas's patches, from the same config and seed.
+
+    Attributes:
+        recipes: the config's recipes.
+        samplers: makes the scenes of each recipe.
+        models: the models that `Scene.model` counts: first the models of still things, then those of all recipes.
+    """
+
+    def __init__(
+        self, config: Config, seed: int, libraries: Sequence[ModelLibrary], patches: tuple[Patch, ...]
+    ) -> None:
+        self.recipes = config.recipes()
+        self._config = config
+        self._length = config.sequence.length
+        self._shares = Shares([recipe.share for recipe in self.recipes], seed)
+        made = list(zip(self.recipes, libraries, strict=True))
+
+        def samplers(*, solved: bool, wanted: Histogram | None = None) -> dict[str | None, SceneSampler]:
+            return {
+                recipe.name: SceneSampler(recipe.config, seed, library, patches, recipe.name, wanted)
+                for recipe, library in made
+                if self._solved(recipe.config) == solved
+            }
+
+        stated = samplers(solved=False)
+        rest = self._rest(stated) if 0 < len(stated) < len(made) else None
+        by_name = stated | samplers(solved=True, wanted=rest)
+        self.samplers = tuple(by_name[recipe.name] for recipe in self.recipes)
+        self.models: tuple[Mesh, ...] = self.samplers[0].models
+
+    def sample(self, index: int, attempt: int = 0) -> SampledScene:
+        """Sample the scene of pair ``index``; see `SceneSampler.sample`. All attempts take the same recipe."""
+        sampler = self._sampler(index // self._length)
+        with _named(sampler.recipe):
+            return sampler.sample(index, attempt)
+
+    def motion(self, sampled: SampledScene, frames: int) -> Motion:
+        """Return the motion of a scene's instances; see `SceneSampler.motion`."""
+        return self._sampler(sampled.sequence).motion(sampled, frames)
+
+    def provenance(self, sampled: SampledScene) -> dict[str, Any]:
+        """Return the origin of a pair's scene; see `SceneSampler.provenance`."""
+        return self._sampler(sampled.sequence).provenance(sampled)
+
+    def instance_table(self, sampled: SampledScene) -> list[dict[str, Any]]:
+        """Return a row for each instance; see `SceneSampler.instance_table`."""
+        return self._sampler(sampled.sequence).instance_table(sampled)
+
+    def expected(self) -> Histogram:
+        """Return the mean distribution of the dataset's disparities; see `Population.expected`."""
+        if len(self.recipes) == 1:
+            return self._expected(self.samplers[0])
+        both = zip(self.recipes, self.samplers, strict=True)
+        parts = [(recipe.share, self._expected(sampler)) for recipe, sampler in both]
+        return mix_histograms(parts, merge_bins(self._config.wanted_histogram()).edges_px)
+
+    def _expected(self, sampler: SceneSampler) -> Histogram:
+        with _named(sampler.recipe):
+            return sampler.population.expected()
+
+    def _solved(self, recipe: Config) -> bool:
+        """Return whether a recipe's particles are solved for the target of the mix."""
+        return recipe.particles.layers is None and recipe.disparity == self._config.disparity
+
+    def _rest(self, others: Mapping[str | None, SceneSampler]) -> Histogram:
+        """Return what the target of the mix lacks beside other recipes."""
+        target = self._config.wanted_histogram()
+        rest = target.shares.copy()
+        for recipe in self.recipes:
+            if recipe.name in others:
+                rest -= recipe.share * self._expected(others[recipe.name]).rebinned(target.edges_px).shares
+        # Where the others show more than is wanted of some disparities, no recipe can take that back.
+        return Histogram.from_counts(target.edges_px, np.maximum(rest, 0))
+
+    def _sampler(self, sequence: int) -> SceneSampler:
+        return self.samplers[self._shares.recipe(sequence)]
+
+
+@contextmanager
+def _named(recipe: str | None) -> Iterator[None]:
+    """Name the recipe in errors of its scenes."""
+    try:
+        yield
+    except InputError as error:
+        if recipe is None:
+            raise
+        raise InputError(f"recipe {recipe}: {error}") from None

@@ -1,0 +1,332 @@
+"""Recipes of scenes: which sequence takes which, what their scenes are, and the datasets that are made of several."""
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tiny_datasets import cheap, findings
+
+from semisynth_gl.camera import Crop
+from semisynth_gl.config import Config, load_config
+from semisynth_gl.config.explain import explain
+from semisynth_gl.config.load import parse_config
+from semisynth_gl.dataset.reader import open_dataset, read_index
+from semisynth_gl.errors import InputError
+from semisynth_gl.generation.generate import generate
+from semisynth_gl.geometry.model_library import build_library
+from semisynth_gl.histogram import PixelCount, total_variation
+from semisynth_gl.pairs.pipeline import PairRenderer
+from semisynth_gl.report.build import build_report
+from semisynth_gl.scene.mix import MixSampler, Shares
+from semisynth_gl.scene.sampler import SceneSampler
+from semisynth_gl.scene.sources import recipe_libraries
+from semisynth_gl.textures.atlas import Patch
+
+PATCHES = tuple(Patch("", 0, 0, 256, k, 1, 9.0) for k in range(5))
+FLOW = ["visibility", "instances", "depth", "flow", "flow_backward", "disparity_change"]
+
+# Every section that a recipe may change.
+RECIPES = [
+    {"recipe": "plain", "weight": 3},
+    {
+        "recipe": "walls",
+        "weight": 2,
+        "camera": {"baseline_m": [0.05, 0.1], "doffs_px": 1},
+        "background": {"cuboid": 0, "plane": 1},
+        "structures": {"ground": 1, "panels": [1, 3], "panel_size_px": [10, 40]},
+        "particles": {"layers": [{"disparity_px": [3, 20], "count": [2, 6]}], "thinness": [0.2, 1]},
+    },
+    {
+        "recipe": "solids",
+        "disparity": {"target": {"form": "uniform"}},
+        "particles": {"size_px": [30, 60]},
+        "models": {"complex": 0, "kinds": {"cube": 4, "pyramid": 0}},
+        "textures": {"texels_per_pixel": 3},
+    },
+]
+
+
+def mixed(config, recipes=RECIPES):
+    return Config.model_validate(config.model_dump(mode="json") | {"scenes": recipes})
+
+
+def small(variants=1):
+    """Pairs of 64 x 48 pixels with solved numbers of models of few triangles."""
+    return cheap(
+        particles={"layers": None, "size_px": [10, 30]},
+        models={"complex": 0, "variants": variants, "kinds": {"sphere": 0, "torus": 0, "capsule": 0, "cylinder": 0}},
+        textures={"source": "procedural"},
+        sequence={"length": 2},
+    )
+
+
+def sampler_of(config, seed=3):
+    return MixSampler(config, seed, recipe_libraries(config, seed), PATCHES)
+
+
+# The share of each recipe
+
+
+@given(st.lists(st.floats(0.01, 10), min_size=1, max_size=6), st.integers(0, 2**32), st.integers(0, 10**9))
+def test_successive_sequences_have_each_recipe_as_often_as_its_share_says(weights, seed, first):
+    given_shares = np.array(weights) / sum(weights)
+    shares = Shares(given_shares.tolist(), seed)
+    drawn = np.array([shares.recipe(first + number) for number in range(500)])
+    so_far = np.arange(1, 501)
+    for recipe, share in enumerate(given_shares):
+        # Independent draws would be off by more than 20 now and then.
+        assert np.abs(np.cumsum(drawn == recipe) - share * so_far).max() < 4.5
+
+
+def test_seeds_begin_at_other_recipes():
+    begins = {tuple(Shares([0.5, 0.5], seed).recipe(number) for number in range(6)) for seed in range(40)}
+    assert len(begins) > 5
+
+
+# What recipes make of a config
+
+
+BASE = "extends: middlebury\nname: mine\nparticles: {density: 300, drift: 0.1}\nmodels: {kinds: {mug: 3, chair: 0}}\n"
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        "particles: {density: sparse}",
+        "particles: {size_m: [0.1, 0.3], density: default}",
+        "camera: {focal_mm: 4, sensor_width_mm: 6}",
+        "camera: {cx_left_px: 700, cx_right_px: 790}",
+        "models: {kinds: {chair: 2}, simple: 0}",
+        "disparity: {target: {form: gamma, mean_px: 90, spread_px: 20}}",
+        "background: {wall_disparity_px: null}",
+        "structures: {panels: 2}\ntextures: {texels_per_pixel: [1, 2]}",
+    ],
+)
+def test_a_recipe_goes_over_its_config_as_a_file_over_the_one_it_extends(tmp_path, keys):
+    (tmp_path / "base.yaml").write_text(BASE)
+    (tmp_path / "alone.yaml").write_text(f"extends: base.yaml\n{keys}\n")
+    item = "".join(f"    {line}\n" for line in keys.splitlines())
+    (tmp_path / "mix.yaml").write_text(f"extends: base.yaml\nscenes:\n  - recipe: other\n{item}  - recipe: plain\n")
+    mix, alone, base = (load_config(tmp_path / f"{name}.yaml") for name in ("mix", "alone", "base"))
+    other, plain = mix.recipes()
+    assert (other.name, other.share, plain.name, plain.share) == ("other", 0.5, "plain", 0.5)
+    assert other.config.digest() == alone.digest() != base.digest()
+    assert plain.config.digest() == base.digest() != mix.digest()
+    assert Config.model_validate(mix.model_dump(mode="json")) == mix
+    assert load_config(tmp_path / "mix.yaml", {"scenes": []}).digest() == base.digest()
+
+
+def test_a_config_without_recipes_has_no_value_for_them():
+    config = load_config("middlebury")
+    assert "scenes" not in config.model_dump(mode="json")
+    [only] = config.recipes()
+    assert (only.name, only.share, only.config) == (None, 1.0, config)
+
+
+def test_recipes_of_weight_0_are_left_out():
+    config = mixed(cheap(), [{"recipe": "a", "weight": 0}, {"recipe": "b", "weight": 2}])
+    assert [(recipe.name, recipe.share) for recipe in config.recipes()] == [("b", 1.0)]
+
+
+def test_a_mix_in_full_is_the_same_mix(tmp_path):
+    text = f"{BASE}scenes:\n- {{recipe: a, particles: {{density: 400}}, camera: {{doffs_px: 50}}}}\n- {{recipe: b}}\n"
+    (tmp_path / "mix.yaml").write_text(text)
+    full = explain(str(tmp_path / "mix.yaml"))
+    assert "  - recipe: a\n    weight: 1.0\n    camera: {doffs_px: 50.0}\n    particles: {density: 400.0}\n" in full
+    assert parse_config(full, "full.yaml").digest() == load_config(tmp_path / "mix.yaml").digest()
+
+
+def test_a_target_of_a_recipe_may_come_from_a_file(tmp_path):
+    (tmp_path / "wanted.csv").write_text("20,40,1\n40,60,3\n")
+    item = "{recipe: a, disparity: {target: {form: file, path: wanted.csv}}}"
+    (tmp_path / "mix.yaml").write_text(f"extends: middlebury\nscenes:\n- {item}\n")
+    [recipe] = load_config(tmp_path / "mix.yaml").recipes()
+    assert recipe.config.wanted_histogram().shares.tolist() == [0.25, 0.75]
+
+
+@pytest.mark.parametrize(
+    ("item", "said"),
+    [
+        ("{recipe: a, partcles: {density: 3}}", "mix.yaml:3: scenes.0.partcles: unknown key; did you mean particles?"),
+        ("{recipe: a, particles: {densty: 3}}", "mix.yaml:3: scenes.0.particles.densty: unknown key; did you mean den"),
+        ("{recipe: a, camera: {width_px: 64}}", "mix.yaml:3: scenes.0.camera.width_px: a recipe cannot change it"),
+        ("{recipe: a, camera: {height_px: 64}}", "set camera.height_px beside scenes"),
+        ("{recipe: a, disparity: {max_px: 64}}", "set disparity.max_px beside scenes"),
+        ("{recipe: a, models: {folders: [m]}}", "set models.folders beside scenes"),
+        ("{recipe: a, models: {variants: 9}}", "set models.variants beside scenes"),
+        ("{recipe: a, textures: {source: procedural}}", "set textures.source beside scenes"),
+        ("{recipe: a, textures: {wrap: repeat}}", "set textures.wrap beside scenes"),
+        ("{recipe: a, sequence: {length: 2}}", "mix.yaml:3: scenes.0.sequence: a recipe cannot change it"),
+        ("{recipe: a, splits: {test: 0.2}}", "set splits beside scenes"),
+        ("{recipe: a, files: {image: qoi}}", "set files beside scenes"),
+        ("{recipe: a, outputs: [flow]}", "set outputs beside scenes"),
+        ("{recipe: a, imperfections: {noise: 3}}", "set imperfections beside scenes"),
+        ("{recipe: a, antialias: msaa4}", "set antialias beside scenes"),
+        ("{recipe: a, scenes: []}", "mix.yaml:3: scenes.0.scenes: unknown key"),
+        ("{weight: 3}", "mix.yaml:3: scenes.0.recipe: missing"),
+        ("{recipe: a b}", "mix.yaml:3: scenes.0.recipe: "),
+        ("{recipe: a, weight: 0}", "mix.yaml:2: scenes: expected a weight above 0"),
+        ("{recipe: a}\n- {recipe: a}", "several are named a"),
+        ("{recipe: a, particles: {density: few}}", "mix.yaml:3: scenes.0.particles.density: "),
+        ("{recipe: a, particles: {density: 5, layers: []}}", "mix.yaml:3: scenes.0.particles: density shares out"),
+        ("{recipe: a, camera: {baseline_m: null}}", "mix.yaml:3: scenes.0.camera.baseline_m: expected a number"),
+        (
+            "{recipe: a, structures: {panel_disparity_px: 400}}",
+            "mix.yaml:3: scenes.0: structures.panel_disparity_px go",
+        ),
+        ("{recipe: a, disparity: {target: {form: unifrm}}}", "target.form: unknown form unifrm; did you mean uniform?"),
+        (
+            "{recipe: a, disparity: {target: {form: uniform, high_px: 900}}}",
+            "mix.yaml:3: scenes.0: disparity.target want",
+        ),
+        (
+            "{recipe: a, disparity: {target: {form: file, path: no.csv}}}",
+            "mix.yaml:3: scenes.0.disparity.target.path: ",
+        ),
+    ],
+)
+def test_wrong_recipes_are_refused(tmp_path, item, said):
+    (tmp_path / "mix.yaml").write_text(f"extends: middlebury\nscenes:\n- {item}\n")
+    with pytest.raises(InputError, match=re.escape(said)):
+        load_config(tmp_path / "mix.yaml")
+
+
+# The scenes of a mix
+
+
+def assert_alone(mix, config, indices):
+    """Check that the scenes of a mix are those that configs of its recipes alone have, and return the recipes."""
+    seen = {}
+    for index in indices:
+        attempt = index % 2
+        sampled = mix.sample(index, attempt)
+        if sampled.recipe not in seen:
+            [own] = [recipe.config for recipe in config.recipes() if recipe.name == sampled.recipe]
+            seen[sampled.recipe] = SceneSampler(own, 3, build_library(own.models, own.particles, 3), PATCHES)
+        alone = seen[sampled.recipe]
+        expected = alone.sample(index, attempt)
+        for name in ("camera", "near_m"):
+            assert getattr(sampled.scene, name) == getattr(expected.scene, name), name
+        for name in ("camera_from_world", "world_from_model", "layer", "uv_scale", "uv_offset"):
+            np.testing.assert_array_equal(getattr(sampled.scene, name), getattr(expected.scene, name), err_msg=name)
+        for name in ("patch", "slot", "generation"):
+            np.testing.assert_array_equal(getattr(sampled, name), getattr(expected, name), err_msg=name)
+        # Models have other numbers: those of a mix count the models of all recipes.
+        for number, same in zip(sampled.scene.model, expected.scene.model, strict=True):
+            assert mix.models[number].name == alone.models[same].name
+            np.testing.assert_array_equal(mix.models[number].positions, alone.models[same].positions)
+        for frames in (-1, 1):
+            moved, same = mix.motion(sampled, frames), alone.motion(expected, frames)
+            np.testing.assert_array_equal(moved.world_from_model, same.world_from_model)
+            np.testing.assert_array_equal(moved.instance, same.instance)
+    return set(seen)
+
+
+def test_scenes_of_stated_recipes_are_those_of_the_recipes_alone():
+    config = mixed(small(variants=2), [RECIPES[2], RECIPES[1]])
+    assert assert_alone(sampler_of(config), config, (9, 0, 5, 12, 1, 4, 8, 13)) == {"walls", "solids"}
+
+
+def test_recipes_of_one_target_are_solved_as_they_are_alone():
+    config = mixed(small(), [{"recipe": "few", "particles": {"size_px": [20, 60]}}, {"recipe": "plain"}])
+    assert assert_alone(sampler_of(config), config, (6, 3, 0)) == {"few", "plain"}
+
+
+def test_a_dataset_has_one_library():
+    config = mixed(small(variants=2), [RECIPES[2], RECIPES[0], RECIPES[1]])
+    solids, plain, walls = recipe_libraries(config, 3)
+    alone = build_library(config.models, config.particles, 3)
+    assert solids.models == plain.models == walls.models  # the same objects, since meshes have no equality of values
+    assert sorted(mesh.name for mesh in plain.models) == sorted(mesh.name for mesh in alone.models)
+    assert [plain.models[number].name for number in plain.drawn] == [mesh.name for mesh in alone.models]
+    np.testing.assert_array_equal(plain.chances, alone.chances)
+    assert plain.silhouette.fill == alone.silhouette.fill > walls.silhouette.fill
+    drawn = {solids.models[number].name for number in solids.drawn}
+    assert "cube" in drawn
+    assert "pyramid" not in drawn
+
+
+def test_a_dataset_of_several_recipes_comes_to_its_target():
+    """Stated layers far away, and a target of its own nearby; the third recipe makes up for both."""
+    far = {"particles": {"layers": [{"disparity_px": [2, 5], "count": [20, 30]}]}}
+    near = {"disparity": {"target": {"form": "gamma", "mean_px": 9, "spread_px": 2}}}
+    recipes = [{"recipe": "far", **far}, {"recipe": "near", **near}, {"recipe": "rest", "weight": 3}]
+    config = mixed(small(), recipes)
+    target = config.wanted_histogram()
+    with PairRenderer(config, 0) as pairs:
+        expected, count = pairs.expected_histogram(), PixelCount(target.edges_px)
+        for index in range(60):
+            count.add(pairs.render(index, checked=False).frame.left.disparity)
+        shown = {sampler.recipe: sampler.population.expected() for sampler in pairs.sampler.samplers}
+    assert min(total_variation(target, shown[name]) for name in ("far", "near")) > 0.25
+    assert total_variation(target, expected) < 0.05
+    assert total_variation(expected, count.histogram) < 0.06
+
+
+def test_faults_of_a_recipes_scenes_name_it():
+    sampler = sampler_of(mixed(small(), [{"recipe": "few", "particles": {"density": 1}}]))
+    with pytest.raises(InputError, match=r"^recipe few: particles\.density: 1 objects cannot cover"):
+        sampler.sample(0)
+
+
+# Datasets
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    """Moving scenes of all recipes, with all that depends on how they are rebuilt."""
+    values = small().model_dump(mode="json") | {"outputs": FLOW}
+    values["camera"] |= {"sway_m": [0.005, 0.02]}
+    out = tmp_path_factory.mktemp("mix") / "d"
+    generate(mixed(Config.model_validate(values)), out, 12, seed=1, layout="middlebury")
+    return out
+
+
+def test_a_dataset_of_recipes_is_exact(dataset):
+    assert findings(dataset, rays=40) == []
+
+
+def test_pairs_say_their_recipe(dataset):
+    pairs = open_dataset(dataset)
+    config = Config.model_validate(read_index(dataset).config)
+    shares = Shares([recipe.share for recipe in config.recipes()], 1)
+    names = [recipe["recipe"] for recipe in RECIPES]
+    assert [pair.recipe for pair in pairs] == [names[shares.recipe(number // 2)] for number in range(12)]
+    assert {pair.recipe for pair in pairs} == set(names)
+    assert all(pair.provenance["recipe"] == pair.recipe for pair in pairs)
+
+
+def test_any_pair_and_any_crop_of_a_mix_can_be_rendered_first(dataset):
+    crop = Crop(10, 5, 30, 20)
+    stored = open_dataset(dataset)
+    with PairRenderer(Config.model_validate(read_index(dataset).config), 1) as pairs:
+        for index in (7, 2, 11, 0):
+            frame = pairs.render(index).frame
+            np.testing.assert_array_equal(frame.left.image, stored[index].left.image)
+            np.testing.assert_array_equal(frame.left.disparity, stored[index].left.disparity)
+            part = pairs.render(index, crop=crop, checked=False).frame
+            np.testing.assert_array_equal(part.right.disparity, frame.cropped(crop).right.disparity)
+
+
+def test_the_report_has_a_table_of_recipes(dataset):
+    report = build_report(read_index(dataset), pairs=1, sample=12)
+    rows = {recipe.name: recipe for recipe in report.measurement.recipes}
+    assert {name: recipe.wanted for name, recipe in rows.items()} == pytest.approx(
+        {"plain": 1 / 2, "walls": 1 / 3, "solids": 1 / 6}
+    )
+    pairs = open_dataset(dataset)
+    for name, recipe in rows.items():
+        its = [pair for pair in pairs if pair.recipe == name]
+        medians = [np.median(pair.left.disparity[np.isfinite(pair.left.disparity)]) for pair in its]
+        assert (recipe.pairs, recipe.median_px) == (len(its), pytest.approx(np.mean(medians)))
+        assert re.search(rf"<td>{name}</td><td class=\"number\">{recipe.wanted:.1%}</td>", report.page)
+    assert re.search(r'"caption":"recipe (plain|walls|solids), ', report.page)
+    assert report.measurement.ray_faults == {}
+
+
+def test_the_card_names_the_recipes(dataset):
+    assert "Recipes of scenes, by their shares: plain 50.0%, walls 33.3%, solids 16.7%" in (
+        dataset / "README.md"
+    ).read_text("utf-8")
