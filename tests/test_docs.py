@@ -14,7 +14,7 @@ from ruamel.yaml import YAML
 import semisynth_gl
 from semisynth_gl.config import Config, Range, load_config, packaged_configs
 from semisynth_gl.config.distributions import MixturePart, TargetSection, UniformTarget
-from semisynth_gl.config.model import DepthLayerSection, ImperfectionsSection
+from semisynth_gl.config.model import DepthLayerSection, ImperfectionsSection, RecipeSection
 from semisynth_gl.frame import CHANNELS
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.textures.image_files import builtin_photographs
@@ -110,6 +110,19 @@ def test_every_key_of_a_layer_is_documented():
     assert f"{{{', '.join(DepthLayerSection.model_fields)}}}" in clutter
 
 
+def test_every_key_of_a_recipe_is_documented():
+    table = rows("| key of a recipe | default | meaning |")
+    documented = {name.strip("`"): meaning for names, _, meaning in table for name in names.split(", ")}
+    assert documented.keys() == RecipeSection.model_fields.keys()
+    for section, meaning in documented.items():
+        keys = set(re.findall(r"`(\w+)`", meaning))
+        [partial] = models_in(RecipeSection.model_fields[section].annotation) or [None]
+        if partial is None:
+            continue
+        taken, all_keys = partial.model_fields.keys(), Config.model_fields[section].annotation.model_fields.keys()
+        assert keys == (all_keys - taken if meaning.startswith("all keys") else taken), section
+
+
 def test_every_form_of_the_target_is_documented_with_its_keys():
     documented = {form.strip("`"): keys for form, keys, _ in rows("| `form` | keys | shape |")}
     forms = {get_args(model.model_fields["form"].annotation)[0]: model for model in models_in(TargetSection)}
@@ -137,6 +150,8 @@ def test_the_public_names_are_documented_and_no_others():
 def test_the_example_config_loads(tmp_path):
     (tmp_path / "lab.yaml").write_text(CONFIG_PAGE.split("```yaml\n")[1].split("```")[0])
     assert load_config(tmp_path / "lab.yaml").camera.width_px == 1280
+    (tmp_path / "mixed.yaml").write_text(CONFIG_PAGE.split("```yaml\n")[2].split("```")[0])
+    assert [recipe.share for recipe in load_config(tmp_path / "mixed.yaml").recipes()] == [0.25, 0.5, 0.25]
 
 
 def test_counts_in_the_documentation_are_true():

@@ -18,7 +18,10 @@ from tiny_datasets import cheap, digests, findings
 from semisynth_gl import make_model, open_dataset
 from semisynth_gl.cli import semisynth_gl
 from semisynth_gl.codecs import Encodings
-from semisynth_gl.config import Config, load_config
+from semisynth_gl.config import Config, Range, load_config
+from semisynth_gl.config.explain import explain
+from semisynth_gl.config.load import parse_config
+from semisynth_gl.config.plugin_recipes import plugin_recipe
 from semisynth_gl.dataset.documents import check_plan
 from semisynth_gl.dataset.places import open_place
 from semisynth_gl.dataset.plan import make_plan
@@ -121,7 +124,7 @@ def said(*arguments):
 
 
 def test_the_page_has_an_example_of_each_group_in_under_40_lines():
-    assert {Path(name).stem for name in EXAMPLES} == {"pyproject", "layouts", "textures", "models"}
+    assert {Path(name).stem for name in EXAMPLES} == {"pyproject", "layouts", "textures", "models", "recipes"}
     assert {name: code.count("\n") for name, code in EXAMPLES.items() if code.count("\n") >= 40} == {}
 
 
@@ -292,6 +295,7 @@ USES = {
         lambda: prepare_atlas(CONFIG.textures.model_copy(update={"source": "thing"}), 0),
     ),
     "family of models": ("models", lambda: build_family("thing", 2, 0, WHOLE)),
+    "scene recipe": ("recipes", lambda: plugin_recipe("thing")),
 }
 
 # The code of the plug-in, and parts of the message.
@@ -320,6 +324,26 @@ FAULTS = {
             f"{PICTURE}def thing(rng):\n    yield picture(rng)\n    raise KeyError('x')",
             "fails at picture 1: KeyError: 'x', in *other.py, line 4",
         ),
+    ],
+    "scene recipe": [
+        (
+            "thing = 3",
+            "expected a mapping of a config's sections to their keys, or a function that returns *got int",
+        ),
+        ("thing = lambda: 1 / 0", "fails: ZeroDivisionError: division by zero, in *other.py, line 1"),
+        ("thing = lambda rng: {}", "fails: TypeError: <lambda>() missing 1 required positional argument"),
+        (
+            "thing = {'particles': {'size_px': {1, 2}}}",
+            "has values that are none of YAML's: TypeError: ",
+        ),
+        (
+            "thing = {'particles': {'size_px': float('inf')}}",
+            "has values that are none of YAML's: ValueError: ",
+        ),
+        ("thing = {'weight': 3}", "got the key weight, which is for a config that uses the recipe"),
+        ("thing = {'particles': {'size': 3}}", "particles.size: a recipe cannot change it"),
+        ("thing = {'camera': {'width_px': 3}}", "camera.width_px: a recipe cannot change it"),
+        ("thing = {'particles': {'drift': -1}}", "particles.drift: Value error, expected numbers of 0 or more"),
     ],
     "family of models": [
         ("thing = 3", f"{FUNCTION}, got int"),
@@ -396,6 +420,36 @@ def test_a_broken_plugin_keeps_nobody_from_the_others(install):
     assert "BROKEN: layout 'thing' of the package other-plugins 0.3" in shown
     assert "BROKEN: family of models 'knots' of the package other-plugins 0.3" in shown
     assert "Ready: " in shown
+
+
+@pytest.mark.usefixtures("acme")
+def test_a_recipe_of_the_page_makes_a_dataset_that_needs_no_package_later(tmp_path, site):
+    config = tmp_path / "attic.yaml"
+    values = cheap(textures={"source": "procedural"}).model_dump(mode="json", exclude_none=True)
+    recipes = [{"extends": "attic", "structures": {"panels": 2}}, {"extends": "attic", "recipe": "b"}, {"recipe": "c"}]
+    config.write_text(json.dumps(values | {"scenes": recipes}))
+    loaded = load_config(config)
+    assert [recipe.name for recipe in loaded.recipes()] == ["attic", "b", "c"]
+    walls = [recipe.config.structures for recipe in loaded.recipes()]
+    assert [wall.panels for wall in walls] == [Range(2, 2), Range(1, 4), Range(0, 0)]
+    assert [wall.panel_slant_deg for wall in walls] == [Range(30, 75), Range(30, 75), Range(0, 75)]
+    assert parse_config(explain(str(config)), "full.yaml").digest() == loaded.digest()
+    options = ("--config", config, "--out", tmp_path / "set", "--pairs", 6)
+    assert "6 pairs in" in said("generate", *options)
+    attic = {"recipes": {"attic": {"package": "acme-stereo", "version": "1.2.0"}}}
+    assert read_index(tmp_path / "set").values["plugins"] == attic
+    assert "Plug-in: scene recipe 'attic' of the package acme-stereo 1.2.0" in said("doctor")
+    sys.path.remove(str(site))
+    find_anew()
+    pairs = open_dataset(tmp_path / "set")
+    assert {pair.recipe for pair in pairs} == {"attic", "b", "c"}
+    assert all(pair.provenance["plugins"] == attic for pair in pairs)
+    assert "6 pairs, nothing found" in said("verify", tmp_path / "set", "--oracle")
+    assert said("generate", *options).endswith(f"scene recipe 'attic' {MISSING}")
+    with pytest.raises(InputError, match=r"attic\.yaml:1: scenes\.0\.extends: scene recipe: no installed package has"):
+        load_config(config)
+    with pytest.raises(InputError, match="scene recipe 'attic' comes from the plug-in package acme-stereo 1"):
+        generate(loaded, tmp_path / "set", 6)
 
 
 def test_names_that_are_taken_are_refused_where_they_are_asked_for(install):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.cache.store import cache_summary
 from semisynth_gl.camera import EYES, StereoCamera
+from semisynth_gl.config.plugin_recipes import check_recipe
 from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.layouts import find_layout
 from semisynth_gl.plugins import Plugin, find_plugin, installed_plugins
@@ -110,6 +111,8 @@ def _fault(plugin: Plugin) -> str:
             find_layout(plugin.name)
         find_plugin(plugin.group, plugin.name)
         _ = plugin.value
+        if plugin.group == "recipes":
+            check_recipe(plugin)
     except InputError as error:
         return f"\n  BROKEN: {error}"
     return ""

@@ -98,7 +98,9 @@ def _validated(document: Document, overrides: Overrides = ()) -> Config:
 def _read_plugin_recipes(document: Document) -> None:
     """Put the keys of plug-ins' recipes below those of the recipes that extend them."""
     recipes = document.values.get(_SCENES)
-    for number, recipe in enumerate(recipes if isinstance(recipes, list) else ()):
+    if not isinstance(recipes, list):
+        return
+    for number, recipe in enumerate(recipes):
         name = recipe.get(_EXTENDS) if isinstance(recipe, dict) else None
         if isinstance(name, str):
             try:

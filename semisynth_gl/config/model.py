@@ -652,9 +652,8 @@ class Config(Section):
         used: dict[Key, tuple[Group, str]] = {}
         if self.textures.source not in TEXTURE_SOURCES:
             used["textures", "source"] = ("textures", self.textures.source)
-        families: dict[Key, float] = {
-            ("models", "families", name): weight for name, weight in self.models.families.items()
-        }
+        base = self.models.families
+        families: dict[Key, float] = {("models", "families", name): weight for name, weight in base.items()}
         for number, section in enumerate(self.scenes):
             if section.extends is not None:
                 used["scenes", number, "extends"] = ("recipes", section.extends)

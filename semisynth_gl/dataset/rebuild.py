@@ -51,7 +51,7 @@ class RebuiltScenes:
             )
         try:
             # Another version may make other models. The keys of recipes are in the config.
-            require_plugins(values.get("plugins", {}), ("models",), same=True)
+            require_plugins(values.get("plugins", {}), ["models"], same=True)
         except MissingPluginError as error:
             raise MissingPluginError(f"{index.place.address}: the scenes cannot be rebuilt: {error}") from None
         libraries = recipe_libraries(self.config, self.seed, part)
