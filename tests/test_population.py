@@ -292,27 +292,49 @@ def test_particles_show_their_fronts():
     assert layers.exceedance(edges, CAMERA, still, sizes, heights, 1.6)[0].tolist() == [0, 0, 0]
 
 
+def objects_in_view(config, library, scenes):
+    """Count the objects in the left view of each of the first scenes."""
+    sampler, counts = SceneSampler(config, 0, library, PATCH), []
+    for index in range(scenes):
+        scene = sampler.sample(index).scene
+        reach = np.linalg.norm(scene.world_from_model[:, :3, :3], axis=1).max(axis=1)
+        middle = scene.world_from_model[:, :3, 3]
+        scale = scene.camera.focal_px / middle[:, 2]
+        column = scene.camera.cx_left_px + middle[:, 0] * scale
+        inside = (column > -reach * scale) & (column < scene.camera.width_px + reach * scale)
+        counts.append((inside & (scene.model >= len(STILL_MODELS))).sum())
+    return counts
+
+
 @pytest.mark.parametrize("density", ["sparse", "dense", 100.0])
 def test_density_shares_the_area_out_to_more_or_fewer(density):
     config = tiny(particles={"density": density})
     library = build_library(config.models, config.particles, 0)
 
-    def in_view(config):
-        sampler, counts = SceneSampler(config, 0, library, PATCH), []
-        for index in range(20):
-            scene = sampler.sample(index).scene
-            reach = np.linalg.norm(scene.world_from_model[:, :3, :3], axis=1).max(axis=1)
-            middle = scene.world_from_model[:, :3, 3]
-            scale = scene.camera.focal_px / middle[:, 2]
-            column = scene.camera.cx_left_px + middle[:, 0] * scale
-            inside = (column > -reach * scale) & (column < scene.camera.width_px + reach * scale)
-            counts.append((inside & (scene.model >= len(STILL_MODELS))).sum())
-        return np.mean(counts)
-
-    wanted = density if isinstance(density, float) else in_view(tiny()) * {"sparse": 1 / 3, "dense": 3}[density]
-    assert in_view(config) == pytest.approx(wanted, rel=0.2)
+    plain = np.mean(objects_in_view(tiny(), library, 20))
+    wanted = density if isinstance(density, float) else plain * {"sparse": 1 / 3, "dense": 3}[density]
+    assert np.mean(objects_in_view(config, library, 20)) == pytest.approx(wanted, rel=0.2)
     aim = Population(config, 0, library.silhouette)
     assert total_variation(aim.target, aim.expected()) < 0.05
+
+
+def test_a_range_of_densities_gives_each_sequence_a_number_of_its_own():
+    density = {"particles": {"density": [60, 240]}, "models": {"complex": 0}}
+    config = tiny(**density)
+    library = build_library(config.models, config.particles, 0)
+    counts = objects_in_view(config, library, 48)
+    assert np.mean(counts) == pytest.approx(150, rel=0.15)
+    low, high = np.quantile(counts, [0.1, 0.9])
+    assert low < 100
+    assert high > 200
+    population = Population(config, 0, library.silhouette)
+    assert total_variation(population.target, population.expected()) < 0.05
+
+
+def test_a_range_of_one_density_is_that_density():
+    one, same = (load_config("middlebury", {"particles.density": each}) for each in (30, [30, 30.0]))
+    assert one.digest() == same.digest()
+    assert one.model_dump(mode="json")["particles"]["density"] == 30.0
 
 
 def test_fewer_objects_than_can_cover_the_target_are_refused():

@@ -229,7 +229,7 @@ class ParticlesSection(Section):
         clutter: depth layers beside the solved layers, such as many small things far away.
         density: number of objects that share the area of the target. ``default`` keeps the sizes, ``sparse`` has a
             third as many objects, which are larger, ``dense`` has three times as many, which are smaller, and a number
-            is the mean number of objects in the left view.
+            is the mean number of objects in the left view; of a range, each sequence has a number of its own.
         size_px: diameter of a model's bounding sphere on the screen, drawn uniformly in its logarithm.
         size_m: diameter of a model's bounding sphere in metres, instead of ``size_px``; a far model is smaller on the
             screen.
@@ -243,7 +243,7 @@ class ParticlesSection(Section):
 
     layers: Annotated[tuple[DepthLayerSection, ...], FROM_LIST, Field(max_length=_MOST_ITEMS)] | None = None
     clutter: Annotated[tuple[DepthLayerSection, ...], FROM_LIST, Field(max_length=_MOST_ITEMS)] = ()
-    density: Literal["sparse", "default", "dense"] | Annotated[Positive, Field(le=_MOST_PARTICLES)] = "default"
+    density: Literal["sparse", "default", "dense"] | Annotated[PositiveRange, at_most(_MOST_PARTICLES)] = "default"
     size_px: PositiveRange = Range(40.0, 300.0)
     size_m: PositiveRange | None = None
     stretch: PositiveRange = Range(0.5, 1.0)

@@ -29,11 +29,14 @@ _PILOTS = 32
 _COUNTED_PILOTS = 8
 _CORRECTIONS = 6
 _DENSITY = {"sparse": 1 / 3, "default": 1.0, "dense": 3.0}
+# A range of densities is solved at so many numbers, and its mean is taken over so many.
+_DENSITIES, _QUANTILES = 4, 32
 _SMALLEST = 0.05
 _BEYOND_MOST = 2.0
 _HALVINGS = 10
 # Multiples of their roots, which are irrational and unrelated, spread evenly over [0, 1) for each layer by itself.
-# These are 50 primes, for 48 layers at most.
+# These are 50 primes, for 48 layers at most and the density.
+_OF_DENSITY = 48
 _PRIMES = np.array([n for n in range(2, 230) if all(n % k for k in range(2, n))], np.float64)
 # The aim for a bin keeps this share of itself in each correction: from 0 it could not rise again.
 _LEAST_OF_AIM = 0.1
@@ -57,6 +60,13 @@ class _Aim(NamedTuple):
     achieved: Floats  # (K,) mean shares of scenes that are solved for it
     sizes: Sizes  # of the particles
 
+    def towards(self, other: "_Aim", share: float) -> "_Aim":
+        """Return an aim at a share of the way to another one."""
+        shares, achieved = (
+            mine + share * (its - mine) for mine, its in ((self.shares, other.shares), (self.achieved, other.achieved))
+        )
+        return _Aim(shares, achieved, self.sizes.scaled((other.sizes.low / self.sizes.low) ** share))
+
 
 class Population:
     """Numbers of particles for the scenes of one dataset.
@@ -77,7 +87,8 @@ class Population:
         self._silhouette = silhouette
         self.target = merge_bins(wanted or config.wanted_histogram())
         self._layers = DepthLayers.from_bins(self.target, config.disparity.min_px, config.disparity.max_px)
-        self._first_quantile = generator(seed, Purpose.COUNTS).random(len(self._layers))
+        # One for each layer, and the last one for the density.
+        self._first_quantile = generator(seed, Purpose.COUNTS).random(len(self._layers) + 1)
 
     def draw(self, sequence: int, camera: StereoCamera, bare_px: Floats, rng: np.random.Generator) -> list[Batch]:
         """Draw the numbers for one scene.
@@ -99,13 +110,14 @@ class Population:
             check_reachable(camera, lowest, f"particles.{name}.disparity_px")
         if particles.layers is not None:
             return stated_batches((*particles.layers, *particles.clutter), particles, rng)
-        aim = self._aim
+        steps = np.sqrt(np.append(_PRIMES[: len(self._layers)], _PRIMES[_OF_DENSITY]))
+        quantile = (self._first_quantile + sequence * steps) % 1.0
+        aim = self._aim(float(quantile[-1]))
         views = self._views([(camera, bare_px)], aim.sizes)
-        quantile = (self._first_quantile + sequence * np.sqrt(_PRIMES[: len(self._layers)])) % 1.0
         mean = (self._coverage(aim.shares, views) / views.cover)[0]
         # The limit cuts the rest in any case.
         mean *= min(1.0, _BEYOND_MOST * particles.most / max(float(mean.sum()), 1.0))
-        counts = poisson_counts(mean, quantile)
+        counts = poisson_counts(mean, quantile[:-1])
         layers = zip(self._layers.low_px, self._layers.high_px, counts, strict=True)
         solved = [Batch(low, high, int(count), aim.sizes) for low, high, count in layers]
         return solved + stated_batches(particles.clutter, particles, rng)
@@ -121,8 +133,13 @@ class Population:
         """
         layers = self._config.particles.layers
         return Histogram.from_counts(
-            self.target.edges_px, self._aim.achieved if layers is None else self._stated_shares(layers)
+            self.target.edges_px, self._solved_shares() if layers is None else self._stated_shares(layers)
         )
+
+    def _solved_shares(self) -> Floats:
+        """(K,) mean shares of scenes whose numbers of particles are solved."""
+        aims = [self._aim((k + 0.5) / _QUANTILES) for k in range(_QUANTILES if len(self._aims[1]) > 1 else 1)]
+        return np.asarray(np.mean([aim.achieved for aim in aims], axis=0))
 
     def _stated_shares(self, layers: Sequence[DepthLayerSection]) -> Floats:
         """(K,) mean shares of scenes whose numbers of particles are stated."""
@@ -133,12 +150,40 @@ class Population:
         ]
         return np.diff(np.concatenate([[0.0], np.mean(below, axis=0), [1.0]]))
 
+    def _aim(self, quantile: float) -> _Aim:
+        """Return the aim of a scene whose density is a quantile of the config's range, in [0, 1)."""
+        numbers, aims = self._aims
+        if len(aims) == 1:
+            return aims[0]
+        wanted = np.log(numbers[0] + (numbers[-1] - numbers[0]) * quantile)
+        weight = np.interp(wanted, np.log(numbers), np.arange(len(aims)))
+        below = min(int(weight), len(aims) - 2)
+        return aims[below].towards(aims[below + 1], float(weight) - below)
+
     @cached_property
-    def _aim(self) -> _Aim:
+    def _aims(self) -> tuple[list[float], list[_Aim]]:
+        """Numbers of objects in view, rising, and the aims for them: one, or some over the range of densities."""
         density, sizes = self._config.particles.density, stated_sizes(self._config.particles)
         if density == "default":
-            return self._corrected(sizes)
-        wanted = _DENSITY[density] * self._in_view(sizes) if isinstance(density, str) else density
+            return [0.0], [self._corrected(sizes)]
+        if isinstance(density, str):
+            wanted = _DENSITY[density] * self._in_view(sizes)
+            return [wanted], [self._corrected(sizes.scaled(self._scale(sizes, wanted, stated=False)))]
+        largest = self._scale(sizes, density.low, stated=True)
+        if density.low == density.high:
+            return [density.low], [self._corrected(sizes.scaled(largest))]
+        smallest = self._scale(sizes, density.high, stated=True)
+        scaled = [sizes.scaled(float(scale)) for scale in np.geomspace(largest, smallest, _DENSITIES)]
+        return [self._in_view(each) for each in scaled], [self._corrected(each) for each in scaled]
+
+    def _scale(self, sizes: Sizes, wanted: float, *, stated: bool) -> float:
+        """Return the factor of sizes at which a number of objects is in view.
+
+        Args:
+            sizes: the sizes.
+            wanted: mean number in the left view.
+            stated: whether the config states it; what is too few is refused then, and else comes near.
+        """
         # The largest particles of the nearest layer get as wide as the image.
         camera = self._pilots[0][0]
         largest_px = float(sizes.radius_px(camera, np.array(self._layers.high_px.max()), np.array(1.0)))
@@ -149,9 +194,9 @@ class Population:
                 f"particles.density: {wanted:.0f} objects in view would be smaller than {_SMALLEST:g} of the stated "
                 f"sizes, at which there are {largest_number:.0f}: ask for fewer, or state smaller sizes"
             )
-        if wanted < fewest and not isinstance(density, str):
+        if wanted < fewest and stated:
             raise InputError(
-                f"particles.density: {density:g} objects cannot cover what disparity.target asks for: it takes about "
+                f"particles.density: {wanted:g} objects cannot cover what disparity.target asks for: it takes about "
                 f"{fewest:.0f} in view even where they are up to as wide as the image. Ask for more, or for a target "
                 "that shows more of the background"
             )
@@ -159,7 +204,7 @@ class Population:
             # The number falls as sizes grow, about with their square.
             middle = (low * high) ** 0.5
             low, high = (middle, high) if self._in_view(sizes.scaled(middle)) > wanted else (low, middle)
-        return self._corrected(sizes.scaled((low * high) ** 0.5))
+        return float((low * high) ** 0.5)
 
     def _corrected(self, sizes: Sizes) -> _Aim:
         """Shift the aim until the pilot scenes come to the target on average."""
