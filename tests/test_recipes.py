@@ -27,12 +27,11 @@ from semisynth_gl.textures.atlas import Patch
 PATCHES = tuple(Patch("", 0, 0, 256, k, 1, 9.0) for k in range(5))
 FLOW = ["visibility", "instances", "depth", "flow", "flow_backward", "disparity_change"]
 
-# Every section that a recipe may change.
+# Every section that a recipe may change. Of six successive sequences, each recipe has one or more, whatever the seed.
 RECIPES = [
-    {"recipe": "plain", "weight": 3},
+    {"recipe": "plain"},
     {
         "recipe": "walls",
-        "weight": 2,
         "camera": {"baseline_m": [0.05, 0.1], "doffs_px": 1},
         "background": {"cuboid": 0, "plane": 1},
         "structures": {"ground": 1, "panels": [1, 3], "panel_size_px": [10, 40]},
@@ -285,7 +284,7 @@ def dataset(tmp_path_factory):
 
 
 def test_a_dataset_of_recipes_is_exact(dataset):
-    assert findings(dataset, rays=40) == []
+    assert findings(dataset, rays=16) == []
 
 
 def test_pairs_say_their_recipe(dataset):
@@ -311,14 +310,13 @@ def test_any_pair_and_any_crop_of_a_mix_can_be_rendered_first(dataset):
 
 
 def test_the_report_has_a_table_of_recipes(dataset):
-    report = build_report(read_index(dataset), pairs=1, sample=12)
+    report = build_report(read_index(dataset), pairs=1, sample=6)
     rows = {recipe.name: recipe for recipe in report.measurement.recipes}
-    assert {name: recipe.wanted for name, recipe in rows.items()} == pytest.approx(
-        {"plain": 1 / 2, "walls": 1 / 3, "solids": 1 / 6}
-    )
-    pairs = open_dataset(dataset)
+    assert {name: recipe.wanted for name, recipe in rows.items()} == pytest.approx(dict.fromkeys(rows, 1 / 3))
+    pairs = [open_dataset(dataset)[measured.position] for measured in report.measurement.pairs]
     for name, recipe in rows.items():
         its = [pair for pair in pairs if pair.recipe == name]
+        assert its
         medians = [np.median(pair.left.disparity[np.isfinite(pair.left.disparity)]) for pair in its]
         assert (recipe.pairs, recipe.median_px) == (len(its), pytest.approx(np.mean(medians)))
         assert re.search(rf"<td>{name}</td><td class=\"number\">{recipe.wanted:.1%}</td>", report.page)
@@ -327,6 +325,6 @@ def test_the_report_has_a_table_of_recipes(dataset):
 
 
 def test_the_card_names_the_recipes(dataset):
-    assert "Recipes of scenes, by their shares: plain 50.0%, walls 33.3%, solids 16.7%" in (
+    assert "Recipes of scenes, by their shares: plain 33.3%, walls 33.3%, solids 33.3%" in (
         dataset / "README.md"
     ).read_text("utf-8")
