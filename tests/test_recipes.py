@@ -148,8 +148,14 @@ def test_a_target_of_a_recipe_may_come_from_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("item", "said"),
     [
-        ("{recipe: a, partcles: {density: 3}}", "mix.yaml:3: scenes.0.partcles: unknown key; did you mean particles?"),
-        ("{recipe: a, particles: {densty: 3}}", "mix.yaml:3: scenes.0.particles.densty: unknown key; did you mean den"),
+        (
+            "{recipe: a, partcles: {density: 3}}",
+            "mix.yaml:3: scenes.0.partcles: unknown key; did you mean scenes.0.particles?",
+        ),
+        (
+            "{recipe: a, particles: {densty: 3}}",
+            "mix.yaml:3: scenes.0.particles.densty: unknown key; did you mean scenes.0.particles.den",
+        ),
         ("{recipe: a, camera: {width_px: 64}}", "mix.yaml:3: scenes.0.camera.width_px: a recipe cannot change it"),
         ("{recipe: a, camera: {height_px: 64}}", "set camera.height_px beside scenes"),
         ("{recipe: a, disparity: {max_px: 64}}", "set disparity.max_px beside scenes"),

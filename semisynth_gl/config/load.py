@@ -282,6 +282,8 @@ def _meant_keys(key: Key, siblings: Collection[str], value: object) -> list[str]
         inner.append(str(name))
     whole, known = ".".join([*above, last, *inner]), _dotted_keys(Config)
     alike = [".".join([*above, name]) for name in near(last, siblings)]
+    if key[0] == _SCENES:  # a recipe has sections of its own
+        return alike
     if inner:
         alike = near(whole, known) or alike
     # The same key of another section, unless a sibling differs from it by a letter or two.
