@@ -14,7 +14,7 @@ from semisynth_gl.errors import SemisynthError
 _REFUSED = 2
 
 _COMMANDS = (
-    *("bench", "calibrate", "configs", "doctor", "evaluate"),
+    *("bench", "calibrate", "compare", "configs", "doctor", "evaluate"),
     *("generate", "preview", "report", "textures", "verify"),
 )
 

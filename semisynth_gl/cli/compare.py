@@ -1,0 +1,141 @@
+"""``semisynth-gl compare``."""
+
+import json
+from pathlib import Path
+
+import click
+
+from semisynth_gl.calibration.disparity_maps import find_maps
+from semisynth_gl.cli.options import COUNT, Source, UserPath, above_0, option
+from semisynth_gl.cli.outputs import Output, json_report, marked_png, output_option
+from semisynth_gl.cli.progress import Progress
+from semisynth_gl.codecs.png16 import KITTI_DISPARITY
+from semisynth_gl.comparison.compare import (
+    SAMPLE,
+    Comparison,
+    compare_with_place,
+    comparison_json,
+    comparison_table,
+)
+from semisynth_gl.comparison.picture import WORKING_WIDTH
+from semisynth_gl.comparison.place import find_place
+from semisynth_gl.dataset.reader import open_dataset
+from semisynth_gl.errors import InputError
+from semisynth_gl.splits import SPLITS, SplitName
+from semisynth_gl.textures.image_files import find_images
+
+_FIGURES = json_report("semisynth-gl compare", width_px=int, measures=list, profiles=list)
+_PLOTS = marked_png("semisynth-gl compare")
+
+
+@click.command()
+@click.argument("directory", type=Source(), metavar="DIR_OR_ADDRESS")
+@option(
+    "--images",
+    type=Source(),
+    multiple=True,
+    required=True,
+    metavar="PATH_OR_GLOB",
+    help="Photographs of the place that the dataset is made for: a file, folder or glob. May be repeated.",
+)
+@option(
+    "--disparity",
+    "maps",
+    type=Source(),
+    multiple=True,
+    metavar="PATH_OR_GLOB",
+    help="Disparity maps of the place, true or predicted: .pfm, .npy, 16-bit .png. May be repeated.",
+)
+@option(
+    "--png-scale",
+    type=above_0(0xFFFF),
+    default=KITTI_DISPARITY.steps,
+    help="Levels of a 16-bit PNG per pixel of disparity.",
+)
+@option(
+    "--width",
+    "width_px",
+    type=click.IntRange(min=64, max=4096),
+    default=WORKING_WIDTH,
+    help="Width in px to which all images and maps are brought before they are measured.",
+)
+@option("--sample", type=COUNT, default=SAMPLE, help="How many pairs to measure, evenly spread.")
+@option("--split", type=click.Choice(SPLITS), help="Of this split alone.")
+@output_option("--json", _FIGURES, help="Also write all figures here, unrounded.")
+@option("--out", "plots", type=UserPath(), help="Also draw all distributions, as a PNG.")
+def compare(
+    directory: str,
+    images: tuple[str, ...],
+    maps: tuple[str, ...],
+    png_scale: float,
+    width_px: int,
+    sample: int,
+    split: SplitName | None,
+    output: Output,
+    plots: Path | None,
+) -> None:
+    """Compare a dataset's pairs with the place that it is made for, and say which keys of the config to change.
+
+    Photographs alone tell textures and luminance; disparity maps add depth, occlusion and borders.
+    """
+    picture = Output("--out", _PLOTS, plots, output.overwrite)
+    if plots is not None and plots.suffix.lower() != ".png":
+        raise InputError(f"--out {plots}: expected a name that ends in .png")
+    for file in (output, picture):
+        file.check([*maps, *images], images)
+    dataset = open_dataset(directory, split)
+    place = find_place(find_images(images), find_maps(maps), png_scale)
+    with Progress() as progress:
+        comparison = compare_with_place(dataset, place, width_px=width_px, sample=sample, listener=progress)
+    if output.path is not None:
+        text = json.dumps(comparison_json(comparison), indent=1, allow_nan=False)
+        output.write(f"{text}\n".encode())
+    if plots is not None:
+        # Imported here: matplotlib takes longer to load than many pairs to measure.
+        from semisynth_gl.comparison.plots import comparison_png  # noqa: PLC0415
+
+        picture.write(comparison_png(comparison, f"{directory}: {_counts(comparison)}"))
+    click.echo(_counts(comparison))
+    click.echo()
+    for line in comparison_table(comparison):
+        click.echo(line)
+    click.echo()
+    for line in _summary(comparison):
+        click.echo(line)
+    for note in _notes(comparison):
+        click.echo(f"note: {note}", err=True)
+
+
+def _counts(comparison: Comparison) -> str:
+    parts = [
+        f"{comparison.pairs} of {comparison.dataset_pairs} pairs",
+        f"{comparison.photographs} photographs",
+        f"{comparison.maps} disparity maps ({comparison.maps_with_image} with their image)",
+    ]
+    return f"{', '.join(parts)}; all at a width of {comparison.width_px} px"
+
+
+def _summary(comparison: Comparison) -> list[str]:
+    """Return how many measures are near, and a line for each that is not."""
+    near, compared = len(comparison.near()), len(comparison.compared())
+    lines = [f"{near} of {compared} measures within one standard deviation (sd) of the place's pictures"]
+    advice = comparison.advice()
+    if advice:
+        lines.append("The others, the farthest first, with the keys of the config that move them:")
+        lines += [f"  {measure.name}, {by:+.1f} sd: {change}" for measure, by, change in advice]
+    return lines
+
+
+def _notes(comparison: Comparison) -> list[str]:
+    notes = [f"left out: {skipped}" for skipped in comparison.skipped]
+    if comparison.narrow:
+        notes.append(
+            f"of the photographs, {comparison.narrow} are narrower than {comparison.width_px} px and count for "
+            "luminance alone; --width takes a smaller width for all"
+        )
+    if comparison.sparse_maps:
+        notes.append(
+            f"of the maps, {comparison.sparse_maps} have a disparity in fewer than half of their pixels and count for "
+            "disparity alone"
+        )
+    return notes

@@ -1,0 +1,143 @@
+"""A picture as it is measured: luminance, disparity and masks at the working width, so that resolutions compare."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.errors import InputError
+
+WORKING_WIDTH = 512
+"""Width to which all images and maps are brought, px, unless the caller wants another."""
+
+_DENSE = 0.5
+_WEIGHTS = np.array([0.299, 0.587, 0.114])
+_STRIP_PIXELS = 1 << 20
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """What is known of one view, at the working width.
+
+    Attributes:
+        name: for messages.
+        luminance: (H, W) float32, 8-bit levels; None of a map without an image.
+        disparity: (H, W) float32, px of the working width, nan where there is none; None of a photograph.
+        surfaces: the disparity without holes: a hole takes the smaller of the values beside it in its row, since most
+            holes are background that one eye sees, and a row without any value is the nearest row that has some. None
+            where fewer than half of the pixels have a disparity, as of lidar: holes are then most of it.
+        background: (H, W) bool, whether the pixel shows background, ground or a panel; None where that is not known.
+        enlarged: whether the image is narrower than the working width, so that it lacks the finest detail.
+    """
+
+    name: str
+    luminance: NDArray[np.float32] | None = None
+    disparity: NDArray[np.float32] | None = None
+    surfaces: NDArray[np.float32] | None = None
+    background: NDArray[np.bool_] | None = None
+    enlarged: bool = False
+
+
+def make_picture(
+    name: str,
+    width_px: int,
+    *,
+    image: NDArray[np.uint8] | None = None,
+    disparity: NDArray[np.float32] | None = None,
+    background: NDArray[np.bool_] | None = None,
+) -> Picture:
+    """Bring the arrays of a view to the working width.
+
+    Images are averaged over areas. Of the others each pixel takes one value, that at its centre: a mean of two
+    surfaces would be a surface between them that nobody saw. Disparities shrink with the image.
+
+    Args:
+        name: for messages.
+        width_px: the working width.
+        image: (H, W, 3) uint8 RGB.
+        disparity: (H, W) float32 px; no value is inf or nan, or 0 or below.
+        background: (H, W) bool, whether a pixel shows background, ground or a panel.
+
+    Raises:
+        InputError: where the arrays differ in size.
+    """
+    shapes = {array.shape[:2] for array in (image, disparity, background) if array is not None}
+    if len(shapes) != 1:
+        sizes = " and ".join(sorted(f"{width} x {height}" for height, width in shapes))
+        raise InputError(f"{name}: its arrays have sizes of {sizes}: expected one size")
+    ((height, width),) = shapes
+    size = max(1, round(height * width_px / width)), width_px
+    at = np.ix_(_centres(size[0], height), _centres(width_px, width))
+    scaled = surfaces = None
+    if disparity is not None:
+        values = disparity[at]
+        known = np.isfinite(values) & (values > 0)
+        scaled = np.where(known, values * np.float32(width_px / width), np.float32(np.nan))
+        surfaces = fill_holes(scaled) if known.mean() >= _DENSE else None
+    return Picture(
+        name,
+        None if image is None else mean_luminance(image, size),
+        scaled,
+        surfaces,
+        None if background is None else background[at],
+        width < width_px,
+    )
+
+
+def mean_luminance(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.float32]:
+    """Return the luminance of an image in another size, in which each pixel is the mean over its area.
+
+    Args:
+        image: (H, W, 3) uint8 RGB.
+        size: height and width of the result, (h, w).
+
+    Returns:
+        (h, w) float32 levels, by the weights of ITU-R BT.601; not rounded, so that images that keep their size compare
+        with those that are averaged.
+    """
+    height, width = image.shape[:2]
+    rows = max(1, _STRIP_PIXELS // width)
+    # Columns first and in strips: of a large image they leave little.
+    strips = [_mean_along_rows(image[top : top + rows] @ _WEIGHTS, size[1]) for top in range(0, height, rows)]
+    return np.ascontiguousarray(_mean_along_rows(np.concatenate(strips).T, size[0]).T, np.float32)
+
+
+def fill_holes(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Give each pixel without a value the smaller of the nearest values to its left and to its right.
+
+    Args:
+        disparity: (H, W) float32, nan where there is no value, with at least one value. A row without any becomes the
+            nearest row that has some.
+
+    Returns:
+        (H, W) float32, all finite.
+    """
+    rows = np.flatnonzero(np.isfinite(disparity).any(axis=1))
+    nearest = rows[np.abs(rows[:, None] - np.arange(len(disparity))).argmin(axis=0)]
+    disparity = disparity[nearest]
+    width = disparity.shape[1]
+    known, column = np.isfinite(disparity), np.arange(width)
+    before = np.maximum.accumulate(np.where(known, column, 0), axis=1)
+    after = np.minimum.accumulate(np.where(known, column, width - 1)[:, ::-1], axis=1)[:, ::-1]
+    # fmin: where there is a value on one side alone, that one.
+    return np.fmin(np.take_along_axis(disparity, before, axis=1), np.take_along_axis(disparity, after, axis=1))
+
+
+def _mean_along_rows(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """Return (H, ``count``) float64: each element is the mean over its part of a row of ``values``, (H, W)."""
+    width = values.shape[1]
+    if count == width:
+        return values
+    # The integral over a row is linear within each of its elements.
+    integral = np.zeros((len(values), width + 1))
+    np.cumsum(values, axis=1, out=integral[:, 1:])
+    edges = np.arange(count + 1) * (width / count)
+    element = np.minimum(edges.astype(np.int64), width - 1)
+    at_edges = integral[:, element] + (edges - element) * values[:, element]
+    means: NDArray[np.float64] = np.diff(at_edges, axis=1) * (count / width)
+    return means
+
+
+def _centres(count: int, extent: int) -> NDArray[np.int64]:
+    """Return the element of ``extent`` at the centre of each of ``count`` equal parts."""
+    return (2 * np.arange(count) + 1) * extent // (2 * count)

@@ -1,0 +1,231 @@
+"""What is measured in a picture, pixel by pixel: jumps, runs, slants, contrasts."""
+
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+JUMP_PX = 1.0
+"""A larger difference between neighbouring pixels' disparities is a jump: two surfaces, or one seen edge-on."""
+HIGH_JUMP_PX = 2.0
+"""A jump that counts as the border of an object."""
+SLANT_SPAN_PX = 16
+"""Pixels over which the slant of a surface is measured: maps that are rounded to 1/2 px need several."""
+
+_NEAR_PX = 5
+_CONTRAST_SIDE = 9
+_OCTAVES = 5
+# Columns on each side of a border: the first two may be mixed from both surfaces, the next three tell their levels.
+_MIXED, _PLAIN = 2, 3
+_LEAST_CONTRAST = 10.0
+_FEWEST_BORDERS = 20
+
+Mask = NDArray[np.bool_]
+
+_Value = TypeVar("_Value", bound=np.generic)
+
+Values = NDArray[np.float32] | NDArray[np.float64]
+
+
+def jumps(surfaces: NDArray[np.float32], axis: int, least_px: float = JUMP_PX) -> Mask:
+    """Return where neighbours along an axis lie on two surfaces.
+
+    Args:
+        surfaces: (H, W) float32 px, all finite, as of a `Picture`; likewise below.
+        axis: 0 for neighbours in a column, 1 for those in a row.
+        least_px: a difference above this is a jump.
+
+    Returns:
+        (H - 1, W) or (H, W - 1) bool.
+    """
+    return np.abs(np.diff(surfaces, axis=axis)) > least_px
+
+
+def run_lengths(surfaces: NDArray[np.float32]) -> NDArray[np.int64]:
+    """Return the length of each smooth run: pixels of a row between two jumps, or between a jump and the border.
+
+    Returns:
+        (R,) int64 px, from the top row to the bottom row.
+    """
+    height, width = surfaces.shape
+    ends = np.ones((height, width), np.bool_)
+    ends[:, :-1] = jumps(surfaces, 1)
+    return np.diff(np.flatnonzero(ends), prepend=-1)
+
+
+def region_sizes(surfaces: NDArray[np.float32]) -> NDArray[np.int64]:
+    """Return the number of pixels of each region: pixels that are connected along rows and columns without a jump.
+
+    Returns:
+        (R,) int64 px, each above 0.
+    """
+    lengths = run_lengths(surfaces)
+    run = np.repeat(np.arange(len(lengths)), lengths).reshape(surfaces.shape)
+    upper, lower = run[:-1], run[1:]
+    touching = ~jumps(surfaces, 0)
+    # Two runs touch in many columns; one of them is enough.
+    touching[:, 1:] &= (np.diff(upper, axis=1) + np.diff(lower, axis=1) > 0) | ~touching[:, :-1]
+    first, second = upper[touching], lower[touching]
+    # Of two regions that touch, the one with the higher number joins the other, until none do.
+    region = np.arange(len(lengths))
+    while len(first):
+        np.minimum.at(region, np.maximum(first, second), np.minimum(first, second))
+        while not np.array_equal(region, joined := region[region]):
+            region = joined
+        first, second = region[first], region[second]
+        apart = first != second
+        first, second = first[apart], second[apart]
+    sizes = np.bincount(region, lengths).astype(np.int64)
+    return sizes[sizes > 0]
+
+
+def near_jumps(surfaces: NDArray[np.float32]) -> Mask:
+    """Return the pixels with a high jump at most 5 pixels away, along rows and along columns, (H, W) bool."""
+    near = np.zeros(surfaces.shape, np.bool_)
+    for axis in (0, 1):
+        there = jumps(surfaces, axis, HIGH_JUMP_PX)
+        first, second = _shifted(near, axis, 1)
+        first |= there
+        second |= there
+    for axis in (0, 1):
+        reached = near.copy()
+        for step in range(1, _NEAR_PX):
+            before, after = _shifted(reached, axis, step)
+            from_before, from_after = _shifted(near, axis, step)
+            after |= from_before
+            before |= from_after
+        near = reached
+    return near
+
+
+def hidden(disparity: NDArray[np.float32]) -> Mask:
+    """Return the pixels of a left view that the right view cannot show, judged by the left map alone.
+
+    A pixel is hidden where a nearer one takes its place in the right view, or where that place is outside the image.
+    Pairs with a mask are judged so too: both sides of a comparison are to have one definition.
+
+    Args:
+        disparity: (H, W) float32 px, nan where there is none.
+
+    Returns:
+        (H, W) bool, false where there is no disparity.
+    """
+    height, width = disparity.shape
+    known = np.isfinite(disparity)
+    place = np.arange(width) - np.where(known, disparity, 0)
+    outside = known & (place < -0.5)
+    inside = known & ~outside
+    column = np.clip(np.rint(place), 0, width - 1).astype(np.int64)
+    # The nearest surface in each pixel of the right view; a surface that faces to the left leaves gaps of a pixel.
+    nearest = np.zeros((height, width + 2), np.float32)
+    at = (column + (np.arange(height) * (width + 2) + 1)[:, None])[inside]
+    np.maximum.at(nearest.reshape(-1), at, disparity[inside])
+    closed = np.maximum(nearest[:, 1:-1], np.minimum(nearest[:, :-2], nearest[:, 2:]))
+    return outside | (inside & (np.take_along_axis(closed, column, axis=1) > disparity + JUMP_PX))
+
+
+def slants(surfaces: NDArray[np.float32]) -> Values:
+    """Return how fast disparity changes on surfaces: the length of its gradient, in px per px, over `SLANT_SPAN_PX`.
+
+    Returns:
+        (N,) of the pixels around which neither the row nor the column has a jump over that span.
+    """
+    span, half = SLANT_SPAN_PX, SLANT_SPAN_PX // 2
+    height, width = surfaces.shape
+    if min(height, width) <= span:
+        return np.zeros(0)
+    along = []
+    for axis in (0, 1):
+        passed = np.zeros(surfaces.shape, np.int32)
+        _shifted(passed, axis, 1)[1][:] = np.cumsum(jumps(surfaces, axis), axis=axis)
+        begin, end = _shifted(surfaces, axis, span)
+        jumps_before, jumps_after = _shifted(passed, axis, span)
+        slope = np.where(jumps_before == jumps_after, (end - begin) / span, np.nan)
+        along.append(slope[:, half : width - half] if axis == 0 else slope[half : height - half])
+    lengths = np.hypot(*along)
+    return lengths[np.isfinite(lengths)]
+
+
+def gradients(luminance: NDArray[np.float32]) -> Values:
+    """Return the length of the gradient between neighbouring pixels, levels per px, (H - 1, W - 1)."""
+    return np.hypot(np.diff(luminance, axis=1)[1:], np.diff(luminance, axis=0)[:, 1:])
+
+
+def local_contrasts(luminance: NDArray[np.float32]) -> Values:
+    """Return the standard deviation in each 9 x 9 window, levels, (H - 8, W - 8); empty for smaller images."""
+    side = _CONTRAST_SIDE
+    if min(luminance.shape) < side:
+        return np.zeros(0)
+    # About the mean: the sums of squares stay small, so that their difference keeps its digits.
+    levels = luminance.astype(np.float64) - luminance.mean()
+    mean, mean_square = (_window_sums(values, side) / side**2 for values in (levels, levels**2))
+    return np.sqrt(np.maximum(mean_square - mean**2, 0))
+
+
+def octave_contrasts(luminance: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return the contrast of each octave of detail, levels: the root mean square deviation within blocks of 2 x 2.
+
+    The blocks are of pixels for the first, finest octave, and of the means of the previous octave's blocks for others.
+
+    Returns:
+        (5,), nan from the octave on for which the image is too small.
+    """
+    contrasts = np.full(_OCTAVES, np.nan)
+    levels = luminance.astype(np.float64)
+    for octave in range(_OCTAVES):
+        height, width = levels.shape[0] // 2, levels.shape[1] // 2
+        if min(height, width) == 0:
+            break
+        levels = levels[: 2 * height, : 2 * width]
+        corners = [levels[row::2, column::2] for row in (0, 1) for column in (0, 1)]
+        means: NDArray[np.float64] = sum(corners[1:], corners[0]) / 4
+        contrasts[octave] = np.sqrt(np.mean([(corner - means) ** 2 for corner in corners]))
+        levels = means
+    return contrasts
+
+
+def border_steps(luminance: NDArray[np.float32], surfaces: NDArray[np.float32]) -> tuple[Values, Values]:
+    """Return the step of the image at each border of an object, and the contrast of what lies to both sides.
+
+    Borders are high jumps in a row with five pixels of one surface to each side. The contrast is the difference between
+    the means of the third to fifth pixels; the step is the largest between neighbours within one pixel of the jump,
+    since measured maps are rarely better aligned with their images. Contrasts below 10 levels say nothing.
+
+    Returns:
+        steps and contrasts, (N,) each, levels, 0 or more.
+    """
+    reach = _MIXED + _PLAIN
+    width = surfaces.shape[1]
+    if width < 2 * reach:
+        return np.zeros(0), np.zeros(0)
+    any_jump = jumps(surfaces, 1)
+    lonely = jumps(surfaces, 1, HIGH_JUMP_PX)[:, reach - 1 : width - reach]
+    for step in (*range(1 - reach, 0), *range(1, reach)):
+        lonely = lonely & ~any_jump[:, reach - 1 + step : width - reach + step]
+    row, column = np.nonzero(lonely)
+    levels = luminance[row[:, None], column[:, None] + np.arange(2 * reach)].astype(np.float64)
+    contrast = np.abs(levels[:, :_PLAIN].mean(axis=1) - levels[:, -_PLAIN:].mean(axis=1))
+    step = np.abs(np.diff(levels[:, reach - 2 : reach + 2], axis=1)).max(axis=1, initial=0)
+    clear = contrast >= _LEAST_CONTRAST
+    return step[clear], contrast[clear]
+
+
+def border_hardness(luminance: NDArray[np.float32], surfaces: NDArray[np.float32]) -> float:
+    """Return the mean step over the mean contrast of an image's borders; nan where it has fewer than 20."""
+    step, contrast = border_steps(luminance, surfaces)
+    return float(step.sum() / contrast.sum()) if len(step) >= _FEWEST_BORDERS else float("nan")
+
+
+def _shifted(values: NDArray[_Value], axis: int, step: int) -> tuple[NDArray[_Value], NDArray[_Value]]:
+    """Return views of all but the last and of all but the first ``step`` slices along an axis."""
+    along = np.moveaxis(values, axis, 0)
+    return np.moveaxis(along[:-step], 0, axis), np.moveaxis(along[step:], 0, axis)
+
+
+def _window_sums(values: NDArray[np.float64], side: int) -> NDArray[np.float64]:
+    integral = np.zeros((values.shape[0] + 1, values.shape[1] + 1))
+    np.cumsum(np.cumsum(values, axis=0), axis=1, out=integral[1:, 1:])
+    sums: NDArray[np.float64] = (
+        integral[side:, side:] - integral[:-side, side:] - integral[side:, :-side] + integral[:-side, :-side]
+    )
+    return sums
