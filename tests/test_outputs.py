@@ -30,6 +30,7 @@ SMALL = "--set camera.width_px=64 --set camera.height_px=48 --set models.variant
 COMMANDS = {
     "verify set --json": ".json",
     "evaluate --pred pred --gt gt --json": ".json",
+    "compare set --images photos --json": ".json",
     f"preview --config sceneflow --images photos --pairs 1 {SMALL} --out": ".png",
     f"textures --images photos {SMALL.partition(' --set models')[0]} --out": ".png",
     "report set --pairs 1 --out": ".html",
@@ -346,6 +347,10 @@ def test_what_is_foreseen_is_what_is_found(tmp_path, monkeypatch):
         ("evaluate --pred pred --gt", "--gt"),
         ("evaluate --pred pred --gt gt --mask", "--mask"),
         ("evaluate --pred pred --gt gt --maps", "--maps"),
+        ("compare set --images", "--images"),
+        ("compare set --images photos --disparity", "--disparity"),
+        ("compare set --images photos --out", "--out"),
+        ("compare", "DIR_OR_ADDRESS"),
         ("verify", "DIR_OR_ADDRESS"),
         ("report", "DIR_OR_ADDRESS"),
     ],

@@ -2,6 +2,7 @@
 
 import re
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -91,7 +92,9 @@ def calibrate(
     # The patches of the dataset to come: unusable photographs are reported now, and the cache keeps the patches.
     report = prepare_atlas(config.textures, 0).report
     output.write(text.encode())
-    for line in _summary(facts, config.name, report, out):
+    for line in _summary(facts, report):
+        say(line)
+    for line in _next_steps(config.name, out, images, disparity):
         say(line)
 
 
@@ -119,7 +122,7 @@ def _size(text: str | None) -> Size | None:
     return Size(int(sides[1]), int(sides[2]))
 
 
-def _summary(facts: ConfigFacts, name: str, report: TextureReport, out: Path) -> list[str]:
+def _summary(facts: ConfigFacts, report: TextureReport) -> list[str]:
     ranges, disparity, count = facts.ranges, facts.disparity, facts.photograph_count
     lines = [
         f"image size       {facts.size}",
@@ -136,12 +139,20 @@ def _summary(facts: ConfigFacts, name: str, report: TextureReport, out: Path) ->
     splits = impossible_splits(count)
     if splits:
         lines.append(f"                 too few to hold some out for {' or '.join(splits)}")
-    data = shlex.quote(f"data/{name}")
+    return lines
+
+
+def _next_steps(name: str, out: Path, images: Sequence[str], disparity: DisparitySource) -> list[str]:
+    config, data = shlex.quote(str(out)), shlex.quote(f"data/{name}")
+    sources = [f"--images {shlex.quote(source)}" for source in images]
+    sources += [f"--disparity {shlex.quote(source)}" for source in disparity.maps]
+    if disparity.maps and disparity.png_scale != KITTI_DISPARITY.steps:
+        sources.append(f"--png-scale {disparity.png_scale:g}")
     return [
-        *lines,
         f"wrote {out}; next:",
-        f"  semisynth-gl preview --config {shlex.quote(str(out))}",
-        f"  semisynth-gl generate --config {shlex.quote(str(out))} --out {data} --pairs 1000",
+        f"  semisynth-gl preview --config {config}",
+        f"  semisynth-gl generate --config {config} --out {data} --pairs 1000",
+        f"  semisynth-gl compare {data} {' '.join(sources)}",
     ]
 
 

@@ -55,7 +55,7 @@ _PLOTS = marked_png("semisynth-gl compare")
 @option(
     "--width",
     "width_px",
-    type=click.IntRange(min=64, max=4096),
+    type=click.IntRange(min=32, max=4096),
     default=WORKING_WIDTH,
     help="Width in px to which all images and maps are brought before they are measured.",
 )

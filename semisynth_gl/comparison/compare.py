@@ -141,10 +141,13 @@ def compare_with_place(
         ReadError: where a file of the dataset or a map cannot be read.
     """
     skipped: list[Skipped] = []
-    of_image = [measure for measure in MEASURES if measure.of == ("luminance",)]
-    of_map = [measure for measure in MEASURES if measure not in of_image]
-    photographs = _Measured(of_image, [profile for profile in PROFILES if profile.of == ("luminance",)])
-    maps = _Measured(of_map, [profile for profile in PROFILES if profile.of != ("luminance",)])
+    photographs, maps = (
+        _Measured(
+            [each for each in MEASURES if each.of_images == of_images],
+            [each for each in PROFILES if each.of_images == of_images],
+        )
+        for of_images in (True, False)
+    )
     count = narrow = 0
     for picture in photograph_pictures(place, skipped, width_px):
         photographs.add(picture)

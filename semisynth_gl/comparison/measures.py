@@ -8,24 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.comparison.picture import Picture
-from semisynth_gl.comparison.quantities import (
-    border_hardness,
-    gradients,
-    hidden,
-    jumps,
-    local_contrasts,
-    near_jumps,
-    octave_contrasts,
-    region_sizes,
-    run_lengths,
-    slants,
-)
+from semisynth_gl.comparison.quantities import border_hardness, hidden, jumps, near_jumps
 
 _FLAT_LEVELS = 4.0
 _SMOOTH_LEVELS = 2.0
 _STEEP = 0.1
 # Predictions and measured maps have a few values that are far off.
 _LARGEST = 0.995
+
+_OF_IMAGES = frozenset({"luminance", "gradients", "local_contrasts", "octave_contrasts"})
 
 _FEWER_OBJECTS = "lower particles.density or models.complex, raise particles.size_px"
 _MORE_OBJECTS = "raise particles.density or models.complex, lower particles.size_px"
@@ -41,7 +32,7 @@ class Measure:
         key: its name in JSON.
         name: its name in tables.
         unit: its unit.
-        of: the arrays of a `Picture` that it is computed from, by name.
+        of: the arrays and properties of a `Picture` that it is computed from, by name.
         value: the number from these arrays, nan where they do not have it.
         more: what to change in a config for more of it, with the keys; "" where the measure is for information.
         less: what to change for less of it.
@@ -58,10 +49,15 @@ class Measure:
     less: str = ""
     fine: bool = False
 
+    @property
+    def of_images(self) -> bool:
+        """Whether an image is enough for it, without a disparity map."""
+        return _OF_IMAGES.issuperset(self.of)
+
     def measure(self, picture: Picture) -> float | None:
         """Return the number of a picture, or None where the picture does not have it."""
-        arrays = _arrays(picture, self.of)
-        if arrays is None or (self.fine and picture.enlarged):
+        arrays = None if self.fine and picture.enlarged else _arrays(picture, self.of)
+        if arrays is None:
             return None
         value = float(self.value(*arrays))
         return value if np.isfinite(value) else None
@@ -75,7 +71,7 @@ class Profile:
         key: its name in JSON.
         name: its name in plots.
         label: what its bins are of, with the unit.
-        of: the arrays of a `Picture` that it is computed from, by name.
+        of: the arrays and properties of a `Picture` that it is computed from, by name.
         edges: (K + 1,) float64, edges of the bins.
         values: (K,) from these arrays and the edges: the share of each bin in %, unless `name` says otherwise; nan
             where they do not have it.
@@ -93,10 +89,15 @@ class Profile:
     log: bool = False
     fine: bool = False
 
+    @property
+    def of_images(self) -> bool:
+        """Whether an image is enough for it, without a disparity map."""
+        return _OF_IMAGES.issuperset(self.of)
+
     def measure(self, picture: Picture) -> NDArray[np.float64] | None:
         """Return the values of a picture, (K,), or None where the picture does not have them."""
-        arrays = _arrays(picture, self.of)
-        if arrays is None or (self.fine and picture.enlarged):
+        arrays = None if self.fine and picture.enlarged else _arrays(picture, self.of)
+        if arrays is None:
             return None
         values = self.values(*arrays, self.edges)
         return values if np.isfinite(values).all() else None
@@ -117,7 +118,7 @@ def _percent(mask: NDArray[np.bool_]) -> float:
 
 def _weighted_by_itself(sizes: NDArray[np.int64]) -> float:
     """Return the mean over pixels of the size of what each pixel is in."""
-    return float(np.average(sizes, weights=sizes))
+    return float(np.average(sizes.astype(np.float64), weights=sizes))
 
 
 def _known(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -126,12 +127,17 @@ def _known(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _of_width(px: float, disparity: NDArray[np.float32]) -> float:
-    return 100 * px / disparity.shape[1]
+    return 100 * px / float(disparity.shape[1])
 
 
 def _largest(disparity: NDArray[np.float32]) -> float:
     known = _known(disparity)
     return _of_width(float(np.quantile(known, _LARGEST)), disparity) if known.size else float("nan")
+
+
+def _finest_over_third(octaves: NDArray[np.float64]) -> float:
+    finest, _, third, *_ = octaves.tolist()
+    return finest / third if third > 0 else float("nan")
 
 
 def _shares(
@@ -158,8 +164,8 @@ MEASURES: tuple[Measure, ...] = (
         "runs",
         "length of smooth runs",
         "px",
-        ("surfaces",),
-        lambda surfaces: _weighted_by_itself(run_lengths(surfaces)),
+        ("run_lengths",),
+        _weighted_by_itself,
         more=_FEWER_OBJECTS,
         less=_MORE_OBJECTS,
     ),
@@ -185,8 +191,8 @@ MEASURES: tuple[Measure, ...] = (
         "regions",
         "size of regions",
         "% of image",
-        ("surfaces",),
-        lambda surfaces: 100 * _weighted_by_itself(region_sizes(surfaces)) / surfaces.size,
+        ("region_sizes",),
+        lambda sizes: 100 * _weighted_by_itself(sizes) / float(sizes.sum()),
         more=_FEWER_OBJECTS,
         less=_MORE_OBJECTS,
     ),
@@ -194,8 +200,8 @@ MEASURES: tuple[Measure, ...] = (
         "slant",
         "slant, mean",
         "px per px",
-        ("surfaces",),
-        lambda surfaces: _mean(slants(surfaces)),
+        ("slants",),
+        _mean,
         more=_STEEPER,
         less=_LESS_STEEP,
     ),
@@ -203,8 +209,8 @@ MEASURES: tuple[Measure, ...] = (
         "steep",
         "slanted above 0.1 px per px",
         "%",
-        ("surfaces",),
-        lambda surfaces: _percent(slants(surfaces) > _STEEP),
+        ("slants",),
+        lambda slants: _percent(slants > _STEEP),
         more=_STEEPER,
         less=_LESS_STEEP,
     ),
@@ -240,8 +246,8 @@ MEASURES: tuple[Measure, ...] = (
         "flat",
         "local contrast below 4 levels",
         "%",
-        ("luminance",),
-        lambda luminance: _percent(local_contrasts(luminance) < _FLAT_LEVELS),
+        ("local_contrasts",),
+        lambda contrasts: _percent(contrasts < _FLAT_LEVELS),
         more="raise textures.flat_share, lower textures.texels_per_pixel, particles.density or models.complex",
         less="lower textures.flat_share, raise textures.min_texture, textures.texels_per_pixel or particles.density",
         fine=True,
@@ -250,9 +256,9 @@ MEASURES: tuple[Measure, ...] = (
         "octaves",
         "contrast, finest over third octave",
         "ratio",
-        ("luminance",),
-        lambda luminance: (octaves := octave_contrasts(luminance))[0] / octaves[2] if luminance.any() else float("nan"),
-        more="antialias: none, raise textures.texels_per_pixel or particles.density",
+        ("octave_contrasts",),
+        _finest_over_third,
+        more="antialias: none, raise particles.density or models.complex",
         less="antialias: ssaa2, raise imperfections.blur_px, lower particles.density or models.complex",
         fine=True,
     ),
@@ -260,8 +266,8 @@ MEASURES: tuple[Measure, ...] = (
         "gradient",
         "gradient, mean",
         "levels per px",
-        ("luminance",),
-        lambda luminance: _mean(gradients(luminance)),
+        ("gradients",),
+        _mean,
         more="raise textures.texels_per_pixel, textures.min_texture or particles.density",
         less="raise imperfections.blur_px, lower textures.texels_per_pixel, particles.density or models.complex",
         fine=True,
@@ -270,8 +276,8 @@ MEASURES: tuple[Measure, ...] = (
         "smooth",
         "gradient below 2 levels",
         "%",
-        ("luminance",),
-        lambda luminance: _percent(gradients(luminance) < _SMOOTH_LEVELS),
+        ("gradients",),
+        lambda gradients: _percent(gradients < _SMOOTH_LEVELS),
         more="lower textures.texels_per_pixel or textures.min_texture, raise textures.flat_share",
         less="antialias: ssaa2, raise textures.texels_per_pixel, textures.min_texture or imperfections.noise",
         fine=True,
@@ -312,29 +318,27 @@ PROFILES: tuple[Profile, ...] = (
         "runs",
         "smooth runs, % of pixels",
         "length, % of width",
-        ("surfaces",),
+        ("run_lengths", "surfaces"),
         np.geomspace(0.2, 100, 28),
-        lambda surfaces, edges: _shares(
-            100 * (lengths := run_lengths(surfaces)) / surfaces.shape[1], edges, weights=lengths
-        ),
+        lambda lengths, surfaces, edges: _shares(100 * lengths / surfaces.shape[1], edges, weights=lengths),
         log=True,
     ),
     Profile(
         "regions",
         "regions, % of pixels",
         "size, % of image",
-        ("surfaces",),
+        ("region_sizes",),
         np.geomspace(0.001, 100, 26),
-        lambda surfaces, edges: _shares(100 * (sizes := region_sizes(surfaces)) / surfaces.size, edges, weights=sizes),
+        lambda sizes, edges: _shares(100 * sizes / sizes.sum(), edges, weights=sizes),
         log=True,
     ),
     Profile(
         "slant",
         "slant, % of smooth pixels",
         "px per px",
-        ("surfaces",),
+        ("slants",),
         np.linspace(0, 0.4, 33),
-        lambda surfaces, edges: _shares(slants(surfaces), edges),
+        _shares,
     ),
     Profile(
         "luminance",
@@ -348,9 +352,9 @@ PROFILES: tuple[Profile, ...] = (
         "gradient",
         "gradient, % of pixels",
         "levels per px",
-        ("luminance",),
+        ("gradients",),
         np.geomspace(0.5, 200, 20),
-        lambda luminance, edges: _shares(gradients(luminance), edges),
+        _shares,
         log=True,
         fine=True,
     ),
@@ -358,9 +362,9 @@ PROFILES: tuple[Profile, ...] = (
         "local_contrast",
         "contrast in 9 x 9, % of windows",
         "levels",
-        ("luminance",),
+        ("local_contrasts",),
         np.geomspace(0.25, 128, 28),
-        lambda luminance, edges: _shares(local_contrasts(luminance), edges),
+        _shares,
         log=True,
         fine=True,
     ),
@@ -368,9 +372,9 @@ PROFILES: tuple[Profile, ...] = (
         "octaves",
         "contrast by octave, levels",
         "size of detail, px",
-        ("luminance",),
+        ("octave_contrasts",),
         np.geomspace(1, 32, 6),
-        lambda luminance, _: octave_contrasts(luminance),
+        lambda contrasts, _: contrasts,
         log=True,
         fine=True,
     ),

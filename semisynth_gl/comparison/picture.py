@@ -1,10 +1,14 @@
 """A picture as it is measured: luminance, disparity and masks at the working width, so that resolutions compare."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.comparison import quantities
 from semisynth_gl.errors import InputError
 
 WORKING_WIDTH = 512
@@ -14,10 +18,14 @@ _DENSE = 0.5
 _WEIGHTS = np.array([0.299, 0.587, 0.114])
 _STRIP_PIXELS = 1 << 20
 
+_Result = TypeVar("_Result")
 
-@dataclass(frozen=True, slots=True, eq=False)
+
+@dataclass(frozen=True, eq=False)
 class Picture:
     """What is known of one view, at the working width.
+
+    The properties are the `quantities` of its arrays, each worked out once; None where the picture lacks the array.
 
     Attributes:
         name: for messages.
@@ -36,6 +44,40 @@ class Picture:
     surfaces: NDArray[np.float32] | None = None
     background: NDArray[np.bool_] | None = None
     enlarged: bool = False
+
+    @cached_property
+    def run_lengths(self) -> NDArray[np.int64] | None:
+        """(R,) int64 px."""
+        return _of(quantities.run_lengths, self.surfaces)
+
+    @cached_property
+    def region_sizes(self) -> NDArray[np.int64] | None:
+        """(R,) int64 px."""
+        return _of(quantities.region_sizes, self.surfaces)
+
+    @cached_property
+    def slants(self) -> quantities.Values | None:
+        """(N,) px per px."""
+        return _of(quantities.slants, self.surfaces)
+
+    @cached_property
+    def gradients(self) -> quantities.Values | None:
+        """(H - 1, W - 1) levels per px."""
+        return _of(quantities.gradients, self.luminance)
+
+    @cached_property
+    def local_contrasts(self) -> quantities.Values | None:
+        """(H - 8, W - 8) levels."""
+        return _of(quantities.local_contrasts, self.luminance)
+
+    @cached_property
+    def octave_contrasts(self) -> quantities.Values | None:
+        """(5,) levels."""
+        return _of(quantities.octave_contrasts, self.luminance)
+
+
+def _of(quantity: Callable[[NDArray[np.float32]], _Result], array: NDArray[np.float32] | None) -> _Result | None:
+    return None if array is None else quantity(array)
 
 
 def make_picture(

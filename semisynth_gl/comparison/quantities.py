@@ -80,7 +80,10 @@ def region_sizes(surfaces: NDArray[np.float32]) -> NDArray[np.int64]:
 
 
 def near_jumps(surfaces: NDArray[np.float32]) -> Mask:
-    """Return the pixels with a high jump at most 5 pixels away, along rows and along columns, (H, W) bool."""
+    """Return the five pixels on each side of a high jump, (H, W) bool.
+
+    They are the pixels beside it, and those at most four rows and columns from one of these.
+    """
     near = np.zeros(surfaces.shape, np.bool_)
     for axis in (0, 1):
         there = jumps(surfaces, axis, HIGH_JUMP_PX)

@@ -1,0 +1,606 @@
+"""The command compare: measures with known answers, the files of a place, the table, and what is refused."""
+
+import io
+import json
+import re
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
+from math import erf, sqrt
+from pathlib import Path
+
+import numpy as np
+import pytest
+from backends import backend_fault
+from hand_made_datasets import write_dataset
+from PIL import Image
+from skimage.measure import label
+from tiny_datasets import tiny
+
+from semisynth_gl.cli import main
+from semisynth_gl.codecs.disparity_map import read_disparity_map
+from semisynth_gl.codecs.pfm import PFM
+from semisynth_gl.codecs.png import GREY8, GREY16, RGB8
+from semisynth_gl.codecs.png16 import KITTI_DISPARITY
+from semisynth_gl.comparison.compare import compare_with_place, frame_picture
+from semisynth_gl.comparison.measures import MEASURES, PROFILES
+from semisynth_gl.comparison.picture import fill_holes, make_picture, mean_luminance
+from semisynth_gl.comparison.place import find_place, image_beside, map_pictures
+from semisynth_gl.comparison.quantities import (
+    border_hardness,
+    border_steps,
+    gradients,
+    hidden,
+    local_contrasts,
+    near_jumps,
+    octave_contrasts,
+    region_sizes,
+    run_lengths,
+    slants,
+)
+from semisynth_gl.config import Config
+from semisynth_gl.dataset.reader import open_dataset
+from semisynth_gl.errors import InputError, ReadError
+from semisynth_gl.pairs.pipeline import PairRenderer
+
+SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+INF = np.float32(np.inf)
+BY_KEY = {measure.key: measure for measure in MEASURES}
+
+
+def value(key, picture):
+    return BY_KEY[key].measure(picture)
+
+
+def picture_of(disparity=None, grey=None, width_px=None):
+    """A picture of a map, an image or both, by default at its own width."""
+    disparity = None if disparity is None else np.asarray(disparity, np.float32)
+    image = None if grey is None else np.repeat(np.asarray(grey, np.uint8)[..., None], 3, axis=2)
+    own = (disparity if disparity is not None else image).shape[1]
+    return make_picture("made", width_px or own, image=image, disparity=disparity)
+
+
+# --- measures with known answers ---
+
+
+@pytest.mark.parametrize(("tread", "rise"), [(10, 3.0), (25, 1.5), (50, -4.0)])
+def test_a_staircase(tread, rise):
+    width, height = 200, 40
+    disparity = np.tile(120 + rise * (np.arange(width) // tread), (height, 1))
+    steps = width // tread - 1
+    picture = picture_of(disparity)
+    assert value("jumps", picture) == pytest.approx(100 * steps / (width - 1))
+    assert value("runs", picture) == pytest.approx(tread)
+    assert value("regions", picture) == pytest.approx(100 * tread / width)
+    near = steps * 10 / width if abs(rise) > 2 else 0
+    assert value("near_jumps", picture) == pytest.approx(100 * near)
+    # Each tread is level; windows of 16 px lie on one tread or are left out.
+    assert value("slant", picture) == (0 if tread > 16 else None)
+
+
+@pytest.mark.parametrize(("along", "down"), [(0.0, 0.0), (0.25, 0.0), (0.0, -0.125), (0.75, 0.5)])
+def test_a_plane_has_the_slant_of_its_gradient(along, down):
+    row, column = np.mgrid[:60, :80]
+    surfaces = (100 + along * column + down * row).astype(np.float32)
+    found = slants(surfaces)
+    assert found.shape == ((60 - 16) * (80 - 16),)
+    np.testing.assert_allclose(found, np.hypot(along, down), atol=1e-6)
+    assert len(run_lengths(surfaces)) == 60
+    assert region_sizes(surfaces).tolist() == [60 * 80]
+    # A rounded map has nearly the same slant: the span is long enough.
+    rounded = (np.round(2 * surfaces) / 2).astype(np.float32)
+    assert slants(rounded).mean() == pytest.approx(np.hypot(along, down), abs=0.02)
+
+
+@pytest.mark.parametrize(("front", "back"), [(12, 4), (30, 7), (9, 8)])
+def test_a_card_hides_as_many_columns_as_its_disparity_exceeds_the_wall(front, back):
+    disparity = np.full((20, 120), back, np.float32)
+    disparity[5:15, 60:90] = front
+    expected = np.zeros((20, 120), bool)
+    expected[:, :back] = True  # outside the right view
+    if front - back > 1:
+        expected[5:15, 60 - (front - back) : 60] = True
+    np.testing.assert_array_equal(hidden(disparity), expected)
+    # Where nothing is known, nothing is hidden; shares are of what is known.
+    disparity[:, 100:] = np.nan
+    assert hidden(disparity).sum() == expected.sum()
+    picture = picture_of(disparity)
+    assert value("occluded", picture) == pytest.approx(100 * expected.sum() / 2000)
+
+
+def test_pixels_near_a_jump_are_those_of_a_square_around_it():
+    surfaces = np.full((30, 40), 5, np.float32)
+    surfaces[10:20, 15:30] = 9
+    row, column = np.mgrid[:30, :40]
+    outside = np.maximum.reduce([10 - row, row - 19, 15 - column, column - 29])  # distance to the card, if above 0
+    expected = (outside <= 5) & (outside > -5)
+    # No pixel outside a corner is beside the jump.
+    expected[[5, 5, 24, 24], [10, 34, 10, 34]] = False
+    np.testing.assert_array_equal(near_jumps(surfaces), expected)
+
+
+def test_regions_are_what_a_flood_finds():
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        height, width = rng.integers(1, 30, 2)
+        surfaces = 3 * rng.integers(0, 3, (height, width)).astype(np.float32)
+        # Pixels and the gaps between them, as one grid.
+        grid = np.zeros((2 * height - 1, 2 * width - 1), bool)
+        grid[::2, ::2] = True
+        grid[::2, 1::2] = np.diff(surfaces, axis=1) == 0
+        grid[1::2, ::2] = np.diff(surfaces, axis=0) == 0
+        sizes = np.bincount(label(grid, connectivity=1)[::2, ::2].ravel())
+        assert sorted(region_sizes(surfaces)) == sorted(sizes[sizes > 0])
+        assert run_lengths(surfaces).sum() == height * width
+
+
+def edge(profile, columns=100):
+    """An image whose rows go from 40 to 200 about the middle, and the map whose jump is there."""
+    x = np.arange(columns) - (columns / 2 - 0.5)
+    luminance = np.tile(40 + 160 * profile(x), (30, 1)).astype(np.float32)
+    surfaces = np.tile(np.where(x < 0, 5, 20), (30, 1)).astype(np.float32)
+    return luminance, surfaces
+
+
+@pytest.mark.parametrize("width", [1.0, 2.0, 3.0])
+def test_an_edge_averaged_over_a_width_has_the_step_of_one_over_it(width):
+    luminance, surfaces = edge(lambda x: np.clip(x / width + 0.5, 0, 1))
+    expected = (np.clip(0.5 / width + 0.5, 0, 1) - np.clip(-0.5 / width + 0.5, 0, 1)).item()
+    assert border_hardness(luminance, surfaces) == pytest.approx(expected, abs=1e-6)
+    # One pixel off, as measured maps are.
+    assert border_hardness(np.roll(luminance, 1, axis=1), surfaces) == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("sigma", [0.4, 0.8, 1.2])
+def test_an_edge_blurred_by_a_gaussian_has_the_step_of_its_error_function(sigma):
+    luminance, surfaces = edge(lambda x: np.array([(1 + erf(each / (sigma * sqrt(2)))) / 2 for each in x]))
+    step = erf(0.5 / (sigma * sqrt(2)))
+    contrast = np.mean([erf(far / (sigma * sqrt(2))) for far in (2.5, 3.5, 4.5)])
+    assert border_hardness(luminance, surfaces) == pytest.approx(step / contrast, abs=1e-5)
+
+
+def test_borders_that_say_nothing_are_left_out():
+    luminance, surfaces = edge(lambda x: (x > 0).astype(float))
+    assert len(border_steps(luminance, surfaces)[0]) == 30
+    assert len(border_steps(luminance / 20, surfaces)[0]) == 0  # too little contrast
+    assert np.isnan(border_hardness(luminance[:19], surfaces[:19]))  # too few
+    crowded = surfaces.copy()
+    crowded[:, 53:] = 40  # another jump within five pixels
+    assert len(border_steps(luminance, crowded)[0]) == 0
+    assert value("border_hardness", picture_of(surfaces, luminance)) == pytest.approx(1)
+    assert value("border_hardness", picture_of(surfaces)) is None
+
+
+def test_octaves_of_noise_whose_detail_is_known():
+    rng = np.random.default_rng(1)
+    noise = rng.normal(0, 20, (512, 512)).astype(np.float32)
+    # Means of 2 x 2 have half the deviation; within a block, three quarters of the variance are left.
+    np.testing.assert_allclose(octave_contrasts(noise), 20 * sqrt(3 / 4) / 2.0 ** np.arange(5), rtol=0.05)
+    for octave in range(4):
+        coarse = np.kron(noise[: 512 >> octave, : 512 >> octave], np.ones((1 << octave, 1 << octave)))
+        contrasts = octave_contrasts(coarse.astype(np.float32))
+        np.testing.assert_allclose(contrasts[:octave], 0, atol=1e-4)
+        assert contrasts[octave] == pytest.approx(20 * sqrt(3 / 4), rel=0.1)
+    assert np.isnan(octave_contrasts(noise[:8, :8])[3:]).all()
+
+
+def test_contrast_and_gradient_of_checks_and_ramps():
+    checks = 100 + 6 * (np.indices((40, 50)).sum(axis=0) % 2 * 2.0 - 1)
+    np.testing.assert_allclose(local_contrasts(checks.astype(np.float32)), 6 * sqrt(1 - 1 / 81**2), rtol=1e-6)
+    for amplitude, flat in ((3, 100), (6, 0)):
+        assert value("flat", picture_of(grey=100 + amplitude * (np.indices((40, 50)).sum(axis=0) % 2 * 2 - 1))) == flat
+    row, column = np.mgrid[:20, :30]
+    np.testing.assert_allclose(gradients((3 * column + 4 * row).astype(np.float32)), 5)
+    ramp = picture_of(grey=3 * column)
+    assert value("gradient", ramp) == pytest.approx(3, abs=1e-5)
+    assert value("smooth", ramp) == 0
+    assert value("smooth", picture_of(grey=column)) == 100
+    assert value("luminance", ramp) == pytest.approx(3 * 14.5, abs=1e-4)
+    assert value("contrast", ramp) == pytest.approx(3 * np.arange(30).std(), abs=1e-4)
+
+
+def test_every_profile_is_a_whole_distribution():
+    rng = np.random.default_rng(2)
+    picture = picture_of(10 + 8 * (np.indices((60, 90))[1] // 30), rng.integers(0, 256, (60, 90)))
+    for profile in PROFILES:
+        values = profile.measure(picture)
+        assert values.shape == (len(profile.edges) - 1,)
+        if profile.key != "octaves":
+            assert values.sum() == pytest.approx(100), profile.key
+        assert profile.of_images or profile.measure(picture_of(grey=np.zeros((20, 30)))) is None
+
+
+@pytest.mark.parametrize("extreme", [0, 255])
+def test_one_colour_and_one_depth_break_no_measure(extreme):
+    picture = picture_of(np.full((12, 33), 7.0), np.full((12, 33), extreme))
+    found = {measure.key: measure.measure(picture) for measure in MEASURES}
+    assert found["jumps"] == found["near_jumps"] == found["contrast"] == 0
+    assert found["flat"] == found["smooth"] == found["regions"] == 100
+    assert found["border_hardness"] is found["octaves"] is found["background"] is None
+
+
+# --- the working width ---
+
+
+def test_means_over_areas():
+    rng = np.random.default_rng(3)
+    image = rng.integers(0, 256, (60, 84, 3), np.uint8)
+    luminance = image @ [0.299, 0.587, 0.114]
+    np.testing.assert_allclose(mean_luminance(image, (60, 84)), luminance, rtol=1e-6)
+    blocks = luminance.reshape(20, 3, 21, 4).mean(axis=(1, 3))
+    np.testing.assert_allclose(mean_luminance(image, (20, 21)), blocks, rtol=1e-5)
+    for size in ((17, 25), (60, 50), (100, 200)):
+        assert mean_luminance(image, size).mean() == pytest.approx(luminance.mean(), rel=1e-5)
+    # Two thirds of the second element belong to the first part.
+    row = np.tile(np.array([[0, 90, 180]], np.uint8)[..., None], (1, 1, 3))
+    np.testing.assert_allclose(mean_luminance(row, (1, 2)), [[30, 150]], rtol=1e-5)
+
+
+def scene(width):
+    """A floor, a wall and a card with its own texture, seen at a width; all in units of the width."""
+    height = width * 5 // 8
+    y, x = (np.indices((height, width)) + 0.5) / width
+    disparity = np.where(y > 0.4, 0.04 + 0.2 * (y - 0.4), 0.04)
+    grey = 120 + 60 * np.sin(40 * x) * np.sin(35 * y)
+    card = (abs(x - 0.5) < 0.1) & (abs(y - 0.3) < 0.15)
+    return np.where(card, 0.1, disparity) * width, np.where(card, 250 - 120 * y, grey)
+
+
+@pytest.mark.parametrize("width", [384, 512, 1024])
+def test_a_scene_has_the_same_measures_at_every_resolution(width):
+    small, large = (picture_of(*scene(each), width_px=256) for each in (256, width))
+    assert large.luminance.shape == small.luminance.shape == (160, 256)
+    for measure in MEASURES:
+        expected = measure.measure(small)
+        if expected is not None and measure.key != "border_hardness":
+            assert measure.measure(large) == pytest.approx(expected, rel=0.12, abs=0.3), measure.key
+
+
+def test_narrow_images_have_no_finest_detail():
+    picture = picture_of(*scene(256), width_px=300)
+    for measure in MEASURES:
+        assert measure.key == "background" or (measure.measure(picture) is None) == measure.fine, measure.key
+
+
+def test_a_map_takes_no_value_between_two_surfaces():
+    disparity = np.tile(np.where(np.arange(101) < 37, 10.0, 40.0), (50, 1))
+    picture = picture_of(disparity, width_px=64)
+    assert np.unique(picture.disparity) == pytest.approx(np.array([10, 40]) * 64 / 101)
+
+
+def test_holes_become_the_farther_neighbour():
+    nan = np.nan
+    holes = np.array([[nan] * 5, [nan, 3, nan, 8, nan], [9, nan, nan, nan, 2], [nan] * 5], np.float32)
+    row = [3, 3, 3, 8, 8]
+    np.testing.assert_array_equal(fill_holes(holes), [row, row, [9, 2, 2, 2, 2], [9, 2, 2, 2, 2]])
+
+
+def test_sparse_maps_count_for_disparity_alone():
+    disparity = np.full((40, 60), np.inf)
+    disparity[::3] = 6
+    picture = picture_of(disparity)
+    found = {measure.key for measure in MEASURES if measure.measure(picture) is not None}
+    assert found == {"disparity", "largest_disparity"}
+    assert value("disparity", picture) == pytest.approx(10)
+
+
+# --- the files of a place ---
+
+
+def write(path, data):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data)
+    return path
+
+
+def pixels(seed=0, shape=(48, 64)):
+    return np.random.default_rng(seed).integers(0, 256, (*shape, 3), np.uint8)
+
+
+def steps(shape=(48, 64)):
+    return np.tile(np.where(np.arange(shape[1]) < 30, 5, 12).astype(np.float32), (shape[0], 1))
+
+
+def middlebury_scene(folder, seed=0):
+    for eye in (0, 1):
+        write(folder / f"im{eye}.png", RGB8.encode(pixels(seed + eye)))
+        write(folder / f"mask{eye}nocc.png", GREY8.encode(np.full((48, 64), 255, np.uint8)))
+    write(folder / "disp0GT.pfm", PFM.encode(steps()))
+    write(folder / "disp1GT.pfm", PFM.encode(np.roll(steps(), -8, axis=1)))
+    return folder
+
+
+def test_a_scene_counts_once_and_its_masks_are_no_photographs(tmp_path):
+    folder = middlebury_scene(tmp_path / "Piano")
+    images = sorted(folder.glob("*.png"))
+    place = find_place(images, sorted(folder.glob("*.pfm")))
+    assert [path.name for path in place.photographs] == ["im0.png", "im1.png"]
+    assert [path.name for path in place.maps] == ["disp0GT.pfm"]
+    (picture,) = map_pictures(place, 64)
+    np.testing.assert_allclose(picture.luminance, pixels(0) @ [0.299, 0.587, 0.114], rtol=1e-5)
+    with pytest.raises(InputError, match="no photographs"):
+        find_place([path for path in images if "mask" in path.name], [])
+
+
+def test_a_right_view_alone_is_mirrored(tmp_path):
+    disparity = steps()
+    write(tmp_path / "disp1.pfm", PFM.encode(disparity[:, ::-1].copy()))
+    write(tmp_path / "im1.png", RGB8.encode(pixels()[:, ::-1].copy()))
+    (picture,) = map_pictures(find_place([tmp_path / "im1.png"], [tmp_path / "disp1.pfm"]), 64)
+    np.testing.assert_array_equal(picture.disparity, disparity)
+    np.testing.assert_allclose(picture.luminance, pixels() @ [0.299, 0.587, 0.114], rtol=1e-5)
+
+
+def test_kittis_folders(tmp_path):
+    for name in ("disp_occ_0", "disp_noc_0"):
+        write(tmp_path / name / "000000_10.png", KITTI_DISPARITY.encode(steps()))
+    image = write(tmp_path / "image_2/000000_10.png", RGB8.encode(pixels()))
+    maps = sorted(tmp_path.glob("disp*/*.png"))
+    place = find_place([image], maps)
+    assert [path.parent.name for path in place.maps] == ["disp_occ_0"]
+    assert image_beside(place.maps[0]) == image
+    assert image_beside(tmp_path / "disp_occ_0/000001_10.png") is None
+    assert image_beside(tmp_path / "other/000000_10.png") is None
+    (picture,) = map_pictures(place, 64)
+    np.testing.assert_array_equal(picture.disparity, steps())
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "error", "words"),
+    [
+        ("disp0GT.pfm", PFM.encode(steps((24, 32))), InputError, "64 x 48"),
+        ("disp0GT.pfm", PFM.encode(np.full((48, 64), INF)), InputError, "no disparity"),
+        ("disp0GT.pfm", b"Pf\n64 48\n-1\n", ReadError, "disp0GT.pfm"),
+        ("im0.png", b"no picture", InputError, "im0.png"),
+    ],
+)
+def test_maps_that_cannot_be_compared(tmp_path, name, data, error, words):
+    folder = middlebury_scene(tmp_path)
+    write(folder / name, data)
+    with pytest.raises(error, match=words):
+        list(map_pictures(find_place([folder / "im1.png"], [folder / "disp0GT.pfm"])))
+
+
+# --- the command ---
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("compare") / "set"
+    write_dataset(folder, "middlebury", {"train": 5}, 2)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def photographs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("photographs")
+    for seed in range(3):
+        write(folder / f"{seed}.png", RGB8.encode(pixels(seed)))
+    return folder
+
+
+def run(*arguments):
+    """Exit code, standard output and error of the command, without a process of its own."""
+    out, err = io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        patch.setattr("sys.argv", ["semisynth-gl", "compare", *map(str, arguments)])
+        try:
+            main()
+        except SystemExit as ended:
+            return ended.code, out.getvalue(), err.getvalue()
+
+
+def test_a_dataset_beside_its_own_files_is_without_difference(dataset, tmp_path):
+    files = ["--images", f"{dataset}/**/im0.png", "--disparity", f"{dataset}/**/disp0GT.pfm"]
+    code, out, err = run(dataset, *files, "--width", 48, "--json", tmp_path / "figures.json")
+    assert (code, err.splitlines()[1:]) == (0, []), err
+    said = json.loads((tmp_path / "figures.json").read_text())
+    assert (said["pairs"], said["photographs"], said["maps"]) == (5, 5, 5)
+    found = {each["name"]: each for each in said["measures"]}
+    assert found.keys() == BY_KEY.keys()
+    for name, each in found.items():
+        assert each["dataset"]["values"] == pytest.approx(each["place"]["values"]), name
+        assert each["difference"] in (None, pytest.approx(0, abs=1e-9)), name
+        assert each["advice"] is None
+    assert found["jumps"]["dataset"]["mean"] > 0
+    assert said["near"] == said["compared"] > 10
+    assert f"{said['near']} of {said['compared']} measures within one standard deviation" in out
+    for each in said["profiles"]:
+        assert each["dataset"] == pytest.approx(each["place"])
+
+
+def test_figures_are_means_and_deviations_and_advice_follows_them(dataset, photographs, tmp_path):
+    code, out, _ = run(dataset, "--images", photographs, "--width", 48, "--json", tmp_path / "figures.json")
+    assert code == 0
+    said = json.loads((tmp_path / "figures.json").read_text())
+    frames = [frame_picture(frame, 48) for frame in open_dataset(dataset)]
+    off = 0
+    for each in said["measures"]:
+        measure = BY_KEY[each["name"]]
+        values = [found for frame in frames if (found := measure.measure(frame)) is not None]
+        assert each["dataset"]["values"] == pytest.approx(values)
+        if not measure.of_images:
+            assert each["place"] == {"mean": None, "deviation": None, "values": []}
+            assert each["difference"] is each["advice"] is None
+            continue
+        theirs = np.array(each["place"]["values"])
+        assert each["place"]["deviation"] == pytest.approx(np.std(theirs, ddof=1))
+        if theirs.std() == 0:
+            assert each["difference"] is each["advice"] is None
+            continue
+        difference = (np.mean(values) - theirs.mean()) / np.std(theirs, ddof=1)
+        assert each["difference"] == pytest.approx(difference)
+        expected = None if abs(difference) <= 1 else measure.less if difference > 0 else measure.more
+        assert each["advice"] == expected
+        assert expected is None or f"  {measure.name}, {difference:+.1f} sd: {expected}" in out
+        off += expected is not None
+    assert off > 0
+    assert "0 disparity maps" in out
+    assert re.search(r"^depth jumps above 1 px +per 100 px +[0-9.]+ ± [0-9.]+ +-$", out, re.MULTILINE)
+
+
+def test_a_sample_is_spread_over_the_dataset(dataset, photographs):
+    whole = compare_with_place(open_dataset(dataset), find_place(sorted(photographs.iterdir()), []), width_px=48)
+    part = compare_with_place(
+        open_dataset(dataset), find_place(sorted(photographs.iterdir()), []), width_px=48, sample=3
+    )
+    assert (whole.pairs, part.pairs, part.dataset_pairs) == (5, 3, 5)
+    assert part.dataset.values["luminance"] == pytest.approx(whole.dataset.values["luminance"][[0, 2, 4]])
+
+
+def test_background_is_what_stands_still(dataset):
+    frame = next(iter(open_dataset(dataset)))
+    still = np.random.default_rng(0).integers(0, 9, frame.left.disparity.shape, np.uint16)
+    frame = replace(frame, left=frame.left.with_channels({"instances": still}))
+    # Of eight instances the first six stand still; 0 is nothing.
+    expected = ((still >= 1) & (still <= 6)).mean()
+    assert value("background", frame_picture(frame, 48)) == pytest.approx(100 * expected)
+    without = {name: each for name, each in frame.provenance.items() if name != "instances"}
+    assert value("background", frame_picture(replace(frame, provenance=without), 48)) is None
+
+
+def test_plots_are_a_picture_and_files_of_others_stay(dataset, photographs, tmp_path):
+    path = tmp_path / "plots.png"
+    assert run(dataset, "--images", photographs, "--width", 48, "--out", path)[0] == 0
+    with Image.open(path) as image:
+        assert min(image.size) > 500
+    path.write_bytes(RGB8.encode(pixels()))
+    code, _, err = run(dataset, "--images", photographs, "--out", path)
+    assert (code, path.read_bytes()) == (2, RGB8.encode(pixels()))
+    assert "--overwrite" in err
+    assert run(dataset, "--images", photographs, "--out", photographs / "new.png")[0] == 2
+    assert run(dataset, "--images", photographs, "--out", tmp_path / "plots.txt")[0] == 2
+
+
+def test_what_is_left_out_is_said(dataset, photographs, tmp_path):
+    broken = write(tmp_path / "broken.png", b"\x89PNG no more")
+    sparse = steps()
+    sparse[:, 3:] = INF
+    write(tmp_path / "lidar.pfm", PFM.encode(sparse))
+    code, out, err = run(dataset, "--images", photographs, "--images", broken, "--disparity", tmp_path, "--width", 100)
+    assert code == 0
+    assert "3 photographs, 1 disparity maps (0 with their image)" in out
+    assert f"note: left out: {broken}: " in err
+    assert "note: of the photographs, 3 are narrower than 100 px" in err
+    assert "note: of the maps, 1 have a disparity in fewer than half" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("{set}",), "--images"),
+        (("{set}", "--images", "{empty}"), "no image matches"),
+        (("{set}", "--images", "{empty}/none.png"), "no image matches"),
+        (("{set}", "--images", "{broken}"), "none of 1 photographs can be read"),
+        (("{set}", "--images", "{photos}", "--disparity", "{photos}"), "no disparity map there"),
+        (("{photos}", "--images", "{photos}"), "not a dataset"),
+        (("{set}", "--images", "{photos}", "--split", "test"), "expected a split"),
+        (("{set}", "--images", "{photos}", "--width", "5"), "--width"),
+        (("{set}", "--images", "{photos}", "--sample", "0"), "--sample"),
+        (("{set}", "--images", "{photos}", "--png-scale", "nan"), "--png-scale"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused(dataset, photographs, tmp_path, arguments, words):
+    (tmp_path / "empty").mkdir()
+    broken = write(tmp_path / "broken.png", b"no picture")
+    places = {"set": dataset, "empty": tmp_path / "empty", "photos": photographs, "broken": broken}
+    code, out, err = run(*(argument.format(**places) for argument in arguments))
+    assert (code, out) == (2, "")
+    assert words in err
+    assert "Traceback" not in err
+
+
+def test_levels_of_png_maps_can_be_told(dataset, photographs, tmp_path):
+    levels = np.full((48, 64), 640, np.uint16)
+    write(tmp_path / "a.png", GREY16.encode(levels))
+    for scale, share in ((256, 100 * 2.5 / 64), (100, 10)):
+        figures = tmp_path / f"{scale}.json"
+        maps = ("--disparity", tmp_path / "a.png", "--png-scale", scale, "--json", figures)
+        assert run(dataset, "--images", photographs, *maps, "--width", 48)[0] == 0
+        found = {each["name"]: each for each in json.loads(figures.read_text())["measures"]}
+        assert found["disparity"]["place"]["mean"] == pytest.approx(share, rel=1e-5)
+
+
+# --- the advice ---
+
+
+def test_advice_names_keys_that_a_config_has():
+    named = set()
+    for measure in MEASURES:
+        assert bool(measure.more) == bool(measure.less) == (measure.key != "background")
+        for text in (measure.more, measure.less):
+            keys = re.findall(r"\b([a-z]+)\.([a-z_]+)\b", text)
+            assert keys or "antialias" in text or not text
+            for section, key in keys:
+                assert key in Config.model_fields[section].annotation.model_fields, f"{section}.{key}"
+            named.update(keys)
+    assert len(named) > 8
+
+
+@pytest.fixture(scope="module")
+def means():
+    """A function from keys of a config to the means of measures over three pairs."""
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    textures = {"source": "procedural", "max_patches": 24, "min_texture": 0}
+    base = tiny("middlebury", particles={"density": "sparse"}, models={"complex": 0.0}, textures=textures)
+
+    def measured(keys):
+        values = base.model_dump(mode="json")
+        for dotted, new in keys.items():
+            section, _, key = dotted.rpartition(".")
+            (values[section] if section else values)[key] = new
+        found = {key: [] for key in BY_KEY}
+        with PairRenderer(Config.model_validate(values), 0) as renderer:
+            for number in range(3):
+                view = renderer.render(number).frame.left
+                picture = make_picture("made", view.image.shape[1], image=view.image, disparity=view.disparity)
+                for key, measure in BY_KEY.items():
+                    found[key].append(measure.measure(picture))
+        return {key: np.mean(values) for key, values in found.items() if None not in values}
+
+    untouched = measured({})
+    return lambda keys: measured(keys) if keys else untouched
+
+
+CALM = ("jumps", "near_jumps", "occluded")
+
+
+@pytest.mark.parametrize(
+    ("keys", "lower", "higher"),
+    [
+        ({"particles.size_px": [5, 25]}, ("runs", "regions"), CALM),
+        ({"antialias": "ssaa2"}, ("border_hardness", "octaves", "smooth"), ()),
+        ({"imperfections.blur_px": [0.7, 0.7]}, ("border_hardness", "octaves", "gradient"), ()),
+        ({"imperfections.exposure_stops": [-1, -1]}, ("luminance", "contrast"), ()),
+        ({"textures.texels_per_pixel": [0.3, 0.5]}, ("gradient",), ("flat", "smooth")),
+    ],
+)
+def test_keys_move_measures_as_the_advice_says(means, keys, lower, higher):
+    before, after = means({}), means(keys)
+    for key in (*lower, *higher):
+        named = BY_KEY[key].less + BY_KEY[key].more
+        assert any(name in named for name in keys), key
+    assert [key for key in lower if not after[key] < before[key]] == []
+    assert [key for key in higher if not after[key] > before[key]] == []
+
+
+# --- real scenes ---
+
+
+@pytest.mark.skipif(not (SHARED / "real").is_dir(), reason="no real scenes here")
+def test_real_scenes_are_calm_soft_and_mostly_visible():
+    maps = sorted((SHARED / "real").glob("*/disp0GT.pfm"))
+    found = {measure.key: [] for measure in MEASURES}
+    for picture, path in zip(map_pictures(find_place([maps[0].with_name("im0.png")], maps)), maps, strict=True):
+        for measure in MEASURES:
+            found[measure.key].append(measure.measure(picture))
+        truth = read_disparity_map(path)
+        mask = np.asarray(Image.open(path.with_name("mask0nocc.png")))
+        known = np.isfinite(truth)
+        # The masks come from both maps; the measure has one.
+        assert found["occluded"][-1] == pytest.approx(100 * (known & (mask != 255)).sum() / known.sum(), abs=2)
+    ranges = {"jumps": (0, 4), "runs": (80, 500), "near_jumps": (5, 40), "border_hardness": (0.4, 0.8)}
+    ranges |= {"occluded": (8, 20), "regions": (15, 80)}
+    for key, (low, high) in ranges.items():
+        assert low < min(value for value in found[key] if value is not None), key
+        assert max(value for value in found[key] if value is not None) < high, key
