@@ -10,15 +10,10 @@ from semisynth_gl.cli.options import COUNT, Source, UserPath, above_0, option
 from semisynth_gl.cli.outputs import Output, json_report, marked_png, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
-from semisynth_gl.comparison.compare import (
-    SAMPLE,
-    Comparison,
-    compare_with_place,
-    comparison_json,
-    comparison_table,
-)
+from semisynth_gl.comparison.compare import Comparison, compare_with_place, comparison_json, comparison_table
 from semisynth_gl.comparison.picture import WORKING_WIDTH
 from semisynth_gl.comparison.place import find_place
+from semisynth_gl.comparison.sides import SAMPLE
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.errors import InputError
 from semisynth_gl.splits import SPLITS, SplitName
@@ -109,8 +104,8 @@ def compare(
 def _counts(comparison: Comparison) -> str:
     parts = [
         f"{comparison.pairs} of {comparison.dataset_pairs} pairs",
-        f"{comparison.photographs} photographs",
-        f"{comparison.maps} disparity maps ({comparison.maps_with_image} with their image)",
+        f"{comparison.place.photographs} photographs",
+        f"{comparison.place.maps} disparity maps ({comparison.place.maps_with_image} with their image)",
     ]
     return f"{', '.join(parts)}; all at a width of {comparison.width_px} px"
 
@@ -118,6 +113,8 @@ def _counts(comparison: Comparison) -> str:
 def _summary(comparison: Comparison) -> list[str]:
     """Return how many measures are near, and a line for each that is not."""
     near, compared = len(comparison.near()), len(comparison.compared())
+    if not compared:
+        return ["The place has no standard deviations to compare by: that takes two different pictures or more"]
     lines = [f"{near} of {compared} measures within one standard deviation (sd) of the place's pictures"]
     advice = comparison.advice()
     if advice:
@@ -127,15 +124,15 @@ def _summary(comparison: Comparison) -> list[str]:
 
 
 def _notes(comparison: Comparison) -> list[str]:
-    notes = [f"left out: {skipped}" for skipped in comparison.skipped]
-    if comparison.narrow:
+    notes = [f"left out: {skipped}" for skipped in comparison.place.skipped]
+    if comparison.place.narrow:
         notes.append(
-            f"of the photographs, {comparison.narrow} are narrower than {comparison.width_px} px and count for "
+            f"of the photographs, {comparison.place.narrow} are narrower than {comparison.width_px} px and count for "
             "luminance alone; --width takes a smaller width for all"
         )
-    if comparison.sparse_maps:
+    if comparison.place.sparse_maps:
         notes.append(
-            f"of the maps, {comparison.sparse_maps} have a disparity in fewer than half of their pixels and count for "
-            "disparity alone"
+            f"of the maps, {comparison.place.sparse_maps} have a disparity in fewer than half of their pixels and "
+            "count for disparity alone"
         )
     return notes

@@ -8,8 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from semisynth_gl.comparison.compare import Comparison, Side
+from semisynth_gl.comparison.compare import Comparison
 from semisynth_gl.comparison.measures import MEASURES, PROFILES, Measure, Profile
+from semisynth_gl.comparison.sides import Side
 
 _COLUMNS = 4
 _PANEL_IN = (3.6, 2.3)
@@ -27,7 +28,7 @@ def comparison_png(comparison: Comparison, title: str) -> bytes:
     Returns:
         A PNG's bytes.
     """
-    sides = ((comparison.place, _PLACE, "place"), (comparison.dataset, _DATASET, "dataset"))
+    sides = ((comparison.place.side, _PLACE, "place"), (comparison.dataset, _DATASET, "dataset"))
     measures = [measure for measure in MEASURES if any(len(side.values[measure.key]) for side, _, _ in sides)]
     profiles = [profile for profile in PROFILES if any(len(side.profiles[profile.key]) for side, _, _ in sides)]
     rows = [-(-len(panels) // _COLUMNS) for panels in (profiles, measures)]

@@ -1,0 +1,163 @@
+"""The two sides of a comparison: measures of a dataset's pairs, and of a place."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.comparison.measures import MEASURES, PROFILES, Measure, Profile
+from semisynth_gl.comparison.picture import WORKING_WIDTH, Picture, make_picture
+from semisynth_gl.comparison.place import Place, map_pictures, photograph_pictures
+from semisynth_gl.dataset.reader import Dataset
+from semisynth_gl.dataset.sample import StoredFrame
+from semisynth_gl.errors import InputError, Skipped
+from semisynth_gl.listener import FinishedPair, Listener
+
+SAMPLE = 100
+"""Pairs of a dataset that are measured, unless the caller wants another number."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Side:
+    """The measures of one side's pictures.
+
+    Attributes:
+        values: by the key of each `Measure`, (N,) float64 of the N pictures that have it.
+        profiles: by the key of each `Profile`, (N, K) float64 likewise.
+    """
+
+    values: dict[str, NDArray[np.float64]]
+    profiles: dict[str, NDArray[np.float64]]
+
+    def mean(self, measure: Measure) -> float | None:
+        """Return the mean over pictures; None without pictures."""
+        values = self.values[measure.key]
+        return float(values.mean()) if len(values) else None
+
+    def deviation(self, measure: Measure) -> float | None:
+        """Return the standard deviation over pictures, with Bessel's correction; None with fewer than two."""
+        values = self.values[measure.key]
+        return float(values.std(ddof=1)) if len(values) > 1 else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredPlace:
+    """The measures of a place.
+
+    Attributes:
+        side: measures of images alone from the photographs, all others from the maps.
+        photographs: number of measured photographs.
+        narrow: number of these that are narrower than the working width.
+        maps: number of measured maps.
+        maps_with_image: number of these with an image beside them.
+        sparse_maps: number of these with a disparity in fewer than half of their pixels.
+        skipped: photographs that cannot be read.
+    """
+
+    side: Side
+    photographs: int
+    narrow: int
+    maps: int
+    maps_with_image: int
+    sparse_maps: int
+    skipped: tuple[Skipped, ...]
+
+
+def measure_pictures(pictures: Iterable[Picture]) -> Side:
+    """Measure pictures one by one; none is kept."""
+    return _measure(pictures, MEASURES, PROFILES)
+
+
+def measure_dataset(
+    dataset: Dataset, width_px: int = WORKING_WIDTH, sample: int = SAMPLE, listener: Listener | None = None
+) -> Side:
+    """Measure left views of a dataset.
+
+    Args:
+        dataset: the dataset, or one of its splits.
+        width_px: the working width.
+        sample: number of pairs to measure, evenly spread from the first to the last, at least 1.
+        listener: hears the number of pairs, and each measured pair.
+
+    Raises:
+        ReadError: where a file of the dataset cannot be read.
+    """
+    listener = listener or Listener()
+    count = min(sample, len(dataset))
+    numbers = np.linspace(0, len(dataset) - 1, count).round().astype(int).tolist()
+    listener.on_total(count)
+
+    def pictures() -> Iterator[Picture]:
+        for number in numbers:
+            yield frame_picture(dataset[number], width_px)
+            listener.on_pair(FinishedPair(*dataset.pair(number)))
+
+    return measure_pictures(pictures())
+
+
+def measure_place(place: Place, width_px: int = WORKING_WIDTH) -> MeasuredPlace:
+    """Measure a place's photographs and maps.
+
+    Raises:
+        InputError: where no photograph can be read, or a map does not fit its image or has no disparity.
+        ReadError: where a map cannot be read.
+    """
+    skipped: list[Skipped] = []
+    narrow: list[bool] = []
+    with_image: list[bool] = []
+    sparse: list[bool] = []
+
+    def photographs() -> Iterator[Picture]:
+        for picture in photograph_pictures(place, skipped, width_px):
+            narrow.append(picture.enlarged)
+            yield picture
+
+    def maps() -> Iterator[Picture]:
+        for picture in map_pictures(place, width_px):
+            with_image.append(picture.luminance is not None)
+            sparse.append(picture.surfaces is None)
+            yield picture
+
+    of_images, of_maps = (
+        _measure(
+            pictures,
+            [each for each in MEASURES if each.of_images == images],
+            [each for each in PROFILES if each.of_images == images],
+        )
+        for pictures, images in ((photographs(), True), (maps(), False))
+    )
+    if not narrow:
+        raise InputError(f"none of {len(skipped)} photographs can be read; the first: {skipped[0]}")
+    side = Side(of_images.values | of_maps.values, of_images.profiles | of_maps.profiles)
+    return MeasuredPlace(side, len(narrow), sum(narrow), len(sparse), sum(with_image), sum(sparse), tuple(skipped))
+
+
+def frame_picture(frame: StoredFrame, width_px: int = WORKING_WIDTH) -> Picture:
+    """Return the left view of a pair as it is measured; with the output ``instances`` it has its background too."""
+    instances, background = frame.left.get("instances"), None
+    listed = frame.provenance.get("instances")
+    if instances is not None and isinstance(listed, list):
+        still = np.array([False, *(instance.get("still") is True for instance in listed)])
+        background = still[np.minimum(instances, len(listed))]
+    return make_picture(
+        frame.name, width_px, image=frame.left.image, disparity=frame.left.disparity, background=background
+    )
+
+
+def _measure(pictures: Iterable[Picture], measures: Sequence[Measure], profiles: Sequence[Profile]) -> Side:
+    values: dict[str, list[float]] = {measure.key: [] for measure in measures}
+    shares: dict[str, list[NDArray[np.float64]]] = {profile.key: [] for profile in profiles}
+    for picture in pictures:
+        for measure in measures:
+            value = measure.measure(picture)
+            if value is not None:
+                values[measure.key].append(value)
+        for profile in profiles:
+            share = profile.measure(picture)
+            if share is not None:
+                shares[profile.key].append(share)
+    return Side(
+        {key: np.array(each, np.float64) for key, each in values.items()},
+        {key: np.array(each, np.float64) for key, each in shares.items()},
+    )
