@@ -18,7 +18,7 @@ from PIL import Image
 from snippets import ROOT
 
 import semisynth_gl
-from semisynth_gl import metrics
+from semisynth_gl import comparison, metrics
 from semisynth_gl.config import packaged_configs
 from semisynth_gl.frame import CHANNELS
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
@@ -121,6 +121,7 @@ def test_the_reference_has_every_public_name(site, pages):
     names = [f"semisynth_gl.{name}" for name in semisynth_gl.__all__]
     names += [f"semisynth_gl.torch.{name}" for name in re.findall(r'"(\w+)"', torch)]
     names += [f"semisynth_gl.metrics.{name}" for name in metrics.__all__]
+    names += [f"semisynth_gl.comparison.{name}" for name in comparison.__all__]
     anchors = pages[site / "api.html"].anchors
     # A function that is called like its module stands under the module's name.
     missing = [name for name in names if not {name, f"{name}.{name.rpartition('.')[2]}"} & anchors]

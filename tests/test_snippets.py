@@ -69,7 +69,21 @@ def dataset(folder, path, pairs=2, layout="middlebury", shard_pairs=None, **sect
     generate(cheap(**sections), folder / path, pairs, 0, layout=layout, shard_pairs=shard_pairs)
 
 
+def scene(folder, path):
+    """A scene as Middlebury has it: an image, and its disparity."""
+    photographs(folder, path)
+    (folder / path / "0.png").rename(folder / path / "im0.png")
+    disparity = np.where(np.arange(WIDTH) < WIDTH / 2, 10, 30).astype(np.float32)
+    (folder / path / "disp0GT.pfm").write_bytes(PFM.encode(np.tile(disparity, (HEIGHT, 1))))
+
+
 PRESUMED = {
+    "compare": lambda folder: (
+        photographs(folder, "rooms"),
+        scene(folder, "scenes/chair"),
+        scene(folder, "scenes/table"),
+        dataset(folder, "data/rooms"),
+    ),
     "README": lambda folder: (
         photographs(folder, "home/photos/lab"),
         rig(folder, "calib.txt", "gt"),
