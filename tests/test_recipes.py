@@ -1,5 +1,6 @@
 """Recipes of scenes: which sequence takes which, what their scenes are, and the datasets that are made of several."""
 
+import pickle
 import re
 
 import numpy as np
@@ -143,6 +144,16 @@ def test_a_target_of_a_recipe_may_come_from_a_file(tmp_path):
     (tmp_path / "mix.yaml").write_text(f"extends: middlebury\nscenes:\n- {item}\n")
     [recipe] = load_config(tmp_path / "mix.yaml").recipes()
     assert recipe.config.wanted_histogram().shares.tolist() == [0.25, 0.75]
+
+
+def test_a_mix_can_be_sent_to_other_processes():
+    item = "{recipe: a, weight: 2, background: {wall_turn_deg: 3}, models: {kinds: {chair: 2}}}"
+    config = load_config("middlebury", [f"scenes=[{item}, {{recipe: b}}]"])
+    again = pickle.loads(pickle.dumps(config))
+    assert again == config
+    assert again.digest() == config.digest()
+    assert [recipe.config for recipe in again.recipes()] == [recipe.config for recipe in config.recipes()]
+    assert type(again.scenes[0].background) is type(config.scenes[0].background)
 
 
 @pytest.mark.parametrize(

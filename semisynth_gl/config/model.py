@@ -468,14 +468,14 @@ class LicencesSection(Section):
 
 # The sections that a recipe may change, with the keys that hold for all pairs of a dataset: the size of images, models
 # and patches themselves, how the graphics card samples patches, and the limits that truth is stored and checked by.
-_OF_RECIPES: Mapping[str, tuple[type[Section], Collection[str]]] = {
+_OF_RECIPES: Mapping[str, tuple[type[Section], tuple[str, ...]]] = {
     "camera": (CameraSection, ("width_px", "height_px")),
     "disparity": (DisparitySection, ("min_px", "max_px")),
     "background": (BackgroundSection, ()),
     "structures": (StructuresSection, ()),
     "particles": (ParticlesSection, ()),
     "models": (ModelsSection, ("folders", "variants")),
-    "textures": (TexturesSection, TexturesSection.model_fields.keys() - {"texels_per_pixel"}),
+    "textures": (TexturesSection, tuple(key for key in TexturesSection.model_fields if key != "texels_per_pixel")),
 }
 _partial_sections: dict[str, Any] = {
     name: (partial_section(section, without) | None, None) for name, (section, without) in _OF_RECIPES.items()

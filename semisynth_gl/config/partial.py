@@ -1,7 +1,8 @@
 """Sections of which any keys may be left out: what a recipe changes of a config."""
 
-from collections.abc import Collection
-from typing import Any, get_type_hints
+from collections.abc import Callable
+from functools import cache
+from typing import Any, ClassVar, get_type_hints
 
 from pydantic import SerializerFunctionWrapHandler, create_model, model_serializer
 
@@ -9,14 +10,25 @@ from semisynth_gl.config.fields import Section
 
 
 class Partial(Section):
-    """Base of partial sections: keys that were not given are absent from its values, whatever their default is."""
+    """Base of partial sections: keys that were not given are absent from its values, whatever their default is.
+
+    Attributes:
+        source: the section that it is a part of, and the keys that it lacks.
+    """
+
+    source: ClassVar[tuple[type[Section], tuple[str, ...]]]
+
+    def __reduce__(self) -> tuple[Callable[..., "Partial"], tuple[type[Section], tuple[str, ...]], dict[Any, Any]]:
+        # Its class stands in no module, so pickling has to make it again.
+        return _unfilled, self.source, self.__getstate__()
 
     @model_serializer(mode="wrap")
     def _given(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
         return {key: value for key, value in serialise(self).items() if key in self.model_fields_set}
 
 
-def partial_section(section: type[Section], without: Collection[str] = ()) -> type[Partial]:
+@cache
+def partial_section(section: type[Section], without: tuple[str, ...] = ()) -> type[Partial]:
     """Return a section that takes the keys of another one, but for some, and needs none of them.
 
     Values are checked as those of the other section are, one by one: rules between keys hold for merged sections.
@@ -31,4 +43,11 @@ def partial_section(section: type[Section], without: Collection[str] = ()) -> ty
         if key not in without:
             default = field.get_default(call_default_factory=True)
             fields[key] = (types[key] | None, None) if field.is_required() else (types[key], default)
-    return create_model(f"Partial{section.__name__}", __base__=Partial, __doc__=section.__doc__, **fields)
+    made = create_model(f"Partial{section.__name__}", __base__=Partial, __doc__=section.__doc__, **fields)
+    made.source = section, without
+    return made
+
+
+def _unfilled(section: type[Section], without: tuple[str, ...]) -> Partial:
+    made = partial_section(section, without)
+    return made.__new__(made)
