@@ -159,6 +159,8 @@ class BackgroundSection(Section):
     Attributes:
         cuboid: weight of indoor scenes.
         plane: weight of outdoor scenes.
+        room: weight of furnished rooms; see the section ``room``.
+        street: weight of furnished open scenes; see the section ``street``.
         wall_disparity_px: disparity of the cuboid's back wall at the image centre.
         wall_turn_deg: largest rotation of the cuboid about each axis.
         plane_disparity_px: disparity of the far plane, close to zero but above it.
@@ -166,15 +168,80 @@ class BackgroundSection(Section):
 
     cuboid: Weight = 1.0
     plane: Weight = 0.0
+    room: Weight = 0.0
+    street: Weight = 0.0
     wall_disparity_px: PositiveRange | None = None
     wall_turn_deg: Annotated[float, Field(ge=0, le=40)] = 15.0
     plane_disparity_px: PositiveRange = Range(0.2, 1.0)
 
     @model_validator(mode="after")
     def _some_kind(self) -> Self:
-        if self.cuboid + self.plane == 0:
-            raise ValueError("expected a weight above 0 for cuboid or plane")
+        if self.cuboid + self.plane + self.room + self.street == 0:
+            raise ValueError("expected a weight above 0 for cuboid, plane, room or street")
         return self
+
+
+class RoomSection(Section):
+    """Rooms, where ``background.room`` asks for them: what they hold, and how the camera looks into them.
+
+    A metre is one where the far wall is 2.5 to 9 m away; nearer and farther rooms are scaled with all they hold.
+
+    Attributes:
+        camera_height_m: height of the cameras above the floor.
+        floor_row: where the floor meets the far wall, as a share of the image's height from its top; above 1 the
+            floor is out of view, unless things at the side show it.
+        roll_deg: standard deviation of the camera's roll.
+        furniture: number of things that stand on the floor.
+        small: number of small things, on furniture and on the floor.
+        pictures: number of pictures and other things on the walls.
+        doorway: share of the walls with a doorway into a second room.
+        niche: share of the walls with a niche in which small things stand.
+        pillars: number of pillars.
+        rug: share of the rooms with a rug.
+        curtain: share of the rooms with a curtain.
+    """
+
+    camera_height_m: PositiveRange = Range(0.9, 1.7)
+    floor_row: PositiveRange = Range(0.4, 1.05)
+    roll_deg: Annotated[float, Field(ge=0, le=20)] = 1.5
+    furniture: Annotated[NotNegativeRange, at_most(200)] = Range(4.0, 10.0)
+    small: Annotated[NotNegativeRange, at_most(1000)] = Range(6.0, 24.0)
+    pictures: Annotated[NotNegativeRange, at_most(200)] = Range(1.0, 6.0)
+    doorway: _Share = 0.2
+    niche: _Share = 0.2
+    pillars: Annotated[NotNegativeRange, at_most(50)] = Range(0.0, 1.0)
+    rug: _Share = 0.4
+    curtain: _Share = 0.4
+
+
+class StreetSection(Section):
+    """Open scenes, where ``background.street`` asks for them: a road, what stands along it, a far backdrop.
+
+    A metre is one where the backdrop is 25 m away or more; nearer scenes are scaled with all they hold.
+
+    Attributes:
+        camera_height_m: height of the cameras above the ground.
+        yaw_deg: standard deviation of the angle between view and road.
+        tilt_deg: standard deviation of the camera's pitch and roll.
+        road_width_m: width of the road.
+        pavement: share of the road's sides with a raised pavement.
+        houses: share of the plots along the road that hold a house.
+        fences: share of the plots that hold a fence; the rest is open.
+        vehicles: number of cars and bicycles.
+        tall: number of trees, lamps, signs and scaffolds.
+        low: number of people, animals, benches, bins and other things.
+    """
+
+    camera_height_m: PositiveRange = Range(1.2, 2.0)
+    yaw_deg: Annotated[float, Field(ge=0, le=60)] = 6.0
+    tilt_deg: Annotated[float, Field(ge=0, le=20)] = 1.5
+    road_width_m: PositiveRange = Range(5.0, 12.0)
+    pavement: _Share = 0.7
+    houses: _Share = 0.5
+    fences: _Share = 0.25
+    vehicles: Annotated[NotNegativeRange, at_most(200)] = Range(1.0, 9.0)
+    tall: Annotated[NotNegativeRange, at_most(200)] = Range(2.0, 12.0)
+    low: Annotated[NotNegativeRange, at_most(500)] = Range(2.0, 14.0)
 
 
 class StructuresSection(Section):
@@ -542,6 +609,8 @@ class Config(Section):
     camera: CameraSection
     disparity: DisparitySection
     background: BackgroundSection = BackgroundSection()
+    room: RoomSection = RoomSection()
+    street: StreetSection = StreetSection()
     structures: StructuresSection = StructuresSection()
     particles: ParticlesSection = ParticlesSection()
     models: ModelsSection = ModelsSection()

@@ -56,14 +56,25 @@ class Background:
         return camera.disparity_px(_first_hit(self.normal, self.offset_m, camera)[0])
 
 
+Kind = Literal["cuboid", "plane", "room", "street"]
+
+
+def draw_kind(section: BackgroundSection, rng: np.random.Generator) -> Kind:
+    """Draw the kind of one sequence's background, by the weights of a config."""
+    kinds: tuple[Kind, ...] = ("cuboid", "plane", "room", "street")
+    weights = np.cumsum([getattr(section, kind) for kind in kinds])
+    return kinds[int(np.searchsorted(weights, rng.random() * weights[-1], side="right"))]
+
+
 def draw_background(
+    kind: Literal["cuboid", "plane"],
     section: BackgroundSection,
     disparity: DisparitySection,
     camera: StereoCamera,
     rng: np.random.Generator,
     sway: Sway = STILL,
 ) -> Background:
-    """Draw the background of one sequence.
+    """Draw a background of bare faces.
 
     No wall comes nearer than the depth of ``disparity.max_px`` in either view. The cuboid has both cameras inside, and
     the plane fills both views, at any moment of the sway.
@@ -71,7 +82,7 @@ def draw_background(
     Raises:
         InputError: where a disparity lies beyond infinity, or the plane would have to be endless.
     """
-    draw = _cuboid if rng.random() * (section.cuboid + section.plane) < section.cuboid else _plane
+    draw = _cuboid if kind == "cuboid" else _plane
     return draw(section, disparity, camera, rng, sway)
 
 

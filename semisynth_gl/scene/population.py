@@ -17,6 +17,7 @@ from semisynth_gl.config.model import Config, DepthLayerSection
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.silhouette import Silhouette
 from semisynth_gl.histogram import Histogram
+from semisynth_gl.scene.arrangement import Catalogue
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, merge_bins, solve_coverage
 from semisynth_gl.scene.particles import Batch, Sizes, expected_cover, expected_in_view, stated_batches, stated_sizes
 from semisynth_gl.scene.rig import check_reachable, near_depth_m
@@ -75,16 +76,25 @@ class Population:
         config: the configuration.
         seed: 0 or more; draws the pilot scenes.
         silhouette: mean silhouette of the models.
+        catalogue: the models of things at rest in the pilot scenes.
         wanted: the wanted distribution; by default the config's.
 
     Attributes:
         target: the wanted distribution, in bins that depth layers can follow.
     """
 
-    def __init__(self, config: Config, seed: int, silhouette: Silhouette, wanted: Histogram | None = None) -> None:
+    def __init__(
+        self,
+        config: Config,
+        seed: int,
+        silhouette: Silhouette,
+        catalogue: Catalogue,
+        wanted: Histogram | None = None,
+    ) -> None:
         self._config = config
         self._seed = seed
         self._silhouette = silhouette
+        self._catalogue = catalogue
         self.target = merge_bins(wanted or config.wanted_histogram())
         self._layers = DepthLayers.from_bins(self.target, config.disparity.min_px, config.disparity.max_px)
         # One for each layer, and the last one for the density.
@@ -248,7 +258,7 @@ class Population:
         pilots = []
         for number in range(_PILOTS):
             generators = {use: generator(self._seed, Purpose.PILOTS, number, key) for key, use in enumerate(keys)}
-            stage = draw_stage(self._config, generators.__getitem__)
+            stage = draw_stage(self._config, self._catalogue, generators.__getitem__)
             pilots.append((stage.camera, stage.still.disparity_px))
         return pilots
 

@@ -15,7 +15,7 @@ from semisynth_gl.scene.particles import Particles, Release, Slots, draw_release
 from semisynth_gl.scene.population import Population
 from semisynth_gl.scene.rig import near_depth_m
 from semisynth_gl.scene.scene import Motion, Scene
-from semisynth_gl.scene.structures import STILL_MODELS, Stage, draw_stage
+from semisynth_gl.scene.structures import STILL_MODELS, Stage, draw_stage, take_stock
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 
@@ -118,7 +118,8 @@ class SceneSampler:
         self.recipe = recipe
         self._seed = seed
         self._model_library = library
-        self.population = Population(config, seed, library.silhouette, wanted)
+        self._catalogue = take_stock(library)
+        self.population = Population(config, seed, library.silhouette, self._catalogue, wanted)
         self._patches = patches
         self._first_layer = np.array([patch.first_layer for patch in patches])
         self._layer_count = np.array([patch.layer_count for patch in patches])
@@ -195,7 +196,7 @@ class SceneSampler:
     def _sequence(self, draw: _Draw) -> tuple[Stage, Slots]:
         """Draw the stage and the slots that all frames of a sequence share; the latest sequence is kept."""
         if self._latest is None or self._latest[0] != draw:
-            stage = draw_stage(self._config, draw.generator)
+            stage = draw_stage(self._config, self._catalogue, draw.generator)
             rng = draw.generator(Purpose.PARTICLES, 0)
             # A scene that is drawn again takes a number that no other scene has.
             number = draw.sequence + _REDRAWN * draw.attempt
@@ -218,7 +219,7 @@ class SceneSampler:
         chance = draw.per_slot(Purpose.SHAPE, generations, kept, 1)[:, 0]
         number = np.minimum(np.searchsorted(self._cumulative, chance, side="right"), len(self._cumulative) - 1)
         drawn = self._model_library.drawn[number]
-        patch, offset, texels = self._textures(draw, len(still), generations, kept)
+        patch, offset, texels = self._textures(draw, still.wears, generations, kept)
         # Video frames start at a phase of their own and go round.
         count = self._layer_count[patch]
         # A patch at its own resolution covers this part of a ray's slope X / Z, inverted.
@@ -254,10 +255,10 @@ class SceneSampler:
         return particles_at(stage.camera, slots, release, frame * self._config.sequence.frame_s, generation)
 
     def _textures(
-        self, draw: _Draw, still: int, generation: NDArray[np.int64], slot: NDArray[np.intp]
+        self, draw: _Draw, wears: NDArray[np.int64], generation: NDArray[np.int64], slot: NDArray[np.intp]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
         """Patch (N,), UV offset (N, 2) in patches and texels per pixel (N,) of all instances."""
-        of_still = draw.generator(Purpose.TEXTURE, 0).random((still, 4))
+        of_still = draw.generator(Purpose.TEXTURE, 0).random((len(wears), 4))[wears]
         drawn = np.concatenate([of_still, draw.per_slot(Purpose.TEXTURE, generation, slot, 4, first_key=1)])
         patch = (drawn[:, 0] * len(self._first_layer)).astype(np.int64)
         texels = self._config.textures.texels_per_pixel

@@ -10,10 +10,23 @@ from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Range
 from semisynth_gl.config.model import Config, DisparitySection, StructuresSection
 from semisynth_gl.geometry.mesh import Mesh, make_mesh, mesh_grid
-from semisynth_gl.scene.background import FACE, Background, corner_rays, draw_background, grid_px, smallest_offsets
+from semisynth_gl.geometry.model_library import ModelLibrary
+from semisynth_gl.scene.arrangement import Arrangement, Catalogue
+from semisynth_gl.scene.background import (
+    FACE,
+    Background,
+    Kind,
+    corner_rays,
+    draw_background,
+    draw_kind,
+    grid_px,
+    smallest_offsets,
+)
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import BEYOND_NEAR, STILL, Sway, check_reachable, draw_camera, draw_sway, near_depth_m
+from semisynth_gl.scene.room import DOORWAYS, NICHES, draw_room
 from semisynth_gl.scene.scene import make_scene
+from semisynth_gl.scene.street import draw_street
 from semisynth_gl.seeds import Purpose
 
 Floats = NDArray[np.float64]
@@ -48,8 +61,10 @@ def _curved_panel() -> Mesh:
 
 GROUND, CURVED_PANEL = _ground(), _curved_panel()
 # The sampler counts them in this order. Flat panels are faces too.
-STILL_MODELS = (FACE, GROUND, CURVED_PANEL)
+STILL_MODELS = (FACE, GROUND, CURVED_PANEL, *DOORWAYS, *NICHES)
 _FACE, _GROUND, _CURVED = range(3)
+_DOORWAY = 3
+_NICHE = _DOORWAY + len(DOORWAYS)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,9 +72,10 @@ class Surroundings:
     """The still things of one scene: S instances, the background's faces first.
 
     Attributes:
-        model: (S,) int64, index into `STILL_MODELS`.
+        model: (S,) int64, index into `STILL_MODELS` and, behind them, the models of the library.
         world_from_model: (S, 4, 4) float64, left camera's frame, metres.
         unit_m: (S, 2) float64, length of one UV unit.
+        wears: (S,) int64, the still thing whose texture each wears: itself, or an earlier one.
         depth_m: (S,) float64, median depth in the left view; of a hidden face, the depth of the
             back wall, and of a hidden structure, its nearest depth or that of the near plane.
         disparity_px: flat float64, disparities on a coarse grid over the left view.
@@ -68,6 +84,7 @@ class Surroundings:
     model: NDArray[np.int64]
     world_from_model: Floats
     unit_m: Floats
+    wears: NDArray[np.int64]
     depth_m: Floats
     disparity_px: Floats
 
@@ -82,21 +99,29 @@ class Stage:
     Attributes:
         camera: the camera.
         sway: the motion of the camera.
-        background: "cuboid" or "plane".
+        background: its kind.
         still: background and structures.
     """
 
     camera: StereoCamera
     sway: Sway
-    background: str
+    background: Kind
     still: Surroundings
 
 
-def draw_stage(config: Config, generator_for: Callable[[Purpose], np.random.Generator]) -> Stage:
+def take_stock(library: ModelLibrary) -> Catalogue:
+    """Return the still models and a library's as those that things at rest are taken from."""
+    chances = np.zeros(len(library.models))
+    chances[library.drawn] = library.chances
+    return Catalogue.of(STILL_MODELS, library.models, chances)
+
+
+def draw_stage(config: Config, catalogue: Catalogue, generator_for: Callable[[Purpose], np.random.Generator]) -> Stage:
     """Draw the stage of one sequence.
 
     Args:
         config: the configuration.
+        catalogue: the models of things at rest, see `take_stock`.
         generator_for: returns the generator of CAMERA, SWAY, BACKGROUND and STRUCTURES.
 
     Raises:
@@ -104,10 +129,38 @@ def draw_stage(config: Config, generator_for: Callable[[Purpose], np.random.Gene
     """
     camera = draw_camera(config.camera, generator_for(Purpose.CAMERA))
     sway = draw_sway(config.camera, generator_for(Purpose.SWAY))
-    background = draw_background(config.background, config.disparity, camera, generator_for(Purpose.BACKGROUND), sway)
-    rng = generator_for(Purpose.STRUCTURES)
-    still = draw_surroundings(config.structures, config.disparity, camera, background, rng, sway)
-    return Stage(camera, sway, background.kind, still)
+    rng = generator_for(Purpose.BACKGROUND)
+    kind = draw_kind(config.background, rng)
+    if kind == "room":
+        numbers = {"doorway": _DOORWAY, "niche": _NICHE}
+        things = draw_room(config.room, config.background, config.disparity, camera, catalogue, numbers, rng, sway)
+    elif kind == "street":
+        things = draw_street(config.street, config.background, config.disparity, camera, catalogue, _GROUND, rng, sway)
+    else:
+        background = draw_background(kind, config.background, config.disparity, camera, rng, sway)
+        still = draw_surroundings(
+            config.structures, config.disparity, camera, background, generator_for(Purpose.STRUCTURES), sway
+        )
+        return Stage(camera, sway, kind, still)
+    return Stage(camera, sway, kind, _seen(things))
+
+
+def _seen(things: Arrangement) -> Surroundings:
+    """Measure what the camera sees of things at rest, on a coarse grid over the left view."""
+    view = things.view
+    matrices = view.camera_from_floor @ np.array(things.floor_from_model)
+    x, y = grid_px(view.camera)
+    model, layer = np.array(things.model), np.zeros(len(things), np.int64)
+    scene = make_scene(view.camera, model=model, world_from_model=matrices, layer=layer, near_m=view.near_m)
+    hits = cast_rays(scene, things.catalogue.models, "left", x, y)
+    # What is hidden has the depth of its origin, or of the near plane where that is farther.
+    depths = np.maximum(matrices[:, 2, 3], view.near_m)
+    for number in np.unique(hits.instance[hits.instance >= 0]):
+        depths[number] = np.median(hits.depth_m[hits.instance == number])
+    seen_px = view.camera.disparity_px(hits.depth_m)
+    return Surroundings(
+        model, matrices, np.array(things.unit_m), np.array(things.wears), depths, seen_px[np.isfinite(seen_px)]
+    )
 
 
 def draw_surroundings(
@@ -156,7 +209,10 @@ def draw_surroundings(
             nearest_m = float((vertices @ matrices[number][2, :3] + matrices[number][2, 3]).min())
             depths.append(float(np.median(seen_m)) if seen_m.size else max(nearest_m, near_m))
     seen_px = seen_px[np.isfinite(seen_px)]
-    return Surroundings(np.array(model, np.int64), np.array(matrices), np.array(units), np.array(depths), seen_px)
+    wears = np.arange(len(model))
+    return Surroundings(
+        np.array(model, np.int64), np.array(matrices), np.array(units), wears, np.array(depths), seen_px
+    )
 
 
 def _place_ground(

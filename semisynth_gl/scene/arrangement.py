@@ -1,0 +1,232 @@
+"""Things that rest: models that stand, lie and hang in a frame whose z points up, and flat rectangles beside them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from semisynth_gl.camera import StereoCamera
+from semisynth_gl.config import Range
+from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.scene.background import OVERLAP
+from semisynth_gl.scene.rig import BEYOND_NEAR
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """The left camera's pose over a floor: z up, y ahead, x to the right, the origin on the floor below the camera.
+
+    Attributes:
+        camera: the camera.
+        camera_from_floor: (4, 4) float64, metres.
+        near_m: nothing stands nearer than this depth.
+    """
+
+    camera: StereoCamera
+    camera_from_floor: Floats
+    near_m: float
+
+    @classmethod
+    def over_floor(
+        cls, camera: StereoCamera, near_m: float, height_m: float, yaw_rad: float, pitch_rad: float, roll_rad: float
+    ) -> "View":
+        """Place a camera over a floor.
+
+        Args:
+            camera: the camera.
+            near_m: see `View`.
+            height_m: above the floor.
+            yaw_rad: to the right of y.
+            pitch_rad: downwards.
+            roll_rad: about the optical axis.
+        """
+        ahead = np.array([np.sin(yaw_rad) * np.cos(pitch_rad), np.cos(yaw_rad) * np.cos(pitch_rad), -np.sin(pitch_rad)])
+        right = np.array([np.cos(yaw_rad), -np.sin(yaw_rad), 0.0])
+        down = np.cross(ahead, right)
+        rolled = np.cos(roll_rad) * right + np.sin(roll_rad) * down
+        matrix = np.eye(4)
+        matrix[:3, :3] = rolled, np.cross(ahead, rolled), ahead
+        matrix[:3, 3] = -matrix[:3, 2] * height_m
+        return cls(camera, matrix, near_m)
+
+    def depth_m(self, points: Floats) -> Floats:
+        """Return the planar depths of points (N, 3) of the floor's frame."""
+        return np.asarray(points @ self.camera_from_floor[2, :3] + self.camera_from_floor[2, 3])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Catalogue:
+    """The models that things are taken from.
+
+    Attributes:
+        models: the still models that the sampler counts first, then the library.
+        chances: (L,) float64, of the library's models.
+        by_name: numbers of models, of all, by their names.
+        low: (M, 3) float64, corner of each model's bounding box.
+        high: (M, 3) float64, the opposite corner.
+    """
+
+    models: tuple[Mesh, ...]
+    chances: Floats
+    by_name: Mapping[str, NDArray[np.int64]]
+    low: Floats
+    high: Floats
+
+    @classmethod
+    def of(cls, still: Sequence[Mesh], library: Sequence[Mesh], chances: Floats) -> "Catalogue":
+        """Take stock of still models and a library."""
+        models = (*still, *library)
+        names = np.array([mesh.name for mesh in library])
+        by_name = {str(name): len(still) + np.flatnonzero(names == name) for name in np.unique(names)}
+        boxes = np.array([(mesh.positions.min(axis=0), mesh.positions.max(axis=0)) for mesh in models], np.float64)
+        return cls(models, np.concatenate([np.zeros(len(still)), chances]), by_name, boxes[:, 0], boxes[:, 1])
+
+    def pick(self, sizes_m: Mapping[str, tuple[float, float]], rng: np.random.Generator) -> tuple[int, float] | None:
+        """Pick a model of some kinds and its diameter; None where the library has none of them.
+
+        Args:
+            sizes_m: smallest and largest diameter of each kind.
+            rng: draws both.
+        """
+        share, size = rng.random(2)
+        known = [self.by_name[name] for name in sizes_m if name in self.by_name]
+        if not known:
+            return None
+        numbers = np.concatenate(known)
+        # kinds count alike, as their weights are those of objects in the air
+        rising = np.cumsum(self.chances[numbers])
+        if rising[-1] <= 0:
+            return None
+        number = int(numbers[min(np.searchsorted(rising, share * rising[-1], side="right"), len(numbers) - 1)])
+        low, high = sizes_m[self.models[number].name]
+        return number, low + (high - low) * float(size)
+
+
+@dataclass(slots=True, eq=False)
+class Arrangement:
+    """Still things, gathered one by one.
+
+    Attributes:
+        view: the camera.
+        model: numbers of models.
+        floor_from_model: (4, 4) float64 each.
+        unit_m: (2,) each, length of one UV unit.
+        wears: the number of the thing whose texture each wears: its own, or that of an earlier one.
+    """
+
+    view: View
+    catalogue: Catalogue
+    model: list[int] = field(default_factory=list)
+    floor_from_model: list[Floats] = field(default_factory=list)
+    unit_m: list[tuple[float, float]] = field(default_factory=list)
+    wears: list[int] = field(default_factory=list)
+    _taken: list[tuple[float, float, float]] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        return len(self.model)
+
+    def add(self, model: int, matrix: Floats, unit_m: tuple[float, float], wears: int | None = None) -> int:
+        """Add a thing; return its number."""
+        self.model.append(model)
+        self.floor_from_model.append(matrix)
+        self.unit_m.append(unit_m)
+        self.wears.append(len(self.wears) if wears is None else wears)
+        return len(self.model) - 1
+
+    def add_rectangle(
+        self, corner: ArrayLike, u: ArrayLike, v: ArrayLike, *, model: int = 0, wears: int | None = None
+    ) -> int:
+        """Add a rectangle, or another model over the unit square, that shows the texture upright and unmirrored.
+
+        Args:
+            corner: (3,) its corner at the top left, as it is seen.
+            u: (3,) its edge to the right.
+            v: (3,) its edge downwards.
+            model: number of a still model over the unit square of x and y; by default `FACE`.
+            wears: see `Arrangement`.
+        """
+        edges = np.array([u, v], np.float64)
+        sizes = np.linalg.norm(edges, axis=1)
+        begin = np.asarray(corner, np.float64) - OVERLAP * edges.sum(axis=0)
+        matrix = np.eye(4)
+        matrix[:3, 0], matrix[:3, 1] = edges * (1 + 2 * OVERLAP)
+        matrix[:3, 2] = np.cross(edges[0], edges[1]) / sizes.prod() * sizes.mean()
+        matrix[:3, 3] = begin
+        return self.add(model, matrix, (float(sizes[0]), float(sizes[1])), wears)
+
+    def add_box(self, middle: ArrayLike, half: ArrayLike, yaw_rad: float = 0.0) -> bool:
+        """Add five sides of a box, all but its bottom; False where it comes too near, and is not added.
+
+        Args:
+            middle: (3,) middle of its bottom.
+            half: (3,) half its width and depth, and its height.
+            yaw_rad: its turn about z.
+        """
+        (x, y, z), at = np.asarray(half, np.float64), np.asarray(middle, np.float64)
+        turn = turned_about_up(yaw_rad)
+        corners = np.array([[i * x, j * y, k * z] for i in (-1, 1) for j in (-1, 1) for k in (0, 1)]) @ turn.T + at
+        if self.view.depth_m(corners).min() < BEYOND_NEAR * self.view.near_m:
+            return False
+
+        def side(corner: ArrayLike, u: ArrayLike, v: ArrayLike, wears: int | None) -> int:
+            begin = turn @ np.asarray(corner, np.float64) + at
+            return self.add_rectangle(begin, turn @ np.asarray(u, float), turn @ np.asarray(v, float), wears=wears)
+
+        first = side((-x, -y, z), (2 * x, 0, 0), (0, 0, -z), None)
+        side((x, -y, z), (0, 2 * y, 0), (0, 0, -z), first)
+        side((x, y, z), (-2 * x, 0, 0), (0, 0, -z), first)
+        side((-x, y, z), (0, -2 * y, 0), (0, 0, -z), first)
+        side((-x, y, z), (2 * x, 0, 0), (0, -2 * y, 0), first)
+        return True
+
+    def stand(
+        self, picked: tuple[int, float], at: ArrayLike, yaw_rad: float, stretch: Floats | None = None
+    ) -> tuple[Floats, Floats] | None:
+        """Stand a model on a place, upright.
+
+        Args:
+            picked: number of the model, and its diameter in metres.
+            at: (3,) the place, below the model's middle.
+            yaw_rad: its turn about z.
+            stretch: (3,) factors along the model's own axes.
+
+        Returns:
+            Lowest and highest corner of its bounding box in its own directions about ``at``, (3,) each; None where it
+            comes too near, and is not added.
+        """
+        number, size_m = picked
+        scale = size_m / 2 * (np.ones(3) if stretch is None else stretch)
+        low, high = self.catalogue.low[number] * scale, self.catalogue.high[number] * scale
+        place = np.asarray(at, np.float64) - (0, 0, low[2])
+        turn = turned_about_up(yaw_rad)
+        corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+        if self.view.depth_m(corners @ turn.T + place).min() < BEYOND_NEAR * self.view.near_m:
+            return None
+        matrix = np.eye(4)
+        matrix[:3, :3] = turn * scale
+        matrix[:3, 3] = place
+        unit = float(scale.mean())
+        self.add(number, matrix, (unit, unit))
+        return low - (0, 0, low[2]), high - (0, 0, low[2])
+
+    def is_free(self, x: float, y: float, radius_m: float) -> bool:
+        """Whether a circle on the floor meets none that is taken; things may come close."""
+        return all((x - a) ** 2 + (y - b) ** 2 > (0.8 * (radius_m + r)) ** 2 for a, b, r in self._taken)
+
+    def take(self, x: float, y: float, radius_m: float) -> None:
+        """Take a circle on the floor."""
+        self._taken.append((x, y, radius_m))
+
+
+def turned_about_up(yaw_rad: float) -> Floats:
+    """Return the rotation (3, 3) about z, anticlockwise from above."""
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+
+
+def drawn_count(share: Range, rng: np.random.Generator) -> int:
+    """Draw a whole number from a range."""
+    return round(share.draw(rng))

@@ -1,0 +1,220 @@
+"""An open scene: ground to the horizon, a road with kerbs, houses, vehicles, trees, poles, fences, people."""
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.camera import StereoCamera
+from semisynth_gl.config.model import BackgroundSection, DisparitySection, StreetSection
+from semisynth_gl.scene.arrangement import Arrangement, Catalogue, View, drawn_count
+from semisynth_gl.scene.background import corner_rays, smallest_offsets
+from semisynth_gl.scene.rig import Sway, check_reachable, near_depth_m
+
+Floats = NDArray[np.float64]
+
+# Diameters of bounding spheres, metres.
+_VEHICLES: Final[Mapping[str, tuple[float, float]]] = {"car": (4.2, 5.6), "bicycle": (1.7, 1.9)}
+_HOUSES: Final[Mapping[str, tuple[float, float]]] = {"house": (14, 24)}
+_TALL: Final[Mapping[str, tuple[float, float]]] = {
+    "tree": (4, 9),
+    "street_lamp": (5, 9),
+    "road_sign": (2.2, 3),
+    "scaffold": (4, 8),
+}
+_LOW: Final[Mapping[str, tuple[float, float]]] = {
+    "figure": (1.6, 1.9),
+    "animal": (0.6, 1.3),
+    "bench": (1.4, 2.2),
+    "bin": (0.9, 1.3),
+    "potted_plant": (0.8, 1.6),
+    "grass": (0.5, 1.4),
+    "road_sign": (2.0, 2.8),
+    "cuboid": (0.5, 1.4),
+    "cylinder": (0.6, 1.2),
+    "ladder": (2, 3.5),
+    "chair": (1.0, 1.2),
+    "table": (1.2, 2.0),
+    "clothes_rack": (1.5, 1.9),
+}
+_FENCES: Final[Mapping[str, tuple[float, float]]] = {"fence": (2.2, 3.0)}
+
+# A scene whose metres are true reaches at least this far; where disparities end before, everything is scaled.
+_TRUE_REACH_M = 25.0
+_FARTHEST = 90.0
+_KERB = 0.14
+_TRIES = 6
+
+
+def draw_street(
+    section: StreetSection,
+    background: BackgroundSection,
+    disparity: DisparitySection,
+    camera: StereoCamera,
+    catalogue: Catalogue,
+    ground: int,
+    rng: np.random.Generator,
+    sway: Sway,
+) -> Arrangement:
+    """Draw an open scene; nothing comes nearer than the depth of ``disparity.max_px``.
+
+    Args:
+        section: what streets hold.
+        background: disparity of the far backdrop.
+        disparity: its limits.
+        camera: the camera.
+        catalogue: the models.
+        ground: number of the still model of the ground.
+        rng: randomness.
+        sway: the motion of the camera.
+
+    Raises:
+        InputError: where a disparity lies beyond infinity.
+    """
+    far_px = background.plane_disparity_px.draw(rng)
+    check_reachable(camera, far_px, "background.plane_disparity_px")
+    backdrop_m, near_m = float(camera.depth_m(far_px)), near_depth_m(camera, disparity)
+    metre = min(1.0, backdrop_m / _TRUE_REACH_M)
+    yaw, pitch, roll = np.deg2rad(rng.normal(size=3) * (section.yaw_deg, section.tilt_deg, section.tilt_deg))
+    height = section.camera_height_m.draw(rng) * metre
+    view = View.over_floor(camera, near_m, height, yaw, pitch, roll)
+    down = -view.camera_from_floor[:3, 2]
+    least = float(smallest_offsets(camera, down[None], near_m, sway)[0])
+    if least > height:
+        height = least
+        view = View.over_floor(camera, near_m, height, yaw, pitch, roll)
+    street = Arrangement(view, catalogue)
+    _add_backdrop(street, backdrop_m)
+    _add_ground(street, ground, backdrop_m, height)
+    reach = min(backdrop_m, _FARTHEST * metre)
+    road = section.road_width_m.draw(rng) * metre / 2
+    pavement = rng.uniform(1.5, 4) * metre
+    middle = rng.uniform(-0.5, 0.5) * road
+    for side in (-1, 1):
+        if rng.random() < section.pavement:
+            _add_pavement(street, middle + side * road, side, pavement, near_m, reach, metre)
+        _add_row(street, section, middle + side * (road + pavement), side, near_m, reach, metre, rng)
+    for _ in range(drawn_count(section.vehicles, rng)):
+        lane = rng.uniform(0.3, 0.85) if rng.random() < 0.8 else rng.uniform(-0.2, 0.2)
+        x = middle + (road * lane) * rng.choice((-1, 1))
+        facing = rng.normal() * 0.06 + np.pi * int(rng.integers(2))
+        _stand(street, _VEHICLES, (x, x), (near_m, reach), facing, metre, rng)
+    for sizes, count in ((_TALL, section.tall), (_LOW, section.low)):
+        for _ in range(drawn_count(count, rng)):
+            side = rng.choice((-1, 1))
+            span = sorted((middle + side * road, middle + side * (road + pavement)))
+            _stand(street, sizes, (span[0], span[1]), (near_m, reach), None, metre, rng)
+    return street
+
+
+def _add_backdrop(street: Arrangement, backdrop_m: float) -> None:
+    """Add the far plane that faces the camera and fills both views."""
+    camera = street.view.camera
+    points = corner_rays(camera) * backdrop_m
+    aside = abs(camera.offset_m("right")) + 0.02 * backdrop_m
+    low, high = points.min(axis=0) - aside, points.max(axis=0) + aside
+    floor_from_camera = np.linalg.inv(street.view.camera_from_floor)
+    corner = floor_from_camera @ (low[0], low[1], backdrop_m, 1)
+    turn = floor_from_camera[:3, :3]
+    street.add_rectangle(corner[:3], turn[:, 0] * (high[0] - low[0]), turn[:, 1] * (high[1] - low[1]))
+
+
+def _add_ground(street: Arrangement, ground: int, backdrop_m: float, height_m: float) -> None:
+    """Lay the wedge of the ground from behind the camera to beyond the backdrop."""
+    view = street.view
+    widest = float(np.abs(corner_rays(view.camera)[:, 0]).max()) * 1.3 + 0.2
+    behind = abs(view.camera.offset_m("right")) / widest + 0.5 * view.near_m + height_m
+    length = 1.3 * (behind + backdrop_m)
+    flat = view.camera_from_floor[2, :2]
+    ahead = np.array([*flat / np.linalg.norm(flat), 0.0])
+    across = np.array([ahead[1], -ahead[0], 0.0])
+    matrix = np.eye(4)
+    matrix[:3, 0], matrix[:3, 1], matrix[:3, 2] = across * length * widest, np.array([0, 0, -length]), ahead * length
+    matrix[:3, 3] = -ahead * behind
+    street.add(ground, matrix, (length * widest, length))
+
+
+def _add_pavement(
+    street: Arrangement, kerb: float, side: int, width: float, near_m: float, reach: float, metre: float
+) -> None:
+    """Add a raised pavement in slabs that grow with their distance; the nearest ones may be left out."""
+    begin, first = 0.3 * near_m, None
+    while begin < reach:
+        end = min(begin + max(2.0 * metre, 0.6 * begin), reach)
+        half = np.array([width / 2, (end - begin) / 2, _KERB * metre])
+        middle = (kerb + side * width / 2, (begin + end) / 2, 0)
+        number = len(street)
+        if street.add_box(middle, half):
+            if first is None:
+                first = number
+            for slab in range(number, len(street)):
+                street.wears[slab] = first
+        begin = end
+
+
+def _add_row(
+    street: Arrangement,
+    section: StreetSection,
+    border: float,
+    side: int,
+    near_m: float,
+    reach: float,
+    metre: float,
+    rng: np.random.Generator,
+) -> None:
+    """Add a row of houses, fences and gaps along one side."""
+    y = rng.uniform(0.2, 1.5) * near_m
+    while y < reach:
+        kind = rng.random()
+        if kind < section.houses:
+            back = rng.uniform(0, 3) * metre
+            long, high = rng.uniform(6, 16) * metre, rng.uniform(3, 12) * metre
+            picked = street.catalogue.pick(_HOUSES, rng)
+            facing = -side * np.pi / 2  # the front, -y, turns to the road
+            if picked is not None and rng.random() < 0.7:
+                number, size = picked[0], picked[1] * metre
+                extent = (street.catalogue.high[number] - street.catalogue.low[number])[:2] * size / 2
+                at = (border + side * (back + extent[1] / 2), y + extent[0] / 2, 0)
+                street.stand((number, size), at, facing)
+                y += extent[0] + rng.uniform(0, 2) * metre
+            else:
+                street.add_box((border + side * (back + 4 * metre), y + long / 2, 0), (4 * metre, long / 2, high))
+                y += long + rng.uniform(0, 4) * metre
+        elif kind < section.houses + section.fences:
+            for _ in range(int(rng.integers(2, 7))):
+                picked = street.catalogue.pick(_FENCES, rng)
+                if picked is None:
+                    break
+                number, size = picked[0], picked[1] * metre
+                wide = float((street.catalogue.high[number] - street.catalogue.low[number])[0]) * size / 2
+                street.stand((number, size), (border, y + wide / 2, 0), np.pi / 2)
+                y += wide
+            y += 0.5 * metre
+        else:
+            y += rng.uniform(3, 12) * metre
+
+
+def _stand(
+    street: Arrangement,
+    sizes_m: Mapping[str, tuple[float, float]],
+    x_m: tuple[float, float],
+    y_m: tuple[float, float],
+    yaw_rad: float | None,
+    metre: float,
+    rng: np.random.Generator,
+) -> None:
+    """Stand a thing at a free place; near and far places count alike in disparity."""
+    picked = street.catalogue.pick(sizes_m, rng)
+    if picked is None:
+        return
+    number, size = picked[0], picked[1] * metre
+    extent = (street.catalogue.high[number] - street.catalogue.low[number])[:2] * size / 2
+    for _ in range(_TRIES):
+        x = rng.uniform(*x_m)
+        y = y_m[0] * (y_m[1] / y_m[0]) ** rng.random()
+        yaw = rng.uniform(0, 2 * np.pi) if yaw_rad is None else yaw_rad
+        radius = float(extent.max()) / 2
+        if street.is_free(x, y, radius) and street.stand((number, size), (x, y, 0), yaw) is not None:
+            street.take(x, y, radius)
+            return
