@@ -539,6 +539,8 @@ _OF_RECIPES: Mapping[str, tuple[type[Section], tuple[str, ...]]] = {
     "camera": (CameraSection, ("width_px", "height_px")),
     "disparity": (DisparitySection, ("min_px", "max_px")),
     "background": (BackgroundSection, ()),
+    "room": (RoomSection, ()),
+    "street": (StreetSection, ()),
     "structures": (StructuresSection, ()),
     "particles": (ParticlesSection, ()),
     "models": (ModelsSection, ("folders", "variants")),
@@ -630,8 +632,8 @@ class Config(Section):
     def _nothing_nearer_than_allowed(self) -> Self:
         nearest = {
             "structures.panel_disparity_px": self.structures.panel_disparity_px,
-            "background.wall_disparity_px": self.background.wall_disparity_px if self.background.cuboid else None,
-            "background.plane_disparity_px": self.background.plane_disparity_px if self.background.plane else None,
+            "background.wall_disparity_px": self.background.wall_disparity_px if self.background.cuboid or self.background.room else None,
+            "background.plane_disparity_px": self.background.plane_disparity_px if self.background.plane or self.background.street else None,
         }
         for name, layers in (("layers", self.particles.layers or ()), ("clutter", self.particles.clutter)):
             nearest |= {f"particles.{name}.{k}": layer.disparity_px for k, layer in enumerate(layers)}
@@ -678,9 +680,9 @@ class Config(Section):
     def lowest_px(self) -> float:
         """Return the smallest disparity that the sections allow scenes to show."""
         background, lowest = self.background, [self.disparity.min_px]
-        if background.plane:
+        if background.plane or background.street:
             lowest.append(background.plane_disparity_px.low)
-        if background.cuboid and background.wall_disparity_px is not None:
+        if (background.cuboid or background.room) and background.wall_disparity_px is not None:
             lowest.append(background.wall_disparity_px.low)
         return min(lowest)
 
