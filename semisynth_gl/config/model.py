@@ -632,8 +632,12 @@ class Config(Section):
     def _nothing_nearer_than_allowed(self) -> Self:
         nearest = {
             "structures.panel_disparity_px": self.structures.panel_disparity_px,
-            "background.wall_disparity_px": self.background.wall_disparity_px if self.background.cuboid or self.background.room else None,
-            "background.plane_disparity_px": self.background.plane_disparity_px if self.background.plane or self.background.street else None,
+            "background.wall_disparity_px": self.background.wall_disparity_px
+            if self.background.cuboid or self.background.room
+            else None,
+            "background.plane_disparity_px": self.background.plane_disparity_px
+            if self.background.plane or self.background.street
+            else None,
         }
         for name, layers in (("layers", self.particles.layers or ()), ("clutter", self.particles.clutter)):
             nearest |= {f"particles.{name}.{k}": layer.disparity_px for k, layer in enumerate(layers)}

@@ -97,7 +97,8 @@ class FlowPass:
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">"
         self._constants.write(camera, eye, then.scene.near_m)
-        models.draw(self._draw_program, filled)
+        for part in filled:
+            models.draw(self._draw_program, part)
 
         moves = moves.copy()
         moves["centre"][:, 0] -= camera.offset_m(eye)

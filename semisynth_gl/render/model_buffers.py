@@ -46,8 +46,17 @@ class Placed:
 
 @dataclass(frozen=True, slots=True)
 class Filled:
-    """How many instances await drawing: first those of which only fronts can be seen, then the others."""
+    """Instances that await drawing: first those of which only fronts can be seen, then the others.
 
+    Attributes:
+        atlas: the atlas that they wear.
+        first: number of the first one.
+        fronts: number of those that show fronts alone.
+        both_sides: number of the others.
+    """
+
+    atlas: int
+    first: int
     fronts: int
     both_sides: int
 
@@ -58,11 +67,15 @@ class ModelBuffers:
     Args:
         gl: the context.
         models: at least one.
+        atlas_ends: (A,) int64, see `PatchTextures.ends`.
         traced: whether shaders will look up triangles (`bind_triangles`).
     """
 
-    def __init__(self, gl: moderngl.Context, models: Sequence[Mesh], *, traced: bool) -> None:
+    def __init__(
+        self, gl: moderngl.Context, models: Sequence[Mesh], atlas_ends: NDArray[np.int64], *, traced: bool
+    ) -> None:
         self._gl = gl
+        self._atlas_ends = atlas_ends
         self._vertices = gl.buffer(
             np.concatenate([np.hstack([mesh.positions, mesh.uv]) for mesh in models]).astype("<f4", order="C")
         )
@@ -96,13 +109,18 @@ class ModelBuffers:
         solid[solid] = np.linalg.det(linear[solid]) > 0
         return Placed(scene, view_from_model, self._radius[scene.model] * stretch, solid)
 
-    def fill(self, placed: Placed, eye: Eye, part: Crop | None = None) -> Filled:
-        """Upload the instances that one eye may see, near ones first: what they hide is then not shaded.
+    def fill(self, placed: Placed, eye: Eye, part: Crop | None = None) -> list[Filled]:
+        """Upload the instances that one eye may see, atlas by atlas.
+
+        Near ones come first: what they hide is then not shaded. Large patches come last, since walls hide least.
 
         Args:
             placed: the instances.
             eye: who looks.
             part: the part of the image that counts, or None for all of it.
+
+        Returns:
+            What to draw, one after the other.
         """
         scene, view_from_model, radius_m = placed.scene, placed.rows(eye), placed.radius_m
         centre_m = view_from_model[:, :, 3]
@@ -110,32 +128,39 @@ class ModelBuffers:
         seen = np.flatnonzero(in_view(camera, eye, scene.near_m, centre_m, radius_m))
         # What the near plane cuts open shows its backs.
         fronts_only = placed.solid[seen] & (centre_m[seen, 2] - radius_m[seen] > scene.near_m)
-        seen = seen[np.lexsort((centre_m[seen, 2] + radius_m[seen], ~fronts_only))]
-        fronts = int(fronts_only.sum())
+        atlas = np.searchsorted(self._atlas_ends, scene.layer[seen], side="right")
+        order = np.lexsort((centre_m[seen, 2] + radius_m[seen], ~fronts_only, atlas))
+        seen, atlas, fronts_only = seen[order], atlas[order], fronts_only[order]
+        begin = np.concatenate([[0], self._atlas_ends])[atlas]
         instances = np.zeros(len(seen), DRAWN_INSTANCE)
         instances["view_from_model"] = view_from_model[seen]
         instances["patch_from_uv"][:, :2] = scene.uv_scale[seen]
         instances["patch_from_uv"][:, 2:] = scene.uv_offset[seen]
-        instances["layer"] = scene.layer[seen]
+        instances["layer"] = scene.layer[seen] - begin
         instances["instance"] = seen
         commands = self._model_commands[scene.model[seen]]
         commands["instances"] = 1
         commands["base_instance"] = np.arange(len(seen))
         refill(self._instances, instances)
         refill(self._commands, commands)
-        return Filled(fronts, len(seen) - fronts)
+        first, filled = 0, []
+        for number in np.unique(atlas):
+            count, fronts = int((atlas == number).sum()), int((fronts_only & (atlas == number)).sum())
+            filled.append(Filled(int(number), first, fronts, count - fronts))
+            first += count
+        return filled
 
     def draw(self, program: moderngl.Program, filled: Filled) -> None:
-        """Draw what `fill` uploaded into the framebuffer in use."""
+        """Draw a part of what `fill` uploaded into the framebuffer in use."""
         if filled.fronts:
             self._gl.enable(moderngl.CULL_FACE)
             # Image rows run downwards in the window, which mirrors the sense of rotation.
             self._gl.front_face = "cw"
-            self._vao(program).render_indirect(self._commands, moderngl.TRIANGLES, filled.fronts)
+            self._vao(program).render_indirect(self._commands, moderngl.TRIANGLES, filled.fronts, first=filled.first)
             self._gl.disable(moderngl.CULL_FACE)
         if filled.both_sides:
             self._vao(program).render_indirect(
-                self._commands, moderngl.TRIANGLES, filled.both_sides, first=filled.fronts
+                self._commands, moderngl.TRIANGLES, filled.both_sides, first=filled.first + filled.fronts
             )
 
     def bind_triangles(self, placed: Placed, eye: Eye) -> None:

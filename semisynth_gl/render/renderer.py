@@ -6,6 +6,7 @@ copy of the results into arrays.
 """
 
 from collections.abc import Collection, Mapping, Sequence
+from functools import cache
 from math import ceil
 from traceback import clear_frames
 from typing import Any, Literal, Self
@@ -41,6 +42,7 @@ from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.flow import FlowPass
 from semisynth_gl.render.model_buffers import Filled, ModelBuffers, Placed
+from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.readers import Reader, read_array
 from semisynth_gl.render.targets import EyeTargets
@@ -61,8 +63,11 @@ class Renderer:
     Args:
         models: the meshes that `Scene.model` counts.
         layers: (L, P, P, 4) uint8 RGBA, the patch atlas that `Scene.layer` counts; row 0 is the top.
+        large_layers: (M, Q, Q, 4) uint8 RGBA, patches of another size, which `Scene.layer` counts from L on; instances
+            that wear them are drawn after the others. None for none.
         wrap: what lies beyond a patch's border, its mirror image or itself again.
         anisotropy: most samples of a patch for a pixel that sees it at a grazing angle; 1 blurs there.
+        large_anisotropy: the same of large patches.
         outputs: what to make beside images and disparities; see `semisynth_gl.frame.OUTPUTS`.
         truth: of which views disparity and outputs are made, "both" or "left".
         antialias: "none", "msaa4" (or what the driver has) or "ssaa2" to "ssaa8"; for colour only.
@@ -85,8 +90,10 @@ class Renderer:
         models: Sequence[Mesh],
         layers: NDArray[np.uint8],
         *,
+        large_layers: NDArray[np.uint8] | None = None,
         wrap: Wrap = "mirror",
         anisotropy: int = 1,
+        large_anisotropy: int = 1,
         outputs: Collection[str] = DEFAULT_OUTPUTS,
         truth: TruthViews = "both",
         antialias: str = "none",
@@ -97,21 +104,20 @@ class Renderer:
         check_type("models", models, Sequence)
         for model in models:
             check_type("a model", model, Mesh, "make_mesh makes one")
-        check_type("layers", layers, np.ndarray)
         check_type("antialias", antialias, str)
         to_whole("device_index", device_index, least=0)
         if not models:
             raise InputError("a renderer needs at least one model, got none")
-        if layers.ndim != 4 or layers.shape[1] != layers.shape[2] or layers.shape[3] != 4 or layers.dtype != np.uint8:
-            raise InputError(f"layers must be (L, P, P, 4) uint8, got {layers.shape} {layers.dtype}")
-        if len(layers) == 0 or layers.shape[1] == 0:
-            raise InputError("the patch atlas is empty")
+        atlases = {"layers": layers} | ({} if large_layers is None else {"large_layers": large_layers})
+        for name, atlas in atlases.items():
+            _check_atlas(name, atlas)
         if isinstance(outputs, str) or not isinstance(outputs, Collection) or not set(outputs) <= set(OUTPUTS):
             raise InputError(f"outputs: expected some of {', '.join(OUTPUTS)}, got {outputs!r}")
         if truth not in TRUTH_VIEWS:
             raise InputError(f"truth: expected one of {', '.join(TRUTH_VIEWS)}, got {truth}")
-        if anisotropy not in range(1, 17):
-            raise InputError(f"anisotropy must be a whole number from 1 to 16, got {anisotropy}")
+        for name, most in (("anisotropy", anisotropy), ("large_anisotropy", large_anisotropy)):
+            if most not in range(1, 17):
+                raise InputError(f"{name} must be a whole number from 1 to 16, got {most}")
         self.listener: Listener | None = None
         self._read_pixels = read
         self._outputs = frozenset(outputs)
@@ -124,11 +130,11 @@ class Renderer:
         self._context = open_context(backend, device_index)
         try:
             self._gl = self._context.gl
-            self._atlas = self._upload_atlas(layers, wrap)
+            self._patches = PatchTextures(self._context, tuple(atlases.values()), mirrored=wrap == "mirror")
             reads_triangles = any(channel.reads_triangles for channel in self._channels)
-            self._models = ModelBuffers(self._gl, models, traced=reads_triangles)
+            self._models = ModelBuffers(self._gl, models, self._patches.ends, traced=reads_triangles)
             self._constants = ConstantsBuffer(self._gl)
-            self._link_programs(anisotropy)
+            self._link_programs((anisotropy, large_anisotropy)[: len(atlases)])
         except BaseException:
             self._context.release()
             raise
@@ -287,22 +293,6 @@ class Renderer:
         """Free the context and all that it holds; a second call does nothing."""
         self._free()
 
-    def _upload_atlas(self, layers: NDArray[np.uint8], wrap: Wrap) -> moderngl.TextureArray:
-        count, side = layers.shape[:2]
-        most = int(self._gl.info["GL_MAX_ARRAY_TEXTURE_LAYERS"])
-        widest = int(self._gl.info["GL_MAX_TEXTURE_SIZE"])
-        if count > most or side > widest:
-            raise BackendError(
-                f"the patch atlas has {count} patches of {side} px, but {self._context.renderer} holds {most} of up to "
-                f"{widest} px: lower textures.max_patches or textures.patch_px"
-            )
-        atlas = self._gl.texture_array((side, side, count), 4, np.ascontiguousarray(layers))
-        atlas.build_mipmaps()
-        atlas.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
-        if wrap == "mirror":
-            self._context.unbound.mirror_beyond_border(atlas.glo)
-        return atlas
-
     def _drawn(self, eye: Eye) -> tuple[str, ...]:
         """Return the attachments that the drawing pass of an eye writes."""
         own, visibility = eye in self._truth_eyes, "visibility" in self._outputs
@@ -317,22 +307,25 @@ class Renderer:
         names = {channel.attachment: own for channel in self._drawn_by("drawing")} | needed
         return tuple(name for name, drawn in names.items() if drawn)
 
-    def _link_programs(self, anisotropy: int) -> None:
-        def link(names: tuple[str, ...]) -> moderngl.Program:
+    def _link_programs(self, anisotropies: Sequence[int]) -> None:
+        @cache
+        def link(names: tuple[str, ...], anisotropy: int) -> moderngl.Program:
             locations = {name.upper(): number for number, name in enumerate(names)}
             return link_program(self._context, "mesh.vert", "mesh.frag", locations | {"ANISOTROPY": anisotropy})
 
-        # Both eyes have one program where they write the same.
-        programs = {names: link(names) for names in dict.fromkeys(self._attachments.values())}
-        self._draw_programs = {eye: programs[names] for eye, names in self._attachments.items()}
-        self._colour_program = link(("colour",)) if self._antialias.kind != "none" else None
+        # One for each atlas; they are the same where they write and sample alike.
+        self._draw_programs: dict[Eye, list[moderngl.Program]] = {
+            eye: [link(names, each) for each in anisotropies] for eye, names in self._attachments.items()
+        }
+        antialiased = self._antialias.kind != "none"
+        self._colour_programs = [link(("colour",), each) for each in anisotropies] if antialiased else None
         self._visibility = VisibilityPass(self._context, self._constants) if "visibility" in self._outputs else None
         self._flow = None
         if self._outputs & FLOW_OUTPUTS:
             self._flow = FlowPass(self._context, self._constants, self._read_pixels)
 
     def _check(self, scene: Scene) -> None:
-        ranges = (("model", scene.model, len(self._models)), ("layer", scene.layer, self._atlas.layers))
+        ranges = (("model", scene.model, len(self._models)), ("layer", scene.layer, len(self._patches)))
         for name, index, count in ranges:
             if len(index) and (int(index.min()) < 0 or int(index.max()) >= count):
                 raise InputError(
@@ -388,7 +381,6 @@ class Renderer:
         part = crop and _drawn_part(placed.scene, eye, crop, looked_up=looked_up)
         scene, filled = placed.scene, self._models.fill(placed, eye, part)
         self._constants.write(scene.camera, eye, scene.near_m)
-        self._atlas.use(0)
         if self._attachments[eye]:
             targets = self._targets[eye]
             targets.limit(part)
@@ -396,18 +388,28 @@ class Renderer:
             if self._triangle_readers.intersection(self._attachments[eye]):
                 self._models.bind_triangles(placed, eye)
             self._draw_models(self._draw_programs[eye], filled)
-        if self._colour_targets is None or self._colour_program is None:
+        if self._colour_targets is None or self._colour_programs is None:
             return None
         self._colour_targets.limit(crop)
         self._colour_targets.fine.use()
         self._colour_targets.fine.clear(0.0, 0.0, 0.0, 0.0, depth=0.0)
-        self._draw_models(self._colour_program, filled)
+        self._draw_models(self._colour_programs, filled)
         return self._colour_targets.read_colour(crop)
 
-    def _draw_models(self, program: moderngl.Program, filled: Filled) -> None:
+    def _draw_models(self, programs: Sequence[moderngl.Program], filled: Sequence[Filled]) -> None:
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">"
-        self._models.draw(program, filled)
+        for part in filled:
+            self._patches.use(part.atlas)
+            self._models.draw(programs[part.atlas], part)
+
+
+def _check_atlas(name: str, layers: NDArray[np.uint8]) -> None:
+    check_type(name, layers, np.ndarray)
+    if layers.ndim != 4 or layers.shape[1] != layers.shape[2] or layers.shape[3] != 4 or layers.dtype != np.uint8:
+        raise InputError(f"{name} must be (L, P, P, 4) uint8, got {layers.shape} {layers.dtype}")
+    if len(layers) == 0 or layers.shape[1] == 0:
+        raise InputError(f"the patch atlas of {name} is empty")
 
 
 def _drawn_part(scene: Scene, eye: Eye, crop: Crop, *, looked_up: bool) -> Crop:

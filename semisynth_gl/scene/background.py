@@ -26,7 +26,7 @@ FACE = make_mesh("face", np.c_[_U, _V, np.zeros(len(_U))], np.c_[_U, _V], _TRIAN
 _SIDE_WALL = Range(0.3, 1.1)
 # Walls continue behind each other by this share of their size: edges that only met would leave gaps in float32.
 OVERLAP = 1e-4
-_GRID = (48, 32)
+GRID = (48, 32)
 # A far plane is filled up to this angle to its normal.
 _WIDEST_RAD = np.deg2rad(85)
 
@@ -206,7 +206,7 @@ def _corner_points(camera: StereoCamera, depth_m: float) -> Floats:
 
 def grid_px(camera: StereoCamera) -> tuple[Floats, Floats]:
     """Return columns and rows, flat, of a coarse grid over the view."""
-    sizes = zip(_GRID, (camera.width_px, camera.height_px), strict=True)
+    sizes = zip(GRID, (camera.width_px, camera.height_px), strict=True)
     columns, rows = np.meshgrid(*((np.arange(count) + 0.5) / count * size - 0.5 for count, size in sizes))
     return columns.ravel(), rows.ravel()
 

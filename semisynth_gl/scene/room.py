@@ -282,7 +282,7 @@ def _furnish(
             spot = (low + (high - low) * rng.uniform(0.12, 0.88, 3)) * (1, 1, 0)
             c, s = np.cos(turn), np.sin(turn)
             x, y = spot[0] * c - spot[1] * s, spot[0] * s + spot[1] * c
-            room.stand(small, at + (x, y, high[2]), yaw)
+            room.stand(small, at + np.array([x, y, high[2]]), yaw)
         else:
             x, y = _on_floor(room, walls, rng)
             room.stand(small, (x, y, 0), yaw)
@@ -391,4 +391,5 @@ def _hang_curtain(room: Arrangement, wall: _Wall, rng: np.random.Generator) -> N
     size = 2 * high / extent[2]
     yaw = float(np.arctan2(wall.out[1], wall.out[0]) - np.pi / 2)
     top = -wall.down[2] * 0.99 - high
-    room.stand((number, size), wall.at(rng.uniform(0.1, 0.9), 1.0, -extent[1] * size / 2) + (0, 0, top), yaw)
+    foot = wall.at(rng.uniform(0.1, 0.9), 1.0, -extent[1] * size / 2) + np.array([0, 0, top])
+    room.stand((number, size), foot, yaw)

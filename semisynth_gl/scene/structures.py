@@ -22,6 +22,7 @@ from semisynth_gl.scene.background import (
     grid_px,
     smallest_offsets,
 )
+from semisynth_gl.scene.glance import glance
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import BEYOND_NEAR, STILL, Sway, check_reachable, draw_camera, draw_sway, near_depth_m
 from semisynth_gl.scene.room import DOORWAYS, NICHES, draw_room
@@ -149,15 +150,14 @@ def _seen(things: Arrangement) -> Surroundings:
     """Measure what the camera sees of things at rest, on a coarse grid over the left view."""
     view = things.view
     matrices = view.camera_from_floor @ np.array(things.floor_from_model)
-    x, y = grid_px(view.camera)
     model, layer = np.array(things.model), np.zeros(len(things), np.int64)
     scene = make_scene(view.camera, model=model, world_from_model=matrices, layer=layer, near_m=view.near_m)
-    hits = cast_rays(scene, things.catalogue.models, "left", x, y)
+    depth_m, instance = glance(scene, things.catalogue.models)
     # What is hidden has the depth of its origin, or of the near plane where that is farther.
     depths = np.maximum(matrices[:, 2, 3], view.near_m)
-    for number in np.unique(hits.instance[hits.instance >= 0]):
-        depths[number] = np.median(hits.depth_m[hits.instance == number])
-    seen_px = view.camera.disparity_px(hits.depth_m)
+    for number in np.unique(instance[instance >= 0]):
+        depths[number] = np.median(depth_m[instance == number])
+    seen_px = view.camera.disparity_px(depth_m)
     return Surroundings(
         model, matrices, np.array(things.unit_m), np.array(things.wears), depths, seen_px[np.isfinite(seen_px)]
     )
