@@ -16,7 +16,7 @@ from semisynth_gl.config.model import BackgroundSection, CameraSection, Disparit
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.pairs.pipeline import PairRenderer
-from semisynth_gl.scene.background import draw_background
+from semisynth_gl.scene.background import draw_background, draw_kind
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import STILL, draw_sway, near_depth_m, rotation_about_axis
 from semisynth_gl.scene.scene import Motion, make_scene, move
@@ -333,7 +333,7 @@ def test_walls_keep_clear_of_a_camera_that_sways(seed, shift, turn, plane, doffs
     section_camera = section_camera.model_copy(update={"sway_m": Range(0, shift), "sway_deg": Range(0, turn)})
     rng = np.random.default_rng(seed)
     sway = draw_sway(section_camera, rng)
-    background = draw_background(section, disparity, camera, rng, sway)
+    background = draw_background(draw_kind(section, rng), section, disparity, camera, rng, sway)
     still = draw_surroundings(StructuresSection(), disparity, camera, background, rng, sway)
     x, y = (each.ravel() for each in np.meshgrid(np.linspace(-0.49, 59.47, 9), np.linspace(-0.48, 39.49, 7)))
     for time_s in (0.0, 0.31, 7.9):
@@ -385,8 +385,9 @@ def test_a_sway_too_wide_for_a_far_plane_is_refused():
     )
     background = BackgroundSection(cuboid=0.0, plane=1.0)
     rng = np.random.default_rng(0)
+    sway = draw_sway(section, rng)
     with pytest.raises(InputError, match=r"camera\.sway_deg turns views by up to 69 degrees"):
-        draw_background(background, DisparitySection(min_px=1.0, max_px=64.0), camera, rng, draw_sway(section, rng))
+        draw_background("plane", background, DisparitySection(min_px=1.0, max_px=64.0), camera, rng, sway)
 
 
 @pytest.mark.one_backend

@@ -25,7 +25,7 @@ from semisynth_gl.scene.particles import Sizes, expected_cover
 from semisynth_gl.scene.population import Population, poisson_counts
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SceneSampler
-from semisynth_gl.scene.structures import CURVED_PANEL, GROUND, STILL_MODELS
+from semisynth_gl.scene.structures import CURVED_PANEL, GROUND, STILL_MODELS, take_stock
 from semisynth_gl.textures.atlas import Patch
 
 CAMERA = StereoCamera.centred(600, 400, 700.0, 0.2)
@@ -146,7 +146,7 @@ def test_depths_beyond_infinity_have_no_distribution():
 def test_narrow_bins_are_merged_for_layers():
     config = tiny(disparity={"target": {"form": "histogram", "bin_px": 0.1, "shares": [0.0] * 20 + [1.0] * 340}})
     library = build_library(config.models, config.particles, 0)
-    population = Population(config, 0, library.silhouette)
+    population = Population(config, 0, library.silhouette, take_stock(library))
     assert len(population.target.shares) <= 48
     assert total_variation(population.target, population.expected()) < 0.06
 
@@ -314,7 +314,7 @@ def test_density_shares_the_area_out_to_more_or_fewer(density):
     plain = np.mean(objects_in_view(tiny(), library, 20))
     wanted = density if isinstance(density, float) else plain * {"sparse": 1 / 3, "dense": 3}[density]
     assert np.mean(objects_in_view(config, library, 20)) == pytest.approx(wanted, rel=0.2)
-    aim = Population(config, 0, library.silhouette)
+    aim = Population(config, 0, library.silhouette, take_stock(library))
     assert total_variation(aim.target, aim.expected()) < 0.05
 
 
@@ -327,7 +327,7 @@ def test_a_range_of_densities_gives_each_sequence_a_number_of_its_own():
     low, high = np.quantile(counts, [0.1, 0.9])
     assert low < 100
     assert high > 200
-    population = Population(config, 0, library.silhouette)
+    population = Population(config, 0, library.silhouette, take_stock(library))
     assert total_variation(population.target, population.expected()) < 0.05
 
 
@@ -360,7 +360,7 @@ def test_clutter_is_counted_in_what_the_target_asks_for():
     clutter = [{"disparity_px": [4, 6], "count": 60, "size_px": [6, 12]}]
     config = tiny(particles={"clutter": clutter})
     library = build_library(config.models, config.particles, 0)
-    population = Population(config, 0, library.silhouette)
+    population = Population(config, 0, library.silhouette, take_stock(library))
     assert total_variation(population.target, population.expected()) < 0.02
     slots = SceneSampler(config, 0, library, PATCH).sample(0).scene
     plain = SceneSampler(tiny(), 0, library, PATCH).sample(0).scene

@@ -121,7 +121,7 @@ def test_walls_show_their_patches_near_one_texel_per_pixel(library):
 def test_no_wall_comes_nearer_than_the_largest_disparity(seed, turn, focal, doffs):
     camera = StereoCamera.centred(600, 400, focal, 0.2, doffs)
     section = BackgroundSection(wall_disparity_px=Range(6, 40), wall_turn_deg=turn)
-    background = draw_background(section, DISPARITY, camera, np.random.default_rng(seed))
+    background = draw_background("cuboid", section, DISPARITY, camera, np.random.default_rng(seed))
     y, x = np.mgrid[-0.5:399.6:40, -0.5:599.6:60]
     for eye in EYES:
         origin = background.offset_m - background.normal[:, 0] * camera.offset_m(eye)
@@ -136,7 +136,7 @@ def test_no_wall_comes_nearer_than_the_largest_disparity(seed, turn, focal, doff
 @given(st.integers(0, 2**31))
 def test_faces_lie_in_their_planes_and_close_the_cuboid(seed):
     section = BackgroundSection(wall_disparity_px=Range(6, 40))
-    background = draw_background(section, DISPARITY, CAMERA, np.random.default_rng(seed))
+    background = draw_background("cuboid", section, DISPARITY, CAMERA, np.random.default_rng(seed))
     points = background.world_from_face @ np.c_[FACE.positions, np.ones(len(FACE.positions))].T
     for face in range(6):
         np.testing.assert_allclose(background.normal[face] @ points[face, :3], background.offset_m[face], atol=1e-9)
@@ -152,7 +152,7 @@ def test_faces_lie_in_their_planes_and_close_the_cuboid(seed):
 def test_far_planes_cover_both_views_and_are_valid():
     section = BackgroundSection(cuboid=0.0, plane=1.0, plane_disparity_px=Range(0.2, 0.2))
     camera = StereoCamera.centred(600, 400, 700.0, 0.2)
-    background = draw_background(section, DISPARITY, camera, np.random.default_rng(0))
+    background = draw_background("plane", section, DISPARITY, camera, np.random.default_rng(0))
     assert background.kind == "plane"
     assert camera.disparity_px(background.offset_m)[0] == pytest.approx(0.2)
     low = background.world_from_face[0, :2, 3]

@@ -53,8 +53,8 @@ class SampledScene:
 
     @property
     def still(self) -> NDArray[np.bool_]:
-        """(N,) bool, true for an instance that stands still: background, ground or panel. All others are objects."""
-        return self.slot < 0
+        """(N,) bool, true for background, walls, ground and panels; all else is an object, at rest or falling."""
+        return self.scene.model < len(STILL_MODELS)
 
 
 @dataclass(frozen=True, slots=True)
