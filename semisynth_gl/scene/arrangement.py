@@ -14,6 +14,8 @@ from semisynth_gl.scene.rig import BEYOND_NEAR
 
 Floats = NDArray[np.float64]
 
+_NONE = np.zeros(0, np.int64)
+
 
 @dataclass(frozen=True, slots=True)
 class View:
@@ -87,22 +89,20 @@ class Catalogue:
     def pick(self, sizes_m: Mapping[str, tuple[float, float]], rng: np.random.Generator) -> tuple[int, float] | None:
         """Pick a model of some kinds and its diameter; None where the library has none of them.
 
+        Kinds count alike, since their chances are those of things in the air; a kind without a chance is left out.
+
         Args:
             sizes_m: smallest and largest diameter of each kind.
             rng: draws both.
         """
-        share, size = rng.random(2)
-        known = [self.by_name[name] for name in sizes_m if name in self.by_name]
+        kind, variant, size = rng.random(3)
+        known = [name for name in sizes_m if self.chances[self.by_name.get(name, _NONE)].sum() > 0]
         if not known:
             return None
-        numbers = np.concatenate(known)
-        # kinds count alike, as their weights are those of objects in the air
-        rising = np.cumsum(self.chances[numbers])
-        if rising[-1] <= 0:
-            return None
-        number = int(numbers[min(np.searchsorted(rising, share * rising[-1], side="right"), len(numbers) - 1)])
-        low, high = sizes_m[self.models[number].name]
-        return number, low + (high - low) * float(size)
+        name = known[int(kind * len(known))]
+        numbers = self.by_name[name]
+        low, high = sizes_m[name]
+        return int(numbers[int(variant * len(numbers))]), low + (high - low) * float(size)
 
 
 @dataclass(slots=True, eq=False)

@@ -1,0 +1,183 @@
+"""Rooms and streets: closed to all sides, nothing too near, things upright on what they stand on."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from semisynth_gl import load_config, oracle
+from semisynth_gl.camera import EYES, StereoCamera
+from semisynth_gl.config import Config
+from semisynth_gl.geometry.model_library import build_library
+from semisynth_gl.scene.arrangement import Arrangement, View
+from semisynth_gl.scene.background import grid_px
+from semisynth_gl.scene.glance import glance
+from semisynth_gl.scene.raycast import cast_rays
+from semisynth_gl.scene.rig import STILL, near_depth_m
+from semisynth_gl.scene.room import draw_room
+from semisynth_gl.scene.sampler import SceneSampler
+from semisynth_gl.scene.scene import Scene, make_scene
+from semisynth_gl.scene.street import draw_street
+from semisynth_gl.scene.structures import STILL_MODELS, Stage, draw_stage, take_stock
+from semisynth_gl.seeds import generator
+from semisynth_gl.textures.atlas import Patch
+
+RIGS = ("middlebury", "kitti", "eth3d", "sceneflow")
+KINDS = ("room", "street")
+PATCH = (Patch("photo", 0, 0, 64, 0, 1, 10.0),)
+NUMBERS = {"doorway": 3, "niche": 6}
+
+
+@cache
+def furnished(rig: str, kind: str, *overrides: str) -> Config:
+    weights = [f"background.{name}={int(name == kind)}" for name in ("cuboid", "plane", "room", "street")]
+    variants = ["models.variants=1", "particles.layers=[]", "disparity.target={form: uniform}"]
+    return load_config(rig, [*weights, *variants, *overrides])
+
+
+@cache
+def catalogue():
+    config = furnished("middlebury", "room")
+    return take_stock(build_library(config.models, config.particles, 0))
+
+
+def stage_of(config: Config, seed: int) -> Stage:
+    return draw_stage(config, catalogue(), lambda purpose: generator(seed, purpose))
+
+
+def scene_of(stage: Stage, near_m: float) -> Scene:
+    still = stage.still
+    matrices, layers = still.world_from_model, np.zeros(len(still), np.int64)
+    return make_scene(stage.camera, model=still.model, world_from_model=matrices, layer=layers, near_m=near_m)
+
+
+@pytest.mark.parametrize("rig", RIGS)
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", range(2))
+def test_every_ray_of_both_eyes_hits_something_within_the_limits(rig: str, kind: str, seed: int) -> None:
+    config = furnished(rig, kind)
+    stage = stage_of(config, seed)
+    camera, near_m = stage.camera, near_depth_m(stage.camera, config.disparity)
+    # Nothing is cut off: the near plane of this scene is far before that of the dataset.
+    scene = scene_of(stage, 0.01 * near_m)
+    x, y = np.meshgrid(np.linspace(-0.37, camera.width_px - 0.61, 23), np.linspace(-0.41, camera.height_px - 0.57, 17))
+    for eye in EYES:
+        hits = cast_rays(scene, catalogue().models, eye, x.ravel(), y.ravel())
+        seen_px = oracle.disparity_px(camera, hits)
+        assert np.isfinite(hits.depth_m).all()
+        assert hits.depth_m.min() > near_m
+        assert seen_px.max() < config.disparity.max_px
+        assert seen_px.min() > 0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_scene_holds_things_of_many_kinds_and_its_walls_are_in_view(kind: str) -> None:
+    rig = "kitti" if kind == "street" else "middlebury"
+    names, sizes = set(), []
+    for seed in range(4):
+        stage = stage_of(furnished(rig, kind), seed)
+        names |= {catalogue().models[number].name for number in stage.still.model}
+        sizes.append(len(stage.still))
+        assert stage.background == kind
+    assert min(sizes) > 12
+    assert {"room": {"face"}, "street": {"face", "ground", "house", "car"}}[kind] <= names
+    assert kind == "street" or len(names & {"table", "chair", "bookcase", "shelf", "bench", "lamp", "cushion"}) >= 2
+    assert len(names) > 12
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_things_at_rest_stand_upright_on_the_floor_or_above_it(rig: str) -> None:
+    config = furnished(rig, "room")
+    near = near_depth_m(CAMERAS[rig], config.disparity)
+    room = draw_room(
+        config.room, config.background, config.disparity, CAMERAS[rig], catalogue(), NUMBERS, rng(5), STILL
+    )
+    heights = []
+    for number, matrix in zip(room.model, room.floor_from_model, strict=True):
+        if number < len(STILL_MODELS):
+            continue
+        up = matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
+        np.testing.assert_allclose(up, (0, 0, 1), atol=1e-12)
+        points = catalogue().models[number].positions.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+        heights.append(points[:, 2].min())
+        assert room.view.depth_m(points).min() > near
+    assert min(heights) > -1e-6
+    assert sum(height < 1e-6 for height in heights) >= 3
+
+
+def rng(seed: int) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+CAMERAS = {
+    "middlebury": StereoCamera.centred(1500, 1000, 1900.0, 0.25, 120.0),
+    "kitti": StereoCamera.centred(1242, 375, 721.5, 0.54),
+    "eth3d": StereoCamera.centred(942, 489, 541.8, 0.06),
+    "sceneflow": StereoCamera.centred(960, 540, 1050.0, 1.0),
+}
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**31), st.sampled_from(RIGS), st.sampled_from(KINDS))
+def test_drawing_the_same_again_gives_the_same(seed: int, rig: str, kind: str) -> None:
+    config = furnished(rig, kind)
+
+    def draw() -> Arrangement:
+        if kind == "room":
+            sections = config.room, config.background, config.disparity
+            return draw_room(*sections, CAMERAS[rig], catalogue(), NUMBERS, rng(seed), STILL)
+        sections = config.street, config.background, config.disparity
+        return draw_street(*sections, CAMERAS[rig], catalogue(), 1, rng(seed), STILL)
+
+    first, second = draw(), draw()
+    assert first.model == second.model
+    assert first.wears == second.wears
+    np.testing.assert_array_equal(first.floor_from_model, second.floor_from_model)
+    assert np.isfinite(first.floor_from_model).all()
+    # What shares a texture shares it with an earlier thing that has its own.
+    assert all(k <= number and first.wears[k] == k for number, k in enumerate(first.wears))
+
+
+@pytest.mark.parametrize(("rig", "kind"), [("middlebury", "room"), ("kitti", "street")])
+def test_a_glance_sees_what_the_ray_caster_sees(rig: str, kind: str) -> None:
+    config = furnished(rig, kind)
+    stage = stage_of(config, 3)
+    scene = scene_of(stage, near_depth_m(stage.camera, config.disparity))
+    depth_m, instance = glance(scene, catalogue().models)
+    hits = cast_rays(scene, catalogue().models, "left", *grid_px(stage.camera))
+    np.testing.assert_allclose(depth_m, hits.depth_m, rtol=1e-9)
+    assert (instance == hits.instance).mean() > 0.999  # touching surfaces may come out either way
+
+
+def test_any_frame_of_a_furnished_sequence_can_be_sampled_first() -> None:
+    config = furnished("middlebury", "room", "sequence.length=3", "camera.sway_m=0.01", "camera.sway_deg=1")
+    library = build_library(config.models, config.particles, 0)
+    samplers = [SceneSampler(config, 4, library, PATCH) for _ in range(2)]
+    forwards = [samplers[0].sample(index).scene for index in range(6)]
+    for index in (5, 0, 3):
+        again = samplers[1].sample(index).scene
+        np.testing.assert_array_equal(again.world_from_model, forwards[index].world_from_model)
+        np.testing.assert_array_equal(again.camera_from_world, forwards[index].camera_from_world)
+        np.testing.assert_array_equal(again.uv_offset, forwards[index].uv_offset)
+    # Things at rest do; only the camera moves.
+    np.testing.assert_array_equal(forwards[0].world_from_model, forwards[2].world_from_model)
+    assert not np.array_equal(forwards[0].camera_from_world, forwards[2].camera_from_world)
+
+
+@pytest.mark.parametrize(
+    ("yaw", "pitch", "roll"), [(0.0, 0.0, 0.0), (0.4, 0.0, 0.0), (0.0, 0.3, 0.0), (-0.7, 0.5, 0.2)]
+)
+def test_a_view_over_a_floor_looks_where_it_is_told(yaw: float, pitch: float, roll: float) -> None:
+    view = View.over_floor(CAMERAS["kitti"], 1.0, 1.6, yaw, pitch, roll)
+    turn = view.camera_from_floor[:3, :3]
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(turn) == pytest.approx(1)
+    # The camera stands 1.6 m above the origin, and the point straight ahead lies on the optical axis.
+    np.testing.assert_allclose(turn @ (0, 0, 1.6) + view.camera_from_floor[:3, 3], 0, atol=1e-12)
+    ahead = np.array([np.sin(yaw) * np.cos(pitch), np.cos(yaw) * np.cos(pitch), -np.sin(pitch)])
+    np.testing.assert_allclose(turn @ ahead, (0, 0, 1), atol=1e-12)
+    # Without roll the camera's x axis is level, and its y axis points down.
+    assert view.camera_from_floor[0, 2] == pytest.approx(-np.sin(roll) * np.cos(pitch))
+    assert view.camera_from_floor[1, 2] < 0
