@@ -5,6 +5,7 @@ import pytest
 from scenes import facing, noise_layers
 
 from semisynth_gl.camera import StereoCamera
+from semisynth_gl.errors import InputError
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.scene.scene import make_scene
@@ -34,6 +35,34 @@ def test_a_patch_at_one_texel_per_pixel_comes_out_bit_for_bit(open_renderer, squ
         matrix = facing(camera, -700, -900, repeats * SIDE, repeats * SIDE, depth)
         frame = renderer.render(make_scene(camera, model=[0], world_from_model=[matrix], layer=[2], uv_scale=repeats))
         np.testing.assert_array_equal(frame.left.image, expected, err_msg=f"at {depth} m")
+
+
+@pytest.mark.parametrize("antialias", ["none", "ssaa2"])
+def test_large_patches_are_counted_behind_the_others_and_come_out_bit_for_bit(open_renderer, square, antialias):
+    camera = StereoCamera.centred(120, 80, 700.0, 0.05)
+    layers, large = noise_layers(3, SIDE), noise_layers(2, 4 * SIDE, seed=1)
+    renderer = open_renderer([square], layers, large_layers=large, large_anisotropy=4, antialias=antialias)
+    whole = facing(camera, 0, 0, 4 * SIDE, 4 * SIDE, 5.0)
+    part = facing(camera, 40, 20, SIDE, SIDE, 2.0)
+    # The large patch is drawn last, though it stands first; what is nearer hides it.
+    scene = make_scene(camera, model=[0, 0], world_from_model=[whole, part], layer=[4, 1])
+    expected = large[1][:80, :120, :3].copy()
+    expected[20:80, 40:104] = layers[1][:60, :, :3]
+    if antialias == "none":
+        np.testing.assert_array_equal(renderer.render(scene).left.image, expected)
+    else:
+        inside = np.ones((80, 120), bool)
+        inside[18:, 38:42] = inside[18:, 102:106] = inside[18:22, 38:106] = False
+        alone = [
+            open_renderer([square], patches, antialias=antialias).render(
+                make_scene(camera, model=[0], world_from_model=[matrix], layer=[1])
+            )
+            for patches, matrix in ((large, whole), (layers, part))
+        ]
+        shown = np.where(np.isfinite(alone[1].left.disparity)[..., None], alone[1].left.image, alone[0].left.image)
+        np.testing.assert_array_equal(renderer.render(scene).left.image[inside], shown[inside])
+    with pytest.raises(InputError, match="layer must be 0 to 4, got 5 to 5"):
+        renderer.render(make_scene(camera, model=[0], world_from_model=[whole], layer=[5]))
 
 
 def test_anisotropy_keeps_detail_at_grazing_angles(open_renderer, square):
