@@ -27,6 +27,7 @@ class Purpose(IntEnum):
     PICTURES = 14
     RECIPES = 15
     MIX = 16
+    LARGE_PATCHES = 17
 
 
 def generator(seed: int, purpose: Purpose, *keys: int | str) -> np.random.Generator:

@@ -107,7 +107,7 @@ def test_a_face_that_looks_at_the_camera_has_the_density_of_its_scale():
     # The face spans 400 x 200 pixels and shows 5 and 2 patches of 64 texels along its edges.
     scene, models = one_face(facing(CAMERA, -100, -50, 400, 200, 2.0), (5.0, 2.0))
     hits = cast_rays(scene, models, "left", x, y)
-    slants_deg, texels = surfaces_at(scene, models, 64, x, y, hits)
+    slants_deg, texels = surfaces_at(scene, models, np.full(len(scene), 64), x, y, hits)
     np.testing.assert_allclose(texels, 64 * np.sqrt(5 / 400 * 2 / 200), rtol=1e-6)
     rays = CAMERA.rays("left", x, y)
     np.testing.assert_allclose(np.cos(np.deg2rad(slants_deg)), 1 / np.linalg.norm(rays, axis=1), rtol=1e-9)
@@ -126,7 +126,7 @@ def test_a_turned_face_has_the_density_and_slant_of_its_plane(turn_deg):
     hits = cast_rays(scene, models, "left", x, y)
     hit = hits.instance == 0
     assert hit.any()
-    slants_deg, texels = surfaces_at(scene, models, 32, x, y, hits)
+    slants_deg, texels = surfaces_at(scene, models, np.full(len(scene), 32), x, y, hits)
     rays = CAMERA.rays("left", x, y)
     towards = np.abs(rays @ normal)
     expected = 32 * 3 * hits.depth_m / (CAMERA.focal_px * np.sqrt(towards))
@@ -156,7 +156,7 @@ def test_density_is_what_neighbouring_rays_find_in_the_patch():
     dx = (texels(x + step, y) - texels(x - step, y)) / (2 * step)
     dy = (texels(x, y + step) - texels(x, y - step)) / (2 * step)
     expected = np.sqrt(np.abs(dx[:, 0] * dy[:, 1] - dx[:, 1] * dy[:, 0]))
-    _, measured = surfaces_at(scene, models, 16, x, y, hits)
+    _, measured = surfaces_at(scene, models, np.full(len(scene), 16), x, y, hits)
     np.testing.assert_allclose(measured[hit], expected[hit], rtol=1e-5)
     assert hit.sum() > 20
 

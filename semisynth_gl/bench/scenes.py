@@ -34,17 +34,21 @@ class BenchScenes:
         config: their config.
         models: the meshes that `Scene.model` counts.
         layers: (L, P, P, 4) uint8, the patch atlas.
+        large_layers: (M, Q, Q, 4) uint8, its large patches; M may be 0.
         scenes: one of each pair.
     """
 
     config: Config
     models: Sequence[Mesh]
     layers: NDArray[np.uint8]
+    large_layers: NDArray[np.uint8]
     scenes: Sequence[Scene]
 
     def open_renderer(self, backend: Backend, **options: Any) -> Renderer:  # noqa: ANN401 - options of a renderer
         """Open a renderer of these models and patches."""
-        return Renderer(self.models, self.layers, wrap=self.config.textures.wrap, backend=backend, **options)
+        large = self.large_layers if len(self.large_layers) else None
+        wrap = self.config.textures.wrap
+        return Renderer(self.models, self.layers, large_layers=large, wrap=wrap, backend=backend, **options)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +81,8 @@ def sample_scenes(config: Config, seed: int, pairs: int) -> BenchScenes:
     sources = prepare_sources(config, seed)
     sampler = MixSampler(config, seed, sources.libraries, sources.atlas.patches)
     scenes = [sampler.sample(index).scene for index in range(pairs)]
-    return BenchScenes(config, sampler.models, sources.atlas.layers, scenes)
+    atlas = sources.atlas
+    return BenchScenes(config, sampler.models, atlas.layers, atlas.large_layers, scenes)
 
 
 def cast_truth(

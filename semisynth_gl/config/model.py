@@ -377,8 +377,11 @@ class TexturesSection(Section):
             differs less from another crop is left out; 0 keeps all crops.
         flat_share: share of flat crops wanted among all patches.
         max_patches: largest number of patches.
+        large_px: side of large patches, the largest square of an image each, which walls, grounds and other large
+            surfaces wear; 0 for none.
         texels_per_pixel: mapping scale: 1 shows a patch at its own resolution, above 1 smaller, below 1 blown up.
         anisotropy: largest number of samples of a patch for a pixel at a grazing angle; 1 blurs there.
+        large_anisotropy: the same of large patches.
         wrap: continuation of a patch beyond its border: its mirror image, or the patch again.
         sequence: take the images of a folder as successive frames, which an instance shows in turn.
     """
@@ -392,8 +395,10 @@ class TexturesSection(Section):
     min_difference: _Share = 0.04
     flat_share: Annotated[float, Field(ge=0, lt=1)] = 0.0
     max_patches: Annotated[int, Field(ge=1, le=2048)] = 512
+    large_px: Annotated[int, Field(ge=0, le=4096)] = 0
     texels_per_pixel: PositiveRange = Range(0.8, 1.5)
     anisotropy: Annotated[int, Field(ge=1, le=16)] = 1
+    large_anisotropy: Annotated[int, Field(ge=1, le=16)] = 4
     wrap: Literal["mirror", "repeat"] = "mirror"
     sequence: bool = False
 

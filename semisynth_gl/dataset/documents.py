@@ -161,6 +161,7 @@ class _Patch(_Facts):
     first_layer: _Number
     layer_count: _Count
     texture: float
+    large: bool = False
     sha256: _Sha256 | None = None
 
 

@@ -2,7 +2,6 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -43,11 +42,7 @@ def describe_dataset(
 
 def _describe_split(plan: Plan, split: SplitName, sources: Sources) -> dict[str, Any]:
     config = plan.config
-    layers = sources.atlas.layers
-    patches = [
-        asdict(patch) | {"sha256": _sha256(layers[patch.first_layer : patch.first_layer + patch.layer_count])}
-        for patch in sources.atlas.patches
-    ]
+    patches = [patch.described() | {"sha256": _sha256(sources.atlas.pixels(patch))} for patch in sources.atlas.patches]
     images = split_images(config.textures, plan.seed, plan.split(split))
     paths = {name: path for path, name in relative_names(images).items()}
     drawn = sources.atlas.pictures

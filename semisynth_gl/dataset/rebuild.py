@@ -37,7 +37,8 @@ class RebuiltScenes:
         try:
             self.config = Config.model_validate(index.config)
             patches = tuple(
-                Patch(**{name: patch[name] for name in Patch.__slots__}) for patch in values["splits"][split]["patches"]
+                Patch(**{name: patch[name] for name in Patch.__slots__ if name in patch})
+                for patch in values["splits"][split]["patches"]
             )
             self.seed = int(values["seed"])
             part = self.config.splits.split(split, tuple(index.pairs))

@@ -101,8 +101,10 @@ class PairRenderer:
         self._renderer = Renderer(
             self.sampler.models,
             atlas.layers,
+            large_layers=atlas.large_layers if len(atlas.large_layers) else None,
             wrap=config.textures.wrap,
             anisotropy=config.textures.anisotropy,
+            large_anisotropy=config.textures.large_anisotropy,
             outputs=config.outputs,
             truth=config.truth,
             antialias=config.antialias,

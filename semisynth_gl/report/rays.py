@@ -92,7 +92,7 @@ class RayCaster:
             raise InputError(
                 "the rebuilt scene differs from the stored pair: another version made the dataset, or models changed"
             )
-        slant_deg, texels = surfaces_at(scene, scenes.models, scenes.config.textures.patch_px, x_px, y_px, hits)
+        slant_deg, texels = surfaces_at(scene, scenes.models, rebuilt.patch_px, x_px, y_px, hits)
         hit = agreeing & (hits.instance >= 0)
         seen = np.unique(hits.instance[hit])
         objects = seen[~rebuilt.still[seen]]
@@ -120,7 +120,7 @@ class RayCaster:
 def surfaces_at(
     scene: Scene,
     models: Sequence[Mesh],
-    patch_px: int,
+    patch_px: NDArray[np.int64],
     x_px: NDArray[np.float64],
     y_px: NDArray[np.float64],
     hits: Hits,
@@ -137,7 +137,7 @@ def surfaces_at(
     Args:
         scene: the scene.
         models: the meshes that ``scene.model`` indexes.
-        patch_px: side of a patch in texels.
+        patch_px: (N,) int64, side in texels of the patch that each instance wears.
         x_px: (R,) float64, columns of the rays in the left view.
         y_px: (R,) float64, rows.
         hits: the R hits of the rays.
@@ -167,7 +167,7 @@ def surfaces_at(
         # The rays' derivatives are (1, 0, 0) / f and (0, 1, 0) / f: n . r' is a component of n.
         moved = np.eye(3)[:, :2] - ray[:, :, None] * (normal[:, :2] / towards[:, None])[:, None, :]
         moved *= (hits.depth_m[on_instance] / scene.camera.focal_px)[:, None, None]
-        jacobian = patch_px * patches @ np.linalg.pinv(edges) @ moved
+        jacobian = patch_px[number] * patches @ np.linalg.pinv(edges) @ moved
         texels[on_instance] = np.sqrt(np.abs(np.linalg.det(jacobian)))
     return slant, texels
 

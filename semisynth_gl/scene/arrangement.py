@@ -15,6 +15,8 @@ from semisynth_gl.scene.rig import BEYOND_NEAR
 Floats = NDArray[np.float64]
 
 _NONE = np.zeros(0, np.int64)
+# Kinds that are as large as walls.
+_LARGE = frozenset({"house"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +117,7 @@ class Arrangement:
         floor_from_model: (4, 4) float64 each.
         unit_m: (2,) each, length of one UV unit.
         wears: the number of the thing whose texture each wears: its own, or that of an earlier one.
+        large: whether each wears a large patch, where there are any.
     """
 
     view: View
@@ -123,13 +126,17 @@ class Arrangement:
     floor_from_model: list[Floats] = field(default_factory=list)
     unit_m: list[tuple[float, float]] = field(default_factory=list)
     wears: list[int] = field(default_factory=list)
+    large: list[bool] = field(default_factory=list)
     _taken: list[tuple[float, float, float]] = field(default_factory=list)
 
     def __len__(self) -> int:
         return len(self.model)
 
-    def add(self, model: int, matrix: Floats, unit_m: tuple[float, float], wears: int | None = None) -> int:
+    def add(
+        self, model: int, matrix: Floats, unit_m: tuple[float, float], wears: int | None = None, *, large: bool = True
+    ) -> int:
         """Add a thing; return its number."""
+        self.large.append(large)
         self.model.append(model)
         self.floor_from_model.append(matrix)
         self.unit_m.append(unit_m)
@@ -209,7 +216,7 @@ class Arrangement:
         matrix[:3, :3] = turn * scale
         matrix[:3, 3] = place
         unit = float(scale.mean())
-        self.add(number, matrix, (unit, unit))
+        self.add(number, matrix, (unit, unit), large=self.catalogue.models[number].name in _LARGE)
         return low - (0, 0, low[2]), high - (0, 0, low[2])
 
     def is_free(self, x: float, y: float, radius_m: float) -> bool:

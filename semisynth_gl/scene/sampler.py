@@ -15,7 +15,7 @@ from semisynth_gl.scene.particles import Particles, Release, Slots, draw_release
 from semisynth_gl.scene.population import Population
 from semisynth_gl.scene.rig import near_depth_m
 from semisynth_gl.scene.scene import Motion, Scene
-from semisynth_gl.scene.structures import STILL_MODELS, Stage, draw_stage, take_stock
+from semisynth_gl.scene.structures import STILL_MODELS, Stage, Surroundings, draw_stage, take_stock
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 
@@ -32,10 +32,11 @@ class SampledScene:
     Attributes:
         scene: the arrays that the renderer draws; the instances that stand still come first.
         recipe: name of the recipe that the scene is made by; None where the config has no recipes.
-        background: "cuboid" or "plane".
+        background: its kind, such as "room".
         sequence: number of the sequence.
         frame: number of the frame within the sequence.
         attempt: number of attempts of the sequence that failed before.
+        patch_px: (N,) int64, side of the patch that each instance wears.
         patch: (N,) int64, the patch that each instance wears; a patch of video frames has an atlas layer per frame.
         slot: (N,) int64, the particles' slot that each instance comes from; -1 for instances that stand still.
         generation: (N,) int64, number of the model in its slot; -1 for instances that stand still.
@@ -47,6 +48,7 @@ class SampledScene:
     sequence: int
     frame: int
     attempt: int
+    patch_px: NDArray[np.int64]
     patch: NDArray[np.int64]
     slot: NDArray[np.int64]
     generation: NDArray[np.int64]
@@ -121,6 +123,7 @@ class SceneSampler:
         self._catalogue = take_stock(library)
         self.population = Population(config, seed, library.silhouette, self._catalogue, wanted)
         self._patches = patches
+        self._small = sum(not patch.large for patch in patches)
         self._first_layer = np.array([patch.first_layer for patch in patches])
         self._layer_count = np.array([patch.layer_count for patch in patches])
         self._cumulative = np.cumsum(library.chances)
@@ -219,11 +222,15 @@ class SceneSampler:
         chance = draw.per_slot(Purpose.SHAPE, generations, kept, 1)[:, 0]
         number = np.minimum(np.searchsorted(self._cumulative, chance, side="right"), len(self._cumulative) - 1)
         drawn = self._model_library.drawn[number]
-        patch, offset, texels = self._textures(draw, still.wears, generations, kept)
+        patch, offset, texels = self._textures(draw, still, generations, kept)
         # Video frames start at a phase of their own and go round.
         count = self._layer_count[patch]
+        large = patch >= self._small
+        # A large patch spans the view, so that nothing repeats in an image.
+        texels = np.where(large, np.minimum(texels, config.textures.large_px / camera.width_px), texels)
         # A patch at its own resolution covers this part of a ray's slope X / Z, inverted.
-        patches_per_slope = camera.focal_px / config.textures.patch_px
+        patch_px = np.where(large, config.textures.large_px, config.textures.patch_px)
+        patches_per_slope = camera.focal_px / patch_px
         # The depth of the path's middle instead of the model's: texture must not slide over it from frame to frame.
         depth = np.concatenate([still.depth_m, slots.depth_m[kept]])
         # Lengths of one UV unit: of a model its unit under its mean scale.
@@ -241,7 +248,7 @@ class SceneSampler:
         )
         slot, generation = (np.concatenate([np.full(len(still), -1), numbers]) for numbers in (kept, generations))
         return SampledScene(
-            scene, self.recipe, stage.background, draw.sequence, frame, draw.attempt, patch, slot, generation
+            scene, self.recipe, stage.background, draw.sequence, frame, draw.attempt, patch_px, patch, slot, generation
         )
 
     def _particles(self, draw: _Draw, frame: int, generation: NDArray[np.int64] | None = None) -> Particles:
@@ -255,11 +262,15 @@ class SceneSampler:
         return particles_at(stage.camera, slots, release, frame * self._config.sequence.frame_s, generation)
 
     def _textures(
-        self, draw: _Draw, wears: NDArray[np.int64], generation: NDArray[np.int64], slot: NDArray[np.intp]
+        self, draw: _Draw, still: Surroundings, generation: NDArray[np.int64], slot: NDArray[np.intp]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
         """Patch (N,), UV offset (N, 2) in patches and texels per pixel (N,) of all instances."""
-        of_still = draw.generator(Purpose.TEXTURE, 0).random((len(wears), 4))[wears]
+        of_still = draw.generator(Purpose.TEXTURE, 0).random((len(still), 4))[still.wears]
         drawn = np.concatenate([of_still, draw.per_slot(Purpose.TEXTURE, generation, slot, 4, first_key=1)])
-        patch = (drawn[:, 0] * len(self._first_layer)).astype(np.int64)
+        patch = (drawn[:, 0] * self._small).astype(np.int64)
         texels = self._config.textures.texels_per_pixel
+        large = len(self._patches) - self._small
+        if large:
+            wearing = np.flatnonzero(still.large)
+            patch[wearing] = self._small + (drawn[wearing, 0] * large).astype(np.int64)
         return patch, drawn[:, 1:3], texels.low * (texels.high / texels.low) ** drawn[:, 3]

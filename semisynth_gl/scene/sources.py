@@ -1,7 +1,7 @@
 """The sources of a split's pairs: the patch atlas and the model library."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from isal.isal_zlib import crc32
@@ -39,7 +39,7 @@ class Sources:
 
     def digests(self) -> dict[str, str]:
         """Return a checksum of the patches' pixels and one of the models' vertices, in JSON's types."""
-        patches = json.dumps([asdict(patch) for patch in self.atlas.patches]).encode()
+        patches = json.dumps([patch.described() for patch in self.atlas.patches]).encode()
         models = 0
         for mesh in self.models:
             for array in (mesh.positions, mesh.uv, mesh.triangles):
@@ -50,6 +50,7 @@ class Sources:
             for numbers in (np.array(silhouette.fill), silhouette.heights, library.chances):
                 models = crc32(numbers.tobytes(), models)
         pixels = crc32(np.ascontiguousarray(self.atlas.layers), crc32(patches))
+        pixels = crc32(np.ascontiguousarray(self.atlas.large_layers), pixels)
         return {"patches": f"{pixels:08x}", "models": f"{models:08x}"}
 
 

@@ -77,6 +77,7 @@ class Surroundings:
         world_from_model: (S, 4, 4) float64, left camera's frame, metres.
         unit_m: (S, 2) float64, length of one UV unit.
         wears: (S,) int64, the still thing whose texture each wears: itself, or an earlier one.
+        large: (S,) bool, whether it wears a large patch, where there are any.
         depth_m: (S,) float64, median depth in the left view; of a hidden face, the depth of the
             back wall, and of a hidden structure, its nearest depth or that of the near plane.
         disparity_px: flat float64, disparities on a coarse grid over the left view.
@@ -86,6 +87,7 @@ class Surroundings:
     world_from_model: Floats
     unit_m: Floats
     wears: NDArray[np.int64]
+    large: NDArray[np.bool_]
     depth_m: Floats
     disparity_px: Floats
 
@@ -159,7 +161,13 @@ def _seen(things: Arrangement) -> Surroundings:
         depths[number] = np.median(depth_m[instance == number])
     seen_px = view.camera.disparity_px(depth_m)
     return Surroundings(
-        model, matrices, np.array(things.unit_m), np.array(things.wears), depths, seen_px[np.isfinite(seen_px)]
+        model,
+        matrices,
+        np.array(things.unit_m),
+        np.array(things.wears),
+        np.array(things.large),
+        depths,
+        seen_px[np.isfinite(seen_px)],
     )
 
 
@@ -211,7 +219,13 @@ def draw_surroundings(
     seen_px = seen_px[np.isfinite(seen_px)]
     wears = np.arange(len(model))
     return Surroundings(
-        np.array(model, np.int64), np.array(matrices), np.array(units), wears, np.array(depths), seen_px
+        np.array(model, np.int64),
+        np.array(matrices),
+        np.array(units),
+        wears,
+        np.ones(len(model), bool),
+        np.array(depths),
+        seen_px,
     )
 
 

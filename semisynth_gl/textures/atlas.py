@@ -1,7 +1,7 @@
 """The patch atlas: all patches that the renderer samples, and the place in an image that each patch comes from."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ class Patch:
         first_layer: index of its first layer in the atlas.
         layer_count: number of its layers: 1 for a still image, a layer for each frame of an image sequence.
         texture: its `texture_measure` in 8-bit levels; of several frames the least.
+        large: whether it is a large patch, for walls and grounds; these stand behind the others.
     """
 
     source: str
@@ -33,6 +34,11 @@ class Patch:
     first_layer: int
     layer_count: int
     texture: float
+    large: bool = False
+
+    def described(self) -> dict[str, Any]:
+        """Return all that is known of the patch, in JSON's types; ``large`` only where it is."""
+        return {key: value for key, value in asdict(self).items() if key != "large" or value}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,12 +51,21 @@ class Atlas:
         patches: the patches in the order of their layers.
         report: numbers of kept and rejected crops.
         pictures: the pictures that patches come from beside files: SHA-256 of their pixels, by name.
+        large_layers: (M, Q, Q, 4) uint8 RGBA, layers of large patches, counted from L on; M may be 0.
     """
 
     layers: NDArray[np.uint8]
     patches: tuple[Patch, ...]
     report: TextureReport
     pictures: Mapping[str, str] = field(default_factory=dict)
+    large_layers: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 1, 1, 4), np.uint8))
+
+    def pixels(self, patch: Patch) -> NDArray[np.uint8]:
+        """Return a patch's layers, (F, P, P, 4) uint8 RGBA."""
+        layers, first = self.layers, patch.first_layer
+        if patch.large:
+            layers, first = self.large_layers, first - len(self.layers)
+        return layers[first : first + patch.layer_count]
 
 
 def atlas_from_arrays(patches: Sequence[NDArray[Any]], sources: Sequence[str] | None = None) -> Atlas:

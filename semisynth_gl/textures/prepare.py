@@ -20,6 +20,7 @@ from semisynth_gl.textures.drawn import drawn_pictures
 from semisynth_gl.textures.foreign import find_source, plugin_pictures
 from semisynth_gl.textures.image_files import builtin_photographs, find_images, relative_names
 from semisynth_gl.textures.images import OUT_OF_MEMORY
+from semisynth_gl.textures.large import remembered, with_large_patches
 from semisynth_gl.textures.pictures import Picture, PictureSource, TextureImage
 from semisynth_gl.textures.procedural import procedural_atlas
 from semisynth_gl.textures.selection import build_atlas
@@ -37,7 +38,7 @@ _WITH_PHOTOGRAPHS = {"builtin", "photographs"}
 # The items that `Split.share` deals out.
 _PHOTOGRAPHS = 0
 # These keys decide how patches lie on models, not which patches there are; images are part of the key by their names.
-_NOT_DECISIVE = {"images", "texels_per_pixel", "anisotropy", "wrap"}
+_NOT_DECISIVE = {"images", "texels_per_pixel", "anisotropy", "large_anisotropy", "wrap"}
 
 
 def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> Atlas:
@@ -62,7 +63,13 @@ def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> 
         rng = generator(seed, Purpose.ATLAS)
         if section.source == "procedural":
             return procedural_atlas(rng, section.max_patches, section.patch_px), []
-        return build_atlas(images, section, AtlasLimits(), rng, pictures)
+        if section.large_px == 0 or section.sequence:
+            return build_atlas(images, section, AtlasLimits(), rng, pictures)
+        named: dict[str, TextureImage] = {name: path for path, name in relative_names(images).items()}
+        drawn = None if pictures is None else remembered(pictures, named)
+        atlas, opened = build_atlas(images, section, AtlasLimits(), rng, drawn)
+        large_rng = generator(seed, Purpose.LARGE_PATCHES)
+        return with_large_patches(atlas, named, section.large_px, large_rng), opened
 
     def key() -> dict[str, Any]:
         return {
@@ -165,7 +172,7 @@ def pack_atlas(atlas: Atlas, images: Sequence[Path]) -> Entry | None:
     number = {path: index for index, path in enumerate(images)}
     report = asdict(atlas.report) | {"images_skipped": [[number[image.path], image.reason] for image in skipped]}
     values = {"patches": [asdict(patch) for patch in atlas.patches], "report": report, "pictures": atlas.pictures}
-    return Entry(values, {"layers": atlas.layers})
+    return Entry(values, {"layers": atlas.layers, "large_layers": atlas.large_layers})
 
 
 def unpack_atlas(entry: Entry, images: Sequence[Path]) -> Atlas:
@@ -180,4 +187,5 @@ def unpack_atlas(entry: Entry, images: Sequence[Path]) -> Atlas:
         ),
     }
     patches = tuple(Patch(**patch) for patch in entry.values["patches"])
-    return Atlas(entry.arrays["layers"], patches, TextureReport(**report | typed), entry.values["pictures"])
+    pictures, arrays = entry.values["pictures"], entry.arrays
+    return Atlas(arrays["layers"], patches, TextureReport(**report | typed), pictures, arrays["large_layers"])

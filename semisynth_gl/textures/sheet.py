@@ -110,7 +110,7 @@ class _Page:
 def _draw_groups(page: _Page, atlas: Atlas) -> None:
     """Let groups flow from left to right, each a label above its patches."""
     patches: dict[str, list[Patch]] = defaultdict(list)
-    for patch in atlas.patches:
+    for patch in (patch for patch in atlas.patches if not patch.large):
         patches[patch_group(patch.source)].append(patch)
     scales = atlas.report.scale_names
     x, height = _MARGIN_PX, 0
