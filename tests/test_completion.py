@@ -75,7 +75,8 @@ def test_the_keys_are_those_that_can_be_set():
     for key in keys:
         value = config.model_dump(mode="json")
         for part in key.split("."):
-            value = value[part]
+            # Empty families and scenes are left out of a config's values.
+            value = value.get(part)
         if value is not None:
             values[key] = value
     assert len(values) > 50

@@ -55,7 +55,9 @@ def default_text(key, default):
         return f"[{', '.join(default_text(key, value) for value in default)}]"
     if isinstance(default, float):
         return f"{default:g}"
-    written = {PydanticUndefined: "required", UniformTarget(): "`{form: uniform}`", (): "none", False: "false"}
+    if isinstance(default, bool):  # equal to 0 or 1
+        return str(default).lower()
+    written = {PydanticUndefined: "required", UniformTarget(): "`{form: uniform}`", (): "none"}
     if default == {}:
         return {"models.kinds": "1 each", "models.families": "none"}[key]
     return written.get(default, str(default))
