@@ -93,6 +93,8 @@ _TRUE = Range(2.5, 9.0)
 _HEIGHT = Range(2.4, 3.3)
 _HOLES: Final = ((0.12, 0.4), (0.37, 0.63), (0.6, 0.88))
 _TRIES = 8
+# By this share of a wall's edges, what lies behind a hole goes on behind the wall.
+_BEHIND = 1e-3
 
 
 def _pierced(low: tuple[float, float], high: tuple[float, float], name: str) -> Mesh:
@@ -251,7 +253,8 @@ def _add_box_behind(
     room: Arrangement, wall: _Wall, low: tuple[float, float], high: tuple[float, float], deep: float
 ) -> None:
     """Add the inside of a box behind a wall: its far side, floor, ceiling and two sides."""
-    (left, top), (right, bottom) = low, high
+    # A little larger than its hole: edges that only met would leave gaps in float32.
+    (left, top), (right, bottom) = (low[0] - _BEHIND, low[1] - _BEHIND), (high[0] + _BEHIND, high[1] + _BEHIND)
     across, down, out = (right - left) * wall.right, (bottom - top) * wall.down, deep * wall.out
     room.add_rectangle(wall.at(left, top, deep), across, down)
     room.add_rectangle(wall.at(left, bottom, deep), across, -out)
