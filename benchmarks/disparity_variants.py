@@ -37,6 +37,8 @@ _CUSTOMARY_NEAR_M = 0.05
 # A 24-bit buffer's step in 1/Z is (1/near - 1/far) / 2^24: the far plane does not matter and is put far away.
 _FAR_M = 1e5
 _STEPS_24 = 2**24 - 1
+# No variant samples patches, so a scene may have any number of them.
+_ANY_PATCH = np.iinfo(np.int64).max
 _POSES = 4  # the binding in variant.frag
 
 CAMERA_64 = np.dtype(
@@ -76,7 +78,7 @@ class DisparityVariants:
         self._gl = self._context.gl
         self._constants = ConstantsBuffer(self._gl)
         self._camera_64 = self._gl.buffer(reserve=CAMERA_64.itemsize)
-        self._models = ModelBuffers(self._gl, models, traced=True)
+        self._models = ModelBuffers(self._gl, models, np.array([_ANY_PATCH]), traced=True)
         self._poses = self._gl.buffer(reserve=1)
         self._targets: EyeTargets | None = None
         self._depth_m: EyeTargets | None = None
@@ -186,7 +188,8 @@ class DisparityVariants:
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">" if projection is None else "<"
         self._constants.write(scene.camera, eye, scene.near_m, projection=projection)
-        self._models.draw(program, filled)
+        for part in filled:
+            self._models.draw(program, part)
 
     def _sized(self, scene: Scene) -> EyeTargets:
         size = scene.camera.width_px, scene.camera.height_px

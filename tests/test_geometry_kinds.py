@@ -27,7 +27,7 @@ SEEDS = range(4)
 # The only ones that are the same every time.
 CONSTANT = {"cube", "sphere"}
 # Those with leaves or blades: sheets without thickness.
-WITH_SHEETS = {"potted_plant", "grass", "flower", "fan", "curtain", "cloth"}
+WITH_SHEETS = {"potted_plant", "grass", "flower", "fan"}
 # Tubes that bend: lengths on the inside and outside of a bend are those of its middle.
 BENT = {"pipe_run", "cactus", "chain", "cable", "flat_coil", "spring", "torus_knot", "hook_rail"}
 

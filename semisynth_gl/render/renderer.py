@@ -409,7 +409,7 @@ def _check_atlas(name: str, layers: NDArray[np.uint8]) -> None:
     if layers.ndim != 4 or layers.shape[1] != layers.shape[2] or layers.shape[3] != 4 or layers.dtype != np.uint8:
         raise InputError(f"{name} must be (L, P, P, 4) uint8, got {layers.shape} {layers.dtype}")
     if len(layers) == 0 or layers.shape[1] == 0:
-        raise InputError(f"the patch atlas of {name} is empty")
+        raise InputError(f"{name}: the patch atlas is empty")
 
 
 def _drawn_part(scene: Scene, eye: Eye, crop: Crop, *, looked_up: bool) -> Crop:

@@ -15,8 +15,6 @@ from semisynth_gl.scene.rig import BEYOND_NEAR
 Floats = NDArray[np.float64]
 
 _NONE = np.zeros(0, np.int64)
-# Kinds that are as large as walls.
-_LARGE = frozenset({"house"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,7 +214,7 @@ class Arrangement:
         matrix[:3, :3] = turn * scale
         matrix[:3, 3] = place
         unit = float(scale.mean())
-        self.add(number, matrix, (unit, unit), large=self.catalogue.models[number].name in _LARGE)
+        self.add(number, matrix, (unit, unit), large=False)
         return low - (0, 0, low[2]), high - (0, 0, low[2])
 
     def is_free(self, x: float, y: float, radius_m: float) -> bool:
