@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import noise_layers
 
 from semisynth_gl import load_config, oracle
 from semisynth_gl.camera import EYES, StereoCamera
@@ -14,11 +15,13 @@ from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene.arrangement import Arrangement, View
 from semisynth_gl.scene.background import grid_px
 from semisynth_gl.scene.glance import glance
+from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import STILL, near_depth_m
 from semisynth_gl.scene.room import draw_room
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import Scene, make_scene
+from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.scene.street import draw_street
 from semisynth_gl.scene.structures import STILL_MODELS, Stage, draw_stage, take_stock
 from semisynth_gl.seeds import generator
@@ -149,6 +152,70 @@ def test_a_glance_sees_what_the_ray_caster_sees(rig: str, kind: str) -> None:
     hits = cast_rays(scene, catalogue().models, "left", *grid_px(stage.camera))
     np.testing.assert_allclose(depth_m, hits.depth_m, rtol=1e-9)
     assert (instance == hits.instance).mean() > 0.999  # touching surfaces may come out either way
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_float32_leaves_no_gap_where_walls_grounds_and_niches_meet(open_renderer, kind: str) -> None:
+    rig = "middlebury" if kind == "room" else "kitti"
+    sections = ["room.doorway=0.5", "room.niche=0.5", "room.furniture=0", "room.small=0", "models.complex=0"]
+    config = furnished(rig, kind, *sections)
+    library = build_library(config.models, config.particles, 0)
+    sampler = SceneSampler(config, 4, library, PATCH)
+    renderer = open_renderer(sampler.models, noise_layers(1, 64), outputs=())
+    for index in range(8):
+        frame = renderer.render(sampler.sample(index).scene)
+        for eye in EYES:
+            assert np.isfinite(frame.view(eye).disparity).all(), (index, eye)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_swaying_camera_sees_no_end_of_the_scene(kind: str) -> None:
+    rig = "middlebury" if kind == "room" else "kitti"
+    config = furnished(
+        rig, kind, "camera.sway_m=0.2", "camera.sway_deg=12", "sequence.length=4", "sequence.frame_s=0.4"
+    )
+    library = build_library(config.models, config.particles, 0)
+    sampler = SceneSampler(config, 4, library, PATCH)
+    for index in range(8):
+        scene = sampler.sample(index).scene
+        # Only what closes the view: things that come too near are cut off by the near plane.
+        bare = np.flatnonzero(scene.model < len(STILL_MODELS))
+        camera = scene.camera
+        closed = make_scene(
+            camera,
+            model=scene.model[bare],
+            world_from_model=scene.world_from_model[bare],
+            layer=np.zeros(len(bare), np.int64),
+            camera_from_world=scene.camera_from_world,
+            near_m=scene.near_m,
+        )
+        x, y = np.meshgrid(
+            np.linspace(-0.37, camera.width_px - 0.61, 9), np.linspace(-0.41, camera.height_px - 0.57, 7)
+        )
+        for eye in EYES:
+            depth_m = cast_rays(closed, sampler.models, eye, x.ravel(), y.ravel()).depth_m
+            assert np.isfinite(depth_m).all(), (index, eye)
+
+
+def test_a_room_is_the_same_in_a_mix_as_alone() -> None:
+    room = "background: {cuboid: 0, room: 1}, models: {simple: 0}"
+    other = "{recipe: other, particles: {layers: []}, models: {complex: 0}}"
+    base = ["particles.layers=[]", "models.variants=2"]
+    mix = load_config("middlebury", [*base, f"scenes=[{other}, {{recipe: room, {room}}}]"])
+    alone = load_config("middlebury", [*base, "background.cuboid=0", "background.room=1", "models.simple=0"])
+    mixed = MixSampler(mix, 3, recipe_libraries(mix, 3), PATCH)
+    sampler = MixSampler(alone, 3, recipe_libraries(alone, 3), PATCH)
+    rooms = [index for index in range(8) if mixed.sample(index).recipe == "room"]
+    assert len(rooms) >= 2
+    for index in rooms:
+        ours, theirs = mixed.sample(index).scene, sampler.sample(index).scene
+        for name in ("world_from_model", "uv_scale", "uv_offset", "layer"):
+            np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
+        shapes = [
+            [each.models[number].positions.tobytes() for number in scene.model]
+            for each, scene in ((mixed, ours), (sampler, theirs))
+        ]
+        assert shapes[0] == shapes[1]
 
 
 def test_any_frame_of_a_furnished_sequence_can_be_sampled_first() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.config.model import ParticlesSection
+from semisynth_gl.geometry.cells import covered_cells
 from semisynth_gl.geometry.mesh import Mesh
 
 # All models share the views, but each model has at least so many.
@@ -92,24 +93,9 @@ def height_map(mesh: Mesh, axes: NDArray[np.float64], cells: int) -> NDArray[np.
     """
     corners = (mesh.positions.astype(np.float64) / mesh.radius @ axes)[mesh.triangles]
     grid = (corners[..., :2] + 1) / 2 * cells - 0.5
-    low = np.ceil(grid.min(axis=1)).astype(np.int64).clip(0, cells)
-    size = (np.floor(grid.max(axis=1)).astype(np.int64).clip(-1, cells - 1) - low + 1).clip(0)
-    count = size[:, 0] * size[:, 1]
-    # A row for each cell of each triangle's bounding box.
-    triangle = np.repeat(np.arange(len(count)), count)
-    at = np.arange(len(triangle)) - np.repeat(np.cumsum(count) - count, count)
-    x = low[triangle, 0] + at % size[triangle, 0]
-    y = low[triangle, 1] + at // size[triangle, 0]
-    first = grid[:, 0]
-    edge_1, edge_2 = grid[:, 1] - first, grid[:, 2] - first
-    area = edge_1[:, 0] * edge_2[:, 1] - edge_1[:, 1] * edge_2[:, 0]
-    dx, dy = x - first[triangle, 0], y - first[triangle, 1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        u = (dx * edge_2[triangle, 1] - dy * edge_2[triangle, 0]) / area[triangle]
-        v = (dy * edge_1[triangle, 0] - dx * edge_1[triangle, 1]) / area[triangle]
-        inside = (u >= 0) & (v >= 0) & (u + v <= 1)
+    triangle, cell, u, v = covered_cells(grid, cells, cells)
     height = corners[triangle, :, 2]
     height = height[:, 0] + u * (height[:, 1] - height[:, 0]) + v * (height[:, 2] - height[:, 0])
     seen = np.full(cells * cells, -np.inf)
-    np.maximum.at(seen, (y * cells + x)[inside], height[inside])
+    np.maximum.at(seen, cell, height)
     return seen.reshape(cells, cells)

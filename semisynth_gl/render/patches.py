@@ -46,7 +46,7 @@ def _upload(context: GraphicsContext, layers: NDArray[np.uint8], *, mirrored: bo
     if count > most or side > widest:
         raise BackendError(
             f"the patch atlas has {count} patches of {side} px, but {context.renderer} holds {most} of up to "
-            f"{widest} px: lower textures.max_patches or textures.patch_px"
+            f"{widest} px: lower textures.max_patches, textures.patch_px or textures.large_px"
         )
     atlas = context.gl.texture_array((side, side, count), 4, np.ascontiguousarray(layers))
     atlas.build_mipmaps()

@@ -7,14 +7,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from semisynth_gl.camera import StereoCamera
-from semisynth_gl.config import Range
 from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.parts import turned
 from semisynth_gl.scene.background import OVERLAP
 from semisynth_gl.scene.rig import BEYOND_NEAR
 
 Floats = NDArray[np.float64]
 
-_NONE = np.zeros(0, np.int64)
+FACE_NUMBER = 0
+"""The number of `FACE` among the still models."""
+UP = (0.0, 0.0, 1.0)
+"""The axis of a floor's frame that points up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,38 +68,36 @@ class Catalogue:
 
     Attributes:
         models: the still models that the sampler counts first, then the library.
-        chances: (L,) float64, of the library's models.
-        by_name: numbers of models, of all, by their names.
+        by_name: numbers of the models that things may be, by their names.
         low: (M, 3) float64, corner of each model's bounding box.
         high: (M, 3) float64, the opposite corner.
     """
 
     models: tuple[Mesh, ...]
-    chances: Floats
     by_name: Mapping[str, NDArray[np.int64]]
     low: Floats
     high: Floats
 
     @classmethod
-    def of(cls, still: Sequence[Mesh], library: Sequence[Mesh], chances: Floats) -> "Catalogue":
-        """Take stock of still models and a library."""
+    def of(cls, still: Sequence[Mesh], library: Sequence[Mesh], drawn: NDArray[np.int64]) -> "Catalogue":
+        """Take stock of still models, and of a library of which the models ``drawn``, (D,) int64, may be drawn."""
         models = (*still, *library)
-        names = np.array([mesh.name for mesh in library])
-        by_name = {str(name): len(still) + np.flatnonzero(names == name) for name in np.unique(names)}
+        names = np.array([library[number].name for number in drawn])
+        by_name = {str(name): len(still) + drawn[names == name] for name in np.unique(names)}
         boxes = np.array([(mesh.positions.min(axis=0), mesh.positions.max(axis=0)) for mesh in models], np.float64)
-        return cls(models, np.concatenate([np.zeros(len(still)), chances]), by_name, boxes[:, 0], boxes[:, 1])
+        return cls(models, by_name, boxes[:, 0], boxes[:, 1])
 
     def pick(self, sizes_m: Mapping[str, tuple[float, float]], rng: np.random.Generator) -> tuple[int, float] | None:
         """Pick a model of some kinds and its diameter; None where the library has none of them.
 
-        Kinds count alike, since their chances are those of things in the air; a kind without a chance is left out.
+        Kinds count alike: their weights are those of things in the air.
 
         Args:
             sizes_m: smallest and largest diameter of each kind.
             rng: draws both.
         """
         kind, variant, size = rng.random(3)
-        known = [name for name in sizes_m if self.chances[self.by_name.get(name, _NONE)].sum() > 0]
+        known = [name for name in sizes_m if name in self.by_name]
         if not known:
             return None
         name = known[int(kind * len(known))]
@@ -142,7 +143,7 @@ class Arrangement:
         return len(self.model) - 1
 
     def add_rectangle(
-        self, corner: ArrayLike, u: ArrayLike, v: ArrayLike, *, model: int = 0, wears: int | None = None
+        self, corner: ArrayLike, u: ArrayLike, v: ArrayLike, *, model: int = FACE_NUMBER, wears: int | None = None
     ) -> int:
         """Add a rectangle, or another model over the unit square, that shows the texture upright and unmirrored.
 
@@ -171,7 +172,7 @@ class Arrangement:
             yaw_rad: its turn about z.
         """
         (x, y, z), at = np.asarray(half, np.float64), np.asarray(middle, np.float64)
-        turn = turned_about_up(yaw_rad)
+        turn = turned(UP, yaw_rad)
         corners = np.array([[i * x, j * y, k * z] for i in (-1, 1) for j in (-1, 1) for k in (0, 1)]) @ turn.T + at
         if self.view.depth_m(corners).min() < BEYOND_NEAR * self.view.near_m:
             return False
@@ -206,7 +207,7 @@ class Arrangement:
         scale = size_m / 2 * (np.ones(3) if stretch is None else stretch)
         low, high = self.catalogue.low[number] * scale, self.catalogue.high[number] * scale
         place = np.asarray(at, np.float64) - (0, 0, low[2])
-        turn = turned_about_up(yaw_rad)
+        turn = turned(UP, yaw_rad)
         corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
         if self.view.depth_m(corners @ turn.T + place).min() < BEYOND_NEAR * self.view.near_m:
             return None
@@ -224,14 +225,3 @@ class Arrangement:
     def take(self, x: float, y: float, radius_m: float) -> None:
         """Take a circle on the floor."""
         self._taken.append((x, y, radius_m))
-
-
-def turned_about_up(yaw_rad: float) -> Floats:
-    """Return the rotation (3, 3) about z, anticlockwise from above."""
-    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
-    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
-
-
-def drawn_count(share: Range, rng: np.random.Generator) -> int:
-    """Draw a whole number from a range."""
-    return round(share.draw(rng))

@@ -53,7 +53,7 @@ class Background:
 
     def disparity_px(self, camera: StereoCamera) -> Floats:
         """Return disparities of the bare background on a coarse grid over the left view, flat float64."""
-        return camera.disparity_px(_first_hit(self.normal, self.offset_m, camera)[0])
+        return camera.disparity_px(first_hit(self.normal, self.offset_m, camera.rays("left", *grid_px(camera)))[0])
 
 
 Kind = Literal["cuboid", "plane", "room", "street"]
@@ -156,7 +156,7 @@ def _cuboid(
         corner = sign * offset[face] * axes[:, k] + low[0] * axes[:, i] + low[1] * axes[:, j]
         columns = axes[:, i] * size[face, 0], axes[:, j] * size[face, 1], axes[:, k], corner
         world_from_face[face, :3] = np.stack(columns, axis=1)
-    depth, hit = _first_hit(normal, offset, camera)
+    depth, hit = first_hit(normal, offset, camera.rays("left", *grid_px(camera)))
     visible_depth = np.array([np.median(depth[hit == k]) if (hit == k).any() else wall_depth for k in range(6)])
     return Background("cuboid", world_from_face, size, normal, offset, visible_depth)
 
@@ -204,6 +204,25 @@ def _corner_points(camera: StereoCamera, depth_m: float) -> Floats:
     return np.concatenate([corner_rays(camera, eye) * depth_m + np.array([camera.offset_m(eye), 0, 0]) for eye in EYES])
 
 
+def lay_ground(camera: StereoCamera, depth_m: Range, across: Floats, along: Floats, offset_m: float) -> Floats:
+    """Return the pose (4, 4) of the wedge that a ground is, see `structures.GROUND`, in the left camera's frame.
+
+    Args:
+        camera: the camera.
+        depth_m: depths of its nearest and its farthest part that is needed.
+        across: (3,) unit vector of the ground to the right.
+        along: (3,) unit vector of the ground ahead.
+        offset_m: its distance from the left camera's centre.
+    """
+    down = np.cross(along, across)
+    # The wedge's tip lies behind the cameras, so far that both views fit between its sides.
+    widest = float(np.abs(corner_rays(camera)[:, 0]).max()) * 1.1
+    behind = abs(camera.offset_m("right")) / widest + 0.5 * depth_m.low
+    length = behind + 1.05 * depth_m.high
+    columns = across * length * widest, down * length, along * length, down * offset_m - along * behind
+    return np.vstack([np.stack(columns, axis=1), [0, 0, 0, 1]])
+
+
 def grid_px(camera: StereoCamera) -> tuple[Floats, Floats]:
     """Return columns and rows, flat, of a coarse grid over the view."""
     sizes = zip(GRID, (camera.width_px, camera.height_px), strict=True)
@@ -211,9 +230,9 @@ def grid_px(camera: StereoCamera) -> tuple[Floats, Floats]:
     return columns.ravel(), rows.ravel()
 
 
-def _first_hit(normal: Floats, offset: Floats, camera: StereoCamera) -> tuple[Floats, NDArray[np.intp]]:
-    """Depth of the first face on a coarse grid over the left view, and that face: both (R,)."""
+def first_hit(normal: Floats, offset: Floats, rays: Floats) -> tuple[Floats, NDArray[np.intp]]:
+    """Return the depth of the first of F walls that each ray (R, 3) with Z = 1 hits, and that wall: both (R,)."""
     with np.errstate(divide="ignore"):
-        depth = offset / (camera.rays("left", *grid_px(camera)) @ normal.T)
+        depth = offset / (rays @ normal.T)
     depth[~(depth > 0)] = np.inf
     return depth.min(axis=1), depth.argmin(axis=1)

@@ -1,7 +1,7 @@
 """A glance at a scene: what each of a few hundred rays of the left view hits first, for all triangles at once.
 
-The ray caster gives the same answer one instance after the other, which takes six times as long; it does the triangles
-that reach behind the near plane.
+The ray caster gives the same answer one instance after the other, which takes longer; it does those that reach
+behind the near plane.
 """
 
 from collections.abc import Sequence
@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.geometry.cells import covered_cells
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.scene.background import GRID, grid_px
 from semisynth_gl.scene.raycast import cast_rays
@@ -68,23 +69,7 @@ def _rasterise(
     scale = np.array([columns / camera.width_px, rows / camera.height_px])
     middle = np.array([camera.cx_left_px, camera.cy_px]) + 0.5
     grid = (corners[..., :2] * inverse[..., None] * camera.focal_px + middle) * scale - 0.5
-    low = np.ceil(grid.min(axis=1)).clip(0, GRID).astype(np.int64)
-    size = (np.floor(grid.max(axis=1)).clip(-1, np.array(GRID) - 1).astype(np.int64) - low + 1).clip(0)
-    count = size[:, 0] * size[:, 1]
-    # A row for each cell of each triangle's bounding box.
-    triangle = np.repeat(np.arange(len(count)), count)
-    at = np.arange(len(triangle)) - np.repeat(np.cumsum(count) - count, count)
-    x = low[triangle, 0] + at % size[triangle, 0]
-    y = low[triangle, 1] + at // size[triangle, 0]
-    first = grid[:, 0]
-    edge_1, edge_2 = grid[:, 1] - first, grid[:, 2] - first
-    area = edge_1[:, 0] * edge_2[:, 1] - edge_1[:, 1] * edge_2[:, 0]
-    dx, dy = x - first[triangle, 0], y - first[triangle, 1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        u = (dx * edge_2[triangle, 1] - dy * edge_2[triangle, 0]) / area[triangle]
-        v = (dy * edge_1[triangle, 0] - dx * edge_1[triangle, 1]) / area[triangle]
-        inside = (u >= 0) & (v >= 0) & (u + v <= 1)
-    triangle, u, v, cell = triangle[inside], u[inside], v[inside], (y * columns + x)[inside]
+    triangle, cell, u, v = covered_cells(grid, columns, rows)
     # 1 / Z is linear on the screen.
     own = inverse[triangle]
     depth_m = 1 / (own[:, 0] + u * (own[:, 1] - own[:, 0]) + v * (own[:, 2] - own[:, 0]))

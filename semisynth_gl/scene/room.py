@@ -11,8 +11,9 @@ from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Range
 from semisynth_gl.config.model import BackgroundSection, DisparitySection, RoomSection
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
-from semisynth_gl.scene.arrangement import Arrangement, Catalogue, View, drawn_count
-from semisynth_gl.scene.background import corner_rays, grid_px, smallest_offsets
+from semisynth_gl.geometry.parts import turned
+from semisynth_gl.scene.arrangement import UP, Arrangement, Catalogue, View
+from semisynth_gl.scene.background import corner_rays, first_hit, grid_px, smallest_offsets
 from semisynth_gl.scene.rig import Sway, check_reachable, near_depth_m
 
 Floats = NDArray[np.float64]
@@ -115,7 +116,12 @@ class _Wall:
         self.down = np.array([0, 0, -height_m])
         self.length_m = float(np.linalg.norm(right))
         # From the room outwards, where "right" and "down" are as seen from inside.
-        self.out = np.cross(self.down, right) / (height_m * self.length_m) * -1
+        self.out = np.cross(right, self.down) / (height_m * self.length_m)
+
+    @property
+    def yaw_rad(self) -> float:
+        """Turn about z of a model whose back, +y, is to the wall."""
+        return float(np.arctan2(self.out[1], self.out[0]) - np.pi / 2)
 
     def at(self, u: float, v: float, out_m: float = 0.0) -> Floats:
         return np.asarray(self.corner + u * self.right + v * self.down + out_m * self.out)
@@ -200,9 +206,7 @@ def draw_room(
 def _deepest(camera: StereoCamera, normal: Floats, offset: Floats) -> float:
     """Largest depth of the bare room in the left view."""
     rays = np.concatenate([corner_rays(camera, "left"), camera.rays("left", *grid_px(camera))])
-    with np.errstate(divide="ignore"):
-        depth = offset / (rays @ normal.T)
-    return float(np.where(depth > 0, depth, np.inf).min(axis=1).max())
+    return float(first_hit(normal, offset, rays)[0].max())
 
 
 def _add_doorway(
@@ -255,28 +259,26 @@ def _furnish(
 ) -> None:
     tops: list[tuple[Floats, float, Floats, Floats]] = []
     if rng.random() < section.rug:
-        _add_rug(room, metre, rng)
-    for _ in range(drawn_count(section.pillars, rng)):
+        _add_rug(room, walls[0], metre, rng)
+    for _ in range(round(section.pillars.draw(rng))):
         _add_pillar(room, walls, metre, rng)
-    for _ in range(drawn_count(section.furniture, rng)):
+    for _ in range(round(section.furniture.draw(rng))):
         placed = _add_standing(room, walls, metre, rng)
         if placed is not None:
             tops.append(placed)
-    for _ in range(drawn_count(section.small, rng)):
+    for _ in range(round(section.small.draw(rng))):
         picked = room.catalogue.pick(_SMALL, rng)
         if picked is None:
             break
         small, yaw = (picked[0], picked[1] * metre), rng.uniform(0, 2 * np.pi)
         if tops and rng.random() < 0.7:
             at, turn, low, high = tops[int(rng.integers(len(tops)))]
-            spot = (low + (high - low) * rng.uniform(0.12, 0.88, 3)) * (1, 1, 0)
-            c, s = np.cos(turn), np.sin(turn)
-            x, y = spot[0] * c - spot[1] * s, spot[0] * s + spot[1] * c
-            room.stand(small, at + np.array([x, y, high[2]]), yaw)
+            spot = low + (high - low) * (*rng.uniform(0.12, 0.88, 2), 1)
+            room.stand(small, at + turned(UP, turn) @ spot, yaw)
         else:
             x, y = _on_floor(room, walls, rng)
             room.stand(small, (x, y, 0), yaw)
-    for _ in range(drawn_count(section.pictures, rng)):
+    for _ in range(round(section.pictures.draw(rng))):
         _hang(room, walls[int(rng.integers(len(walls)))], metre, rng)
 
 
@@ -318,8 +320,7 @@ def _add_standing(
         yaw = rng.uniform(0, 2 * np.pi)
         if name in _AT_WALLS or rng.random() < 0.35:
             wall = walls[int(rng.integers(3))]
-            # the model's back, +y, turns to the wall
-            yaw = float(np.arctan2(wall.out[1], wall.out[0]) - np.pi / 2)
+            yaw = wall.yaw_rad
             away = float((wall.corner[:2] - (x, y)) @ wall.out[:2]) - half[1] - 0.02 * metre
             x, y = x + away * wall.out[0], y + away * wall.out[1]
         radius = float(np.linalg.norm(half)) * 0.8
@@ -332,8 +333,8 @@ def _add_standing(
     return None
 
 
-def _add_rug(room: Arrangement, metre: float, rng: np.random.Generator) -> None:
-    distance = rng.uniform(0.3, 0.8) * float(room.floor_from_model[0][1, 3])
+def _add_rug(room: Arrangement, ahead: _Wall, metre: float, rng: np.random.Generator) -> None:
+    distance = rng.uniform(0.3, 0.8) * float(ahead.corner[1])
     size, yaw = rng.uniform(0.8, 2.4, 2) * metre, rng.uniform(0, np.pi)
     room.add_box((rng.uniform(-0.3, 0.3) * distance, distance, 0), (*size / 2, 0.012 * metre), yaw)
 
@@ -363,6 +364,5 @@ def _hang(room: Arrangement, wall: _Wall, metre: float, rng: np.random.Generator
             room.add_rectangle(corner + across, down, thick * wall.out, wears=first)
         return
     number, size = picked[0], picked[1] * metre
-    yaw = float(np.arctan2(wall.out[1], wall.out[0]) - np.pi / 2)
     deep = room.catalogue.high[number][1] * size / 2
-    room.stand((number, size), wall.at(u, v, -deep) - (0, 0, size / 2), yaw)
+    room.stand((number, size), wall.at(u, v, -deep) - (0, 0, size / 2), wall.yaw_rad)

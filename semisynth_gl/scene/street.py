@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import StereoCamera
+from semisynth_gl.config import Range
 from semisynth_gl.config.model import BackgroundSection, DisparitySection, StreetSection
-from semisynth_gl.scene.arrangement import Arrangement, Catalogue, View, drawn_count
-from semisynth_gl.scene.background import corner_rays, smallest_offsets
-from semisynth_gl.scene.rig import Sway, check_reachable, near_depth_m
+from semisynth_gl.scene.arrangement import FACE_NUMBER, Arrangement, Catalogue, View
+from semisynth_gl.scene.background import draw_background, lay_ground, smallest_offsets
+from semisynth_gl.scene.rig import Sway, near_depth_m
 
 Floats = NDArray[np.float64]
 
@@ -61,11 +62,10 @@ def draw_street(
         sway: the motion of the camera.
 
     Raises:
-        InputError: where a disparity lies beyond infinity.
+        InputError: where a disparity lies beyond infinity, or the backdrop would have to be endless.
     """
-    far_px = background.plane_disparity_px.draw(rng)
-    check_reachable(camera, far_px, "background.plane_disparity_px")
-    backdrop_m, near_m = float(camera.depth_m(far_px)), near_depth_m(camera, disparity)
+    backdrop = draw_background("plane", background, disparity, camera, rng, sway)
+    backdrop_m, near_m = float(backdrop.offset_m[0]), near_depth_m(camera, disparity)
     metre = min(1.0, backdrop_m / _TRUE_REACH_M)
     yaw, pitch, roll = np.deg2rad(rng.normal(size=3) * (section.yaw_deg, section.tilt_deg, section.tilt_deg))
     height = section.camera_height_m.draw(rng) * metre
@@ -76,8 +76,10 @@ def draw_street(
         height = least
         view = View.over_floor(camera, near_m, height, yaw, pitch, roll)
     street = Arrangement(view, catalogue)
-    _add_backdrop(street, backdrop_m)
-    _add_ground(street, ground, backdrop_m, height)
+    wide, high = backdrop.size_m[0]
+    floor_from_backdrop = np.linalg.inv(view.camera_from_floor) @ backdrop.world_from_face[0]
+    street.add(FACE_NUMBER, floor_from_backdrop, (float(wide), float(high)))
+    _add_ground(street, ground, Range(near_m, backdrop_m), height)
     reach = min(backdrop_m, _FARTHEST * metre)
     road = section.road_width_m.draw(rng) * metre / 2
     pavement = rng.uniform(1.5, 4) * metre
@@ -86,7 +88,7 @@ def draw_street(
         if rng.random() < section.pavement:
             _add_pavement(street, middle + side * road, side, pavement, near_m, reach, metre)
         _add_row(street, section, middle + side * (road + pavement), side, near_m, reach, metre, rng)
-    for _ in range(drawn_count(section.vehicles, rng)):
+    for _ in range(round(section.vehicles.draw(rng))):
         lane = rng.uniform(0.3, 0.85) if rng.random() < 0.8 else rng.uniform(-0.2, 0.2)
         x = middle + (road * lane) * rng.choice((-1, 1))
         y = near_m * (reach / near_m) ** rng.random()
@@ -94,38 +96,22 @@ def draw_street(
         if street.is_free(x, y, half[1]) and street.add_box((x, y, 0), half, rng.normal() * 0.06):
             street.take(x, y, half[1])
     for sizes, count in ((_TALL, section.tall), (_LOW, section.low)):
-        for _ in range(drawn_count(count, rng)):
+        for _ in range(round(count.draw(rng))):
             side = rng.choice((-1, 1))
             span = sorted((middle + side * road, middle + side * (road + pavement)))
             _stand(street, sizes, (span[0], span[1]), (near_m, reach), metre, rng)
     return street
 
 
-def _add_backdrop(street: Arrangement, backdrop_m: float) -> None:
-    """Add the far plane that faces the camera and fills both views."""
-    camera = street.view.camera
-    points = corner_rays(camera) * backdrop_m
-    aside = abs(camera.offset_m("right")) + 0.02 * backdrop_m
-    low, high = points.min(axis=0) - aside, points.max(axis=0) + aside
-    floor_from_camera = np.linalg.inv(street.view.camera_from_floor)
-    corner = floor_from_camera @ (low[0], low[1], backdrop_m, 1)
-    turn = floor_from_camera[:3, :3]
-    street.add_rectangle(corner[:3], turn[:, 0] * (high[0] - low[0]), turn[:, 1] * (high[1] - low[1]))
-
-
-def _add_ground(street: Arrangement, ground: int, backdrop_m: float, height_m: float) -> None:
-    """Lay the wedge of the ground from behind the camera to beyond the backdrop."""
-    view = street.view
-    widest = float(np.abs(corner_rays(view.camera)[:, 0]).max()) * 1.3 + 0.2
-    behind = abs(view.camera.offset_m("right")) / widest + 0.5 * view.near_m + height_m
-    length = 1.3 * (behind + backdrop_m)
-    flat = view.camera_from_floor[2, :2]
-    ahead = np.array([*flat / np.linalg.norm(flat), 0.0])
-    across = np.array([ahead[1], -ahead[0], 0.0])
-    matrix = np.eye(4)
-    matrix[:3, 0], matrix[:3, 1], matrix[:3, 2] = across * length * widest, np.array([0, 0, -length]), ahead * length
-    matrix[:3, 3] = -ahead * behind
-    street.add(ground, matrix, (length * widest, length))
+def _add_ground(street: Arrangement, ground: int, depth_m: Range, height_m: float) -> None:
+    """Lay the ground along the direction that the camera looks in."""
+    camera_from_floor = street.view.camera_from_floor
+    ahead = camera_from_floor[2, :3] * (1, 1, 0)
+    along = camera_from_floor[:3, :3] @ (ahead / np.linalg.norm(ahead))
+    across = np.cross(along, camera_from_floor[:3, 2])
+    matrix = lay_ground(street.view.camera, depth_m, across, along, height_m)
+    sizes = np.linalg.norm(matrix[:3, [0, 2]], axis=0)
+    street.add(ground, np.linalg.inv(camera_from_floor) @ matrix, (float(sizes[0]), float(sizes[1])))
 
 
 def _add_pavement(

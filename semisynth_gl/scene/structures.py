@@ -16,10 +16,10 @@ from semisynth_gl.scene.background import (
     FACE,
     Background,
     Kind,
-    corner_rays,
     draw_background,
     draw_kind,
     grid_px,
+    lay_ground,
     smallest_offsets,
 )
 from semisynth_gl.scene.glance import glance
@@ -114,9 +114,7 @@ class Stage:
 
 def take_stock(library: ModelLibrary) -> Catalogue:
     """Return the still models and a library's as those that things at rest are taken from."""
-    chances = np.zeros(len(library.models))
-    chances[library.drawn] = library.chances
-    return Catalogue.of(STILL_MODELS, library.models, chances)
+    return Catalogue.of(STILL_MODELS, library.models, library.drawn[library.chances > 0])
 
 
 def draw_stage(config: Config, catalogue: Catalogue, generator_for: Callable[[Purpose], np.random.Generator]) -> Stage:
@@ -236,14 +234,8 @@ def _place_ground(
     roll, pitch = np.deg2rad(rng.uniform(-section.ground_tilt_deg, section.ground_tilt_deg, 2))
     across = np.array([np.cos(roll), np.sin(roll), 0.0])
     along = np.array([-np.sin(roll) * np.sin(pitch), np.cos(roll) * np.sin(pitch), np.cos(pitch)])
-    down = np.cross(along, across)
-    offset = max(height, float(smallest_offsets(camera, down[None], depth_m.low, sway)[0]))
-    # The wedge's tip lies behind the cameras, so far that both views fit between its sides.
-    widest = float(np.abs(corner_rays(camera)[:, 0]).max()) * 1.1
-    behind = abs(camera.offset_m("right")) / widest + 0.5 * depth_m.low
-    length = behind + 1.05 * depth_m.high
-    columns = across * length * widest, down * length, along * length, down * offset - along * behind
-    return np.vstack([np.stack(columns, axis=1), [0, 0, 0, 1]])
+    offset = max(height, float(smallest_offsets(camera, np.cross(along, across)[None], depth_m.low, sway)[0]))
+    return lay_ground(camera, depth_m, across, along, offset)
 
 
 def _place_panel(

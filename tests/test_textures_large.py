@@ -1,0 +1,93 @@
+"""Large patches: whole pictures, from the cut to the surfaces that wear them."""
+
+import numpy as np
+import pytest
+from PIL import Image
+from tiny_datasets import tiny
+
+from semisynth_gl.config import load_config
+from semisynth_gl.geometry.model_library import build_library
+from semisynth_gl.scene.sampler import SceneSampler
+from semisynth_gl.scene.structures import STILL_MODELS
+from semisynth_gl.textures.atlas import Patch, atlas_from_arrays
+from semisynth_gl.textures.large import MOST_LARGE, with_large_patches
+from semisynth_gl.textures.pictures import Picture
+from semisynth_gl.textures.prepare import pack_atlas, prepare_atlas, unpack_atlas
+
+
+def picture(name, height, width, seed=0):
+    return Picture(name, np.random.default_rng(seed).integers(0, 256, (height, width, 3), np.uint8))
+
+
+def atlas_of(pictures):
+    sources = [each.name for each in pictures]
+    return atlas_from_arrays([np.zeros((16, 16, 3), np.uint8)] * len(pictures), sources)
+
+
+def test_a_square_is_as_large_as_its_picture_and_copied_where_that_fits():
+    shown = picture("wide", 64, 200)
+    atlas = with_large_patches(atlas_of([shown]), {"wide": shown}, 64, np.random.default_rng(3))
+    small, large = atlas.patches
+    assert (small.large, large.large, large.first_layer, large.side_px, large.top_px) == (False, True, 1, 64, 0)
+    part = shown.pixels[:, large.left_px : large.left_px + 64]
+    np.testing.assert_array_equal(atlas.pixels(large)[0, ..., :3], part)
+    np.testing.assert_array_equal(atlas.pixels(small), atlas.layers[:1])
+    assert (atlas.large_layers[..., 3] == 255).all()
+
+
+@pytest.mark.parametrize(("side", "size"), [(128, 64), (32, 64)])
+def test_other_sizes_are_averaged_or_enlarged(side, size):
+    grey = np.full((side, side, 3), 90, np.uint8)
+    grey[:, side // 2 :] = 200
+    atlas = with_large_patches(
+        atlas_of([Picture("g", grey)]), {"g": Picture("g", grey)}, size, np.random.default_rng(0)
+    )
+    layer = atlas.large_layers[0, ..., 0]
+    assert layer.shape == (size, size)
+    assert (layer[:, : size // 2 - 4] == 90).all()
+    assert (layer[:, size // 2 + 4 :] == 200).all()
+
+
+def test_each_image_has_one_and_there_is_a_limit():
+    pictures = [picture(f"p{k}", 20, 30, k) for k in range(MOST_LARGE + 6)]
+    atlas = with_large_patches(atlas_of(pictures), {p.name: p for p in pictures}, 16, np.random.default_rng(0))
+    sources = [patch.source for patch in atlas.patches if patch.large]
+    assert len(sources) == len(set(sources)) == MOST_LARGE == len(atlas.large_layers)
+    few = with_large_patches(atlas_of(pictures[:3]), {p.name: p for p in pictures[:2]}, 16, np.random.default_rng(0))
+    assert {patch.source for patch in few.patches if patch.large} == {"p0", "p1"}
+
+
+def test_an_atlas_comes_out_of_the_cache_as_it_went_in(tmp_path):
+    for k in range(3):
+        Image.fromarray(picture("", 300, 400, k).pixels).save(tmp_path / f"{k}.png")
+    section = tiny(textures={"source": "images", "images": [str(tmp_path)], "large_px": 128}).textures
+    atlas = prepare_atlas(section, 5)
+    entry = pack_atlas(atlas, sorted(tmp_path.iterdir()))
+    again = unpack_atlas(entry, sorted(tmp_path.iterdir()))
+    assert again.patches == atlas.patches
+    np.testing.assert_array_equal(again.large_layers, atlas.large_layers)
+    assert again.large_layers.shape == (3, 128, 128, 4)
+    # The small patches are those that the section has without large ones.
+    plain = prepare_atlas(section.model_copy(update={"large_px": 0}), 5)
+    np.testing.assert_array_equal(plain.layers, atlas.layers)
+    assert plain.patches == tuple(patch for patch in atlas.patches if not patch.large)
+    assert len(plain.large_layers) == 0
+
+
+def test_walls_wear_them_and_models_do_not_and_none_repeats_across_the_view():
+    config = load_config("middlebury", ["textures.large_px=1024", "structures.panels=3", "models.complex=0"])
+    small = tuple(Patch("s", 0, 0, 256, k, 1, 9.0) for k in range(5))
+    large = tuple(Patch("l", 0, 0, 1024, 5 + k, 1, 9.0, large=True) for k in range(2))
+    library = build_library(config.models, config.particles, 0)
+    sampled = SceneSampler(config, 0, library, (*small, *large)).sample(0)
+    still = sampled.scene.model < len(STILL_MODELS)
+    assert still.sum() == 9
+    assert set(sampled.patch[still]) <= {5, 6}
+    assert set(sampled.patch[~still]) == set(range(5))
+    assert set(sampled.patch_px[still]) == {1024}
+    assert set(sampled.patch_px[~still]) == {256}
+    plain = SceneSampler(config, 0, library, small).sample(0).scene
+    # On the screen a patch is at least as wide as the image: the same UV spans fewer patches than of small ones.
+    shown = plain.uv_scale[still] / sampled.scene.uv_scale[still]
+    assert (shown >= 1024 / 256 - 1e-9).all()
+    np.testing.assert_array_equal(plain.uv_scale[~still], sampled.scene.uv_scale[~still])
