@@ -1,7 +1,6 @@
 """A glance at a scene: what each of a few hundred rays of the left view hits first, for all triangles at once.
 
-The ray caster gives the same answer one instance after the other, which takes longer; it does those that reach
-behind the near plane.
+The ray caster gives the same answer one instance after the other, which takes longer.
 """
 
 from collections.abc import Sequence
@@ -11,9 +10,8 @@ from numpy.typing import NDArray
 
 from semisynth_gl.geometry.cells import covered_cells
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.scene.background import GRID, grid_px
-from semisynth_gl.scene.raycast import cast_rays
-from semisynth_gl.scene.scene import Scene, make_scene
+from semisynth_gl.scene.background import GRID
+from semisynth_gl.scene.scene import Scene
 
 Floats = NDArray[np.float64]
 
@@ -28,36 +26,46 @@ def glance(scene: Scene, models: Sequence[Mesh]) -> tuple[Floats, NDArray[np.int
     Returns:
         Planar depth, float64, inf where nothing is hit, and the instance, -1 there; flat, a value for each ray.
     """
-    corners, owner, crossing = [], [], []
+    parts, owners = [np.empty((0, 3, 3))], [np.empty(0, np.int64)]
     for number in range(len(scene)):
         mesh = models[int(scene.model[number])]
         view_from_model = scene.camera_from_world @ scene.world_from_model[number]
         vertices = mesh.positions.astype(np.float64) @ view_from_model[:3, :3].T + view_from_model[:3, 3]
-        nearest = vertices[:, 2].min()
-        if nearest < scene.near_m:
-            crossing.append(number)
-        else:
-            corners.append(vertices[mesh.triangles])
-            owner.append(np.full(len(mesh.triangles), number))
-    depth_m, instance = _cast(scene, models, np.array(crossing, np.int64))
-    if corners:
-        cell, hit_m, hit = _rasterise(scene, np.concatenate(corners), np.concatenate(owner))
-        nearer = hit_m < depth_m[cell]
-        depth_m[cell[nearer]], instance[cell[nearer]] = hit_m[nearer], hit[nearer]
+        if vertices[:, 2].max() < scene.near_m:
+            continue
+        corners = vertices[mesh.triangles]
+        parts.append(corners if vertices[:, 2].min() >= scene.near_m else _cut(corners, scene.near_m))
+        owners.append(np.full(len(parts[-1]), number))
+    depth_m, instance = np.full(GRID[0] * GRID[1], np.inf), np.full(GRID[0] * GRID[1], -1)
+    cell, hit_m, hit = _rasterise(scene, np.concatenate(parts), np.concatenate(owners))
+    depth_m[cell], instance[cell] = hit_m, hit
     return depth_m, instance
 
 
-def _cast(scene: Scene, models: Sequence[Mesh], numbers: NDArray[np.int64]) -> tuple[Floats, NDArray[np.int64]]:
-    part = make_scene(
-        scene.camera,
-        model=scene.model[numbers],
-        world_from_model=scene.world_from_model[numbers],
-        layer=scene.layer[numbers],
-        camera_from_world=scene.camera_from_world,
-        near_m=scene.near_m,
+def _cut(corners: Floats, near_m: float) -> Floats:
+    """Return the parts of triangles (T, 3, 3) beyond the near plane, as triangles (U, 3, 3)."""
+    beyond = corners[..., 2] >= near_m
+    count = beyond.sum(axis=1)
+    # The corner that lies on another side than the two others comes first.
+    odd = np.where(count == 1, beyond.argmax(axis=1), beyond.argmin(axis=1))
+    order = (odd[:, None] + np.arange(3)) % 3
+    first, second, third = np.moveaxis(np.take_along_axis(corners, order[..., None], axis=1), 1, 0)
+
+    def cut(other: Floats) -> Floats:
+        return np.asarray(first + (near_m - first[:, 2:]) / (other[:, 2:] - first[:, 2:]) * (other - first))
+
+    # Triangles on one side of the plane, which are not taken from here, may divide by 0.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        on_second, on_third = cut(second), cut(third)
+    one, two = count == 1, count == 2
+    return np.concatenate(
+        [
+            corners[count == 3],
+            np.stack([first, on_second, on_third], axis=1)[one],
+            np.stack([on_second, second, third], axis=1)[two],
+            np.stack([on_second, third, on_third], axis=1)[two],
+        ]
     )
-    hits = cast_rays(part, models, "left", *grid_px(scene.camera))
-    return hits.depth_m, np.append(numbers, -1)[hits.instance]
 
 
 def _rasterise(

@@ -18,12 +18,10 @@ from semisynth_gl.scene.background import (
     Kind,
     draw_background,
     draw_kind,
-    grid_px,
     lay_ground,
     smallest_offsets,
 )
 from semisynth_gl.scene.glance import glance
-from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import BEYOND_NEAR, STILL, Sway, check_reachable, draw_camera, draw_sway, near_depth_m
 from semisynth_gl.scene.room import DOORWAYS, NICHES, draw_room
 from semisynth_gl.scene.scene import make_scene
@@ -201,15 +199,14 @@ def draw_surroundings(
         model.append(_CURVED if curved else _FACE)
         matrices.append(_place_panel(section, disparity, camera, near_m, rng, curved=curved))
     if len(model) > faces:
-        x, y = grid_px(camera)
         layer = [0] * len(model)
         scene = make_scene(camera, model=model, world_from_model=matrices, layer=layer, near_m=near_m / BEYOND_NEAR)
-        hits = cast_rays(scene, STILL_MODELS, "left", x, y)
-        seen_px = camera.disparity_px(hits.depth_m)
+        depth_m, instance = glance(scene, STILL_MODELS)
+        seen_px = camera.disparity_px(depth_m)
         for number in range(faces, len(model)):
             columns = np.linalg.norm(matrices[number][:3, :3], axis=0)
             units.append((columns[0], columns[2 if model[number] == _GROUND else 1]))
-            seen_m = hits.depth_m[hits.instance == number]
+            seen_m = depth_m[instance == number]
             # A hidden structure has the depth of its nearest vertex, or of the near plane where the plane is farther.
             vertices = STILL_MODELS[model[number]].positions.astype(np.float64)
             nearest_m = float((vertices @ matrices[number][2, :3] + matrices[number][2, 3]).min())
