@@ -13,7 +13,7 @@ BACKEND ?=
 .DELETE_ON_ERROR:
 MAKEFLAGS += --no-builtin-rules
 
-CONFIGS := middlebury kitti eth3d sceneflow
+CONFIGS := middlebury kitti eth3d sceneflow zero-shot
 GEOMETRIES := ablation-geometry-simple ablation-geometry-complex
 
 backend := $(if $(BACKEND),$(BACKEND),auto)
@@ -39,7 +39,7 @@ help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z].*## / { printf "  %-36s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
 
 .PHONY: $(CONFIGS)
-middlebury kitti eth3d sceneflow: setup  ## render PAIRS pairs to OUT/<name>, with a contact sheet
+middlebury kitti eth3d sceneflow zero-shot: setup  ## render PAIRS pairs to OUT/<name>, with a contact sheet
 	$(call render,$@,$(with_images))
 
 .PHONY: ablation-geometry
