@@ -1,6 +1,9 @@
 """A config for the reports of bench that takes seconds, and the rows of such a report."""
 
+from tiny_datasets import CLUTTER_ALONE
+
 SMALL = (
+    *CLUTTER_ALONE,
     "camera.width_px=160",
     "camera.height_px=100",
     "camera.cx_left_px=80.3",

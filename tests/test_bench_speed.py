@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from backends import backend_fault
 from recorder import Recorder
+from tiny_datasets import CLUTTER_ALONE
 
 from semisynth_gl.bench import scaling
 from semisynth_gl.bench.lifetime import line_slope
@@ -24,6 +25,7 @@ from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.pairs.pipeline import PAIR_STAGES
 
 SMALL = (
+    *CLUTTER_ALONE,
     "camera.width_px=96",
     "camera.height_px=64",
     "camera.cx_left_px=48.3",

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import noise_layers
+from tiny_datasets import CLUTTER_ALONE
 
 from semisynth_gl import load_config, oracle
 from semisynth_gl.camera import EYES, StereoCamera
@@ -37,7 +38,7 @@ NUMBERS = {"doorway": 3, "niche": 6}
 def furnished(rig: str, kind: str, *overrides: str) -> Config:
     weights = [f"background.{name}={int(name == kind)}" for name in ("cuboid", "plane", "room", "street")]
     variants = ["models.variants=1", "particles.layers=[]", "disparity.target={form: uniform}"]
-    return load_config(rig, [*weights, *variants, *overrides])
+    return load_config(rig, [*CLUTTER_ALONE, *weights, *variants, *overrides])
 
 
 @cache

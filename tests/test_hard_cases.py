@@ -448,9 +448,21 @@ def test_focal_lengths_from_a_fifth_to_twenty_image_widths(open_renderer, widths
 
 
 @pytest.mark.one_backend
-@pytest.mark.parametrize("name", ["middlebury", "kitti", "eth3d", "sceneflow"])
-def test_packaged_configs_at_full_size_agree_with_the_oracle(backend, name):
-    config = load_config(name, ["textures.source=procedural", "textures.max_patches=4", "models.variants=1"])
+@pytest.mark.parametrize(
+    ("name", "recipe"),
+    [
+        ("middlebury", "clutter"),
+        ("kitti", "clutter"),
+        ("eth3d", "clutter"),
+        ("sceneflow", "clutter"),
+        ("middlebury", "room"),
+        ("middlebury", "still-life"),
+        ("kitti", "street"),
+    ],
+)
+def test_packaged_configs_at_full_size_agree_with_the_oracle(backend, name, recipe):
+    mix = load_config(name, ["textures.source=procedural", "textures.max_patches=4", "models.variants=1"])
+    config = next(each.config for each in mix.recipes() if each.name == recipe)
     library = build_library(config.models, config.particles, 0)
     sampler = SceneSampler(config, 0, library, tuple(Patch("", 0, 0, 256, k, 1, 9.0) for k in range(4)))
     scene = sampler.sample(5).scene

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tiny_datasets import cheap, findings
+from tiny_datasets import CLUTTER_ALONE, cheap, findings
 
 from semisynth_gl.camera import Crop
 from semisynth_gl.config import Config, load_config
@@ -88,13 +88,17 @@ def test_seeds_begin_at_other_recipes():
 # What recipes make of a config
 
 
-BASE = "extends: middlebury\nname: mine\nparticles: {density: 300, drift: 0.1}\nmodels: {kinds: {mug: 3, chair: 0}}\n"
+BASE = (
+    "extends: middlebury\nname: mine\n"
+    "scenes: []\nparticles: {density: 300, drift: 0.1}\nmodels: {kinds: {mug: 3, chair: 0}}\n"
+)
 
 
 @pytest.mark.parametrize(
     "keys",
     [
         "particles: {density: sparse}",
+        "particles: {layers: [{count: [0, 6]}]}",
         "particles: {size_m: [0.1, 0.3], density: default}",
         "camera: {focal_mm: 4, sensor_width_mm: 6}",
         "camera: {cx_left_px: 700, cx_right_px: 790}",
@@ -119,7 +123,7 @@ def test_a_recipe_goes_over_its_config_as_a_file_over_the_one_it_extends(tmp_pat
 
 
 def test_a_config_without_recipes_has_no_value_for_them():
-    config = load_config("middlebury")
+    config = load_config("middlebury", CLUTTER_ALONE)
     assert "scenes" not in config.model_dump(mode="json")
     [only] = config.recipes()
     assert (only.name, only.share, only.config) == (None, 1.0, config)
@@ -131,7 +135,8 @@ def test_recipes_of_weight_0_are_left_out():
 
 
 def test_a_mix_in_full_is_the_same_mix(tmp_path):
-    text = f"{BASE}scenes:\n- {{recipe: a, particles: {{density: 400}}, camera: {{doffs_px: 50}}}}\n- {{recipe: b}}\n"
+    scenes = "scenes:\n- {recipe: a, particles: {density: 400}, camera: {doffs_px: 50}}\n- {recipe: b}\n"
+    text = BASE.replace("scenes: []\n", scenes)
     (tmp_path / "mix.yaml").write_text(text)
     full = explain(str(tmp_path / "mix.yaml"))
     assert "  - recipe: a\n    weight: 1.0\n    camera: {doffs_px: 50.0}\n    particles: {density: 400.0}\n" in full

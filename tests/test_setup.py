@@ -205,13 +205,13 @@ def make(*arguments: str) -> str:
 
 def test_make_lists_its_targets() -> None:
     listed = make()
-    datasets = ("middlebury kitti eth3d sceneflow", "ablation-geometry", "ablation-textures")
+    datasets = ("middlebury kitti eth3d sceneflow zero-shot", "ablation-geometry", "ablation-textures")
     for target in (*datasets, "test", "docs", "clean"):
         assert re.search(rf"^  {target}  ", listed, re.MULTILINE), target
 
 
 def test_make_names_configs_that_exist() -> None:
-    datasets = ("middlebury", "kitti", "eth3d", "sceneflow", "ablation-geometry", "ablation-textures")
+    datasets = ("middlebury", "kitti", "eth3d", "sceneflow", "zero-shot", "ablation-geometry", "ablation-textures")
     recipes = make("-n", *datasets, "IMAGES=photos")
     named = set(re.findall(r"generate --config (\S+)", recipes))
     assert named == {path.stem for path in (CHECKOUT / "configs").glob("*.yaml")}

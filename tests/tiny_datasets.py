@@ -14,6 +14,8 @@ from semisynth_gl.textures.image_files import builtin_photographs
 from semisynth_gl.verify.dataset import verify_dataset
 
 SCALE = 1 / 8
+# The scenes of a packaged config without its recipes.
+CLUTTER_ALONE = ("scenes=[]", "textures.large_px=0")
 # Of the datasets that `command` generates.
 PAIRS = 7
 SEED = 5
@@ -27,8 +29,8 @@ def scaled(value):
 
 
 def tiny(name="middlebury", **sections):
-    """A packaged config at an eighth of its size, with keys of sections replaced."""
-    values = load_config(name).model_dump(mode="json")
+    """A packaged config's clutter at an eighth of its size, with keys of sections replaced."""
+    values = load_config(name, CLUTTER_ALONE).model_dump(mode="json")
     camera, disparity, background = values["camera"], values["disparity"], values["background"]
     for key in ("focal_px", "cx_left_px", "cx_right_px", "cy_px", "doffs_px"):
         camera[key] = scaled(camera[key])

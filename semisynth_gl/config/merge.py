@@ -11,6 +11,8 @@ _REPLACES = {
     "focal_mm": ("focal_px",),
     "doffs_px": ("cx_right_px",),
     "cx_right_px": ("doffs_px",),
+    "layers": ("density",),
+    "density": ("layers",),
 }
 
 

@@ -276,12 +276,12 @@ class DepthLayerSection(Section):
     """One depth layer of particles.
 
     Attributes:
-        disparity_px: disparities of its particles.
+        disparity_px: disparities of its particles; by default the middle four fifths of ``disparity.target``.
         count: number of its particles at any time, inside the view and just beside it.
         size_px: diameters of its particles on the screen; by default the sizes of all particles.
     """
 
-    disparity_px: PositiveRange
+    disparity_px: PositiveRange | None = None
     count: Annotated[NotNegativeRange, at_most(_MOST_PARTICLES)]
     size_px: PositiveRange | None = None
 

@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import StereoCamera
+from semisynth_gl.config import Range
 from semisynth_gl.config.model import DepthLayerSection, ParticlesSection
 from semisynth_gl.geometry.silhouette import draw_scales
+from semisynth_gl.histogram import Histogram
 from semisynth_gl.scene.rig import rotation_about_axis, rotation_from_quaternion
 
 Floats = NDArray[np.float64]
@@ -120,12 +122,37 @@ class Batch:
     sizes: Sizes
 
 
-def stated_batches(
-    layers: Sequence[DepthLayerSection], section: ParticlesSection, rng: np.random.Generator
-) -> list[Batch]:
-    """Draw a batch for each depth layer that the config states, its count rounded."""
-    ranges = [(layer.disparity_px, layer) for layer in layers]
-    return [Batch(px.low, px.high, round(layer.count.draw(rng)), stated_sizes(section, layer)) for px, layer in ranges]
+@dataclass(frozen=True, slots=True)
+class StatedLayer:
+    """A depth layer that the config states.
+
+    Attributes:
+        disparity_px: disparities of its particles.
+        count: number of its particles.
+        sizes: sizes of its particles.
+    """
+
+    disparity_px: Range
+    count: Range
+    sizes: Sizes
+
+
+def stated_layers(
+    layers: Sequence[DepthLayerSection], section: ParticlesSection, wanted: Histogram
+) -> tuple[StatedLayer, ...]:
+    """Return the layers that a config states; where disparities lack, those of most wanted pixels."""
+    middle = Range(wanted.quantile(0.1), wanted.quantile(0.9))
+    return tuple(
+        StatedLayer(layer.disparity_px or middle, layer.count, stated_sizes(section, layer)) for layer in layers
+    )
+
+
+def stated_batches(layers: Sequence[StatedLayer], rng: np.random.Generator) -> list[Batch]:
+    """Draw a batch for each layer, its count rounded."""
+    return [
+        Batch(layer.disparity_px.low, layer.disparity_px.high, round(layer.count.draw(rng)), layer.sizes)
+        for layer in layers
+    ]
 
 
 def expected_cover(camera: StereoCamera, sizes: Sizes, disparity_px: Floats, fill: float) -> Floats:

@@ -13,13 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import StereoCamera
-from semisynth_gl.config.model import Config, DepthLayerSection
+from semisynth_gl.config.model import Config
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.silhouette import Silhouette
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.scene.arrangement import Catalogue
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, merge_bins, solve_coverage
-from semisynth_gl.scene.particles import Batch, Sizes, expected_cover, expected_in_view, stated_batches, stated_sizes
+from semisynth_gl.scene.particles import (
+    Batch,
+    Sizes,
+    StatedLayer,
+    expected_cover,
+    expected_in_view,
+    stated_batches,
+    stated_layers,
+    stated_sizes,
+)
 from semisynth_gl.scene.rig import check_reachable, near_depth_m
 from semisynth_gl.scene.structures import draw_stage
 from semisynth_gl.seeds import Purpose, generator
@@ -95,7 +104,11 @@ class Population:
         self._seed = seed
         self._silhouette = silhouette
         self._catalogue = catalogue
-        self.target = merge_bins(wanted or config.wanted_histogram())
+        own = config.wanted_histogram()
+        self.target = merge_bins(wanted or own)
+        particles = config.particles
+        self._stated = None if particles.layers is None else stated_layers(particles.layers, particles, own)
+        self._clutter = stated_layers(particles.clutter, particles, own)
         self._layers = DepthLayers.from_bins(self.target, config.disparity.min_px, config.disparity.max_px)
         # One for each layer, and the last one for the density.
         self._first_quantile = generator(seed, Purpose.COUNTS).random(len(self._layers) + 1)
@@ -115,11 +128,11 @@ class Population:
                 than ``particles.most``, or more or fewer objects than ``particles.density``.
         """
         particles = self._config.particles
-        for name, sections in (("layers", particles.layers or ()), ("clutter", particles.clutter)):
-            lowest = min((layer.disparity_px.low for layer in sections), default=np.inf)
+        for name, stated in (("layers", self._stated or ()), ("clutter", self._clutter)):
+            lowest = min((layer.disparity_px.low for layer in stated), default=np.inf)
             check_reachable(camera, lowest, f"particles.{name}.disparity_px")
-        if particles.layers is not None:
-            return stated_batches((*particles.layers, *particles.clutter), particles, rng)
+        if self._stated is not None:
+            return stated_batches((*self._stated, *self._clutter), rng)
         steps = np.sqrt(np.append(_PRIMES[: len(self._layers)], _PRIMES[_OF_DENSITY]))
         quantile = (self._first_quantile + sequence * steps) % 1.0
         aim = self._aim(float(quantile[-1]))
@@ -130,7 +143,7 @@ class Population:
         counts = poisson_counts(mean, quantile[:-1])
         layers = zip(self._layers.low_px, self._layers.high_px, counts, strict=True)
         solved = [Batch(low, high, int(count), aim.sizes) for low, high, count in layers]
-        return solved + stated_batches(particles.clutter, particles, rng)
+        return solved + stated_batches(self._clutter, rng)
 
     def expected(self) -> Histogram:
         """Return the mean distribution of the dataset, by the Boolean model of the pilot scenes.
@@ -141,17 +154,15 @@ class Population:
         Raises:
             InputError: where the target cannot be met, see `draw`.
         """
-        layers = self._config.particles.layers
-        return Histogram.from_counts(
-            self.target.edges_px, self._solved_shares() if layers is None else self._stated_shares(layers)
-        )
+        shares = self._solved_shares() if self._stated is None else self._stated_shares(self._stated)
+        return Histogram.from_counts(self.target.edges_px, shares)
 
     def _solved_shares(self) -> Floats:
         """(K,) mean shares of scenes whose numbers of particles are solved."""
         aims = [self._aim((k + 0.5) / _QUANTILES) for k in range(_QUANTILES if len(self._aims[1]) > 1 else 1)]
         return np.asarray(np.mean([aim.achieved for aim in aims], axis=0))
 
-    def _stated_shares(self, layers: Sequence[DepthLayerSection]) -> Floats:
+    def _stated_shares(self, layers: Sequence[StatedLayer]) -> Floats:
         """(K,) mean shares of scenes whose numbers of particles are stated."""
         inner = self.target.edges_px[1:-1]
         below = [
@@ -277,15 +288,14 @@ class Population:
             cover.append(expected_cover(camera, sizes, self._layers.middle_px, self._silhouette.fill))
         return _Views(np.array(bare), np.array(exceedances), np.array(least), np.array(cover))
 
-    def _stated_cover(self, camera: StereoCamera, layers: Sequence[DepthLayerSection]) -> Floats:
+    def _stated_cover(self, camera: StereoCamera, layers: Sequence[StatedLayer]) -> Floats:
         """(K - 1,) number of times that layers and clutter cover a pixel with each inner edge or more."""
-        particles, inner = self._config.particles, self.target.edges_px[1:-1]
+        inner = self.target.edges_px[1:-1]
         total = np.zeros(len(inner))
-        for section in (*layers, *particles.clutter):
-            layer = DepthLayers(np.array([section.disparity_px.low]), np.array([section.disparity_px.high]))
-            sizes = stated_sizes(particles, section)
-            cover = expected_cover(camera, sizes, layer.middle_px, self._silhouette.fill)[0]
-            total += cover * section.count.middle * self._exceedance(layer, inner, camera, sizes)[0]
+        for stated in (*layers, *self._clutter):
+            layer = DepthLayers(np.array([stated.disparity_px.low]), np.array([stated.disparity_px.high]))
+            cover = expected_cover(camera, stated.sizes, layer.middle_px, self._silhouette.fill)[0]
+            total += cover * stated.count.middle * self._exceedance(layer, inner, camera, stated.sizes)[0]
         return total
 
     def _exceedance(self, layers: DepthLayers, edges_px: Floats, camera: StereoCamera, sizes: Sizes) -> Floats:
