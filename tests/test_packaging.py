@@ -16,7 +16,7 @@ from semisynth_gl.resources import data_root
 
 CHECKOUT = Path(__file__).resolve().parents[1]
 DATA_FOLDERS = ("shaders", "configs", "assets")
-SHADERS = (".vert", ".frag", ".glsl")
+SHADERS = (".vert", ".geom", ".frag", ".glsl")
 
 # Everything that a checkout collects and nobody wants to install.
 JUNK = (

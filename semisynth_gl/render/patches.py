@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.errors import BackendError
 from semisynth_gl.render.context import GraphicsContext
+from semisynth_gl.render.programs import link_program
 
 _UNIT = 0  # of the sampler in mesh.frag
 
@@ -48,9 +49,39 @@ def _upload(context: GraphicsContext, layers: NDArray[np.uint8], *, mirrored: bo
             f"the patch atlas has {count} patches of {side} px, but {context.renderer} holds {most} of up to "
             f"{widest} px: lower textures.max_patches, textures.patch_px or textures.large_px"
         )
-    atlas = context.gl.texture_array((side, side, count), 4, np.ascontiguousarray(layers))
-    atlas.build_mipmaps()
+    # moderngl, which has no room for levels, is only asked for a texture.
+    atlas = context.gl.texture_array((1, 1, 1), 4)
+    context.unbound.store_layers(atlas.glo, side.bit_length(), np.ascontiguousarray(layers))
+    _draw_levels(context, atlas, side, count)
     atlas.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
     if mirrored:
         context.unbound.mirror_beyond_border(atlas.glo)
     return atlas
+
+
+def _draw_levels(context: GraphicsContext, atlas: moderngl.TextureArray, side: int, count: int) -> None:
+    """Fill the smaller levels of an atlas of so many patches, each from the one before.
+
+    The bytes are those of llvmpipe's own mipmaps. What makes these it compiles in each new context, which takes longer
+    than all else that a renderer opens with; these shaders come from its cache.
+    """
+    gl, unbound = context.gl, context.unbound
+    in_use = gl.fbo
+    program = link_program(context, "level.vert", "level.frag", {}, "level.geom")
+    draw = gl.vertex_array(program, [])
+    # Its own image is never drawn to: moderngl takes the size from it.
+    whole = gl.renderbuffer((side, side), 4)
+    framebuffer = gl.framebuffer([whole])
+    framebuffer.use()
+    gl.enable_only(moderngl.NOTHING)
+    atlas.filter = (moderngl.LINEAR, moderngl.LINEAR)
+    atlas.use(_UNIT)
+    for level in range(1, side.bit_length()):
+        unbound.read_levels(atlas.glo, level - 1, level - 1)
+        unbound.draw_to_level(framebuffer.glo, atlas.glo, level)
+        framebuffer.viewport = (0, 0, side >> level, side >> level)
+        draw.render(moderngl.TRIANGLE_FAN, 4, instances=count)
+    unbound.read_levels(atlas.glo, 0, side.bit_length() - 1)
+    in_use.use()
+    for resource in (framebuffer, whole, draw, program):
+        resource.release()

@@ -13,21 +13,26 @@ from semisynth_gl.resources import data_root
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 
 
-def link_program(context: GraphicsContext, vertex: str, fragment: str, defines: Mapping[str, int]) -> moderngl.Program:
-    """Compile and link two shaders, and check the blocks that numpy packs for them.
+def link_program(
+    context: GraphicsContext, vertex: str, fragment: str, defines: Mapping[str, int], geometry: str | None = None
+) -> moderngl.Program:
+    """Compile and link shaders, and check the blocks that numpy packs for them.
 
     Args:
         context: the open context.
         vertex: file of the vertex shader; see `shader_source`.
         fragment: file of the fragment shader, likewise.
         defines: for the fragment shader.
+        geometry: file of the geometry shader; None for none.
 
     Raises:
         BackendError: where the driver refuses the shaders, with its message, or lays out a block in another way.
     """
     try:
         program = context.gl.program(
-            vertex_shader=shader_source(vertex), fragment_shader=shader_source(fragment, defines)
+            vertex_shader=shader_source(vertex),
+            geometry_shader=None if geometry is None else shader_source(geometry),
+            fragment_shader=shader_source(fragment, defines),
         )
     except moderngl.Error as error:
         raise BackendError(f"{context.renderer} does not compile {vertex} and {fragment}: {error}") from error

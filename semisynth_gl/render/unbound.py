@@ -4,6 +4,9 @@ import ctypes
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from semisynth_gl.errors import BackendError
 
 _GL_LOWER_LEFT = 0x8CA1
@@ -15,6 +18,8 @@ _GL_RENDERBUFFER_DEPTH_SIZE = 0x8D54
 _GL_COLOR, _GL_DEPTH = 0x1800, 0x1801
 _GL_TEXTURE_WRAP_S, _GL_TEXTURE_WRAP_T = 0x2802, 0x2803
 _GL_MIRRORED_REPEAT = 0x8370
+_GL_TEXTURE_BASE_LEVEL, _GL_TEXTURE_MAX_LEVEL = 0x813C, 0x813D
+_GL_RGBA8, _GL_RGBA, _GL_UNSIGNED_BYTE, _GL_COLOR_ATTACHMENT0 = 0x8058, 0x1908, 0x1401, 0x8CE0
 
 # Interfaces and properties of a linked program's resources.
 _GL_UNIFORM, _GL_UNIFORM_BLOCK, _GL_BUFFER_VARIABLE, _GL_SHADER_STORAGE_BLOCK = 0x92E1, 0x92E2, 0x92E5, 0x92E6
@@ -54,6 +59,9 @@ class UnboundCalls:
         self._clear_float = function("glClearBufferfv", _UINT, _INT, _FLOATS)
         self._clear_unsigned = function("glClearBufferuiv", _UINT, _INT, _UINTS)
         self._texture_parameter = function("glTextureParameteri", _UINT, _UINT, _INT)
+        self._texture_storage = function("glTextureStorage3D", _UINT, _INT, _UINT, _INT, _INT, _INT)
+        self._texture_write = function("glTextureSubImage3D", _UINT, *[_INT] * 7, _UINT, _UINT, ctypes.c_void_p)
+        self._attach_level = function("glNamedFramebufferTexture", _UINT, _UINT, _UINT, _INT)
         self._reset_status = function("glGetGraphicsResetStatus", result=_UINT)
         self._resource_index = function("glGetProgramResourceIndex", _UINT, _UINT, ctypes.c_char_p, result=_UINT)
         self._resource = function(
@@ -127,6 +135,25 @@ class UnboundCalls:
         """Let a texture go on as its mirror image."""
         for wrap in (_GL_TEXTURE_WRAP_S, _GL_TEXTURE_WRAP_T):
             self._texture_parameter(texture, wrap, _GL_MIRRORED_REPEAT)
+
+    def store_layers(self, texture: int, levels: int, layers: NDArray[np.uint8]) -> None:
+        """Give an array texture new storage, for (L, P, P, 4) uint8 and smaller levels that are to be drawn.
+
+        moderngl's own storage has one level.
+        """
+        count, side = layers.shape[:2]
+        self._texture_storage(texture, levels, _GL_RGBA8, side, side, count)
+        everything = 0, 0, 0, 0, side, side, count
+        self._texture_write(texture, *everything, _GL_RGBA, _GL_UNSIGNED_BYTE, layers.ctypes.data)
+
+    def read_levels(self, texture: int, first: int, last: int) -> None:
+        """Let shaders see these levels of a texture alone."""
+        self._texture_parameter(texture, _GL_TEXTURE_BASE_LEVEL, first)
+        self._texture_parameter(texture, _GL_TEXTURE_MAX_LEVEL, last)
+
+    def draw_to_level(self, framebuffer: int, texture: int, level: int) -> None:
+        """Let all layers of a texture's level be what a framebuffer's first colour is drawn to."""
+        self._attach_level(framebuffer, _GL_COLOR_ATTACHMENT0, texture, level)
 
     def make_depth_float32(self, renderbuffer: int, width_px: int, height_px: int, samples: int = 0) -> None:
         """Give a renderbuffer 32-bit float depth storage; moderngl's own is 24-bit integer.
