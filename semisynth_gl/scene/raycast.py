@@ -1,21 +1,22 @@
 """A float64 ray caster in plain numpy: the scene sampler measures visible surfaces with it, and the oracle judges.
 
 The caster shares nothing with `semisynth_gl.render` but the scene's arrays: rays come from the camera's intrinsics,
-triangles from the models' vertices (float32 as the renderer has them) placed in float64. It is slow on purpose.
+triangles from the models' vertices (float32 as the renderer has them) placed in float64. It is plain on purpose: no
+tree of boxes, only the rays in the rows of each triangle.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import Eye, StereoCamera
-from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.mesh import Mesh, cross
 from semisynth_gl.scene.scene import Scene
 
-# Rays are compared with triangles' bounding boxes this many comparisons at a time, to bound memory.
-_COMPARISONS = 4_000_000
+# Rays are compared with triangles' bounding boxes about this many comparisons at a time, to bound memory.
+_COMPARISONS = 1_000_000
 # Bounding boxes are wider by this margin, so that rounding of the projection never loses a ray on an edge.
 _BOX_MARGIN_PX = 1e-3
 
@@ -57,19 +58,17 @@ def cast_rays(
     x, y = np.asarray(x_px, np.float64).ravel(), np.asarray(y_px, np.float64).ravel()
     rays = camera.rays(eye, x, y)
     hits = Hits(np.full(len(x), np.inf), np.full(len(x), -1), np.full(len(x), -1))
+    by_row = np.argsort(y)
+    sorted_x, sorted_y = x[by_row], y[by_row]
     for number in range(len(scene)):
         mesh = models[int(scene.model[number])]
         view_from_model = scene.camera_from_world @ scene.world_from_model[number]
         vertices = mesh.positions.astype(np.float64) @ view_from_model[:3, :3].T + view_from_model[:3, 3]
         vertices[:, 0] -= camera.offset_m(eye)
-        corners = vertices[mesh.triangles]
-        x0, x1, y0, y1 = _boxes(camera, eye, corners, scene.near_m).T
-        candidates = np.flatnonzero((x >= x0.min()) & (x <= x1.max()) & (y >= y0.min()) & (y <= y1.max()))
-        for part in np.array_split(candidates, max(1, len(candidates) * len(corners) // _COMPARISONS)):
-            column, row = x[part, None], y[part, None]
-            ray, triangle = np.nonzero((column >= x0) & (column <= x1) & (row >= y0) & (row <= y1))
-            ray = part[ray]
-            depth_m = _depths(rays[ray], corners[triangle], scene.near_m)
+        boxes = _boxes(camera, eye, vertices, mesh.triangles, scene.near_m)
+        for place, triangle in _inside(boxes, sorted_x, sorted_y):
+            ray = by_row[place]
+            depth_m = _depths(rays[ray], vertices[mesh.triangles[triangle]], scene.near_m)
             order = np.flatnonzero(np.isfinite(depth_m))
             # Ascending depth with the lowest triangle first, then the first of each ray.
             order = order[np.lexsort((triangle[order], depth_m[order], ray[order]))]
@@ -81,17 +80,45 @@ def cast_rays(
     return hits
 
 
-def _boxes(camera: StereoCamera, eye: Eye, corners: NDArray[np.float64], near_m: float) -> NDArray[np.float64]:
-    """Return bounding boxes (T, 4), x0 x1 y0 y1, of triangles on the image; all of its plane for a crossed z = near."""
-    depth = corners[:, :, 2]
+def _boxes(
+    camera: StereoCamera, eye: Eye, vertices: NDArray[np.float64], triangles: NDArray[np.integer], near_m: float
+) -> NDArray[np.float64]:
+    """Return bounding boxes (4, T), x0 x1 y0 y1, of triangles on the image; all of its plane for a crossed z = near."""
+    depth = vertices[:, 2]
     safe = np.where(depth > 0, depth, 1.0)
-    x = camera.focal_px * corners[:, :, 0] / safe + camera.cx_px(eye)
-    y = camera.focal_px * corners[:, :, 1] / safe + camera.cy_px
-    boxes = np.stack([x.min(axis=1), x.max(axis=1), y.min(axis=1), y.max(axis=1)], axis=1)
-    boxes += np.array([-1, 1, -1, 1]) * _BOX_MARGIN_PX
-    boxes[(depth < near_m).any(axis=1)] = -np.inf, np.inf, -np.inf, np.inf
-    boxes[(depth < near_m).all(axis=1)] = np.inf, -np.inf, np.inf, -np.inf
+    boxes = np.empty((4, len(triangles)))
+    corners = triangles.T
+    for axis, centre in enumerate((camera.cx_px(eye), camera.cy_px)):
+        one, two, three = (camera.focal_px * vertices[:, axis] / safe + centre)[corners]
+        boxes[2 * axis] = np.minimum(np.minimum(one, two), three) - _BOX_MARGIN_PX
+        boxes[2 * axis + 1] = np.maximum(np.maximum(one, two), three) + _BOX_MARGIN_PX
+    one, two, three = (depth < near_m)[corners]
+    boxes[:, one | two | three] = np.array([[-np.inf], [np.inf], [-np.inf], [np.inf]])
+    boxes[:, one & two & three] = np.array([[np.inf], [-np.inf], [np.inf], [-np.inf]])
     return boxes
+
+
+def _inside(
+    boxes: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]
+) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Yield all pairs of a position and a box (4, T) around it, in parts of ascending boxes; y ascends."""
+    x0, x1, y0, y1 = boxes
+    begin, end = np.searchsorted(y, y0.min()), np.searchsorted(y, y1.max(), side="right")
+    near = begin + np.flatnonzero((x[begin:end] >= x0.min()) & (x[begin:end] <= x1.max()))
+    if not len(near):
+        return
+    x, y = x[near], y[near]
+    # Of each box the positions in its rows follow each other, and so do all pairs with them.
+    first = np.searchsorted(y, y0)
+    count = np.maximum(np.searchsorted(y, y1, side="right") - first, 0)
+    last = np.cumsum(count)
+    start = last - count
+    begins = np.unique(np.searchsorted(last, np.arange(0, last[-1], _COMPARISONS), side="right"))
+    for part in np.split(np.arange(len(count)), begins)[1:]:
+        box = np.repeat(part, count[part])
+        place = np.arange(start[part[0]], start[part[0]] + len(box)) + (first - start)[box]
+        within = (x[place] >= x0[box]) & (x[place] <= x1[box])
+        yield near[place[within]], box[within]
 
 
 def _depths(direction: NDArray[np.float64], corners: NDArray[np.float64], near_m: float) -> NDArray[np.float64]:
@@ -100,14 +127,19 @@ def _depths(direction: NDArray[np.float64], corners: NDArray[np.float64], near_m
     Directions have z = 1, so the ray's parameter is the planar depth.
     """
     edge_1, edge_2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    p = np.cross(direction, edge_2)
-    determinant = (edge_1 * p).sum(axis=1)
+    p = cross(direction, edge_2)
+    determinant = _dot(edge_1, p)
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = 1 / determinant
         from_corner = -corners[:, 0]
-        u = (from_corner * p).sum(axis=1) * inverse
-        q = np.cross(from_corner, edge_1)
-        v = (direction * q).sum(axis=1) * inverse
-        depth = (edge_2 * q).sum(axis=1) * inverse
+        u = _dot(from_corner, p) * inverse
+        q = cross(from_corner, edge_1)
+        v = _dot(direction, q) * inverse
+        depth = _dot(edge_2, q) * inverse
         hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (depth >= near_m)
     return np.where(hit, depth, np.inf)
+
+
+def _dot(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Products of vectors (N, 3): sums over rows so short take numpy longer."""
+    return left[:, 0] * right[:, 0] + left[:, 1] * right[:, 1] + left[:, 2] * right[:, 2]
