@@ -12,6 +12,8 @@ BACKEND ?=
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 MAKEFLAGS += --no-builtin-rules
+# The tests start hundreds of programs, and without bytecode each compiles all modules again.
+unexport PYTHONDONTWRITEBYTECODE
 
 CONFIGS := middlebury kitti eth3d sceneflow zero-shot
 GEOMETRIES := ablation-geometry-simple ablation-geometry-complex
