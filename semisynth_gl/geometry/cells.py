@@ -20,8 +20,10 @@ def covered_cells(corners: Floats, columns: int, rows: int) -> tuple[Numbers, Nu
         plus column), and how far the cell's centre lies from the first corner towards the second and the third one, in
         lengths of these edges.
     """
-    low = np.ceil(corners.min(axis=1)).clip(0, (columns, rows)).astype(np.int64)
-    high = np.floor(corners.max(axis=1)).clip(-1, (columns - 1, rows - 1)).astype(np.int64)
+    # Reductions over axes so short take numpy longer than all else here.
+    first, second, third = corners[:, 0], corners[:, 1], corners[:, 2]
+    low = np.ceil(np.minimum(np.minimum(first, second), third)).clip(0, (columns, rows)).astype(np.int64)
+    high = np.floor(np.maximum(np.maximum(first, second), third)).clip(-1, (columns - 1, rows - 1)).astype(np.int64)
     size = (high - low + 1).clip(0)
     count = size[:, 0] * size[:, 1]
     # A row for each cell of each triangle's bounding box.
@@ -29,8 +31,7 @@ def covered_cells(corners: Floats, columns: int, rows: int) -> tuple[Numbers, Nu
     at = np.arange(len(triangle)) - np.repeat(np.cumsum(count) - count, count)
     x = low[triangle, 0] + at % size[triangle, 0]
     y = low[triangle, 1] + at // size[triangle, 0]
-    first = corners[:, 0]
-    edge_1, edge_2 = corners[:, 1] - first, corners[:, 2] - first
+    edge_1, edge_2 = second - first, third - first
     area = edge_1[:, 0] * edge_2[:, 1] - edge_1[:, 1] * edge_2[:, 0]
     dx, dy = x - first[triangle, 0], y - first[triangle, 1]
     with np.errstate(divide="ignore", invalid="ignore"):
