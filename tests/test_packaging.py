@@ -99,7 +99,9 @@ def test_the_checkout_has_data_to_carry() -> None:
 def test_the_wheel_carries_the_data_inside_the_package(wheel: Path) -> None:
     names = names_in_wheel(wheel)
     assert {f"semisynth_gl/{name}" for name in data_files()} <= names
-    assert {"semisynth_gl/render/renderer.py", "semisynth_gl/py.typed"} <= names
+    modules = {path.relative_to(CHECKOUT).as_posix() for path in (CHECKOUT / "semisynth_gl").rglob("*.py")}
+    assert {"semisynth_gl/render/renderer.py", "semisynth_gl/__main__.py"} <= modules
+    assert modules | {"semisynth_gl/py.typed"} <= names
     assert any(name.endswith(".dist-info/licenses/LICENSE") for name in names)
 
 
@@ -156,7 +158,10 @@ def test_the_installed_program_says_its_version(elsewhere: dict[str, str], targe
 # One backend is enough: what is asked here is whether everything is found, down to the photographs that assets/ lists.
 @pytest.mark.parametrize("backend", ["egl"], indirect=True)
 def test_the_installed_wheel_renders(elsewhere: dict[str, str], backend: str, tmp_path: Path) -> None:
-    small = ("--set", "camera.width_px=128", "--set", "camera.height_px=64")
+    # Few models and patches; that no module is missing is asked above.
+    sizes = ("camera.width_px=128", "camera.height_px=64", "models.complex=0", "models.variants=1")
+    fewer = ("textures.source=photographs", "textures.max_patches=32")
+    small = [word for value in (*sizes, *fewer) for word in ("--set", value)]
     generate = (sys.executable, "-S", "-m", "semisynth_gl", "generate", "--config", "eth3d", "--backend", backend)
     run(*generate, *small, "--pairs", "1", "--out", "set", cwd=tmp_path, env=elsewhere)
     written = {path.name for path in (tmp_path / "set").rglob("*") if path.is_file() and path.stat().st_size}

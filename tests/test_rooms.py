@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -15,12 +16,17 @@ import semisynth_gl
 PACKAGE = Path(semisynth_gl.__file__).resolve().parent
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 ROOMS = {room["name"]: room for room in tomllib.loads((DOCS / "rooms.toml").read_text("utf-8"))["room"]}
-SOURCES = {path.relative_to(PACKAGE): ast.parse(path.read_text("utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
 
 OPENGL = ("moderngl", "glcontext", "OpenGL")
 GENERATORS = {"Generator", "default_rng", "SeedSequence", "PCG64", "BitGenerator"}
 
 Finder = Callable[[ast.AST], Iterable[str]]
+
+
+@cache
+def sources() -> dict[Path, ast.Module]:
+    """The package's files; not read by workers that only collect these tests."""
+    return {path.relative_to(PACKAGE): ast.parse(path.read_text("utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
 
 
 def room_of(path: Path) -> str:
@@ -87,7 +93,7 @@ def offenders(finder: Finder, allowed: Callable[[Path], bool]) -> list[str]:
     """Every finding in a file where it is not allowed."""
     return [
         f"{path.as_posix()}: {finding}"
-        for path, tree in SOURCES.items()
+        for path, tree in sources().items()
         if not allowed(path)
         for finding in finder(tree)
     ]
@@ -100,7 +106,7 @@ def python_without(packages: tuple[str, ...], program: str) -> subprocess.Comple
 
 
 def test_the_list_has_every_room_and_no_other() -> None:
-    assert set(ROOMS) == {room_of(path) for path in SOURCES}
+    assert set(ROOMS) == {room_of(path) for path in sources()}
 
 
 def test_a_room_uses_only_rooms_below_it() -> None:
@@ -116,7 +122,7 @@ def test_a_room_uses_only_rooms_below_it() -> None:
 
 def test_a_room_uses_what_its_list_says_and_no_more() -> None:
     unlisted, used = [], set()
-    for path, tree in SOURCES.items():
+    for path, tree in sources().items():
         room = room_of(path)
         for name in rooms_used(tree):
             uses = [(room, use) for use in (room, *ROOMS[room]["uses"]) if f"{name}.".startswith(f"{use}.")]
@@ -130,7 +136,7 @@ def test_a_room_uses_what_its_list_says_and_no_more() -> None:
 def test_only_the_rooms_that_may_import_opengl_or_torch() -> None:
     for flag, finder in (("opengl", opengl), ("torch", torch)):
         assert offenders(finder, lambda path, flag=flag: room_of(path) in flagged(flag)) == []
-        assert {room_of(path) for path, tree in SOURCES.items() if finder(tree)} == flagged(flag)
+        assert {room_of(path) for path, tree in sources().items() if finder(tree)} == flagged(flag)
 
 
 def test_randomness_arrives_as_a_generator() -> None:
@@ -143,7 +149,7 @@ def test_only_the_modules_that_may_read_the_clock() -> None:
 
     assert offenders(clock, allowed) == []
     patterns = {(name, pattern) for name in flagged("clock") for pattern in ROOMS[name]["clock"]}
-    readers = [path for path, tree in SOURCES.items() if clock(tree)]
+    readers = [path for path, tree in sources().items() if clock(tree)]
     assert [
         f"{name}/{pattern} reads no clock"
         for name, pattern in sorted(patterns)
@@ -153,7 +159,7 @@ def test_only_the_modules_that_may_read_the_clock() -> None:
 
 def test_the_rooms_that_load_without_opengl() -> None:
     modules = {
-        path: ".".join(("semisynth_gl", *path.with_suffix("").parts)).removesuffix(".__init__") for path in SOURCES
+        path: ".".join(("semisynth_gl", *path.with_suffix("").parts)).removesuffix(".__init__") for path in sources()
     }
     program = "from importlib import import_module\n"
     for path, module in modules.items():
