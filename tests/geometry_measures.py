@@ -93,3 +93,48 @@ def crossings(mesh: Mesh, origin: np.ndarray, direction: np.ndarray) -> int:
     b = turned @ direction / determinant
     distance = (second * turned).sum(axis=1) / determinant
     return int(((a >= 0) & (b >= 0) & (a + b <= 1) & (distance > 0)).sum())
+
+
+def coplanar_overlaps(mesh: Mesh, within: float = 1e-4) -> np.ndarray:
+    """(P, 2) pairs of triangles that lie in one plane and overlap there, so that either may be seen.
+
+    Args:
+        mesh: a mesh of radius 1 or so.
+        within: they are in one plane where all corners of the smaller one are nearer to the larger one's plane than
+            this, and overlap where no line parts them when both shrink by half of this; model units.
+    """
+    corners = mesh.positions.astype(float)[mesh.triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normal, axis=1)
+    normal /= area[:, None]
+    # Opposite faces of one plane are alike: the sign of the first component that is not about 0 is taken away.
+    leading = np.take_along_axis(normal, np.argmax(np.abs(normal) > 1e-2, axis=1)[:, None], axis=1)
+    facing = normal * np.sign(leading)
+    plane = np.concatenate([facing, (facing * corners.mean(axis=1)).sum(axis=1, keepdims=True)], axis=1)
+    near = np.array([2e-3, 2e-3, 2e-3, 10 * within])
+    # Equal planes have nearly equal values of any one function of planes: few pairs are left to compare.
+    mixed = plane @ np.array([0.61, 0.37, 0.53, 0.45])
+    order = np.argsort(mixed)
+    last = np.searchsorted(mixed[order], mixed[order] + near @ [0.61, 0.37, 0.53, 0.45], side="right")
+    count = last - np.arange(len(order)) - 1
+    first = np.repeat(np.arange(len(order)), count)
+    second = first + 1 + np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count)
+    pairs = np.stack([order[first], order[second]], axis=1)
+    pairs = pairs[(np.abs(plane[pairs[:, 0]] - plane[pairs[:, 1]]) < near).all(axis=1)]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    apart = np.maximum(low[pairs[:, 0]], low[pairs[:, 1]]) - np.minimum(high[pairs[:, 0]], high[pairs[:, 1]])
+    pairs = pairs[(apart < within).all(axis=1)]
+    larger, smaller = np.take_along_axis(pairs, np.argsort(-area[pairs], axis=1), axis=1).T
+    away = ((corners[smaller] - corners[larger][:, :1]) * normal[larger][:, None]).sum(axis=2)
+    flat = (np.abs(away) < within).all(axis=1)
+    larger, smaller = larger[flat], smaller[flat]
+    parted = np.zeros(len(larger), bool)
+    for own in (larger, smaller):
+        for corner in range(3):
+            edge = corners[own, (corner + 1) % 3] - corners[own, corner]
+            across = np.cross(edge, normal[larger])
+            across /= np.linalg.norm(across, axis=1, keepdims=True)
+            one, other = ((corners[each] * across[:, None]).sum(axis=2) for each in (larger, smaller))
+            shared = np.minimum(one.max(axis=1), other.max(axis=1)) - np.maximum(one.min(axis=1), other.min(axis=1))
+            parted |= shared < within
+    return np.stack([larger, smaller], axis=1)[~parted]

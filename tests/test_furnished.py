@@ -86,8 +86,8 @@ def test_a_scene_holds_things_of_many_kinds_and_its_walls_are_in_view(kind: str)
         sizes.append(len(stage.still))
         assert stage.background == kind
     assert min(sizes) > 12
-    assert {"room": {"face"}, "street": {"face", "ground", "fence", "tree"}}[kind] <= names
-    assert kind == "street" or len(names & {"table", "chair", "bookcase", "shelf", "lamp"}) >= 2
+    assert {"room": {"face"}, "street": {"face", "ground", "house", "car"}}[kind] <= names
+    assert kind == "street" or len(names & {"table", "chair", "bookcase", "shelf", "bench", "lamp", "cushion"}) >= 2
     assert len(names) > 12
 
 

@@ -9,6 +9,7 @@ import pytest
 from scenes import noise_layers
 
 from semisynth_gl.camera import EYES, StereoCamera
+from semisynth_gl.geometry import outdoors, soft
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import make_mesh, merged
 from semisynth_gl.geometry.topology import is_solid, marked_solid
@@ -19,7 +20,7 @@ KINDS = SIMPLE_KINDS | COMPLEX_KINDS
 CORNERS = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
 OUTWARD = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
 # Leaves, cloth and blades are sheets; some umbrellas are thick.
-SHEETS = {"fan", "flower", "grass", "potted_plant", "umbrella"}
+SHEETS = {"cloth", "curtain", "fan", "flower", "grass", "potted_plant", "umbrella"}
 
 
 def tetrahedron(triangles, corners=CORNERS):
@@ -78,11 +79,16 @@ def test_rays_from_outside_meet_the_front_of_a_solid_model(name):
     assert (np.einsum("nk,nk->n", normal, camera.rays("left", x[met], y[met])) < 0).all()
 
 
-@pytest.fixture(scope="module")
-def all_kinds():
-    """A model of each kind, and the generator as it is afterwards."""
-    rng = np.random.default_rng(11)
-    return [marked_solid(build(rng)) for build in KINDS.values()], rng
+@pytest.fixture(scope="module", params=[(False, 11), (True, 13)], ids=["all but those", "soft and outdoors"])
+def all_kinds(request):
+    """A model of each kind of a group, and the generator as it is afterwards.
+
+    Each group has a scene of its own, so that a further group changes no scene of the others.
+    """
+    are_later, seed = request.param
+    rng = np.random.default_rng(seed)
+    later = {kind.__name__ for kind in (*soft.KINDS, *outdoors.KINDS)}
+    return [marked_solid(build(rng)) for name, build in KINDS.items() if (name in later) == are_later], rng
 
 
 # At 0.7 m the near plane cuts models open, whose insides are then seen.

@@ -198,6 +198,7 @@ class RoomSection(Section):
         niche: share of the walls with a niche in which small things stand.
         pillars: number of pillars.
         rug: share of the rooms with a rug.
+        curtain: share of the rooms with a curtain.
     """
 
     camera_height_m: PositiveRange = Range(0.9, 1.7)
@@ -210,6 +211,7 @@ class RoomSection(Section):
     niche: _Share = 0.2
     pillars: Annotated[NotNegativeRange, at_most(50)] = Range(0.0, 1.0)
     rug: _Share = 0.4
+    curtain: _Share = 0.4
 
 
 class StreetSection(Section):
@@ -223,11 +225,11 @@ class StreetSection(Section):
         tilt_deg: standard deviation of the camera's pitch and roll.
         road_width_m: width of the road.
         pavement: share of the road's sides with a raised pavement.
-        houses: share of the plots along the road that hold a box of a house's size.
+        houses: share of the plots along the road that hold a house.
         fences: share of the plots that hold a fence; the rest is open.
-        vehicles: number of boxes of a vehicle's size on the road.
-        tall: number of trees and scaffolds.
-        low: number of lower things: plants, chairs, tables, ladders and others.
+        vehicles: number of cars and bicycles.
+        tall: number of trees, lamps, signs and scaffolds.
+        low: number of people, animals, benches, bins and other things.
     """
 
     camera_height_m: PositiveRange = Range(1.2, 2.0)

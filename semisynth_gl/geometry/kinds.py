@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from semisynth_gl.errors import InputError, did_you_mean, near
-from semisynth_gl.geometry import furniture, hardware, plants, solids, structures, vessels
+from semisynth_gl.geometry import furniture, hardware, outdoors, plants, soft, solids, structures, vessels
 from semisynth_gl.geometry.mesh import Mesh, merged, normalised
 
 Builder = Callable[[np.random.Generator], Mesh]
@@ -26,7 +26,15 @@ def _builders(*kinds: Callable[[np.random.Generator], Sequence[Mesh]]) -> Mappin
 SIMPLE_KINDS: Final = _builders(*solids.KINDS)
 """Builders of simple models, the solids of a geometry book, by kind."""
 
-COMPLEX_KINDS: Final = _builders(*furniture.KINDS, *vessels.KINDS, *structures.KINDS, *plants.KINDS, *hardware.KINDS)
+COMPLEX_KINDS: Final = _builders(
+    *furniture.KINDS,
+    *vessels.KINDS,
+    *structures.KINDS,
+    *plants.KINDS,
+    *hardware.KINDS,
+    *soft.KINDS,
+    *outdoors.KINDS,
+)
 """Builders of complex models, by kind: everyday things with holes, thin parts and overlaps, where networks fail."""
 
 

@@ -18,6 +18,8 @@ FACE_NUMBER = 0
 """The number of `FACE` among the still models."""
 UP = (0.0, 0.0, 1.0)
 """The axis of a floor's frame that points up."""
+# Kinds that are as large as walls.
+_LARGE = frozenset({"house"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +217,7 @@ class Arrangement:
         matrix[:3, :3] = turn * scale
         matrix[:3, 3] = place
         unit = float(scale.mean())
-        self.add(number, matrix, (unit, unit), large=False)
+        self.add(number, matrix, (unit, unit), large=self.catalogue.models[number].name in _LARGE)
         return low - (0, 0, low[2]), high - (0, 0, low[2])
 
     def is_free(self, x: float, y: float, radius_m: float) -> bool:

@@ -34,14 +34,21 @@ _STANDING: Final[Mapping[str, tuple[float, float]]] = {
     "basket": (0.4, 0.7),
     "cage": (0.5, 0.9),
     "picture_frame": (0.8, 1.4),
+    "bench": (1.2, 1.9),
+    "bin": (0.7, 1.1),
+    "bicycle": (1.6, 1.8),
+    "figure": (1.5, 1.8),
+    "animal": (0.5, 1.1),
+    "cushion": (0.5, 0.8),
+    "blob": (0.5, 1.0),
     "cuboid": (0.4, 1.1),
     "cube": (0.4, 0.9),
     "cylinder": (0.4, 0.9),
     "capsule": (0.5, 0.9),
 }
-_FURNITURE: Final = frozenset({"table", "bookcase", "shelf", "cuboid", "cube"})
+_FURNITURE: Final = frozenset({"table", "bookcase", "shelf", "cuboid", "cube", "bench"})
 """Things with a flat top, on which small things stand."""
-_AT_WALLS: Final = frozenset({"bookcase", "shelf", "picture_frame", "clothes_rack", "stairs"})
+_AT_WALLS: Final = frozenset({"bookcase", "shelf", "picture_frame", "bench", "clothes_rack", "stairs"})
 _SMALL: Final[Mapping[str, tuple[float, float]]] = {
     "bottle": (0.2, 0.35),
     "vase": (0.15, 0.4),
@@ -58,6 +65,11 @@ _SMALL: Final[Mapping[str, tuple[float, float]]] = {
     "spring": (0.1, 0.25),
     "torus_knot": (0.12, 0.3),
     "bolt": (0.1, 0.2),
+    "cushion": (0.25, 0.5),
+    "animal": (0.15, 0.4),
+    "figure": (0.15, 0.4),
+    "blob": (0.12, 0.4),
+    "car": (0.15, 0.35),
     "cube": (0.08, 0.3),
     "cuboid": (0.1, 0.4),
     "sphere": (0.08, 0.25),
@@ -66,6 +78,7 @@ _SMALL: Final[Mapping[str, tuple[float, float]]] = {
     "pyramid": (0.1, 0.25),
     "prism": (0.1, 0.3),
     "torus": (0.1, 0.25),
+    "cloth": (0.4, 0.9),
 }
 _HANGING: Final[Mapping[str, tuple[float, float]]] = {
     "hook_rail": (0.5, 1.0),
@@ -280,6 +293,8 @@ def _furnish(
             room.stand(small, (x, y, 0), yaw)
     for _ in range(round(section.pictures.draw(rng))):
         _hang(room, walls[int(rng.integers(len(walls)))], metre, rng)
+    if rng.random() < section.curtain:
+        _hang_curtain(room, walls[int(rng.integers(len(walls)))], rng)
 
 
 def _on_floor(room: Arrangement, walls: tuple[_Wall, ...], rng: np.random.Generator) -> tuple[float, float]:
@@ -366,3 +381,17 @@ def _hang(room: Arrangement, wall: _Wall, metre: float, rng: np.random.Generator
     number, size = picked[0], picked[1] * metre
     deep = room.catalogue.high[number][1] * size / 2
     room.stand((number, size), wall.at(u, v, -deep) - (0, 0, size / 2), wall.yaw_rad)
+
+
+def _hang_curtain(room: Arrangement, wall: _Wall, rng: np.random.Generator) -> None:
+    """Hang a curtain from the ceiling, or from below it, before a wall."""
+    picked = room.catalogue.pick({"curtain": (1.0, 1.0)}, rng)
+    if picked is None:
+        return
+    number = picked[0]
+    extent = room.catalogue.high[number] - room.catalogue.low[number]
+    high = -wall.down[2] * rng.uniform(0.5, 0.95)
+    size = 2 * high / extent[2]
+    top = -wall.down[2] * 0.99 - high
+    foot = wall.at(rng.uniform(0.1, 0.9), 1.0, -extent[1] * size / 2) + np.array([0, 0, top])
+    room.stand((number, size), foot, wall.yaw_rad)

@@ -1,4 +1,4 @@
-"""An open scene: ground to the horizon, a road with kerbs, boxes of house and vehicle size, trees, fences."""
+"""An open scene: ground to the horizon, a road with kerbs, houses, vehicles, trees, poles, fences, people."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -16,13 +16,22 @@ from semisynth_gl.scene.rig import Sway, near_depth_m
 Floats = NDArray[np.float64]
 
 # Diameters of bounding spheres, metres.
+_VEHICLES: Final[Mapping[str, tuple[float, float]]] = {"car": (4.2, 5.6), "bicycle": (1.7, 1.9)}
+_HOUSES: Final[Mapping[str, tuple[float, float]]] = {"house": (14, 24)}
 _TALL: Final[Mapping[str, tuple[float, float]]] = {
     "tree": (4, 9),
+    "street_lamp": (5, 9),
+    "road_sign": (2.2, 3),
     "scaffold": (4, 8),
 }
 _LOW: Final[Mapping[str, tuple[float, float]]] = {
+    "figure": (1.6, 1.9),
+    "animal": (0.6, 1.3),
+    "bench": (1.4, 2.2),
+    "bin": (0.9, 1.3),
     "potted_plant": (0.8, 1.6),
     "grass": (0.5, 1.4),
+    "road_sign": (2.0, 2.8),
     "cuboid": (0.5, 1.4),
     "cylinder": (0.6, 1.2),
     "ladder": (2, 3.5),
@@ -91,15 +100,13 @@ def draw_street(
     for _ in range(round(section.vehicles.draw(rng))):
         lane = rng.uniform(0.3, 0.85) if rng.random() < 0.8 else rng.uniform(-0.2, 0.2)
         x = middle + (road * lane) * rng.choice((-1, 1))
-        y = near_m * (reach / near_m) ** rng.random()
-        half = rng.uniform((0.8, 1.8, 1.4), (1.0, 2.6, 2.2)) * metre
-        if street.is_free(x, y, half[1]) and street.add_box((x, y, 0), half, rng.normal() * 0.06):
-            street.take(x, y, half[1])
+        facing = rng.normal() * 0.06 + np.pi * int(rng.integers(2))
+        _stand(street, _VEHICLES, (x, x), (near_m, reach), facing, metre, rng)
     for sizes, count in ((_TALL, section.tall), (_LOW, section.low)):
         for _ in range(round(count.draw(rng))):
             side = rng.choice((-1, 1))
             span = sorted((middle + side * road, middle + side * (road + pavement)))
-            _stand(street, sizes, (span[0], span[1]), (near_m, reach), metre, rng)
+            _stand(street, sizes, (span[0], span[1]), (near_m, reach), None, metre, rng)
     return street
 
 
@@ -149,8 +156,17 @@ def _add_row(
         if kind < section.houses:
             back = rng.uniform(0, 3) * metre
             long, high = rng.uniform(6, 16) * metre, rng.uniform(3, 12) * metre
-            street.add_box((border + side * (back + 4 * metre), y + long / 2, 0), (4 * metre, long / 2, high))
-            y += long + rng.uniform(0, 4) * metre
+            picked = street.catalogue.pick(_HOUSES, rng)
+            facing = -side * np.pi / 2  # the front, -y, turns to the road
+            if picked is not None and rng.random() < 0.7:
+                number, size = picked[0], picked[1] * metre
+                extent = (street.catalogue.high[number] - street.catalogue.low[number])[:2] * size / 2
+                at = (border + side * (back + extent[1] / 2), y + extent[0] / 2, 0)
+                street.stand((number, size), at, facing)
+                y += extent[0] + rng.uniform(0, 2) * metre
+            else:
+                street.add_box((border + side * (back + 4 * metre), y + long / 2, 0), (4 * metre, long / 2, high))
+                y += long + rng.uniform(0, 4) * metre
         elif kind < section.houses + section.fences:
             for _ in range(int(rng.integers(2, 7))):
                 picked = street.catalogue.pick(_FENCES, rng)
@@ -170,6 +186,7 @@ def _stand(
     sizes_m: Mapping[str, tuple[float, float]],
     x_m: tuple[float, float],
     y_m: tuple[float, float],
+    yaw_rad: float | None,
     metre: float,
     rng: np.random.Generator,
 ) -> None:
@@ -182,7 +199,7 @@ def _stand(
     for _ in range(_TRIES):
         x = rng.uniform(*x_m)
         y = y_m[0] * (y_m[1] / y_m[0]) ** rng.random()
-        yaw = rng.uniform(0, 2 * np.pi)
+        yaw = rng.uniform(0, 2 * np.pi) if yaw_rad is None else yaw_rad
         radius = float(extent.max()) / 2
         if street.is_free(x, y, radius) and street.stand((number, size), (x, y, 0), yaw) is not None:
             street.take(x, y, radius)

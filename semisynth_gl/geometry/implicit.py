@@ -1,0 +1,130 @@
+"""Smooth closed surfaces from distance fields: balls and limbs that flow into each other, cut out as a mesh.
+
+Fields use only operations that every processor rounds alike (no powers or exponentials), so that a model has the same
+vertices on all machines.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import reduce
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.unwrap import project_uv
+
+Floats = NDArray[np.float64]
+Field = Callable[[Floats], Floats]
+"""Signed distances, (N,) model units, of points (N, 3): negative inside."""
+
+# The four cells around an edge of the grid, in turn: whether each lies behind the edge along the two other axes.
+_AROUND = ((0, 0), (1, 0), (1, 1), (0, 1))
+# Values this near to zero, in cells, are moved away from it: triangles would shrink to nothing.
+_CLEARANCE = 0.05
+_FIRST, _LAST = slice(None, -1), slice(1, None)
+
+
+def limb(start: ArrayLike, stop: ArrayLike, radius: float, end_radius: float | None = None) -> Field:
+    """Return the field of a round-ended rod between two points, (3,) each, in model units; a ball where they are one.
+
+    Args:
+        start: first end.
+        stop: second end.
+        radius: at the first end, model units.
+        end_radius: at the second end; by default the same.
+    """
+    first = np.asarray(start, np.float64)
+    along = np.asarray(stop, np.float64) - first
+    square = float((along * along).sum())
+    taper = 0.0 if end_radius is None else end_radius - radius
+
+    def field(points: Floats) -> Floats:
+        away = points - first
+        share = np.clip((away * along).sum(axis=1) / square, 0, 1) if square > 0 else np.zeros(len(points))
+        off = away - share[:, None] * along
+        return np.asarray(np.sqrt((off * off).sum(axis=1)) - (radius + taper * share))
+
+    return field
+
+
+def blended(fields: Sequence[Field], softness: float) -> Field:
+    """Return the union of fields, whose creases are rounded over a distance, model units (Quilez's polynomial)."""
+
+    def smaller(a: Floats, b: Floats) -> Floats:
+        overlap = np.maximum(softness - np.abs(a - b), 0) / softness
+        return np.minimum(a, b) - overlap * overlap * softness / 4
+
+    return lambda points: reduce(smaller, (field(points) for field in fields))
+
+
+def surface_of(name: str, field: Field, low: ArrayLike, high: ArrayLike, cells: int) -> Mesh:
+    """Cut the zero surface out of a field, as surface nets do: a vertex for each cell that it passes.
+
+    Args:
+        name: the model's.
+        field: positive at the border of the box.
+        low: (3,) corner of the box, model units.
+        high: (3,) opposite corner.
+        cells: cells along the box's longest side.
+
+    Returns:
+        A closed mesh with UV in model units; its triangles turn anticlockwise as seen from outside.
+    """
+    origin = np.asarray(low, np.float64)
+    extent = np.asarray(high, np.float64) - origin
+    step = float(extent.max()) / cells
+    counts = np.ceil(extent / step).astype(np.int64) + 1
+    nodes = np.stack(np.meshgrid(*(np.arange(count) for count in counts), indexing="ij"), axis=-1)
+    values = field(origin + nodes.reshape(-1, 3) * step).reshape(counts) / step
+    values = _without_pinches(np.where(values < 0, np.minimum(values, -_CLEARANCE), np.maximum(values, _CLEARANCE)))
+    inside = values < 0
+
+    sums, crossings = np.zeros((*(counts - 1), 3)), np.zeros(counts - 1)
+    quads = []
+    for axis in range(3):
+        u, v = (axis + 1) % 3, (axis + 2) % 3
+        first, last = (tuple(side if k == axis else slice(None) for k in range(3)) for side in (_FIRST, _LAST))
+        crossed = np.argwhere(inside[first] != inside[last])
+        begin = values[first][tuple(crossed.T)]
+        end = values[last][tuple(crossed.T)]
+        place = crossed.astype(np.float64)
+        place[:, axis] += begin / (begin - end)
+        cells_around = []
+        for du, dv in _AROUND:
+            cell = crossed.copy()
+            cell[:, u] -= 1 - du
+            cell[:, v] -= 1 - dv
+            np.add.at(sums, tuple(cell.T), place)
+            np.add.at(crossings, tuple(cell.T), 1)
+            cells_around.append(np.ravel_multi_index(tuple(cell.T), tuple(counts - 1)))
+        quad = np.stack(cells_around, axis=1)
+        quads.append(np.where((begin < 0)[:, None], quad, quad[:, ::-1]))
+    quad = np.concatenate(quads)
+    used, corner = np.unique(quad, return_inverse=True)
+    corner = corner.reshape(quad.shape)
+    positions = origin + (sums.reshape(-1, 3)[used] / crossings.reshape(-1)[used, None]) * step
+    return project_uv(name, positions, np.concatenate([corner[:, [0, 1, 2]], corner[:, [0, 2, 3]]]))
+
+
+def _without_pinches(values: Floats) -> Floats:
+    """Fill the field where two corners of a grid's square are inside and the others, on its other diagonal, are not.
+
+    Four triangles would meet at one edge there, and none would know its neighbour.
+    """
+    filled = values.copy()
+    while True:
+        before = filled.copy()
+        for first, second in ((0, 1), (1, 2), (2, 0)):
+            a, b, c, d = (_shifted(filled, {first: i, second: j}) for i, j in _AROUND)
+            for one, other, beside, opposite in ((a, c, b, d), (b, d, a, c)):
+                pinched = (one < 0) & (other < 0) & (beside >= 0) & (opposite >= 0)
+                nearer = beside <= opposite
+                beside[pinched & nearer] = -_CLEARANCE
+                opposite[pinched & ~nearer] = -_CLEARANCE
+        if np.array_equal(filled, before):
+            return filled
+
+
+def _shifted(values: Floats, ends: Mapping[int, int]) -> Floats:
+    """Return a view of all but the last, or for 1 of all but the first, entries along some axes."""
+    return values[tuple((_FIRST, _LAST)[ends[axis]] if axis in ends else slice(None) for axis in range(3))]

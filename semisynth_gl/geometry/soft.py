@@ -1,0 +1,133 @@
+"""Soft and round things: free-form lumps, figures, animals, cushions, cloth that hangs and cloth that lies."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.geometry.implicit import Field, blended, limb, surface_of
+from semisynth_gl.geometry.mesh import Mesh, lengths
+from semisynth_gl.geometry.surfaces import grid_surface
+
+Floats = NDArray[np.float64]
+
+
+def blob(rng: np.random.Generator) -> list[Mesh]:
+    """A free-form lump: balls of many sizes that have flown together."""
+    count = int(rng.integers(4, 8))
+    at, parts = np.zeros(3), list[Field]()
+    points, radii = [], rng.uniform(0.22, 0.5, count)
+    for radius in radii:
+        parts.append(limb(at, at, radius))
+        points.append(at)
+        towards = rng.normal(size=3)
+        at = points[int(rng.integers(len(points)))] + towards / lengths(towards) * radius * rng.uniform(0.9, 1.5)
+    return [_cut("blob", blended(parts, 0.14), np.array(points), radii + 0.06, 24)]
+
+
+def figure(rng: np.random.Generator) -> list[Mesh]:
+    """A person who stands, walks or waves."""
+    tall = rng.uniform(0.9, 1.1)
+    hip, neck = np.array([0, 0, 0.85 * tall]), np.array([0, rng.uniform(-0.04, 0.08), 1.42 * tall])
+    bones = [(hip, 0.15, neck - (0, 0, 0.08), 0.17), (neck, 0.07, neck + (0, 0, 0.12), 0.07)]
+    head = neck + (0, 0.01, 0.2)
+    bones.append((head, 0.115, head + (0, 0, 0.05), 0.1))
+    stride = rng.uniform(-0.3, 0.3)
+    for side in (-1, 1):
+        joint = hip + (side * 0.1, 0, 0)
+        foot = joint + (side * 0.03, side * stride, -0.78 * tall)
+        knee = (joint + foot) / 2 + (0, -abs(stride) * 0.3, 0)
+        bones += [(joint, 0.095, knee, 0.07), (knee, 0.07, foot, 0.055), (foot, 0.055, foot + (0, -0.14, -0.01), 0.045)]
+        shoulder = neck + (side * 0.2, 0, -0.07)
+        swing, spread = rng.uniform(-0.6, 0.9), rng.uniform(0.1, 0.9)
+        upper = np.array([side * spread, -swing, -1.0])
+        elbow = shoulder + upper / lengths(upper) * 0.29 * tall
+        lower = np.array([side * rng.uniform(-0.2, 0.5), -swing - rng.uniform(0, 0.9), rng.uniform(-1, 0.8)])
+        bones += [(shoulder, 0.065, elbow, 0.05), (elbow, 0.05, elbow + lower / lengths(lower) * 0.28 * tall, 0.045)]
+    return [_body("figure", bones, 0.07, 44)]
+
+
+def animal(rng: np.random.Generator) -> list[Mesh]:
+    """A four-legged animal: short or long in its legs, neck, tail and ears."""
+    long, leg, thick = rng.uniform(0.55, 0.95), rng.uniform(0.25, 0.7), rng.uniform(0.14, 0.22)
+    rear, front = np.array([0, 0.5 * long, leg + thick]), np.array([0, -0.5 * long, leg + thick * 1.1])
+    bones = [(rear, thick, front, thick * rng.uniform(0.9, 1.2))]
+    raised = np.array([0, -1, rng.uniform(0.1, 1.6)])
+    head = front + raised / lengths(raised) * rng.uniform(0.25, 0.6)
+    muzzle = head + (0, -rng.uniform(0.12, 0.25), -rng.uniform(0.0, 0.1))
+    bones += [(front, thick * 0.7, head, thick * 0.5), (head, thick * 0.62, muzzle, thick * 0.38)]
+    tail = rear + (0, 0.15 + rng.uniform(0, 0.3), rng.uniform(-0.3, 0.35))
+    bones.append((rear + (0, thick * 0.7, thick * 0.4), thick * 0.35, tail, 0.045))
+    ear = rng.uniform(0.1, 0.25)
+    for side in (-1, 1):
+        root = head + (side * thick * 0.4, 0.02, thick * 0.4)
+        bones.append((root, 0.055, root + (side * 0.3 * ear, 0.05, ear), 0.045))
+        for body, step in ((rear, rng.uniform(-0.15, 0.15)), (front, rng.uniform(-0.15, 0.15))):
+            joint = body + (side * thick * 0.6, 0, -thick * 0.3)
+            foot = np.array([joint[0], joint[1] + side * step, thick * 0.35])
+            bones.append((joint, thick * 0.48, foot, thick * 0.34))
+    return [_body("animal", bones, 0.08, 38)]
+
+
+def cushion(rng: np.random.Generator) -> list[Mesh]:
+    """A stuffed cushion or sack with rounded corners, dented."""
+    half = np.array([1.0, rng.uniform(0.6, 1.0), rng.uniform(0.2, 0.45)])
+    dents = rng.uniform(-0.7, 0.7, (3, 3)) * half
+    depth = rng.uniform(0.05, 0.16, 3)
+
+    def field(points: Floats) -> Floats:
+        x, y, z = (points / half).T
+        square = x * x + y * y
+        # a pillow of x^4 + y^4, whose thickness falls towards its seams
+        hull = x * x * x * x + y * y * y * y + z * z * (1 + 0.35 * square) - 1
+        dented = [
+            height * np.maximum(1 - ((points - at) * (points - at)).sum(axis=1) / 0.16, 0)
+            for at, height in zip(dents, depth, strict=True)
+        ]
+        return np.asarray((hull + sum(dented)) * half[2] / 2)
+
+    return [surface_of("cushion", field, -half * 1.15, half * 1.15, 24)]
+
+
+def curtain(rng: np.random.Generator) -> list[Mesh]:
+    """Cloth that hangs in folds, which widen downwards."""
+    width, height = rng.uniform(0.8, 1.6), rng.uniform(1.2, 2.2)
+    folds, deep = int(rng.integers(4, 11)), rng.uniform(0.02, 0.06)
+    columns, rows = 10 * folds, 6
+    share = np.linspace(0, 1, columns + 1)
+    along = share * 2 * np.pi * folds + 0.8 * np.sin(2 * np.pi * share + rng.uniform(0, 6))
+    down = np.linspace(0, 1, rows + 1)[:, None]
+    depth = deep * np.sin(along) * (0.75 + 0.25 * down)
+    sway = 0.01 * np.sin(3 * along + 2 * down)
+    x = width * (share - 0.5 + 0.0 * down)
+    z = height * (1 - down) + 0 * share
+    return [grid_surface(np.stack([x, depth + sway * deep, z], axis=2)[::-1])]
+
+
+def cloth(rng: np.random.Generator) -> list[Mesh]:
+    """Cloth that lies: a sheet with a few long creases and ripples."""
+    width, length = rng.uniform(0.8, 1.2), rng.uniform(0.8, 1.6)
+    size = 28
+    x, y = np.meshgrid(np.linspace(-0.5, 0.5, size + 1) * width, np.linspace(-0.5, 0.5, size + 1) * length)
+    z = np.zeros_like(x)
+    for wave in rng.uniform(0.2, 0.7, int(rng.integers(3, 7))):
+        turn, phase = rng.uniform(0, 2 * np.pi, 2)
+        steep = rng.uniform(0.08, 0.2)
+        crest = np.sin(2 * np.pi * (x * np.cos(turn) + y * np.sin(turn)) / wave + phase)
+        z += steep * wave / (2 * np.pi) * crest
+    return [grid_surface(np.stack([x, y, z], axis=2))]
+
+
+def _body(name: str, bones: list[tuple[Floats, float, Floats, float]], softness: float, cells: int) -> Mesh:
+    field = blended([limb(start, stop, radius, end) for start, radius, stop, end in bones], softness)
+    points = np.array([end for start, _, stop, _ in bones for end in (start, stop)])
+    radii = np.array([radius for _, first, _, last in bones for radius in (first, last)])
+    return _cut(name, field, points, radii + 0.03, cells)
+
+
+def _cut(name: str, field: Field, points: Floats, reach: Floats, cells: int) -> Mesh:
+    """Cut a field out within the box of its balls."""
+    low, high = (points - reach[:, None]).min(axis=0), (points + reach[:, None]).max(axis=0)
+    margin = 2 * (high - low).max() / cells
+    return surface_of(name, field, low - margin, high + margin, cells)
+
+
+KINDS = (blob, figure, animal, cushion, curtain, cloth)
