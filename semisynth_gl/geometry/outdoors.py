@@ -48,13 +48,11 @@ def car(rng: np.random.Generator) -> list[Mesh]:
     parts += [box((0.24, 0.1, 0.14), (x * (wide / 2 + 0.06), front + bonnet + 0.25, belt - 0.05)) for x in (-1, 1)]
     parts += [box((0.9 * wide, 0.1, 0.16), (0, y, sill + 0.12)) for y in (front - 0.03, rear + 0.04)]
     if rng.random() < 0.25:
-        ends = np.array(top) + (0.1, -0.1)
-        parts += [
-            rod((x * 0.3 * wide, ends[0], roof + 0.02), (x * 0.3 * wide, ends[1], roof + 0.02), 0.04) for x in (-1, 1)
-        ]
+        first, last = top[0] + 0.1, top[1] - 0.1
+        parts += [rod((x * 0.3 * wide, first, roof + 0.02), (x * 0.3 * wide, last, roof + 0.02), 0.04) for x in (-1, 1)]
         parts += [
             rod((-0.38 * wide, y, roof + 0.07), (0.38 * wide, y, roof + 0.07), 0.03)
-            for y in np.linspace(*ends, 5)[1:-1]
+            for y in np.linspace(first, last, 5)[1:-1]
         ]
     return parts
 
@@ -121,7 +119,9 @@ def street_lamp(rng: np.random.Generator) -> list[Mesh]:
     high, reach = rng.uniform(4.5, 8), rng.uniform(0.8, 2)
     parts = [rod((0, 0, 0), (0, 0, 0.9), 0.11, sides=12), rod((0, 0, 0.85), (0, 0, high), 0.07, 0.05, 12)]
     for side in (-1, 1)[: int(rng.integers(1, 3))]:
-        arm = smooth([(0.02 * side, 0, high - 0.3), (0.3 * side * reach, 0, high + 0.2), (side * reach, 0, high + 0.3)], 5)
+        arm = smooth(
+            [(0.02 * side, 0, high - 0.3), (0.3 * side * reach, 0, high + 0.2), (side * reach, 0, high + 0.3)], 5
+        )
         parts.append(wire(arm, 0.035))
         parts.append(box((0.6, 0.22, 0.12), (side * (reach + 0.2), 0, high + 0.27)))
     return parts
@@ -168,7 +168,10 @@ def bicycle(rng: np.random.Generator) -> list[Mesh]:
     ]
     parts += [rod(a, b, thick * tube) for a, b, thick in frame]
     parts += [rod(front + (x, 0, 0), head + (0.4 * x, 0, -0.12), 0.013) for x in (-0.045, 0.045)]
-    parts += [rod(head - (0, 0, 0.14), head + (0, -0.045, 0.12), 0.9 * tube), box((0.14, 0.26, 0.06), seat + (0, 0.03, 0.02))]
+    parts += [
+        rod(head - (0, 0, 0.14), head + (0, -0.045, 0.12), 0.9 * tube),
+        box((0.14, 0.26, 0.06), seat + (0, 0.03, 0.02)),
+    ]
     bar = smooth([(-0.28, -0.22, 0.98), (-0.15, -0.36, 0.96), (0.15, -0.36, 0.96), (0.28, -0.22, 0.98)], 4)
     return [*parts, wire(bar - (0, 0, 0.04), 0.014)]
 

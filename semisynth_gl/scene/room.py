@@ -46,7 +46,7 @@ _STANDING: Final[Mapping[str, tuple[float, float]]] = {
     "cylinder": (0.4, 0.9),
     "capsule": (0.5, 0.9),
 }
-_FURNITURE: Final = frozenset({"table", "bookcase", "shelf", "cuboid", "cube", "bench"})
+_FURNITURE: Final = frozenset({"table", "bookcase", "shelf", "cuboid", "cube"})
 """Things with a flat top, on which small things stand."""
 _AT_WALLS: Final = frozenset({"bookcase", "shelf", "picture_frame", "bench", "clothes_rack", "stairs"})
 _SMALL: Final[Mapping[str, tuple[float, float]]] = {

@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 # Diameters of bounding spheres, metres.
 _VEHICLES: Final[Mapping[str, tuple[float, float]]] = {"car": (4.2, 5.6), "bicycle": (1.7, 1.9)}
-_HOUSES: Final[Mapping[str, tuple[float, float]]] = {"house": (14, 24)}
+_HOUSES: Final[Mapping[str, tuple[float, float]]] = {"house": (10, 20)}
 _TALL: Final[Mapping[str, tuple[float, float]]] = {
     "tree": (4, 9),
     "street_lamp": (5, 9),
