@@ -49,6 +49,11 @@ def edge_balance(mesh: Mesh) -> int:
     return int((np.bincount(number, sense) != 0).sum())
 
 
+def edge_sharing(mesh: Mesh) -> np.ndarray:
+    """(E,) how many triangles share each edge; 2 of all edges for a closed surface without pinches."""
+    return np.bincount(_edges(welded(mesh))[0])
+
+
 def euler_characteristic(mesh: Mesh) -> int:
     """Vertices - edges + faces; 2 - 2 * handles for one closed surface."""
     triangles = welded(mesh)

@@ -11,6 +11,7 @@ from geometry_measures import (
     coplanar_overlaps,
     crossings,
     edge_balance,
+    edge_sharing,
     euler_characteristic,
     jacobians,
     stretch,
@@ -119,6 +120,15 @@ def test_closed_parts_face_outwards(kind: str) -> None:
         closed = [part for part in parts if edge_balance(part) == 0]
         assert len(closed) == len(parts) or kind in WITH_SHEETS
         assert all(volume(part) > 0 for part in closed)
+
+
+@pytest.mark.parametrize("kind", ["blob", "figure", "animal", "cushion"])
+def test_soft_bodies_are_in_one_piece_without_pinches(kind: str) -> None:
+    """Where four triangles meet at an edge, none knows its neighbour, and masks cannot follow the surface."""
+    for seed in range(8):
+        mesh = built(kind, seed)
+        assert (edge_sharing(mesh) == 2).all()
+        assert len(components(mesh)) == 1
 
 
 @pytest.mark.parametrize("kind", KINDS)
