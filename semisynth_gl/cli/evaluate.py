@@ -61,25 +61,21 @@ def evaluate(
     truth_set = find_truth(truth, split, masks)
     inputs = {"--pred": str(pred), "--gt": truth} | ({} if masks is None else {"--mask": str(masks)})
     output.check([*inputs.values()])
-    pictures = _error_maps(maps, pred, truth_set, inputs, output)
+    pictures = _error_maps(maps, truth_set, inputs, output)
     predictions = find_predictions(pred, truth_set.pairs, partial=partial)
-    missing = [pair.name for pair in truth_set.pairs if pair.name not in predictions]
     protocol = PROTOCOLS[protocol_name or truth_set.protocol]
     evaluations: list[Evaluation] = []
     with Progress() as progress:
-        progress.on_total(len(predictions))
-        for pair in truth_set.pairs:
-            if pair.name not in predictions:
-                continue
-            evaluation = evaluate_pair(pair, predictions[pair.name], protocol, draw=maps is not None)
+        progress.on_total(len(predictions.found))
+        for pair, prediction in predictions.found:
+            evaluation = evaluate_pair(pair, prediction, protocol, draw=maps is not None)
             if evaluation.error_map is not None:
                 pictures[pair.name].write(RGB8.encode(evaluation.error_map))
             # Without the map: the maps of a large set would fill the memory.
             evaluations.append(replace(evaluation, error_map=None))
             progress.advance()
     if output.path is not None:
-        paths = {name: prediction.path for name, prediction in predictions.items()}
-        text = json.dumps(report_json(evaluations, protocol, missing, paths), indent=1, allow_nan=False)
+        text = json.dumps(report_json(evaluations, protocol, predictions), indent=1, allow_nan=False)
         output.write(f"{text}\n".encode())
     click.echo(f"{len(evaluations)} of {len(truth_set.pairs)} pairs by the definitions of {protocol.source}")
     for region in REGIONS:
@@ -87,7 +83,8 @@ def evaluate(
             click.echo()
             for line in report_table(evaluations, region, protocol):
                 click.echo(line)
-    _say_what_is_odd([predictions[each.name].path for each in evaluations if each.negative], missing)
+    odd = [file.path for (_, file), each in zip(predictions.found, evaluations, strict=True) if each.negative]
+    _say_what_is_odd(odd, predictions.missing)
 
 
 def _say_what_is_odd(negative: Sequence[Path], missing: Sequence[str]) -> None:
@@ -97,21 +94,20 @@ def _say_what_is_odd(negative: Sequence[Path], missing: Sequence[str]) -> None:
         click.echo(f"No prediction for {len(missing)} pairs: {', '.join(missing)}", err=True)
 
 
-def _error_maps(
-    maps: Path | None, pred: Path, truth_set: TrueSet, inputs: Mapping[str, str], output: Output
-) -> dict[str, Output]:
+def _error_maps(maps: Path | None, truth_set: TrueSet, inputs: Mapping[str, str], output: Output) -> dict[str, Output]:
     """Return the files of error maps by the pair's name; refuse a folder that they cannot go to."""
     if maps is None:
         return {}
     if maps.exists() and not maps.is_dir():
         raise InputError(f"--maps {maps}: is a file; name a folder")
-    if maps.resolve() == pred.resolve():
-        raise InputError(f"--maps {maps}: is the folder of predictions, which error maps would be taken for")
     if truth_set.local is not None and maps.resolve().is_relative_to(truth_set.local.resolve()):
         raise InputError(f"--maps {maps}: lies in --gt, which is left as it is; name another folder")
     for name, source in inputs.items():
-        if "://" not in source and maps.resolve() == Path(source).resolve():
-            raise InputError(f"--maps {maps}: lies in {name}, which is left as it is; name another folder")
+        if "://" in source or maps.resolve() != Path(source).resolve():
+            continue
+        if name == "--pred":
+            raise InputError(f"--maps {maps}: is the folder of predictions, which error maps would be taken for")
+        raise InputError(f"--maps {maps}: lies in {name}, which is left as it is; name another folder")
     pictures = {
         pair.name: Output("--maps", _ERROR_MAP, maps / f"{pair.name}.png", output.overwrite) for pair in truth_set.pairs
     }

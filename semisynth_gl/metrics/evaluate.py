@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from semisynth_gl.arguments import check_type
 from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.metrics.error_map import draw_error_map
-from semisynth_gl.metrics.predictions import Prediction, find_predictions
+from semisynth_gl.metrics.predictions import Prediction, Predictions, find_predictions
 from semisynth_gl.metrics.protocol import Protocol, ProtocolName, find_protocol, shown_size
 from semisynth_gl.metrics.score import Score, mean_figures, tally
 from semisynth_gl.metrics.truth import TruePair, find_truth
@@ -89,10 +88,8 @@ def evaluate(
     folder = address if "://" in address else str(expanded(address))
     true_set = find_truth(folder, split, None if masks is None else expanded(fspath(masks)))
     chosen = find_protocol(true_set.protocol if protocol is None else protocol)
-    found = find_predictions(expanded(fspath(predictions)), true_set.pairs, partial=partial)
-    evaluations = [evaluate_pair(pair, found[pair.name], chosen) for pair in true_set.pairs if pair.name in found]
-    missing = [pair.name for pair in true_set.pairs if pair.name not in found]
-    return report_json(evaluations, chosen, missing, {name: prediction.path for name, prediction in found.items()})
+    files = find_predictions(expanded(fspath(predictions)), true_set.pairs, partial=partial)
+    return report_json([evaluate_pair(pair, prediction, chosen) for pair, prediction in files.found], chosen, files)
 
 
 def evaluate_pair(pair: TruePair, prediction: Prediction, protocol: Protocol, *, draw: bool = False) -> Evaluation:
@@ -156,16 +153,13 @@ def region_figures(evaluations: Sequence[Evaluation], region: str) -> dict[str, 
     return figures | mean_figures(scores) if scores else {}
 
 
-def report_json(
-    evaluations: Sequence[Evaluation], protocol: Protocol, missing: Sequence[str], paths: Mapping[str, Path]
-) -> dict[str, Any]:
+def report_json(evaluations: Sequence[Evaluation], protocol: Protocol, predictions: Predictions) -> dict[str, Any]:
     """Return all results in JSON's types; numbers that are not finite are None.
 
     Args:
-        evaluations: at least one.
+        evaluations: of the pairs that have a prediction, in their order; at least one.
         protocol: the benchmark's definitions.
-        missing: names of pairs without a prediction.
-        paths: the predictions' files, by the pair's name.
+        predictions: those that the evaluations are of.
     """
 
     def figures(pairs: Sequence[Evaluation]) -> dict[str, dict[str, float | None]]:
@@ -186,11 +180,11 @@ def report_json(
         "unit": "percent" if protocol.percent else "fraction",
         "average": "pooled pixels" if protocol.pooled else "mean of pairs",
         "pairs": len(evaluations),
-        "missing": list(missing),
+        "missing": list(predictions.missing),
         "mean": figures(evaluations),
         "images": [
-            {"name": pair.name, "prediction": str(paths[pair.name]), "pixels": pixels(pair), "figures": figures([pair])}
-            for pair in evaluations
+            {"name": pair.name, "prediction": str(file.path), "pixels": pixels(pair), "figures": figures([pair])}
+            for pair, (_, file) in zip(evaluations, predictions.found, strict=True)
         ],
     }
 

@@ -24,7 +24,20 @@ class Prediction:
     png_scale: float
 
 
-def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) -> dict[str, Prediction]:
+@dataclass(frozen=True, slots=True)
+class Predictions:
+    """The predictions for the pairs of a set.
+
+    Attributes:
+        found: the pairs that have a prediction, in the set's order, each with its own.
+        missing: names of the pairs without one.
+    """
+
+    found: Sequence[tuple[TruePair, Prediction]]
+    missing: Sequence[str]
+
+
+def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) -> Predictions:
     """Find the prediction for each pair.
 
     A prediction has one of the pair's names, see `TruePair`, and ends in .pfm, .npy or .png. In a scene's folder it may
@@ -37,9 +50,6 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) 
         pairs: the pairs.
         partial: whether some predictions may be missing.
 
-    Returns:
-        The predictions, by the pair's name.
-
     Raises:
         InputError: where there is no such folder, a pair has several predictions, predictions are missing against
             ``partial``, or all are missing.
@@ -47,7 +57,8 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) 
     """
     if not folder.is_dir():
         raise InputError(f"--pred {folder}: {'is a file' if folder.exists() else 'there is no such folder'}")
-    predictions: dict[str, Prediction] = {}
+    found: list[tuple[TruePair, Prediction]] = []
+    missing: list[TruePair] = []
     for pair in pairs:
         candidates = [Prediction(path, scale) for stem, scale in pair.stems.items() for path in _files(folder / stem)]
         candidates = [file for file in candidates if file.path.stem not in SCENE_STEMS] or candidates
@@ -57,17 +68,18 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) 
             names = ", ".join(str(prediction.path.relative_to(folder)) for prediction in candidates[:_SHOWN])
             raise InputError(f"--pred {folder}: {len(candidates)} predictions for {pair.name}: {names}: keep one file")
         if candidates:
-            predictions[pair.name] = candidates[0]
-    missing = [pair for pair in pairs if pair.name not in predictions]
-    if missing and (not partial or not predictions):
+            found.append((pair, candidates[0]))
+        else:
+            missing.append(pair)
+    if missing and (not partial or not found):
         names = ", ".join(pair.name for pair in missing[:_SHOWN]) + (", ..." if len(missing) > _SHOWN else "")
         expected = " or ".join(str(folder / f"{stem}.pfm") for stem in list(missing[0].stems)[:2])
-        advice = "; --partial evaluates the others" if predictions else ""
+        advice = "; --partial evaluates the others" if found else ""
         raise InputError(
             f"--pred {folder}: no prediction for {len(missing)} of {len(pairs)} pairs: {names}: expected {expected} "
             f"(or .npy, .png), for example{advice}"
         )
-    return predictions
+    return Predictions(found, [pair.name for pair in missing])
 
 
 def _files(path: Path) -> list[Path]:
