@@ -28,7 +28,7 @@ from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.report import pictures
 from semisynth_gl.report.build import build_report
-from semisynth_gl.report.measure import QUANTITIES, PairMeasures, find_outliers, measure, read_config, spread
+from semisynth_gl.report.measure import QUANTITIES, PairMeasures, find_outliers, measure, read_config
 from semisynth_gl.report.page import render_page
 from semisynth_gl.report.pictures import make_picture, make_pictures, pack_floats
 from semisynth_gl.report.plots import Bars, count_bars, draw_histogram
@@ -36,6 +36,7 @@ from semisynth_gl.report.rays import diameters_px, surfaces_at
 from semisynth_gl.report.redraws import read_redraws
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.scene import make_scene
+from semisynth_gl.spread import spread
 
 PAIRS = {"train": 4, "validation": 2}
 CAMERA = StereoCamera.centred(200, 100, 150.0, 0.1)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.comparison import quantities
 from semisynth_gl.errors import InputError
+from semisynth_gl.spread import centres
 
 WORKING_WIDTH = 512
 """Width to which all images and maps are brought, px, unless the caller wants another."""
@@ -109,7 +110,7 @@ def make_picture(
         raise InputError(f"{name}: its arrays have sizes of {sizes}: expected one size")
     ((height, width),) = shapes
     size = max(1, round(height * width_px / width)), width_px
-    at = np.ix_(_centres(size[0], height), _centres(width_px, width))
+    at = np.ix_(centres(height, size[0]), centres(width, width_px))
     scaled = surfaces = None
     if disparity is not None:
         values = disparity[at]
@@ -178,8 +179,3 @@ def _mean_along_rows(values: NDArray[np.float64], count: int) -> NDArray[np.floa
     at_edges = integral[:, element] + (edges - element) * values[:, element]
     means: NDArray[np.float64] = np.diff(at_edges, axis=1) * (count / width)
     return means
-
-
-def _centres(count: int, extent: int) -> NDArray[np.int64]:
-    """Return the element of ``extent`` at the centre of each of ``count`` equal parts."""
-    return (2 * np.arange(count) + 1) * extent // (2 * count)

@@ -13,6 +13,7 @@ from semisynth_gl.dataset.reader import Dataset
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.errors import InputError, Skipped
 from semisynth_gl.listener import FinishedPair, Listener
+from semisynth_gl.spread import spread
 
 SAMPLE = 100
 """Pairs of a dataset that are measured, unless the caller wants another number."""
@@ -64,9 +65,25 @@ class MeasuredPlace:
     skipped: tuple[Skipped, ...]
 
 
-def measure_pictures(pictures: Iterable[Picture]) -> Side:
+def measure_pictures(
+    pictures: Iterable[Picture], measures: Sequence[Measure] = MEASURES, profiles: Sequence[Profile] = PROFILES
+) -> Side:
     """Measure pictures one by one; none is kept."""
-    return _measure(pictures, MEASURES, PROFILES)
+    values: dict[str, list[float]] = {measure.key: [] for measure in measures}
+    shares: dict[str, list[NDArray[np.float64]]] = {profile.key: [] for profile in profiles}
+    for picture in pictures:
+        for measure in measures:
+            value = measure.measure(picture)
+            if value is not None:
+                values[measure.key].append(value)
+        for profile in profiles:
+            share = profile.measure(picture)
+            if share is not None:
+                shares[profile.key].append(share)
+    return Side(
+        {key: np.array(each, np.float64) for key, each in values.items()},
+        {key: np.array(each, np.float64) for key, each in shares.items()},
+    )
 
 
 def measure_dataset(
@@ -77,7 +94,7 @@ def measure_dataset(
     Args:
         dataset: the dataset, or one of its splits.
         width_px: the working width.
-        sample: number of pairs to measure, evenly spread from the first to the last, at least 1.
+        sample: number of pairs to measure, evenly spread, at least 1.
         listener: hears the number of pairs, and each measured pair.
 
     Raises:
@@ -85,11 +102,10 @@ def measure_dataset(
     """
     listener = listener or Listener()
     count = min(sample, len(dataset))
-    numbers = np.linspace(0, len(dataset) - 1, count).round().astype(int).tolist()
     listener.on_total(count)
 
     def pictures() -> Iterator[Picture]:
-        for number in numbers:
+        for number in spread(len(dataset), count):
             yield frame_picture(dataset[number], width_px)
             listener.on_pair(FinishedPair(*dataset.pair(number)))
 
@@ -120,7 +136,7 @@ def measure_place(place: Place, width_px: int = WORKING_WIDTH) -> MeasuredPlace:
             yield picture
 
     of_images, of_maps = (
-        _measure(
+        measure_pictures(
             pictures,
             [each for each in MEASURES if each.of_images == images],
             [each for each in PROFILES if each.of_images == images],
@@ -142,22 +158,4 @@ def frame_picture(frame: StoredFrame, width_px: int = WORKING_WIDTH) -> Picture:
         background = still[np.minimum(instances, len(listed))]
     return make_picture(
         frame.name, width_px, image=frame.left.image, disparity=frame.left.disparity, background=background
-    )
-
-
-def _measure(pictures: Iterable[Picture], measures: Sequence[Measure], profiles: Sequence[Profile]) -> Side:
-    values: dict[str, list[float]] = {measure.key: [] for measure in measures}
-    shares: dict[str, list[NDArray[np.float64]]] = {profile.key: [] for profile in profiles}
-    for picture in pictures:
-        for measure in measures:
-            value = measure.measure(picture)
-            if value is not None:
-                values[measure.key].append(value)
-        for profile in profiles:
-            share = profile.measure(picture)
-            if share is not None:
-                shares[profile.key].append(share)
-    return Side(
-        {key: np.array(each, np.float64) for key, each in values.items()},
-        {key: np.array(each, np.float64) for key, each in shares.items()},
     )

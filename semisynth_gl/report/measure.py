@@ -20,6 +20,7 @@ from semisynth_gl.listener import FinishedPair, Listener
 from semisynth_gl.report.rays import RayCaster, Rays
 from semisynth_gl.report.redraws import PairKey
 from semisynth_gl.splits import SplitName
+from semisynth_gl.spread import spread
 from semisynth_gl.textures.crops import least_texture
 
 RAYS = 1000
@@ -113,12 +114,6 @@ class Measurement:
     depth_m: NDArray[np.float64]
     rays: Rays
     ray_faults: Mapping[str, int]
-
-
-def spread(count: int, wanted: int) -> list[int]:
-    """Return ``wanted`` numbers below ``count``, or all of them, evenly spread and rising."""
-    wanted = min(count, wanted)
-    return [(2 * number + 1) * count // (2 * wanted) for number in range(wanted)]
 
 
 def read_config(index: Index) -> Config:
