@@ -18,7 +18,7 @@ from skimage.data import stereo_motorcycle
 
 from semisynth_gl.calibration import calibrate
 from semisynth_gl.calibration.calibrate import ConfigFacts, config_facts, config_name, config_text
-from semisynth_gl.calibration.disparity_maps import find_maps, measure_maps, read_map
+from semisynth_gl.calibration.disparity_maps import measure_maps
 from semisynth_gl.calibration.disparity_range import DisparitySource, chosen_range, measured_range
 from semisynth_gl.calibration.photographs import check_sizes, impossible_splits
 from semisynth_gl.calibration.rig import (
@@ -34,6 +34,7 @@ from semisynth_gl.calibration.rig import (
 from semisynth_gl.calibration.rig_files import FORMATS, read_rigs
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.cli import main
+from semisynth_gl.comparison.maps import find_maps, read_map
 from semisynth_gl.config import Range, load_config
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.errors import InputError, ReadError, SemisynthError

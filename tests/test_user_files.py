@@ -13,11 +13,11 @@ from PIL import Image
 
 from semisynth_gl.cache.file_fingerprint import read_fingerprint, stat_fingerprint
 from semisynth_gl.cache.store import SUFFIX, read_entry
-from semisynth_gl.calibration.disparity_maps import find_maps
 from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.cli.options import read_config
 from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.png import GREY8
+from semisynth_gl.comparison.maps import find_maps
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.config.distributions import read_histogram
 from semisynth_gl.config.load import parse_config

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.calibration.disparity_maps import find_maps, measure_maps
+from semisynth_gl.calibration.disparity_maps import measure_maps
 from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
+from semisynth_gl.comparison.maps import find_maps
 from semisynth_gl.errors import InputError
 from semisynth_gl.histogram import Histogram
 

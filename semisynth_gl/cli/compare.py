@@ -5,17 +5,16 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.calibration.disparity_maps import find_maps
 from semisynth_gl.cli.options import COUNT, Source, UserPath, above_0, option
-from semisynth_gl.cli.outputs import Output, json_report, marked_png, output_option
+from semisynth_gl.cli.outputs import Output, ending_check, json_report, marked_png, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.compare import Comparison, compare_with_place, comparison_json, comparison_table
+from semisynth_gl.comparison.maps import find_maps
 from semisynth_gl.comparison.picture import WORKING_WIDTH
 from semisynth_gl.comparison.place import find_place
 from semisynth_gl.comparison.sides import SAMPLE
 from semisynth_gl.dataset.reader import open_dataset
-from semisynth_gl.errors import InputError
 from semisynth_gl.splits import SPLITS, SplitName
 from semisynth_gl.textures.image_files import find_images
 
@@ -57,7 +56,13 @@ _PLOTS = marked_png("semisynth-gl compare")
 @option("--sample", type=COUNT, default=SAMPLE, help="How many pairs to measure, evenly spread.")
 @option("--split", type=click.Choice(SPLITS), help="Of this split alone.")
 @output_option("--json", _FIGURES, help="Also write all figures here, unrounded.")
-@option("--out", "plots", type=UserPath(), help="Also draw all distributions, as a PNG.")
+@option(
+    "--out",
+    "plots",
+    type=UserPath(),
+    callback=ending_check("--out", ".png"),
+    help="Also draw all distributions, as a PNG.",
+)
 def compare(
     directory: str,
     images: tuple[str, ...],
@@ -74,8 +79,6 @@ def compare(
     Photographs alone tell textures and luminance; disparity maps add depth, occlusion and borders.
     """
     picture = Output("--out", _PLOTS, plots, output.overwrite)
-    if plots is not None and plots.suffix.lower() != ".png":
-        raise InputError(f"--out {plots}: expected a name that ends in .png")
     for file in (output, picture):
         file.check([*maps, *images], images)
     dataset = open_dataset(directory, split)

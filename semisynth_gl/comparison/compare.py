@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
+from semisynth_gl.comparison.changes import advice
 from semisynth_gl.comparison.measures import MEASURES, PROFILES, Measure, Profile
 from semisynth_gl.comparison.picture import WORKING_WIDTH
 from semisynth_gl.comparison.place import Place
@@ -55,7 +56,7 @@ class Comparison:
         """Return each measure that is off by more than one deviation, the farthest first, with what to change."""
         off = [(measure, by) for measure, by in self.compared() if abs(by) > _OFF]
         off.sort(key=lambda each: -abs(each[1]))
-        return [(measure, by, measure.less if by > 0 else measure.more) for measure, by in off]
+        return [(measure, by, advice(measure, more=by < 0)) for measure, by in off]
 
 
 def compare_with_place(
@@ -105,7 +106,7 @@ def comparison_table(comparison: Comparison) -> list[str]:
 
 def comparison_json(comparison: Comparison) -> dict[str, Any]:
     """Return all results in JSON's types, unrounded; what a side does not have is None."""
-    advice = {measure.key: change for measure, _, change in comparison.advice()}
+    changes = {measure.key: change for measure, _, change in comparison.advice()}
 
     def side(values: Side, measure: Measure) -> dict[str, Any]:
         return {
@@ -133,7 +134,7 @@ def comparison_json(comparison: Comparison) -> dict[str, Any]:
                 "dataset": side(comparison.dataset, measure),
                 "place": side(comparison.place.side, measure),
                 "difference": comparison.difference(measure),
-                "advice": advice.get(measure.key),
+                "advice": changes.get(measure.key),
             }
             for measure in MEASURES
         ],

@@ -16,6 +16,14 @@ from semisynth_gl.resources import data_root
 from semisynth_gl.textures.images import image_extensions
 from semisynth_gl.user_files import expanded, of_kernel
 
+_MASKS = frozenset({"mask0nocc.png", "mask1nocc.png"})
+_NO_PHOTOGRAPHS = frozenset(
+    (
+        *("disp_occ_0", "disp_occ_1", "disp_noc_0", "disp_noc_1", "disp_occ", "disp_noc"),
+        *("disp_refl_occ", "disp_refl_noc", "obj_map", "flow_occ", "flow_noc"),
+    )
+)
+
 
 def find_images(sources: Sequence[str | Path]) -> list[Path]:
     """Return the image files that the sources name.
@@ -24,7 +32,7 @@ def find_images(sources: Sequence[str | Path]) -> list[Path]:
         sources: each a file, a folder (searched recursively, symbolic links followed) or a glob, in which ``**`` stands
             for any folders and a matching folder is searched like a given one. ``~`` is the home folder. A file that
             is named in full counts with any extension; in folders and globs only names with one of `image_extensions`
-            count.
+            count. Files that lie `beside_photographs` never count.
 
     Returns:
         The files, sorted by name; a file that is reached twice, or by a link, appears once.
@@ -33,12 +41,21 @@ def find_images(sources: Sequence[str | Path]) -> list[Path]:
         InputError: where a source matches no image.
     """
     for source in sources:
-        if next(_expand(source, image_extensions()), None) is None:
+        found = (Path(path) for path, _ in _expand(source, image_extensions()))
+        if all(map(beside_photographs, found)):
             raise InputError(
                 f"no image matches {str(source)!r}: expected an image file, a folder with images "
                 f"(.jpg, .png, .tif, .webp, ...) in it, or a glob such as 'photos/**/*.jpg'"
             )
-    return find_files(sources, image_extensions())
+    return [path for path in find_files(sources, image_extensions()) if not beside_photographs(path)]
+
+
+def beside_photographs(path: Path) -> bool:
+    """Return whether a file is no photograph but lies beside some, as Middlebury, ETH3D and KITTI name such files.
+
+    Those are masks, such as ``mask0nocc.png``, and KITTI's folders of disparities, objects and flow.
+    """
+    return path.name in _MASKS or path.parent.name in _NO_PHOTOGRAPHS
 
 
 def find_files(sources: Sequence[str | Path], extensions: Collection[str]) -> list[Path]:

@@ -1,0 +1,95 @@
+"""The table of changes: which keys of a config move which measures, and which way.
+
+`compare` names the keys by it, and `calibrate` sets each key by the measures that it moves.
+"""
+
+from dataclasses import dataclass
+
+from semisynth_gl.comparison.measures import MEASURES, Measure
+
+_BUSY = ("jumps", "near_jumps", "occluded")
+_CALM = ("runs", "regions")
+_SHARP = ("octaves", "gradient")
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A key, and the measures that follow it.
+
+    Attributes:
+        key: section and name; of keys of the top level the name alone.
+        up: keys of the `Measure` that more of it raises.
+        down: those that more of it lowers.
+        more: how to have more of it, where "raise KEY" does not say it.
+        less: how to have less of it, where "lower KEY" does not say it.
+    """
+
+    key: str
+    up: tuple[str, ...] = ()
+    down: tuple[str, ...] = ()
+    more: str = ""
+    less: str = ""
+
+
+CHANGES: tuple[Change, ...] = (
+    Change(
+        "scenes",
+        up=(*_BUSY, *_SHARP),
+        down=(*_CALM, "flat", "smooth"),
+        more="in scenes, give more weight to recipes with many objects",
+        less="in scenes, give more weight to recipes with few objects",
+    ),
+    Change("background.room", up=(*_CALM, "flat"), down=(*_BUSY, *_SHARP)),
+    Change("background.street", up=(*_CALM, "flat", "slant", "steep"), down=(*_BUSY, *_SHARP)),
+    Change("room.furniture", up=(*_BUSY, *_SHARP), down=_CALM),
+    Change("room.small", up=(*_BUSY, *_SHARP), down=(*_CALM, "flat")),
+    Change("room.pillars", up=("occluded", "disparity", "largest_disparity"), down=_CALM),
+    Change("street.tall", up=_BUSY, down=_CALM),
+    Change("street.low", up=_BUSY, down=_CALM),
+    Change("street.vehicles", up=("near_jumps", "occluded", "disparity"), down=("slant", "steep")),
+    Change("street.houses", up=_CALM, down=_BUSY),
+    Change("particles.density", up=(*_BUSY, *_SHARP), down=(*_CALM, "flat")),
+    Change("models.complex", up=(*_BUSY, *_SHARP), down=(*_CALM, "flat")),
+    Change("particles.size_px", up=(*_CALM, "flat"), down=(*_BUSY, *_SHARP)),
+    Change("particles.thinness", down=("jumps", "near_jumps", "slant", "steep")),
+    Change("structures.panels", up=_CALM, down=("jumps", "near_jumps", "slant", "steep")),
+    Change("structures.panel_slant_deg", up=("slant", "steep")),
+    Change("disparity.target", up=("disparity", "largest_disparity")),
+    Change("disparity.max_px", up=("largest_disparity",)),
+    Change(
+        "antialias",
+        down=("border_hardness", "octaves", "gradient", "smooth"),
+        more="antialias: ssaa2",
+        less="antialias: none",
+    ),
+    Change("imperfections.blur_px", down=("border_hardness", "octaves", "gradient")),
+    Change("imperfections.noise", down=("smooth",)),
+    Change("textures.texels_per_pixel", up=("gradient",), down=("flat", "smooth")),
+    Change("textures.min_texture", up=("gradient",), down=("flat", "smooth")),
+    Change("textures.flat_share", up=("flat", "smooth"), down=("gradient",)),
+    Change("imperfections.exposure_stops", up=("luminance", "contrast")),
+    Change("imperfections.gamma", down=("luminance",)),
+)
+"""All changes; those that move most come first."""
+
+
+def moved_by(key: str) -> tuple[Measure, ...]:
+    """Return the measures that a key of the table moves, in their order."""
+    moved = {each for change in CHANGES if change.key == key for each in (*change.up, *change.down)}
+    return tuple(measure for measure in MEASURES if measure.key in moved)
+
+
+def advice(measure: Measure, *, more: bool) -> str:
+    """Return what to change in a config for more of a measure, or for less; "" where no key moves it."""
+    raised = [change for change in CHANGES if measure.key in (change.up if more else change.down)]
+    lowered = [change for change in CHANGES if measure.key in (change.down if more else change.up)]
+    said = [text for text in (*(each.more for each in raised), *(each.less for each in lowered)) if text]
+    for verb, changes in (("raise", raised), ("lower", lowered)):
+        keys = [each.key for each in changes if not each.more]
+        if keys:
+            said.append(f"{verb} {_either(keys)}")
+    return "; ".join(said)
+
+
+def _either(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"
