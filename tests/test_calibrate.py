@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from backends import backend_fault
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -21,6 +22,7 @@ from semisynth_gl.calibration.calibrate import ConfigFacts, config_facts, config
 from semisynth_gl.calibration.disparity_maps import measure_maps
 from semisynth_gl.calibration.disparity_range import DisparitySource, chosen_range, measured_range
 from semisynth_gl.calibration.photographs import check_sizes, impossible_splits
+from semisynth_gl.calibration.recipes import SceneRecipe
 from semisynth_gl.calibration.rig import (
     DisparityBounds,
     Projections,
@@ -32,9 +34,12 @@ from semisynth_gl.calibration.rig import (
     rig_ranges,
 )
 from semisynth_gl.calibration.rig_files import FORMATS, read_rigs
+from semisynth_gl.calibration.style import BLURS, TEXELS, Trial, fitted_style, untried_style
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.cli import main
 from semisynth_gl.comparison.maps import find_maps, read_map
+from semisynth_gl.comparison.measures import MEASURES
+from semisynth_gl.comparison.sides import Side
 from semisynth_gl.config import Range, load_config
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.errors import InputError, ReadError, SemisynthError
@@ -169,7 +174,7 @@ def photographs(folder, count=1, size=(741, 500), start=0):
 
 
 def facts(rigs, disparity):
-    return ConfigFacts(rigs, None, disparity, ["a"], 1)
+    return ConfigFacts(rigs, None, disparity, ["a"], 1, 256)
 
 
 def refused(error, *words):
@@ -450,6 +455,90 @@ def test_far_pixels_make_a_scene_an_outdoor_one(disparities, scenes):
     )
 
 
+# --- the style ---
+
+
+def side(**values):
+    """A place: two pictures for each measure, a deviation to both sides of its mean."""
+    found = {measure.key: np.zeros(0) for measure in MEASURES}
+    for key, (mean, deviation) in values.items():
+        found[key] = mean + deviation / np.sqrt(2) * np.array([-1.0, 1.0])
+    return Side(found, {})
+
+
+def trial(recipes, **values):
+    """A trial whose measures are those given, each of a shape that goes to (recipes, texels, blurs)."""
+    means = np.full((recipes, len(TEXELS), len(BLURS), len(MEASURES)), np.nan)
+    for number, measure in enumerate(MEASURES):
+        if measure.key in values:
+            means[..., number] = values[measure.key]
+    return Trial(means, 99)
+
+
+RECIPES = tuple(SceneRecipe(name, "", {}) for name in ("calm", "steep", "clutter"))
+
+
+@pytest.mark.parametrize("weights", [(0.5, 0.3, 0.2), (0, 0.9, 0.1), (0.95, 0, 0.05), (0, 0, 1)])
+def test_a_place_that_is_a_mix_gets_its_weights(weights):
+    of_recipes = {"jumps": (1.0, 2.0, 9.0), "slant": (0.01, 0.2, 0.05), "runs": (300.0, 200.0, 30.0)}
+    tried = trial(3, **{key: np.reshape(values, (3, 1, 1)) for key, values in of_recipes.items()})
+    there = {key: (np.dot(weights, values), 0.001 * max(values)) for key, values in of_recipes.items()}
+    style = fitted_style(RECIPES, tried, side(**there), 1.0)
+    assert dict(zip((recipe.name for recipe in style.recipes), style.weights, strict=True)) == pytest.approx(
+        {recipe.name: weight for recipe, weight in zip(RECIPES, weights, strict=True) if weight}
+    )
+    assert style.near(side(**there)) == (3, 3)
+    assert "depth jumps" in style.mix_origin
+    assert "99 pairs" in style.mix_origin
+
+
+def test_clutter_is_in_every_mix_and_photographs_say_nothing_of_weights():
+    tried = trial(3, jumps=np.reshape([1.0, 2.0, 9.0], (3, 1, 1)), gradient=np.full((3, 1, 1), 10.0))
+    assert fitted_style(RECIPES, tried, side(jumps=(0.1, 0.1)), 1.0).weights == (0.95, 0.05)
+    style = fitted_style(RECIPES, tried, side(gradient=(9, 1)), 1.0)
+    assert style.weights == untried_style(RECIPES).weights == pytest.approx([1 / 3] * 3)
+    assert style.mix_origin == untried_style(RECIPES).mix_origin
+
+
+@pytest.mark.parametrize("scale", [1.0, 3.0])
+@pytest.mark.parametrize("blur", BLURS)
+def test_the_blur_is_that_at_which_detail_is_the_places(blur, scale):
+    octaves = 0.9 - 0.5 * np.array(BLURS)
+    there = side(octaves=(octaves[BLURS.index(blur)], 0.01), border_hardness=(1 - 0.4 * blur, 0.01))
+    tried = trial(3, octaves=octaves, border_hardness=1 - 0.4 * np.array(BLURS))
+    assert fitted_style(RECIPES, tried, there, scale).blur_px == pytest.approx(blur * scale)
+
+
+@pytest.mark.parametrize(("flat", "share"), [(20, 0), (5, 0), (36, 0.2), (60, 0.5), (99, 0.5)])
+def test_flat_surfaces_make_up_for_what_is_lacking(flat, share):
+    tried = trial(3, flat=np.full((3, 1, 1), 20.0), smooth=np.full((3, 1, 1), 30.0))
+    style = fitted_style(RECIPES, tried, side(flat=(flat, 1.0), smooth=(30.0, 40.0)), 1.0)
+    assert style.flat_share == pytest.approx(share)
+    assert style.expected["flat"] == pytest.approx(20 + 80 * share)
+    assert style.expected["smooth"] == pytest.approx(30 + 70 * share)
+
+
+def test_blurred_texture_is_enlarged():
+    coarse = np.reshape([20.0, 9.0], (1, 2, 1))
+    style = fitted_style(RECIPES, trial(3, gradient=coarse), side(gradient=(10, 1)), 1.0)
+    assert style.texels_per_pixel == TEXELS[1]
+
+
+def test_every_kind_of_scene_has_recipes_that_a_config_takes():
+    found = measured_range(Histogram.from_counts((19.4, 40), [1.0]))
+    for baseline_m, kinds in ((0.1, {"room"}), (0.4, {"room", "street"}), (4, {"street"})):
+        known = facts([plain_rig(1000, baseline_m, Size(640, 480))], found)
+        config = parse_config(config_text("x", known, untried_style(known.recipes)), "x.yaml")
+        recipes = config.recipes()
+        assert sum(recipe.share for recipe in recipes) == pytest.approx(1)
+        of_kind = {
+            kind for kind in ("room", "street") if any(getattr(each.config.background, kind) for each in recipes)
+        }
+        assert of_kind == kinds
+        assert recipes[-1].name == "clutter"
+        assert recipes[-1].config.particles.layers is None
+
+
 # --- maps and histograms ---
 
 
@@ -568,7 +657,8 @@ def test_nothing_of_a_config_lies_beyond_infinity(doffs_px, wider_px, beyond_px,
         chosen_range(None, low + span, doffs_px),
         chosen_range(low, low + span, doffs_px),
     ):
-        text = config_text("x", facts([Rig(camera, "x") for camera in cameras], found))
+        known = facts([Rig(camera, "x") for camera in cameras], found)
+        text = config_text("x", known, untried_style(known.recipes))
         config = parse_config(text, "x.yaml")
         assert farthest < config.disparity.min_px < low + span
         if config.background.plane:
@@ -576,12 +666,19 @@ def test_nothing_of_a_config_lies_beyond_infinity(doffs_px, wider_px, beyond_px,
             assert farthest < planes.low < planes.high < config.disparity.min_px
         if config.background.cuboid:
             assert config.background.wall_disparity_px.low > farthest
+        for recipe in config.recipes():
+            background, particles = recipe.config.background, recipe.config.particles
+            shown = [layer.disparity_px for layer in particles.layers or ()]
+            shown += [background.wall_disparity_px] if background.room else []
+            shown += [recipe.config.structures.panel_disparity_px] if particles.layers else []
+            assert all(farthest < each.low <= each.high <= config.disparity.max_px for each in shown), recipe.name
 
 
 def test_the_far_plane_of_a_negative_doffs_is_before_infinity():
     rigs = [Rig(StereoCamera.centred(640, 480, 500.0, 0.2, each), "x") for each in (-5.0, 2.0)]
     found = measured_range(Histogram.from_counts([6.0, 46.0], [1.0]), -5.0)
-    text = config_text("x", facts(rigs, found))
+    known = facts(rigs, found)
+    text = config_text("x", known, untried_style(known.recipes))
     assert found.min_px == 6
     assert "plane_disparity_px: [5.1, 5.7]" in text
     camera = parse_config(text, "x.yaml").camera
@@ -601,7 +698,7 @@ def test_what_lies_beyond_infinity_is_refused_with_its_numbers(call, tmp_path):
         chosen_range(None, 4.0, -5.0)
     photographs(tmp_path / "photos", 1, (640, 480))
     write(tmp_path, "calib.txt", middlebury(StereoCamera.centred(640, 480, 700.0, 0.2, -5.0)))
-    given = ("calibrate", "--images", "photos", "--calib", "calib.txt", "--out", "a.yaml", "--range-px")
+    given = ("calibrate", "--trials", 0, "--images", "photos", "--calib", "calib.txt", "--out", "a.yaml", "--range-px")
     code, _, err = call(*given, 3, 90)
     assert (code, "begins at 3 px, but with doffs = -5 px" in err) == (2, True), err
     assert call(*given, 6, 90)[0] == 0
@@ -647,7 +744,9 @@ def test_whatever_files_are_called_the_yaml_is_read_back(tmp_path_factory, name)
         return
     rig = Rig(StereoCamera.centred(30, 20, 40.0, 0.1), str(photograph))
     found = config_facts([rig], [str(photograph)], DisparitySource(range_px=(1, 10)))
-    config = load_config(write(folder, "config.yaml", config_text(config_name(name), found)))
+    config = load_config(
+        write(folder, "config.yaml", config_text(config_name(name), found, untried_style(found.recipes)))
+    )
     assert config.textures.images == (str(photograph),)
 
 
@@ -681,6 +780,8 @@ def test_a_real_pair_becomes_a_config_that_renders(call, tmp_path, monkeypatch):
     write(tmp_path, "calib.txt", MIDDLEBURY)
     given = (
         "calibrate",
+        "--trials",
+        0,
         "--images",
         "photos",
         "--calib",
@@ -714,8 +815,6 @@ def test_a_real_pair_becomes_a_config_that_renders(call, tmp_path, monkeypatch):
     np.testing.assert_allclose(truth.histogram.shares, target.shares, atol=2e-3)
     assert config.disparity.min_px == pytest.approx(np.quantile(disparity[np.isfinite(disparity)], 0.001), abs=0.15)
 
-    from backends import backend_fault
-
     from semisynth_gl.pairs.pipeline import render_pair
 
     if backend_fault("auto"):
@@ -733,9 +832,34 @@ def test_a_real_pair_becomes_a_config_that_renders(call, tmp_path, monkeypatch):
     assert call(*given, "--overwrite")[0] == 0
 
 
+def test_trial_pairs_set_what_the_place_shows(call, tmp_path):
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    size = (96, 64)
+    (tmp_path / "scene").mkdir()
+    for number, near in enumerate((5, 12)):
+        disparity = np.tile(np.where(np.arange(size[0]) < 40, 4, near).astype(np.float32), (size[1], 1))
+        (tmp_path / f"scene/{number}.pfm").write_bytes(pfm(disparity))
+    photographs(tmp_path / "photos", 2, (300, 300))
+    code, out, _ = call(
+        "calibrate", "--trials", 1, "--images", "photos", "--focal-px", 90, "--baseline-m", 0.2, "--size", "96x64",
+        "--disparity", "scene", "--other-camera", "--out", "a.yaml",
+    )  # fmt: skip
+    assert code == 0
+    assert re.search(r"^place +\d+ of \d+ measures expected", out, re.MULTILINE)
+    config, text = load_config(tmp_path / "a.yaml"), (tmp_path / "a.yaml").read_text()
+    # Two surfaces and one jump a row are next to nothing floating.
+    shares = {recipe.name: recipe.share for recipe in config.recipes()}
+    assert shares["clutter"] == pytest.approx(0.05)
+    assert "# Weights by depth jumps above 1 px" in text
+    assert f"recipes          {', '.join(f'{share:.0%} {name}' for name, share in shares.items())}" in out
+    assert f"blurred by {config.imperfections.blur_px.low:g} px" in out
+
+
 def test_plain_numbers_and_a_range_are_enough(call, tmp_path):
     photographs(tmp_path / "photos", 2, (300, 300))
-    plain = ("calibrate", "--images", "photos", "--focal-px", 700, "--baseline-m", 0.12, "--size", "640x480")
+    plain = ("calibrate", "--trials", 0, "--images", "photos", "--focal-px", 700, "--baseline-m", 0.12)
+    plain = (*plain, "--size", "640x480")
     code, out, err = call(*plain, "--range-px", 2, 96, "--other-camera", "--out", "p.yaml")
     assert (code, err) == (0, "")
     assert "too few to hold some out for both validation and test" in out
@@ -751,7 +875,7 @@ def test_comments_say_where_numbers_are_from(call, tmp_path):
         text = middlebury(StereoCamera.centred(640, 480, 700.0, 0.2, 10.0 * number)) + ends
         write(tmp_path, f"scene{number}/calib.txt", text)
     photographs(tmp_path / "photos", 1, (640, 480))
-    given = ("calibrate", "--images", "photos", "--out", "a.yaml", "--overwrite")
+    given = ("calibrate", "--trials", 0, "--images", "photos", "--out", "a.yaml", "--overwrite")
     code, out, err = call(*given, "--calib", "*/calib.txt")
     assert (code, err) == (0, "")
     assert "max_px is the largest of 2 calibrations, vmax of scene1/calib.txt, min_px a fiftieth of that;" in out
@@ -766,7 +890,7 @@ def test_comments_say_where_numbers_are_from(call, tmp_path):
 def test_runs_beside_each_other_keep_to_their_own_file(call, tmp_path, monkeypatch):
     given = (
         "calibrate", "--images", "photos", "--focal-px", 700, "--baseline-m", 0.12, "--size", "300x300",
-        "--range-px", 2, 96, "--out", "lab.yaml", "--overwrite",
+        "--range-px", 2, 96, "--out", "lab.yaml", "--overwrite", "--trials", 0,
     )  # fmt: skip
     photographs(tmp_path / "photos", 1, (300, 300))
     names = []
@@ -790,7 +914,7 @@ def test_an_invalid_config_is_reported_under_its_own_name(call, tmp_path, monkey
     monkeypatch.setattr(calibrate, "_PLANE_OF_MIN", (-0.1, 0.7))
     code, _, err = call(
         "calibrate", "--images", "photos", "--focal-px", 700, "--baseline-m", 0.12, "--size", "300x300",
-        "--range-px", 2, 96, "--out", "lab.yaml",
+        "--range-px", 2, 96, "--out", "lab.yaml", "--trials", 0,
     )  # fmt: skip
     assert code == 2
     assert "--out lab.yaml: not written" in err
@@ -852,7 +976,8 @@ def test_real_photographs_of_two_benchmarks(call, tmp_path):
     )
     write(tmp_path, "calib.txt", eth3d)
     images = SHARED / "textures/eth3d"
-    code, out, err = call("calibrate", "--images", images, "--calib", "calib.txt", "--out", "eth3d.yaml")
+    given = ("calibrate", "--trials", 0, "--images", images, "--calib", "calib.txt")
+    code, out, err = call(*given, "--out", "eth3d.yaml")
     assert (code, err) == (0, "")
     assert "5 have another size than the rig's images" in out
     write(tmp_path, "full.txt", MIDDLEBURY.replace("width=741", "width=1434").replace("height=500", "height=984"))

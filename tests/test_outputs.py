@@ -24,7 +24,7 @@ from semisynth_gl.generation.generate import generate
 from semisynth_gl.textures.image_files import find_files
 from semisynth_gl.textures.reach import reaching_source
 
-PLAIN = "--focal-px 700 --baseline-m 0.12 --size 64x48 --range-px 1 8 --other-camera"
+PLAIN = "--focal-px 700 --baseline-m 0.12 --size 64x48 --range-px 1 8 --other-camera --trials 0"
 SMALL = "--set camera.width_px=64 --set camera.height_px=48 --set models.variants=1 --set models.complex=0"
 # Each option that writes a file, behind the command that has it.
 COMMANDS = {

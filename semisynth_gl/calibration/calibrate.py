@@ -4,12 +4,16 @@ import json
 import math
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
+from typing import Any
 
 from semisynth_gl.calibration.disparity_range import DisparityRange, DisparitySource, disparity_range, farthest_px
-from semisynth_gl.calibration.photographs import check_sizes
+from semisynth_gl.calibration.photographs import check_sizes, large_side
+from semisynth_gl.calibration.recipes import SceneRecipe, suitable_recipes
 from semisynth_gl.calibration.rig import Rig, Size, median_size, rig_ranges
+from semisynth_gl.calibration.style import Style
 from semisynth_gl.config.model import BackgroundSection
 from semisynth_gl.textures.image_files import find_images, printable
 from semisynth_gl.user_files import expanded
@@ -37,6 +41,7 @@ class ConfigFacts:
         disparity: range and histogram of the disparities.
         images: files, folders and globs of the photographs, absolute.
         photograph_count: number of photographs.
+        large_px: side of large patches.
         fitting_count: number of photographs with the size of a calibration; 0 where sizes were not compared.
     """
 
@@ -45,6 +50,7 @@ class ConfigFacts:
     disparity: DisparityRange
     images: Sequence[str]
     photograph_count: int
+    large_px: int
     fitting_count: int = 0
 
     @property
@@ -70,6 +76,11 @@ class ConfigFacts:
         """The scenes that suit the far share: ``indoor``, ``outdoor`` or both."""
         suitable = {"indoor": self.far_share <= _OUTDOOR_FROM, "outdoor": self.far_share > _INDOOR_AT_MOST}
         return tuple(kind for kind in suitable if suitable[kind])
+
+    @property
+    def recipes(self) -> tuple[SceneRecipe, ...]:
+        """The recipes that suit the scenes."""
+        return suitable_recipes(self.scenes, self.disparity, self.size.width_px)
 
 
 def config_facts(
@@ -103,16 +114,18 @@ def config_facts(
         disparity_range(disparity, rigs),
         [str(expanded(path).absolute()) for path in images],
         len(photographs),
+        large_side(photographs, median_size(rigs).width_px),
         fitting_count,
     )
 
 
-def config_text(name: str, facts: ConfigFacts) -> str:
+def config_text(name: str, facts: ConfigFacts, style: Style) -> str:
     """Write the config as YAML, with comments that say where its numbers came from.
 
     Args:
         name: name of the config.
         facts: rigs, disparities and photographs.
+        style: mix of the recipes, and look of the surfaces.
     """
     ranges, disparity = facts.ranges, facts.disparity
     width_px, height_px = facts.size
@@ -171,11 +184,22 @@ def config_text(name: str, facts: ConfigFacts) -> str:
         "particles:",
         f"  size_px: {_range((float(max(sizes[0], 1)), float(max(sizes[1], 2))))}",
         "",
-        f"# Photographs: {facts.photograph_count} when this was written.",
+        *_comment(style.mix_origin),
+        "scenes:",
+        *chain.from_iterable(map(_recipe, style.recipes, style.weights)),
+        "",
+        *_comment(f"Photographs: {facts.photograph_count} when this was written. {style.look_origin}"),
         "textures:",
+        f"  texels_per_pixel: {_range(style.texels_per_pixel)}",
+        f"  flat_share: {_number(style.flat_share)}",
+        f"  large_px: {facts.large_px:<15} # walls and grounds wear the largest squares of photographs, whole",
         "  source: images",
         "  images:",
         *(f"    - {_quoted(path)}" for path in facts.images),
+        "",
+        "# As soft as the photographs are, see textures.",
+        "imperfections:",
+        f"  blur_px: {_number(style.blur_px)}",
     ]
     return "\n".join(lines) + "\n"
 
@@ -202,6 +226,20 @@ def _camera_origin(facts: ConfigFacts) -> str:
             "keep their distance to the centre"
         )
     return text + "."
+
+
+def _recipe(recipe: SceneRecipe, weight: float) -> list[str]:
+    lines = [f"  - recipe: {recipe.name:<15} # {recipe.meaning}", f"    weight: {_number(weight)}"]
+    return lines + [f"    {section}: {_flow(keys)}" for section, keys in recipe.keys.items()]
+
+
+def _flow(value: Any) -> str:  # noqa: ANN401 - whatever a recipe sets
+    """Return a value in one line of YAML."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key}: {_flow(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return f"[{', '.join(map(_flow, value))}]"
+    return value if isinstance(value, str) else _number(value)
 
 
 def _comment(text: str) -> list[str]:

@@ -13,6 +13,8 @@ from semisynth_gl.textures.images import ImageError, stored_size
 from semisynth_gl.textures.prepare import share_photographs
 
 _SIZES_SHOWN = 3
+# Of large patches. Two dozen of the largest take 100 MB.
+_SMALLEST_SIDE, _LARGEST_SIDE = 256, 1024
 _ROUND_SCALES = tuple(sorted({part / whole for whole in range(2, 9) for part in (1, 2, 3)} | {2.0, 4.0}))
 
 
@@ -57,6 +59,21 @@ def check_sizes(images: Sequence[Path], calibrated: Sequence[Size], scale: float
         f"none has that size: they have {_listed(sizes)}; {advice} they were taken with another camera, say so "
         "with --other-camera"
     )
+
+
+def large_side(images: Sequence[Path], width_px: int) -> int:
+    """Return a side for large patches: the median of the largest squares of photographs, but no more than is seen.
+
+    Args:
+        images: files; a file that cannot be read is passed over.
+        width_px: width of the rig's images, beyond which nothing of a large patch is seen.
+    """
+    sides = list[int]()
+    for path in images:
+        with suppress(ImageError):
+            sides.append(min(stored_size(path)))
+    median = sorted(sides)[len(sides) // 2] if sides else 0
+    return max(min(median, width_px, _LARGEST_SIDE), _SMALLEST_SIDE)
 
 
 def impossible_splits(images: int) -> list[str]:

@@ -12,14 +12,20 @@ from semisynth_gl.calibration.disparity_range import DisparitySource
 from semisynth_gl.calibration.photographs import impossible_splits
 from semisynth_gl.calibration.rig import Rig, Size, plain_rig
 from semisynth_gl.calibration.rig_files import read_rigs
-from semisynth_gl.cli.options import Number, Source, above_0, images_option, option
+from semisynth_gl.calibration.style import Style, untried_style
+from semisynth_gl.cli.options import NATURAL, Number, Source, above_0, images_option, option
 from semisynth_gl.cli.outputs import CONFIG, Output, output_option
+from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
+from semisynth_gl.comparison.maps import find_maps
+from semisynth_gl.comparison.place import find_place
+from semisynth_gl.comparison.sides import MeasuredPlace, measure_place
 from semisynth_gl.config.fields import LARGEST
 from semisynth_gl.config.load import parse_config
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.textures.crop_report import TextureReport
+from semisynth_gl.textures.image_files import find_images
 from semisynth_gl.textures.prepare import prepare_atlas
 
 _ANY_NUMBER = Number(min=-LARGEST, max=LARGEST)
@@ -61,6 +67,13 @@ _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 )
 @option("--range-px", type=(_ANY_NUMBER, _ANY_NUMBER), help="Least and largest disparity, where there are no maps.")
 @option("--other-camera", is_flag=True, help="The photographs are not the rig's: they may have any size.")
+@option(
+    "--trials",
+    type=NATURAL,
+    default=2,
+    help="How many pairs to render and measure of each recipe and texture scale; 0 for none: then all recipes have one "
+    "weight, and textures are as in the packaged configs.",
+)
 @output_option("--out", CONFIG, ".yaml", ".yml", required=True, help="YAML to write.")
 def calibrate(
     images: tuple[str, ...],
@@ -74,6 +87,7 @@ def calibrate(
     png_scale: float,
     range_px: tuple[float, float] | None,
     other_camera: bool,
+    trials: int,
     output: Output,
 ) -> None:
     """Write a config for a rig: its camera, the disparities that it sees, and the photographs to cut patches from."""
@@ -84,18 +98,52 @@ def calibrate(
     rigs = _rigs(calib, focal_px, baseline_m, _size(size), None if unit is None else _UNITS[unit])
     disparity = DisparitySource(maps, png_scale, range_px)
     facts = config_facts(rigs, images, disparity, scale=scale, other_camera=other_camera)
-    text = config_text(config_name(out.stem), facts)
+    name, style = config_name(out.stem), untried_style(facts.recipes)
+    text = config_text(name, facts, style)
     try:
         config = parse_config(text, str(out))
     except InputError as error:
         raise InputError(f"--out {out}: not written, since the numbers make no valid config:\n{error}") from None
     # The patches of the dataset to come: unusable photographs are reported now, and the cache keeps the patches.
     report = prepare_atlas(config.textures, 0).report
+    place = None
+    if trials:
+        place = measure_place(find_place(find_images(images), find_maps(maps), png_scale))
+        style = _tried(facts, place, trials)
+        text = config_text(name, facts, style)
     output.write(text.encode())
-    for line in _summary(facts, report):
+    for line in (*_summary(facts, report), *_style_summary(style, place)):
         say(line)
     for line in _next_steps(config.name, out, images, disparity):
         say(line)
+
+
+def _tried(facts: ConfigFacts, place: MeasuredPlace, trials: int) -> Style:
+    """Render and measure trial pairs for a style."""
+    # Imported here: OpenGL and models take longer to load than a config to write without them.
+    from semisynth_gl.calibration.trial import tried_style  # noqa: PLC0415
+
+    try:
+        with Progress() as progress:
+            return tried_style(facts, place.side, trials, progress)
+    except BackendError as error:
+        advice = "Without OpenGL, --trials 0 writes a config that no pairs were tried for"
+        raise BackendError(f"{error}\n{advice}") from None
+
+
+def _style_summary(style: Style, place: MeasuredPlace | None) -> list[str]:
+    parts = zip(style.weights, style.recipes, strict=True)
+    lines = [f"recipes          {', '.join(f'{weight:.0%} {recipe.name}' for weight, recipe in parts)}"]
+    if place is None:
+        return lines
+    low, high = style.texels_per_pixel
+    look = f"{low:g} to {high:g} texels per pixel, {style.flat_share:.0%} flat, blurred by {style.blur_px:g} px"
+    near, compared = style.near(place.side)
+    lines.append(f"textures         {look}")
+    lines.append(
+        f"place            {near} of {compared} measures expected within one standard deviation of its pictures"
+    )
+    return lines
 
 
 def _rigs(

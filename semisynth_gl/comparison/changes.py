@@ -73,9 +73,9 @@ CHANGES: tuple[Change, ...] = (
 """All changes; those that move most come first."""
 
 
-def moved_by(key: str) -> tuple[Measure, ...]:
-    """Return the measures that a key of the table moves, in their order."""
-    moved = {each for change in CHANGES if change.key == key for each in (*change.up, *change.down)}
+def moved_by(*keys: str) -> tuple[Measure, ...]:
+    """Return the measures that some keys of the table move, in their order."""
+    moved = {each for change in CHANGES if change.key in keys for each in (*change.up, *change.down)}
     return tuple(measure for measure in MEASURES if measure.key in moved)
 
 

@@ -41,6 +41,11 @@ class _Quantity:
         """Whether an image is enough for it, without a disparity map."""
         return _OF_IMAGES.issuperset(self.of)
 
+    @property
+    def of_maps(self) -> bool:
+        """Whether a disparity map is enough for it, without an image."""
+        return _OF_IMAGES.isdisjoint(self.of)
+
     def arrays(self, picture: Picture) -> list[NDArray[Any]] | None:
         """Return what it is computed from, or None where the picture lacks some of that."""
         arrays = [getattr(picture, name) for name in self.of]
