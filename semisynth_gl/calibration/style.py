@@ -25,8 +25,8 @@ _OF_MIX = ("background.room", "background.street", "structures.panels", "particl
 _OF_LOOK = ("imperfections.blur_px", "textures.texels_per_pixel", "textures.flat_share")
 # Weights are multiples of a twentieth.
 _PARTS = 20
-# How much a mix of equal weights is worth, in squared deviations of one measure.
-_EVENNESS = 1.0
+# How much a mix of equal weights is worth beside a mix of one recipe, in deviations of one measure.
+_EVENNESS = 0.1
 _MOST_FLAT = 0.5
 _EQUAL = "Equal weights: no disparity map says otherwise."
 # Of a mean: the deviation of a place that has one picture, and the least that counts.
@@ -89,7 +89,7 @@ def untried_style(recipes: Sequence[SceneRecipe]) -> Style:
 
 
 def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Side, blur_scale: float) -> Style:
-    """Choose the style whose pairs are expected to come nearest to a place, in standard deviations of its pictures.
+    """Choose the style whose pairs are expected to come near to a place, in standard deviations of its pictures.
 
     Weights follow from the measures of disparity maps that recipes move; texture scale, blur and flat share from those
     of images, and of borders, that they move. See `semisynth_gl.comparison.changes`.
@@ -108,14 +108,14 @@ def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Side, blur
     if rows:
         mixes = _mixes(len(recipes))
         off = (mixes @ geometry[:, rows] - wanted[rows]) / unit[rows]
-        best = np.argmin((off**2).sum(axis=1) + _EVENNESS * (mixes**2).sum(axis=1))
+        best = np.argmin(_far(off) + _EVENNESS * (mixes**2).sum(axis=1))
         weights, mix_origin = mixes[best], f"Weights by {_named(rows)}"
     looks = _mean(trial.means, 0, weights[:, None, None, None])
     rows = _rows(moved_by(*_OF_LOOK), wanted, looks.reshape(-1, looks.shape[-1]))
     share = _flat_share(looks, wanted)
     looks = _with_flat_surfaces(looks, share)
     off = (looks[..., rows] - wanted[rows]) / unit[rows]
-    texels, blur = np.unravel_index(np.argmin((off**2).sum(axis=-1)), share.shape)
+    texels, blur = np.unravel_index(np.argmin(_far(off)), share.shape)
     expected = looks[texels, blur]
     tried = f"of {trial.pairs} pairs that were rendered and measured"
     kept = np.flatnonzero(weights).tolist()
@@ -144,6 +144,16 @@ def _rows(measures: Sequence[Measure], wanted: NDArray[np.float64], found: NDArr
     chosen = {measure.key for measure in measures}
     there = np.isfinite(wanted) & np.isfinite(found).all(axis=0) & (wanted != 0)
     return [number for number, measure in enumerate(MEASURES) if measure.key in chosen and there[number]]
+
+
+def _far(off: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far (..., M) differences in deviations are together, (...).
+
+    Small ones count by their square and large ones by themselves: in a sum of squares, a measure that is far off would
+    pull the others away.
+    """
+    far: NDArray[np.float64] = (np.sqrt(1 + off**2) - 1).sum(axis=-1)
+    return far
 
 
 def _mixes(recipes: int) -> NDArray[np.float64]:
