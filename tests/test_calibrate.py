@@ -658,7 +658,8 @@ def test_nothing_of_a_config_lies_beyond_infinity(doffs_px, wider_px, beyond_px,
         chosen_range(low, low + span, doffs_px),
     ):
         known = facts([Rig(camera, "x") for camera in cameras], found)
-        text = config_text("x", known, untried_style(known.recipes))
+        # The recipes' numbers are looked at below: a config takes much longer to read with them.
+        text = config_text("x", known, untried_style(known.recipes[-1:]))
         config = parse_config(text, "x.yaml")
         assert farthest < config.disparity.min_px < low + span
         if config.background.plane:
@@ -666,12 +667,12 @@ def test_nothing_of_a_config_lies_beyond_infinity(doffs_px, wider_px, beyond_px,
             assert farthest < planes.low < planes.high < config.disparity.min_px
         if config.background.cuboid:
             assert config.background.wall_disparity_px.low > farthest
-        for recipe in config.recipes():
-            background, particles = recipe.config.background, recipe.config.particles
-            shown = [layer.disparity_px for layer in particles.layers or ()]
-            shown += [background.wall_disparity_px] if background.room else []
-            shown += [recipe.config.structures.panel_disparity_px] if particles.layers else []
-            assert all(farthest < each.low <= each.high <= config.disparity.max_px for each in shown), recipe.name
+        for recipe in known.recipes:
+            shown = [layer["disparity_px"] for layer in recipe.keys.get("particles", {}).get("layers", ())]
+            keys = ("background", "wall_disparity_px"), ("structures", "panel_disparity_px")
+            shown += [recipe.keys[name][key] for name, key in keys if key in recipe.keys.get(name, {})]
+            for low, high in shown:
+                assert farthest < low <= high <= config.disparity.max_px, recipe.name
 
 
 def test_the_far_plane_of_a_negative_doffs_is_before_infinity():

@@ -23,10 +23,10 @@ from semisynth_gl.codecs.png import GREY8, GREY16, RGB8
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.changes import CHANGES, advice, moved_by
 from semisynth_gl.comparison.compare import compare_with_place
-from semisynth_gl.comparison.maps import find_maps, image_beside
+from semisynth_gl.comparison.maps import find_maps, image_beside, map_files
 from semisynth_gl.comparison.measures import MEASURES, PROFILES
 from semisynth_gl.comparison.picture import fill_holes, make_picture, mean_luminance
-from semisynth_gl.comparison.place import find_place, map_pictures
+from semisynth_gl.comparison.place import find_place, left_out, map_pictures
 from semisynth_gl.comparison.quantities import (
     border_hardness,
     border_steps,
@@ -379,22 +379,22 @@ def test_kittis_folders(tmp_path):
     ],
 )
 def test_a_folder_of_a_benchmark_has_photographs_and_one_map(tmp_path, files, photographs, maps):
-    of_maps = GREY16.encode(np.full((48, 64), 2560, np.uint16))
+    grey = {True: GREY16.encode(np.full((48, 64), 2560, np.uint16)), False: GREY8.encode(pixels()[..., 0])}
     for name in files:
-        data = (
-            PFM.encode(steps())
-            if name.endswith(".pfm")
-            else of_maps
-            if "disp" in name
-            else GREY8.encode(pixels()[..., 0])
-        )
-        write(tmp_path / name, data)
-    assert [path.relative_to(tmp_path).as_posix() for path in find_images([tmp_path])] == photographs
-    assert [path.relative_to(tmp_path).as_posix() for path in find_maps([tmp_path])] == [maps]
-    place = find_place(find_files([tmp_path], [".png"]), find_files([tmp_path / maps], []))
-    assert [
-        path.relative_to(tmp_path).as_posix() for path in place.photographs if "disp" not in path.name
-    ] == photographs
+        write(tmp_path / name, PFM.encode(steps()) if name.endswith(".pfm") else grey["disp" in name])
+
+    def names(paths):
+        return [path.relative_to(tmp_path).as_posix() for path in paths]
+
+    assert names(find_images([tmp_path])) == photographs
+    assert names(find_maps([tmp_path])) == [maps]
+    place = find_place(find_files([tmp_path], [".png"]), map_files([tmp_path]))
+    assert (names(place.photographs), names(place.maps)) == (photographs, [maps])
+    # KITTI's maps are no photographs and, but for one, no maps.
+    beside = [name for name in files if name.endswith(".png") and name not in photographs]
+    others = [name for name in files if "disp" in name and name != maps]
+    said = left_out([tmp_path], [tmp_path])
+    assert said.startswith(f"left out {len({*beside, *others})} files, such as {tmp_path}/") or not beside + others
 
 
 @pytest.mark.parametrize(

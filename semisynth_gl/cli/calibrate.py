@@ -19,7 +19,7 @@ from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.maps import find_maps
-from semisynth_gl.comparison.place import find_place
+from semisynth_gl.comparison.place import find_place, left_out
 from semisynth_gl.comparison.sides import MeasuredPlace, measure_place
 from semisynth_gl.config.fields import LARGEST
 from semisynth_gl.config.load import parse_config
@@ -114,6 +114,8 @@ def calibrate(
     output.write(text.encode())
     for line in (*_summary(facts, report), *_style_summary(style, place)):
         say(line)
+    if passed_over := left_out(images, maps):
+        click.echo(f"note: {passed_over}", err=True)
     for line in _next_steps(config.name, out, images, disparity):
         say(line)
 

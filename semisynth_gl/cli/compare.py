@@ -12,7 +12,7 @@ from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.compare import Comparison, compare_with_place, comparison_json, comparison_table
 from semisynth_gl.comparison.maps import find_maps
 from semisynth_gl.comparison.picture import WORKING_WIDTH
-from semisynth_gl.comparison.place import find_place
+from semisynth_gl.comparison.place import find_place, left_out
 from semisynth_gl.comparison.sides import SAMPLE
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.splits import SPLITS, SplitName
@@ -100,7 +100,7 @@ def compare(
     click.echo()
     for line in _summary(comparison):
         click.echo(line)
-    for note in _notes(comparison):
+    for note in (*filter(None, [left_out(images, maps)]), *_notes(comparison)):
         click.echo(f"note: {note}", err=True)
 
 

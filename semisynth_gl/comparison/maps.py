@@ -29,7 +29,17 @@ _OF_RIGHT_VIEWS = frozenset({"disp1GT", "disp1", "disp_occ_1", "disp_noc_1"})
 
 
 def find_maps(sources: Sequence[str | Path]) -> list[Path]:
-    """Return the disparity maps of files, folders and globs: .pfm, .npy and 16-bit grey .png, one of each scene.
+    """Return one disparity map of each scene among `map_files`, see `one_of_each_scene`.
+
+    Raises:
+        InputError: where a source matches no map.
+        ReadError: where a PNG of a folder or glob cannot be read.
+    """
+    return one_of_each_scene(map_files(sources))
+
+
+def map_files(sources: Sequence[str | Path]) -> list[Path]:
+    """Return the disparity maps of files, folders and globs: .pfm, .npy and 16-bit grey .png.
 
     In folders and globs, PNG files of other kinds are passed over: images and masks lie beside disparity maps.
 
@@ -51,7 +61,7 @@ def find_maps(sources: Sequence[str | Path]) -> list[Path]:
                 "or glob of them"
             )
         paths |= dict.fromkeys(maps)
-    return one_of_each_scene(list(paths))
+    return list(paths)
 
 
 def one_of_each_scene(maps: Sequence[Path]) -> list[Path]:
