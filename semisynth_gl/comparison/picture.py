@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from semisynth_gl.comparison import quantities
 from semisynth_gl.errors import InputError
 from semisynth_gl.spread import centres
+from semisynth_gl.textures.crops import LUMINANCE
 
 WORKING_WIDTH = 512
 """Width to which all images and maps are brought, px, unless the caller wants another."""
 
 _DENSE = 0.5
-_WEIGHTS = np.array([0.299, 0.587, 0.114])
+_WEIGHTS = np.array(LUMINANCE) / 1000
 _STRIP_PIXELS = 1 << 20
 
 _Result = TypeVar("_Result")

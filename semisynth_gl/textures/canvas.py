@@ -7,18 +7,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from semisynth_gl.textures.crops import LUMINANCE
+
 SIDE_PX = 768
 """Width and height of a drawn picture."""
 
 FINE = 2
 """Shapes are drawn at this multiple of their size and reduced, since Pillow draws hard edges."""
 
+SHEET_PX = FINE * SIDE_PX
+"""Width and height of what shapes are drawn on."""
+
 Field = NDArray[np.float32]
 Pixels = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
-# Five colours each, found by eye; from dark to light within a line where there is an order.
-_PALETTES = """
+# Five colours each, found by eye; from dark to light within a palette where there is an order.
+_COLOURS = """
 264653 2a9d8f e9c46a f4a261 e76f51 | 1d3557 457b9d a8dadc f1faee e63946 | 3d405b 81b29a f2cc8f e07a5f f4f1de
 003049 d62828 f77f00 fcbf49 eae2b7 | 606c38 283618 fefae0 dda15e bc6c25 | 5f0f40 9a031e fb8b24 e36414 0f4c5c
 2b2d42 8d99ae edf2f4 ef233c d90429 | 132a13 31572c 4f772d 90a955 ecf39e | 10002b 5a189a 9d4edd e0aaff ff9e00
@@ -27,6 +32,14 @@ _PALETTES = """
 386641 6a994e a7c957 f2e8cf bc4749 | 33202a 6d4c5b c97b84 a85751 f0d9c0 | 073b4c 118ab2 06d6a0 ffd166 ef476f
 2d2424 5c3d2e b85c38 e0c097 f6efe2 | 27476e 006992 eaf8bf ffb703 d1495b | 1b4332 40916c b7e4c7 f9c74f f3722c
 """
+_PALETTES = np.array(
+    [
+        [list(bytes.fromhex(code)) for code in five.split()]
+        for line in _COLOURS.strip().splitlines()
+        for five in line.split("|")
+    ],
+    np.float64,
+)
 
 _SYLLABLES = """
 ba be bo bra ca ce chi co cra da de di do dra el en fa fi flo ga go gri ha hi ka ki la le li lo lu ma me mi mo na ne ni
@@ -36,8 +49,7 @@ no o pa pe pi plo ra re ri ro sa se shi so sta ta te ti to tra u va ve vi wa wi 
 
 def palette(rng: np.random.Generator) -> NDArray[np.float64]:
     """Return five colours that go together, in random order, (5, 3) of 0 to 255."""
-    lines = [line.split() for line in _PALETTES.replace("\n", "|").split("|") if line.strip()]
-    colours = np.array([list(bytes.fromhex(colour)) for colour in lines[int(rng.integers(len(lines)))]], np.float64)
+    colours = _PALETTES[int(rng.integers(len(_PALETTES)))]
     return np.clip(rng.permutation(colours) * rng.uniform(0.9, 1.08, 3), 0, 255)
 
 
@@ -60,7 +72,7 @@ def pick(rng: np.random.Generator, colours: NDArray[np.float64]) -> NDArray[np.f
 
 def luminance(values: NDArray[Any]) -> float:
     """Return the luminance of a colour, 0 to 255."""
-    return float(np.dot(values, (0.299, 0.587, 0.114)))
+    return float(np.dot(values, np.array(LUMINANCE) / 1000))
 
 
 def ink_on(paper: NDArray[Any], colours: NDArray[np.float64]) -> Colour:
@@ -202,8 +214,13 @@ def cells(
 
 def sheet(paper: NDArray[Any]) -> tuple[Image.Image, ImageDraw.ImageDraw]:
     """Return an image of one colour and `FINE` times the size, to draw shapes on, and its pen."""
-    image = Image.new("RGB", (FINE * SIDE_PX, FINE * SIDE_PX), colour(paper))
+    image = Image.new("RGB", (SHEET_PX, SHEET_PX), colour(paper))
     return image, ImageDraw.Draw(image)
+
+
+def vertices(points: NDArray[np.float64]) -> list[tuple[float, float]]:
+    """Return points (N, 2), x and y, as Pillow takes them."""
+    return [(float(x), float(y)) for x, y in points]
 
 
 def reduced(image: Image.Image) -> Field:

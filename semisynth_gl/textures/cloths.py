@@ -37,8 +37,8 @@ def tartan(rng: np.random.Generator) -> Pixels:
         shades = rng.normal(1, 0.06, (threads, 1))
         return (colours[numbers] * shades).astype(np.float32)
 
-    warp, weft = sett(), sett() if rng.random() < 0.4 else None
-    weft = warp if weft is None else weft
+    warp = sett()
+    weft = sett() if rng.random() < 0.4 else warp
     y, x = grid()
     sway = 2.5 * fractal(rng, coarsest_px=512, finest_px=16, persistence=0.6)
     v, u = (y + sway) / pitch, (x - sway) / pitch

@@ -12,6 +12,9 @@ from semisynth_gl.errors import InputError
 FINGERPRINT_NORM = 1000
 """Length of a fingerprint, up to rounding."""
 
+LUMINANCE = (299, 587, 114)
+"""Thousandths of red, green and blue in luminance, by ITU-R BT.601."""
+
 # Cells along each side of a patch in which texture and fingerprints are measured.
 _GRID_CELLS = 8
 _FINGERPRINT_LENGTH = 2 * _GRID_CELLS * (_GRID_CELLS - 1)
@@ -254,8 +257,8 @@ class DuplicateFinder:
 
 def _luminance(image: NDArray[np.uint8]) -> NDArray[np.int32]:
     """Return the luminance (H, W) of (H, W, 3) RGB in thousandths of a level."""
-    red, green, blue = (image[..., channel].astype(np.int32) for channel in range(3))
-    return 299 * red + 587 * green + 114 * blue
+    red, green, blue = (image[..., channel].astype(np.int32) * part for channel, part in enumerate(LUMINANCE))
+    return red + green + blue
 
 
 def _cells(extent: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from semisynth_gl.textures.canvas import (
-    FINE,
+    SHEET_PX,
     SIDE_PX,
     Pixels,
     cells,
@@ -25,12 +25,11 @@ from semisynth_gl.textures.canvas import (
     step,
     toned,
     varied,
+    vertices,
     word,
     words,
 )
 from semisynth_gl.textures.illustrations import around, chart, printed
-
-_SIDE = FINE * SIDE_PX
 
 
 def city_map(rng: np.random.Generator) -> Pixels:
@@ -121,7 +120,7 @@ def circuit(rng: np.random.Generator) -> Pixels:
     track, pad = colour(board * 1.45 + 16), (212, 186, 110)
     step_px = 32
     for _ in range(250):
-        x, y = (rng.integers(0, _SIDE // step_px, 2) * step_px).tolist()
+        x, y = (rng.integers(0, SHEET_PX // step_px, 2) * step_px).tolist()
         points = [(x, y)]
         turn = int(rng.integers(8))
         for _ in range(int(rng.integers(1, 6))):
@@ -134,7 +133,7 @@ def circuit(rng: np.random.Generator) -> Pixels:
             draw.ellipse(around(x, y, 12), fill=pad)
             draw.ellipse(around(x, y, 5), fill=(16, 18, 18))
     for _ in range(90):
-        x, y = (rng.integers(0, _SIDE // step_px, 2) * step_px).tolist()
+        x, y = (rng.integers(0, SHEET_PX // step_px, 2) * step_px).tolist()
         kind = rng.random()
         if kind < 0.16:
             _chip(draw, rng, x, y)
@@ -187,9 +186,9 @@ def comic(rng: np.random.Generator) -> Pixels:
     """Panels of a comic: figures, speed lines, dots, speech."""
     image, draw = sheet(np.array([250, 248, 240]))
     top = 24
-    while top < _SIDE:
+    while top < SHEET_PX:
         high, left = int(rng.integers(420, 760)), 24
-        while left < _SIDE:
+        while left < SHEET_PX:
             wide = int(rng.integers(420, 900))
             own = image.crop((left, top, left + wide, top + high))
             _panel(own, rng)
@@ -222,7 +221,7 @@ def _panel(own: Image.Image, rng: np.random.Generator) -> None:
     for number in range(int(rng.integers(4, 11))):
         points = centre + rng.normal(0, 0.2, 2) * wide + _blob(rng, rng.uniform(50, 190))
         draw.polygon(
-            [(float(x), float(y)) for x, y in points],
+            vertices(points),
             fill=varied(rng, inks[2 + number % 3]),
             outline=(16, 16, 18),
             width=7,
@@ -254,13 +253,13 @@ def confetti(rng: np.random.Generator) -> Pixels:
     image, draw = sheet(pick(rng, inks))
     for number in range(1750):
         size = rng.uniform(12, 44) * (2 if number < 400 else 1)
-        x, y = rng.uniform(-20, _SIDE + 20, 2)
+        x, y = rng.uniform(-20, SHEET_PX + 20, 2)
         turn, squash = rng.uniform(0, np.pi), rng.uniform(0.3, 1)
         corners = 4 if number % 3 else 12
         angles = turn + np.linspace(0, 2 * np.pi, corners, endpoint=False)
         outline = np.stack([np.cos(angles), squash * np.sin(angles)], axis=1) * size + (x, y)
-        draw.polygon([(float(a) + 5, float(b) + 7) for a, b in outline], fill=(26, 24, 28))
-        draw.polygon([(float(a), float(b)) for a, b in outline], fill=varied(rng, pick(rng, inks), 24))
+        draw.polygon(vertices(outline + np.array([5, 7])), fill=(26, 24, 28))
+        draw.polygon(vertices(outline), fill=varied(rng, pick(rng, inks), 24))
     y_px = grid()[0]
     rough = fractal(rng, coarsest_px=32) + np.float32(0.2) * np.sin(y_px / 90)
     return finished(rng, reduced(image) * (1 + np.float32(0.05) * rough)[..., np.newaxis], grain=6)

@@ -6,6 +6,7 @@ from PIL import ImageDraw
 
 from semisynth_gl.textures.canvas import (
     FINE,
+    SHEET_PX,
     SIDE_PX,
     Field,
     Pixels,
@@ -25,6 +26,7 @@ from semisynth_gl.textures.canvas import (
     step,
     toned,
     varied,
+    vertices,
 )
 
 _GREENS = np.array(
@@ -33,7 +35,6 @@ _GREENS = np.array(
 _AUTUMN = np.array(
     [[122, 52, 24], [182, 84, 30], [212, 132, 44], [228, 178, 72], [92, 66, 34], [150, 34, 30]], np.float64
 )
-_Points = list[tuple[float, float]]
 
 
 def _leaf(
@@ -59,19 +60,15 @@ def _leaf(
     left, right, middle = points(breadth), points(-breadth), points(np.zeros(9))
     light = np.array([255, 255, 210])
     shadow = np.concatenate([left, right[::-1]]) + length * 0.035
-    draw.polygon(_pairs(shadow), fill=colour(tint * 0.3))
-    draw.polygon(_pairs(np.concatenate([left, middle[::-1]])), fill=colour(0.85 * tint + 0.12 * light))
-    draw.polygon(_pairs(np.concatenate([right, middle[::-1]])), fill=colour(tint * 0.78))
+    draw.polygon(vertices(shadow), fill=colour(tint * 0.3))
+    draw.polygon(vertices(np.concatenate([left, middle[::-1]])), fill=colour(0.85 * tint + 0.12 * light))
+    draw.polygon(vertices(np.concatenate([right, middle[::-1]])), fill=colour(tint * 0.78))
     ink = colour(0.7 * tint + 0.3 * light)
-    draw.line(_pairs(middle), fill=ink, width=max(1, int(length * 0.018)))
+    draw.line(vertices(middle), fill=ink, width=max(1, int(length * 0.018)))
     for number in range(2, 7):
         for edge in (left, right):
             tip = 0.75 * edge[number + 1] + 0.25 * middle[number]
-            draw.line(_pairs(np.array([middle[number - 1], tip])), fill=ink, width=max(1, int(length * 0.008)))
-
-
-def _pairs(points: NDArray[np.float64]) -> _Points:
-    return [(float(x), float(y)) for x, y in points]
+            draw.line(vertices(np.array([middle[number - 1], tip])), fill=ink, width=max(1, int(length * 0.008)))
 
 
 def leaves(rng: np.random.Generator) -> Pixels:
@@ -79,8 +76,7 @@ def leaves(rng: np.random.Generator) -> Pixels:
     tints = _AUTUMN if rng.random() < 0.4 else _GREENS
     image, draw = sheet(tints[0] * 0.5)
     count = 620
-    side = FINE * SIDE_PX
-    places = rng.uniform(-60, side + 60, (count, 2))
+    places = rng.uniform(-60, SHEET_PX + 60, (count, 2))
     lean = rng.uniform(0, 2 * np.pi)
     for number, at in enumerate(places):
         depth = number / count
@@ -95,10 +91,9 @@ def leaves(rng: np.random.Generator) -> Pixels:
 def meadow(rng: np.random.Generator) -> Pixels:
     """Grass and flowers of several sorts."""
     image, draw = sheet(np.array([34, 50, 22]))
-    side = FINE * SIDE_PX
     for number in range(1300):
         depth = number / 1300
-        x, y = rng.uniform(-40, side + 40, 2)
+        x, y = rng.uniform(-40, SHEET_PX + 40, 2)
         lean, length = rng.normal(0, 0.5), rng.uniform(80, 220)
         tint = varied(rng, _GREENS[int(rng.integers(6))] * (0.5 + 0.6 * depth), 10)
         base, tip = rng.uniform(3, 7), (x + length * np.sin(lean), y - length * np.cos(lean))
@@ -107,7 +102,7 @@ def meadow(rng: np.random.Generator) -> Pixels:
         )
     inks = palette(rng)
     for number in range(250):
-        at, radius = rng.uniform(0, side, 2), rng.uniform(10, 42) * (1.6 if number > 215 else 1)
+        at, radius = rng.uniform(0, SHEET_PX, 2), rng.uniform(10, 42) * (1.6 if number > 215 else 1)
         ink, petals, turn = pick(rng, inks), int(rng.integers(5, 13)), rng.uniform(0, 7)
         squash = np.array([1, rng.uniform(0.5, 1)])
         for petal in range(petals):
@@ -122,8 +117,10 @@ def meadow(rng: np.random.Generator) -> Pixels:
                 out - sideways * 0.4,
                 0.6 * out - sideways * 0.8,
             ]
-            draw.polygon(_pairs(at + radius * np.array(outline) * squash), fill=varied(rng, ink, 16))
-            draw.line(_pairs(at + radius * np.array([0.2 * out, 0.9 * out]) * squash), fill=colour(ink * 0.72), width=2)
+            draw.polygon(vertices(at + radius * np.array(outline) * squash), fill=varied(rng, ink, 16))
+            draw.line(
+                vertices(at + radius * np.array([0.2 * out, 0.9 * out]) * squash), fill=colour(ink * 0.72), width=2
+            )
         heart = radius * 0.28
         box = (at[0] - heart, at[1] - heart * squash[1], at[0] + heart, at[1] + heart * squash[1])
         draw.ellipse(box, fill=varied(rng, np.array([214, 168, 52])), outline=(120, 78, 26), width=2)
@@ -140,11 +137,11 @@ def pebbles(rng: np.random.Generator) -> Pixels:
     stones = np.concatenate([stones, 0.45 * palette(rng) + 60])
     rough = fractal(rng, coarsest_px=64)
     sway = fractal(rng, coarsest_px=128, finest_px=2, persistence=0.6)
+    y, x = grid()
     for size, share, wobble in ((22, 0.8, 1.5), (44, 0.6, 3), (86, 0.5, 5), (171, 0.32, 8)):
         number, border, points = cells(rng, size, 0.85)
         shown = rng.random(len(points)) < share
         inset = rng.uniform(0.03, 0.16, len(points)).astype(np.float32) * size
-        y, x = grid()
         away = np.hypot(y - points[number, 0], x - points[number, 1])
         # No stone reaches far: the corners of large cells are rounded off.
         round_off = np.minimum(border, np.float32(0.52 * size) - away)
@@ -244,9 +241,8 @@ def strokes(rng: np.random.Generator) -> Pixels:
     target = 0.72 * toned(plan, colours) + 0.28 * toned(hue, rng.permutation(colours))
     flow = fractal(rng, coarsest_px=512, finest_px=8, persistence=0.5)
     image, draw = sheet(colours[1])
-    side = FINE * SIDE_PX
     for size, count in ((150, 240), (90, 520), (52, 760)):
-        places = rng.uniform(0, side, (count, 2))
+        places = rng.uniform(0, SHEET_PX, (count, 2))
         middles = np.minimum(places / FINE, SIDE_PX - 1).astype(np.int32)
         turns = 2.2 * flow[middles[:, 1], middles[:, 0]] + rng.normal(0, 0.25, count)
         tints = target[middles[:, 1], middles[:, 0]] + rng.normal(0, 13, (count, 1)) + rng.normal(0, 7, (count, 3))
@@ -256,10 +252,11 @@ def strokes(rng: np.random.Generator) -> Pixels:
             aside = np.array([-np.sin(turn), np.cos(turn)]) * width
             for number, (reach, light) in enumerate(rng.normal(1, 0.09, (4, 2)), start=-1):
                 ends = at + aside * number * 0.5 + np.array([-ahead, ahead]) * reach
-                draw.line(_pairs(ends), fill=colour(tint * light), width=int(width * 0.62))
+                draw.line(vertices(ends), fill=colour(tint * light), width=int(width * 0.62))
     painted = reduced(image)
     height = painted.mean(axis=2) / 255 + 0.05 * fractal(rng, coarsest_px=16)
-    canvas = 1 + 0.035 * np.sin(grid()[0] * 1.4) * np.sin(grid()[1] * 1.4)
+    y, x = grid()
+    canvas = 1 + 0.035 * np.sin(y * 1.4) * np.sin(x * 1.4)
     return finished(
         rng, painted * relief(height.astype(np.float32), 0.7) * canvas[..., np.newaxis].astype(np.float32), grain=5
     )

@@ -4,7 +4,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from semisynth_gl.textures.canvas import (
-    FINE,
+    SHEET_PX,
     SIDE_PX,
     Pixels,
     colour,
@@ -24,7 +24,6 @@ from semisynth_gl.textures.canvas import (
 )
 from semisynth_gl.textures.illustrations import Box, around, chart, photograph, printed
 
-_SIDE = FINE * SIDE_PX
 _PAPERS = np.array([[244, 240, 230], [236, 228, 208], [250, 250, 248], [226, 232, 234], [240, 226, 214]], np.float64)
 
 
@@ -83,8 +82,8 @@ def poster(rng: np.random.Generator) -> Pixels:
     inks = palette(rng)
     image, draw = sheet(pick(rng, inks))
     for number in range(120):
-        size = rng.uniform(0.05, 0.36) * _SIDE * (1 - number / 150)
-        x, y = rng.uniform(-0.1, 1.1, 2) * _SIDE
+        size = rng.uniform(0.05, 0.36) * SHEET_PX * (1 - number / 150)
+        x, y = rng.uniform(-0.1, 1.1, 2) * SHEET_PX
         ink, kind = varied(rng, pick(rng, inks)), int(rng.integers(6))
         if kind == 0:
             draw.ellipse((x - size / 2, y - size / 2, x + size / 2, y + size / 2), fill=ink)
