@@ -3,6 +3,7 @@
 import hashlib
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import islice, pairwise
 from pathlib import Path
 
@@ -12,10 +13,10 @@ from numpy.typing import NDArray
 from PIL import Image
 from tiny_datasets import cheap
 
-from semisynth_gl.config.model import TexturesSection
+from semisynth_gl.config.model import TEXTURE_SOURCES, TexturesSection
 from semisynth_gl.errors import InputError
 from semisynth_gl.generation.generate import generate
-from semisynth_gl.splits import Split
+from semisynth_gl.splits import WHOLE, Split
 from semisynth_gl.textures import prepare
 from semisynth_gl.textures.atlas import Atlas
 from semisynth_gl.textures.canvas import SIDE_PX
@@ -28,6 +29,7 @@ from semisynth_gl.textures.pictures import Picture
 from semisynth_gl.textures.prepare import named_images, pack_atlas, prepare_atlas, split_pictures, unpack_atlas
 from semisynth_gl.textures.selection import build_atlas
 from semisynth_gl.textures.sheet import draw_texture_sheet
+from semisynth_gl.textures.sources import SOURCES, describe_source
 
 SECTION = TexturesSection(patch_px=64, scales=(1.0, 2.0))
 TRAIN, VALIDATION, TEST = (Split(name, {"validation": 0.1, "test": 0.1}) for name in ("train", "validation", "test"))
@@ -187,7 +189,7 @@ def test_the_cache_and_the_sheet_know_the_pictures(monkeypatch: pytest.MonkeyPat
             seed = int(rng.integers(1 << 30))
             yield Picture(f"mine/{number}", octaves(seed) // np.uint8(255 if number == 2 else 1))
 
-    monkeypatch.setattr(prepare, "_PICTURE_SOURCES", {"builtin": source})
+    monkeypatch.setitem(SOURCES, "builtin", replace(SOURCES["builtin"], pictures=source))
     section = TexturesSection(patch_px=64, scales=(1.0,), max_patches=40)
     atlas = prepare_atlas(section, 11)
     for same in (
@@ -196,16 +198,18 @@ def test_the_cache_and_the_sheet_know_the_pictures(monkeypatch: pytest.MonkeyPat
     ):
         assert (same.patches, same.report, same.pictures) == (atlas.patches, atlas.report, atlas.pictures)
         np.testing.assert_array_equal(same.layers, atlas.layers)
-    assert set(atlas.pictures) <= {f"mine/{number}" for number in range(4)}
     assert "mine/2" in atlas.report.named_images
     found = named_images(section, 11, atlas.report.named_images)
     assert set(found) == atlas.report.named_images
-    redrawn = [image for image in found.values() if isinstance(image, Picture)]
-    assert all(
-        hashlib.sha256(p.pixels.tobytes()).hexdigest()
-        == atlas.pictures.get(p.name, hashlib.sha256(p.pixels.tobytes()).hexdigest())
-        for p in redrawn
-    )
+    # Pictures are drawn again as they were, whichever are asked for, and those of a split are its own.
+    of_split = prepare_atlas(section, 11, VALIDATION).pictures
+    assert not set(of_split.values()) & set(atlas.pictures.values())
+    for split, pictures in ((WHOLE, atlas.pictures), (VALIDATION, of_split)):
+        assert pictures
+        assert pictures.keys() <= {f"mine/{number}" for number in (0, 1, 3)}
+        for name, digest in pictures.items():
+            ((found_name, again),) = named_images(section, 11, [name], split).items()
+            assert (found_name, hashlib.sha256(again.pixels.tobytes()).hexdigest()) == (name, digest)
     assert draw_texture_sheet(atlas, found, "title").width == 1600
 
 
@@ -227,3 +231,9 @@ def test_a_dataset_tells_of_its_pictures(tmp_path: Path) -> None:
     card = (tmp_path / "o/README.md").read_text()
     assert "patches of drawn pictures and photographs" in card
     assert "Pictures of one split show up in no other." in card
+
+
+def test_every_source_that_a_config_may_name_is_in_the_table() -> None:
+    assert set(SOURCES) == set(TEXTURE_SOURCES)
+    assert [name for name, source in SOURCES.items() if source.pictures] == ["builtin"]
+    assert describe_source("of-a-plugin").files(SECTION) == ()

@@ -24,9 +24,20 @@ def atlas_of(pictures):
     return atlas_from_arrays([np.zeros((16, 16, 3), np.uint8)] * len(pictures), sources)
 
 
+def among(pictures, asked=None):
+    """Find pictures by their names, and note those that are asked for."""
+
+    def find(names):
+        if asked is not None:
+            asked.extend(names)
+        return {picture.name: picture for picture in pictures if picture.name in names}
+
+    return find
+
+
 def test_a_square_is_as_large_as_its_picture_and_copied_where_that_fits():
     shown = picture("wide", 64, 200)
-    atlas = with_large_patches(atlas_of([shown]), {"wide": shown}, 64, np.random.default_rng(3))
+    atlas = with_large_patches(atlas_of([shown]), among([shown]), 64, np.random.default_rng(3))
     small, large = atlas.patches
     assert (small.large, large.large, large.first_layer, large.side_px, large.top_px) == (False, True, 1, 64, 0)
     part = shown.pixels[:, large.left_px : large.left_px + 64]
@@ -39,9 +50,8 @@ def test_a_square_is_as_large_as_its_picture_and_copied_where_that_fits():
 def test_other_sizes_are_averaged_or_enlarged(side, size):
     grey = np.full((side, side, 3), 90, np.uint8)
     grey[:, side // 2 :] = 200
-    atlas = with_large_patches(
-        atlas_of([Picture("g", grey)]), {"g": Picture("g", grey)}, size, np.random.default_rng(0)
-    )
+    shown = [Picture("g", grey)]
+    atlas = with_large_patches(atlas_of(shown), among(shown), size, np.random.default_rng(0))
     layer = atlas.large_layers[0, ..., 0]
     assert layer.shape == (size, size)
     assert (layer[:, : size // 2 - 4] == 90).all()
@@ -50,11 +60,13 @@ def test_other_sizes_are_averaged_or_enlarged(side, size):
 
 def test_each_image_has_one_and_there_is_a_limit():
     pictures = [picture(f"p{k}", 20, 30, k) for k in range(MOST_LARGE + 6)]
-    atlas = with_large_patches(atlas_of(pictures), {p.name: p for p in pictures}, 16, np.random.default_rng(0))
+    asked = []
+    atlas = with_large_patches(atlas_of(pictures), among(pictures, asked), 16, np.random.default_rng(0))
     sources = [patch.source for patch in atlas.patches if patch.large]
     assert len(sources) == len(set(sources)) == MOST_LARGE == len(atlas.large_layers)
-    few = with_large_patches(atlas_of(pictures[:3]), {p.name: p for p in pictures[:2]}, 16, np.random.default_rng(0))
-    assert {patch.source for patch in few.patches if patch.large} == {"p0", "p1"}
+    assert asked == sources  # no other image is read
+    few = with_large_patches(atlas_of(pictures[:3]), among(pictures), 16, np.random.default_rng(0))
+    assert {patch.source for patch in few.patches if patch.large} == {"p0", "p1", "p2"}
 
 
 def test_an_atlas_comes_out_of_the_cache_as_it_went_in(tmp_path):

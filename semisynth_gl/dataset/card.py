@@ -16,6 +16,7 @@ from semisynth_gl.dataset.plan import Plan
 from semisynth_gl.frame import FLOW_OUTPUTS
 from semisynth_gl.plugins import NOUNS
 from semisynth_gl.splits import SplitName
+from semisynth_gl.textures.sources import describe_source
 
 # The names in the documentation of Hugging Face's hub; any other licence is "other" with a name of its own.
 _LICENCES = frozenset(
@@ -142,9 +143,7 @@ def _size_category(pairs: int) -> str:
 def _introduction(plan: Plan) -> str:
     config = plan.config
     camera, disparity = config.camera, config.disparity
-    patches = "procedural patterns" if _source(plan) == "pattern" else f"patches of {_source(plan)}s"
-    if config.textures.source == "builtin":
-        patches = "patches of drawn pictures and photographs"
+    patches = describe_source(config.textures.source).patches
     recipes = config.recipes()
     baselines = [recipe.config.camera.baseline_m for recipe in recipes]
     low, high = min(each.low for each in baselines), max(each.high for each in baselines)
@@ -163,20 +162,13 @@ def _introduction(plan: Plan) -> str:
     )
 
 
-def _source(plan: Plan) -> str:
-    """Return the name of a source of patches."""
-    if "textures" in plan.plugins:
-        return "picture"
-    return {"procedural": "pattern", "builtin": "picture"}.get(plan.config.textures.source, "photograph")
-
-
 def _splits(plan: Plan, index: Mapping[str, Any]) -> str:
     rows = []
     for split in plan.splits:
         sizes = [shard["bytes"] for shard in index["shards"] if shard["split"] == split]
         photographs, patches = (len(index["splits"][split][key]) for key in ("photographs", "patches"))
         rows.append((split, plan.pairs[split], len(sizes), _bytes(sum(sizes)), photographs, patches))
-    source = f"{_source(plan)}s"
+    source = f"{describe_source(plan.config.textures.source).noun}s"
     apart = f"\n\n{source.title()} of one split show up in no other." if len(rows) > 1 and source != "patterns" else ""
     return "## Splits\n\n" + _table(("split", "pairs", "shards", "size", source, "patches"), rows) + apart
 
@@ -299,7 +291,10 @@ def _plugins(plan: Plan) -> list[tuple[str, str]]:
 
 def _rights(plan: Plan, index: Mapping[str, Any]) -> str:
     rows: list[tuple[str, str]] = []
-    for source, key in ((_source(plan), "photographs"), ("kind of model", "models")):
+    for source, key in (
+        (describe_source(plan.config.textures.source).noun, "photographs"),
+        ("kind of model", "models"),
+    ):
         named = {(item["name"], item["licence"]) for split in index["splits"].values() for item in split[key]}
         counts = Counter(licence for _, licence in named)
         rows += [(_count(count, source), _escaped(licence)) for licence, count in sorted(counts.items())]

@@ -11,8 +11,9 @@ from semisynth_gl.dataset.plan import Plan
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.scene.sources import Sources
 from semisynth_gl.splits import SplitName
-from semisynth_gl.textures.image_files import builtin_licences, relative_names
+from semisynth_gl.textures.image_files import relative_names
 from semisynth_gl.textures.prepare import split_images
+from semisynth_gl.textures.sources import describe_source
 from semisynth_gl.user_files import open_file
 
 # The licence of the models and pictures that this program makes.
@@ -46,9 +47,9 @@ def _describe_split(plan: Plan, split: SplitName, sources: Sources) -> dict[str,
     images = split_images(config.textures, plan.seed, plan.split(split))
     paths = {name: path for path, name in relative_names(images).items()}
     drawn = sources.atlas.pictures
-    licences = builtin_licences() if config.textures.source in {"builtin", "photographs"} else {}
-    if config.textures.source == "builtin":
-        licences |= dict.fromkeys(drawn, _OWN_LICENCE)
+    source = describe_source(config.textures.source)
+    licence = {"config": config.licences.images, "own": _OWN_LICENCE, "none": "none"}[source.licence]
+    licences = source.licences()
     own_kinds = {*SIMPLE_KINDS, *COMPLEX_KINDS}
     skipped = (*sources.atlas.report.images_skipped, *sources.skipped_models)
     return {
@@ -57,7 +58,7 @@ def _describe_split(plan: Plan, split: SplitName, sources: Sources) -> dict[str,
             {
                 "name": name,
                 "sha256": drawn.get(name) or _file_sha256(paths.get(name)),
-                "licence": licences.get(name, config.licences.images if paths or drawn else "none"),
+                "licence": licences.get(name, licence),
             }
             for name in sorted({patch.source for patch in sources.atlas.patches})
         ],

@@ -1,6 +1,6 @@
 """Large patches: the largest square of an image, whole, for walls, grounds and whatever else is large."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,14 +8,17 @@ from PIL import Image
 
 from semisynth_gl.textures.atlas import Atlas, Patch, opaque_layers
 from semisynth_gl.textures.crops import CropBox, cut_crop, texture_measure
-from semisynth_gl.textures.pictures import Picture, TextureImage, pixels_of
+from semisynth_gl.textures.pictures import TextureImage, pixels_of
 
 MOST_LARGE = 24
 """Large patches of an atlas at most: of 1024 pixels they take 100 MB."""
 
 
 def with_large_patches(
-    atlas: Atlas, images: Mapping[str, TextureImage], side_px: int, rng: np.random.Generator
+    atlas: Atlas,
+    find: Callable[[Collection[str]], Mapping[str, TextureImage]],
+    side_px: int,
+    rng: np.random.Generator,
 ) -> Atlas:
     """Add large patches to an atlas, one of each image that its patches come from, until there are enough.
 
@@ -24,14 +27,15 @@ def with_large_patches(
 
     Args:
         atlas: patches of one size.
-        images: the images by their names; those of other names are left out.
+        find: returns the images of the given names.
         side_px: side of a large patch.
         rng: draws the images and the places of the squares.
     """
-    names = sorted({patch.source for patch in atlas.patches} & images.keys())
+    sources = sorted({patch.source for patch in atlas.patches})
+    names = [sources[int(number)] for number in rng.permutation(len(sources))[:MOST_LARGE]]
+    images = find(names)
     stacks, patches = list[NDArray[np.uint8]](), list(atlas.patches)
-    for number in rng.permutation(len(names))[:MOST_LARGE]:
-        name = names[int(number)]
+    for name in names:
         pixels = pixels_of(images[name])
         height, width = pixels.shape[:2]
         side = min(height, width)
@@ -40,16 +44,7 @@ def with_large_patches(
         first = len(atlas.layers) + len(stacks)
         patches.append(Patch(name, left, top, side, first, 1, texture_measure(patch), large=True))
         stacks.append(patch[np.newaxis])
-    if not stacks:
-        return atlas
     return Atlas(atlas.layers, tuple(patches), atlas.report, atlas.pictures, opaque_layers(stacks))
-
-
-def remembered(pictures: Iterable[Picture], drawn: dict[str, TextureImage]) -> Iterator[Picture]:
-    """Yield pictures, and keep each by its name."""
-    for picture in pictures:
-        drawn[picture.name] = picture
-        yield picture
 
 
 def _resized(image: NDArray[np.uint8], box: CropBox, side_px: int) -> NDArray[np.uint8]:

@@ -1,39 +1,32 @@
 """The atlas of a dataset, from the source that its config names: built once, and then found in the cache."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 from semisynth_gl.cache.lookup import cached, installed_packages, package_versions, source_digest
 from semisynth_gl.cache.store import Entry
-from semisynth_gl.config.model import TEXTURE_SOURCES, TexturesSection
-from semisynth_gl.errors import InputError, Skipped
+from semisynth_gl.config.model import TexturesSection
+from semisynth_gl.errors import Skipped
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.splits import WHOLE, Split
 from semisynth_gl.textures.atlas import Atlas, Patch
 from semisynth_gl.textures.clips import AtlasLimits
 from semisynth_gl.textures.crop_report import CropCount, JudgedCrop, TextureReport
 from semisynth_gl.textures.crops import Square
-from semisynth_gl.textures.drawn import drawn_pictures
-from semisynth_gl.textures.foreign import find_source, plugin_pictures
-from semisynth_gl.textures.image_files import builtin_photographs, find_images, relative_names
+from semisynth_gl.textures.image_files import relative_names
 from semisynth_gl.textures.images import OUT_OF_MEMORY
-from semisynth_gl.textures.large import remembered, with_large_patches
-from semisynth_gl.textures.pictures import Picture, PictureSource, TextureImage
+from semisynth_gl.textures.large import with_large_patches
+from semisynth_gl.textures.pictures import Picture, TextureImage
 from semisynth_gl.textures.procedural import procedural_atlas
 from semisynth_gl.textures.selection import build_atlas
+from semisynth_gl.textures.sources import TextureSource, describe_source, open_source
 
 SOURCES = ("textures", "seeds.py", "splits.py")
 """The program's sources that decide an atlas: a change of any of them makes the cache build it anew."""
 
 Item = TypeVar("Item")
-
-# The sources with pictures that a program draws.
-_PICTURE_SOURCES: Mapping[str, PictureSource] = {"builtin": drawn_pictures}
-# The sources with the photographs that scikit-image ships.
-_WITH_PHOTOGRAPHS = {"builtin", "photographs"}
 
 # The items that `Split.share` deals out.
 _PHOTOGRAPHS = 0
@@ -54,32 +47,34 @@ def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> 
         InputError: where no image is found, none is usable, or there are too few to hold some out, or where a plug-in
             cannot be used.
     """
-    plugin = find_source(section.source, TEXTURE_SOURCES)
+    source = open_source(section.source)
     images = split_images(section, seed, split)
-    pictures = split_pictures(section, seed, split)
-    seed = split.seed(seed)
+    split_seed = split.seed(seed)
 
     def build() -> tuple[Atlas, Sequence[Path]]:
-        rng = generator(seed, Purpose.ATLAS)
+        rng = generator(split_seed, Purpose.ATLAS)
         if section.source == "procedural":
             return procedural_atlas(rng, section.max_patches, section.patch_px), []
-        if section.large_px == 0 or section.sequence:
-            return build_atlas(images, section, AtlasLimits(), rng, pictures)
-        named: dict[str, TextureImage] = {name: path for path, name in relative_names(images).items()}
-        drawn = None if pictures is None else remembered(pictures, named)
-        atlas, opened = build_atlas(images, section, AtlasLimits(), rng, drawn)
-        large_rng = generator(seed, Purpose.LARGE_PATCHES)
-        return with_large_patches(atlas, named, section.large_px, large_rng), opened
+        atlas, opened = build_atlas(images, section, AtlasLimits(), rng, _pictures(source, seed, split))
+        if section.large_px and not section.sequence:
+            large_rng = generator(split_seed, Purpose.LARGE_PATCHES)
+
+            def named(names: Collection[str]) -> dict[str, TextureImage]:
+                return named_images(section, seed, names, split)
+
+            atlas = with_large_patches(atlas, named, section.large_px, large_rng)
+        return atlas, opened
 
     def key() -> dict[str, Any]:
         return {
             "section": section.model_dump(mode="json", exclude=_NOT_DECISIVE),
-            "seed": seed,
+            "seed": split_seed,
             "images": list(relative_names(images).values()),
             "versions": package_versions("numpy", "Pillow"),
             "program": source_digest(SOURCES),
             # A plug-in may use any other package.
-            "plugin": plugin and [plugin.record, source_digest([plugin.code]), installed_packages()],
+            "plugin": source.plugin
+            and [source.plugin.record, source_digest([source.plugin.code]), installed_packages()],
         }
 
     return cached(
@@ -103,17 +98,8 @@ def split_images(section: TexturesSection, seed: int, split: Split = WHOLE) -> l
     Raises:
         InputError: where no image is found, or there are too few to hold some out.
     """
-    if section.source == "procedural" or section.source not in TEXTURE_SOURCES:
-        return []
-    if section.source in _WITH_PHOTOGRAPHS:
-        images = sorted(builtin_photographs(), key=Path.as_posix)
-    elif section.images:
-        images = find_images(section.images)
-    else:
-        raise InputError(
-            "textures.source is images, but there are none: give --images FOLDER, or set textures.images in the config"
-        )
-    if not split.held_out:
+    images = list(describe_source(section.source).files(section))
+    if not images or not split.held_out:
         return images
     if not section.sequence:
         return share_photographs(split, images, seed)
@@ -132,23 +118,31 @@ def split_pictures(section: TexturesSection, seed: int, split: Split = WHOLE) ->
     Returns:
         The pictures, to be gone through once; None where the config's source draws none.
     """
-    source = _PICTURE_SOURCES.get(section.source)
-    plugin = find_source(section.source, TEXTURE_SOURCES)
-    if plugin is not None:
-        source = partial(plugin_pictures, plugin)
-    return None if source is None else source(generator(split.seed(seed), Purpose.PICTURES))
+    return _pictures(open_source(section.source), seed, split)
 
 
-def named_images(section: TexturesSection, seed: int, names: Collection[str]) -> dict[str, TextureImage]:
-    """Return those images of the whole dataset that have the given names in its atlas; pictures are drawn again."""
-    images: dict[str, TextureImage] = {name: path for path, name in relative_names(split_images(section, seed)).items()}
+def _pictures(source: TextureSource, seed: int, split: Split) -> Iterable[Picture] | None:
+    return None if source.pictures is None else source.pictures(generator(split.seed(seed), Purpose.PICTURES))
+
+
+def named_images(
+    section: TexturesSection, seed: int, names: Collection[str], split: Split = WHOLE
+) -> dict[str, TextureImage]:
+    """Return those images of a split that have the given names in its atlas.
+
+    Pictures are drawn again, up to the last one that is wanted; the others are not kept.
+    """
+    files = relative_names(split_images(section, seed, split))
+    images: dict[str, TextureImage] = {name: path for path, name in files.items() if name in names}
     missing = set(names) - set(images)
-    for picture in split_pictures(section, seed) or ():
-        if not missing:
-            break
-        images[picture.name] = picture
-        missing.discard(picture.name)
-    return {name: image for name, image in images.items() if name in names}
+    if missing:
+        for picture in split_pictures(section, seed, split) or ():
+            if picture.name in missing:
+                images[picture.name] = picture
+                missing.discard(picture.name)
+            if not missing:
+                break
+    return images
 
 
 def share_photographs(split: Split, items: Sequence[Item], seed: int, what: str = "photographs") -> list[Item]:
