@@ -6,6 +6,7 @@ from PIL import Image
 from tiny_datasets import tiny
 
 from semisynth_gl.config import load_config
+from semisynth_gl.config.model import TexturesSection
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.structures import STILL_MODELS
@@ -24,6 +25,10 @@ def atlas_of(pictures):
     return atlas_from_arrays([np.zeros((16, 16, 3), np.uint8)] * len(pictures), sources)
 
 
+def section(side_px, **keys):
+    return TexturesSection(large_px=side_px, **keys)
+
+
 def among(pictures, asked=None):
     """Find pictures by their names, and note those that are asked for."""
 
@@ -37,7 +42,7 @@ def among(pictures, asked=None):
 
 def test_a_square_is_as_large_as_its_picture_and_copied_where_that_fits():
     shown = picture("wide", 64, 200)
-    atlas = with_large_patches(atlas_of([shown]), among([shown]), 64, np.random.default_rng(3))
+    atlas = with_large_patches(atlas_of([shown]), among([shown]), section(64), np.random.default_rng(3))
     small, large = atlas.patches
     assert (small.large, large.large, large.first_layer, large.side_px, large.top_px) == (False, True, 1, 64, 0)
     part = shown.pixels[:, large.left_px : large.left_px + 64]
@@ -51,7 +56,7 @@ def test_other_sizes_are_averaged_or_enlarged(side, size):
     grey = np.full((side, side, 3), 90, np.uint8)
     grey[:, side // 2 :] = 200
     shown = [Picture("g", grey)]
-    atlas = with_large_patches(atlas_of(shown), among(shown), size, np.random.default_rng(0))
+    atlas = with_large_patches(atlas_of(shown), among(shown), section(size), np.random.default_rng(0))
     layer = atlas.large_layers[0, ..., 0]
     assert layer.shape == (size, size)
     assert (layer[:, : size // 2 - 4] == 90).all()
@@ -61,26 +66,26 @@ def test_other_sizes_are_averaged_or_enlarged(side, size):
 def test_each_image_has_one_and_there_is_a_limit():
     pictures = [picture(f"p{k}", 20, 30, k) for k in range(MOST_LARGE + 6)]
     asked = []
-    atlas = with_large_patches(atlas_of(pictures), among(pictures, asked), 16, np.random.default_rng(0))
+    atlas = with_large_patches(atlas_of(pictures), among(pictures, asked), section(16), np.random.default_rng(0))
     sources = [patch.source for patch in atlas.patches if patch.large]
     assert len(sources) == len(set(sources)) == MOST_LARGE == len(atlas.large_layers)
     assert asked == sources  # no other image is read
-    few = with_large_patches(atlas_of(pictures[:3]), among(pictures), 16, np.random.default_rng(0))
+    few = with_large_patches(atlas_of(pictures[:3]), among(pictures), section(16), np.random.default_rng(0))
     assert {patch.source for patch in few.patches if patch.large} == {"p0", "p1", "p2"}
 
 
 def test_an_atlas_comes_out_of_the_cache_as_it_went_in(tmp_path):
     for k in range(3):
         Image.fromarray(picture("", 300, 400, k).pixels).save(tmp_path / f"{k}.png")
-    section = tiny(textures={"source": "images", "images": [str(tmp_path)], "large_px": 128}).textures
-    atlas = prepare_atlas(section, 5)
+    textures = tiny(textures={"source": "images", "images": [str(tmp_path)], "large_px": 128}).textures
+    atlas = prepare_atlas(textures, 5)
     entry = pack_atlas(atlas, sorted(tmp_path.iterdir()))
     again = unpack_atlas(entry, sorted(tmp_path.iterdir()))
     assert again.patches == atlas.patches
     np.testing.assert_array_equal(again.large_layers, atlas.large_layers)
     assert again.large_layers.shape == (3, 128, 128, 4)
     # The small patches are those that the section has without large ones.
-    plain = prepare_atlas(section.model_copy(update={"large_px": 0}), 5)
+    plain = prepare_atlas(textures.model_copy(update={"large_px": 0}), 5)
     np.testing.assert_array_equal(plain.layers, atlas.layers)
     assert plain.patches == tuple(patch for patch in atlas.patches if not patch.large)
     assert len(plain.large_layers) == 0

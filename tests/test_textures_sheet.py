@@ -166,13 +166,16 @@ def test_the_command_counts_by_source_and_scale(call, tmp_path, photographs):
     code, out, err = call("--images", photographs, *small, "--out", "sheet.png")
     assert (code, err) == (0, "")
     table = {line.split()[0]: line.split()[1:] for line in out.splitlines()}
-    assert table["image"] == ["patches", "at", "1x", "at", "2x", "flat", "blurred", "duplicate", "surplus"]
+    columns = ["patches", "at", "1x", "at", "2x", "flat", "blurred", "duplicate", "surplus", "surfaces"]
+    assert table["image"] == columns
     atlas = prepare_atlas(section(photographs), 0)
     assert table["all"][0] == str(len(atlas.patches))
-    assert table["all"][3:] == [
+    assert table["all"][3:-1] == [
         str(number)
         for number in (atlas.report.total("flat"), atlas.report.total("blurred"), atlas.report.total("duplicate"), 0)
     ]
+    assert table["all"][-1] == "100.0%"
+    assert table["good.png"][-1] == f"{atlas.report.surface_shares['good.png']:.1%}"
     assert "broken.png: is not an image" in out
     assert "1 smaller than 64 pixels" in out
     assert Image.open(tmp_path / "sheet.png").size[0] == 1600

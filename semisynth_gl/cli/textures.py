@@ -56,11 +56,12 @@ def textures(config_name: str, images: tuple[str, ...], seed: int, settings: tup
 
 
 def _table(report: TextureReport) -> list[str]:
-    """Return a line for each image: the numbers of its patches by scale, and of its rejected crops by reason."""
+    """Return a line for each image: its patches by scale, its rejected crops by reason, its share of the surfaces."""
     scales = report.scale_names
     groups = {printable(name): counts for name, counts in report.grouped_counts.items()}
     wide = max(len("image"), *map(len, groups)) if groups else len("image")
-    heads = ["patches", *(f"at {name}" for name in scales.values()), *REJECTIONS]
+    heads = ["patches", *(f"at {name}" for name in scales.values()), *REJECTIONS, "surfaces"]
+    shares = report.surface_shares
     lines = [f"{'image':<{wide}}  " + "  ".join(f"{head:>9}" for head in heads)]
     for name, counts in (*groups.items(), ("all", report.counts)):
         numbers = [
@@ -68,5 +69,7 @@ def _table(report: TextureReport) -> list[str]:
             *(count_crops(counts, "kept", side) for side in scales),
             *(count_crops(counts, outcome) for outcome in REJECTIONS),
         ]
-        lines.append(f"{name:<{wide}}  " + "  ".join(f"{number:>9}" for number in numbers))
+        worn = sum(shares.get(source, 0.0) for source in {count.source for count in counts})
+        cells = [*map(str, numbers), f"{worn:.1%}"]
+        lines.append(f"{name:<{wide}}  " + "  ".join(f"{cell:>9}" for cell in cells))
     return lines

@@ -375,7 +375,7 @@ class TexturesSection(Section):
             blurred and left out.
         min_difference: smallest difference of two crops (`semisynth_gl.textures.crops.fingerprint`). A crop that
             differs less from another crop is left out; 0 keeps all crops.
-        flat_share: share of flat crops wanted among all patches.
+        flat_share: share of the surfaces that wear flat patches: flat crops, or others with their contrast lowered.
         max_patches: largest number of patches.
         large_px: side of large patches, the largest square of an image each, which walls, grounds and other large
             surfaces wear; 0 for none.
@@ -401,6 +401,15 @@ class TexturesSection(Section):
     large_anisotropy: Annotated[int, Field(ge=1, le=16)] = 4
     wrap: Literal["mirror", "repeat"] = "mirror"
     sequence: bool = False
+
+    @model_validator(mode="after")
+    def _flat_patches_are_possible(self) -> Self:
+        if self.flat_share > 0 and not (self.min_texture > 0 and self.max_patches > 1):
+            raise ValueError(
+                f"flat_share is {self.flat_share:g}: expected a min_texture above 0, below which patches are flat, and "
+                "max_patches of at least 2"
+            )
+        return self
 
     @model_validator(mode="after")
     def _atlas_fits_into_memory(self) -> Self:

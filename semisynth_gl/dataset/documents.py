@@ -162,6 +162,7 @@ class _Patch(_Facts):
     layer_count: _Count
     texture: float
     large: bool = False
+    contrast: float = 1.0
     sha256: _Sha256 | None = None
 
 

@@ -1,13 +1,14 @@
 """Pair i of a dataset as a scene, from (config, seed, i) and nothing else."""
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.config.model import Config
+from semisynth_gl.config.model import Config, TexturesSection
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.histogram import Histogram
@@ -18,6 +19,7 @@ from semisynth_gl.scene.scene import Motion, Scene
 from semisynth_gl.scene.structures import STILL_MODELS, Stage, Surroundings, draw_stage, take_stock
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
+from semisynth_gl.textures.shares import patch_chances
 
 # Stands before the attempt in the keys of generators; no generation reaches it.
 _REDRAWN = 2**31
@@ -91,6 +93,16 @@ def _generation_key(generation: int) -> int:
     return generation if generation >= 0 else _BEFORE - generation
 
 
+def _ends(patches: Sequence[Patch], section: TexturesSection) -> NDArray[np.float64]:
+    flat = np.array([patch.texture < section.min_texture for patch in patches], np.bool_)
+    return np.cumsum(patch_chances([patch.source for patch in patches], flat, section.flat_share))
+
+
+def _drawn(ends: NDArray[np.float64], chance: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the numbers whose chances, which end at (K,) cumulative sums, uniform numbers fall on."""
+    return np.minimum(np.searchsorted(ends, chance, side="right"), len(ends) - 1)
+
+
 class SceneSampler:
     """Samples the scenes of one recipe.
 
@@ -124,6 +136,8 @@ class SceneSampler:
         self.population = Population(config, seed, library.silhouette, self._catalogue, wanted)
         self._patches = patches
         self._small = sum(not patch.large for patch in patches)
+        # Where the chance of each patch ends, among the small ones and among the large ones.
+        self._ends = [_ends(those, config.textures) for those in (patches[: self._small], patches[self._small :])]
         self._first_layer = np.array([patch.first_layer for patch in patches])
         self._layer_count = np.array([patch.layer_count for patch in patches])
         self._cumulative = np.cumsum(library.chances)
@@ -220,13 +234,12 @@ class SceneSampler:
         kept = np.flatnonzero(depth_m - particles.radius_m > near_m)
         generations = particles.generation[kept]
         chance = draw.per_slot(Purpose.SHAPE, generations, kept, 1)[:, 0]
-        number = np.minimum(np.searchsorted(self._cumulative, chance, side="right"), len(self._cumulative) - 1)
-        drawn = self._model_library.drawn[number]
+        drawn = self._model_library.drawn[_drawn(self._cumulative, chance)]
         patch, offset, texels = self._textures(draw, still, generations, kept)
         # Video frames start at a phase of their own and go round.
         count = self._layer_count[patch]
         large = patch >= self._small
-        # A large patch spans the view, so that nothing repeats in an image.
+        # At a surface's median depth, where it faces the camera, one large patch spans the view at least.
         texels = np.where(large, np.minimum(texels, config.textures.large_px / camera.width_px), texels)
         # A patch at its own resolution covers this part of a ray's slope X / Z, inverted.
         patch_px = np.where(large, config.textures.large_px, config.textures.patch_px)
@@ -267,10 +280,9 @@ class SceneSampler:
         """Patch (N,), UV offset (N, 2) in patches and texels per pixel (N,) of all instances."""
         of_still = draw.generator(Purpose.TEXTURE, 0).random((len(still), 4))[still.wears]
         drawn = np.concatenate([of_still, draw.per_slot(Purpose.TEXTURE, generation, slot, 4, first_key=1)])
-        patch = (drawn[:, 0] * self._small).astype(np.int64)
+        patch = _drawn(self._ends[0], drawn[:, 0])
         texels = self._config.textures.texels_per_pixel
-        large = len(self._patches) - self._small
-        if large:
+        if self._small < len(self._patches):
             wearing = np.flatnonzero(still.large)
-            patch[wearing] = self._small + (drawn[wearing, 0] * large).astype(np.int64)
+            patch[wearing] = self._small + _drawn(self._ends[1], drawn[wearing, 0])
         return patch, drawn[:, 1:3], texels.low * (texels.high / texels.low) ** drawn[:, 3]

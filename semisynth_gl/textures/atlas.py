@@ -25,6 +25,7 @@ class Patch:
         layer_count: number of its layers: 1 for a still image, a layer for each frame of an image sequence.
         texture: its `texture_measure` in 8-bit levels; of several frames the least.
         large: whether it is a large patch, for walls and grounds; these stand behind the others.
+        contrast: the part of the image's contrast that it has; below 1 where it was lowered to make a flat patch.
     """
 
     source: str
@@ -35,10 +36,12 @@ class Patch:
     layer_count: int
     texture: float
     large: bool = False
+    contrast: float = 1.0
 
     def described(self) -> dict[str, Any]:
-        """Return all that is known of the patch, in JSON's types; ``large`` only where it is."""
-        return {key: value for key, value in asdict(self).items() if key != "large" or value}
+        """Return all that is known of the patch, in JSON's types; ``large`` and ``contrast`` only where they matter."""
+        usual = {"large": False, "contrast": 1.0}
+        return {key: value for key, value in asdict(self).items() if usual.get(key) != value}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -109,11 +109,12 @@ class MeasuredCrop:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatchFrames:
-    """The pixels of a crop that may become a patch, (F, P, P, 3) uint8 RGB; for the rest see `MeasuredCrop`."""
+    """The pixels of a crop that may become a patch, (F, P, P, 3) uint8 RGB; the rest is as in `Patch`."""
 
     square: Square
     texture: float
     frames: NDArray[np.uint8]
+    contrast: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

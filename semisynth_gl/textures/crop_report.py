@@ -6,15 +6,21 @@ from dataclasses import dataclass
 from itertools import chain, zip_longest
 from typing import Literal, NamedTuple, get_args
 
+import numpy as np
+
 from semisynth_gl.errors import Skipped
 from semisynth_gl.textures.crops import Square
+from semisynth_gl.textures.shares import patch_chances
 
 Reason = Literal["flat", "blurred", "duplicate"]
-Outcome = Literal[Reason, "surplus", "kept", "kept_flat"]
+Outcome = Literal[Reason, "surplus", "kept", "kept_flat", "lowered"]
 REASONS: tuple[Reason, ...] = get_args(Reason)
 REJECTIONS: tuple[Outcome, ...] = (*REASONS, "surplus")
 
 _EXAMPLES = 12
+# Fewer images than this are a note worth, and so is an image with less than this part of an equal say.
+_FEW, _UNEVEN = 4, 0.5
+_MOST_NAMED = 5
 
 
 class JudgedCrop(NamedTuple):
@@ -56,8 +62,9 @@ class CropCount:
     Attributes:
         source: name of the image, as in `Square`.
         side_px: side of the squares in the image.
-        kept: crops that became patches, ``kept_flat`` included.
-        kept_flat: flat crops that became patches, as ``flat_share`` wants.
+        kept: patches of these crops, ``kept_flat`` included.
+        kept_flat: flat patches, as ``flat_share`` wants: of flat crops, and ``lowered``.
+        lowered: patches made flat by lowering the contrast of crops, which are patches themselves, too.
         flat: rejected, less texture than ``min_texture`` in any frame.
         blurred: rejected, less sharp than ``min_sharpness`` in any frame.
         duplicate: rejected, differs less than ``min_difference`` from another crop.
@@ -68,6 +75,7 @@ class CropCount:
     side_px: int
     kept: int = 0
     kept_flat: int = 0
+    lowered: int = 0
     flat: int = 0
     blurred: int = 0
     duplicate: int = 0
@@ -91,7 +99,7 @@ class TextureReport:
         examples: a few rejected crops, of different images where possible.
         patch_px: side of a patch, pixels.
         min_texture: least texture of a crop that is not flat, 8-bit levels of `texture_measure`.
-        flat_share: wanted share of flat patches.
+        flat_share: share of the surfaces that wear flat patches.
         longest_clip: most layers that one patch has.
     """
 
@@ -106,6 +114,18 @@ class TextureReport:
     min_texture: float = 0.0
     flat_share: float = 0.0
     longest_clip: int = 1
+
+    @property
+    def surface_shares(self) -> dict[str, float]:
+        """The share of the surfaces that wear patches of each image, sum 1; large patches are not counted."""
+        kept = [(count.source, number < count.kept_flat) for count in self.counts for number in range(count.kept)]
+        chances = patch_chances(
+            [source for source, _ in kept], np.array([flat for _, flat in kept], np.bool_), self.flat_share
+        )
+        shares: dict[str, float] = defaultdict(float)
+        for (source, _), chance in zip(kept, chances.tolist(), strict=True):
+            shares[source] += chance
+        return dict(shares)
 
     def total(self, outcome: Outcome) -> int:
         """Return the number of crops with an outcome, over all images."""
@@ -131,7 +151,7 @@ class TextureReport:
         return dict(groups)
 
     def summary(self) -> str:
-        """Return a few lines: the patches, the rejected crops with the measures, and the images without a patch."""
+        """Return a few lines: patches, rejected crops with the measures, images with an uneven say or none at all."""
         kept, kept_flat = self.total("kept"), self.total("kept_flat")
         frames = f" of up to {self.longest_clip} frames" if self.longest_clip > 1 else ""
         text = (
@@ -144,9 +164,10 @@ class TextureReport:
         lines = [text]
         if self.flat_share:
             lines.append(
-                f"{_counted(kept_flat, 'patch')} nearly without texture, {kept_flat / max(kept, 1):.1%} of all "
-                f"({self.flat_share:.1%} were wanted)"
+                f"{_counted(kept_flat, 'patch')} nearly without texture, on {self.flat_share:.1%} of the surfaces; "
+                f"{self.total('lowered')} of them by lowering the contrast of others"
             )
+        lines += self._uneven()
         unused = {
             "not readable": len(self.images_skipped),
             f"smaller than {self.patch_px} pixels": len(self.too_small),
@@ -157,9 +178,39 @@ class TextureReport:
             lines.append(f"images left out: {'; '.join(f'{count} {why}' for why, count in unused.items() if count)}")
         return "\n".join([*lines, *(f"not readable: {skipped}" for skipped in self.images_skipped)])
 
+    def _uneven(self) -> list[str]:
+        """Return a line for what keeps images from an equal and small say, if anything does."""
+        shares = self.surface_shares
+        equal, lines = 1 / max(len(shares), 1), list[str]()
+        if 0 < len(shares) < _FEW:
+            lines.append(
+                f"note: {_counted(len(shares), 'image')} alone, each on about {equal:.0%} of the surfaces: give a few "
+                "dozen photographs"
+            )
+        # An image of flat crops alone is not to have an equal say.
+        textured = {count.source for count in self.counts if count.kept > count.kept_flat}
+        few = sorted((shares[source], source) for source in textured if shares[source] < _UNEVEN * equal)
+        if few:
+            named = ", ".join(f"{source} {share:.1%}" for share, source in few[:_MOST_NAMED])
+            more = f" and {len(few) - _MOST_NAMED} more" if len(few) > _MOST_NAMED else ""
+            lines.append(
+                f"note: {_counted(len(few), 'image')} with few patches, on less than half of an equal share of the "
+                f"surfaces ({equal:.1%}): {named}{more}; lower textures.patch_px, or give larger photographs"
+            )
+        return lines
 
-def crop_counts(clips: Sequence[JudgedClip], kept: Collection[Square]) -> tuple[CropCount, ...]:
-    """Count the crops of each clip by side, given the squares that became patches."""
+
+def crop_counts(
+    clips: Sequence[JudgedClip], kept: Collection[Square], lowered: Collection[Square] = ()
+) -> tuple[CropCount, ...]:
+    """Count the crops of each clip by side, given the squares that became patches.
+
+    Args:
+        clips: all crops.
+        kept: the squares of all patches.
+        lowered: the square of each patch that was made flat by lowering its contrast.
+    """
+    made = Counter((square.source, square.side_px) for square in lowered)
     counts = []
     for clip in clips:
         outcomes: Counter[tuple[int, Outcome]] = Counter()
@@ -172,8 +223,9 @@ def crop_counts(clips: Sequence[JudgedClip], kept: Collection[Square]) -> tuple[
             CropCount(
                 clip.source,
                 side,
-                kept=outcomes[side, "kept"] + outcomes[side, "kept_flat"],
-                kept_flat=outcomes[side, "kept_flat"],
+                kept=outcomes[side, "kept"] + outcomes[side, "kept_flat"] + made[clip.source, side],
+                kept_flat=outcomes[side, "kept_flat"] + made[clip.source, side],
+                lowered=made[clip.source, side],
                 **{outcome: outcomes[side, outcome] for outcome in REJECTIONS},
             )
             for side in sorted({side for side, _ in outcomes})

@@ -6,8 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from semisynth_gl.config.model import TexturesSection
 from semisynth_gl.textures.atlas import Atlas, Patch, opaque_layers
 from semisynth_gl.textures.crops import CropBox, cut_crop, texture_measure
+from semisynth_gl.textures.flat import flat_count, lower_contrast
 from semisynth_gl.textures.pictures import TextureImage, pixels_of
 
 MOST_LARGE = 24
@@ -17,33 +19,44 @@ MOST_LARGE = 24
 def with_large_patches(
     atlas: Atlas,
     find: Callable[[Collection[str]], Mapping[str, TextureImage]],
-    side_px: int,
+    section: TexturesSection,
     rng: np.random.Generator,
 ) -> Atlas:
     """Add large patches to an atlas, one of each image that its patches come from, until there are enough.
 
-    Each image has an equal say however large it is. The square is as high or as wide as its image; it is averaged, or
-    enlarged where the image is smaller: near walls are blurred in photographs too.
+    The square is as high or as wide as its image; it is averaged, or enlarged where the image is smaller: near walls
+    are blurred in photographs too. With ``flat_share``, that share of as many patches is added with their contrast
+    lowered: of other images where there are more than enough, else of the same ones.
 
     Args:
         atlas: patches of one size.
         find: returns the images of the given names.
-        side_px: side of a large patch.
+        section: the config's section, with the side of a large patch.
         rng: draws the images and the places of the squares.
     """
     sources = sorted({patch.source for patch in atlas.patches})
-    names = [sources[int(number)] for number in rng.permutation(len(sources))[:MOST_LARGE]]
-    images = find(names)
+    order = [sources[int(number)] for number in rng.permutation(len(sources))[:MOST_LARGE]]
+    flat = flat_count(section.flat_share, min(len(order) + 1, MOST_LARGE))
+    textured, lowered = order[: MOST_LARGE - flat], order[len(order) - flat :]
+    images = find(order)
     stacks, patches = list[NDArray[np.uint8]](), list(atlas.patches)
-    for name in names:
+
+    def add(name: str, box: CropBox, layer: NDArray[np.uint8], texture: float, contrast: float) -> None:
+        patches.append(Patch(name, *box, len(atlas.layers) + len(stacks), 1, texture, large=True, contrast=contrast))
+        stacks.append(layer)
+
+    for name in order:
         pixels = pixels_of(images[name])
         height, width = pixels.shape[:2]
         side = min(height, width)
         left, top = (int(rng.integers(free + 1)) for free in (width - side, height - side))
-        patch = _resized(pixels, CropBox(left, top, side), side_px)
-        first = len(atlas.layers) + len(stacks)
-        patches.append(Patch(name, left, top, side, first, 1, texture_measure(patch), large=True))
-        stacks.append(patch[np.newaxis])
+        box = CropBox(left, top, side)
+        layer = _resized(pixels, box, section.large_px)[np.newaxis]
+        if name in textured:
+            add(name, box, layer, texture_measure(layer[0]), 1.0)
+        if name in lowered:
+            layer, contrast, texture = lower_contrast(layer, section.min_texture, rng)
+            add(name, box, layer, texture, contrast)
     return Atlas(atlas.layers, tuple(patches), atlas.report, atlas.pictures, opaque_layers(stacks))
 
 

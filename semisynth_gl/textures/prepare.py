@@ -54,7 +54,8 @@ def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> 
     def build() -> tuple[Atlas, Sequence[Path]]:
         rng = generator(split_seed, Purpose.ATLAS)
         if section.source == "procedural":
-            return procedural_atlas(rng, section.max_patches, section.patch_px), []
+            count, flat_share = section.max_patches, section.flat_share
+            return procedural_atlas(rng, count, section.patch_px, flat_share, section.min_texture), []
         atlas, opened = build_atlas(images, section, AtlasLimits(), rng, _pictures(source, seed, split))
         if section.large_px and not section.sequence:
             large_rng = generator(split_seed, Purpose.LARGE_PATCHES)
@@ -62,7 +63,7 @@ def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> 
             def named(names: Collection[str]) -> dict[str, TextureImage]:
                 return named_images(section, seed, names, split)
 
-            atlas = with_large_patches(atlas, named, section.large_px, large_rng)
+            atlas = with_large_patches(atlas, named, section, large_rng)
         return atlas, opened
 
     def key() -> dict[str, Any]:

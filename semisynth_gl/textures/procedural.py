@@ -1,6 +1,7 @@
 """Patches that need no photograph: noise, stripes, checks, gradients and dots in random colours."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import cycle, islice
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from semisynth_gl.errors import InputError
 from semisynth_gl.textures.atlas import Atlas, atlas_from_arrays
 from semisynth_gl.textures.crops import texture_measure
+from semisynth_gl.textures.flat import flat_count, lower_contrast
 
 _Field = NDArray[np.float64]
 _Kind = Callable[[np.random.Generator, int], _Field]
@@ -18,7 +20,9 @@ _MIN_TEXTURE = 5.0
 _COARSEST_NOISE_PX, _FINEST_NOISE_PX = 64, 2
 
 
-def procedural_atlas(rng: np.random.Generator, count: int, patch_px: int) -> Atlas:
+def procedural_atlas(
+    rng: np.random.Generator, count: int, patch_px: int, flat_share: float = 0.0, min_texture: float = 0.0
+) -> Atlas:
     """Make an atlas of procedural patches, the counterpart of `build_atlas` where there are no photographs.
 
     Kinds take turns: noise, stripes, checks, gradient, dots. Each patch is a pattern of random size and direction with
@@ -30,6 +34,8 @@ def procedural_atlas(rng: np.random.Generator, count: int, patch_px: int) -> Atl
         rng: source of every random choice.
         count: number of patches.
         patch_px: side of a patch, pixels; at least 16.
+        flat_share: share of the patches whose contrast is lowered.
+        min_texture: the texture that these do not reach, 8-bit levels.
 
     Returns:
         An atlas of ``count`` patches of one layer each, their sources named like ``procedural/stripes/00006``.
@@ -41,7 +47,20 @@ def procedural_atlas(rng: np.random.Generator, count: int, patch_px: int) -> Atl
         raise InputError(f"procedural patches need count >= 1 and patch_px >= 16, got {count} and {patch_px}")
     kinds = list(islice(cycle(_KINDS.items()), count))
     patches = [_textured(rng, kind, patch_px) for _, kind in kinds]
-    return atlas_from_arrays(patches, [f"procedural/{name}/{i:05d}" for i, (name, _) in enumerate(kinds)])
+    contrasts = dict[int, float]()
+    for number in rng.permutation(count)[: flat_count(flat_share, count)].tolist() if flat_share else ():
+        lowered, contrasts[number], _ = lower_contrast(patches[number][np.newaxis], min_texture, rng)
+        patches[number] = lowered[0]
+    atlas = atlas_from_arrays(patches, [f"procedural/{name}/{i:05d}" for i, (name, _) in enumerate(kinds)])
+    if not contrasts:
+        return atlas
+    counts = [
+        replace(each, kept_flat=1, lowered=1) if number in contrasts else each
+        for number, each in enumerate(atlas.report.counts)
+    ]
+    described = [replace(patch, contrast=contrasts.get(number, 1.0)) for number, patch in enumerate(atlas.patches)]
+    report = replace(atlas.report, counts=tuple(counts), flat_share=flat_share, min_texture=min_texture)
+    return replace(atlas, patches=tuple(described), report=report)
 
 
 def _textured(rng: np.random.Generator, kind: _Kind, side_px: int) -> NDArray[np.uint8]:

@@ -3,7 +3,7 @@
 import hashlib
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import accumulate, chain, zip_longest
+from itertools import accumulate, chain, cycle, islice, zip_longest
 from pathlib import Path
 from typing import TypeVar
 
@@ -24,6 +24,7 @@ from semisynth_gl.textures.clips import (
 )
 from semisynth_gl.textures.crop_report import JudgedClip, JudgedCrop, TextureReport, crop_counts, rejected_examples
 from semisynth_gl.textures.crops import DuplicateFinder, Square
+from semisynth_gl.textures.flat import flat_count, lower_contrast
 from semisynth_gl.textures.image_files import relative_names
 from semisynth_gl.textures.pictures import Picture
 
@@ -62,9 +63,10 @@ def build_atlas(
     frame that cannot be read is left out of its clip. Frames are read twice, to measure and to cut, so that one is in
     memory at a time.
 
-    With ``section.flat_share``, that share of the patches is set aside for crops without texture, which are chosen in
-    the same way. Where photographs have too few of them, there are fewer patches; where they have too few others, flat
-    ones are given up until the share is right. All images are opened as long as some are missing.
+    With ``section.flat_share``, that share of the patches is set aside for flat ones, at least one. They are crops
+    without texture, chosen in the same way; images that have too few of them for their part give patches once more with
+    their contrast lowered. Where there are too few others, flat ones are given up until the share is right. All images
+    are opened as long as flat crops are missing.
 
     Args:
         images: files, as from `find_images`; their order does not matter.
@@ -89,7 +91,7 @@ def build_atlas(
         else ([(path,) for path in images], [])
     )
     patch_limit = min(section.max_patches, limits.layers)
-    flat_limit = min(round(section.flat_share * patch_limit), patch_limit - 1)
+    flat_limit = flat_count(section.flat_share, patch_limit)
     textured, flat = _Quota(patch_limit - flat_limit), _Quota(flat_limit)
     duplicate_finder = DuplicateFinder(section.min_difference)
     judged: dict[int, JudgedClip] = {}
@@ -122,13 +124,18 @@ def build_atlas(
         del survey, image  # and the pixels with them, before the next one is read or drawn
         if textured.settled and flat.settled:
             break
-    flat.shrink(round(textured.total * section.flat_share / (1 - section.flat_share)))
+    # The number that makes the share of all patches what it is to be.
+    wanted = min(flat_limit, max(1, round(textured.total * section.flat_share / (1 - section.flat_share))))
+    without = _flat_patches(textured, flat, section.min_texture, rng, wanted) if textured.total and wanted else {}
 
     chosen = [
         patch
         for index in sorted(judged)
-        # By side, row and column.
-        for patch in sorted(textured.patches[index] + flat.patches[index], key=lambda patch: patch.square.box[::-1])
+        # By side, row and column; what was made of a patch stands behind it.
+        for patch in sorted(
+            [*textured.patches[index], *without.get(index, [])],
+            key=lambda patch: (patch.square.box[::-1], -patch.contrast),
+        )
     ]
     kept = {patch.square for patch in chosen}
     sources = {square.source for square in kept}
@@ -140,7 +147,7 @@ def build_atlas(
         too_small=tuple(sorted(too_small)),
         images_skipped=tuple(sorted(skipped, key=lambda skipped: skipped.path.as_posix())),
         images_not_opened=sum(map(len, pending.values())),
-        counts=crop_counts(all_judged, kept),
+        counts=crop_counts(all_judged, kept, [patch.square for patch in chosen if patch.contrast < 1]),
         examples=rejected_examples(all_judged, kept),
         patch_px=section.patch_px,
         min_texture=section.min_texture,
@@ -159,9 +166,36 @@ def build_atlas(
 def _described(chosen: Sequence[PatchFrames]) -> tuple[Patch, ...]:
     first_layers = accumulate((len(patch.frames) for patch in chosen), initial=0)
     return tuple(
-        Patch(*patch.square, layer, len(patch.frames), patch.texture)
+        Patch(*patch.square, layer, len(patch.frames), patch.texture, contrast=patch.contrast)
         for patch, layer in zip(chosen, first_layers, strict=False)
     )
+
+
+def _flat_patches(
+    textured: "_Quota", flat: "_Quota", min_texture: float, rng: np.random.Generator, wanted: int
+) -> dict[int, list[PatchFrames]]:
+    """Choose flat patches by clip: flat crops, evenly over the clips, and patches made flat for clips with too few."""
+
+    def made(patches: Sequence[PatchFrames]) -> Iterator[PatchFrames]:
+        for patch in cycle(patches):
+            frames, contrast, texture = lower_contrast(patch.frames, min_texture, rng)
+            yield PatchFrames(patch.square, texture, frames, contrast)
+
+    order = [sorted(textured.patches)[place] for place in rng.permutation(len(textured.patches))]
+    most = -(-wanted // len(order))
+    own = ([(index, patch) for patch in flat.patches[index][:most]] for index in order)
+    chosen = {index: list[PatchFrames]() for index in order}
+    for index, patch in islice(_in_turn(*own), wanted):
+        chosen[index].append(patch)
+    rest = {index: chain(flat.patches[index][most:], made(textured.patches[index])) for index in order}
+    while sum(map(len, chosen.values())) < wanted:
+        index = min(rest, key=lambda index: len(chosen[index]))
+        following = next(rest[index], None)
+        if following is None:
+            del rest[index]
+        else:
+            chosen[index].append(following)
+    return chosen
 
 
 class _Quota:
