@@ -27,7 +27,7 @@ SEED = 3
 def sources_of(plan):
     mesh = make_mesh("solid", np.eye(3, dtype=np.float32), np.zeros((3, 2), np.float32), np.array([[0, 1, 2]]))
     atlas = atlas_from_arrays([np.zeros((4, 4, 3), np.uint8)] * 2, ["a.png", "b.png"])
-    library = ModelLibrary((mesh,), np.arange(1), np.ones(1), Silhouette(0.5, np.zeros(16)), ())
+    library = ModelLibrary((mesh,), np.arange(1), np.ones(1), Silhouette(0.5, np.zeros(16)), (), 0)
     return {split: Sources(atlas, (library,)) for split in plan.splits}
 
 

@@ -1,6 +1,7 @@
 """The wanted distribution of disparity: histograms, forms, the Boolean model, and what scenes come to."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,8 @@ from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import Range, load_config
 from semisynth_gl.config.model import ParticlesSection
 from semisynth_gl.errors import InputError
-from semisynth_gl.geometry.kinds import SIMPLE_KINDS
+from semisynth_gl.geometry import model_library
+from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import make_mesh, normalised
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.geometry.silhouette import height_map, mean_silhouette
@@ -470,6 +472,35 @@ def test_kinds_have_weights_within_their_family():
     assert sum(chance[name] for name in ("sphere", "cone")) < 0.5 + 1e-9
     with pytest.raises(InputError, match="did you mean chair"):
         build_library(load_config("middlebury", {"models.kinds": {"chiar": 1}}).models, ParticlesSection(), 0)
+
+
+# One kind of each family is quickly built.
+FEW = dict.fromkeys([*SIMPLE_KINDS, *COMPLEX_KINDS], 0) | {"cube": 1, "table": 1}
+
+
+@pytest.mark.parametrize(
+    ("count", "weights", "share"),
+    [
+        (2, {}, 2 / 25 / (2 + 2 / 25)),  # about as much as two of the 50 built-in kinds
+        (30, {}, 1 / 3),
+        (2, {"user": 25.0}, 1 / 2),
+        (2, {"simple": 0.0, "complex": 0.0}, 1.0),
+        (0, {}, 0.0),
+    ],
+)
+def test_a_few_models_of_the_users_are_a_few_of_all(monkeypatch, count, weights, share):
+    cube = SIMPLE_KINDS["cube"](np.random.default_rng(0))
+    own = [replace(cube, name=f"{number}.obj") for number in range(count)]
+    # Reading files takes a process; tests/test_geometry_model_files.py reads them.
+    monkeypatch.setattr(model_library, "load_models", lambda _: (own, []))
+    folders = ["absent"] if count else []
+    keys = {"variants": 1, "folders": folders, "kinds": FEW} | weights
+    section = load_config("middlebury", {f"models.{key}": value for key, value in keys.items()}).models
+    library = build_library(section, ParticlesSection(), 0)
+    assert library.user_count == count == sum(mesh.name.endswith(".obj") for mesh in library.models)
+    assert library.user_share == pytest.approx(share)
+    of_each = library.chances[:count]
+    assert of_each == pytest.approx([share / max(count, 1)] * count)
 
 
 def test_thin_models_are_thin():

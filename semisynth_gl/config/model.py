@@ -335,7 +335,7 @@ class ModelsSection(Section):
     Attributes:
         simple: weight of the simple family (cube, sphere, torus, ...).
         complex: weight of the complex family (chair, mug, plant, ...).
-        user: weight of the models in ``folders``.
+        user: weight of the models in ``folders``, in full where there are 25 of them or more, else in proportion.
         kinds: weights of kinds within their family, by name. A kind without a weight has 1, and 0 leaves a kind out.
         folders: folders of model files; trimesh reads the files.
         variants: number of models of each kind and of each of ``families``; each variant has its own proportions.

@@ -147,7 +147,17 @@ def _describe(sources: Mapping[SplitName, Sources], listener: Listener) -> None:
         listener.on_message(prefix + split_sources.atlas.report.summary())
         for reason in split_sources.skipped_models:
             listener.on_message(f"model left out: {reason}")
-        listener.on_message(f"{prefix}{len(split_sources.models)} models")
+        listener.on_message(f"{prefix}{len(split_sources.models)} models{_of_the_user(split_sources)}")
+
+
+def _of_the_user(sources: Sources) -> str:
+    """Return how many models are the user's, and how often they are drawn; nothing where there are none."""
+    count = max(library.user_count for library in sources.libraries)
+    if not count:
+        return ""
+    shares = sorted({f"{library.user_share:.1%}" for library in sources.libraries}, key=lambda share: float(share[:-1]))
+    spread = shares[0] if len(shares) == 1 else f"{shares[0]} to {shares[-1]}, by recipe,"
+    return f", {count} of them yours: {spread} of the falling objects (models.user)"
 
 
 def _make(job: ShardJob, missing: list[Shard], engine: Engine, files: DatasetFiles, listener: Listener) -> None:

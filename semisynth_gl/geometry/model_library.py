@@ -28,6 +28,10 @@ from semisynth_gl.user_files import expanded, files_below
 SOURCES = ("geometry", "seeds.py", "splits.py", "config/fields.py")
 """The program's sources that decide the models: a change of any of them makes the cache build them anew."""
 
+FULL_FAMILY = 25
+"""So many models of the user's have the weight of their family in full, and fewer a part of it in proportion. The two
+built-in families have about as many kinds each, so a model of the user's is worth a kind."""
+
 # `Split.share`'s purpose for the user's models; the purposes of the two families of kinds are 0 and 1.
 _USER = 2
 _ARRAYS = ("positions", "uv", "triangles")
@@ -43,6 +47,7 @@ class ModelLibrary:
         chances: (M,) float64, sum 1; a family's models share its weight in proportion to the weights of their kinds.
         silhouette: the mean silhouette of the drawn models.
         skipped: the user's models that could not be used.
+        user_count: number of the user's models, the first of those that are drawn.
     """
 
     models: tuple[Mesh, ...]
@@ -50,6 +55,12 @@ class ModelLibrary:
     chances: NDArray[np.float64]
     silhouette: Silhouette
     skipped: tuple[Skipped, ...]
+    user_count: int
+
+    @property
+    def user_share(self) -> float:
+        """The share of the falling objects that are models of the user's."""
+        return float(self.chances[: self.user_count].sum())
 
 
 def build_library(section: ModelsSection, particles: ParticlesSection, seed: int, split: Split = WHOLE) -> ModelLibrary:
@@ -153,6 +164,7 @@ def _packed(library: ModelLibrary) -> Entry | None:
         "models": [[mesh.name, mesh.solid] for mesh in library.models],
         "fill": library.silhouette.fill,
         "skipped": [[str(skipped.path), skipped.reason] for skipped in library.skipped],
+        "user_count": library.user_count,
     }
     arrays = {name: np.concatenate([getattr(mesh, name) for mesh in library.models]) for name in _ARRAYS}
     return Entry(values, arrays | {"chances": library.chances, "heights": library.silhouette.heights})
@@ -168,6 +180,7 @@ def _unpacked(entry: Entry) -> ModelLibrary:
         arrays["chances"],
         Silhouette(values["fill"], arrays["heights"]),
         tuple(Skipped(Path(path), reason) for path, reason in values["skipped"]),
+        values["user_count"],
     )
 
 
@@ -175,6 +188,8 @@ def _build(section: ModelsSection, particles: ParticlesSection, seed: int, split
     user, skipped = list[Mesh](), list[Skipped]()
     if section.folders:
         user, skipped = load_models([expanded(folder) for folder in section.folders])
+    # Of all splits together: what is held out is as frequent as what is not.
+    user_weight = section.user * min(1.0, len(user) / FULL_FAMILY)
     kinds = [list(family) for family in (SIMPLE_KINDS, COMPLEX_KINDS)]
     if split.models and split.held_out:
         user = split.share(user, seed, "models of the user's", _USER) if user else user
@@ -186,7 +201,7 @@ def _build(section: ModelsSection, particles: ParticlesSection, seed: int, split
     ]
     seed = split.seed(seed)
     weights = kind_weights(section.kinds)
-    families = [(section.user, user, [1.0] * len(user))]
+    families = [(user_weight, user, [1.0] * len(user))]
     builders = {**SIMPLE_KINDS, **COMPLEX_KINDS}
     for names, weight in zip(kinds, (section.simple, section.complex), strict=True):
         used = [name for name in names if weight > 0 and weights[name] > 0]
@@ -206,4 +221,4 @@ def _build(section: ModelsSection, particles: ParticlesSection, seed: int, split
     chances /= chances.sum()
     rng = generator(seed, Purpose.MODELS, len(families))
     silhouette = mean_silhouette(library, chances, particles, rng)
-    return ModelLibrary(tuple(library), np.arange(len(library)), chances, silhouette, tuple(skipped))
+    return ModelLibrary(tuple(library), np.arange(len(library)), chances, silhouette, tuple(skipped), len(user))
