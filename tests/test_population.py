@@ -485,7 +485,6 @@ FEW = dict.fromkeys([*SIMPLE_KINDS, *COMPLEX_KINDS], 0) | {"cube": 1, "table": 1
         (30, {}, 1 / 3),
         (2, {"user": 25.0}, 1 / 2),
         (2, {"simple": 0.0, "complex": 0.0}, 1.0),
-        (0, {}, 0.0),
     ],
 )
 def test_a_few_models_of_the_users_are_a_few_of_all(monkeypatch, count, weights, share):
@@ -493,14 +492,12 @@ def test_a_few_models_of_the_users_are_a_few_of_all(monkeypatch, count, weights,
     own = [replace(cube, name=f"{number}.obj") for number in range(count)]
     # Reading files takes a process; tests/test_geometry_model_files.py reads them.
     monkeypatch.setattr(model_library, "load_models", lambda _: (own, []))
-    folders = ["absent"] if count else []
-    keys = {"variants": 1, "folders": folders, "kinds": FEW} | weights
+    keys = {"variants": 1, "folders": ["absent"], "kinds": FEW} | weights
     section = load_config("middlebury", {f"models.{key}": value for key, value in keys.items()}).models
     library = build_library(section, ParticlesSection(), 0)
     assert library.user_count == count == sum(mesh.name.endswith(".obj") for mesh in library.models)
     assert library.user_share == pytest.approx(share)
-    of_each = library.chances[:count]
-    assert of_each == pytest.approx([share / max(count, 1)] * count)
+    assert library.chances[:count] == pytest.approx([share / count] * count)
 
 
 def test_thin_models_are_thin():

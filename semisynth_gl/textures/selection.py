@@ -226,12 +226,7 @@ class _Quota:
     def add(self, clip: int, patches: list[PatchFrames]) -> None:
         self.patches[clip] = patches
         self.total += len(patches)
-        self.shrink(self._limit)
-
-    def shrink(self, limit: int) -> None:
-        """Set the limit, and give up the patches beyond it."""
-        self._limit = limit
-        while self.total > limit:
+        while self.total > self._limit:
             max(self.patches.values(), key=len).pop()
             self.total -= 1
 
