@@ -4,7 +4,6 @@ A package names them as entry points, one group for each sort. Names are found w
 is imported when it is asked for. Processes find the plug-ins by themselves, wherever the packages are installed.
 """
 
-import difflib
 import traceback
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -16,7 +15,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, Literal, get_args
 
-from semisynth_gl.errors import InputError, SemisynthError
+from semisynth_gl.errors import InputError, SemisynthError, did_you_mean, near, shown
 
 Group = Literal["layouts", "textures", "models", "recipes"]
 """The sorts of plug-ins; entry points of the group `semisynth_gl.layouts` are layouts, and so on."""
@@ -120,10 +119,11 @@ class Plugin:
 @cache
 def installed_plugins() -> tuple[Plugin, ...]:
     """Return all plug-ins of all installed packages, sorted by group, name and package; none of them is imported."""
+    everything = entry_points()
     found = [
         Plugin(group, entry.name, entry.dist.name, entry.dist.version, entry)
         for group in GROUPS
-        for entry in entry_points(group=f"semisynth_gl.{group}")
+        for entry in everything.select(group=f"semisynth_gl.{group}")
         if entry.dist is not None
     ]
     return tuple(sorted(found, key=lambda each: (GROUPS.index(each.group), each.name, each.package)))
@@ -149,10 +149,9 @@ def find_plugin(group: Group, name: str, built_in: Collection[str] = ()) -> Plug
     found = [each for each in installed_plugins() if each.group == group and each.name == name]
     if not found:
         known = sorted({*built_in, *plugin_names(group)})
-        similar = difflib.get_close_matches(str(name), known, n=1)
         expected = f"expected one of {', '.join(known)}" if known else "no installed package has any"
-        hint = f"; did you mean {similar[0]}?" if similar else ""
-        raise MissingPluginError(f"{NOUNS[group]}: {expected}, got {name!r:.100}{hint}")
+        hint = did_you_mean(near(str(name), known))
+        raise MissingPluginError(f"{NOUNS[group]}: {expected}, got {shown(name)}{'; ' if hint else ''}{hint}")
     if len(found) > 1:
         listed = " and ".join(f"{each.package} {each.version} ({each.entry.value})" for each in found)
         raise InputError(

@@ -255,12 +255,14 @@ def test_what_a_file_says_of_plugins_is_checked():
         ),
         ({"layouts": {"x": {"package": "a", "version": "$(b)"}}}, "plugins.layouts.x.version: string should match"),
         ({"layouts": {"x": {"package": "a"}}}, "plugins.layouts.x.version: field required"),
-        ({"engines": {}}, "plugins.engines: input should be 'layouts'"),
+        ({"engines": {"x": {"package": "a"}}}, "plugins.engines.x.version: field required"),
         ({"layouts": []}, "plugins.layouts: input should be a valid dictionary"),
     ):
         with pytest.raises(ReadError) as caught:
             check_plan(values | {"plugins": plugins}, Path("plan.json"))
         assert message in str(caught.value)
+    # A later version may have further groups.
+    check_plan(values | {"plugins": {"engines": {"x": {"package": "a", "version": "1"}}}}, Path("plan.json"))
     with pytest.raises(ReadError, match=r"layout: expected one of crestereo, .*, got 'flat'"):
         check_plan(values | {"layout": "flat"}, Path("plan.json"))
 
@@ -413,12 +415,25 @@ def test_a_layout_without_a_fault_is_taken(install):
 
 
 def test_a_broken_plugin_keeps_nobody_from_the_others(install):
-    with install({"layouts": ["thing = other:nothing"], "models": ["knots = nowhere:knot"]}):
+    entries = {
+        "layouts": ["thing = other:nothing"],
+        "models": ["knots = nowhere:knot", "number = other:number", "user = other:function"],
+        "textures": ["dots = other:function"],
+        "recipes": ["loft = other:number"],
+    }
+    with install(entries, "number = 3\nfunction = lambda rng: [3]"):
         assert "thing" in layout_names()
         assert find_layout("kitti").title[0] == "KITTI 2015"
         shown = said("doctor")
     assert "BROKEN: layout 'thing' of the package other-plugins 0.3" in shown
     assert "BROKEN: family of models 'knots' of the package other-plugins 0.3" in shown
+    for plugin, fault in (
+        ("family of models 'number'", "(entry point number = other:number): expected a function from a numpy"),
+        ("family of models 'user'", "(entry point user = other:function): expected a name of its own"),
+        ("texture source 'dots'", "(entry point dots = other:function): fails at picture 0: picture 'dots/00000'"),
+        ("scene recipe 'loft'", "(entry point loft = other:number): expected a mapping"),
+    ):
+        assert f"BROKEN: {plugin} of the package other-plugins 0.3 {fault}" in shown
     assert "Ready: " in shown
 
 
@@ -475,10 +490,15 @@ def test_names_that_are_taken_are_refused_where_they_are_asked_for(install):
         pytest.raises(InputError, match=r"'knots': expected one package .* got first 0\.3 .* and second 0\.3"),
     ):
         find_family("knots")
-    with pytest.raises(
-        InputError, match=r"models\.families\.simple: expected the name of a plug-in; models\.simple has"
+    simple = "expected the name of a plug-in's family, the weight of this one is models.simple, got 'simple'"
+    for overrides, place in (
+        ({"models.families": {"simple": 1}}, "--set models.families: models.families.simple"),
+        ({"models.families.simple": 0}, "--set models.families.simple"),
+        ({"scenes": [{"recipe": "a", "models": {"families": {"simple": 1}}}]}, "scenes.0.models.families.simple"),
     ):
-        find_family("simple")
+        with pytest.raises(InputError) as caught:
+            load_config("kitti", overrides)
+        assert str(caught.value).removeprefix("--set scenes: ") == f"{place}: {simple}"
 
 
 @pytest.mark.usefixtures("acme")

@@ -2,6 +2,7 @@
 
 import platform
 import sys
+from collections.abc import Callable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 
 import click
@@ -10,16 +11,35 @@ from numpy.typing import NDArray
 
 from semisynth_gl.cache.store import cache_summary
 from semisynth_gl.camera import EYES, StereoCamera
-from semisynth_gl.config.plugin_recipes import check_recipe
+from semisynth_gl.config.model import TEXTURE_SOURCES
+from semisynth_gl.config.plugin_recipes import plugin_recipe
 from semisynth_gl.errors import BackendError, InputError
+from semisynth_gl.geometry.families import build_family
 from semisynth_gl.layouts import find_layout
-from semisynth_gl.plugins import Plugin, find_plugin, installed_plugins
+from semisynth_gl.plugins import Group, Plugin, installed_plugins
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.scene import make_scene
+from semisynth_gl.splits import WHOLE
+from semisynth_gl.textures.foreign import find_source, plugin_pictures
 
 _PACKAGES = ("semisynth-gl", "moderngl", "glcontext", "numpy", "trimesh", "Pillow", "isal", "scikit-image")
 _LARGEST_ERROR_PX = 1e-3
+
+
+def _draw_picture(name: str) -> None:
+    plugin = find_source(name, TEXTURE_SOURCES)
+    if plugin is not None:
+        next(plugin_pictures(plugin, np.random.default_rng(0)), None)
+
+
+# What each sort of plug-in is tried by: its first picture, a model of its own.
+_TRIALS: Mapping[Group, Callable[[str], object]] = {
+    "layouts": find_layout,
+    "textures": _draw_picture,
+    "models": lambda name: build_family(name, 1, 0, WHOLE),
+    "recipes": plugin_recipe,
+}
 
 
 @click.command()
@@ -107,12 +127,7 @@ def plane_error_px(backend: Backend) -> float:
 def _fault(plugin: Plugin) -> str:
     """Return what is wrong with a plug-in, "" where nothing is."""
     try:
-        if plugin.group == "layouts":
-            find_layout(plugin.name)
-        find_plugin(plugin.group, plugin.name)
-        _ = plugin.value
-        if plugin.group == "recipes":
-            check_recipe(plugin)
+        _TRIALS[plugin.group](plugin.name)
     except InputError as error:
         return f"\n  BROKEN: {error}"
     return ""

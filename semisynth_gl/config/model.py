@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
+    AfterValidator,
     Field,
     SerializerFunctionWrapHandler,
     ValidationError,
@@ -62,9 +63,20 @@ _MOST_RECIPES = 100
 TEXTURE_SOURCES = ("images", "builtin", "photographs", "procedural")
 """The program's own sources of patches; other names are plug-ins'."""
 
+MODEL_FAMILIES = ("simple", "complex", "user")
+"""The program's own families of models, which have keys of their own for their weights."""
+
+
+def _check_foreign(name: str) -> str:
+    if name in MODEL_FAMILIES:
+        raise ValueError(f"expected the name of a plug-in's family, the weight of this one is models.{name}")
+    return name
+
+
 _Side = Annotated[int, count(_WIDEST_PX)]
 _Paths = Annotated[tuple[PathText, ...], FROM_LIST, Field(max_length=100_000)]
 _PluginName = Annotated[str, Field(min_length=1, max_length=_LONGEST_NAME)]
+_FamilyName = Annotated[_PluginName, AfterValidator(_check_foreign)]
 _Licence = Annotated[str, Field(max_length=_LONGEST_LICENCE)]
 _Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9-]*$", max_length=_LONGEST_NAME)]
 
@@ -350,7 +362,7 @@ class ModelsSection(Section):
     variants: Annotated[int, count(100)] = 3
     # Left out of the values where there are none: those of a dataset without plug-ins are the same as ever.
     families: Annotated[
-        dict[_PluginName, Weight], Field(max_length=_MOST_ITEMS, exclude_if=lambda families: not families)
+        dict[_FamilyName, Weight], Field(max_length=_MOST_ITEMS, exclude_if=lambda families: not families)
     ] = Field(default_factory=dict)
 
     @model_validator(mode="after")

@@ -7,7 +7,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from semisynth_gl.config.model import RecipeSection
-from semisynth_gl.plugins import Plugin, find_plugin
+from semisynth_gl.plugins import find_plugin
 
 _EXPECTED = "expected a mapping of a config's sections to their keys, or a function that returns one"
 
@@ -21,11 +21,7 @@ def plugin_recipe(name: str) -> dict[str, Any]:
     Raises:
         InputError: where there is no such plug-in, or it has no recipe.
     """
-    return check_recipe(find_plugin("recipes", name))
-
-
-def check_recipe(plugin: Plugin) -> dict[str, Any]:
-    """Return the keys of a plug-in's recipe; see `plugin_recipe`."""
+    plugin = find_plugin("recipes", name)
     value = plugin.value
     if callable(value):
         with plugin.blamed("fails"):

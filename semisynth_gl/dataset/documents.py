@@ -29,7 +29,7 @@ from semisynth_gl.dataset.tar import content_offsets
 from semisynth_gl.errors import InputError, ReadError, shown
 from semisynth_gl.frame import TruthViews
 from semisynth_gl.layouts import layout_names
-from semisynth_gl.plugins import Group, MissingPluginError, require_plugins
+from semisynth_gl.plugins import MissingPluginError, require_plugins
 from semisynth_gl.splits import SplitName
 
 CHANGED_INDEX = f"somebody changed it; without {INDEX}, the dataset's generate command goes on from {PLAN}"
@@ -124,7 +124,7 @@ class PlanDocument(_Facts):
     """A dataset's plan; see `semisynth_gl.dataset.plan.Plan.values`."""
 
     program: Literal["semisynth-gl"]
-    plugins: dict[Group, dict[str, _Package]] = {}
+    plugins: dict[str, dict[str, _Package]] = {}
     layout: str
     version: str
     format: _Format = 1

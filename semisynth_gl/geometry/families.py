@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from semisynth_gl.config.model import MODEL_FAMILIES
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_units import make_model
@@ -9,7 +10,6 @@ from semisynth_gl.plugins import Plugin, find_plugin, refuse_clash
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.splits import Split
 
-_BUILT_IN = ("simple", "complex", "user")
 # `Split.share`'s purpose; 0 to 2 are those of the families that the program has itself.
 _SHARED = 3
 _FUNCTION = "a function from a numpy.random.Generator to a semisynth_gl.Mesh"
@@ -22,9 +22,8 @@ def find_family(name: str) -> Plugin:
         InputError: where there is none, it cannot be imported, is no function, or has the name of a family that the
             program has itself.
     """
-    if name in _BUILT_IN:
+    if name in MODEL_FAMILIES:
         refuse_clash("models", name)
-        raise InputError(f"models.families.{name}: expected the name of a plug-in; models.{name} has that weight")
     plugin = find_plugin("models", name)
     if not callable(plugin.value):
         raise plugin.fault(f"expected {_FUNCTION}, got {type(plugin.value).__name__}")

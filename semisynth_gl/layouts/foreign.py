@@ -1,6 +1,5 @@
 """Layouts of plug-ins, each checked once: what they say of a few pairs must make a dataset that can be read."""
 
-import difflib
 import os
 import re
 from collections.abc import Iterator
@@ -9,7 +8,7 @@ from itertools import product
 from pathlib import PurePosixPath
 
 from semisynth_gl.codecs import Encodings
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, did_you_mean, near, shown
 from semisynth_gl.frame import OUTPUTS
 from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.layout import Layout
@@ -61,9 +60,9 @@ def check_layout(layout: Layout) -> None:
         InputError: where a dataset in this layout could not be written, or not be read back.
     """
     if not isinstance(layout.packed, bool):
-        raise InputError(f"packed: expected True or False, got {layout.packed!r:.80}")
+        raise InputError(f"packed: expected True or False, got {shown(layout.packed)}")
     if not (layout.encodings is None or isinstance(layout.encodings, Encodings)):
-        raise InputError(f"encodings: expected None or Encodings, got {layout.encodings!r:.80}")
+        raise InputError(f"encodings: expected None or Encodings, got {shown(layout.encodings)}")
     if unknown := sorted(set(layout.needs) - set(OUTPUTS)):
         raise InputError(f"needs: expected some of {', '.join(OUTPUTS)}, got {', '.join(unknown)}")
     for splits, length in product(_SPLITS, _LENGTHS):
@@ -91,9 +90,8 @@ def _paths(layout: Layout, keys: list[Key], folder: str) -> Iterator[tuple[str, 
         if lacking := [role for role in _NEEDED if role not in stems]:
             raise InputError(f"stems: expected the roles {', '.join(_NEEDED)} and others, got no {', '.join(lacking)}")
         if unknown := [role for role in stems if not _is_known(layout, role)]:
-            similar = difflib.get_close_matches(unknown[0], ROLES, n=1)
-            hint = f"did you mean {similar[0]}?" if similar else f"expected some of {', '.join(ROLES)}"
-            raise InputError(f"stems: there is no role {unknown[0]!r}; {hint}")
+            hint = did_you_mean(near(unknown[0], ROLES), f"expected some of {', '.join(ROLES)}")
+            raise InputError(f"stems: there is no role {shown(unknown[0])}; {hint}")
         files = layout.files(key, encodings)
         yield from ((f"{folder}{path}", f"{role} of pair {key.index} of {split}") for role, path in files.items())
     for path, data in layout.lists(keys, encodings).items():
