@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from semisynth_gl.cli.options import COUNT, MOST_WORKERS, SEED, Command, ConfigName, Setting, option, option_group
+from semisynth_gl.cli.options import COUNT, MOST_WORKERS, SEED, Command, ConfigName, option, option_group, set_option
 from semisynth_gl.cli.outputs import Output, json_report, output_option
 from semisynth_gl.config import load_config
 from semisynth_gl.listener import Listener
@@ -53,14 +53,7 @@ def _bench_options(config: str) -> Callable[[Command], Command]:
             default=config,
             help="Whose scenes: a name or a YAML file.",
         ),
-        option(
-            "--set",
-            "settings",
-            type=Setting(),
-            multiple=True,
-            metavar="dotted.key=value",
-            help="Override a key of the config.",
-        ),
+        set_option(),
         option("--seed", type=SEED, default=0, help="Other scenes."),
         option("--backend", type=click.Choice(BACKENDS), default="auto", help="As for generate."),
     )

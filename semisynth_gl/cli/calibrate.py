@@ -13,7 +13,7 @@ from semisynth_gl.calibration.photographs import impossible_splits
 from semisynth_gl.calibration.rig import Rig, Size, plain_rig
 from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.calibration.style import Style, untried_style
-from semisynth_gl.cli.options import NATURAL, Number, Source, above_0, images_option, option
+from semisynth_gl.cli.options import NATURAL, Number, Source, above_0, images_option, map_options, option
 from semisynth_gl.cli.outputs import CONFIG, Output, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
@@ -51,20 +51,7 @@ _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
     help="Scale of images and maps against the calibrated size; 0.25 for quarter size.",
 )
 @option("--unit", type=click.Choice(list(_UNITS)), help="Unit of the translation in an OpenCV file, else metres.")
-@option(
-    "--disparity",
-    "maps",
-    type=Source(),
-    multiple=True,
-    metavar="PATH_OR_GLOB",
-    help="Disparity maps, true or predicted, to measure the histogram: .pfm, .npy, 16-bit .png. May be repeated.",
-)
-@option(
-    "--png-scale",
-    type=above_0(0xFFFF),
-    default=KITTI_DISPARITY.steps,
-    help="Levels of a 16-bit PNG per pixel of disparity.",
-)
+@map_options("to measure the histogram")
 @option("--range-px", type=(_ANY_NUMBER, _ANY_NUMBER), help="Least and largest disparity, where there are no maps.")
 @option("--other-camera", is_flag=True, help="The photographs are not the rig's: they may have any size.")
 @option(

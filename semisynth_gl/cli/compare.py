@@ -5,10 +5,9 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import COUNT, Source, UserPath, above_0, option
+from semisynth_gl.cli.options import COUNT, Source, UserPath, images_option, map_options, option
 from semisynth_gl.cli.outputs import Output, ending_check, json_report, marked_png, output_option
 from semisynth_gl.cli.progress import Progress
-from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.compare import Comparison, compare_with_place, comparison_json, comparison_table
 from semisynth_gl.comparison.maps import find_maps
 from semisynth_gl.comparison.picture import WORKING_WIDTH
@@ -24,28 +23,11 @@ _PLOTS = marked_png("semisynth-gl compare")
 
 @click.command()
 @click.argument("directory", type=Source(), metavar="DIR_OR_ADDRESS")
-@option(
-    "--images",
-    type=Source(),
-    multiple=True,
+@images_option(
     required=True,
-    metavar="PATH_OR_GLOB",
     help="Photographs of the place that the dataset is made for: a file, folder or glob. May be repeated.",
 )
-@option(
-    "--disparity",
-    "maps",
-    type=Source(),
-    multiple=True,
-    metavar="PATH_OR_GLOB",
-    help="Disparity maps of the place, true or predicted: .pfm, .npy, 16-bit .png. May be repeated.",
-)
-@option(
-    "--png-scale",
-    type=above_0(0xFFFF),
-    default=KITTI_DISPARITY.steps,
-    help="Levels of a 16-bit PNG per pixel of disparity.",
-)
+@map_options("of the place")
 @option(
     "--width",
     "width_px",

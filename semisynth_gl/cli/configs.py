@@ -2,8 +2,8 @@
 
 import click
 
-from semisynth_gl.cli.options import ConfigName
-from semisynth_gl.config.explain import explain, summaries
+from semisynth_gl.cli.options import ConfigName, listed_configs
+from semisynth_gl.config.explain import explain
 
 
 @click.command()
@@ -16,5 +16,5 @@ def configs(config_name: str | None) -> None:
     if config_name is not None:
         click.echo(explain(config_name), nl=False)
         return
-    for name, summary in summaries().items():
-        click.echo(f"{name:30}{summary}")
+    for line in listed_configs():
+        click.echo(line)

@@ -12,8 +12,10 @@ import click
 from click.shell_completion import CompletionItem
 
 from semisynth_gl.cli.completion import beginning
+from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.config import Config, load_config, packaged_configs
-from semisynth_gl.config.explain import config_keys, summaries
+from semisynth_gl.config.explain import summaries
+from semisynth_gl.config.keys import config_keys
 from semisynth_gl.errors import InputError
 from semisynth_gl.render.backends import BACKENDS, Backend
 from semisynth_gl.user_files import expanded
@@ -91,8 +93,9 @@ class Setting(click.types.StringParamType):
     """The type of an option that sets a key of a config."""
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:  # noqa: ARG002 - click's
-        """Offer the keys."""
-        return beginning([f"{key}=" for key in config_keys()], incomplete)
+        """Offer the keys that have a value."""
+        keys = [f"{key.dotted}=" for key in config_keys() if not (key.is_section or key.of_form)]
+        return beginning(keys, incomplete)
 
 
 def _named(value: str, param: click.Parameter | None) -> str:
@@ -145,6 +148,45 @@ images_option = partial(
 )
 
 
+set_option = partial(
+    option,
+    "--set",
+    "settings",
+    type=Setting(),
+    multiple=True,
+    metavar="dotted.key=value",
+    help="Override a key of the config, for example camera.width_px=640. May be repeated.",
+)
+
+
+def map_options(use: str) -> Callable[[Command], Command]:
+    """Return a decorator that adds the options of disparity maps, the parameters ``maps`` and ``png_scale``.
+
+    Args:
+        use: whose maps they are or what for, for the help.
+    """
+    files = option(
+        "--disparity",
+        "maps",
+        type=Source(),
+        multiple=True,
+        metavar="PATH_OR_GLOB",
+        help=f"Disparity maps {use}, true or predicted: .pfm, .npy, 16-bit .png. May be repeated.",
+    )
+    scale = option(
+        "--png-scale",
+        type=above_0(0xFFFF),
+        default=KITTI_DISPARITY.steps,
+        help="Levels of a 16-bit PNG per pixel of disparity.",
+    )
+    return lambda command: files(scale(command))
+
+
+def listed_configs() -> list[str]:
+    """Return a line on each packaged config."""
+    return [f"{name:30}{summary}" for name, summary in summaries().items()]
+
+
 @dataclass(frozen=True, slots=True)
 class SceneOptions:
     """The options that decide what pairs show, and how they are rendered."""
@@ -164,7 +206,7 @@ class SceneOptions:
 def _needed(_: click.Context, __: click.Parameter, name: str | None) -> str:
     """Say which configs there are where none is given."""
     if name is None:
-        lines = "".join(f"\n  {name:30}{summary}" for name, summary in summaries().items())
+        lines = "".join(f"\n  {line}" for line in listed_configs())
         raise InputError(
             f"--config: name a YAML file, or a packaged config:{lines}\n`semisynth-gl configs NAME` prints one in full."
         )
@@ -191,14 +233,7 @@ scene_options = option_group(
         help="A folder of 3D models to add to those that are built in. May be repeated.",
     ),
     option("--seed", type=SEED, default=0, help="Another seed, another dataset."),
-    option(
-        "--set",
-        "settings",
-        type=Setting(),
-        multiple=True,
-        metavar="dotted.key=value",
-        help="Override a key of the config, for example camera.width_px=640. May be repeated.",
-    ),
+    set_option(),
     option(
         "--backend",
         type=click.Choice(BACKENDS),
@@ -213,10 +248,10 @@ def read_config(
 ) -> Config:
     """Load the config that the options --config, --images, --models and --set describe."""
     overrides: list[str | tuple[str, Any]] = list(settings)
-    config = load_config(config_name, overrides)
     # As values: names of files that went through YAML would have to be text.
     if images:
         overrides += [("textures.source", "images"), ("textures.images", list(images))]
     if models:
-        overrides.append(("models.folders", [*config.models.folders, *models]))
+        folders = load_config(config_name, overrides).models.folders
+        overrides.append(("models.folders", [*folders, *models]))
     return load_config(config_name, overrides)

@@ -26,19 +26,6 @@ def summaries() -> dict[str, str]:
     return texts
 
 
-def config_keys() -> list[str]:
-    """Return the dotted key of each value of a config, in the order of the sections."""
-    return list(_dotted_keys(Config, ""))
-
-
-def _dotted_keys(section: type[BaseModel], before: str) -> Iterator[str]:
-    for key, field in section.model_fields.items():
-        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
-            yield from _dotted_keys(field.annotation, f"{before}{key}.")
-        else:
-            yield before + key
-
-
 def explain(name_or_path: str) -> str:
     """Return a config with all of its keys, defaults included, and a comment on each.
 

@@ -4,14 +4,14 @@ import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from types import NoneType, UnionType
-from typing import Annotated, Any, Union, get_args, get_origin
+from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from semisynth_gl.arguments import check_type
 from semisynth_gl.config.distributions import read_histogram
+from semisynth_gl.config.keys import by_form, config_keys, members_of
 from semisynth_gl.config.merge import Document, keys_of, merged
 from semisynth_gl.config.model import TEXTURE_SOURCES, Config
 from semisynth_gl.config.plugin_recipes import plugin_recipe
@@ -235,11 +235,13 @@ def _explain(fault: ErrorDetails, document: Document) -> str:
     key, section = _locate(fault["loc"])
     kind = fault["type"]
     if kind in ("union_tag_invalid", "union_tag_not_found"):
-        return _explain_form((*key, "form"), _by_form(section.model_fields[str(key[-1])].annotation), fault, document)
+        return _explain_form((*key, "form"), by_form(section.model_fields[str(key[-1])].annotation), fault, document)
     prefix = _prefix(key, document)
-    if kind == "extra_forbidden" and key[0] == _SCENES and _is_key(key[2:]):
-        dotted = ".".join(map(str, key[2:]))
-        return f"{prefix}: a recipe cannot change it, which holds for all pairs: set {dotted} beside {_SCENES}"
+    if kind == "extra_forbidden" and key[0] == _SCENES:
+        known_key = next((each for each in config_keys() if each.parts == key[2:] and not each.of_form), None)
+        if known_key is not None and known_key.parts != (_SCENES,):
+            hint = f"set {known_key.dotted} beside {_SCENES}"
+            return f"{prefix}: a recipe cannot change it, which holds for all pairs: {hint}"
     if kind == "extra_forbidden":
         known = sorted(section.model_fields)
         hint = did_you_mean(_meant_keys(key, known, fault["input"]), f"expected one of: {', '.join(known)}")
@@ -280,7 +282,7 @@ def _meant_keys(key: Key, siblings: Collection[str], value: object) -> list[str]
     while isinstance(value, Mapping) and len(value) == 1:
         ((name, value),) = value.items()
         inner.append(str(name))
-    whole, known = ".".join([*above, last, *inner]), _dotted_keys(Config)
+    whole, known = ".".join([*above, last, *inner]), [each.dotted for each in config_keys()]
     alike = [".".join([*above, name]) for name in near(last, siblings)]
     if key[0] == _SCENES:  # a recipe has sections of its own
         return alike
@@ -292,29 +294,6 @@ def _meant_keys(key: Key, siblings: Collection[str], value: object) -> list[str]
     if not elsewhere:
         return alike
     return list(dict.fromkeys([*near(whole, alike, least_ratio=_BY_A_LETTER), *elsewhere]))
-
-
-def _is_key(key: Key) -> bool:
-    """Return whether a config has a key, of its own or of one of its sections."""
-    section: type[BaseModel] = Config
-    for part in key[:-1]:
-        field = section.model_fields.get(str(part))
-        if field is None or not (isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel)):
-            return False
-        section = field.annotation
-    return bool(key) and str(key[-1]) in section.model_fields.keys() - {_SCENES}
-
-
-def _dotted_keys(section: type[BaseModel], prefix: str = "") -> list[str]:
-    """Return all keys of a config, sections and the keys of all forms included, without those inside of lists."""
-    keys: dict[str, None] = {}
-    for name, field_ in section.model_fields.items():
-        keys[f"{prefix}{name}"] = None
-        forms = _by_form(field_.annotation).values()
-        for below in forms or _members(field_.annotation):
-            if isinstance(below, type) and issubclass(below, BaseModel):
-                keys |= dict.fromkeys(_dotted_keys(below, f"{prefix}{name}."))
-    return list(keys)
 
 
 def _prefix(key: Key, document: Document) -> str:
@@ -333,10 +312,10 @@ def _locate(location: tuple[int | str, ...]) -> tuple[Key, type[BaseModel]]:
     section: type[BaseModel] = Config
     annotation: Any = Config
     for part in location:
-        by_form, members = _by_form(annotation), _members(annotation)
+        forms, members = by_form(annotation), members_of(annotation)
         kind = members[0] if len(members) == 1 else None
-        if by_form:
-            annotation = by_form.get(str(part))
+        if forms:
+            annotation = forms.get(str(part))
         elif isinstance(kind, type) and issubclass(kind, BaseModel):
             section, key = kind, (*key, part)
             known = kind.model_fields.get(str(part))
@@ -345,20 +324,3 @@ def _locate(location: tuple[int | str, ...]) -> tuple[Key, type[BaseModel]]:
             key = (*key, part)
             annotation = get_args(kind)[0 if get_origin(kind) is tuple else 1]
     return key, section
-
-
-def _members(annotation: Any) -> list[Any]:  # noqa: ANN401 - any annotation
-    """Return the types that an annotation allows, without None."""
-    if get_origin(annotation) is Annotated:
-        return _members(get_args(annotation)[0])
-    if get_origin(annotation) in (Union, UnionType):
-        return [member for part in get_args(annotation) for member in _members(part)]
-    return [] if annotation in (None, NoneType) else [annotation]
-
-
-def _by_form(annotation: Any) -> dict[str, type[BaseModel]]:  # noqa: ANN401 - any annotation
-    """Return the sections of a union by the values of their key ``form``."""
-    members = _members(annotation)
-    if len(members) == 1 or not all(isinstance(member, type) and issubclass(member, BaseModel) for member in members):
-        return {}
-    return {get_args(member.model_fields["form"].annotation)[0]: member for member in members}

@@ -1,0 +1,64 @@
+"""The keys that a config has, walked through its sections and the forms of its targets."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from types import NoneType, UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
+
+from pydantic import BaseModel
+
+from semisynth_gl.config.model import Config
+
+
+@dataclass(frozen=True, slots=True)
+class ConfigKey:
+    """A key of a config, outside of lists.
+
+    Attributes:
+        parts: the names of its sections, and its own.
+        is_section: whether it has keys of its own in any form.
+        of_form: whether only some forms of the key above it have it.
+    """
+
+    parts: tuple[str, ...]
+    is_section: bool
+    of_form: bool
+
+    @property
+    def dotted(self) -> str:
+        """The key as ``--set`` takes it."""
+        return ".".join(self.parts)
+
+
+@cache
+def config_keys() -> tuple[ConfigKey, ...]:
+    """Return all keys of a config, in the order of its sections; one that several forms have comes once."""
+    return tuple(dict.fromkeys(_keys_of(Config, (), of_form=False)))
+
+
+def _keys_of(section: type[BaseModel], above: tuple[str, ...], *, of_form: bool) -> Iterator[ConfigKey]:
+    for name, field in section.model_fields.items():
+        parts = (*above, name)
+        forms, members = by_form(field.annotation), members_of(field.annotation)
+        sections = [each for each in members if not forms and isinstance(each, type) and issubclass(each, BaseModel)]
+        yield ConfigKey(parts, bool(sections), of_form)
+        for below in (*forms.values(), *sections):
+            yield from _keys_of(below, parts, of_form=of_form or bool(forms))
+
+
+def members_of(annotation: Any) -> list[Any]:  # noqa: ANN401 - any annotation
+    """Return the types that an annotation allows, without None."""
+    if get_origin(annotation) is Annotated:
+        return members_of(get_args(annotation)[0])
+    if get_origin(annotation) in (Union, UnionType):
+        return [member for part in get_args(annotation) for member in members_of(part)]
+    return [] if annotation in (None, NoneType) else [annotation]
+
+
+def by_form(annotation: Any) -> dict[str, type[BaseModel]]:  # noqa: ANN401 - any annotation
+    """Return the sections of a union by the values of their key ``form``."""
+    members = members_of(annotation)
+    if len(members) == 1 or not all(isinstance(member, type) and issubclass(member, BaseModel) for member in members):
+        return {}
+    return {get_args(member.model_fields["form"].annotation)[0]: member for member in members}
