@@ -2,9 +2,7 @@
 
 import io
 from collections import Counter
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
@@ -14,7 +12,7 @@ from semisynth_gl.cli.options import SceneOptions, UserPath, option, scene_optio
 from semisynth_gl.cli.outputs import Output, ending_check, marked_ply, marked_png, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
-from semisynth_gl.frame import Frame
+from semisynth_gl.codecs.ply import encode_points
 from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.textures.reach import photograph_sources
 
@@ -64,7 +62,9 @@ def preview(scene: SceneOptions, output: Output, ply_path: Path | None, pairs: i
     output.write(png.getvalue())
     say(f"{pairs} pairs in {output.file}")
     if cloud.path is not None:
-        cloud.write(_encode_points(first))
+        points = first.points()
+        seen = np.isfinite(points[..., 2])
+        cloud.write(encode_points(points[seen], first.left.image[seen]))
         say(f"the points of pair 0 in {cloud.path}")
     if recipes:
         counts = Counter(pair.provenance["recipe"] for pair in shown)
@@ -74,13 +74,3 @@ def preview(scene: SceneOptions, output: Output, ply_path: Path | None, pairs: i
         f"{total_variation(expected, target):.3f} from the target, {wasserstein_px(target, expected):.2g} px "
         "(Wasserstein-1)"
     )
-
-
-def _encode_points(frame: Frame) -> bytes:
-    """Return the left view as a point cloud: binary PLY, metres in the left camera's frame, with colours."""
-    # Loaded here: it brings scipy, which takes longer to load than a pair to render.
-    trimesh: Any = import_module("trimesh")
-    points = frame.points()
-    seen = np.isfinite(points[..., 2])
-    ply: bytes = trimesh.PointCloud(points[seen], colors=frame.left.image[seen]).export(file_type="ply")
-    return ply
