@@ -138,8 +138,11 @@ class StereoCamera:
         return self.focal_baseline / np.asarray(depth_m, np.float64) - self.doffs_px
 
     def depth_m(self, disparity_px: NDArray[np.float64] | float) -> NDArray[np.float64]:
-        """Return the planar depth Z = f B / (d + doffs) of disparities; any shape, float64, inf or negative: none."""
-        with np.errstate(divide="ignore"):
+        """Return the planar depth Z = f B / (d + doffs) of disparities; any shape, float64.
+
+        Inf, negative and, with a baseline of 0, nan: there is none.
+        """
+        with np.errstate(divide="ignore", invalid="ignore"):
             return self.focal_baseline / (np.asarray(disparity_px, np.float64) + self.doffs_px)
 
     def rays(self, eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -198,6 +198,7 @@ def test_points_lie_on_the_surface_that_was_drawn(open_renderer):
         np.testing.assert_allclose(x_px[seen], np.mgrid[:48, :64][1][seen], atol=1e-3)
 
 
+@pytest.mark.filterwarnings("error")
 def test_what_has_no_disparity_has_no_point():
     camera = StereoCamera.centred(5, 4, 6.0, 0.1, doffs_px=2.0)
     disparity = np.full((4, 5), 3, np.float32)
@@ -216,6 +217,7 @@ def test_what_has_no_disparity_has_no_point():
         with pytest.raises(InputError, match=said):
             frame.points(eye)
     still = StereoCamera.centred(5, 4, 6.0, 0.0)
+    disparity[1:3] = [[0], [-0.0]]
     assert np.isnan(Frame(still, view, view).points("right")).all()
 
 

@@ -129,6 +129,8 @@ def build_libraries(
         same = (k for k, (other, its) in enumerate(recipes[:number]) if (other, its.stretch, its.thinness) == like)
         first = next(same, None)
         own.append(build_library(section, particles, seed, split) if first is None else own[first])
+    if all(library is own[0] for library in own):
+        return tuple(own)
     models: dict[tuple[str, int], Mesh] = {}
     result = []
     for library in own:
