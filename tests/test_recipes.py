@@ -2,6 +2,7 @@
 
 import pickle
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -332,7 +333,11 @@ def test_any_pair_and_any_crop_of_a_mix_can_be_rendered_first(dataset):
 
 
 def test_the_report_has_a_table_of_recipes(dataset):
-    report = build_report(read_index(dataset), pairs=1, sample=6)
+    index = read_index(dataset)
+    # A recipe of weight 0 makes no pair, and counts nowhere.
+    never = {"recipe": "never", "weight": 0.0, "textures": {"texels_per_pixel": 9.0}}
+    values = index.config | {"scenes": [*index.config["scenes"], never]}
+    report = build_report(replace(index, values={**index.values, "config_values": values}), pairs=1, sample=6)
     rows = {recipe.name: recipe for recipe in report.measurement.recipes}
     assert {name: recipe.wanted for name, recipe in rows.items()} == pytest.approx(dict.fromkeys(rows, 1 / 3))
     pairs = [open_dataset(dataset)[measured.position] for measured in report.measurement.pairs]
@@ -343,6 +348,7 @@ def test_the_report_has_a_table_of_recipes(dataset):
         assert (recipe.pairs, recipe.median_px) == (len(its), pytest.approx(np.mean(medians)))
         assert re.search(rf"<td>{name}</td><td class=\"number\">{recipe.wanted:.1%}</td>", report.page)
     assert re.search(r'"caption":"recipe (plain|walls|solids), ', report.page)
+    assert re.search(r"The config's textures.texels_per_pixel is [\d.]+ to 3 ", report.page)
     assert report.measurement.ray_faults == {}
 
 

@@ -166,16 +166,16 @@ class DisparitySection(Section):
 
 
 class BackgroundSection(Section):
-    """The background that closes the view: the inside of a cuboid, or one far plane.
+    """What closes the view: the inside of a cuboid, one far plane, a furnished room, or a street before a backdrop.
 
     Attributes:
-        cuboid: weight of indoor scenes.
-        plane: weight of outdoor scenes.
+        cuboid: weight of indoor scenes of bare walls.
+        plane: weight of outdoor scenes before a bare plane.
         room: weight of furnished rooms; see the section ``room``.
         street: weight of furnished open scenes; see the section ``street``.
-        wall_disparity_px: disparity of the cuboid's back wall at the image centre.
-        wall_turn_deg: largest rotation of the cuboid about each axis.
-        plane_disparity_px: disparity of the far plane, close to zero but above it.
+        wall_disparity_px: disparity of the back wall of a cuboid or room at the image centre; by default the smallest.
+        wall_turn_deg: largest rotation of a cuboid about each axis; rooms turn sideways alone, up to twice as far.
+        plane_disparity_px: disparity of the far plane, or of a street's backdrop, close to zero but above it.
     """
 
     cuboid: Weight = 1.0
@@ -685,26 +685,24 @@ class Config(Section):
         return scenes
 
     @model_validator(mode="after")
-    def _recipes_hold(self) -> Self:
+    def _recipes_hold(self, info: ValidationInfo) -> Self:
         faults = []
+        lowest_px = [] if self.scenes else [self.lowest_px()]
         for number, section in enumerate(self.scenes):
             try:
-                self._with(section)
+                config = self._with(section)
             except ValidationError as error:
                 for fault in error.errors(include_url=False):
                     reason = PydanticCustomError("recipe", "{reason}", {"reason": fault["msg"]})
                     location = ("scenes", number, *fault["loc"])
                     faults.append(InitErrorDetails(type=reason, loc=location, input=fault["input"]))
+            else:
+                if section.weight > 0:
+                    lowest_px.append(config.lowest_px())
         if faults:
             raise ValidationError.from_exception_data("Config", faults)
-        return self
-
-    @model_validator(mode="after")
-    def _target_can_be_shown(self, info: ValidationInfo) -> Self:
-        if info.context == _WITHIN_MIX:
-            return self
-        lowest = min(recipe.config.lowest_px() for recipe in self.recipes())
-        check_target(self.disparity.target, self.disparity.min_px, self.disparity.max_px, lowest)
+        if info.context != _WITHIN_MIX:
+            check_target(self.disparity.target, self.disparity.min_px, self.disparity.max_px, min(lowest_px))
         return self
 
     def lowest_px(self) -> float:

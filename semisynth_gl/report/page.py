@@ -11,10 +11,10 @@ from jinja2 import Environment, StrictUndefined
 from matplotlib import colormaps
 from numpy.typing import NDArray
 
-from semisynth_gl.config.merge import Document, merged
 from semisynth_gl.dataset.reader import Index
+from semisynth_gl.errors import InputError
 from semisynth_gl.histogram import Histogram, total_variation, wasserstein_px
-from semisynth_gl.report.measure import QUANTITIES, RAYS, Measurement, Outlier, PairMeasures
+from semisynth_gl.report.measure import QUANTITIES, RAYS, Measurement, Outlier, PairMeasures, read_config
 from semisynth_gl.report.pictures import JPEG_QUALITY, Picture
 from semisynth_gl.report.plots import COLOUR_MAP, Bars, count_bars, draw_histogram
 from semisynth_gl.report.redraws import PairKey, Redraws
@@ -198,11 +198,10 @@ def _disparity_chart(achieved: Histogram, target: Histogram | None) -> Chart:
 
 def _recipe_configs(index: Index) -> list[Values]:
     """Return the config of each recipe, in JSON's types; the config itself where it has no recipes."""
-    recipes, config = index.config.get("scenes"), Document(dict(index.config))
-    if not isinstance(recipes, list):
+    try:
+        return [recipe.config.model_dump(mode="json") for recipe in read_config(index).recipes()]
+    except InputError:  # a config of another version
         return [index.config]
-    changes = [{name: value for name, value in recipe.items() if isinstance(value, dict)} for recipe in recipes]
-    return [merged(config, Document(values)).values for values in changes]
 
 
 def _config_range(configs: Sequence[Values], section: str, key: str) -> list[float]:
