@@ -7,6 +7,7 @@ from pathlib import Path
 from types import UnionType
 from typing import Annotated, Literal, Union, get_args, get_origin
 
+import pytest
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 from ruamel.yaml import YAML
@@ -149,11 +150,15 @@ def test_the_public_names_are_documented_and_no_others():
     assert sorted(named) == sorted(semisynth_gl.__all__)
 
 
-def test_the_example_config_loads(tmp_path):
+def test_the_example_configs_load(tmp_path):
     (tmp_path / "lab.yaml").write_text(CONFIG_PAGE.split("```yaml\n")[1].split("```")[0])
     assert load_config(tmp_path / "lab.yaml").camera.width_px == 1280
     (tmp_path / "mixed.yaml").write_text(CONFIG_PAGE.split("```yaml\n")[2].split("```")[0])
     assert [recipe.share for recipe in load_config(tmp_path / "mixed.yaml").recipes()] == [0.25, 0.5, 0.25]
+    (tmp_path / "rooms.yaml").write_text(CONFIG_PAGE.split("```yaml\n")[3].split("```")[0])
+    shares = {recipe.name: recipe.share for recipe in load_config(tmp_path / "rooms.yaml").recipes()}
+    assert shares == pytest.approx({"room": 2 / 3, "clutter": 1 / 3})
+    assert CONFIG_PAGE.count("```yaml\n") == 3
 
 
 def test_counts_in_the_documentation_are_true():
@@ -176,9 +181,10 @@ def prose(page):
 
 
 def anchors(page):
-    """The anchors that GitHub gives the headings of a page."""
+    """The anchors that GitHub gives the headings of a page, and the site the public names where they are documented."""
     headings = re.findall(r"^#+ (.*)$", prose(page), re.MULTILINE)
-    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+    named = {f"semisynth_gl.{name}" for name in semisynth_gl.__all__ if "\n::: semisynth_gl\n" in prose(page)}
+    return named | {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 def test_links_lead_somewhere():

@@ -187,6 +187,13 @@ def test_every_block_that_could_run_runs_or_says_why_not():
     assert sum(block.mark == "runnable" for block in ALL_BLOCKS) > 5
 
 
+def test_what_is_presumed_is_of_a_page_that_runs_something():
+    assert (
+        PRESUMED.keys() - {page for page in PAGES if any(block.mark.startswith("run") for block in blocks(page))}
+        == set()
+    )
+
+
 @pytest.mark.parametrize("place", [block.place for block in ALL_BLOCKS if block.language == "python"])
 def test_blocks_of_python_are_python(place):
     [block] = [block for block in ALL_BLOCKS if block.place == place]
