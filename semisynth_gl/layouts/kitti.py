@@ -5,7 +5,7 @@
 - ``image_2/NNNNNN_10.png`` and ``image_3/NNNNNN_10.png``, the left and the right image
 - ``disp_occ_0/NNNNNN_10.png``, the left view's disparity, and ``disp_noc_0/``, the same where the right view sees the
   point too; ``disp_occ_1/`` and ``disp_noc_1/`` are the right view's
-- ``obj_map/NNNNNN_10.png``, 0 where an instance stands still and 1 to 255 elsewhere, of the left view
+- ``obj_map/NNNNNN_10.png``, 0 for walls, ground and the like and 1 to 255 for objects, of the left view
 - ``calib_cam_to_cam/NNNNNN.txt``
 - ``flow_occ/NNNNNN_10.png``, the left view's flow to the next frame, and ``flow_noc/``, the same where that frame
   shows the point too

@@ -147,7 +147,7 @@ def restore_outside(
 
 
 def number_objects(instances: NDArray[np.uint16], table: Sequence[Mapping[str, Any]]) -> NDArray[np.uint8]:
-    """Return KITTI's map of objects: 0 for nothing and for what stands still, else the instance's id, cut to 8 bits.
+    """Return KITTI's map of objects: 0 for nothing and for walls and the like, else the instance's id, cut to 8 bits.
 
     Args:
         instances: (H, W) uint16 ids.
