@@ -1,5 +1,6 @@
 """Rooms and streets: closed to all sides, nothing too near, things upright on what they stand on."""
 
+from collections import Counter
 from functools import cache
 
 import numpy as np
@@ -12,6 +13,7 @@ from tiny_datasets import CLUTTER_ALONE
 from semisynth_gl import load_config, oracle
 from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import Config
+from semisynth_gl.config.model import RoomSection, StreetSection
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene.arrangement import Arrangement, View
 from semisynth_gl.scene.background import grid_px
@@ -24,7 +26,7 @@ from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import Scene, make_scene
 from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.scene.street import draw_street
-from semisynth_gl.scene.structures import STILL_MODELS, Stage, draw_stage, take_stock
+from semisynth_gl.scene.structures import GROUND, STILL_MODELS, Stage, draw_stage, take_stock
 from semisynth_gl.seeds import generator
 from semisynth_gl.textures.atlas import Patch
 
@@ -77,7 +79,7 @@ def test_every_ray_of_both_eyes_hits_something_within_the_limits(rig: str, kind:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_scene_holds_things_of_many_kinds_and_its_walls_are_in_view(kind: str) -> None:
+def test_a_scene_holds_things_of_many_kinds(kind: str) -> None:
     rig = "kitti" if kind == "street" else "middlebury"
     names, sizes = set(), []
     for seed in range(4):
@@ -91,24 +93,141 @@ def test_a_scene_holds_things_of_many_kinds_and_its_walls_are_in_view(kind: str)
     assert len(names) > 12
 
 
-@pytest.mark.parametrize("rig", RIGS)
-def test_things_at_rest_stand_upright_on_the_floor_or_above_it(rig: str) -> None:
-    config = furnished(rig, "room")
-    near = near_depth_m(CAMERAS[rig], config.disparity)
-    room = draw_room(
-        config.room, config.background, config.disparity, CAMERAS[rig], catalogue(), NUMBERS, rng(5), STILL
-    )
-    heights = []
-    for number, matrix in zip(room.model, room.floor_from_model, strict=True):
-        if number < len(STILL_MODELS):
-            continue
-        up = matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
-        np.testing.assert_allclose(up, (0, 0, 1), atol=1e-12)
-        points = catalogue().models[number].positions.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
-        heights.append(points[:, 2].min())
-        assert room.view.depth_m(points).min() > near
-    assert min(heights) > -1e-6
-    assert sum(height < 1e-6 for height in heights) >= 3
+@pytest.mark.parametrize(("rig", "kind"), [("middlebury", "room"), ("kitti", "street")])
+def test_walls_and_ground_are_in_view_behind_things(rig: str, kind: str) -> None:
+    config, seen = furnished(rig, kind), []
+    for seed in range(4):
+        stage = stage_of(config, seed)
+        _, instance = glance(scene_of(stage, near_depth_m(stage.camera, config.disparity)), catalogue().models)
+        assert (instance >= 0).all()
+        model = stage.still.model[instance]
+        # The floor of a room is its first rectangle.
+        floor = instance == 0 if kind == "room" else model == STILL_MODELS.index(GROUND)
+        seen.append([(model < len(STILL_MODELS)).mean(), floor.mean(), len(np.unique(instance))])
+    bare, floors, count = np.mean(seen, axis=0)
+    assert 0.5 < bare < 0.95
+    assert floors > 0.1
+    assert count > 10
+
+
+def first_hit(triangles: np.ndarray, origin: np.ndarray, direction: np.ndarray) -> float:
+    """Distance at which a ray meets the first of triangles (T, 3, 3), in lengths of its direction."""
+    corner, first, second = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    normal = np.cross(first, second)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = ((corner - origin) * normal).sum(axis=1) / (normal @ direction)
+        at = origin + distance[:, None] * direction - corner
+        u, v = ((np.cross(*sides) * normal).sum(axis=1) for sides in ((at, second), (first, at)))
+        hit = (u >= 0) & (v >= 0) & (u + v <= (normal**2).sum(axis=1)) & (distance >= 0)
+    return float(distance[hit].min(initial=np.inf))
+
+
+def drawn(rig: str, kind: str, seed: int, **keys: object) -> Arrangement:
+    """The things of a scene, of a section with other values of some keys."""
+    config = furnished(rig, kind)
+    shared = config.background, config.disparity, CAMERAS[rig], catalogue()
+    if kind == "room":
+        return draw_room(RoomSection.model_validate(keys), *shared, NUMBERS, rng(seed), STILL)
+    return draw_street(StreetSection.model_validate(keys), *shared, 1, rng(seed), STILL)
+
+
+def corners_of(things: Arrangement) -> list[np.ndarray]:
+    """The triangles (T, 3, 3) of each thing, in the floor's frame."""
+    meshes = [things.catalogue.models[number] for number in things.model]
+    return [
+        (mesh.positions.astype(float) @ matrix[:3, :3].T + matrix[:3, 3])[mesh.triangles]
+        for mesh, matrix in zip(meshes, things.floor_from_model, strict=True)
+    ]
+
+
+@pytest.mark.parametrize(("rig", "kind"), [("middlebury", "room"), ("kitti", "street")])
+def test_things_at_rest_stand_upright_and_on_something(rig: str, kind: str) -> None:
+    places = Counter()
+    for seed in range(2):
+        things = drawn(rig, kind, seed, **({"pictures": 20} if kind == "room" else {}))
+        corners = corners_of(things)
+        for k, (number, matrix) in enumerate(zip(things.model, things.floor_from_model, strict=True)):
+            if number < len(STILL_MODELS):
+                continue
+            points = corners[k].reshape(-1, 3)
+            up, back = (matrix[:3, column] / np.linalg.norm(matrix[:3, column]) for column in (2, 1))
+            np.testing.assert_allclose(up, (0, 0, 1), atol=1e-12)
+            assert things.view.depth_m(points).min() > things.view.near_m
+            size, lowest = np.ptp(points, axis=0).max(), points[:, 2].min()
+            assert lowest > -1e-6 * size
+            if lowest < 1e-6 * size:
+                places["floor"] += 1
+                continue
+            # Downwards from just above its foot, and backwards from its middle; a picture may hang behind it.
+            others = np.concatenate(corners[:k] + corners[k + 1 :])
+            below = first_hit(others, np.array([*matrix[:2, 3], lowest + 1e-4 * size]), np.array([0, 0, -1.0]))
+            behind = first_hit(others, matrix[:3, 3], back) - ((points - matrix[:3, 3]) @ back).max()
+            assert below < 1e-3 * size or abs(behind) < 0.1 * size, (seed, things.catalogue.models[number].name)
+            places["thing" if below < 1e-3 * size else "wall"] += 1
+    assert places["floor"] > 10
+    assert places["thing"] > 10
+    assert (places["wall"] > 0) == (kind == "room")
+
+
+def is_of(number: int, *names: str) -> bool:
+    return catalogue().models[number].name in names
+
+
+def number_of(*names: str):
+    return lambda things: sum(is_of(number, *names) for number in things.model)
+
+
+def gap_of_fences(things: Arrangement) -> float:
+    x = [
+        matrix[0, 3]
+        for number, matrix in zip(things.model, things.floor_from_model, strict=True)
+        if is_of(number, "fence")
+    ]
+    return max(x) - min(x)
+
+
+def height(things: Arrangement) -> float:
+    return float(-things.view.camera_from_floor[:3, 2] @ things.view.camera_from_floor[:3, 3])
+
+
+# Two values of a key, what grows from the one to the other, and other keys that this takes.
+EFFECTS = {
+    "room": {
+        "camera_height_m": (0.9, 1.7, height, {}),
+        "floor_row": (0.5, 1.0, lambda things: things.view.camera_from_floor[2, 2], {}),
+        "roll_deg": (0, 20, lambda things: abs(things.view.camera_from_floor[0, 2]), {}),
+        "furniture": (0, 20, len, {"small": 0}),
+        "small": (0, 40, len, {}),
+        "pictures": (0, 20, len, {}),
+        "doorway": (0, 1, number_of("wall with a doorway"), {}),
+        "niche": (0, 1, number_of("wall with a niche"), {"doorway": 0}),
+        "pillars": (0, 10, len, {"furniture": 0, "small": 0}),
+        "rug": (0, 1, len, {"furniture": 0, "small": 0, "pillars": 0}),
+    },
+    "street": {
+        "camera_height_m": (1.2, 3, height, {}),
+        "yaw_deg": (0, 30, lambda things: abs(things.view.camera_from_floor[2, 0]), {}),
+        "tilt_deg": (0, 20, lambda things: abs(things.view.camera_from_floor[0, 2]), {}),
+        "road_width_m": (4, 30, gap_of_fences, {"houses": 0, "fences": 1}),
+        "pavement": (0, 1, len, {"vehicles": 0, "tall": 0, "low": 0, "houses": 0, "fences": 0}),
+        "houses": (0, 1, number_of("face"), {"fences": 0}),
+        "fences": (0, 1, number_of("fence"), {"houses": 0}),
+        "vehicles": (0, 30, number_of("face"), {}),
+        "tall": (0, 40, number_of("tree", "scaffold"), {}),
+        "low": (0, 60, number_of("grass", "chair", "table", "potted_plant"), {}),
+    },
+}
+
+
+@pytest.mark.parametrize(("kind", "section"), [("room", RoomSection), ("street", StreetSection)])
+def test_each_key_of_rooms_and_streets_does_what_it_says(kind: str, section: type) -> None:
+    assert EFFECTS[kind].keys() == section.model_fields.keys()
+    for key, (low, high, measure, others) in EFFECTS[kind].items():
+        less, more = (
+            sum(measure(drawn("kitti", kind, seed, **others, **{key: value})) for seed in range(2))
+            for value in (low, high)
+        )
+        assert more > less + 1e-3, key
 
 
 def rng(seed: int) -> np.random.Generator:

@@ -20,6 +20,8 @@ UP = (0.0, 0.0, 1.0)
 """The axis of a floor's frame that points up."""
 # Kinds that are as large as walls.
 _LARGE = frozenset({"house"})
+# Cosine of the steepest slope that a thing stands on.
+_LEVEL = 0.98
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +131,7 @@ class Arrangement:
     wears: list[int] = field(default_factory=list)
     large: list[bool] = field(default_factory=list)
     _taken: list[tuple[float, float, float]] = field(default_factory=list)
+    _raised: list[tuple[tuple[float, float], tuple[float, float], float]] = field(default_factory=list)
 
     def __len__(self) -> int:
         return len(self.model)
@@ -192,18 +195,14 @@ class Arrangement:
 
     def stand(
         self, picked: tuple[int, float], at: ArrayLike, yaw_rad: float, stretch: Floats | None = None
-    ) -> tuple[Floats, Floats] | None:
-        """Stand a model on a place, upright.
+    ) -> int | None:
+        """Stand a model on a place, upright; return its number, or None where it comes too near, and is not added.
 
         Args:
             picked: number of the model, and its diameter in metres.
             at: (3,) the place, below the model's middle.
             yaw_rad: its turn about z.
             stretch: (3,) factors along the model's own axes.
-
-        Returns:
-            Lowest and highest corner of its bounding box in its own directions about ``at``, (3,) each; None where it
-            comes too near, and is not added.
         """
         number, size_m = picked
         scale = size_m / 2 * (np.ones(3) if stretch is None else stretch)
@@ -217,8 +216,39 @@ class Arrangement:
         matrix[:3, :3] = turn * scale
         matrix[:3, 3] = place
         unit = float(scale.mean())
-        self.add(number, matrix, (unit, unit), large=self.catalogue.models[number].name in _LARGE)
-        return low - (0, 0, low[2]), high - (0, 0, low[2])
+        return self.add(number, matrix, (unit, unit), large=self.catalogue.models[number].name in _LARGE)
+
+    def top(self, number: int, x: float, y: float) -> float | None:
+        """Return the height of a thing over a place of the floor; None where its top is not level there.
+
+        Args:
+            number: the thing's.
+            x: the place, in the floor's frame, metres.
+            y: the same.
+        """
+        mesh, matrix = self.catalogue.models[self.model[number]], self.floor_from_model[number]
+        corners = (mesh.positions.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3])[mesh.triangles]
+        first, second, at = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], (x, y) - corners[:, 0, :2]
+        normal = np.cross(first, second)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u = (at[:, 0] * second[:, 1] - at[:, 1] * second[:, 0]) / normal[:, 2]
+            v = (first[:, 0] * at[:, 1] - first[:, 1] * at[:, 0]) / normal[:, 2]
+            inside = np.flatnonzero((u >= 0) & (v >= 0) & (u + v <= 1))
+        if not inside.size:
+            return None
+        heights = corners[inside, 0, 2] + u[inside] * first[inside, 2] + v[inside] * second[inside, 2]
+        highest = inside[heights.argmax()]
+        level = abs(normal[highest, 2]) >= _LEVEL * np.linalg.norm(normal[highest])
+        return float(heights.max()) if level else None
+
+    def raise_floor(self, low: tuple[float, float], high: tuple[float, float], height_m: float) -> None:
+        """Say that the floor between two corners (x, y) is higher, as on a pavement."""
+        self._raised.append((low, high, height_m))
+
+    def floor_m(self, x: float, y: float) -> float:
+        """Return the height of the floor at a place."""
+        raised = (z for (a, b), (c, d), z in self._raised if a < x < c and b < y < d)
+        return next(raised, 0.0)
 
     def is_free(self, x: float, y: float, radius_m: float) -> bool:
         """Whether a circle on the floor meets none that is taken; things may come close."""

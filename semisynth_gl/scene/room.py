@@ -11,8 +11,7 @@ from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Range
 from semisynth_gl.config.model import BackgroundSection, DisparitySection, RoomSection
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
-from semisynth_gl.geometry.parts import turned
-from semisynth_gl.scene.arrangement import UP, Arrangement, Catalogue, View
+from semisynth_gl.scene.arrangement import Arrangement, Catalogue, View
 from semisynth_gl.scene.background import corner_rays, first_hit, grid_px, smallest_offsets
 from semisynth_gl.scene.rig import Sway, check_reachable, near_depth_m
 
@@ -130,11 +129,20 @@ class _Wall:
         self.length_m = float(np.linalg.norm(right))
         # From the room outwards, where "right" and "down" are as seen from inside.
         self.out = np.cross(right, self.down) / (height_m * self.length_m)
+        # The corners (u, v) of its doorway or niche.
+        self.hole: tuple[tuple[float, float], tuple[float, float]] | None = None
 
     @property
     def yaw_rad(self) -> float:
         """Turn about z of a model whose back, +y, is to the wall."""
         return float(np.arctan2(self.out[1], self.out[0]) - np.pi / 2)
+
+    def meets_hole(self, low: tuple[float, float], high: tuple[float, float]) -> bool:
+        """Whether a rectangle from one corner (u, v) to the opposite one meets the doorway or niche."""
+        if self.hole is None:
+            return False
+        begin, end = self.hole
+        return all(low[k] < end[k] and begin[k] < high[k] for k in (0, 1))
 
     def at(self, u: float, v: float, out_m: float = 0.0) -> Floats:
         return np.asarray(self.corner + u * self.right + v * self.down + out_m * self.out)
@@ -237,6 +245,7 @@ def _add_doorway(
         room.add_rectangle(wall.corner, wall.right, wall.down)
         return
     room.add_rectangle(wall.corner, wall.right, wall.down, model=model + place)
+    wall.hole = (_HOLES[place][0], 0.2), (_HOLES[place][1], 1.0)
     _add_box_behind(room, wall, (low, 0.0), (high, 1.0), deep)
 
 
@@ -245,11 +254,12 @@ def _add_niche(room: Arrangement, wall: _Wall, model: int, metre: float, rng: np
     place, deep = int(rng.integers(len(_HOLES))), rng.uniform(0.15, 0.4) * metre
     room.add_rectangle(wall.corner, wall.right, wall.down, model=model + place)
     (left, right), (top, bottom) = _HOLES[place], (0.3, 0.62)
+    wall.hole = (left, top), (right, bottom)
     _add_box_behind(room, wall, (left, top), (right, bottom), deep)
     for share in (np.arange(4) + rng.uniform(0.2, 0.8, 4)) / 4:
         picked = room.catalogue.pick(_SMALL, rng)
         if picked is not None and rng.random() < 0.8:
-            at = wall.at(left + float(share) * (right - left), bottom, 0.5 * deep)
+            at = wall.at(left + float(share) * (right - left), bottom + _BEHIND, 0.5 * deep)
             room.stand((picked[0], picked[1] * metre), at, rng.uniform(0, 2 * np.pi))
 
 
@@ -270,7 +280,7 @@ def _add_box_behind(
 def _furnish(
     room: Arrangement, section: RoomSection, walls: tuple[_Wall, ...], metre: float, rng: np.random.Generator
 ) -> None:
-    tops: list[tuple[Floats, float, Floats, Floats]] = []
+    tops: list[int] = []
     if rng.random() < section.rug:
         _add_rug(room, walls[0], metre, rng)
     for _ in range(round(section.pillars.draw(rng))):
@@ -284,17 +294,21 @@ def _furnish(
         if picked is None:
             break
         small, yaw = (picked[0], picked[1] * metre), rng.uniform(0, 2 * np.pi)
-        if tops and rng.random() < 0.7:
-            at, turn, low, high = tops[int(rng.integers(len(tops)))]
-            spot = low + (high - low) * (*rng.uniform(0.12, 0.88, 2), 1)
-            room.stand(small, at + turned(UP, turn) @ spot, yaw)
-        else:
-            x, y = _on_floor(room, walls, rng)
-            room.stand(small, (x, y, 0), yaw)
+        top = _on_top(room, tops[int(rng.integers(len(tops)))], rng) if tops and rng.random() < 0.7 else None
+        room.stand(small, (*_on_floor(room, walls, rng), 0) if top is None else top, yaw)
     for _ in range(round(section.pictures.draw(rng))):
         _hang(room, walls[int(rng.integers(len(walls)))], metre, rng)
     if rng.random() < section.curtain:
         _hang_curtain(room, walls[int(rng.integers(len(walls)))], rng)
+
+
+def _on_top(room: Arrangement, number: int, rng: np.random.Generator) -> tuple[float, float, float] | None:
+    """Draw a place on top of a thing; None where its top is not level there."""
+    low, high = room.catalogue.low[room.model[number]], room.catalogue.high[room.model[number]]
+    matrix, spot = room.floor_from_model[number], low + (high - low) * (*rng.uniform(0.12, 0.88, 2), 1)
+    x, y, _ = matrix[:3, :3] @ spot + matrix[:3, 3]
+    z = room.top(number, x, y)
+    return None if z is None else (x, y, z)
 
 
 def _on_floor(room: Arrangement, walls: tuple[_Wall, ...], rng: np.random.Generator) -> tuple[float, float]:
@@ -319,10 +333,8 @@ def _on_floor(room: Arrangement, walls: tuple[_Wall, ...], rng: np.random.Genera
     return x, y
 
 
-def _add_standing(
-    room: Arrangement, walls: tuple[_Wall, ...], metre: float, rng: np.random.Generator
-) -> tuple[Floats, float, Floats, Floats] | None:
-    """Stand a piece of furniture; return the place, turn and bounds of one with a flat top."""
+def _add_standing(room: Arrangement, walls: tuple[_Wall, ...], metre: float, rng: np.random.Generator) -> int | None:
+    """Stand a piece of furniture; return the number of one with a flat top."""
     picked = room.catalogue.pick(_STANDING, rng)
     if picked is None:
         return None
@@ -340,11 +352,11 @@ def _add_standing(
             x, y = x + away * wall.out[0], y + away * wall.out[1]
         radius = float(np.linalg.norm(half)) * 0.8
         if room.is_free(x, y, radius):
-            bounds = room.stand((number, size), (x, y, 0), yaw, scale * 2 / size)
-            if bounds is None:
+            placed = room.stand((number, size), (x, y, 0), yaw, scale * 2 / size)
+            if placed is None:
                 continue
             room.take(x, y, radius)
-            return (np.array([x, y, 0]), yaw, *bounds) if name in _FURNITURE else None
+            return placed if name in _FURNITURE else None
     return None
 
 
@@ -364,12 +376,14 @@ def _add_pillar(room: Arrangement, walls: tuple[_Wall, ...], metre: float, rng: 
 
 
 def _hang(room: Arrangement, wall: _Wall, metre: float, rng: np.random.Generator) -> None:
-    """Hang a picture, or a thing, on a wall."""
+    """Hang a picture, or a thing, on a wall; not before its doorway or niche."""
     u, v = rng.uniform(0.08, 0.92), rng.uniform(0.12, 0.6)
     picked = room.catalogue.pick(_HANGING, rng) if rng.random() < 0.3 else None
     if picked is None:
         wide, high = rng.uniform(0.3, 1.2, 2) * metre
         thick = rng.uniform(0.01, 0.04) * metre
+        if wall.meets_hole((u, v), (u + wide / wall.length_m, v + high / -wall.down[2])):
+            return
         corner = wall.at(u, v, -thick)
         across, down = wall.right / wall.length_m * wide, wall.down / np.linalg.norm(wall.down) * high
         if (room.view.depth_m(np.array([corner, corner + across, corner + down])) > room.view.near_m).all():
@@ -380,6 +394,9 @@ def _hang(room: Arrangement, wall: _Wall, metre: float, rng: np.random.Generator
         return
     number, size = picked[0], picked[1] * metre
     deep = room.catalogue.high[number][1] * size / 2
+    low, high = ((u + side * size / 2 / wall.length_m, v + side * size / 2 / -wall.down[2]) for side in (-1, 1))
+    if wall.meets_hole(low, high):
+        return
     room.stand((number, size), wall.at(u, v, -deep) - (0, 0, size / 2), wall.yaw_rad)
 
 

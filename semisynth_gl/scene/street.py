@@ -136,6 +136,7 @@ def _add_pavement(
                 first = number
             for slab in range(number, len(street)):
                 street.wears[slab] = first
+            street.raise_floor((middle[0] - half[0], begin), (middle[0] + half[0], end), half[2])
         begin = end
 
 
@@ -201,6 +202,6 @@ def _stand(
         y = y_m[0] * (y_m[1] / y_m[0]) ** rng.random()
         yaw = rng.uniform(0, 2 * np.pi) if yaw_rad is None else yaw_rad
         radius = float(extent.max()) / 2
-        if street.is_free(x, y, radius) and street.stand((number, size), (x, y, 0), yaw) is not None:
+        if street.is_free(x, y, radius) and street.stand((number, size), (x, y, street.floor_m(x, y)), yaw) is not None:
             street.take(x, y, radius)
             return
