@@ -40,6 +40,7 @@ DERIVED = {
     "camera.cy_px": "(height - 1) / 2",
     "camera.doffs_px": "0",
     "background.wall_disparity_px": "`min_px`",
+    "structures.ground_disparity_px": "",
     "structures.panel_disparity_px": "[min_px, sqrt(min_px max_px)]",
     "particles.size_m": "",
     "particles.layers": "solved from the target",

@@ -1,5 +1,6 @@
 """Scenes: what is promised of cameras, backgrounds, particles and layers."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 
 from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import Config, Range, load_config
-from semisynth_gl.config.model import BackgroundSection, DisparitySection, ParticlesSection
+from semisynth_gl.config.model import BackgroundSection, DisparitySection, ParticlesSection, StructuresSection
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene.background import FACE, OVERLAP, draw_background
@@ -21,9 +22,11 @@ from semisynth_gl.scene.particles import (
     particles_at,
     stated_sizes,
 )
+from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import draw_camera, near_depth_m, rotation_about_axis, rotation_from_quaternion
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import make_scene
+from semisynth_gl.scene.structures import STILL_MODELS, draw_surroundings
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 
@@ -81,11 +84,47 @@ def test_disparities_that_no_depth_has_are_refused(library, kind):
         "background.wall_disparity_px=[10, 900]",
         "background={cuboid: 0, plane: 1, plane_disparity_px: 400}",
         "particles.layers=[{disparity_px: [10, 600], count: 3}]",
+        "structures.ground_disparity_px=300",
     ],
 )
 def test_what_would_stand_nearer_than_allowed_is_refused(setting):
     with pytest.raises(InputError, match=r"but disparity\.max_px, the limit, is 290"):
         small(setting)
+
+
+@pytest.mark.parametrize("baseline_m", [0.005, 0.06, 0.54, 30.0])
+@pytest.mark.parametrize("drawn_px", [7.0, 60.0])
+def test_a_ground_has_the_disparity_that_is_asked_for_whatever_the_rig(baseline_m, drawn_px):
+    camera = replace(CAMERA, baseline_m=baseline_m)
+    background = draw_background("plane", BackgroundSection(), DISPARITY, camera, np.random.default_rng(0))
+    section = StructuresSection(ground=1, ground_tilt_deg=0, ground_disparity_px=Range(drawn_px, drawn_px))
+    still = draw_surroundings(section, DISPARITY, camera, background, np.random.default_rng(0))
+    scene = make_scene(camera, model=still.model, world_from_model=still.world_from_model, layer=[0, 0])
+    hits = cast_rays(scene, STILL_MODELS, "left", np.array([299.5, 0, 299.5]), np.array([399.5, 399.5, 0]))
+    assert hits.instance.tolist() == [1, 1, 0]
+    np.testing.assert_allclose(camera.disparity_px(hits.depth_m[:2]), drawn_px, rtol=1e-5)
+
+
+def test_a_ground_has_one_height(tmp_path):
+    path = tmp_path / "lab.yaml"
+    path.write_text("extends: middlebury\nstructures: {ground: 1, ground_disparity_px: [20, 80]}\n")
+    assert load_config(path).structures.ground_disparity_px == Range(20, 80)
+    assert load_config(path, ["structures.ground_height_m=3"]).structures.ground_disparity_px is None
+    assert load_config(path, ["structures.ground_height_m=3"]).structures.ground_height_m == Range(3, 3)
+    recipe = "scenes=[{recipe: a, structures: {ground_height_m: 3}}, {recipe: b}]"
+    heights = [recipe.config.structures.ground_disparity_px for recipe in load_config(path, [recipe]).recipes()]
+    assert heights == [None, Range(20, 80)]
+    path.write_text("extends: middlebury\nstructures: {ground_height_m: 3, ground_disparity_px: 20}\n")
+    with pytest.raises(
+        InputError, match=r"yaml:2: structures: give either ground_height_m or ground_disparity_px, not"
+    ):
+        load_config(path)
+    assert "ground_disparity_px" not in load_config("kitti").model_dump(mode="json")["structures"]
+    camera, near = StereoCamera.centred(100, 100, 100.0, 0.1, -10.0), DisparitySection(min_px=20.0, max_px=150.0)
+    background = draw_background("cuboid", BackgroundSection(), near, camera, np.random.default_rng(0))
+    section = StructuresSection(ground=1, ground_disparity_px=Range(7, 7))
+    with pytest.raises(InputError, match=r"structures\.ground_disparity_px: 7 px lies beyond infinity"):
+        draw_surroundings(section, near, camera, background, np.random.default_rng(0))
 
 
 def test_every_attempt_draws_everything_anew(library):

@@ -13,6 +13,8 @@ _REPLACES = {
     "cx_right_px": ("doffs_px",),
     "layers": ("density",),
     "density": ("layers",),
+    "ground_height_m": ("ground_disparity_px",),
+    "ground_disparity_px": ("ground_height_m",),
 }
 
 

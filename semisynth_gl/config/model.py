@@ -262,6 +262,8 @@ class StructuresSection(Section):
     Attributes:
         ground: share of scenes with a ground plane.
         ground_height_m: height of the cameras above the ground.
+        ground_disparity_px: disparity of a level ground at the middle of the image's lower border, instead of
+            ``ground_height_m``: the height follows from the rig.
         ground_tilt_deg: largest roll and pitch of the ground.
         panels: number of free-standing walls in a scene; each is a slanted rectangle.
         panel_disparity_px: disparity of a panel's middle; by default in the farther half of the range.
@@ -272,6 +274,7 @@ class StructuresSection(Section):
 
     ground: _Share = 0.0
     ground_height_m: PositiveRange = Range(1.2, 2.0)
+    ground_disparity_px: PositiveRange | None = None
     ground_tilt_deg: Annotated[float, Field(ge=0, le=30)] = 2.0
     panels: Annotated[NotNegativeRange, at_most(1000)] = _ZERO
     panel_disparity_px: PositiveRange | None = None
@@ -284,6 +287,19 @@ class StructuresSection(Section):
         if self.panel_slant_deg.high >= _EDGE_ON_DEG:
             raise ValueError(f"panel_slant_deg: expected less than {_EDGE_ON_DEG}, got {self.panel_slant_deg.high:g}")
         return self
+
+    @model_validator(mode="after")
+    def _one_height(self) -> Self:
+        default = type(self).model_fields["ground_height_m"].default
+        if self.ground_disparity_px is not None and self.ground_height_m != default:
+            raise ValueError("give either ground_height_m or ground_disparity_px, not both")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _without_no_disparity(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        # The values, and the digest, of a config without this key are those that it had before there was the key.
+        values = serialise(self)
+        return {key: value for key, value in values.items() if key != "ground_disparity_px" or value is not None}
 
 
 class DepthLayerSection(Section):
@@ -657,6 +673,7 @@ class Config(Section):
     @model_validator(mode="after")
     def _nothing_nearer_than_allowed(self) -> Self:
         nearest = {
+            "structures.ground_disparity_px": self.structures.ground_disparity_px,
             "structures.panel_disparity_px": self.structures.panel_disparity_px,
             "background.wall_disparity_px": self.background.wall_disparity_px
             if self.background.cuboid or self.background.room

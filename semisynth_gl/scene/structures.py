@@ -181,7 +181,7 @@ def draw_surroundings(
     ground keeps this distance, and the near plane cuts off panels that come too near.
 
     Raises:
-        InputError: where ``panel_disparity_px`` lies beyond infinity.
+        InputError: where ``ground_disparity_px`` or ``panel_disparity_px`` lies beyond infinity.
     """
     faces = len(background.size_m)
     model = [_FACE] * faces
@@ -227,12 +227,21 @@ def draw_surroundings(
 def _place_ground(
     section: StructuresSection, camera: StereoCamera, depth_m: Range, rng: np.random.Generator, sway: Sway
 ) -> Floats:
-    height = section.ground_height_m.draw(rng)
+    height = _ground_height_m(section, camera, rng)
     roll, pitch = np.deg2rad(rng.uniform(-section.ground_tilt_deg, section.ground_tilt_deg, 2))
     across = np.array([np.cos(roll), np.sin(roll), 0.0])
     along = np.array([-np.sin(roll) * np.sin(pitch), np.cos(roll) * np.sin(pitch), np.cos(pitch)])
     offset = max(height, float(smallest_offsets(camera, np.cross(along, across)[None], depth_m.low, sway)[0]))
     return lay_ground(camera, depth_m, across, along, offset)
+
+
+def _ground_height_m(section: StructuresSection, camera: StereoCamera, rng: np.random.Generator) -> float:
+    if section.ground_disparity_px is None:
+        return section.ground_height_m.draw(rng)
+    drawn_px = section.ground_disparity_px.draw(rng)
+    check_reachable(camera, drawn_px, "structures.ground_disparity_px")
+    below = (camera.height_px - 0.5 - camera.cy_px) / camera.focal_px
+    return float(camera.depth_m(drawn_px)) * below
 
 
 def _place_panel(
