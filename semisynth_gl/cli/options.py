@@ -95,7 +95,7 @@ class Setting(click.types.StringParamType):
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:  # noqa: ARG002 - click's
         """Offer the keys that have a value."""
         keys = [f"{key.dotted}=" for key in config_keys() if not (key.is_section or key.of_form)]
-        return beginning(keys, incomplete)
+        return beginning([*keys, "scale="], incomplete)
 
 
 def _named(value: str, param: click.Parameter | None) -> str:

@@ -11,6 +11,7 @@ from pydantic_core import ErrorDetails
 
 from semisynth_gl.arguments import check_type
 from semisynth_gl.config.distributions import read_histogram
+from semisynth_gl.config.image_size import recentred, scaled
 from semisynth_gl.config.keys import by_form, config_keys, members_of
 from semisynth_gl.config.merge import Document, keys_of, merged
 from semisynth_gl.config.model import TEXTURE_SOURCES, Config
@@ -25,8 +26,10 @@ _EXTENDS = "extends"
 _TARGET = ("disparity", "target")
 _TARGET_FILE = "file"
 _SCENES = "scenes"
+_SCALE = "scale"
 _OVERRIDE = "--set"
 
+_MOST_TIMES = 64
 # Configs that extend each other, one the next.
 _MOST_PARENTS = 16
 _FAULTS_SHOWN = 20
@@ -44,6 +47,9 @@ Overrides = Mapping[str, Any] | Sequence[str | tuple[str, Any]]
 
 def load_config(name_or_path: str | Path, overrides: Overrides = ()) -> Config:
     """Read a config.
+
+    A principal point follows where ``camera.width_px`` or ``height_px`` of an override or an extending config is
+    another, and with a ``scale``, what they go over is brought to another resolution.
 
     Args:
         name_or_path: a path, or the name of a packaged config with or without ".yaml".
@@ -77,7 +83,7 @@ def _validated(document: Document, overrides: Overrides = ()) -> Config:
     own = Document()
     for override in overrides.items() if isinstance(overrides, Mapping) else overrides:
         _set(own, *_key_and_value(override))
-    document = merged(document, own)
+    document = _over(document, own)
     _read_plugin_recipes(document)
     _read_target_files(document)
     try:
@@ -93,6 +99,20 @@ def _validated(document: Document, overrides: Overrides = ()) -> Config:
         except InputError as error:
             raise type(error)(f"{_prefix(key, document)}: {error}") from None
     return config
+
+
+def _over(base: Document, own: Document) -> Document:
+    """Return a document's values over those of another, which follow where these change the size of the images."""
+    factor = own.values.pop(_SCALE, None)
+    if factor is not None:
+        is_number = isinstance(factor, int | float) and not isinstance(factor, bool)
+        if not (is_number and 1 / _MOST_TIMES <= factor <= _MOST_TIMES):
+            expected = f"expected a number from 1/{_MOST_TIMES} to {_MOST_TIMES}"
+            raise InputError(f"{_prefix((_SCALE,), own)}: {expected}, got {shown(factor)}")
+        _read_plugin_recipes(base)
+        _read_target_files(base)
+        base = Document(scaled(base.values, factor), base.places)
+    return merged(Document(recentred(base.values, own.values), base.places), own)
 
 
 def _read_plugin_recipes(document: Document) -> None:
@@ -182,6 +202,8 @@ def _parse_document(text: str, path: Path | Traversable, file: str, parents: tup
     own = Document(tree, {key: f"{file}:{line}" for key, line in lines.items()})
     base_name = own.values.pop(_EXTENDS, None)
     if base_name is None:
+        if _SCALE in own.values:
+            raise InputError(f"{own.places[(_SCALE,)]}: {_SCALE}: expected {_EXTENDS} beside it: it scales that config")
         return own
     place = own.places[(_EXTENDS,)]
     if not isinstance(base_name, str):
@@ -192,7 +214,7 @@ def _parse_document(text: str, path: Path | Traversable, file: str, parents: tup
         base_path = beside if beside is not None and is_beside else _find_config(base_name)
     except InputError as error:
         raise InputError(f"{place}: {_EXTENDS}: {error}") from None
-    return merged(_read_document(base_path, (*parents, file)), own)
+    return _over(_read_document(base_path, (*parents, file)), own)
 
 
 def _key_and_value(override: object) -> tuple[str, Any]:

@@ -179,7 +179,7 @@ def draw_room(
     farthest_m = float(camera.depth_m(min(wall_px, disparity.min_px)))
     metre = wall_m / float(np.clip(wall_m, _TRUE.low, _TRUE.high))
     height = section.camera_height_m.draw(rng) * metre
-    row = section.floor_row.draw(rng) * camera.height_px
+    row = section.floor_row.draw(rng) * camera.height_px - 0.5
     pitch = float(np.clip(np.arctan2(height, wall_m) - np.arctan2(row - camera.cy_px, camera.focal_px), -0.35, 0.9))
     turn = np.deg2rad(background.wall_turn_deg)
     yaw, roll = rng.uniform(-2, 2) * turn, rng.normal() * np.deg2rad(section.roll_deg)
@@ -317,7 +317,7 @@ def _on_floor(room: Arrangement, walls: tuple[_Wall, ...], rng: np.random.Genera
     ahead, right, left = walls[0], walls[1].corner[0], walls[2].corner[0]
     x, y = 0.0, 0.0
     for _ in range(_TRIES):
-        column = rng.uniform(-0.1, 1.1) * camera.width_px
+        column = rng.uniform(-0.1, 1.1) * camera.width_px - 0.5
         ray = pose[:3, :3].T @ np.array([(column - camera.cx_left_px) / camera.focal_px, 0, 1])
         flat = ray[:2] / np.linalg.norm(ray[:2])
         reach = min(

@@ -1,0 +1,163 @@
+"""Another size of images than a config was written for: the scenes stay what they are, or the view is cut."""
+
+import numpy as np
+import pytest
+
+from semisynth_gl.config import Range, load_config, packaged_configs
+from semisynth_gl.errors import InputError
+from semisynth_gl.scene.mix import MixSampler
+from semisynth_gl.scene.sources import recipe_libraries
+from semisynth_gl.textures.atlas import Patch
+
+SECTIONS = ("camera", "disparity", "background", "structures", "particles", "imperfections")
+ALL_IN_PIXELS = """extends: kitti
+camera: {width_px: 640, height_px: 480, focal_px: [500, 600], doffs_px: 3, cx_left_px: 300, cy_px: [200, 210]}
+background: {wall_disparity_px: [4, 8]}
+structures: {ground: 1, ground_disparity_px: 40, panels: 2, panel_disparity_px: [5, 9]}
+particles:
+  layers: [{disparity_px: [5, 50], count: 3, size_px: [20, 60]}]
+  clutter: [{disparity_px: 6, count: 9}]
+imperfections: {blur_px: [0, 1]}
+disparity:
+  max_px: 100
+  target:
+    form: mixture
+    parts: [{target: {form: gamma, mean_px: 20, spread_px: 6}}, {target: {form: uniform, high_px: 70}}]
+scenes:
+- {recipe: a, particles: {size_px: [30, 40]}, textures: {texels_per_pixel: 2}, camera: {cx_left_px: 320}}
+- {recipe: b, disparity: {target: {form: histogram, bin_px: 4, first_px: 8, shares: [1, 2]}}}
+"""
+
+
+def leaves(values, key=()):
+    """The values of a config that are no sections and no lists, by their keys."""
+    for name, value in values.items() if isinstance(values, dict) else enumerate(values):
+        if isinstance(value, dict | list):
+            yield from leaves(value, (*key, name))
+        else:
+            yield (*key, name), value
+
+
+@pytest.fixture
+def path(tmp_path):
+    path = tmp_path / "all.yaml"
+    path.write_text(ALL_IN_PIXELS)
+    return path
+
+
+@pytest.mark.parametrize("name", [*packaged_configs(), "all"])
+@pytest.mark.parametrize("factor", [3, 0.5])
+def test_all_that_is_in_pixels_of_an_image_is_scaled(path, name, factor):
+    source = path if name == "all" else name
+    before, after = (
+        dict(leaves(load_config(source, scale).model_dump(mode="json"))) for scale in ((), {"scale": factor})
+    )
+    assert before.keys() == after.keys()
+    scaled = 0
+    for key, value in before.items():
+        named = next(part for part in reversed(key) if isinstance(part, str))
+        if named == "texels_per_pixel":
+            expected = value / factor
+        elif named.endswith("_px") and "textures" not in key and value is not None:
+            border = 0.5 if named[:2] in ("cx", "cy") else 0
+            expected = (value + border) * factor - border
+            scaled += 1
+        else:
+            expected = value
+        if named in ("width_px", "height_px"):
+            expected = round(expected)
+        assert after[key] == (pytest.approx(expected) if isinstance(expected, float) else expected), key
+    assert scaled > (30 if name == "all" else 8)
+
+
+@pytest.mark.parametrize(
+    ("name", "factor", "keys"),
+    [
+        ("middlebury", 2.56, ["background.room=1"]),
+        ("kitti", 2, ["background.street=1", "structures={ground: 1, panels: 3, ground_disparity_px: 30}"]),
+    ],
+)
+def test_scenes_stay_what_they_are_at_another_resolution(tmp_path, name, factor, keys):
+    # Keys of a file that is scaled, unlike those beside a scale, are in pixels of the size before.
+    particles = "particles.layers=[{disparity_px: [10, 80], count: 30}]"
+    base = load_config(name, [*keys, particles, "disparity.target={form: uniform}", "models={variants: 1, complex: 0}"])
+    (tmp_path / "base.yaml").write_text(str(base.model_dump(mode="json", exclude_none=True)))
+    patches = tuple(Patch("", 0, 0, 256, k, 1, 9.0) for k in range(5))
+    configs = [load_config(tmp_path / "base.yaml", scale) for scale in ([], [f"scale={factor}"])]
+    assert configs[1].camera.width_px == factor * base.camera.width_px
+    samplers = [MixSampler(config, 3, recipe_libraries(config, 3), patches) for config in configs]
+    for index in range(2):
+        one, other = (sampler.sample(index).scene for sampler in samplers)
+        np.testing.assert_allclose(one.world_from_model, other.world_from_model, rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(one.uv_scale, other.uv_scale, rtol=1e-6)
+        assert other.camera.focal_px == pytest.approx(factor * one.camera.focal_px)
+
+
+def test_a_scale_is_of_what_it_stands_over(tmp_path):
+    (tmp_path / "half.yaml").write_text("extends: middlebury\nscale: 0.5\nparticles: {size_px: [50, 60]}\n")
+    half = load_config(tmp_path / "half.yaml")
+    assert (half.camera.width_px, half.particles.size_px) == (750, Range(50, 60))
+    whole = load_config(tmp_path / "half.yaml", ["particles.most=7", "scale=2"])
+    assert (whole.camera, whole.particles.size_px, whole.particles.most) == (
+        load_config("middlebury").camera,
+        Range(100, 120),
+        7,
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("extends: middlebury\nscale: 0\n", "lab.yaml:2: scale: expected a number from 1/64 to 64, got 0"),
+        ("extends: middlebury\nscale: true\n", "lab.yaml:2: scale: expected a number from 1/64 to 64, got True"),
+        ("extends: middlebury\nscale: .nan\n", "lab.yaml:2: scale: expected a number from 1/64 to 64, got nan"),
+        ("name: x\nscale: 2\n", "lab.yaml:2: scale: expected extends beside it"),
+        ("extends: middlebury\nscale: 64\n", "camera.width_px: input should be less than or equal to 16384"),
+    ],
+)
+def test_a_scale_that_cannot_be_is_refused(tmp_path, text, said):
+    (tmp_path / "lab.yaml").write_text(text)
+    with pytest.raises(InputError) as caught:
+        load_config(tmp_path / "lab.yaml")
+    assert said in str(caught.value)
+
+
+# Keys that go over a camera of 1280 x 720 with the focal length 900 px and the points (650, 640, 350), and its points.
+CUTS = [
+    ({}, (650, 640, 350)),
+    ({"width_px": 1280}, (650, 640, 350)),
+    ({"width_px": 640}, (330, 320, 350)),
+    ({"width_px": 640, "height_px": 360}, (330, 320, 170)),
+    ({"height_px": 1000}, (650, 640, 490)),
+    ({"width_px": 640, "cx_left_px": 300}, (300, 320, 350)),
+    ({"width_px": 640, "doffs_px": 0}, (330, None, 350)),
+    ({"width_px": 640, "focal_px": 450}, (324.75, 319.75, 350)),
+    ({"width_px": 640, "height_px": 360, "focal_px": 450}, (324.75, 319.75, 174.75)),
+    ({"focal_px": 450}, (650, 640, 350)),
+]
+
+
+@pytest.mark.parametrize(("keys", "points"), CUTS)
+def test_principal_points_keep_their_place_beside_the_middle(tmp_path, keys, points):
+    (tmp_path / "rig.yaml").write_text(
+        "extends: middlebury\ncamera: {width_px: 1280, height_px: 720, focal_px: 900, cx_left_px: 650, "
+        "cx_right_px: 640, cy_px: 350}\nscenes: [{recipe: a, camera: {cx_left_px: [660, 670]}}, {recipe: b}]\n"
+    )
+    (tmp_path / "other.yaml").write_text(f"extends: rig.yaml\ncamera: {keys}\n")
+    by_file = load_config(tmp_path / "other.yaml")
+    for config in (
+        by_file,
+        load_config(tmp_path / "rig.yaml", {f"camera.{key}": value for key, value in keys.items()}),
+    ):
+        camera = config.camera
+        found = [each and each.middle for each in (camera.cx_left_px, camera.cx_right_px, camera.cy_px)]
+        assert found == [each and pytest.approx(each) for each in points]
+    if keys == {"width_px": 640}:
+        assert by_file.recipes()[0].config.camera.cx_left_px == Range(340, 350)
+
+
+def test_a_focal_length_in_millimetres_takes_the_points_along(tmp_path):
+    (tmp_path / "rig.yaml").write_text(
+        "extends: middlebury\ncamera: {width_px: 1280, focal_mm: 4, sensor_width_mm: 5.6, cx_left_px: 650}\n"
+    )
+    assert load_config(tmp_path / "rig.yaml", ["camera.width_px=640"]).camera.cx_left_px.middle == pytest.approx(324.75)
