@@ -262,8 +262,8 @@ class StructuresSection(Section):
     Attributes:
         ground: share of scenes with a ground plane.
         ground_height_m: height of the cameras above the ground.
-        ground_disparity_px: disparity of a level ground at the middle of the image's lower border, instead of
-            ``ground_height_m``: the height follows from the rig.
+        ground_disparity_px: disparity of a level ground at the middle of the image's lower border, which says how high
+            the cameras of a rig are, instead of ``ground_height_m``.
         ground_tilt_deg: largest roll and pitch of the ground.
         panels: number of free-standing walls in a scene; each is a slanted rectangle.
         panel_disparity_px: disparity of a panel's middle; by default in the farther half of the range.
