@@ -320,7 +320,7 @@ def test_a_swaying_camera_sees_no_end_of_the_scene(kind: str) -> None:
 def test_a_room_is_the_same_in_a_mix_as_alone() -> None:
     room = "background: {cuboid: 0, room: 1}, models: {simple: 0}"
     other = "{recipe: other, particles: {layers: []}, models: {complex: 0}}"
-    base = ["particles.layers=[]", "models.variants=2"]
+    base = [*CLUTTER_ALONE, "particles.layers=[]", "models.variants=2"]
     mix = load_config("middlebury", [*base, f"scenes=[{other}, {{recipe: room, {room}}}]"])
     alone = load_config("middlebury", [*base, "background.cuboid=0", "background.room=1", "models.simple=0"])
     mixed = MixSampler(mix, 3, recipe_libraries(mix, 3), PATCH)
