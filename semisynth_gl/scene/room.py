@@ -45,8 +45,8 @@ _STANDING: Final[Mapping[str, tuple[float, float]]] = {
     "cylinder": (0.4, 0.9),
     "capsule": (0.5, 0.9),
 }
-_FURNITURE: Final = frozenset({"table", "bookcase", "shelf", "cuboid", "cube"})
-"""Things with a flat top, on which small things stand."""
+_FURNITURE: Final = {name: _STANDING[name] for name in ("table", "bookcase", "shelf", "cuboid", "cube")}
+"""Things with a flat top, on which small things stand: half of all that stands."""
 _AT_WALLS: Final = frozenset({"bookcase", "shelf", "picture_frame", "bench", "clothes_rack", "stairs"})
 _SMALL: Final[Mapping[str, tuple[float, float]]] = {
     "bottle": (0.2, 0.35),
@@ -335,7 +335,7 @@ def _on_floor(room: Arrangement, walls: tuple[_Wall, ...], rng: np.random.Genera
 
 def _add_standing(room: Arrangement, walls: tuple[_Wall, ...], metre: float, rng: np.random.Generator) -> int | None:
     """Stand a piece of furniture; return the number of one with a flat top."""
-    picked = room.catalogue.pick(_STANDING, rng)
+    picked = room.catalogue.pick(_FURNITURE if rng.random() < 0.5 else _STANDING, rng)
     if picked is None:
         return None
     number, size = picked[0], picked[1] * metre
