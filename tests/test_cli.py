@@ -17,12 +17,14 @@ import pytest
 import trimesh
 from backends import backend_fault
 from PIL import Image
+from tiny_datasets import CLUTTER_ALONE
 
 from semisynth_gl import render_pair
 from semisynth_gl.cli import main, semisynth_gl
 from semisynth_gl.config import load_config, packaged_configs
 
 SMALL = (
+    *(word for setting in CLUTTER_ALONE for word in ("--set", setting)),
     "--set",
     "camera.width_px=160",
     "--set",

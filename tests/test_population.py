@@ -23,6 +23,8 @@ from semisynth_gl.histogram import Histogram, PixelCount, mix_histograms, total_
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, solve_coverage
+from semisynth_gl.scene.glance import glance
+from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.particles import Sizes, expected_cover
 from semisynth_gl.scene.population import Population, poisson_counts
 from semisynth_gl.scene.raycast import cast_rays
@@ -294,18 +296,45 @@ def test_particles_show_their_fronts():
     assert layers.exceedance(edges, CAMERA, still, sizes, heights, 1.6)[0].tolist() == [0, 0, 0]
 
 
+def count_in_view(scene):
+    """Count the objects in the left view."""
+    reach = np.linalg.norm(scene.world_from_model[:, :3, :3], axis=1).max(axis=1)
+    middle = scene.world_from_model[:, :3, 3]
+    scale = scene.camera.focal_px / middle[:, 2]
+    column = scene.camera.cx_left_px + middle[:, 0] * scale
+    inside = (column > -reach * scale) & (column < scene.camera.width_px + reach * scale)
+    return (inside & (scene.model >= len(STILL_MODELS))).sum()
+
+
 def objects_in_view(config, library, scenes):
     """Count the objects in the left view of each of the first scenes."""
-    sampler, counts = SceneSampler(config, 0, library, PATCH), []
-    for index in range(scenes):
+    sampler = SceneSampler(config, 0, library, PATCH)
+    return [count_in_view(sampler.sample(index).scene) for index in range(scenes)]
+
+
+@pytest.mark.parametrize(
+    ("background", "particles"),
+    [
+        ({}, {}),
+        ({"cuboid": 0, "plane": 1, "plane_disparity_px": [2, 4]}, {"density": "sparse"}),
+        ({}, {"layers": [{"count": [10, 30]}]}),
+    ],
+)
+def test_a_mix_says_how_many_objects_and_how_much_background_it_shows(background, particles):
+    config = tiny(particles=particles, background=background, models={"complex": 0})
+    library = build_library(config.models, config.particles, 0)
+    sampler, still, counts = SceneSampler(config, 0, library, PATCH), [], []
+    for index in range(48):
         scene = sampler.sample(index).scene
-        reach = np.linalg.norm(scene.world_from_model[:, :3, :3], axis=1).max(axis=1)
-        middle = scene.world_from_model[:, :3, 3]
-        scale = scene.camera.focal_px / middle[:, 2]
-        column = scene.camera.cx_left_px + middle[:, 0] * scale
-        inside = (column > -reach * scale) & (column < scene.camera.width_px + reach * scale)
-        counts.append((inside & (scene.model >= len(STILL_MODELS))).sum())
-    return counts
+        counts.append(count_in_view(scene))
+        if index % 4 == 0:
+            _, instance = glance(scene, sampler.models)
+            still.append((scene.model[instance] < len(STILL_MODELS)).mean())
+    expected = sampler.population.in_view()
+    assert expected.objects == pytest.approx(np.mean(counts), rel=0.15)
+    assert expected.still == pytest.approx(np.mean(still), abs=0.07)
+    line = f"expected in view: {expected.objects:.0f} floating objects before {expected.still:.0%} background"
+    assert MixSampler(config, 0, [library], PATCH).in_view_text() == line
 
 
 @pytest.mark.parametrize("density", ["sparse", "dense", 100.0])

@@ -21,6 +21,7 @@ from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.maps import find_maps
 from semisynth_gl.comparison.place import find_place, left_out
 from semisynth_gl.comparison.sides import MeasuredPlace, measure_place
+from semisynth_gl.config import Config
 from semisynth_gl.config.fields import LARGEST
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.errors import BackendError, InputError
@@ -93,13 +94,14 @@ def calibrate(
         raise InputError(f"--out {out}: not written, since the numbers make no valid config:\n{error}") from None
     # The patches of the dataset to come: unusable photographs are reported now, and the cache keeps the patches.
     report = prepare_atlas(config.textures, 0).report
-    place = None
+    place, in_view = None, []
     if trials:
         place = measure_place(find_place(find_images(images), find_maps(maps), png_scale))
         style = _tried(facts, place, trials)
         text = config_text(name, facts, style)
+        in_view = [_in_view(parse_config(text, str(out)))]
     output.write(text.encode())
-    for line in (*_summary(facts, report), *_style_summary(style, place)):
+    for line in (*_summary(facts, report), *_style_summary(style, place), *in_view):
         say(line)
     if passed_over := left_out(images, maps):
         click.echo(f"note: {passed_over}", err=True)
@@ -118,6 +120,16 @@ def _tried(facts: ConfigFacts, place: MeasuredPlace, trials: int) -> Style:
     except BackendError as error:
         advice = "Without OpenGL, --trials 0 writes a config that no pairs were tried for"
         raise BackendError(f"{error}\n{advice}") from None
+
+
+def _in_view(config: Config) -> str:
+    """Return how many objects and how much background a config's recipes will show."""
+    # Imported here: models take longer to load than a config to write without them.
+    from semisynth_gl.scene.mix import MixSampler  # noqa: PLC0415
+    from semisynth_gl.scene.sources import prepare_sources  # noqa: PLC0415
+
+    sources = prepare_sources(config, 0)
+    return MixSampler(config, 0, sources.libraries, sources.atlas.patches).in_view_text()
 
 
 def _style_summary(style: Style, place: MeasuredPlace | None) -> list[str]:

@@ -48,7 +48,7 @@ def preview(scene: SceneOptions, output: Output, ply_path: Path | None, pairs: i
         for index in range(pairs):
             shown.append(renderer.render(index))
             progress.advance()
-        expected = renderer.expected_histogram()
+        expected, in_view = renderer.expected_histogram(), renderer.sampler.in_view_text()
         title = f"{config.name}, seed {scene.seed}, pairs 0 to {pairs - 1}, {renderer.renderer_name}"
     first = shown[0].frame
     png = io.BytesIO()
@@ -69,6 +69,7 @@ def preview(scene: SceneOptions, output: Output, ply_path: Path | None, pairs: i
     if recipes:
         counts = Counter(pair.provenance["recipe"] for pair in shown)
         say("of each recipe: " + ", ".join(f"{name} {counts[name]}" for name in recipes))
+    say(in_view)
     say(
         f"over many pairs, disparities are expected to come to a total variation of "
         f"{total_variation(expected, target):.3f} from the target, {wasserstein_px(target, expected):.2g} px "

@@ -27,6 +27,7 @@ from semisynth_gl.errors import InputError, shown
 from semisynth_gl.generation.shard_job import ShardJob
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
+from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sources import Sources, prepare_sources
 from semisynth_gl.splits import SPLITS, SplitName
 
@@ -126,7 +127,7 @@ def generate(
     try:
         files.open(digests)
         missing = files.missing(chosen)
-        _describe(sources, listener)
+        _describe(plan, sources, listener)
         listener.on_total(sum(shard.end - shard.first for shard in missing))
         _make(job, missing, engine or SerialEngine(), files, listener)
         missing_count = len(files.missing(plan.shards))
@@ -140,14 +141,17 @@ def generate(
     return GenerationResult(place, plan, missing_count, stopped)
 
 
-def _describe(sources: Mapping[SplitName, Sources], listener: Listener) -> None:
-    """Report the patches and models of each split."""
+def _describe(plan: Plan, sources: Mapping[SplitName, Sources], listener: Listener) -> None:
+    """Report the patches and models of each split, and what the scenes of the first one will show."""
     for split, split_sources in sources.items():
         prefix = f"{split}: " if len(sources) > 1 else ""
         listener.on_message(prefix + split_sources.atlas.report.summary())
         for reason in split_sources.skipped_models:
             listener.on_message(f"model left out: {reason}")
         listener.on_message(f"{prefix}{len(split_sources.models)} models{_of_the_user(split_sources)}")
+    first = plan.splits[0]
+    seed, patches = plan.split(first).seed(plan.seed), sources[first].atlas.patches
+    listener.on_message(MixSampler(plan.config, seed, sources[first].libraries, patches).in_view_text())
 
 
 def _of_the_user(sources: Sources) -> str:

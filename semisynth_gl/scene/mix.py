@@ -106,6 +106,16 @@ class MixSampler:
         parts = [(recipe.share, self._expected(sampler)) for recipe, sampler in both]
         return mix_histograms(parts, merge_bins(self._config.wanted_histogram()).edges_px)
 
+    def in_view_text(self) -> str:
+        """Return a line that says what each recipe shows on average; see `Population.in_view`."""
+        parts = []
+        for sampler in self.samplers:
+            with _named(sampler.recipe):
+                objects, still = sampler.population.in_view()
+            name = "" if sampler.recipe is None else f"{sampler.recipe} "
+            parts.append(f"{name}{objects:.0f} floating objects before {still:.0%} background")
+        return f"expected in view: {'; '.join(parts)}"
+
     def _expected(self, sampler: SceneSampler) -> Histogram:
         with _named(sampler.recipe):
             return sampler.population.expected()

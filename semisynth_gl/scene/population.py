@@ -54,6 +54,18 @@ _LEAST_OF_AIM = 0.1
 _POPULATED = 0.5
 
 
+class InView(NamedTuple):
+    """What the left views show on average, by the Boolean model.
+
+    Attributes:
+        objects: number of particles that reach into the view.
+        still: share of the view, 0 to 1, that shows background, structures and things at rest.
+    """
+
+    objects: float
+    still: float
+
+
 class _Views(NamedTuple):
     """The effect of particles in K layers on V views."""
 
@@ -157,16 +169,65 @@ class Population:
         shares = self._solved_shares() if self._stated is None else self._stated_shares(self._stated)
         return Histogram.from_counts(self.target.edges_px, shares)
 
+    def in_view(self) -> InView:
+        """Return what the left views show on average: the mean over the pilot scenes.
+
+        Raises:
+            InputError: where the target cannot be met, see `draw`.
+        """
+        if self._stated is None:
+            seen = [one for aim in self._mean_aims() for one in self._solved_in_view(aim)]
+        else:
+            nothing = np.zeros(len(self.target.edges_px) - 1)
+            seen = [self._one_in_view(camera, bare_px, self._stated, 0.0, nothing) for camera, bare_px in self._pilots]
+        return InView(*np.mean(seen, axis=0).tolist())
+
+    def _solved_in_view(self, aim: _Aim) -> list[InView]:
+        """Return what the pilot scenes show of solved particles and clutter."""
+        views = self._views(self._pilots, aim.sizes)
+        seen, coverages = [], self._coverage(aim.shares, views)
+        for n, ((camera, bare_px), coverage) in enumerate(zip(self._pilots, coverages, strict=True)):
+            drawn = self._exceedance(self._layers, np.array([-np.inf]), camera, aim.sizes)[:, 0]
+            reaching = drawn * expected_in_view(camera, aim.sizes, self._layers.middle_px)
+            objects = float(coverage / views.cover[n] @ reaching)
+            cover = np.append(coverage @ drawn, coverage @ views.exceedances[n])
+            seen.append(self._one_in_view(camera, bare_px, (), objects, cover))
+        return seen
+
+    def _one_in_view(
+        self, camera: StereoCamera, bare_px: Floats, layers: Sequence[StatedLayer], objects: float, cover: Floats
+    ) -> InView:
+        """Return what one view shows of stated layers, clutter, and solved particles.
+
+        Args:
+            camera: the view's camera.
+            bare_px: disparities over the view without particles.
+            layers: the stated layers.
+            objects: number of solved particles.
+            cover: (K,) number of times that these cover a pixel at all, and with each inner edge or more.
+        """
+        edges = np.append(-np.inf, self.target.edges_px[1:-1])
+        everything = np.array([-np.inf])
+        for stated in (*layers, *self._clutter):
+            layer = _layer(stated)
+            drawn = self._exceedance(layer, everything, camera, stated.sizes)[0, 0]
+            objects += stated.count.middle * float(drawn * expected_in_view(camera, stated.sizes, layer.middle_px)[0])
+        before = np.append(cover + self._stated_cover(camera, layers, edges), 0.0)
+        return InView(objects, float(np.exp(-np.interp(bare_px, self.target.edges_px, before)).mean()))
+
+    def _mean_aims(self) -> list[_Aim]:
+        """Return aims that the mean over a dataset is taken over."""
+        return [self._aim((k + 0.5) / _QUANTILES) for k in range(_QUANTILES if len(self._aims[1]) > 1 else 1)]
+
     def _solved_shares(self) -> Floats:
         """(K,) mean shares of scenes whose numbers of particles are solved."""
-        aims = [self._aim((k + 0.5) / _QUANTILES) for k in range(_QUANTILES if len(self._aims[1]) > 1 else 1)]
-        return np.asarray(np.mean([aim.achieved for aim in aims], axis=0))
+        return np.asarray(np.mean([aim.achieved for aim in self._mean_aims()], axis=0))
 
     def _stated_shares(self, layers: Sequence[StatedLayer]) -> Floats:
         """(K,) mean shares of scenes whose numbers of particles are stated."""
         inner = self.target.edges_px[1:-1]
         below = [
-            np.searchsorted(np.sort(bare_px), inner) / len(bare_px) * np.exp(-self._stated_cover(camera, layers))
+            np.searchsorted(np.sort(bare_px), inner) / len(bare_px) * np.exp(-self._stated_cover(camera, layers, inner))
             for camera, bare_px in self._pilots
         ]
         return np.diff(np.concatenate([[0.0], np.mean(below, axis=0), [1.0]]))
@@ -281,26 +342,29 @@ class Population:
         for camera, bare_px in pilots:
             exceedances.append(self._exceedance(self._layers, inner, camera, sizes))
             below = np.searchsorted(np.sort(bare_px), inner) / len(bare_px)
-            bare.append(below * np.exp(-self._stated_cover(camera, ())))
+            bare.append(below * np.exp(-self._stated_cover(camera, (), inner)))
             background = np.clip(np.searchsorted(edges, np.median(bare_px)) - 1, 0, len(self._layers) - 1)
             own = (np.arange(len(self._layers)) == background) & self._layers.has_room
             least.append(np.where(own, _POPULATED, 0.0))
             cover.append(expected_cover(camera, sizes, self._layers.middle_px, self._silhouette.fill))
         return _Views(np.array(bare), np.array(exceedances), np.array(least), np.array(cover))
 
-    def _stated_cover(self, camera: StereoCamera, layers: Sequence[StatedLayer]) -> Floats:
-        """(K - 1,) number of times that layers and clutter cover a pixel with each inner edge or more."""
-        inner = self.target.edges_px[1:-1]
-        total = np.zeros(len(inner))
+    def _stated_cover(self, camera: StereoCamera, layers: Sequence[StatedLayer], edges_px: Floats) -> Floats:
+        """(E,) number of times that layers and clutter cover a pixel with each of some edges or more."""
+        total = np.zeros(len(edges_px))
         for stated in (*layers, *self._clutter):
-            layer = DepthLayers(np.array([stated.disparity_px.low]), np.array([stated.disparity_px.high]))
+            layer = _layer(stated)
             cover = expected_cover(camera, stated.sizes, layer.middle_px, self._silhouette.fill)[0]
-            total += cover * stated.count.middle * self._exceedance(layer, inner, camera, stated.sizes)[0]
+            total += cover * stated.count.middle * self._exceedance(layer, edges_px, camera, stated.sizes)[0]
         return total
 
     def _exceedance(self, layers: DepthLayers, edges_px: Floats, camera: StereoCamera, sizes: Sizes) -> Floats:
         near_m, drift = near_depth_m(camera, self._config.disparity), self._config.particles.drift
         return layers.exceedance(edges_px, camera, drift, sizes, self._silhouette.heights, near_m)
+
+
+def _layer(stated: StatedLayer) -> DepthLayers:
+    return DepthLayers(np.array([stated.disparity_px.low]), np.array([stated.disparity_px.high]))
 
 
 def poisson_counts(mean: Floats, quantile: Floats) -> NDArray[np.int64]:
