@@ -1,4 +1,4 @@
-"""Measure what docs/accuracy.md and docs/performance.md rest on, and write it to benchmarks/results.
+"""Measure what docs/accuracy.md, docs/performance.md and docs/training.md rest on, and write it to benchmarks/results.
 
     python benchmarks/record.py accuracy     # measure again, write results/accuracy.json and results/accuracy.md
     python benchmarks/record.py --pages      # write all pages anew from the JSON that is there
@@ -22,9 +22,10 @@ from semisynth_gl.bench import accuracy, speed
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
-sys.path.append(str(ROOT / "benchmarks" / "peers"))
+sys.path += [str(ROOT / "benchmarks" / "peers"), str(ROOT / "benchmarks" / "training")]
 
-import run as peers  # noqa: E402 - found once the path above is set
+import run as peers  # noqa: E402 - found once the paths above are set
+import training_report  # noqa: E402
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +116,10 @@ MEASUREMENTS: Mapping[str, Result] = {
     "speed": Result("Speed", _SPEED, (*_BENCH, "speed", "--repeats", "5"), speed.headline, speed.table),
     "peers": Result(
         "Renderers side by side", _PEERS, ("benchmarks/peers/run.py", *_PEER_ROWS), _peers_headline, peers.table
+    ),
+    "training-sets": Result(
+        "What networks learn from which pairs", training_report.TEXT, ("benchmarks/training/compare_sets.py",),
+        training_report.headline, training_report.table,
     ),
     "hard-cases": Result(
         "Hard cases", _HARD_CASES, ("benchmarks/hard_cases.py",), hard_cases.headline, hard_cases.table

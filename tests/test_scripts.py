@@ -10,14 +10,21 @@ import pytest
 from heavy import heavy
 
 ROOT = Path(__file__).resolve().parents[1]
-FOLDERS = ("benchmarks", "benchmarks/peers", "docs", "examples")
+FOLDERS = ("benchmarks", "benchmarks/peers", "benchmarks/training", "docs", "examples")
 SCRIPTS = sorted(path for folder in FOLDERS for path in (ROOT / folder).glob("*.py"))
 # What peers draw with; it is in environments of their own.
 OF_PEERS = (
     "bpy", "gpu", "mathutils", "OpenGL", "OpenGL.GL", "pygfx", "pyrender", "pyrender.renderer", "wgpu"
 )  # fmt: skip
 # They import PyTorch.
-WITH_TORCH = ("benchmarks/stream.py", "examples/stereo_network.py", "examples/train_stereo.py")
+WITH_TORCH = (
+    "benchmarks/stream.py",
+    "benchmarks/training/compare_sets.py",
+    "benchmarks/training/matching_network.py",
+    "benchmarks/training/trainer.py",
+    "examples/stereo_network.py",
+    "examples/train_stereo.py",
+)
 
 
 def cases():

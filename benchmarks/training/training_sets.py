@@ -1,0 +1,105 @@
+"""The datasets that the benchmark compares, each with the question that it answers.
+
+A row is ``rig.yaml`` with some keys overridden, so what differs between two rows is what their overrides say. Add a row
+to ask another question.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from semisynth_gl.calibration.calibrate import config_facts, config_text
+from semisynth_gl.calibration.disparity_range import DisparitySource
+from semisynth_gl.calibration.rig import Rig
+from semisynth_gl.calibration.style import untried_style
+from semisynth_gl.camera import StereoCamera
+from semisynth_gl.codecs.png16 import KITTI_DISPARITY
+from semisynth_gl.config import Config, load_config
+
+RIG = Path(__file__).with_name("rig.yaml")
+REAL = "real"
+"""The row of the judged pairs themselves, a mark for the range: no pairs made for them teach more."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingSet:
+    """A row of the table.
+
+    Attributes:
+        what: it differs in from the row ``clutter``.
+        overrides: of the keys of ``rig.yaml``.
+        of_place: whether it needs photographs of the place.
+        calibrated: whether `calibrate` writes the config, for the same rig and disparities, without rendering trials.
+        share: of the pairs that the other sets have.
+    """
+
+    what: str
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+    of_place: bool = False
+    calibrated: bool = False
+    share: float = 1.0
+
+
+_ROOM = {"background": {"cuboid": 0, "room": 1}, "particles": {"layers": [{"disparity_px": [8, 70], "count": [2, 10]}]}}
+_LARGE = {
+    "structures": {"ground": 0.5, "panels": [1, 4], "panel_disparity_px": [6, 30], "panel_size_px": [70, 280]},
+    "particles": {"density": "sparse", "size_px": [60, 200]},
+}
+# In the order of the questions: what time does not allow is left out from the end.
+SETS: Mapping[str, TrainingSet] = {
+    "clutter": TrainingSet("floating models in a box"),
+    "procedural": TrainingSet("drawn patterns instead of photographs", {"textures.source": "procedural"}),
+    "mix": TrainingSet(
+        "rooms, clutter and few large models, a third each",
+        {"scenes": [{"recipe": "room", **_ROOM}, {"recipe": "clutter"}, {"recipe": "large", **_LARGE}]},
+    ),
+    "room": TrainingSet("furnished rooms", _ROOM),
+    "calibrated": TrainingSet("what `calibrate --trials 0` writes", of_place=True, calibrated=True),
+    "large": TrainingSet("few large models, panels and grounds", _LARGE),
+    "photographs": TrainingSet("photographs of other things", {"textures.source": "photographs"}, of_place=True),
+    "builtin": TrainingSet(
+        "drawn pictures and photographs of other things", {"textures.source": "builtin"}, of_place=True
+    ),
+    "sparse": TrainingSet("a third as many models, larger", {"particles.density": "sparse"}),
+    "dense": TrainingSet("three times as many models, smaller", {"particles.density": "dense"}),
+    "antialiased": TrainingSet("colours of 4 samples a pixel", {"antialias": "msaa4"}),
+    "imperfect": TrainingSet(
+        "blurred lenses and noise of each eye", {"imperfections": {"blur_px": [0, 0.8], "noise": [0, 3]}}
+    ),
+    "few": TrainingSet("an eighth of the pairs", share=0.125),
+}
+
+
+def config_of(name: str, images: tuple[str, ...], scratch: Path) -> Config:
+    """Make the config of a row.
+
+    Args:
+        name: of `SETS`.
+        images: photographs of the place; without, rows wear what `rig.yaml` says.
+        scratch: folder for what `calibrate` writes.
+
+    Raises:
+        InputError: where the photographs cannot be used.
+    """
+    row = SETS[name]
+    base = load_config(RIG)
+    worn: dict[str, Any] = {"textures.source": "images", "textures.images": list(images)} if images else {}
+    if not row.calibrated:
+        return load_config(RIG, {**worn, **row.overrides, "name": name})
+    camera, wanted = base.camera, base.disparity
+    ranges = camera.focal_px, camera.baseline_m, camera.doffs_px
+    rigs = [_rig(base, *(each.low for each in ranges)), _rig(base, *(each.high for each in ranges))]
+    source = DisparitySource((), KITTI_DISPARITY.steps, (wanted.min_px, wanted.max_px))
+    facts = config_facts(rigs, images, source, other_camera=True)
+    scratch.mkdir(parents=True, exist_ok=True)
+    written = scratch / "calibrated.yaml"
+    written.write_text(config_text(name, facts, untried_style(facts.recipes)), encoding="utf-8")
+    # A calibration has maps to measure, or a guess: here all rows are wanted to show the same.
+    values = base.model_dump(mode="json")
+    return load_config(written, {key: values[key] for key in ("camera", "disparity", "truth", "outputs")})
+
+
+def _rig(config: Config, focal_px: float, baseline_m: float, doffs_px: float) -> Rig:
+    size = config.camera.width_px, config.camera.height_px
+    return Rig(StereoCamera.centred(*size, focal_px, baseline_m, doffs_px), RIG.name)
