@@ -671,8 +671,8 @@ def test_nothing_of_a_config_lies_beyond_infinity(doffs_px, wider_px, beyond_px,
             shown = [layer["disparity_px"] for layer in recipe.keys.get("particles", {}).get("layers", ())]
             keys = ("background", "wall_disparity_px"), ("structures", "panel_disparity_px")
             shown += [recipe.keys[name][key] for name, key in keys if key in recipe.keys.get(name, {})]
-            for low, high in shown:
-                assert farthest < low <= high <= config.disparity.max_px, recipe.name
+            for first, last in shown:
+                assert farthest < first <= last <= config.disparity.max_px, recipe.name
 
 
 def test_the_far_plane_of_a_negative_doffs_is_before_infinity():

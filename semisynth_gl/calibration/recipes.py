@@ -42,9 +42,12 @@ def suitable_recipes(scenes: Sequence[str], disparity: DisparityRange, width_px:
         width_px: width of the images.
     """
 
+    # As the config states them.
+    least, most = (float(f"{limit:.10g}") for limit in (disparity.min_px, disparity.max_px))
+
     def between(shares: tuple[float, float]) -> list[float]:
         ends = (float(f"{disparity.target.quantile(share):.3g}") for share in shares)
-        return [min(max(end, disparity.min_px), disparity.max_px) for end in ends]
+        return [min(max(end, least), most) for end in ends]
 
     few = {"layers": [{"disparity_px": between(_NEAR), "count": _FEW}]}
     panels = {
