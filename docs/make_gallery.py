@@ -36,7 +36,8 @@ IMPERFECTIONS = {
 }
 
 # Both eyes move and things fall, so that nothing of what a config can ask for is empty.
-MOVING = ["camera.sway_m=0.05", "camera.sway_deg=1", "sequence.length=3", f"outputs=[{','.join(OUTPUTS)}]"]
+# Floating things, which move by themselves.
+MOVING = ["scenes=[]", "camera.sway_m=0.05", "camera.sway_deg=1", "sequence.length=3", f"outputs=[{','.join(OUTPUTS)}]"]
 
 MODEL_PX, SAMPLES, DISTANCE_M = 180, 3, 6.0
 
