@@ -32,7 +32,7 @@ def draw_pair(path: Path) -> None:
 
 def draw_flow(path: Path) -> None:
     """Draw two frames, the flow between them (hue its direction, saturation its length), and where it is hidden."""
-    config = load_config("sceneflow", ["camera.sway_m=0.05", "camera.sway_deg=1", "sequence.length=2"])
+    config = load_config("sceneflow", ["scenes=[]", "camera.sway_m=0.05", "camera.sway_deg=1", "sequence.length=2"])
     with PairRenderer(config.model_copy(update={"outputs": ("flow",), "truth": "left"}), 1) as renderer:
         now, then = renderer.render(0).frame, renderer.render(1).frame
     length = np.hypot(*np.moveaxis(now.left.flow, 2, 0))
