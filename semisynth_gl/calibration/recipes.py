@@ -41,7 +41,6 @@ def suitable_recipes(scenes: Sequence[str], disparity: DisparityRange, width_px:
         disparity: the wanted disparities.
         width_px: width of the images.
     """
-
     # As the config states them.
     least, most = (float(f"{limit:.10g}") for limit in (disparity.min_px, disparity.max_px))
 
