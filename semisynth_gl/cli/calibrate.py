@@ -141,9 +141,11 @@ def _style_summary(style: Style, place: MeasuredPlace | None) -> list[str]:
     look = f"{low:g} to {high:g} texels per pixel, {style.flat_share:.0%} flat, blurred by {style.blur_px:g} px"
     near, compared = style.near(place.side)
     lines.append(f"textures         {look}")
-    lines.append(
-        f"place            {near} of {compared} measures expected within one standard deviation of its pictures"
-    )
+    # A single picture has no deviation.
+    if compared:
+        lines.append(
+            f"place            {near} of {compared} measures expected within one standard deviation of its pictures"
+        )
     return lines
 
 
