@@ -1,0 +1,246 @@
+"""What stands, lies and hangs in a room."""
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from semisynth_gl.config.model import RoomSection
+from semisynth_gl.scene.arrangement import Arrangement
+from semisynth_gl.scene.wall import Wall
+
+# Diameters of bounding spheres, metres.
+_STANDING: Final[Mapping[str, tuple[float, float]]] = {
+    "table": (1.1, 1.9),
+    "chair": (0.95, 1.2),
+    "bookcase": (1.2, 2.2),
+    "shelf": (1.0, 1.8),
+    "lamp": (0.9, 1.7),
+    "clothes_rack": (1.2, 1.8),
+    "potted_plant": (0.7, 1.6),
+    "cactus": (0.5, 1.3),
+    "fan": (0.8, 1.4),
+    "ladder": (1.2, 2.1),
+    "stairs": (1.2, 2.2),
+    "basket": (0.4, 0.7),
+    "cage": (0.5, 0.9),
+    "picture_frame": (0.8, 1.4),
+    "bench": (1.2, 1.9),
+    "bin": (0.7, 1.1),
+    "bicycle": (1.6, 1.8),
+    "figure": (1.5, 1.8),
+    "animal": (0.5, 1.1),
+    "cushion": (0.5, 0.8),
+    "blob": (0.5, 1.0),
+    "cuboid": (0.4, 1.1),
+    "cube": (0.4, 0.9),
+    "cylinder": (0.4, 0.9),
+    "capsule": (0.5, 0.9),
+}
+_FURNITURE: Final = {name: _STANDING[name] for name in ("table", "bookcase", "shelf", "cuboid", "cube")}
+"""Things with a flat top, on which small things stand: half of all that stands."""
+_AT_WALLS: Final = frozenset({"bookcase", "shelf", "picture_frame", "bench", "clothes_rack", "stairs"})
+_SMALL: Final[Mapping[str, tuple[float, float]]] = {
+    "bottle": (0.2, 0.35),
+    "vase": (0.15, 0.4),
+    "mug": (0.09, 0.14),
+    "goblet": (0.14, 0.22),
+    "bowl_stack": (0.15, 0.3),
+    "jug": (0.2, 0.35),
+    "flower": (0.25, 0.5),
+    "potted_plant": (0.25, 0.5),
+    "cactus": (0.15, 0.35),
+    "lamp": (0.35, 0.6),
+    "basket": (0.2, 0.4),
+    "gear": (0.1, 0.25),
+    "spring": (0.1, 0.25),
+    "torus_knot": (0.12, 0.3),
+    "bolt": (0.1, 0.2),
+    "cushion": (0.25, 0.5),
+    "animal": (0.15, 0.4),
+    "figure": (0.15, 0.4),
+    "blob": (0.12, 0.4),
+    "car": (0.15, 0.35),
+    "cube": (0.08, 0.3),
+    "cuboid": (0.1, 0.4),
+    "sphere": (0.08, 0.25),
+    "cone": (0.1, 0.3),
+    "cylinder": (0.08, 0.3),
+    "pyramid": (0.1, 0.25),
+    "prism": (0.1, 0.3),
+    "torus": (0.1, 0.25),
+    "cloth": (0.4, 0.9),
+}
+_HANGING: Final[Mapping[str, tuple[float, float]]] = {
+    "hook_rail": (0.5, 1.0),
+    "grating": (0.4, 0.9),
+    "lattice_panel": (0.4, 1.0),
+    "picture_frame": (0.5, 1.0),
+    "gear": (0.3, 0.6),
+    "spoked_wheel": (0.4, 0.8),
+}
+
+_TRIES = 8
+
+
+def furnish(
+    room: Arrangement, section: RoomSection, walls: tuple[Wall, ...], metre: float, rng: np.random.Generator
+) -> None:
+    """Put things into a room.
+
+    Args:
+        room: the room, to which they are added.
+        section: how many of each sort.
+        walls: its walls, the one ahead first, then those to the right and to the left.
+        metre: length of a metre there.
+        rng: draws them.
+    """
+    tops: list[int] = []
+    if rng.random() < section.rug:
+        _add_rug(room, walls[0], metre, rng)
+    for _ in range(round(section.pillars.draw(rng))):
+        _add_pillar(room, walls, metre, rng)
+    for _ in range(round(section.furniture.draw(rng))):
+        placed = _add_standing(room, walls, metre, rng)
+        if placed is not None:
+            tops.append(placed)
+    for _ in range(round(section.small.draw(rng))):
+        picked = room.catalogue.pick(_SMALL, rng)
+        if picked is None:
+            break
+        small, yaw = (picked[0], picked[1] * metre), rng.uniform(0, 2 * np.pi)
+        top = _on_top(room, tops[int(rng.integers(len(tops)))], rng) if tops and rng.random() < 0.7 else None
+        room.stand(small, (*_on_floor(room, walls, rng), 0) if top is None else top, yaw)
+    for _ in range(round(section.pictures.draw(rng))):
+        _hang(room, walls[int(rng.integers(len(walls)))], metre, rng)
+    if rng.random() < section.curtain:
+        _hang_curtain(room, walls[int(rng.integers(len(walls)))], rng)
+
+
+def fill_niche(
+    room: Arrangement,
+    wall: Wall,
+    low: tuple[float, float],
+    high: tuple[float, float],
+    deep_m: float,
+    metre: float,
+    rng: np.random.Generator,
+) -> None:
+    """Stand small things in a wall's niche, which reaches from one corner (u, v) to the opposite one."""
+    for share in (np.arange(4) + rng.uniform(0.2, 0.8, 4)) / 4:
+        picked = room.catalogue.pick(_SMALL, rng)
+        if picked is not None and rng.random() < 0.8:
+            at = wall.at(low[0] + float(share) * (high[0] - low[0]), high[1], 0.5 * deep_m)
+            room.stand((picked[0], picked[1] * metre), at, rng.uniform(0, 2 * np.pi))
+
+
+def _on_top(room: Arrangement, number: int, rng: np.random.Generator) -> tuple[float, float, float] | None:
+    """Draw a place on top of a thing; None where its top is not level there."""
+    low, high = room.catalogue.low[room.model[number]], room.catalogue.high[room.model[number]]
+    matrix, spot = room.floor_from_model[number], low + (high - low) * (*rng.uniform(0.12, 0.88, 2), 1)
+    x, y, _ = matrix[:3, :3] @ spot + matrix[:3, 3]
+    z = room.top(number, x, y)
+    return None if z is None else (x, y, z)
+
+
+def _on_floor(room: Arrangement, walls: tuple[Wall, ...], rng: np.random.Generator) -> tuple[float, float]:
+    """Draw a place on the floor, inside the walls, within the view's angle or just beside it."""
+    camera, pose = room.view.camera, room.view.camera_from_floor
+    ahead, right, left = walls[0], walls[1].corner[0], walls[2].corner[0]
+    x, y = 0.0, 0.0
+    for _ in range(_TRIES):
+        column = rng.uniform(-0.1, 1.1) * camera.width_px - 0.5
+        ray = pose[:3, :3].T @ np.array([(column - camera.cx_left_px) / camera.focal_px, 0, 1])
+        flat = ray[:2] / np.linalg.norm(ray[:2])
+        reach = min(
+            ahead.corner[1] / flat[1] if flat[1] > 0 else np.inf,
+            right / flat[0] if flat[0] > 0 else np.inf,
+            left / flat[0] if flat[0] < 0 else np.inf,
+        )
+        low = min(room.view.near_m, 0.7 * reach)
+        distance = np.sqrt(rng.uniform((low / reach) ** 2, 1)) * reach
+        x, y = float(flat[0] * distance), float(flat[1] * distance)
+        if left < x < right and y < ahead.corner[1]:
+            break
+    return x, y
+
+
+def _add_standing(room: Arrangement, walls: tuple[Wall, ...], metre: float, rng: np.random.Generator) -> int | None:
+    """Stand a piece of furniture; return the number of one with a flat top."""
+    picked = room.catalogue.pick(_FURNITURE if rng.random() < 0.5 else _STANDING, rng)
+    if picked is None:
+        return None
+    number, size = picked[0], picked[1] * metre
+    name = room.catalogue.models[number].name
+    scale = rng.uniform(0.85, 1.0, 3) * size / 2
+    half = (room.catalogue.high[number] - room.catalogue.low[number])[:2] * scale[:2] / 2
+    for _ in range(_TRIES):
+        x, y = _on_floor(room, walls, rng)
+        yaw = rng.uniform(0, 2 * np.pi)
+        if name in _AT_WALLS or rng.random() < 0.35:
+            wall = walls[int(rng.integers(3))]
+            yaw = wall.yaw_rad
+            away = float((wall.corner[:2] - (x, y)) @ wall.out[:2]) - half[1] - 0.02 * metre
+            x, y = x + away * wall.out[0], y + away * wall.out[1]
+        radius = float(np.linalg.norm(half)) * 0.8
+        if room.is_free(x, y, radius):
+            placed = room.stand((number, size), (x, y, 0), yaw, scale * 2 / size)
+            if placed is None:
+                continue
+            room.take(x, y, radius)
+            return placed if name in _FURNITURE else None
+    return None
+
+
+def _add_rug(room: Arrangement, ahead: Wall, metre: float, rng: np.random.Generator) -> None:
+    distance = rng.uniform(0.3, 0.8) * float(ahead.corner[1])
+    size, yaw = rng.uniform(0.8, 2.4, 2) * metre, rng.uniform(0, np.pi)
+    room.add_box((rng.uniform(-0.3, 0.3) * distance, distance, 0), (*size / 2, 0.012 * metre), yaw)
+
+
+def _add_pillar(room: Arrangement, walls: tuple[Wall, ...], metre: float, rng: np.random.Generator) -> None:
+    for _ in range(_TRIES):
+        x, y = _on_floor(room, walls, rng)
+        half = rng.uniform(0.12, 0.25) * metre
+        if room.is_free(x, y, half) and room.add_box((x, y, 0), (half, half, -walls[0].down[2]), rng.uniform(0, 1.6)):
+            room.take(x, y, 1.4 * half)
+            return
+
+
+def _hang(room: Arrangement, wall: Wall, metre: float, rng: np.random.Generator) -> None:
+    """Hang a picture, or a thing, on a wall; not before its doorway or niche."""
+    u, v = rng.uniform(0.08, 0.92), rng.uniform(0.12, 0.6)
+    picked = room.catalogue.pick(_HANGING, rng) if rng.random() < 0.3 else None
+    if picked is None:
+        wide, high = rng.uniform(0.3, 1.2, 2) * metre
+        thick = rng.uniform(0.01, 0.04) * metre
+        if wall.meets_hole((u, v), (u + wide / wall.length_m, v + high / -wall.down[2])):
+            return
+        corner = wall.at(u, v, -thick)
+        across, down = wall.right / wall.length_m * wide, wall.down / np.linalg.norm(wall.down) * high
+        if (room.view.depth_m(np.array([corner, corner + across, corner + down])) > room.view.near_m).all():
+            first = room.add_rectangle(corner, across, down)
+            room.add_rectangle(corner + down, across, thick * wall.out, wears=first)
+            room.add_rectangle(corner, down, thick * wall.out, wears=first)
+            room.add_rectangle(corner + across, down, thick * wall.out, wears=first)
+        return
+    number, size = picked[0], picked[1] * metre
+    deep = room.catalogue.high[number][1] * size / 2
+    low, high = ((u + side * size / 2 / wall.length_m, v + side * size / 2 / -wall.down[2]) for side in (-1, 1))
+    if wall.meets_hole(low, high):
+        return
+    room.stand((number, size), wall.at(u, v, -deep) - (0, 0, size / 2), wall.yaw_rad)
+
+
+def _hang_curtain(room: Arrangement, wall: Wall, rng: np.random.Generator) -> None:
+    """Hang a curtain from the ceiling, or from below it, before a wall."""
+    picked = room.catalogue.pick({"curtain": (1.0, 1.0)}, rng)
+    if picked is None:
+        return
+    number = picked[0]
+    extent = room.catalogue.high[number] - room.catalogue.low[number]
+    high = -wall.down[2] * rng.uniform(0.5, 0.95)
+    size = 2 * high / extent[2]
+    top = -wall.down[2] * 0.99 - high
+    foot = wall.at(rng.uniform(0.1, 0.9), 1.0, -extent[1] * size / 2) + np.array([0, 0, top])
+    room.stand((number, size), foot, wall.yaw_rad)

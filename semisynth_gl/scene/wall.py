@@ -1,0 +1,36 @@
+"""A wall of a room, as it is seen from inside."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+class Wall:
+    """A wall as the room sees it: its corner at the top left, its edges to the right and down, and its far side."""
+
+    def __init__(self, corner: Floats, right: Floats, height_m: float) -> None:
+        self.corner = corner
+        self.right = right
+        self.down = np.array([0, 0, -height_m])
+        self.length_m = float(np.linalg.norm(right))
+        # From the room outwards, where "right" and "down" are as seen from inside.
+        self.out = np.cross(right, self.down) / (height_m * self.length_m)
+        # The corners (u, v) of its doorway or niche.
+        self.hole: tuple[tuple[float, float], tuple[float, float]] | None = None
+
+    @property
+    def yaw_rad(self) -> float:
+        """Turn about z of a model whose back, +y, is to the wall."""
+        return float(np.arctan2(self.out[1], self.out[0]) - np.pi / 2)
+
+    def meets_hole(self, low: tuple[float, float], high: tuple[float, float]) -> bool:
+        """Whether a rectangle from one corner (u, v) to the opposite one meets the doorway or niche."""
+        if self.hole is None:
+            return False
+        begin, end = self.hole
+        return all(low[k] < end[k] and begin[k] < high[k] for k in (0, 1))
+
+    def at(self, u: float, v: float, out_m: float = 0.0) -> Floats:
+        """Return the place (3,) at shares of the wall's edges, and so far behind the wall."""
+        return np.asarray(self.corner + u * self.right + v * self.down + out_m * self.out)
