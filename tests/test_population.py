@@ -25,7 +25,7 @@ from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, solve_coverage
 from semisynth_gl.scene.glance import glance
 from semisynth_gl.scene.mix import MixSampler
-from semisynth_gl.scene.particles import Sizes, expected_cover
+from semisynth_gl.scene.particles import Sizes, expected_cover, stated_layers
 from semisynth_gl.scene.population import Population, poisson_counts
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SceneSampler
@@ -310,6 +310,14 @@ def objects_in_view(config, library, scenes):
     """Count the objects in the left view of each of the first scenes."""
     sampler = SceneSampler(config, 0, library, PATCH)
     return [count_in_view(sampler.sample(index).scene) for index in range(scenes)]
+
+
+def test_layers_without_disparities_stand_where_most_wanted_pixels_are():
+    wanted = Histogram.from_counts([0.0, 20.0, 100.0], [1.0, 1.0])
+    section = ParticlesSection.model_validate({"layers": [{"count": 3}, {"count": 3, "disparity_px": [1, 2]}]})
+    free, stated = stated_layers(section.layers, section, wanted)
+    assert (free.disparity_px.low, free.disparity_px.high) == pytest.approx((4, 84))
+    assert (stated.disparity_px.low, stated.disparity_px.high) == (1, 2)
 
 
 @pytest.mark.parametrize(
