@@ -36,7 +36,7 @@ class Picture:
         surfaces: the disparity without holes: a hole takes the smaller of the values beside it in its row, since most
             holes are background that one eye sees, and a row without any value is the nearest row that has some. None
             where fewer than half of the pixels have a disparity, as of lidar: holes are then most of it.
-        background: (H, W) bool, whether the pixel shows background, ground or a panel; None where that is not known.
+        background: (H, W) bool, whether the pixel shows a wall, ground or other flat face; None where unknown.
         enlarged: whether the image is narrower than the working width, so that it lacks the finest detail.
     """
 
@@ -100,7 +100,7 @@ def make_picture(
         width_px: the working width.
         image: (H, W, 3) uint8 RGB.
         disparity: (H, W) float32 px; no value is inf or nan, or 0 or below.
-        background: (H, W) bool, whether a pixel shows background, ground or a panel.
+        background: (H, W) bool, whether a pixel shows walls, ground or other flat faces.
 
     Raises:
         InputError: where the arrays differ in size.

@@ -57,7 +57,7 @@ class SampledScene:
 
     @property
     def still(self) -> NDArray[np.bool_]:
-        """(N,) bool, true for background, walls, ground and panels; all else is an object, at rest or falling."""
+        """(N,) bool, true for walls, grounds, panels and all else of flat faces; models at rest or falling are not."""
         return self.scene.model < len(STILL_MODELS)
 
 
