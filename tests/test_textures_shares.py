@@ -65,8 +65,10 @@ def test_flat_patches_have_their_share_whatever_their_number():
     assert chances[flat] == pytest.approx([0.15, 0.15])
     assert chances[:20].sum() == pytest.approx(0.7 - chances[20:22].sum())
     assert chances[20:22].sum() == pytest.approx(0.7 * MOST_TIMES * 2 / 22)
-    for same in (patch_chances(sources, flat, 0.0), patch_chances(sources, flat & False, 0.3)):
-        assert same == pytest.approx(patch_chances(sources, ~flat | True, 0.3))
+    # Without flat patches, without others, and without a share: 21 patches of a, and b's three are capped.
+    plain = np.where(np.array(sources) == "b", MOST_TIMES / 24, (1 - 3 * MOST_TIMES / 24) / 21)
+    for mask, share in ((flat, 0.0), (flat & False, 0.3), (flat | True, 0.3)):
+        assert patch_chances(sources, mask, share) == pytest.approx(plain)
     assert patch_chances([], np.array([], bool), 0.3).size == 0
 
 
