@@ -51,7 +51,7 @@ def _try(facts: ConfigFacts, pairs: int, blur_scale: float, listener: Listener) 
             # Unchecked: a trial is no dataset, and what is drawn again for its checks is the same sort of scene.
             pair = renderer.render(number, checked=False)
             view, cell = pair.frame.left, cells[pair.provenance["recipe"]]
-            sharp = make_picture(str(number), WORKING_WIDTH, image=view.image, disparity=view.disparity)
+            sharp = make_picture(str(number), WORKING_WIDTH, disparity=view.disparity)
             for k, blur in enumerate(BLURS):
                 drawn = Imperfections(blur * blur_scale, 0.0, 0.0, 1.0)
                 image = apply_imperfections(view.image, drawn, generator(_SEED, Purpose.IMPERFECTIONS, number))

@@ -4,7 +4,7 @@ import io
 
 import click
 
-from semisynth_gl.cli.options import SEED, ConfigName, Setting, images_option, option, read_config
+from semisynth_gl.cli.options import SEED, ConfigName, images_option, option, read_config, set_option
 from semisynth_gl.cli.outputs import Output, marked_png, output_option
 from semisynth_gl.cli.streams import say
 from semisynth_gl.config import packaged_configs
@@ -25,14 +25,7 @@ from semisynth_gl.textures.reach import photograph_sources
 )
 @images_option()
 @option("--seed", type=SEED, default=0, help="As of the dataset.")
-@option(
-    "--set",
-    "settings",
-    type=Setting(),
-    multiple=True,
-    metavar="dotted.key=value",
-    help="Override a key of the config, for example textures.flat_share=0.1. May be repeated.",
-)
+@set_option(help="Override a key of the config, for example textures.flat_share=0.1. May be repeated.")
 @output_option("--out", marked_png("semisynth-gl textures"), ".png", default="textures.png", help="PNG to write.")
 def textures(config_name: str, images: tuple[str, ...], seed: int, settings: tuple[str, ...], output: Output) -> None:
     """Draw the patches that a dataset shows, count them, and tell what was left out of the photographs and why."""
