@@ -14,8 +14,9 @@ from semisynth_gl import load_config, oracle
 from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import Config
 from semisynth_gl.config.model import RoomSection, StreetSection
+from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_library import build_library
-from semisynth_gl.scene.arrangement import Arrangement, View
+from semisynth_gl.scene.arrangement import FACE_NUMBER, Arrangement, View
 from semisynth_gl.scene.background import grid_px
 from semisynth_gl.scene.glance import glance
 from semisynth_gl.scene.mix import MixSampler
@@ -273,6 +274,44 @@ def test_a_glance_sees_what_the_ray_caster_sees(rig: str, kind: str) -> None:
     hits = cast_rays(scene, catalogue().models, "left", *grid_px(stage.camera))
     np.testing.assert_allclose(depth_m, hits.depth_m, rtol=1e-9)
     assert (instance == hits.instance).mean() > 0.999  # touching surfaces may come out either way
+
+
+def test_a_glance_cuts_triangles_at_the_near_plane() -> None:
+    """Of random triangles around the camera, most reach behind it with one corner or with two."""
+    camera, generator_ = CAMERAS["kitti"], rng(2)
+    corners = generator_.uniform((-4, -2, -2), (4, 2, 4), (60, 3, 3))
+    triangles = [make_mesh(str(k), points, np.zeros((3, 2)), [[0, 1, 2]]) for k, points in enumerate(corners)]
+    # Meshes are kept as they are given: their vertices are metres in the camera's frame.
+    same = np.tile(np.eye(4), (60, 1, 1))
+    scene = make_scene(camera, model=range(60), world_from_model=same, layer=[0] * 60, near_m=0.5)
+    beyond = (corners[..., 2] >= scene.near_m).sum(axis=1)
+    assert min((beyond == 1).sum(), (beyond == 2).sum()) > 10
+    depth_m, instance = glance(scene, triangles)
+    hits = cast_rays(scene, triangles, "left", *grid_px(camera))
+    np.testing.assert_array_equal(instance, hits.instance)
+    np.testing.assert_allclose(depth_m, hits.depth_m, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("kind", "rows"), [("doorway", (0.2, 1.0)), ("niche", (0.3, 0.62))])
+def test_no_picture_hangs_before_a_hole(kind: str, rows: tuple[float, float]) -> None:
+    beside, columns = 0, ((0.12, 0.4), (0.37, 0.63), (0.6, 0.88))
+    for seed in range(4):
+        things = drawn("middlebury", "room", seed, **{kind: 1, "pictures": 40, "furniture": 0, "small": 0})
+        matrices = [np.array(matrix) for matrix in things.floor_from_model]
+        for wall, number in enumerate(things.model):
+            if not is_of(number, f"wall with a {kind}"):
+                continue
+            left, right = columns[number - NUMBERS[kind]]
+            for face, matrix in zip(things.model, matrices, strict=True):
+                corners = np.linalg.inv(matrices[wall]) @ matrix @ [[0, 1, 0], [0, 0, 1], [0, 0, 0], [1, 1, 1]]
+                u, v, out = corners[:3]
+                # A picture is parallel to its wall, a few centimetres before it.
+                if face != FACE_NUMBER or np.ptp(out) > 1e-9 or not -0.05 < out[0] < -1e-6:
+                    continue
+                across, down = u.min() < right and left < u.max(), v.min() < rows[1] and rows[0] < v.max()
+                assert not (across and down), (seed, u, v)
+                beside += 1
+    assert beside > 5
 
 
 @pytest.mark.parametrize("kind", KINDS)
