@@ -39,10 +39,11 @@ def tried_style(facts: ConfigFacts, place: Side, pairs: int, listener: Listener)
 
 
 def _try(facts: ConfigFacts, pairs: int, blur_scale: float, listener: Listener) -> Trial:
-    cells = {f"{recipe.name}-{k}": (r, k) for r, recipe in enumerate(facts.recipes) for k in range(len(TEXELS))}
-    recipes = [_with_texels(name, facts.recipes[r], TEXELS[k]) for name, (r, k) in cells.items()]
-    config = _each_by_itself(parse_config(config_text("trial", facts, untried_style(recipes)), "the trial's config"))
-    sums = np.zeros((len(facts.recipes), len(TEXELS), len(BLURS), len(MEASURES)))
+    recipes = facts.recipes
+    cells = {f"{recipe.name}-{k}": (r, k) for r, recipe in enumerate(recipes) for k in range(len(TEXELS))}
+    tried = [_with_texels(name, recipes[r], TEXELS[k]) for name, (r, k) in cells.items()]
+    config = _each_by_itself(parse_config(config_text("trial", facts, untried_style(tried)), "the trial's config"))
+    sums = np.zeros((len(recipes), len(TEXELS), len(BLURS), len(MEASURES)))
     counts = np.zeros(sums.shape, np.int64)
     total = pairs * len(cells)
     listener.on_total(total)

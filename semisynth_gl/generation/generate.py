@@ -159,8 +159,9 @@ def _of_the_user(sources: Sources) -> str:
     count = max(library.user_count for library in sources.libraries)
     if not count:
         return ""
-    shares = sorted({f"{library.user_share:.1%}" for library in sources.libraries}, key=lambda share: float(share[:-1]))
-    spread = shares[0] if len(shares) == 1 else f"{shares[0]} to {shares[-1]}, by recipe,"
+    shares = [library.user_share for library in sources.libraries]
+    low, high = f"{min(shares):.1%}", f"{max(shares):.1%}"
+    spread = low if low == high else f"{low} to {high}, by recipe,"
     return f", {count} of them yours: {spread} of the falling objects (models.user)"
 
 

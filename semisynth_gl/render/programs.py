@@ -35,7 +35,8 @@ def link_program(
             fragment_shader=shader_source(fragment, defines),
         )
     except moderngl.Error as error:
-        raise BackendError(f"{context.renderer} does not compile {vertex} and {fragment}: {error}") from error
+        files = " and ".join(file for file in (vertex, geometry, fragment) if file is not None)
+        raise BackendError(f"{context.renderer} does not compile {files}: {error}") from error
     check_blocks(context, program)
     return program
 

@@ -36,7 +36,6 @@ class Background:
     """F flat faces in the left camera's frame, metres.
 
     Attributes:
-        kind: "cuboid" or "plane".
         world_from_face: (F, 4, 4) float64, places the unit square `FACE`.
         size_m: (F, 2) float64, lengths of the two edges.
         normal: (F, 3) float64, unit, away from the camera.
@@ -44,7 +43,6 @@ class Background:
         visible_depth_m: (F,) float64, median depth of a face in the left view; of a hidden face, the back wall's depth.
     """
 
-    kind: Literal["cuboid", "plane"]
     world_from_face: Floats
     size_m: Floats
     normal: Floats
@@ -114,7 +112,7 @@ def _plane(
     world_from_face = np.diag([*(high[:2] - low[:2]), 1.0, 1.0])
     world_from_face[:3, 3] = low[0], low[1], depth
     distance = np.array([depth])
-    return Background("plane", world_from_face[None], (high - low)[None, :2], ahead, distance, distance)
+    return Background(world_from_face[None], (high - low)[None, :2], ahead, distance, distance)
 
 
 def _cuboid(
@@ -158,7 +156,7 @@ def _cuboid(
         world_from_face[face, :3] = np.stack(columns, axis=1)
     depth, hit = first_hit(normal, offset, camera.rays("left", *grid_px(camera)))
     visible_depth = np.array([np.median(depth[hit == k]) if (hit == k).any() else wall_depth for k in range(6)])
-    return Background("cuboid", world_from_face, size, normal, offset, visible_depth)
+    return Background(world_from_face, size, normal, offset, visible_depth)
 
 
 def smallest_offsets(camera: StereoCamera, normal: Floats, near_m: float, sway: Sway = STILL) -> Floats:

@@ -1,4 +1,4 @@
-"""A float64 ray caster in plain numpy: the scene sampler measures visible surfaces with it, and the oracle judges.
+"""A float64 ray caster in plain numpy: the oracle and the report judge with it.
 
 The caster shares nothing with `semisynth_gl.render` but the scene's arrays: rays come from the camera's intrinsics,
 triangles from the models' vertices (float32 as the renderer has them) placed in float64. It is plain on purpose: no
