@@ -3,12 +3,14 @@
 import json
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from semisynth_gl.calibration.style import untried_style
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.errors import InputError
 from semisynth_gl.metrics import score
@@ -19,6 +21,7 @@ sys.path.insert(0, str(ROOT / "benchmarks" / "training"))
 
 import real_pairs  # noqa: E402 - found by the line above
 import training_report  # noqa: E402
+import training_sets  # noqa: E402
 from real_pairs import View, judge, seen_by_both, semi_global, shrunk, shrunk_disparity  # noqa: E402
 from training_sets import REAL, SETS, config_of  # noqa: E402
 
@@ -131,7 +134,14 @@ def test_semi_global_matching_finds_a_shift():
 # --- the sets ---
 
 
-def test_every_set_is_a_config_of_the_rig(tmp_path):
+def test_every_set_is_a_config_of_the_rig(tmp_path, monkeypatch):
+    def blurred(facts, place, trials, _):
+        # What a trial finds is tested with `calibrate`: here it has to reach the config.
+        assert len(place.values["contrast"]) == 2
+        assert trials == 2
+        return replace(untried_style(facts.recipes), blur_px=0.4)
+
+    monkeypatch.setattr(training_sets, "tried_style", blurred)
     photographs = tmp_path / "photographs"
     photographs.mkdir()
     for number in range(2):
@@ -143,6 +153,7 @@ def test_every_set_is_a_config_of_the_rig(tmp_path):
         assert (config.camera, config.disparity, config.truth) == (clutter.camera, clutter.disparity, clutter.truth)
         other = {"photographs": "photographs", "procedural": "procedural", "builtin": "builtin"}
         assert config.textures.source == other.get(name, "images")
+    assert (configs["calibrated"].imperfections.blur_px.high, configs["untried"].imperfections.blur_px.high) == (0.4, 0)
     # But for the number of pairs, sets differ in what they show.
     assert len({config.model_copy(update={"name": "any"}).digest() for config in configs.values()}) == len(SETS) - 1
     assert config_of("clutter", (), tmp_path).textures.source == "builtin"

@@ -13,9 +13,14 @@ from semisynth_gl.calibration.calibrate import config_facts, config_text
 from semisynth_gl.calibration.disparity_range import DisparitySource
 from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.calibration.style import untried_style
+from semisynth_gl.calibration.trial import tried_style
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
+from semisynth_gl.comparison.place import find_place
+from semisynth_gl.comparison.sides import measure_place
 from semisynth_gl.config import Config, load_config
+from semisynth_gl.listener import Listener
+from semisynth_gl.textures.image_files import find_images
 
 RIG = Path(__file__).with_name("rig.yaml")
 REAL = "real"
@@ -30,14 +35,14 @@ class TrainingSet:
         what: it differs in from the row ``clutter``.
         overrides: of the keys of ``rig.yaml``.
         of_place: whether it needs photographs of the place.
-        calibrated: whether `calibrate` writes the config, for the same rig and disparities, without rendering trials.
+        trials: of the `calibrate` that writes the config, for the same rig and disparities; None where it does not.
         share: of the pairs that the other sets have.
     """
 
     what: str
     overrides: Mapping[str, Any] = field(default_factory=dict)
     of_place: bool = False
-    calibrated: bool = False
+    trials: int | None = None
     share: float = 1.0
 
 
@@ -55,7 +60,7 @@ SETS: Mapping[str, TrainingSet] = {
         {"scenes": [{"recipe": "room", **_ROOM}, {"recipe": "clutter"}, {"recipe": "large", **_LARGE}]},
     ),
     "room": TrainingSet("furnished rooms", _ROOM),
-    "calibrated": TrainingSet("what `calibrate --trials 0` writes", of_place=True, calibrated=True),
+    "calibrated": TrainingSet("what `calibrate` writes from the photographs", of_place=True, trials=2),
     "large": TrainingSet("few large models, panels and grounds", _LARGE),
     "photographs": TrainingSet("photographs of other things", {"textures.source": "photographs"}, of_place=True),
     "builtin": TrainingSet(
@@ -67,6 +72,7 @@ SETS: Mapping[str, TrainingSet] = {
     "imperfect": TrainingSet(
         "blurred lenses and noise of each eye", {"imperfections": {"blur_px": [0, 0.8], "noise": [0, 3]}}
     ),
+    "untried": TrainingSet("what `calibrate --trials 0` writes", of_place=True, trials=0),
     "few": TrainingSet("an eighth of the pairs", share=0.125),
 }
 
@@ -85,16 +91,20 @@ def config_of(name: str, images: tuple[str, ...], scratch: Path) -> Config:
     row = SETS[name]
     base = load_config(RIG)
     worn: dict[str, Any] = {"textures.source": "images", "textures.images": list(images)} if images else {}
-    if not row.calibrated:
+    if row.trials is None:
         return load_config(RIG, {**worn, **row.overrides, "name": name})
     camera, wanted = base.camera, base.disparity
     ranges = camera.focal_px, camera.baseline_m, camera.doffs_px
     rigs = [_rig(base, *(each.low for each in ranges)), _rig(base, *(each.high for each in ranges))]
     source = DisparitySource((), KITTI_DISPARITY.steps, (wanted.min_px, wanted.max_px))
     facts = config_facts(rigs, images, source, other_camera=True)
+    style = untried_style(facts.recipes)
+    if row.trials:
+        place = measure_place(find_place(find_images(images), ()))
+        style = tried_style(facts, place.side, row.trials, Listener())
     scratch.mkdir(parents=True, exist_ok=True)
-    written = scratch / "calibrated.yaml"
-    written.write_text(config_text(name, facts, untried_style(facts.recipes)), encoding="utf-8")
+    written = scratch / f"{name}.yaml"
+    written.write_text(config_text(name, facts, style), encoding="utf-8")
     # A calibration has maps to measure, or a guess: here all rows are wanted to show the same.
     values = base.model_dump(mode="json")
     return load_config(written, {key: values[key] for key in ("camera", "disparity", "truth", "outputs")})
