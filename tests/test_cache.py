@@ -16,7 +16,7 @@ from PIL import Image
 
 from semisynth_gl.cache import file_fingerprint, lookup, store
 from semisynth_gl.cache.store import Entry, cache_folder, cache_summary, read_entry, write_entry
-from semisynth_gl.config.model import ModelsSection, ParticlesSection, TexturesSection
+from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection, TexturesSection
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry import model_library
 from semisynth_gl.geometry.mesh import Mesh
@@ -296,7 +296,7 @@ def test_another_program_finds_nothing(photographs, built, tmp_path, monkeypatch
 # Sources that may be absent from a key, since they decide no value of a result.
 UNDECIDING = {
     "cache",  # entries of another format are not found
-    "config/model.py",  # the key has the sections' values; config/fields.py, which draws, is in the key
+    "config/scene_sections.py",  # the key has the sections' values; config/fields.py, which draws, is in the key
     "errors.py",  # the texts of messages
     "interrupts.py",  # the time of Ctrl-C
     "resources.py",  # paths of files, whose content counts
@@ -465,7 +465,7 @@ def test_two_processes_at_once(photographs, folder):
     script = (
         "import hashlib, sys\n"
         "from semisynth_gl.cache.store import cache_folder\n"
-        "from semisynth_gl.config.model import TexturesSection\n"
+        "from semisynth_gl.config.scene_sections import TexturesSection\n"
         "from semisynth_gl.textures.prepare import prepare_atlas\n"
         "section = TexturesSection(source='images', images=(sys.argv[1],), patch_px=32, scales=(1.0,), max_patches=8)\n"
         "sys.stdin.readline()\n"

@@ -12,7 +12,7 @@ from tiny_datasets import lean
 from semisynth_gl import oracle
 from semisynth_gl.camera import EYES, Crop, StereoCamera
 from semisynth_gl.config import Range
-from semisynth_gl.config.model import BackgroundSection, CameraSection, DisparitySection, StructuresSection
+from semisynth_gl.config.scene_sections import BackgroundSection, CameraSection, DisparitySection, StructuresSection
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.pairs.pipeline import PairRenderer

@@ -13,7 +13,7 @@ from tiny_datasets import CLUTTER_ALONE
 from semisynth_gl import load_config, oracle
 from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import Config
-from semisynth_gl.config.model import RoomSection, StreetSection
+from semisynth_gl.config.scene_sections import RoomSection, StreetSection
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene.arrangement import FACE_NUMBER, Arrangement, View

@@ -18,7 +18,7 @@ from geometry_measures import (
     volume,
 )
 
-from semisynth_gl.config.model import ModelsSection, ParticlesSection
+from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection
 from semisynth_gl.geometry import kinds, model_library
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import Mesh, merged

@@ -12,7 +12,7 @@ from tiny_datasets import tiny
 from semisynth_gl import oracle
 from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import Range, load_config
-from semisynth_gl.config.model import ParticlesSection
+from semisynth_gl.config.scene_sections import ParticlesSection
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry import model_library
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS

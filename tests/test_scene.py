@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import Config, Range, load_config
-from semisynth_gl.config.model import BackgroundSection, DisparitySection, ParticlesSection, StructuresSection
+from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection, ParticlesSection, StructuresSection
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene.background import FACE, OVERLAP, draw_background

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageFilter
 from pydantic import ValidationError
 
-from semisynth_gl.config.model import TexturesSection
+from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.errors import InputError
 from semisynth_gl.textures import clips
 from semisynth_gl.textures.atlas import Atlas, atlas_from_arrays

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from tiny_datasets import cheap
 
-from semisynth_gl.config.model import TEXTURE_SOURCES, TexturesSection
+from semisynth_gl.config.scene_sections import TEXTURE_SOURCES, TexturesSection
 from semisynth_gl.errors import InputError
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.splits import WHOLE, Split

@@ -6,7 +6,7 @@ from PIL import Image
 from tiny_datasets import tiny
 
 from semisynth_gl.config import load_config
-from semisynth_gl.config.model import TexturesSection
+from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.structures import STILL_MODELS

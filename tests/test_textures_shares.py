@@ -11,7 +11,7 @@ from PIL import Image
 from pydantic import ValidationError
 from tiny_datasets import cheap
 
-from semisynth_gl.config.model import TexturesSection
+from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.textures.atlas import Patch

@@ -10,7 +10,7 @@ from PIL import Image, ImageFilter, ImageOps
 
 from semisynth_gl.cache.store import Entry
 from semisynth_gl.cli import main
-from semisynth_gl.config.model import TexturesSection
+from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.textures.image_files import find_files, find_images, printable, relative_names
 from semisynth_gl.textures.prepare import pack_atlas, prepare_atlas, split_images, unpack_atlas
 from semisynth_gl.textures.sheet import draw_texture_sheet

@@ -21,7 +21,7 @@ from semisynth_gl.comparison.maps import find_maps
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.config.distributions import read_histogram
 from semisynth_gl.config.load import parse_config
-from semisynth_gl.config.model import TexturesSection
+from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.dataset.places import Folder
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.errors import InputError, ReadError, SemisynthError

@@ -14,7 +14,7 @@ from semisynth_gl.calibration.photographs import check_sizes, large_side
 from semisynth_gl.calibration.recipes import SceneRecipe, suitable_recipes
 from semisynth_gl.calibration.rig import Rig, Size, median_size, rig_ranges
 from semisynth_gl.calibration.style import Style
-from semisynth_gl.config.model import BackgroundSection
+from semisynth_gl.config.scene_sections import BackgroundSection
 from semisynth_gl.textures.image_files import find_images, printable
 from semisynth_gl.user_files import expanded
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from semisynth_gl.cache.store import cache_summary
 from semisynth_gl.camera import EYES, StereoCamera
-from semisynth_gl.config.model import TEXTURE_SOURCES
 from semisynth_gl.config.plugin_recipes import plugin_recipe
+from semisynth_gl.config.scene_sections import TEXTURE_SOURCES
 from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.geometry.families import build_family
 from semisynth_gl.layouts import find_layout

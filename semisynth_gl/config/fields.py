@@ -25,6 +25,11 @@ Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, le=LARGEST, allow_inf_nan=False), AfterValidator(_check_not_tiny)]
 Weight = NotNegative
+Share = Annotated[float, Field(ge=0, le=1)]
+
+_LONGEST_NAME = 100
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9-]*$", max_length=_LONGEST_NAME)]
+PluginName = Annotated[str, Field(min_length=1, max_length=_LONGEST_NAME)]
 
 
 class Section(BaseModel):

@@ -14,8 +14,9 @@ from semisynth_gl.config.distributions import read_histogram
 from semisynth_gl.config.image_size import recentred, scaled
 from semisynth_gl.config.keys import by_form, config_keys, members_of
 from semisynth_gl.config.merge import Document, keys_of, merged
-from semisynth_gl.config.model import TEXTURE_SOURCES, Config
+from semisynth_gl.config.model import Config
 from semisynth_gl.config.plugin_recipes import plugin_recipe
+from semisynth_gl.config.scene_sections import TEXTURE_SOURCES
 from semisynth_gl.config.yaml_values import DEEPEST, MOST_BYTES, Key, YamlError, read_yaml
 from semisynth_gl.errors import InputError, cut, did_you_mean, near, shown
 from semisynth_gl.plugins import find_plugin

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from semisynth_gl.config.model import MODEL_FAMILIES
+from semisynth_gl.config.scene_sections import MODEL_FAMILIES
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_units import make_model

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.cache.lookup import cached, installed_packages, package_versions, source_digest
 from semisynth_gl.cache.store import Entry
-from semisynth_gl.config.model import ModelsSection, ParticlesSection
+from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection
 from semisynth_gl.errors import InputError, Skipped
 from semisynth_gl.geometry.families import build_family, find_family
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS, kind_weights

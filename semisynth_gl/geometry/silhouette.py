@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.config.model import ParticlesSection
+from semisynth_gl.config.scene_sections import ParticlesSection
 from semisynth_gl.geometry.cells import covered_cells
 from semisynth_gl.geometry.mesh import Mesh
 

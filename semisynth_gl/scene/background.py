@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import Range
-from semisynth_gl.config.model import BackgroundSection, DisparitySection
+from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import make_mesh, mesh_grid
 from semisynth_gl.scene.rig import BEYOND_NEAR, STILL, Sway, check_reachable, near_depth_m

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from semisynth_gl.config.model import RoomSection
+from semisynth_gl.config.scene_sections import RoomSection
 from semisynth_gl.scene.arrangement import Arrangement
 from semisynth_gl.scene.wall import Wall
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Range
-from semisynth_gl.config.model import BackgroundSection, DisparitySection, RoomSection
+from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection, RoomSection
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.scene.arrangement import Arrangement, Catalogue, View
 from semisynth_gl.scene.background import corner_rays, first_hit, grid_px, smallest_offsets

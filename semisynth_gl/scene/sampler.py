@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.config.model import Config, TexturesSection
+from semisynth_gl.config.model import Config
+from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.histogram import Histogram

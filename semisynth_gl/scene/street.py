@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Range
-from semisynth_gl.config.model import BackgroundSection, DisparitySection, StreetSection
+from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection, StreetSection
 from semisynth_gl.scene.arrangement import FACE_NUMBER, Arrangement, Catalogue, View
 from semisynth_gl.scene.background import draw_background, lay_ground, smallest_offsets
 from semisynth_gl.scene.rig import Sway, near_depth_m

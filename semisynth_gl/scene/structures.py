@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Range
-from semisynth_gl.config.model import Config, DisparitySection, StructuresSection
+from semisynth_gl.config.model import Config
+from semisynth_gl.config.scene_sections import DisparitySection, StructuresSection
 from semisynth_gl.geometry.mesh import Mesh, make_mesh, mesh_grid
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.scene.arrangement import Arrangement, Catalogue

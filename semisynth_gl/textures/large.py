@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from semisynth_gl.config.model import TexturesSection
+from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.textures.atlas import Atlas, Patch, opaque_layers
 from semisynth_gl.textures.crops import CropBox, cut_crop, texture_measure
 from semisynth_gl.textures.flat import flat_count, lower_contrast

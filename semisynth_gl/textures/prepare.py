@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from semisynth_gl.cache.lookup import cached, installed_packages, package_versions, source_digest
 from semisynth_gl.cache.store import Entry
-from semisynth_gl.config.model import TexturesSection
+from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.errors import Skipped
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.splits import WHOLE, Split

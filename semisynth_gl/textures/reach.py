@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from semisynth_gl.config.model import TexturesSection
+from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.user_files import expanded
 
 

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from semisynth_gl.config.model import TexturesSection
+from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.errors import InputError
 from semisynth_gl.textures.atlas import Atlas, Patch, opaque_layers
 from semisynth_gl.textures.clips import (

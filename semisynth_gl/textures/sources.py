@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Literal
 
-from semisynth_gl.config.model import TEXTURE_SOURCES, TexturesSection
+from semisynth_gl.config.scene_sections import TEXTURE_SOURCES, TexturesSection
 from semisynth_gl.errors import InputError
 from semisynth_gl.plugins import Plugin
 from semisynth_gl.textures.drawn import drawn_pictures

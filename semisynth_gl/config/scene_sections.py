@@ -1,0 +1,423 @@
+"""The sections that say what scenes show: those whose keys a recipe may change."""
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+
+from semisynth_gl.config.distributions import TargetSection, UniformTarget
+from semisynth_gl.config.fields import (
+    FROM_LIST,
+    NotNegative,
+    NotNegativeRange,
+    PathText,
+    PluginName,
+    Positive,
+    PositiveRange,
+    Range,
+    RangeField,
+    Section,
+    Share,
+    Weight,
+    at_most,
+    count,
+)
+
+_EDGE_ON_DEG = 90
+_ZERO = Range(0.0, 0.0)
+
+_AtLeastOne = Annotated[float, Field(ge=1, le=1024)]
+
+# What every OpenGL 4.5 driver of today draws, and what fits into the memory of a large machine.
+_WIDEST_PX, _MOST_PIXELS = 16_384, 1 << 27
+_MOST_PARTICLES = 100_000
+_MOST_TEXELS = 1 << 31
+_BYTES_PER_TEXEL = 4
+# Items of a list.
+_MOST_ITEMS = 1000
+
+TEXTURE_SOURCES = ("images", "builtin", "photographs", "procedural")
+"""The program's own sources of patches; other names are plug-ins'."""
+
+MODEL_FAMILIES = ("simple", "complex", "user")
+"""The program's own families of models, which have keys of their own for their weights."""
+
+
+def _check_foreign(name: str) -> str:
+    if name in MODEL_FAMILIES:
+        raise ValueError(f"expected the name of a plug-in's family, the weight of this one is models.{name}")
+    return name
+
+
+_Side = Annotated[int, count(_WIDEST_PX)]
+_Paths = Annotated[tuple[PathText, ...], FROM_LIST, Field(max_length=100_000)]
+_FamilyName = Annotated[PluginName, AfterValidator(_check_foreign)]
+
+
+class CameraSection(Section):
+    """The rectified pair of cameras. Every range is drawn once per sequence.
+
+    Attributes:
+        width_px: image width.
+        height_px: image height.
+        focal_px: focal length in pixels, instead of ``focal_mm`` and ``sensor_width_mm``.
+        focal_mm: focal length in millimetres.
+        sensor_width_mm: width of the sensor that the image covers, in millimetres.
+        baseline_m: distance between the two cameras.
+        cx_left_px: x of the left principal point; by default both points lie evenly about the image centre.
+        cx_right_px: x of the right principal point, instead of ``doffs_px``.
+        cy_px: y of both principal points; by default the image centre, (height - 1) / 2.
+        doffs_px: cx_right - cx_left; by default 0.
+        sway_m: amplitude of the rig's sway along each of its axes; by default the rig stands still.
+        sway_deg: amplitude of the rig's rotation about each of its axes.
+        sway_s: periods of these oscillations.
+    """
+
+    width_px: _Side
+    height_px: _Side
+    focal_px: PositiveRange | None = None
+    focal_mm: PositiveRange | None = None
+    sensor_width_mm: Positive | None = None
+    baseline_m: PositiveRange
+    cx_left_px: RangeField | None = None
+    cx_right_px: RangeField | None = None
+    cy_px: RangeField | None = None
+    doffs_px: RangeField | None = None
+    sway_m: NotNegativeRange = _ZERO
+    sway_deg: NotNegativeRange = _ZERO
+    sway_s: PositiveRange = Range(1.0, 3.0)
+
+    @model_validator(mode="after")
+    def _not_too_large(self) -> Self:
+        if self.width_px * self.height_px > _MOST_PIXELS:
+            size = f"{self.width_px} x {self.height_px}"
+            raise ValueError(f"expected width_px x height_px of at most {_MOST_PIXELS}, got {size}")
+        return self
+
+    @model_validator(mode="after")
+    def _one_focal_length(self) -> Self:
+        if (self.focal_px is None) == (self.focal_mm is None):
+            raise ValueError("give either focal_px, or focal_mm with sensor_width_mm")
+        if (self.focal_mm is None) != (self.sensor_width_mm is None):
+            raise ValueError("focal_mm and sensor_width_mm go together")
+        if self.cx_right_px is not None and self.doffs_px is not None:
+            raise ValueError("give either cx_right_px or doffs_px, not both")
+        if self.cx_right_px is not None and self.cx_left_px is None:
+            raise ValueError("cx_right_px needs cx_left_px beside it")
+        return self
+
+    @property
+    def mean_doffs_px(self) -> float:
+        """Mean difference of the principal points, cx_right - cx_left."""
+        if self.doffs_px is not None:
+            return self.doffs_px.middle
+        if self.cx_left_px is not None and self.cx_right_px is not None:
+            return self.cx_right_px.middle - self.cx_left_px.middle
+        return 0.0
+
+
+class DisparitySection(Section):
+    """The disparities of a dataset, in pixels.
+
+    Attributes:
+        min_px: walls and particles aim for this disparity or more; a far plane may have less.
+        max_px: hard limit: no pixel exceeds it, because it sets the near plane.
+        target: the wanted distribution over all pixels of a dataset. Its ``form`` is ``uniform``, ``uniform-depth``,
+            ``gamma``, ``histogram`` or ``mixture``, or ``file`` with a ``path``, which becomes a ``histogram`` when the
+            config is read.
+    """
+
+    min_px: Positive
+    max_px: Positive
+    target: TargetSection = UniformTarget()
+
+    @model_validator(mode="after")
+    def _range(self) -> Self:
+        if self.min_px >= self.max_px:
+            raise ValueError(f"expected min_px < max_px, got {self.min_px:g} and {self.max_px:g}: the range is empty")
+        return self
+
+
+class BackgroundSection(Section):
+    """What closes the view: the inside of a cuboid, one far plane, a furnished room, or a street before a backdrop.
+
+    Attributes:
+        cuboid: weight of indoor scenes of bare walls.
+        plane: weight of outdoor scenes before a bare plane.
+        room: weight of furnished rooms; see the section ``room``.
+        street: weight of furnished open scenes; see the section ``street``.
+        wall_disparity_px: disparity of the back wall of a cuboid or room at the image centre; by default the smallest.
+        wall_turn_deg: largest rotation of a cuboid about each axis; rooms turn sideways alone, up to twice as far.
+        plane_disparity_px: disparity of the far plane, or of a street's backdrop, close to zero but above it.
+    """
+
+    cuboid: Weight = 1.0
+    plane: Weight = 0.0
+    room: Weight = 0.0
+    street: Weight = 0.0
+    wall_disparity_px: PositiveRange | None = None
+    wall_turn_deg: Annotated[float, Field(ge=0, le=40)] = 15.0
+    plane_disparity_px: PositiveRange = Range(0.2, 1.0)
+
+    @model_validator(mode="after")
+    def _some_kind(self) -> Self:
+        if self.cuboid + self.plane + self.room + self.street == 0:
+            raise ValueError("expected a weight above 0 for cuboid, plane, room or street")
+        return self
+
+
+class RoomSection(Section):
+    """Rooms, where ``background.room`` asks for them: what they hold, and how the camera looks into them.
+
+    A metre is one where the far wall is 2.5 to 9 m away; nearer and farther rooms are scaled with all they hold.
+
+    Attributes:
+        camera_height_m: height of the cameras above the floor.
+        floor_row: where the floor meets the far wall, as a share of the image's height from its top; above 1 the
+            floor is out of view, unless things at the side show it.
+        roll_deg: standard deviation of the camera's roll.
+        furniture: number of things that stand on the floor.
+        small: number of small things, on furniture and on the floor.
+        pictures: number of pictures and other things on the walls.
+        doorway: share of the walls with a doorway into a second room.
+        niche: share of the walls with a niche in which small things stand.
+        pillars: number of pillars.
+        rug: share of the rooms with a rug.
+        curtain: share of the rooms with a curtain.
+    """
+
+    camera_height_m: PositiveRange = Range(0.9, 1.7)
+    floor_row: PositiveRange = Range(0.4, 1.05)
+    roll_deg: Annotated[float, Field(ge=0, le=20)] = 1.5
+    furniture: Annotated[NotNegativeRange, at_most(200)] = Range(4.0, 10.0)
+    small: Annotated[NotNegativeRange, at_most(1000)] = Range(6.0, 24.0)
+    pictures: Annotated[NotNegativeRange, at_most(200)] = Range(1.0, 6.0)
+    doorway: Share = 0.2
+    niche: Share = 0.2
+    pillars: Annotated[NotNegativeRange, at_most(50)] = Range(0.0, 1.0)
+    rug: Share = 0.4
+    curtain: Share = 0.4
+
+
+class StreetSection(Section):
+    """Open scenes, where ``background.street`` asks for them: a road, what stands along it, a far backdrop.
+
+    A metre is one where the backdrop is 25 m away or more; nearer scenes are scaled with all they hold.
+
+    Attributes:
+        camera_height_m: height of the cameras above the ground.
+        yaw_deg: standard deviation of the angle between view and road.
+        tilt_deg: standard deviation of the camera's pitch and roll.
+        road_width_m: width of the road.
+        pavement: share of the road's sides with a raised pavement.
+        houses: share of the plots along the road that hold a house.
+        fences: share of the plots that hold a fence; the rest is open.
+        vehicles: number of cars and bicycles.
+        tall: number of trees, lamps, signs and scaffolds.
+        low: number of people, animals, benches, bins and other things.
+    """
+
+    camera_height_m: PositiveRange = Range(1.2, 2.0)
+    yaw_deg: Annotated[float, Field(ge=0, le=60)] = 6.0
+    tilt_deg: Annotated[float, Field(ge=0, le=20)] = 1.5
+    road_width_m: PositiveRange = Range(5.0, 12.0)
+    pavement: Share = 0.7
+    houses: Share = 0.5
+    fences: Share = 0.25
+    vehicles: Annotated[NotNegativeRange, at_most(200)] = Range(1.0, 9.0)
+    tall: Annotated[NotNegativeRange, at_most(200)] = Range(2.0, 12.0)
+    low: Annotated[NotNegativeRange, at_most(500)] = Range(2.0, 14.0)
+
+
+class StructuresSection(Section):
+    """Large still things between background and particles. By default there are none: a scene has only what it needs.
+
+    Attributes:
+        ground: share of scenes with a ground plane.
+        ground_height_m: height of the cameras above the ground.
+        ground_disparity_px: disparity of a level ground at the middle of the image's lower border, which says how high
+            the cameras of a rig are, instead of ``ground_height_m``.
+        ground_tilt_deg: largest roll and pitch of the ground.
+        panels: number of free-standing walls in a scene; each is a slanted rectangle.
+        panel_disparity_px: disparity of a panel's middle; by default in the farther half of the range.
+        panel_size_px: width and height of a panel on the screen, as if it faced the camera.
+        panel_slant_deg: angle between a panel's normal and the viewing direction, to any side.
+        panel_curved: share of the panels that are bent, as a third of a cylinder.
+    """
+
+    ground: Share = 0.0
+    ground_height_m: PositiveRange = Range(1.2, 2.0)
+    ground_disparity_px: PositiveRange | None = None
+    ground_tilt_deg: Annotated[float, Field(ge=0, le=30)] = 2.0
+    panels: Annotated[NotNegativeRange, at_most(1000)] = _ZERO
+    panel_disparity_px: PositiveRange | None = None
+    panel_size_px: PositiveRange = Range(200.0, 800.0)
+    panel_slant_deg: NotNegativeRange = Range(0.0, 75.0)
+    panel_curved: Share = 0.5
+
+    @model_validator(mode="after")
+    def _not_edge_on(self) -> Self:
+        if self.panel_slant_deg.high >= _EDGE_ON_DEG:
+            raise ValueError(f"panel_slant_deg: expected less than {_EDGE_ON_DEG}, got {self.panel_slant_deg.high:g}")
+        return self
+
+    @model_validator(mode="after")
+    def _one_height(self) -> Self:
+        default = type(self).model_fields["ground_height_m"].default
+        if self.ground_disparity_px is not None and self.ground_height_m != default:
+            raise ValueError("give either ground_height_m or ground_disparity_px, not both")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _without_no_disparity(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        # The values, and the digest, of a config without this key are those that it had before there was the key.
+        values = serialise(self)
+        return {key: value for key, value in values.items() if key != "ground_disparity_px" or value is not None}
+
+
+class DepthLayerSection(Section):
+    """One depth layer of particles.
+
+    Attributes:
+        disparity_px: disparities of its particles; by default the middle four fifths of ``disparity.target``.
+        count: number of its particles at any time, inside the view and just beside it.
+        size_px: diameters of its particles on the screen; by default the sizes of all particles.
+    """
+
+    disparity_px: PositiveRange | None = None
+    count: Annotated[NotNegativeRange, at_most(_MOST_PARTICLES)]
+    size_px: PositiveRange | None = None
+
+
+class ParticlesSection(Section):
+    """The falling models.
+
+    Attributes:
+        layers: depth layers with their numbers of particles; by default they are solved from ``disparity.target``.
+        clutter: depth layers beside the solved layers, such as many small things far away.
+        density: number of objects that share the area of the target. ``default`` keeps the sizes, ``sparse`` has a
+            third as many objects, which are larger, ``dense`` has three times as many, which are smaller, and a number
+            is the mean number of objects in the left view; of a range, each sequence has a number of its own.
+        size_px: diameter of a model's bounding sphere on the screen, drawn uniformly in its logarithm.
+        size_m: diameter of a model's bounding sphere in metres, instead of ``size_px``; a far model is smaller on the
+            screen.
+        stretch: scale along each of a model's own axes relative to the largest scale.
+        thinness: a further scale along one axis, drawn uniformly in its logarithm; 0.05 makes a sheet.
+        fall_m_s: speed downwards.
+        drift: speed in a random horizontal direction, relative to the speed downwards.
+        spin_deg_s: angular speed about a random axis.
+        most: upper limit of the number of particles in a scene.
+    """
+
+    layers: Annotated[tuple[DepthLayerSection, ...], FROM_LIST, Field(max_length=_MOST_ITEMS)] | None = None
+    clutter: Annotated[tuple[DepthLayerSection, ...], FROM_LIST, Field(max_length=_MOST_ITEMS)] = ()
+    density: Literal["sparse", "default", "dense"] | Annotated[PositiveRange, at_most(_MOST_PARTICLES)] = "default"
+    size_px: PositiveRange = Range(40.0, 300.0)
+    size_m: PositiveRange | None = None
+    stretch: PositiveRange = Range(0.5, 1.0)
+    thinness: PositiveRange = Range(1.0, 1.0)
+    fall_m_s: PositiveRange = Range(0.5, 2.0)
+    drift: NotNegativeRange = Range(0.0, 0.3)
+    spin_deg_s: NotNegativeRange = Range(0.0, 180.0)
+    most: Annotated[int, count(_MOST_PARTICLES)] = 2000
+
+    @model_validator(mode="after")
+    def _one_answer(self) -> Self:
+        if self.layers is not None and self.density != "default":
+            raise ValueError("density shares out what the target asks for; with layers, their counts say how many")
+        if self.thinness.high > 1:
+            raise ValueError(f"thinness makes models thinner: expected at most 1, got {self.thinness.high:g}")
+        return self
+
+
+class ModelsSection(Section):
+    """The models of the particles.
+
+    Attributes:
+        simple: weight of the simple family (cube, sphere, torus, ...).
+        complex: weight of the complex family (chair, mug, plant, ...).
+        user: weight of the models in ``folders``, in full where there are 25 of them or more, else in proportion.
+        kinds: weights of kinds within their family, by name. A kind without a weight has 1, and 0 leaves a kind out.
+        folders: folders of model files; trimesh reads the files.
+        variants: number of models of each kind and of each of ``families``; each variant has its own proportions.
+        families: weights of families of models that plug-ins have, by the plug-in's name.
+    """
+
+    simple: Weight = 1.0
+    complex: Weight = 1.0
+    user: Weight = 1.0
+    kinds: Annotated[dict[str, Weight], Field(max_length=_MOST_ITEMS)] = Field(default_factory=dict)
+    folders: _Paths = ()
+    variants: Annotated[int, count(100)] = 3
+    # Left out of the values where there are none: those of a dataset without plug-ins are the same as ever.
+    families: Annotated[
+        dict[_FamilyName, Weight], Field(max_length=_MOST_ITEMS, exclude_if=lambda families: not families)
+    ] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _some_family(self) -> Self:
+        if self.simple + self.complex + self.user + sum(self.families.values()) == 0:
+            raise ValueError("expected a weight above 0 for simple, complex or user, or in families")
+        return self
+
+
+class TexturesSection(Section):
+    """The patches: their source, their selection and their mapping onto the models.
+
+    Attributes:
+        source: ``images`` (the user's), ``builtin`` (pictures that are drawn, and the photographs in scikit-image),
+            ``photographs`` (those alone), ``procedural``, or the name of a plug-in.
+        images: files, folders and globs of the source ``images``.
+        patch_px: side of a patch in the atlas.
+        scales: sides of the squares cut from an image, in units of ``patch_px``.
+        min_texture: smallest texture measure (`semisynth_gl.textures.crops.texture_measure`). Crops below it are flat
+            and left out, but for ``flat_share``.
+        min_sharpness: smallest sharpness measure (`semisynth_gl.textures.crops.sharpness_measure`). Crops below it are
+            blurred and left out.
+        min_difference: smallest difference of two crops (`semisynth_gl.textures.crops.fingerprint`). A crop that
+            differs less from another crop is left out; 0 keeps all crops.
+        flat_share: share of the surfaces that wear flat patches: flat crops, or others with their contrast lowered.
+        max_patches: largest number of patches.
+        large_px: side of large patches, the largest square of an image each, which walls, grounds and other large
+            surfaces wear; 0 for none.
+        texels_per_pixel: mapping scale: 1 shows a patch at its own resolution, above 1 smaller, below 1 blown up.
+        anisotropy: largest number of samples of a patch for a pixel at a grazing angle; 1 blurs there.
+        large_anisotropy: the same of large patches.
+        wrap: continuation of a patch beyond its border: its mirror image, or the patch again.
+        sequence: take the images of a folder as successive frames, which an instance shows in turn.
+    """
+
+    source: PluginName = "builtin"
+    images: _Paths = ()
+    patch_px: Annotated[int, Field(ge=16, le=8192)] = 256
+    scales: Annotated[tuple[_AtLeastOne, ...], FROM_LIST, Field(min_length=1, max_length=100)] = (1.0, 2.0, 4.0)
+    min_texture: NotNegative = 4.0
+    min_sharpness: NotNegative = 0.3
+    min_difference: Share = 0.04
+    flat_share: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    max_patches: Annotated[int, Field(ge=1, le=2048)] = 512
+    large_px: Annotated[int, Field(ge=0, le=4096)] = 0
+    texels_per_pixel: PositiveRange = Range(0.8, 1.5)
+    anisotropy: Annotated[int, Field(ge=1, le=16)] = 1
+    large_anisotropy: Annotated[int, Field(ge=1, le=16)] = 4
+    wrap: Literal["mirror", "repeat"] = "mirror"
+    sequence: bool = False
+
+    @model_validator(mode="after")
+    def _flat_patches_are_possible(self) -> Self:
+        if self.flat_share > 0 and not (self.min_texture > 0 and self.max_patches > 1):
+            raise ValueError(
+                f"flat_share is {self.flat_share:g}: expected a min_texture above 0, below which patches are flat, and "
+                "max_patches of at least 2"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _atlas_fits_into_memory(self) -> Self:
+        most = _MOST_TEXELS // self.patch_px**2
+        if self.max_patches > most:
+            size = self.max_patches * self.patch_px**2 * _BYTES_PER_TEXEL / 1e9
+            raise ValueError(
+                f"{self.max_patches} patches of {self.patch_px} x {self.patch_px} pixels would take {size:.0f} GB: "
+                f"expected max_patches of at most {most}, or a smaller patch_px"
+            )
+        return self
