@@ -92,6 +92,7 @@ def test_seeds_begin_at_other_recipes():
 BASE = (
     "extends: middlebury\nname: mine\n"
     "scenes: []\nparticles: {density: 300, drift: 0.1}\nmodels: {kinds: {mug: 3, chair: 0}}\n"
+    "structures: {ground: 1, ground_disparity_px: [60, 80]}\n"
 )
 
 
@@ -106,6 +107,7 @@ BASE = (
         "models: {kinds: {chair: 2}, simple: 0}",
         "disparity: {target: {form: gamma, mean_px: 90, spread_px: 20}}",
         "background: {wall_disparity_px: null}",
+        "structures: {ground_disparity_px: null}",
         "structures: {panels: 2}\ntextures: {texels_per_pixel: [1, 2]}",
     ],
 )

@@ -275,7 +275,10 @@ class Config(Section):
     particles: ParticlesSection = ParticlesSection()
     models: ModelsSection = ModelsSection()
     textures: TexturesSection = TexturesSection()
-    scenes: Annotated[tuple[RecipeSection, ...], FROM_LIST, Field(max_length=_MOST_RECIPES)] = ()
+    # Left out of the values where there are none: those of a config without recipes are the same as ever.
+    scenes: Annotated[
+        tuple[RecipeSection, ...], FROM_LIST, Field(max_length=_MOST_RECIPES, exclude_if=lambda scenes: not scenes)
+    ] = ()
     sequence: SequenceSection = SequenceSection()
     imperfections: ImperfectionsSection = ImperfectionsSection()
     checks: ChecksSection = ChecksSection()
@@ -346,11 +349,6 @@ class Config(Section):
         if (background.cuboid or background.room) and background.wall_disparity_px is not None:
             lowest.append(background.wall_disparity_px.low)
         return min(lowest)
-
-    @model_serializer(mode="wrap")
-    def _without_no_scenes(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        # A config without recipes has the values, and the digest, that it had before there were any.
-        return {key: value for key, value in serialise(self).items() if key != "scenes" or value}
 
     def recipes(self) -> tuple[Recipe, ...]:
         """Return the recipes of the sequences, at least one; those of weight 0 are left out."""

@@ -1,8 +1,8 @@
 """The sections that say what scenes show: those whose keys a recipe may change."""
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from semisynth_gl.config.distributions import TargetSection, UniformTarget
 from semisynth_gl.config.fields import (
@@ -246,7 +246,9 @@ class StructuresSection(Section):
 
     ground: Share = 0.0
     ground_height_m: PositiveRange = Range(1.2, 2.0)
-    ground_disparity_px: PositiveRange | None = None
+    # Left out of the values where there is none: those of a config without this key are the same as ever. A recipe that
+    # takes it from its config says so by null, so this is no part of the type, which recipes share.
+    ground_disparity_px: PositiveRange | None = Field(default=None, exclude_if=lambda disparity: disparity is None)
     ground_tilt_deg: Annotated[float, Field(ge=0, le=30)] = 2.0
     panels: Annotated[NotNegativeRange, at_most(1000)] = _ZERO
     panel_disparity_px: PositiveRange | None = None
@@ -266,12 +268,6 @@ class StructuresSection(Section):
         if self.ground_disparity_px is not None and self.ground_height_m != default:
             raise ValueError("give either ground_height_m or ground_disparity_px, not both")
         return self
-
-    @model_serializer(mode="wrap")
-    def _without_no_disparity(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        # The values, and the digest, of a config without this key are those that it had before there was the key.
-        values = serialise(self)
-        return {key: value for key, value in values.items() if key != "ground_disparity_px" or value is not None}
 
 
 class DepthLayerSection(Section):
