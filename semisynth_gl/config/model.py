@@ -294,13 +294,8 @@ class Config(Section):
         nearest = {
             "structures.ground_disparity_px": self.structures.ground_disparity_px,
             "structures.panel_disparity_px": self.structures.panel_disparity_px,
-            "background.wall_disparity_px": self.background.wall_disparity_px
-            if self.background.cuboid or self.background.room
-            else None,
-            "background.plane_disparity_px": self.background.plane_disparity_px
-            if self.background.plane or self.background.street
-            else None,
         }
+        nearest |= {f"background.{key}": disparity_px for key, disparity_px in self.background.shown_px().items()}
         for name, layers in (("layers", self.particles.layers or ()), ("clutter", self.particles.clutter)):
             nearest |= {f"particles.{name}.{k}": layer.disparity_px for k, layer in enumerate(layers)}
         limit = self.disparity.max_px
@@ -343,12 +338,7 @@ class Config(Section):
 
     def lowest_px(self) -> float:
         """Return the smallest disparity that the sections allow scenes to show."""
-        background, lowest = self.background, [self.disparity.min_px]
-        if background.plane or background.street:
-            lowest.append(background.plane_disparity_px.low)
-        if (background.cuboid or background.room) and background.wall_disparity_px is not None:
-            lowest.append(background.wall_disparity_px.low)
-        return min(lowest)
+        return min([self.disparity.min_px, *(disparity_px.low for disparity_px in self.background.shown_px().values())])
 
     def recipes(self) -> tuple[Recipe, ...]:
         """Return the recipes of the sequences, at least one; those of weight 0 are left out."""

@@ -164,6 +164,13 @@ class BackgroundSection(Section):
             raise ValueError("expected a weight above 0 for cuboid, plane, room or street")
         return self
 
+    def shown_px(self) -> dict[str, Range]:
+        """Return the disparities of what closes the view, by their keys: of kinds that scenes have, where stated."""
+        wall_px = self.wall_disparity_px if self.cuboid or self.room else None
+        plane_px = self.plane_disparity_px if self.plane or self.street else None
+        stated = {"wall_disparity_px": wall_px, "plane_disparity_px": plane_px}
+        return {key: disparity_px for key, disparity_px in stated.items() if disparity_px is not None}
+
 
 class RoomSection(Section):
     """Rooms, where ``background.room`` asks for them: what they hold, and how the camera looks into them.
