@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeGuard
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, PlainValidator
@@ -83,11 +83,16 @@ class Range:
         return self.low + (self.high - self.low) * rng.random(size)
 
 
+def is_number(value: object) -> TypeGuard[float]:
+    """Return whether a value from YAML is a number, of any size; true and false are none."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 def _parse(value: object) -> Range:
     if isinstance(value, Range):
         return value
     ends = value if isinstance(value, (list, tuple)) else (value, value)
-    if len(ends) != 2 or not all(isinstance(end, (int, float)) and not isinstance(end, bool) for end in ends):
+    if len(ends) != 2 or not all(map(is_number, ends)):
         raise ValueError("expected a number or [low, high]")
     # Before any is made a float: an integer may be too large for one.
     if not all(-LARGEST <= end <= LARGEST for end in ends):

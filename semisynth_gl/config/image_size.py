@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, TypeGuard
 
-from semisynth_gl.config.fields import LARGEST, Range
+from semisynth_gl.config.fields import LARGEST, Range, is_number
 from semisynth_gl.config.model import Config
 
 Values = dict[str, Any]
@@ -39,7 +39,7 @@ def recentred(below: Values, above: Values) -> Values:
     moves: dict[str, Callable[[float], float]] = {}
     for point, side in _POINTS.items():
         old, new = before.get(side), after.get(side)
-        if _is_number(old) and _is_number(new) and old != new and point not in stated:
+        if _is_possible(old) and _is_possible(new) and old != new and point not in stated:
             moves[point] = partial(_beside_middle, old, new, growth)
 
     def moved(camera: Values) -> Values:
@@ -117,14 +117,15 @@ def _focal_px(camera: Values) -> float | None:
 
 def _middle(value: Any) -> float | None:  # noqa: ANN401 - any YAML value
     ends = value if isinstance(value, list) else [value]
-    return sum(ends) / len(ends) if ends and all(map(_is_number, ends)) else None
+    return sum(ends) / len(ends) if ends and all(map(_is_possible, ends)) else None
 
 
 def _mapped(value: Any, function: Callable[[float], float]) -> Any:  # noqa: ANN401 - any YAML value
     if isinstance(value, list):
         return [_mapped(end, function) for end in value]
-    return function(value) if _is_number(value) else value
+    return function(value) if _is_possible(value) else value
 
 
-def _is_number(value: object) -> TypeGuard[float]:
-    return isinstance(value, int | float) and not isinstance(value, bool) and -LARGEST <= value <= LARGEST
+def _is_possible(value: object) -> TypeGuard[float]:
+    """Return whether a value is a number that a config may have."""
+    return is_number(value) and -LARGEST <= value <= LARGEST

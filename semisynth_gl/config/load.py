@@ -11,6 +11,7 @@ from pydantic_core import ErrorDetails
 
 from semisynth_gl.arguments import check_type
 from semisynth_gl.config.distributions import read_histogram
+from semisynth_gl.config.fields import is_number
 from semisynth_gl.config.image_size import recentred, scaled
 from semisynth_gl.config.keys import by_form, config_keys, members_of
 from semisynth_gl.config.merge import Document, keys_of, merged
@@ -106,8 +107,7 @@ def _over(base: Document, own: Document) -> Document:
     """Return a document's values over those of another, which follow where these change the size of the images."""
     factor = own.values.pop(_SCALE, None)
     if factor is not None:
-        is_number = isinstance(factor, int | float) and not isinstance(factor, bool)
-        if not (is_number and 1 / _MOST_TIMES <= factor <= _MOST_TIMES):
+        if not (is_number(factor) and 1 / _MOST_TIMES <= factor <= _MOST_TIMES):
             expected = f"expected a number from 1/{_MOST_TIMES} to {_MOST_TIMES}"
             raise InputError(f"{_prefix((_SCALE,), own)}: {expected}, got {shown(factor)}")
         _read_plugin_recipes(base)
