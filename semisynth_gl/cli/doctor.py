@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from semisynth_gl.cache.store import cache_summary
 from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config.plugin_recipes import plugin_recipe
-from semisynth_gl.config.scene_sections import TEXTURE_SOURCES
 from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.geometry.families import build_family
 from semisynth_gl.layouts import find_layout
@@ -21,16 +20,16 @@ from semisynth_gl.render.backends import Backend
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.splits import WHOLE
-from semisynth_gl.textures.foreign import find_source, plugin_pictures
+from semisynth_gl.textures.sources import open_source
 
 _PACKAGES = ("semisynth-gl", "moderngl", "glcontext", "numpy", "trimesh", "Pillow", "isal", "scikit-image")
 _LARGEST_ERROR_PX = 1e-3
 
 
 def _draw_picture(name: str) -> None:
-    plugin = find_source(name, TEXTURE_SOURCES)
-    if plugin is not None:
-        next(plugin_pictures(plugin, np.random.default_rng(0)), None)
+    pictures = open_source(name).pictures
+    if pictures is not None:
+        next(iter(pictures(np.random.default_rng(0))), None)
 
 
 # What each sort of plug-in is tried by: its first picture, a model of its own.
