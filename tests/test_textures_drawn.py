@@ -183,6 +183,30 @@ def test_pictures_beside_image_sequences_stay_within_the_layers(tmp_path: Path) 
     assert {patch.layer_count for patch in atlas.patches} == {1, 2}
 
 
+def test_pictures_are_drawn_once_for_patches_of_both_sizes(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = []
+
+    def source(rng: np.random.Generator) -> Iterator[Picture]:
+        for number in range(4):
+            drawn.append(number)
+            yield Picture(f"mine/{number}", octaves(int(rng.integers(1 << 30))))
+
+    monkeypatch.setenv("SEMISYNTH_GL_CACHE", "off")
+    monkeypatch.setitem(SOURCES, "builtin", replace(SOURCES["builtin"], files=lambda _: (), pictures=source))
+    section = TexturesSection(patch_px=64, scales=(1.0,), max_patches=40, large_px=96)
+    atlas = prepare_atlas(section, 11)
+    assert drawn == [0, 1, 2, 3]
+    assert {patch.source for patch in atlas.patches if patch.large} == {f"mine/{number}" for number in drawn}
+    # Where there is no room to keep them they are drawn again, as they were.
+    for room, times in ((0, 2), (2 * octaves(0).nbytes, 2), (4 * octaves(0).nbytes, 1)):
+        drawn.clear()
+        monkeypatch.setattr(prepare, "_MOST_KEPT_BYTES", room)
+        again = prepare_atlas(section, 11)
+        assert drawn == [0, 1, 2, 3] * times
+        assert again.patches == atlas.patches
+        np.testing.assert_array_equal(again.large_layers, atlas.large_layers)
+
+
 def test_the_cache_and_the_sheet_know_the_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     def source(rng: np.random.Generator) -> Iterator[Picture]:
         for number in range(4):

@@ -1,6 +1,6 @@
 """The atlas of a dataset, from the source that its config names: built once, and then found in the cache."""
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar
@@ -28,6 +28,9 @@ SOURCES = ("textures", "seeds.py", "splits.py")
 
 Item = TypeVar("Item")
 
+# Of pictures that large patches are cut from too. The program's own take 42 MB; a plug-in's may be of any number and
+# size, and those beyond are drawn again.
+_MOST_KEPT_BYTES = 1 << 28
 # The items that `Split.share` deals out.
 _PHOTOGRAPHS = 0
 # These keys decide how patches lie on models, not which patches there are; images are part of the key by their names.
@@ -56,15 +59,19 @@ def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> 
         if section.source == "procedural":
             count, flat_share = section.max_patches, section.flat_share
             return procedural_atlas(rng, count, section.patch_px, flat_share, section.min_texture), []
-        atlas, opened = build_atlas(images, section, AtlasLimits(), rng, _pictures(source, seed, split))
-        if section.large_px and not section.sequence:
-            large_rng = generator(split_seed, Purpose.LARGE_PATCHES)
+        pictures = _pictures(source, seed, split)
+        if not section.large_px or section.sequence:
+            return build_atlas(images, section, AtlasLimits(), rng, pictures)
+        kept: dict[str, TextureImage] = {}
+        keeping = None if pictures is None else _keeping(pictures, kept)
+        atlas, opened = build_atlas(images, section, AtlasLimits(), rng, keeping)
 
-            def named(names: Collection[str]) -> dict[str, TextureImage]:
-                return named_images(section, seed, names, split)
+        def named(names: Collection[str]) -> dict[str, TextureImage]:
+            again = named_images(section, seed, set(names) - set(kept), split)
+            return again | {name: kept[name] for name in names if name in kept}
 
-            atlas = with_large_patches(atlas, named, section, large_rng)
-        return atlas, opened
+        large_rng = generator(split_seed, Purpose.LARGE_PATCHES)
+        return with_large_patches(atlas, named, section, large_rng), opened
 
     def key() -> dict[str, Any]:
         return {
@@ -124,6 +131,16 @@ def split_pictures(section: TexturesSection, seed: int, split: Split = WHOLE) ->
 
 def _pictures(source: TextureSource, seed: int, split: Split) -> Iterable[Picture] | None:
     return None if source.pictures is None else source.pictures(generator(split.seed(seed), Purpose.PICTURES))
+
+
+def _keeping(pictures: Iterable[Picture], kept: dict[str, TextureImage]) -> Iterator[Picture]:
+    """Yield pictures, and keep them by their names as long as there is room."""
+    room = _MOST_KEPT_BYTES
+    for picture in pictures:
+        room -= picture.pixels.nbytes
+        if room >= 0:
+            kept[picture.name] = picture
+        yield picture
 
 
 def named_images(
