@@ -570,6 +570,21 @@ def test_a_family_has_its_weight_beside_the_others():
     assert all(mesh.radius == pytest.approx(1, abs=1e-6) for mesh in library.models)
 
 
+def test_a_source_may_draw_all_its_pictures_into_one_array(install):
+    code = (
+        "import numpy\n{}\ndef thing(rng):\n    canvas = numpy.empty((99, 99, 3), 'uint8')\n    for _ in range(3):\n"
+        "        canvas[:] = rng.integers(0, 256, canvas.shape)\n        yield {}\n"
+    )
+    section = CONFIG.textures.model_copy(update={"source": "thing", "scales": (1.0,), "large_px": 99})
+    atlases = []
+    for number, (note, given) in enumerate([("", "canvas"), ("# another", "canvas.copy()")]):
+        with install({"textures": ["thing = other:thing"]}, code.format(note, given), folder=str(number)):
+            atlases.append(prepare_atlas(section, 0))
+    reused, apart = atlases
+    assert len(apart.large_layers) == len(apart.pictures) == 2
+    np.testing.assert_array_equal(reused.large_layers, apart.large_layers)
+
+
 def test_the_cache_knows_the_version_and_the_code_of_a_plugin(install, tmp_path):
     log = tmp_path / "calls"
     call = f"def thing(rng):\n    open({str(log)!r}, 'a').write('.')\n"

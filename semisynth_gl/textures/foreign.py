@@ -58,5 +58,6 @@ def plugin_pictures(plugin: Plugin, rng: np.random.Generator) -> Iterator[Pictur
                 pixels = next(pictures)
             except StopIteration:
                 return
-            picture = Picture(f"{plugin.name}/{number:05d}", np.ascontiguousarray(pixels))
+            # A copy: the plug-in may draw the next picture into the same array.
+            picture = Picture(f"{plugin.name}/{number:05d}", np.array(pixels, order="C"))
         yield picture
