@@ -21,7 +21,7 @@ from semisynth_gl.calibration import calibrate
 from semisynth_gl.calibration.calibrate import ConfigFacts, config_facts, config_name, config_text
 from semisynth_gl.calibration.disparity_maps import measure_maps
 from semisynth_gl.calibration.disparity_range import DisparitySource, chosen_range, measured_range
-from semisynth_gl.calibration.photographs import check_sizes, impossible_splits
+from semisynth_gl.calibration.photographs import check_sizes, impossible_splits, photograph_sizes
 from semisynth_gl.calibration.recipes import SceneRecipe
 from semisynth_gl.calibration.rig import (
     DisparityBounds,
@@ -402,9 +402,10 @@ def test_scaling_keeps_rays_and_relative_disparities():
 
 def test_photographs_of_another_size_are_refused_with_the_scale_that_fits(tmp_path):
     rig = plain_rig(1000, 0.2, Size(741, 500))
-    exact = sorted(photographs(tmp_path / "exact", 2).iterdir())
-    half = sorted(photographs(tmp_path / "half", 2, (371, 250)).iterdir())
-    other = sorted(photographs(tmp_path / "other", 1, (400, 400)).iterdir())
+    exact, half, other = (
+        photograph_sizes(sorted(photographs(tmp_path / name, count, size).iterdir()))
+        for name, count, size in (("exact", 2, rig.size), ("half", 2, (371, 250)), ("other", 1, (400, 400)))
+    )
     assert check_sizes(exact + other, [rig.size]) == 2
     with pytest.raises(InputError) as error:
         check_sizes(half, [rig.size])

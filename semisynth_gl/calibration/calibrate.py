@@ -10,7 +10,7 @@ from itertools import chain
 from typing import Any
 
 from semisynth_gl.calibration.disparity_range import DisparityRange, DisparitySource, disparity_range, farthest_px
-from semisynth_gl.calibration.photographs import check_sizes, large_side
+from semisynth_gl.calibration.photographs import check_sizes, large_side, photograph_sizes
 from semisynth_gl.calibration.recipes import SceneRecipe, suitable_recipes
 from semisynth_gl.calibration.rig import Rig, Size, median_size, rig_ranges
 from semisynth_gl.calibration.style import Style
@@ -105,7 +105,8 @@ def config_facts(
         ReadError: where a map cannot be read.
     """
     photographs = find_images(images)
-    fitting_count = 0 if other_camera else check_sizes(photographs, [rig.size for rig in rigs], scale)
+    sizes = photograph_sizes(photographs)
+    fitting_count = 0 if other_camera else check_sizes(sizes, [rig.size for rig in rigs], scale)
     if scale is not None:
         rigs = [rig.scaled(scale) for rig in rigs]
     return ConfigFacts(
@@ -114,7 +115,7 @@ def config_facts(
         disparity_range(disparity, rigs),
         [str(expanded(path).absolute()) for path in images],
         len(photographs),
-        large_side(photographs, median_size(rigs).width_px),
+        large_side(sizes, median_size(rigs).width_px),
         fitting_count,
     )
 

@@ -18,11 +18,21 @@ _SMALLEST_SIDE, _LARGEST_SIDE = 256, 1024
 _ROUND_SCALES = tuple(sorted({part / whole for whole in range(2, 9) for part in (1, 2, 3)} | {2.0, 4.0}))
 
 
-def check_sizes(images: Sequence[Path], calibrated: Sequence[Size], scale: float | None = None) -> int:
+def photograph_sizes(images: Sequence[Path]) -> list[Size]:
+    """Return the sizes of photographs, as their headers have them; a file that cannot be read is passed over."""
+    sizes = list[Size]()
+    for path in images:
+        with suppress(ImageError):
+            height, width = stored_size(path)
+            sizes.append(Size(width, height))
+    return sizes
+
+
+def check_sizes(photographs: Sequence[Size], calibrated: Sequence[Size], scale: float | None = None) -> int:
     """Check by their size that photographs were taken with the rig.
 
     Args:
-        images: files; a file that cannot be read is passed over.
+        photographs: their sizes.
         calibrated: sizes of the calibrated images.
         scale: scale of the photographs against these sizes, where the user gave one.
 
@@ -32,11 +42,7 @@ def check_sizes(images: Sequence[Path], calibrated: Sequence[Size], scale: float
     Raises:
         InputError: where there is none, with the numbers and the option that makes it right.
     """
-    sizes = Counter[Size]()
-    for path in images:
-        with suppress(ImageError):
-            height, width = stored_size(path)
-            sizes[Size(width, height)] += 1
+    sizes = Counter(photographs)
     wanted = [size if scale is None else size.scaled(scale) for size in calibrated]
     fitting = sum(count for size, count in sizes.items() if size in wanted)
     if fitting or not sizes:
@@ -61,18 +67,15 @@ def check_sizes(images: Sequence[Path], calibrated: Sequence[Size], scale: float
     )
 
 
-def large_side(images: Sequence[Path], width_px: int) -> int:
+def large_side(photographs: Sequence[Size], width_px: int) -> int:
     """Return a side for large patches: the median of the largest squares of photographs, but no more than is seen.
 
     Args:
-        images: files; a file that cannot be read is passed over.
+        photographs: their sizes.
         width_px: width of the rig's images, beyond which nothing of a large patch is seen.
     """
-    sides = list[int]()
-    for path in images:
-        with suppress(ImageError):
-            sides.append(min(stored_size(path)))
-    median = sorted(sides)[len(sides) // 2] if sides else 0
+    sides = sorted(map(min, photographs))
+    median = sides[len(sides) // 2] if sides else 0
     return max(min(median, width_px, _LARGEST_SIDE), _SMALLEST_SIDE)
 
 
