@@ -22,6 +22,7 @@ from tiny_datasets import CLUTTER_ALONE
 from semisynth_gl import render_pair
 from semisynth_gl.cli import main, semisynth_gl
 from semisynth_gl.config import load_config, packaged_configs
+from semisynth_gl.scene import sources
 
 SMALL = (
     *(word for setting in CLUTTER_ALONE for word in ("--set", setting)),
@@ -241,8 +242,6 @@ def test_wrong_ways_to_generate_are_refused_and_nothing_written(call, tmp_path, 
             ["--config", "middlebury", "--set", "camera.widht_px=3"],
             ["--set camera.widht_px: unknown key; did you mean camera.width_px?"],
         ),
-        (["--config", "middlebury", "--images", "nowhere"], ["nowhere"]),
-        (["--config", "middlebury", "--images", "nowhere/*.jpg"], ["nowhere/*.jpg"]),
         (["--config", "middlebury", "--models", "nowhere"], ["nowhere"]),
         (["--config", "middlebury", "--seed", "-1"], ["--seed"]),
         (["--config", "middlebury", "--backend", "vulkan"], ["--backend", "egl"]),
@@ -250,8 +249,16 @@ def test_wrong_ways_to_generate_are_refused_and_nothing_written(call, tmp_path, 
     ],
 )
 def test_wrong_input_is_refused_and_nothing_written(call, tmp_path, command, arguments, words):
-    # Models are built before photographs are looked for: few of them.
     refused(call(command, *arguments, *SMALL, cwd=tmp_path), *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", ["generate", "preview"])
+@pytest.mark.parametrize("images", ["nowhere", "nowhere/*.jpg"])
+def test_missing_photographs_are_refused_before_models_are_built(call, monkeypatch, tmp_path, command, images):
+    monkeypatch.setattr(sources, "build_libraries", lambda *_: pytest.fail("models were built"))
+    done = call(command, "--config", "middlebury", "--images", images, cwd=tmp_path)
+    refused(done, f"no image matches {images!r}")
     assert list(tmp_path.iterdir()) == []
 
 

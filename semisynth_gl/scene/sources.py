@@ -12,7 +12,7 @@ from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import ModelLibrary, build_libraries
 from semisynth_gl.splits import WHOLE, Split
 from semisynth_gl.textures.atlas import Atlas
-from semisynth_gl.textures.prepare import prepare_atlas
+from semisynth_gl.textures.prepare import prepare_atlas, split_images
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,6 +60,8 @@ def prepare_sources(config: Config, seed: int, split: Split = WHOLE) -> Sources:
     Raises:
         InputError: where images or models cannot be used, or are too few to hold some out.
     """
+    # Models take seconds to build, and that there is no photograph is known at once.
+    split_images(config.textures, seed, split)
     libraries = recipe_libraries(config, seed, split)
     return Sources(prepare_atlas(config.textures, seed, split), libraries)
 
