@@ -1,4 +1,4 @@
-"""The sheet of patches: all patches that a network will see, and examples of rejected crops with the reasons."""
+"""The sheet of patches: all of an atlas but the large ones, and examples of rejected crops with the reasons."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -47,7 +47,7 @@ _MEANING: Mapping[Reason, str] = {
 
 
 def draw_texture_sheet(atlas: Atlas, images: Mapping[str, TextureImage], title: str) -> Image.Image:
-    """Draw all patches by the image that they come from, and below them examples of rejected crops.
+    """Draw all patches but the large ones by the image that they come from, and below them examples of rejected crops.
 
     Each patch is reduced to a tile, with its scale (image pixels per patch pixel) in the corner where that is not 1,
     and an orange frame where the patch is flat. Of a patch from an image sequence the first frame is shown.
@@ -110,8 +110,9 @@ class _Page:
 def _draw_groups(page: _Page, atlas: Atlas) -> None:
     """Let groups flow from left to right, each a label above its patches."""
     patches: dict[str, list[Patch]] = defaultdict(list)
-    for patch in (patch for patch in atlas.patches if not patch.large):
-        patches[patch_group(patch.source)].append(patch)
+    for patch in atlas.patches:
+        if not patch.large:
+            patches[patch_group(patch.source)].append(patch)
     scales = atlas.report.scale_names
     x, height = _MARGIN_PX, 0
     for group, counts in atlas.report.grouped_counts.items():
