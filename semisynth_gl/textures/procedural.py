@@ -48,7 +48,7 @@ def procedural_atlas(
     kinds = list(islice(cycle(_KINDS.items()), count))
     patches = [_textured(rng, kind, patch_px) for _, kind in kinds]
     contrasts = dict[int, float]()
-    for number in rng.permutation(count)[: flat_count(flat_share, count)].tolist() if flat_share else ():
+    for number in rng.permutation(count)[: flat_count(flat_share, count)].tolist():
         lowered, contrasts[number], _ = lower_contrast(patches[number][np.newaxis], min_texture, rng)
         patches[number] = lowered[0]
     atlas = atlas_from_arrays(patches, [f"procedural/{name}/{i:05d}" for i, (name, _) in enumerate(kinds)])
