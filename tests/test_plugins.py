@@ -345,7 +345,7 @@ FAULTS = {
         ("thing = {'weight': 3}", "got the key weight, which is for a config that uses the recipe"),
         ("thing = {'particles': {'size': 3}}", "particles.size: a recipe cannot change it"),
         ("thing = {'camera': {'width_px': 3}}", "camera.width_px: a recipe cannot change it"),
-        ("thing = {'particles': {'drift': -1}}", "particles.drift: Value error, expected numbers of 0 or more"),
+        ("thing = {'particles': {'drift': -1}}", "particles.drift: expected numbers of 0 or more"),
     ],
     "family of models": [
         ("thing = 3", f"{FUNCTION}, got int"),

@@ -7,6 +7,7 @@ from typing import Annotated, Any, TypeGuard
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, PlainValidator
+from pydantic_core import ErrorDetails
 
 LARGEST = 1e6
 """Largest magnitude of any number in a config: far beyond use, and far from where arithmetic overflows."""
@@ -81,6 +82,12 @@ class Range:
     def draw_many(self, rng: np.random.Generator, size: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
         """Draw (size,) float64 uniformly."""
         return self.low + (self.high - self.low) * rng.random(size)
+
+
+def reason_of(fault: ErrorDetails) -> str:
+    """Return the reason that pydantic, or a validator, gives for a fault, as a clause of a message."""
+    reason = fault["msg"].removeprefix("Value error, ")
+    return f"{reason[0].lower()}{reason[1:]}"
 
 
 def is_number(value: object) -> TypeGuard[float]:

@@ -11,7 +11,7 @@ from pydantic_core import ErrorDetails
 
 from semisynth_gl.arguments import check_type
 from semisynth_gl.config.distributions import read_histogram
-from semisynth_gl.config.fields import is_number
+from semisynth_gl.config.fields import is_number, reason_of
 from semisynth_gl.config.image_size import recentred, scaled
 from semisynth_gl.config.keys import by_form, config_keys, members_of
 from semisynth_gl.config.merge import Document, keys_of, merged
@@ -273,9 +273,8 @@ def _explain(fault: ErrorDetails, document: Document) -> str:
         return f"{prefix}: missing; this key has no default"
     if kind in ("model_type", "model_attributes_type"):
         return f"{prefix}: expected a section with keys of its own, got {shown(fault['input'])}"
-    message = fault["msg"].removeprefix("Value error, ")
     value = "" if isinstance(fault["input"], (dict, BaseModel)) else f", got {shown(fault['input'])}"
-    return f"{prefix}: {message[0].lower()}{message[1:]}{value}"
+    return f"{prefix}: {reason_of(fault)}{value}"
 
 
 def _explain_form(key: Key, names: Iterable[str], fault: ErrorDetails, document: Document) -> str:

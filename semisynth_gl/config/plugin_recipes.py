@@ -6,6 +6,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from semisynth_gl.config.fields import reason_of
 from semisynth_gl.config.model import RecipeSection
 from semisynth_gl.plugins import find_plugin
 
@@ -38,6 +39,6 @@ def plugin_recipe(name: str) -> dict[str, Any]:
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
         dotted = ".".join(map(str, fault["loc"]))
-        message = "a recipe cannot change it" if fault["type"] == "extra_forbidden" else fault["msg"]
-        raise plugin.fault(f"{dotted}: {message}") from None
+        reason = "a recipe cannot change it" if fault["type"] == "extra_forbidden" else reason_of(fault)
+        raise plugin.fault(f"{dotted}: {reason}") from None
     return keys

@@ -21,7 +21,7 @@ from pydantic import (
 )
 
 from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS
-from semisynth_gl.config.fields import Positive, count, one_of
+from semisynth_gl.config.fields import Positive, count, one_of, reason_of
 from semisynth_gl.config.model import Config
 from semisynth_gl.dataset.plan import Shard, abbreviate, list_shards
 from semisynth_gl.dataset.schema import FORMAT, INDEX, PLAN, PROGRAM, tar_path
@@ -247,9 +247,8 @@ def check_document(values: Mapping[str, Any], model: type[_Facts], path: Path) -
         faults = []
         for fault in error.errors(include_url=False):
             key = ".".join(str(part) for part in fault["loc"] if part != "[key]")
-            text = fault["msg"].removeprefix("Value error, ")
             came = "" if fault["type"] == "missing" else f", got {shown(fault['input'])}"
-            faults.append(f"{key}: {text[0].lower()}{text[1:]}{came}")
+            faults.append(f"{key}: {reason_of(fault)}{came}")
         raise ReadError(path, abbreviate(faults, _SHOWN)) from None
 
 
