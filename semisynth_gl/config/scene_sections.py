@@ -253,9 +253,8 @@ class StructuresSection(Section):
 
     ground: Share = 0.0
     ground_height_m: PositiveRange = Range(1.2, 2.0)
-    # Left out of the values where there is none: those of a config without this key are the same as ever. A recipe that
-    # takes it from its config says so by null, so this is no part of the type, which recipes share.
-    ground_disparity_px: PositiveRange | None = Field(default=None, exclude_if=lambda disparity: disparity is None)
+    # Left out of the values where there is none: those of a config without this key are the same as ever.
+    ground_disparity_px: Annotated[PositiveRange | None, Field(exclude_if=lambda disparity: disparity is None)] = None
     ground_tilt_deg: Annotated[float, Field(ge=0, le=30)] = 2.0
     panels: Annotated[NotNegativeRange, at_most(1000)] = _ZERO
     panel_disparity_px: PositiveRange | None = None
