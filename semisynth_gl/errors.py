@@ -2,7 +2,7 @@
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import requires
 from pathlib import Path
@@ -72,6 +72,12 @@ def shown(value: object, most: int = 100) -> str:
 def cut(text: str, most: int = 100) -> str:
     """Return a text, cut where it is longer than so many characters."""
     return text if len(text) <= most else f"{text[:most]}..."
+
+
+def abbreviate(names: Sequence[str], most: int = 8) -> str:
+    """Join names with commas; of more than ``most``, write the first ones and the number of the others."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 def near(name: str, known: Iterable[str], most: int = 1, least_ratio: float = 0.7) -> list[str]:

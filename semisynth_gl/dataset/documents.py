@@ -23,10 +23,10 @@ from pydantic import (
 from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS
 from semisynth_gl.config.fields import Positive, count, one_of, reason_of
 from semisynth_gl.config.model import Config
-from semisynth_gl.dataset.plan import Shard, abbreviate, list_shards
+from semisynth_gl.dataset.plan import Shard, list_shards
 from semisynth_gl.dataset.schema import FORMAT, INDEX, PLAN, PROGRAM, tar_path
 from semisynth_gl.dataset.tar import content_offsets
-from semisynth_gl.errors import InputError, ReadError, shown
+from semisynth_gl.errors import InputError, ReadError, abbreviate, shown
 from semisynth_gl.frame import TruthViews
 from semisynth_gl.layouts import layout_names
 from semisynth_gl.plugins import MissingPluginError, require_plugins

@@ -15,7 +15,7 @@ from semisynth_gl.config import Config
 from semisynth_gl.dataset.documents import CHANGED_INDEX, check_index, check_plan, check_record
 from semisynth_gl.dataset.locks import lock, open_locked
 from semisynth_gl.dataset.places import Place, entries_below
-from semisynth_gl.dataset.plan import Plan, Shard, abbreviate, differences
+from semisynth_gl.dataset.plan import Plan, Shard, differences
 from semisynth_gl.dataset.schema import (
     CARD,
     CROISSANT,
@@ -33,7 +33,7 @@ from semisynth_gl.dataset.schema import (
     tar_path,
     unfinished_path,
 )
-from semisynth_gl.errors import InputError, ReadError
+from semisynth_gl.errors import InputError, ReadError, abbreviate
 from semisynth_gl.plugins import MissingPluginError, require_plugins
 from semisynth_gl.splits import SplitName
 

@@ -1,7 +1,7 @@
 """The plan of a dataset: its pairs, their shards and their names. Everything but the pixels follows from the plan."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from math import ceil
@@ -252,12 +252,6 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any], prefix: str =
         elif old != new:
             texts.append(f"{prefix}{key} ({_shown(old)} there, {_shown(new)} now)")
     return texts
-
-
-def abbreviate(names: Sequence[str], most: int = 8) -> str:
-    """Join names with commas; of more than ``most``, write the first ones and the number of the others."""
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
 
 
 _ABSENT = object()

@@ -9,11 +9,11 @@ from math import ceil
 from typing import Any, Literal
 
 from semisynth_gl.dataset.places import Place
-from semisynth_gl.dataset.plan import Plan, Shard, abbreviate, differences, used_plugins
+from semisynth_gl.dataset.plan import Plan, Shard, differences, used_plugins
 from semisynth_gl.dataset.sample import encode_pair
 from semisynth_gl.dataset.shard import ShardBusyError, ShardWriter
 from semisynth_gl.engines.task import Task
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, abbreviate
 from semisynth_gl.listener import FinishedPair, Listener
 from semisynth_gl.pairs.pipeline import Pair, PairRenderer
 from semisynth_gl.render.backends import Backend

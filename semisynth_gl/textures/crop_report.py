@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from semisynth_gl.errors import Skipped
+from semisynth_gl.errors import Skipped, abbreviate
 from semisynth_gl.textures.crops import Square
 from semisynth_gl.textures.shares import patch_chances
 
@@ -191,11 +191,10 @@ class TextureReport:
         textured = {count.source for count in self.counts if count.kept > count.kept_flat}
         few = sorted((shares[source], source) for source in textured if shares[source] < _UNEVEN * equal)
         if few:
-            named = ", ".join(f"{source} {share:.1%}" for share, source in few[:_MOST_NAMED])
-            more = f" and {len(few) - _MOST_NAMED} more" if len(few) > _MOST_NAMED else ""
+            named = abbreviate([f"{source} {share:.1%}" for share, source in few], _MOST_NAMED)
             lines.append(
                 f"note: {_counted(len(few), 'image')} with few patches, on less than half of an equal share of the "
-                f"surfaces ({equal:.1%}): {named}{more}; lower textures.patch_px, or give larger photographs"
+                f"surfaces ({equal:.1%}): {named}; lower textures.patch_px, or give larger photographs"
             )
         return lines
 

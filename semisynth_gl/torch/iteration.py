@@ -7,9 +7,9 @@ from typing import Any, Protocol
 
 from torch.utils.data import IterableDataset, get_worker_info
 
-from semisynth_gl.dataset.plan import abbreviate, differences
+from semisynth_gl.dataset.plan import differences
 from semisynth_gl.dataset.schema import PROGRAM
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, abbreviate
 from semisynth_gl.torch.dealing import Dealing, TrainingProcess, Worker
 
 _STATE = {"yielded", "worker", "workers", "stream"}
