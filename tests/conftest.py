@@ -60,11 +60,15 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         metafunc.parametrize("round_of_examples", range(RANDOM_ROUNDS))
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out OSMesa's turn of long tests where EGL is software too: both draw the same bytes.
+    """Mark what draws, and leave out OSMesa's turn of long tests where EGL is software too: both draw the same bytes.
 
     `test_both_software_backends_give_the_same_bytes` holds them to that.
     """
+    for item in items:
+        if "backend" in item.fixturenames:
+            item.add_marker("opengl")
     if backend_fault("egl") is not None or "llvmpipe" not in context_facts("egl").renderer:
         return
     out = [
