@@ -103,7 +103,7 @@ PARTS: Mapping[str, Part] = {
     "training": Part(
         "What networks learn from which pairs",
         _TRAINING,
-        ("--steps", "1", "--seeds", "1", "--set", "real", "--set", "clutter", "--device", "cpu"),
+        ("--steps", "1", "--seeds", "1", "--set", "real", "--set", "clutter"),
         at_most=1.0,
         report=(training_report.headline, training_report.table),
         minutes=True,

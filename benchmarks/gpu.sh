@@ -4,8 +4,8 @@
 #   benchmarks/gpu.sh [--out DIR] [PART...]      see benchmarks/gpu.py --help
 #
 # PYTHON is python3 and VENV .venv-gpu unless they are set. The environment sees the packages that PYTHON has, so a
-# PyTorch with CUDA that is there is used; where there is none, what needs it is left out. WHEELS is a folder of wheels,
-# for a machine that reaches no package index.
+# PyTorch with CUDA that is there is used; otherwise it is downloaded, before the ten minutes begin. WHEELS is a folder of
+# wheels, for a machine that reaches no package index.
 set -eu
 cd "$(dirname "$0")/.."
 outer=${PYTHON:-python3}
@@ -43,6 +43,7 @@ if [ ! -e "$venv/.ready" ]; then
             install "$each" || say "Going on without $each"
         done
     fi
+    "$python" -c "import torch" 2>/dev/null || install torch==2.13.0 || say "Going on without PyTorch"
     install "cuda-bindings>=12.8" || say "Going on without cuda-bindings: no tensors on the GPU"
     touch "$venv/.ready"
 fi
