@@ -20,7 +20,7 @@ from skimage.data import stereo_motorcycle
 from semisynth_gl.calibration import calibrate
 from semisynth_gl.calibration.calibrate import ConfigFacts, config_facts, config_name, config_text
 from semisynth_gl.calibration.disparity_maps import measure_maps
-from semisynth_gl.calibration.disparity_range import DisparitySource, chosen_range, measured_range
+from semisynth_gl.calibration.disparity_range import DisparitySource, chosen_range, disparity_range, measured_range
 from semisynth_gl.calibration.photographs import check_sizes, impossible_splits, photograph_sizes
 from semisynth_gl.calibration.recipes import SceneRecipe
 from semisynth_gl.calibration.rig import (
@@ -37,7 +37,7 @@ from semisynth_gl.calibration.rig_files import FORMATS, read_rigs
 from semisynth_gl.calibration.style import BLURS, TEXELS, Trial, fitted_style, untried_style
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.cli import main
-from semisynth_gl.comparison.maps import find_maps, read_map
+from semisynth_gl.comparison.maps import map_files, read_map
 from semisynth_gl.comparison.measures import MEASURES
 from semisynth_gl.comparison.sides import Side
 from semisynth_gl.config import Range, load_config
@@ -46,6 +46,7 @@ from semisynth_gl.errors import InputError, ReadError, SemisynthError
 from semisynth_gl.histogram import Histogram, PixelCount, total_variation
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+SMALL = plain_rig(30, 0.1, Size(40, 30))
 CAMERA = StereoCamera(741, 500, 994.978, 0.193001, 311.193, 342.279, 254.877)
 
 MIDDLEBURY = """cam0=[994.978 0 311.193; 0 994.978 254.877; 0 0 1]
@@ -568,11 +569,11 @@ def test_images_beside_maps_are_passed_over(tmp_path):
     photographs(tmp_path, 1, (40, 30))
     (tmp_path / "disp0.pfm").write_bytes(pfm(np.ones((30, 40))))
     Image.fromarray(np.full((30, 40), 256, np.uint16)).save(tmp_path / "disp.png")
-    assert [path.name for path in find_maps([tmp_path])] == ["disp.png", "disp0.pfm"]
+    assert [path.name for path in map_files([tmp_path])] == ["disp.png", "disp0.pfm"]
     with pytest.raises(InputError, match=r"no disparity map there"):
-        find_maps([photographs(tmp_path / "only", 1, (40, 30))])
+        map_files([photographs(tmp_path / "only", 1, (40, 30))])
     with pytest.raises(ReadError, match="expected 16-bit grey"):
-        measure_maps(find_maps([tmp_path / "photo0.png"]), [Size(40, 30)])
+        measure_maps([tmp_path / "photo0.png"], [SMALL])
 
 
 @pytest.mark.parametrize(
@@ -595,7 +596,9 @@ def test_broken_maps_are_refused(tmp_path, name, data, words):
     ("values", "words"),
     [
         (np.full((30, 40), np.nan), ["holds no disparity", "40 x 30"]),
-        (np.ones((15, 20)), ["has 20 x 15 pixels", "40 x 30", "--scale"]),
+        (np.ones((40, 30)), ["has 30 x 40 pixels", "40 x 30", "shape differs by a factor of 1.78", "maps of this rig"]),
+        (np.ones((19, 40)), ["has 40 x 19 pixels", "shape differs by a factor of 1.58, and at most 1.5"]),
+        (np.ones((2, 2)), ["has 2 x 2 pixels", "its width by a factor of 20, and at most 16"]),
         (np.full((30, 40), 512.0), ["up to 512 px", "40 px wide", "--png-scale"]),
         (np.ones((3, 30, 40)), ["one disparity per pixel", "(3, 30, 40)"]),
         (np.ones((30, 40), complex), ["expected numbers, got complex128"]),
@@ -604,7 +607,7 @@ def test_broken_maps_are_refused(tmp_path, name, data, words):
 def test_maps_that_fit_no_rig_are_refused_with_their_numbers(tmp_path, values, words):
     np.save(tmp_path / "a.npy", values)
     with pytest.raises(SemisynthError) as error:
-        measure_maps([tmp_path / "a.npy"], [Size(40, 30)])
+        measure_maps([tmp_path / "a.npy"], [SMALL])
     refused(error, "a.npy", *words)
 
 
@@ -613,10 +616,34 @@ def test_a_sparse_map_counts_as_much_as_a_dense_one(tmp_path):
     sparse[:2, :5] = 10.03
     np.save(tmp_path / "sparse.npy", sparse)
     np.save(tmp_path / "dense.npy", np.full((30, 40), 20.03))
-    measured = measure_maps([tmp_path / "sparse.npy", tmp_path / "dense.npy"], [Size(40, 30)])
+    measured = measure_maps([tmp_path / "sparse.npy", tmp_path / "dense.npy"], [SMALL])
     assert (measured.pixels, measured.valid) == (2400, 1210)
     assert measured.histogram.cumulative(15) == pytest.approx(0.5)
     assert measured.histogram.mean_px == pytest.approx(15.03, abs=0.04)
+
+
+def test_maps_of_several_sizes_count_at_the_rigs_width(tmp_path):
+    # One view at several resolutions: a ramp from 2 to 10 % of the width.
+    sizes = (Size(40, 30), Size(80, 60), Size(100, 56), Size(640, 480))
+    for number, (width, height) in enumerate(sizes):
+        np.save(
+            tmp_path / f"{number}.npy", np.linspace(0.02 * width, 0.1 * width, width * height).reshape(height, width)
+        )
+    paths = sorted(tmp_path.iterdir())
+    same, *others = (measure_maps([path], [SMALL]) for path in paths)
+    assert same.scaled == ()
+    for found, size in zip(others, sizes[1:], strict=True):
+        assert found.scaled == (size,)
+        assert total_variation(same.histogram, found.histogram) < 0.03
+    together = measure_maps(paths, [SMALL])
+    assert together.scaled == sizes[1:]
+    assert together.histogram.mean_px == pytest.approx(0.06 * 40, abs=0.05)
+    # A map that has the size of one of several rigs is taken as it is.
+    large = plain_rig(60, 0.1, Size(80, 60))
+    assert measure_maps(paths[1:2], [SMALL, large]).histogram.mean_px == pytest.approx(0.06 * 80, abs=0.05)
+    said = disparity_range(DisparitySource(paths[:3]), [SMALL]).origin
+    assert "Disparities of the 2 of other sizes (80 x 60 to 100 x 56) are scaled to a width of 40 px" in said
+    assert "scaled" not in disparity_range(DisparitySource(paths[:1]), [SMALL]).origin
 
 
 @settings(max_examples=150, deadline=None)

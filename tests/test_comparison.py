@@ -23,7 +23,7 @@ from semisynth_gl.codecs.png import GREY8, GREY16, RGB8
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.changes import CHANGES, advice, moved_by
 from semisynth_gl.comparison.compare import compare_with_place
-from semisynth_gl.comparison.maps import find_maps, image_beside, map_files
+from semisynth_gl.comparison.maps import image_beside, map_files, one_of_each_scene
 from semisynth_gl.comparison.measures import MEASURES, PROFILES
 from semisynth_gl.comparison.picture import fill_holes, make_picture, mean_luminance
 from semisynth_gl.comparison.place import find_place, left_out, map_pictures
@@ -387,13 +387,13 @@ def test_a_folder_of_a_benchmark_has_photographs_and_one_map(tmp_path, files, ph
         return [path.relative_to(tmp_path).as_posix() for path in paths]
 
     assert names(find_images([tmp_path])) == photographs
-    assert names(find_maps([tmp_path])) == [maps]
+    assert names(one_of_each_scene(map_files([tmp_path]))) == [maps]
     place = find_place(find_files([tmp_path], [".png"]), map_files([tmp_path]))
     assert (names(place.photographs), names(place.maps)) == (photographs, [maps])
     # KITTI's maps are no photographs and, but for one, no maps.
     beside = [name for name in files if name.endswith(".png") and name not in photographs]
     others = [name for name in files if "disp" in name and name != maps]
-    said = left_out([tmp_path], [tmp_path])
+    said = left_out(find_files([tmp_path], [".png"]), map_files([tmp_path]))
     count = len({*beside, *others})
     assert said.startswith(f"left out {count} files, such as {tmp_path}/") if count else said == ""
 

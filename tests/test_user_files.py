@@ -17,7 +17,7 @@ from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.cli.options import read_config
 from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.png import GREY8
-from semisynth_gl.comparison.maps import find_maps
+from semisynth_gl.comparison.maps import map_files
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.config.distributions import read_histogram
 from semisynth_gl.config.load import parse_config
@@ -170,7 +170,7 @@ def test_models_of_a_folder_leave_out_what_is_no_file(tmp_path):
 def test_maps_of_a_folder_leave_out_pipes(tmp_path):
     (tmp_path / "good.pfm").write_bytes(b"Pf\n1 1\n-1.0\n\0\0\x80\x3f")
     os.mkfifo(tmp_path / "pipe.png")
-    assert [path.name for path in find_maps([tmp_path])] == ["good.pfm"]
+    assert [path.name for path in map_files([tmp_path])] == ["good.pfm"]
 
 
 def test_folders_that_are_linked_in_circles_are_searched_once(tmp_path):
@@ -210,7 +210,7 @@ def test_homes_of_nobody_are_told(tmp_path):
     for call in (
         lambda: expanded(nobody),
         lambda: find_images([nobody]),
-        lambda: find_maps([nobody]),
+        lambda: map_files([nobody]),
         lambda: read_rigs([nobody]),
         lambda: load_config(nobody),
         lambda: read_config("kitti", (), (nobody,), ("models.simple=0",)) and load_models([expanded(nobody)]),

@@ -1,12 +1,12 @@
 """Disparity maps, true or predicted, dense or sparse: counting them."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from semisynth_gl.calibration.rig import Size
+from semisynth_gl.calibration.rig import Rig, Size, median_size
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.maps import read_map
 from semisynth_gl.errors import InputError
@@ -14,6 +14,8 @@ from semisynth_gl.histogram import Histogram, PixelCount
 
 # Fine enough for any quantile, and for bins of any round width from 1 px.
 _FINE_PX = 1 / 16
+# Of a map against the rig: beyond it the two are hardly one place, such as a street in a room's shape.
+_MOST_SHAPE, _MOST_SCALE = 1.5, 16.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,40 +26,40 @@ class MeasuredMaps:
         histogram: mean of the maps' histograms, in fine bins, from 0.
         pixels: number of pixels of all maps.
         valid: number of pixels with a disparity.
+        scaled: (N,) sizes of the maps whose disparities were scaled to the rig's width.
     """
 
     histogram: Histogram
     pixels: int
     valid: int
+    scaled: tuple[Size, ...] = ()
 
 
-def measure_maps(
-    paths: Sequence[Path], sizes: Collection[Size], png_scale: float = KITTI_DISPARITY.steps
-) -> MeasuredMaps:
+def measure_maps(paths: Sequence[Path], rigs: Sequence[Rig], png_scale: float = KITTI_DISPARITY.steps) -> MeasuredMaps:
     """Count the disparities of all maps.
+
+    The disparities of a view are in proportion to the width of its image, so those of a map that has no rig's size are
+    scaled by the ratio of the widths.
 
     Args:
         paths: the maps, at least one.
-        sizes: sizes that maps may have, those of the rigs' images.
+        rigs: at least one; maps of other sizes than their images' are scaled to the median size.
         png_scale: levels of a PNG per pixel of disparity.
 
     Raises:
-        InputError: with the numbers, where a map has another size, no value at all, or values beyond its width.
+        InputError: with the numbers, where a map has another shape than the rig's images or is of quite another
+            scale, has no value at all, or values beyond its width.
         ReadError: where a map cannot be read.
     """
+    sizes, median = {rig.size for rig in rigs}, median_size(rigs)
     widest = max(width for width, _ in sizes)
     edges = np.arange(round(widest / _FINE_PX) + 1) * _FINE_PX
     shares = np.zeros(len(edges) - 1)
     pixels = valid = 0
+    scaled = list[Size]()
     for path in paths:
         disparity = read_map(path, png_scale)
         size = Size(*disparity.shape[::-1])
-        if size not in sizes:
-            wanted = " or ".join(map(str, sorted(set(sizes))))
-            raise InputError(
-                f"{path}: has {size} pixels, but the calibration is for {wanted}. Disparities count pixels of their "
-                "own size: give maps of the calibration's size, or --scale if all of them are reduced alike"
-            )
         has_value = np.isfinite(disparity)
         count = int(has_value.sum())
         if count == 0:
@@ -68,9 +70,30 @@ def measure_maps(
                 f"{path}: holds disparities up to {largest:g} px in an image {size.width_px} px wide: expected pixels. "
                 f"For a PNG with other levels than {png_scale:g} per pixel, give their number with --png-scale"
             )
+        if size not in sizes:
+            disparity = disparity * np.float32(_scale_to(median, size, path))
+            scaled.append(size)
         counted = PixelCount(edges)
         counted.add(disparity)
         shares += counted.histogram.shares
         pixels += disparity.size
         valid += count
-    return MeasuredMaps(Histogram.from_counts(edges, shares), pixels, valid)
+    return MeasuredMaps(Histogram.from_counts(edges, shares), pixels, valid, tuple(scaled))
+
+
+def _scale_to(rig: Size, size: Size, path: Path) -> float:
+    """Return what brings the disparities of a map of another size to the rig's width; refuse what cannot be right."""
+    scale = rig.width_px / size.width_px
+    shape = (rig.width_px / rig.height_px) / (size.width_px / size.height_px)
+    if not 1 / _MOST_SHAPE <= shape <= _MOST_SHAPE:
+        problem = (
+            f"its shape differs by a factor of {max(shape, 1 / shape):.3g}, and at most {_MOST_SHAPE:g} is expected"
+        )
+    elif not 1 / _MOST_SCALE <= scale <= _MOST_SCALE:
+        problem = f"its width by a factor of {max(scale, 1 / scale):.3g}, and at most {_MOST_SCALE:g} is expected"
+    else:
+        return scale
+    raise InputError(
+        f"{path}: has {size} pixels, but the images of the calibration have {rig}: {problem}. Disparities are scaled "
+        "by the ratio of the widths, which is right for one view at several resolutions: give maps of this rig"
+    )

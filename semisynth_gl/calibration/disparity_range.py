@@ -3,14 +3,14 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.calibration.disparity_maps import measure_maps
-from semisynth_gl.calibration.rig import Rig
+from semisynth_gl.calibration.rig import Rig, Size, median_size
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
-from semisynth_gl.comparison.maps import find_maps
 from semisynth_gl.errors import InputError
 from semisynth_gl.histogram import Histogram
 
@@ -26,6 +26,8 @@ _LOW_OF_HIGH = 0.02
 # A chosen histogram: one part even, the other a hump at a sixth of the range that falls off slowly.
 _EVEN_PART = 0.25
 _HUMP = 1 / 6
+# Of maps, in the sentence on them.
+_NAMED = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,12 +54,12 @@ class DisparitySource:
     """The user's maps or range of disparities; where both are missing, the bounds of the calibrations are taken.
 
     Attributes:
-        maps: files, folders and globs of disparity maps, to measure the histogram from.
+        maps: files of disparity maps, to measure the histogram from, one of each scene.
         png_scale: levels of 16-bit PNG maps per pixel of disparity.
         range_px: least and largest disparity, where there are no maps.
     """
 
-    maps: Sequence[str] = ()
+    maps: Sequence[Path] = ()
     png_scale: float = KITTI_DISPARITY.steps
     range_px: tuple[float, float] | None = None
 
@@ -75,14 +77,14 @@ def disparity_range(source: DisparitySource, rigs: Sequence[Rig]) -> DisparityRa
     """
     least_doffs_px = min(rig.camera.doffs_px for rig in rigs)
     if source.maps:
-        paths = find_maps(source.maps)
-        measured = measure_maps(paths, {rig.size for rig in rigs}, source.png_scale)
-        names = ", ".join(map(str, paths[:3])) + (f" and {len(paths) - 3} more" if len(paths) > 3 else "")
+        measured, count = measure_maps(source.maps, rigs, source.png_scale), len(source.maps)
+        names = ", ".join(map(str, source.maps[:_NAMED])) + (f" and {count - _NAMED} more" if count > _NAMED else "")
         low, high = (measured.histogram.quantile(share) for share in (_LOWEST, _HIGHEST))
         origin = (
-            f"Measured from {len(paths)} disparity {'map' if len(paths) == 1 else 'maps'}, each counting the same: "
+            f"Measured from {count} disparity {'map' if count == 1 else 'maps'}, each counting the same: "
             f"{names}; {measured.pixels} pixels, {measured.valid / measured.pixels:.1%} with a disparity, all but a "
             f"thousandth of them above {low:.4g} px and below {high:.4g} px. max_px leaves a tenth of room above that."
+            f"{_scaled_maps(measured.scaled, median_size(rigs))}"
         )
         return replace(measured_range(measured.histogram, least_doffs_px), origin=origin)
     smooth = "the histogram is chosen, not measured: wide and smooth; give disparity maps with --disparity to have it "
@@ -91,6 +93,18 @@ def disparity_range(source: DisparitySource, rigs: Sequence[Rig]) -> DisparityRa
         return replace(chosen_range(*source.range_px, least_doffs_px), origin=origin)
     low_px, high_px, origin = _calibrated_bounds(rigs, least_doffs_px)
     return replace(chosen_range(low_px, high_px, least_doffs_px), origin=f"{origin}; {smooth}measured.")
+
+
+def _scaled_maps(sizes: Sequence[Size], rig: Size) -> str:
+    """Return a sentence on maps of other sizes than the rig's, after a space; "" where there are none."""
+    if not sizes:
+        return ""
+    least, most = min(sizes), max(sizes)
+    size = f"{least}" if least == most else f"{least} to {most}"
+    return (
+        f" Disparities of the {len(sizes)} of other sizes ({size}) are scaled to a width of {rig.width_px} px by the "
+        "ratio of the widths, which is right for one view at several resolutions."
+    )
 
 
 def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[float | None, float, str]:

@@ -18,7 +18,7 @@ from semisynth_gl.cli.outputs import CONFIG, Output, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
-from semisynth_gl.comparison.maps import find_maps
+from semisynth_gl.comparison.maps import map_files, one_of_each_scene
 from semisynth_gl.comparison.place import find_place, left_out
 from semisynth_gl.comparison.sides import MeasuredPlace, measure_place
 from semisynth_gl.config import Config
@@ -26,7 +26,8 @@ from semisynth_gl.config.fields import LARGEST
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.textures.crop_report import TextureReport
-from semisynth_gl.textures.image_files import find_images
+from semisynth_gl.textures.image_files import find_files, find_images
+from semisynth_gl.textures.images import image_extensions
 from semisynth_gl.textures.prepare import prepare_atlas
 
 _ANY_NUMBER = Number(min=-LARGEST, max=LARGEST)
@@ -49,10 +50,13 @@ _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 @option(
     "--scale",
     type=above_0(16),
-    help="Scale of images and maps against the calibrated size; 0.25 for quarter size.",
+    help="Scale of the images against the calibrated size; 0.25 for quarter size.",
 )
 @option("--unit", type=click.Choice(list(_UNITS)), help="Unit of the translation in an OpenCV file, else metres.")
-@map_options("to measure the histogram")
+@map_options(
+    "to measure the histogram",
+    "Where one has another size than the rig's images, its disparities are scaled by the ratio of the widths.",
+)
 @option("--range-px", type=(_ANY_NUMBER, _ANY_NUMBER), help="Least and largest disparity, where there are no maps.")
 @option("--other-camera", is_flag=True, help="The photographs are not the rig's: they may have any size.")
 @option(
@@ -84,7 +88,8 @@ def calibrate(
     if maps and range_px is not None:
         raise InputError("--range-px says what --disparity measures: give one of them")
     rigs = _rigs(calib, focal_px, baseline_m, _size(size), None if unit is None else _UNITS[unit])
-    disparity = DisparitySource(maps, png_scale, range_px)
+    found = map_files(maps)
+    disparity = DisparitySource(one_of_each_scene(found), png_scale, range_px)
     facts = config_facts(rigs, images, disparity, scale=scale, other_camera=other_camera)
     name, style = config_name(out.stem), untried_style(facts.recipes)
     text = config_text(name, facts, style)
@@ -96,16 +101,16 @@ def calibrate(
     report = prepare_atlas(config.textures, 0).report
     place, in_view = None, []
     if trials:
-        place = measure_place(find_place(find_images(images), find_maps(maps), png_scale))
+        place = measure_place(find_place(find_images(images), found, png_scale))
         style = _tried(facts, place, trials)
         text = config_text(name, facts, style)
         in_view = [_in_view(parse_config(text, str(out)))]
     output.write(text.encode())
     for line in (*_summary(facts, report), *_style_summary(style, place), *in_view):
         say(line)
-    if passed_over := left_out(images, maps):
+    if passed_over := left_out(find_files(images, image_extensions()), found):
         click.echo(f"note: {passed_over}", err=True)
-    for line in _next_steps(config.name, out, images, disparity):
+    for line in _next_steps(config.name, out, images, maps, png_scale):
         say(line)
 
 
@@ -193,12 +198,12 @@ def _summary(facts: ConfigFacts, report: TextureReport) -> list[str]:
     return lines
 
 
-def _next_steps(name: str, out: Path, images: Sequence[str], disparity: DisparitySource) -> list[str]:
+def _next_steps(name: str, out: Path, images: Sequence[str], maps: Sequence[str], png_scale: float) -> list[str]:
     config, data = shlex.quote(str(out)), shlex.quote(f"data/{name}")
     sources = [f"--images {shlex.quote(source)}" for source in images]
-    sources += [f"--disparity {shlex.quote(source)}" for source in disparity.maps]
-    if disparity.maps and disparity.png_scale != KITTI_DISPARITY.steps:
-        sources.append(f"--png-scale {disparity.png_scale:g}")
+    sources += [f"--disparity {shlex.quote(source)}" for source in maps]
+    if maps and png_scale != KITTI_DISPARITY.steps:
+        sources.append(f"--png-scale {png_scale:g}")
     return [
         f"wrote {out}; next:",
         f"  semisynth-gl preview --config {config}",

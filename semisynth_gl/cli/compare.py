@@ -9,13 +9,14 @@ from semisynth_gl.cli.options import COUNT, Source, UserPath, images_option, map
 from semisynth_gl.cli.outputs import Output, ending_check, json_report, marked_png, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.comparison.compare import Comparison, compare_with_place, comparison_json, comparison_table
-from semisynth_gl.comparison.maps import find_maps
+from semisynth_gl.comparison.maps import map_files
 from semisynth_gl.comparison.picture import WORKING_WIDTH
 from semisynth_gl.comparison.place import find_place, left_out
 from semisynth_gl.comparison.sides import SAMPLE
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.splits import SPLITS, SplitName
-from semisynth_gl.textures.image_files import find_images
+from semisynth_gl.textures.image_files import find_files, find_images
+from semisynth_gl.textures.images import image_extensions
 
 _FIGURES = json_report("semisynth-gl compare", width_px=int, measures=list, profiles=list)
 _PLOTS = marked_png("semisynth-gl compare")
@@ -64,7 +65,8 @@ def compare(
     for file in (output, picture):
         file.check([*maps, *images], images)
     dataset = open_dataset(directory, split)
-    place = find_place(find_images(images), find_maps(maps), png_scale)
+    found, photographs = map_files(maps), find_images(images)
+    place = find_place(photographs, found, png_scale)
     with Progress() as progress:
         comparison = compare_with_place(dataset, place, width_px=width_px, sample=sample, listener=progress)
     if output.path is not None:
@@ -82,7 +84,7 @@ def compare(
     click.echo()
     for line in _summary(comparison):
         click.echo(line)
-    for note in (*filter(None, [left_out(images, maps)]), *_notes(comparison)):
+    for note in (*filter(None, [left_out(find_files(images, image_extensions()), found)]), *_notes(comparison)):
         click.echo(f"note: {note}", err=True)
 
 

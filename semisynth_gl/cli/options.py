@@ -159,11 +159,12 @@ set_option = partial(
 )
 
 
-def map_options(use: str) -> Callable[[Command], Command]:
+def map_options(use: str, note: str = "") -> Callable[[Command], Command]:
     """Return a decorator that adds the options of disparity maps, the parameters ``maps`` and ``png_scale``.
 
     Args:
         use: whose maps they are or what for, for the help.
+        note: a further sentence for the help.
     """
     files = option(
         "--disparity",
@@ -171,7 +172,11 @@ def map_options(use: str) -> Callable[[Command], Command]:
         type=Source(),
         multiple=True,
         metavar="PATH_OR_GLOB",
-        help=f"Disparity maps {use}, true or predicted: .pfm, .npy, 16-bit .png. May be repeated.",
+        help=" ".join(
+            filter(
+                None, [f"Disparity maps {use}, true or predicted: .pfm, .npy, 16-bit .png.", note, "May be repeated."]
+            )
+        ),
     )
     scale = option(
         "--png-scale",

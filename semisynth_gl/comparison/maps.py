@@ -9,33 +9,20 @@ from numpy.typing import NDArray
 from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, is_disparity_map, read_disparity_map
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.errors import InputError
-from semisynth_gl.textures.image_files import find_files
+from semisynth_gl.textures.image_files import KITTI_2012_MAPS, KITTI_2015_MAPS, find_files
 from semisynth_gl.user_files import expanded
 
 # Where the image of a map is, by the map's name or its folder's, as Middlebury, ETH3D and KITTI have them.
 _IMAGE_OF_NAME = {"disp0GT": "im0.png", "disp0": "im0.png", "disp1GT": "im1.png", "disp1": "im1.png"}
-_IMAGE_OF_FOLDER = {
-    **dict.fromkeys(("disp_occ_0", "disp_noc_0"), "image_2"),
-    **dict.fromkeys(("disp_occ_1", "disp_noc_1"), "image_3"),
-}
+_IMAGE_OF_FOLDER = dict(zip(KITTI_2015_MAPS, ("image_2", "image_2", "image_3", "image_3"), strict=True))
 # Maps of a scene, of which the first counts: the left view's, and that with the pixels that one eye sees.
 _OF_ONE_SCENE = (
     ("disp0GT", "disp1GT"),
     ("disp0", "disp1"),
-    ("disp_occ_0", "disp_noc_0", "disp_occ_1", "disp_noc_1"),
-    ("disp_occ", "disp_noc"),
+    KITTI_2015_MAPS,
+    KITTI_2012_MAPS,
 )
-_OF_RIGHT_VIEWS = frozenset({"disp1GT", "disp1", "disp_occ_1", "disp_noc_1"})
-
-
-def find_maps(sources: Sequence[str | Path]) -> list[Path]:
-    """Return one disparity map of each scene among `map_files`, see `one_of_each_scene`.
-
-    Raises:
-        InputError: where a source matches no map.
-        ReadError: where a PNG of a folder or glob cannot be read.
-    """
-    return one_of_each_scene(map_files(sources))
+_OF_RIGHT_VIEWS = frozenset({"disp1GT", "disp1", *KITTI_2015_MAPS[2:]})
 
 
 def map_files(sources: Sequence[str | Path]) -> list[Path]:

@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from semisynth_gl.comparison import quantities
 from semisynth_gl.errors import InputError
 from semisynth_gl.spread import centres
-from semisynth_gl.textures.crops import LUMINANCE
+from semisynth_gl.textures.crops import LUMINANCE_PARTS
 
 WORKING_WIDTH = 512
 """Width to which all images and maps are brought, px, unless the caller wants another."""
 
 _DENSE = 0.5
-_WEIGHTS = np.array(LUMINANCE) / 1000
 _STRIP_PIXELS = 1 << 20
 
 _Result = TypeVar("_Result")
@@ -142,7 +141,7 @@ def mean_luminance(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[n
     height, width = image.shape[:2]
     rows = max(1, _STRIP_PIXELS // width)
     # Columns first and in strips: of a large image they leave little.
-    strips = [_mean_along_rows(image[top : top + rows] @ _WEIGHTS, size[1]) for top in range(0, height, rows)]
+    strips = [_mean_along_rows(image[top : top + rows] @ LUMINANCE_PARTS, size[1]) for top in range(0, height, rows)]
     return np.ascontiguousarray(_mean_along_rows(np.concatenate(strips).T, size[0]).T, np.float32)
 
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
-from semisynth_gl.comparison.maps import image_beside, is_of_right_view, map_files, one_of_each_scene, read_map
+from semisynth_gl.comparison.maps import image_beside, is_of_right_view, one_of_each_scene, read_map
 from semisynth_gl.comparison.picture import WORKING_WIDTH, Picture, make_picture
 from semisynth_gl.errors import InputError, Skipped
-from semisynth_gl.textures.image_files import beside_photographs, find_files
-from semisynth_gl.textures.images import ImageError, image_extensions, read_image
+from semisynth_gl.textures.image_files import beside_photographs
+from semisynth_gl.textures.images import ImageError, read_image
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,21 +47,16 @@ def find_place(photographs: Sequence[Path], maps: Sequence[Path], png_scale: flo
     return Place(images, one_of_each_scene(maps), png_scale)
 
 
-def left_out(images: Sequence[str | Path], maps: Sequence[str | Path]) -> str:
-    """Return a sentence on the files of sources that do not count; "" where all do.
+def left_out(images: Sequence[Path], maps: Sequence[Path]) -> str:
+    """Return a sentence on the files that do not count among those found; "" where all do.
 
     Args:
-        images: files, folders and globs of photographs, as for `find_images`.
-        maps: likewise of disparity maps, as for `find_maps`.
-
-    Raises:
-        InputError: where a source matches no map.
-        ReadError: where a PNG of a folder or glob cannot be read.
+        images: images, with those `beside_photographs`.
+        maps: disparity maps, see `map_files`.
     """
-    found = map_files(maps)
-    others = set(found) - set(one_of_each_scene(found))
-    beside = [path for path in find_files(images, image_extensions()) if beside_photographs(path)]
-    files = list(dict.fromkeys([*beside, *(path for path in found if path in others)]))
+    counted = set(one_of_each_scene(maps))
+    beside = [path for path in images if beside_photographs(path)]
+    files = list(dict.fromkeys([*beside, *(path for path in maps if path not in counted)]))
     reason = "masks and maps among photographs, and maps of a scene that has another"
     return f"left out {len(files)} files, such as {files[0]}: {reason}" if files else ""
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from semisynth_gl.textures.crops import LUMINANCE
+from semisynth_gl.textures.crops import LUMINANCE_PARTS
 
 SIDE_PX = 768
 """Width and height of a drawn picture."""
@@ -72,7 +72,7 @@ def pick(rng: np.random.Generator, colours: NDArray[np.float64]) -> NDArray[np.f
 
 def luminance(values: NDArray[Any]) -> float:
     """Return the luminance of a colour, 0 to 255."""
-    return float(np.dot(values, np.array(LUMINANCE) / 1000))
+    return float(np.dot(values, LUMINANCE_PARTS))
 
 
 def ink_on(paper: NDArray[Any], colours: NDArray[np.float64]) -> Colour:

@@ -13,6 +13,7 @@ FINGERPRINT_NORM = 1000
 """Length of a fingerprint, up to rounding."""
 
 LUMINANCE = (299, 587, 114)
+LUMINANCE_PARTS = np.array(LUMINANCE) / 1000
 """Thousandths of red, green and blue in luminance, by ITU-R BT.601."""
 
 # Cells along each side of a patch in which texture and fingerprints are measured.

@@ -17,9 +17,13 @@ from semisynth_gl.textures.images import image_extensions
 from semisynth_gl.user_files import expanded, of_kernel
 
 _MASKS = frozenset({"mask0nocc.png", "mask1nocc.png"})
+KITTI_2015_MAPS = ("disp_occ_0", "disp_noc_0", "disp_occ_1", "disp_noc_1")
+"""KITTI's folders of disparity maps: of the left view, then of the right one."""
+KITTI_2012_MAPS = ("disp_occ", "disp_noc")
 _NO_PHOTOGRAPHS = frozenset(
     (
-        *("disp_occ_0", "disp_occ_1", "disp_noc_0", "disp_noc_1", "disp_occ", "disp_noc"),
+        *KITTI_2015_MAPS,
+        *KITTI_2012_MAPS,
         *("disp_refl_occ", "disp_refl_noc", "obj_map", "flow_occ", "flow_noc"),
     )
 )
