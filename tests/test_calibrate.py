@@ -34,7 +34,7 @@ from semisynth_gl.calibration.rig import (
     rig_ranges,
 )
 from semisynth_gl.calibration.rig_files import FORMATS, read_rigs
-from semisynth_gl.calibration.style import BLURS, TEXELS, Trial, fitted_style, untried_style
+from semisynth_gl.calibration.style import BLURS, EXPOSURES, FLATS, TEXELS, Trial, fitted_style, untried_style
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.cli import main
 from semisynth_gl.comparison.maps import map_files, read_map
@@ -468,13 +468,22 @@ def side(**values):
     return Side(found, {})
 
 
-def trial(recipes, **values):
-    """A trial whose measures are those given, each of a shape that goes to (recipes, texels, blurs)."""
-    means = np.full((recipes, len(TEXELS), len(BLURS), len(MEASURES)), np.nan)
+def trial(recipes, shares=((0.0,),), wanted=(1.0,), **values):
+    """A trial whose measures are those given, each of a shape that goes to (recipes, texels, flats, blurs, exposures).
+
+    Its recipes show the ``shares`` of each bin, as far as they are given, and the others none.
+    """
+    means = np.full((recipes, len(TEXELS), len(FLATS), len(BLURS), len(EXPOSURES), len(MEASURES)), np.nan)
     for number, measure in enumerate(MEASURES):
         if measure.key in values:
             means[..., number] = values[measure.key]
-    return Trial(means, 99)
+    found = np.zeros((recipes, len(wanted)))
+    found[: len(shares)] = shares
+    return Trial(means, 99, found, np.array(wanted))
+
+
+def of_recipes(*values):
+    return np.reshape(values, (-1, 1, 1, 1, 1))
 
 
 RECIPES = tuple(SceneRecipe(name, "", {}) for name in ("calm", "steep", "clutter"))
@@ -482,9 +491,9 @@ RECIPES = tuple(SceneRecipe(name, "", {}) for name in ("calm", "steep", "clutter
 
 @pytest.mark.parametrize("weights", [(0.5, 0.3, 0.2), (0, 0.9, 0.1), (0.95, 0, 0.05), (0, 0, 1)])
 def test_a_place_that_is_a_mix_gets_its_weights(weights):
-    of_recipes = {"jumps": (1.0, 2.0, 9.0), "slant": (0.01, 0.2, 0.05), "runs": (300.0, 200.0, 30.0)}
-    tried = trial(3, **{key: np.reshape(values, (3, 1, 1)) for key, values in of_recipes.items()})
-    there = {key: (np.dot(weights, values), 0.001 * max(values)) for key, values in of_recipes.items()}
+    shown = {"jumps": (1.0, 2.0, 9.0), "slant": (0.01, 0.2, 0.05), "runs": (300.0, 200.0, 30.0)}
+    tried = trial(3, **{key: of_recipes(*values) for key, values in shown.items()})
+    there = {key: (np.dot(weights, values), 0.001 * max(values)) for key, values in shown.items()}
     style = fitted_style(RECIPES, tried, side(**there), 1.0)
     assert dict(zip((recipe.name for recipe in style.recipes), style.weights, strict=True)) == pytest.approx(
         {recipe.name: weight for recipe, weight in zip(RECIPES, weights, strict=True) if weight}
@@ -495,33 +504,66 @@ def test_a_place_that_is_a_mix_gets_its_weights(weights):
 
 
 def test_clutter_is_in_every_mix_and_photographs_say_nothing_of_weights():
-    tried = trial(3, jumps=np.reshape([1.0, 2.0, 9.0], (3, 1, 1)), gradient=np.full((3, 1, 1), 10.0))
+    tried = trial(3, jumps=of_recipes(1.0, 2.0, 9.0), gradient=10.0)
     assert fitted_style(RECIPES, tried, side(jumps=(0.1, 0.1)), 1.0).weights == (0.95, 0.05)
     style = fitted_style(RECIPES, tried, side(gradient=(9, 1)), 1.0)
     assert style.weights == untried_style(RECIPES).weights == pytest.approx([1 / 3] * 3)
     assert style.mix_origin == untried_style(RECIPES).mix_origin
 
 
+def test_a_mix_shows_no_more_than_is_wanted_of_a_disparity():
+    # The calm recipe has the place's jumps, and three times what is wanted of the far half.
+    shown = {"jumps": of_recipes(1.0, 4.0, 9.0)}
+    there = side(jumps=(1.0, 3.0))
+    known = ((0.9, 0.1), (0.1, 0.9))
+    weights = []
+    for shares, wanted in ((known, (0.9, 0.1)), (known, (0.3, 0.7)), ((known[0],), (0.3, 0.7))):
+        style = fitted_style(RECIPES, trial(3, shares, wanted, **shown), there, 1.0)
+        by_name = dict(zip((recipe.name for recipe in style.recipes), style.weights, strict=True))
+        weights.append([by_name.get(recipe.name, 0) for recipe in RECIPES])
+        surplus = np.maximum(np.dot(weights[-1][: len(shares)], shares) - wanted, 0).sum()
+        assert surplus < 0.06
+        assert "and the wanted disparities of 99 pairs" in style.mix_origin
+    assert weights[0][0] > 0.6
+    # What it shows too much of is left to those that are solved, and to others that show other disparities.
+    assert max(weights[1][0], weights[2][0]) < 0.45
+
+
 @pytest.mark.parametrize("scale", [1.0, 3.0])
-@pytest.mark.parametrize("blur", BLURS)
+@pytest.mark.parametrize("blur", [*BLURS, 0.4, 0.9])
 def test_the_blur_is_that_at_which_detail_is_the_places(blur, scale):
-    octaves = 0.9 - 0.5 * np.array(BLURS)
-    there = side(octaves=(octaves[BLURS.index(blur)], 0.01), border_hardness=(1 - 0.4 * blur, 0.01))
-    tried = trial(3, octaves=octaves, border_hardness=1 - 0.4 * np.array(BLURS))
+    tried, borders = (np.array([[first - fall * tried] for tried in BLURS]) for first, fall in ((0.9, 0.5), (1, 0.4)))
+    there = side(octaves=(0.9 - 0.5 * blur, 0.01), border_hardness=(1 - 0.4 * blur, 0.01))
+    tried = trial(3, octaves=tried, border_hardness=borders)
     assert fitted_style(RECIPES, tried, there, scale).blur_px == pytest.approx(blur * scale)
 
 
-@pytest.mark.parametrize(("flat", "share"), [(20, 0), (5, 0), (36, 0.2), (60, 0.5), (99, 0.5)])
+@pytest.mark.parametrize(("flat", "share"), [(20, 0), (5, 0), (32, 0.2), (50, 0.5), (99, 0.5)])
 def test_flat_surfaces_make_up_for_what_is_lacking(flat, share):
-    tried = trial(3, flat=np.full((3, 1, 1), 20.0), smooth=np.full((3, 1, 1), 30.0))
-    style = fitted_style(RECIPES, tried, side(flat=(flat, 1.0), smooth=(30.0, 40.0)), 1.0)
+    # Half of the surfaces flat: 30 more in a hundred windows, since others are at borders.
+    tried = trial(3, flat=np.reshape([20.0, 50.0], (1, 1, 2, 1, 1)), smooth=np.reshape([30.0, 55.0], (1, 1, 2, 1, 1)))
+    style = fitted_style(RECIPES, tried, side(flat=(flat, 1.0), smooth=(30.0, 400.0)), 1.0)
     assert style.flat_share == pytest.approx(share)
-    assert style.expected["flat"] == pytest.approx(20 + 80 * share)
-    assert style.expected["smooth"] == pytest.approx(30 + 70 * share)
+    assert style.expected["flat"] == pytest.approx(20 + 60 * share)
+    assert style.expected["smooth"] == pytest.approx(30 + 50 * share)
+
+
+@pytest.mark.parametrize(("contrast", "stops"), [(50, 0), (70, 0), (40, -0.4), (5, -0.6)])
+def test_images_are_darker_where_the_place_has_less_contrast(contrast, stops):
+    darker = np.array([0.7, 1.0])
+    tried = trial(3, contrast=50 * darker, luminance=130 * darker)
+    style = fitted_style(RECIPES, tried, side(contrast=(contrast, 3), luminance=(130, 100)), 1.0)
+    assert style.exposure_stops == pytest.approx(stops)
+    assert style.expected["contrast"] == pytest.approx(50 * (1 + stops / 2))
+    # Not at the cost of a luminance that the place has in all of its photographs.
+    assert fitted_style(RECIPES, tried, side(contrast=(48, 3), luminance=(130, 1)), 1.0).exposure_stops == 0
+    found = facts([plain_rig(700, 0.1, Size(640, 480))], chosen_range(2, 90))
+    config = parse_config(config_text("x", found, style), "x.yaml")
+    assert config.imperfections.exposure_stops == Range(style.exposure_stops, style.exposure_stops)
 
 
 def test_blurred_texture_is_enlarged():
-    coarse = np.reshape([20.0, 9.0], (1, 2, 1))
+    coarse = np.reshape([20.0, 9.0], (1, 2, 1, 1, 1))
     style = fitted_style(RECIPES, trial(3, gradient=coarse), side(gradient=(10, 1)), 1.0)
     assert style.texels_per_pixel == TEXELS[1]
 
@@ -884,6 +926,9 @@ def test_trial_pairs_set_what_the_place_shows(call, tmp_path):
     assert "# Weights by depth jumps above 1 px" in text
     assert f"recipes          {', '.join(f'{share:.0%} {name}' for name, share in shares.items())}" in out
     assert f"blurred by {config.imperfections.blur_px.low:g} px" in out
+    assert re.search(
+        r"^ +disparities expected at a total variation of 0\.\d{3} from the wanted ones$", out, re.MULTILINE
+    )
 
 
 def test_plain_numbers_and_a_range_are_enough(call, tmp_path):

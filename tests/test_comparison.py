@@ -498,6 +498,10 @@ def test_a_sample_is_spread_over_the_dataset(dataset, photographs):
         open_dataset(dataset), find_place(sorted(photographs.iterdir()), []), width_px=48, sample=3
     )
     assert (whole.pairs, part.pairs, part.dataset_pairs) == (5, 3, 5)
+    # Narrow pairs are not enlarged, unless that is asked for.
+    narrow = compare_with_place(open_dataset(dataset), find_place(sorted(photographs.iterdir()), []), sample=1)
+    assert narrow.width_px == open_dataset(dataset)[0].left.image.shape[1] < 512
+    assert len(narrow.dataset.values["gradient"]) == 1
     assert part.dataset.values["luminance"] == pytest.approx(whole.dataset.values["luminance"][[0, 2, 4]])
 
 

@@ -138,7 +138,7 @@ def test_every_set_is_a_config_of_the_rig(tmp_path, monkeypatch):
     def blurred(facts, place, trials, _):
         # What a trial finds is tested with `calibrate`: here it has to reach the config.
         assert len(place.values["contrast"]) == 2
-        assert trials == 2
+        assert trials == 3
         return replace(untried_style(facts.recipes), blur_px=0.4)
 
     monkeypatch.setattr(training_sets, "tried_style", blurred)

@@ -16,6 +16,7 @@ from semisynth_gl.calibration.style import untried_style
 from semisynth_gl.calibration.trial import tried_style
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
+from semisynth_gl.comparison.picture import working_width
 from semisynth_gl.comparison.place import find_place
 from semisynth_gl.comparison.sides import measure_place
 from semisynth_gl.config import Config, load_config
@@ -60,7 +61,7 @@ SETS: Mapping[str, TrainingSet] = {
         {"scenes": [{"recipe": "room", **_ROOM}, {"recipe": "clutter"}, {"recipe": "large", **_LARGE}]},
     ),
     "room": TrainingSet("furnished rooms", _ROOM),
-    "calibrated": TrainingSet("what `calibrate` writes from the photographs", of_place=True, trials=2),
+    "calibrated": TrainingSet("what `calibrate` writes from the photographs", of_place=True, trials=3),
     "large": TrainingSet("few large models, panels and grounds", _LARGE),
     "photographs": TrainingSet("photographs of other things", {"textures.source": "photographs"}, of_place=True),
     "builtin": TrainingSet(
@@ -100,7 +101,7 @@ def config_of(name: str, images: tuple[str, ...], scratch: Path) -> Config:
     facts = config_facts(rigs, images, source, other_camera=True)
     style = untried_style(facts.recipes)
     if row.trials:
-        place = measure_place(find_place(find_images(images), ()))
+        place = measure_place(find_place(find_images(images), ()), working_width(facts.size.width_px))
         style = tried_style(facts, place.side, row.trials, Listener())
     scratch.mkdir(parents=True, exist_ok=True)
     written = scratch / f"{name}.yaml"

@@ -202,6 +202,9 @@ def config_text(name: str, facts: ConfigFacts, style: Style) -> str:
         "imperfections:",
         f"  blur_px: {_number(style.blur_px)}",
     ]
+    if style.exposure_stops:
+        stops = _number(style.exposure_stops)
+        lines.append(f"  exposure_stops: {stops:<9} # surfaces of photographs of several exposures meet in one image")
     return "\n".join(lines) + "\n"
 
 

@@ -12,7 +12,7 @@ _NEAR = (0.4, 0.98)
 _ROOM_ENDS = (0.1, 0.4)
 _PANELS = (0.1, 0.8)
 _PANEL_OF_WIDTH = (0.3, 1.0)
-_STEEP_DEG = [20, 75]
+_SLANT_DEG = [0, 45]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ def suitable_recipes(scenes: Sequence[str], disparity: DisparityRange, width_px:
         "panels": [3, 6],
         "panel_disparity_px": between(_PANELS),
         "panel_size_px": [float(round(share * width_px)) for share in _PANEL_OF_WIDTH],
-        "panel_slant_deg": _STEEP_DEG,
+        "panel_slant_deg": _SLANT_DEG,
     }
     floating = {"indoor": ("cuboid", {}), "outdoor": ("plane", {"ground": 1})}
     empty = {"cuboid": 0, "plane": 0}

@@ -1,7 +1,7 @@
 """The style of a calibrated dataset: the mix of its recipes and the look of its surfaces, chosen by what a place shows.
 
 A mean over the pairs of a mix is the mean of its recipes by their weights, so a few pairs of each recipe tell what any
-mix comes to. Blur is put on rendered images, so that one pair tells of all amounts of it.
+mix comes to. Blur and exposure are put on rendered images, so that one pair tells of all amounts of them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,16 +18,33 @@ from semisynth_gl.comparison.sides import Side
 
 TEXELS = ((0.8, 1.5), (0.4, 0.75))
 """The values of ``textures.texels_per_pixel`` that are tried."""
-BLURS = (0.0, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
-"""The values of ``imperfections.blur_px`` that are tried, at the working width or a smaller one."""
+FLATS = (0.0, 0.5)
+"""The values of ``textures.flat_share`` that are tried."""
+BLURS = (0.0, 0.3, 0.5, 0.7, 1.0)
+"""The values of ``imperfections.blur_px`` that are tried, at the working width."""
+EXPOSURES = (-0.6, 0.0)
+"""The values of ``imperfections.exposure_stops`` that are tried."""
 
 _OF_MIX = ("background.room", "background.street", "structures.panels", "particles.density", "disparity.target")
-_OF_LOOK = ("imperfections.blur_px", "textures.texels_per_pixel", "textures.flat_share")
+_OF_LOOK = (
+    "imperfections.blur_px",
+    "imperfections.exposure_stops",
+    "textures.texels_per_pixel",
+    "textures.flat_share",
+)
+# Between the values that were tried.
+_FINE_FLATS, _FINE_BLURS, _FINE_EXPOSURES = (
+    np.round(np.arange(tried[0], tried[-1] + step / 2, step), 9) + 0.0
+    for tried, step in ((FLATS, 0.05), (BLURS, 0.05), (EXPOSURES, 0.1))
+)
 # Weights are multiples of a twentieth.
 _PARTS = 20
 # How much a mix of equal weights is worth beside a mix of one recipe, in deviations of one measure.
 _EVENNESS = 0.1
-_MOST_FLAT = 0.5
+# A share of pixels with disparities that are not wanted, which counts as a deviation of one measure.
+_SURPLUS = 0.07
+# What a stop of exposure costs: darker images are to be worth their while.
+_DARK = 0.5
 _EQUAL = "Equal weights: no disparity map says otherwise."
 # Of a mean: the deviation of a place that has one picture, and the least that counts.
 _UNKNOWN, _LEAST = 0.25, 0.05
@@ -38,12 +55,18 @@ class Trial:
     """Means of the measures over trial pairs.
 
     Attributes:
-        means: (R, T, B, M) float64 by recipe, `TEXELS`, `BLURS` and `MEASURES`; nan where no pair has the measure.
+        means: (R, T, F, B, E, M) float64 by recipe, `TEXELS`, `FLATS`, `BLURS`, `EXPOSURES` and `MEASURES`; nan where
+            no pair has the measure.
         pairs: number of the pairs.
+        shares: (R, K) float64, the expected share of each recipe's pixels in each bin of the wanted disparities; 0 for
+            recipes that are solved for what the others lack.
+        wanted: (K,) float64, the wanted shares.
     """
 
     means: NDArray[np.float64]
     pairs: int
+    shares: NDArray[np.float64]
+    wanted: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +79,7 @@ class Style:
         texels_per_pixel: ends of the range.
         blur_px: in pixels of the config's images.
         flat_share: share of flat surfaces.
+        exposure_stops: of the config's images, 0 or below.
         mix_origin: a sentence on where the weights came from.
         look_origin: a sentence on where the values of surfaces and blur came from.
         expected: what the pairs of such a dataset are expected to come to, by the key of each measure; nothing where
@@ -67,6 +91,7 @@ class Style:
     texels_per_pixel: tuple[float, float] = TEXELS[0]
     blur_px: float = 0.0
     flat_share: float = 0.0
+    exposure_stops: float = 0.0
     mix_origin: str = _EQUAL
     look_origin: str = "As in the packaged configs: no pairs were tried."
     expected: Mapping[str, float] = field(default_factory=dict)
@@ -91,8 +116,9 @@ def untried_style(recipes: Sequence[SceneRecipe]) -> Style:
 def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Side, blur_scale: float) -> Style:
     """Choose the style whose pairs are expected to come near to a place, in standard deviations of its pictures.
 
-    Weights follow from the measures of disparity maps that recipes move; texture scale, blur and flat share from those
-    of images, and of borders, that they move. See `semisynth_gl.comparison.changes`.
+    Weights follow from the measures of disparity maps that recipes move, and from the wanted disparities: what a mix
+    shows too much of, no recipe can take back. Texture scale, blur, flat share and exposure follow from the measures of
+    images, and of borders, that they move. See `semisynth_gl.comparison.changes`.
 
     Args:
         recipes: the recipes that were tried.
@@ -102,29 +128,32 @@ def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Side, blur
     """
     wanted, unit = _wanted(place)
     weights, mix_origin = np.full(len(recipes), 1 / len(recipes)), ""
-    # Of geometry: neither texture nor blur moves it.
-    geometry = _mean(trial.means[:, :, 0], axis=1)
+    # Of geometry: nothing that surfaces wear moves it.
+    geometry = _mean(trial.means[:, :, :, 0, 0], axis=(1, 2))
     rows = _rows([measure for measure in moved_by(*_OF_MIX) if measure.of_maps], wanted, geometry)
     if rows:
         mixes = _mixes(len(recipes))
         off = (mixes @ geometry[:, rows] - wanted[rows]) / unit[rows]
-        best = np.argmin(_far(off) + _EVENNESS * (mixes**2).sum(axis=1))
-        weights, mix_origin = mixes[best], f"Weights by {_named(rows)}"
-    looks = _mean(trial.means, 0, weights[:, None, None, None])
+        surplus = np.maximum(mixes @ trial.shares - trial.wanted, 0).sum(axis=1, keepdims=True)
+        best = np.argmin(_far(off) + _far(surplus / _SURPLUS) + _EVENNESS * (mixes**2).sum(axis=1))
+        weights, mix_origin = mixes[best], f"Weights by {_named(rows)} and the wanted disparities"
+    looks = _mean(trial.means, 0, weights[:, None, None, None, None, None])
+    looks = _between(looks, 1, FLATS, _FINE_FLATS)
+    looks = _between(looks, 2, BLURS, _FINE_BLURS)
+    looks = _between(looks, 3, EXPOSURES, _FINE_EXPOSURES)
     rows = _rows(moved_by(*_OF_LOOK), wanted, looks.reshape(-1, looks.shape[-1]))
-    share = _flat_share(looks, wanted)
-    looks = _with_flat_surfaces(looks, share)
-    off = (looks[..., rows] - wanted[rows]) / unit[rows]
-    texels, blur = np.unravel_index(np.argmin(_far(off)), share.shape)
-    expected = looks[texels, blur]
+    far = _far((looks[..., rows] - wanted[rows]) / unit[rows]) - _DARK * _FINE_EXPOSURES
+    texels, flat, blur, exposure = map(int, np.unravel_index(np.argmin(far), far.shape))
+    expected = looks[texels, flat, blur, exposure]
     tried = f"of {trial.pairs} pairs that were rendered and measured"
     kept = np.flatnonzero(weights).tolist()
     return Style(
         tuple(recipes[number] for number in kept),
         tuple(float(weights[number]) for number in kept),
         TEXELS[texels],
-        float(f"{BLURS[blur] * blur_scale:.2g}"),
-        float(share[texels, blur]),
+        float(f"{_FINE_BLURS[blur] * blur_scale:.2g}"),
+        float(_FINE_FLATS[flat]),
+        float(_FINE_EXPOSURES[exposure]),
         f"{mix_origin} {tried}." if mix_origin else _EQUAL,
         f"By {_named(rows)} {tried}.",
         {measure.key: float(value) for measure, value in zip(MEASURES, expected, strict=True) if np.isfinite(value)},
@@ -133,10 +162,11 @@ def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Side, blur
 
 def _wanted(place: Side) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return each measure's mean, nan where the place has none, and its deviation, the unit of differences."""
-    means = np.array([np.nan if (mean := place.mean(measure)) is None else mean for measure in MEASURES])
-    known = [place.deviation(measure) for measure in MEASURES]
-    units = np.array([np.nan if deviation is None else deviation for deviation in known])
-    return means, np.fmax(np.where(np.isnan(units), _UNKNOWN * np.abs(means), units), _LEAST * np.abs(means))
+    # As float64, None is nan.
+    means = np.array([place.mean(measure) for measure in MEASURES], np.float64)
+    deviations = np.array([place.deviation(measure) for measure in MEASURES], np.float64)
+    units = np.where(np.isnan(deviations), _UNKNOWN * np.abs(means), deviations)
+    return means, np.maximum(units, _LEAST * np.abs(means))
 
 
 def _rows(measures: Sequence[Measure], wanted: NDArray[np.float64], found: NDArray[np.float64]) -> list[int]:
@@ -169,8 +199,10 @@ def _mixes(recipes: int) -> NDArray[np.float64]:
     return weights
 
 
-def _mean(values: NDArray[np.float64], axis: int, weights: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
-    """Return means along an axis over the values that are not nan; nan where all are."""
+def _mean(
+    values: NDArray[np.float64], axis: int | tuple[int, ...], weights: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
+    """Return means along axes over the values that are not nan; nan where all are."""
     there = np.isfinite(values)
     shares = there * (1.0 if weights is None else weights)
     sums, total = (shares * np.where(there, values, 0)).sum(axis=axis), shares.sum(axis=axis)
@@ -178,26 +210,13 @@ def _mean(values: NDArray[np.float64], axis: int, weights: NDArray[np.float64] |
     return means
 
 
-_FLAT, _SMOOTH, _GRADIENT = (
-    next(number for number, measure in enumerate(MEASURES) if measure.key == key)
-    for key in ("flat", "smooth", "gradient")
-)
-
-
-def _flat_share(looks: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the share of flat surfaces, (T, B), that makes up for what a mix lacks of flat windows."""
-    flat = looks[..., _FLAT]
-    lacking = np.nan_to_num((wanted[_FLAT] - flat) / (100 - flat))
-    share: NDArray[np.float64] = np.round(np.clip(lacking, 0, _MOST_FLAT) * _PARTS) / _PARTS
-    return share
-
-
-def _with_flat_surfaces(looks: NDArray[np.float64], share: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return what (T, B, M) comes to where a share (T, B) of the surfaces is flat."""
-    looks = looks.copy()
-    for row, of_flat in ((_FLAT, 100.0), (_SMOOTH, 100.0), (_GRADIENT, 0.0)):
-        looks[..., row] += share * (of_flat - looks[..., row])
-    return looks
+def _between(
+    values: NDArray[np.float64], axis: int, tried: Sequence[float], wanted: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return what values along an axis, of ``tried`` in rising order, come to at those that are wanted."""
+    parts = np.array([np.interp(wanted, tried, each) for each in np.eye(len(tried))])
+    found: NDArray[np.float64] = np.moveaxis(np.tensordot(values, parts, (axis, 0)), -1, axis)
+    return found
 
 
 def _named(rows: Sequence[int]) -> str:

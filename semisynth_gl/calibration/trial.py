@@ -3,71 +3,101 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from semisynth_gl.calibration.calibrate import ConfigFacts, config_text
 from semisynth_gl.calibration.recipes import SceneRecipe
-from semisynth_gl.calibration.style import BLURS, TEXELS, Style, Trial, fitted_style, untried_style
+from semisynth_gl.calibration.style import BLURS, EXPOSURES, FLATS, TEXELS, Style, Trial, fitted_style, untried_style
 from semisynth_gl.comparison.measures import MEASURES
-from semisynth_gl.comparison.picture import WORKING_WIDTH, make_picture
+from semisynth_gl.comparison.picture import Picture, make_picture, working_width
 from semisynth_gl.comparison.sides import Side
 from semisynth_gl.config import Config
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.listener import FinishedPair, Listener
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
-from semisynth_gl.pairs.pipeline import PairRenderer
+from semisynth_gl.pairs.pipeline import Pair, PairRenderer
 from semisynth_gl.seeds import Purpose, generator
 
 _SEED = 0
 
 
 def tried_style(facts: ConfigFacts, place: Side, pairs: int, listener: Listener) -> Style:
-    """Render pairs of each recipe with each of `TEXELS`, measure them with each of `BLURS`, and choose the best style.
+    """Choose the best style by pairs of each recipe with each of `TEXELS` and `FLATS`.
+
+    They are measured with each of `BLURS` and `EXPOSURES`.
 
     Args:
         facts: what the config is written from.
-        place: the measures of the place.
-        pairs: number of pairs of each recipe with each of `TEXELS`, at least 1.
+        place: the measures of the place, at the `working_width` of the images.
+        pairs: number of pairs of each recipe with each of `TEXELS` and `FLATS`, at least 1.
         listener: hears the number of pairs, and each pair.
 
     Raises:
         InputError: where images, models or ranges cannot be used.
         BackendError: where OpenGL cannot be used.
     """
-    # A blur of the image is less of one at the working width, if that is smaller.
-    blur_scale = max(facts.size.width_px / WORKING_WIDTH, 1.0)
-    return fitted_style(facts.recipes, _try(facts, pairs, blur_scale, listener), place, blur_scale)
+    trial = _try(facts, pairs, listener)
+    return fitted_style(facts.recipes, trial, place, _blur_scale(facts.size.width_px))
 
 
-def _try(facts: ConfigFacts, pairs: int, blur_scale: float, listener: Listener) -> Trial:
+def _blur_scale(width_px: int) -> float:
+    """Return the pixels of an image for one of the working width, at which a blur of the image is less of one."""
+    return width_px / working_width(width_px)
+
+
+def _try(facts: ConfigFacts, pairs: int, listener: Listener) -> Trial:
     recipes = facts.recipes
     cells = {f"{recipe.name}-{k}": (r, k) for r, recipe in enumerate(recipes) for k in range(len(TEXELS))}
     tried = [_with_texels(name, recipes[r], TEXELS[k]) for name, (r, k) in cells.items()]
-    config = _each_by_itself(parse_config(config_text("trial", facts, untried_style(tried)), "the trial's config"))
-    sums = np.zeros((len(recipes), len(TEXELS), len(BLURS), len(MEASURES)))
+    style = untried_style(tried)
+    sums = np.zeros((len(recipes), len(TEXELS), len(FLATS), len(BLURS), len(EXPOSURES), len(MEASURES)))
     counts = np.zeros(sums.shape, np.int64)
-    total = pairs * len(cells)
-    listener.on_total(total)
-    with PairRenderer(config, _SEED) as renderer:
-        for number in range(total):
-            # Unchecked: a trial is no dataset, and what is drawn again for its checks is the same sort of scene.
-            pair = renderer.render(number, checked=False)
-            view, cell = pair.frame.left, cells[pair.provenance["recipe"]]
-            sharp = make_picture(str(number), WORKING_WIDTH, disparity=view.disparity)
-            for k, blur in enumerate(BLURS):
-                drawn = Imperfections(blur * blur_scale, 0.0, 0.0, 1.0)
-                image = apply_imperfections(view.image, drawn, generator(_SEED, Purpose.IMPERFECTIONS, number))
-                picture = replace(sharp, luminance=make_picture("", WORKING_WIDTH, image=image).luminance)
-                for m, measure in enumerate(MEASURES):
-                    # What is measured in the map alone is worked out once.
-                    value = measure.measure(picture) if k == 0 or not measure.of_maps else None
-                    if value is not None:
-                        sums[(*cell, k, m)] += value
-                        counts[(*cell, k, m)] += 1
-            listener.on_pair(FinishedPair("train", number))
+    target = facts.disparity.target
+    shares = np.zeros((len(recipes), len(target.shares)))
+    each = pairs * len(cells)
+    listener.on_total(each * len(FLATS))
+    for f, flat in enumerate(FLATS):
+        text = config_text("trial", facts, replace(style, flat_share=flat))
+        with PairRenderer(_each_by_itself(parse_config(text, "the trial's config")), _SEED) as renderer:
+            for recipe, sampler in zip(renderer.sampler.recipes, renderer.sampler.samplers, strict=True):
+                # Neither texels nor flat surfaces move them.
+                r, k = cells[str(recipe.name)]
+                if k == f == 0 and recipe.config.particles.layers is not None:
+                    shares[r] = sampler.population.expected().rebinned(target.edges_px).shares
+            for number in range(f * each, (f + 1) * each):
+                # Unchecked: a trial is no dataset, and what is drawn again for its checks is the same sort of scene.
+                pair = renderer.render(number, checked=False)
+                r, k = cells[pair.provenance["recipe"]]
+                values = _looks(pair, facts.size.width_px)
+                there = np.isfinite(values)
+                sums[r, k, f] += np.where(there, values, 0)
+                counts[r, k, f] += there
+                listener.on_pair(FinishedPair("train", number))
     means = np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=counts > 0)
-    of_maps = [measure.of_maps for measure in MEASURES]
-    means[..., of_maps] = means[:, :, :1, of_maps]
-    return Trial(means, total)
+    return Trial(means, each * len(FLATS), shares, target.shares)
+
+
+def _looks(pair: Pair, width_px: int) -> NDArray[np.float64]:
+    """Return the measures of a trial pair, (B, E, M), nan where it does not have them; see `Trial`."""
+    view = pair.frame.left
+    values = np.full((len(BLURS), len(EXPOSURES), len(MEASURES)), np.nan)
+    of_maps = np.array([measure.of_maps for measure in MEASURES])
+    for b, blur in enumerate(BLURS):
+        drawn = Imperfections(blur * _blur_scale(width_px), 0.0, 0.0, 1.0)
+        image = apply_imperfections(view.image, drawn, generator(_SEED, Purpose.IMPERFECTIONS, pair.index))
+        picture = make_picture(str(pair.index), working_width(width_px), image=image, disparity=view.disparity)
+        if b == 0:
+            # What is measured in the map alone is worked out once.
+            values[..., of_maps] = _measured(picture, of_maps)
+        for e, stops in enumerate(EXPOSURES):
+            values[b, e, ~of_maps] = _measured(picture.exposed(stops), ~of_maps)
+    return values
+
+
+def _measured(picture: Picture, chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return some of the measures of a picture, nan where it does not have them."""
+    # As float64, None is nan.
+    return np.array([MEASURES[m].measure(picture) for m in np.flatnonzero(chosen).tolist()], np.float64)
 
 
 def _each_by_itself(config: Config) -> Config:

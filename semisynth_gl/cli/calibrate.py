@@ -19,12 +19,14 @@ from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.maps import map_files, one_of_each_scene
+from semisynth_gl.comparison.picture import working_width
 from semisynth_gl.comparison.place import find_place, left_out
 from semisynth_gl.comparison.sides import MeasuredPlace, measure_place
 from semisynth_gl.config import Config
 from semisynth_gl.config.fields import LARGEST
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.errors import BackendError, InputError
+from semisynth_gl.histogram import total_variation
 from semisynth_gl.textures.crop_report import TextureReport
 from semisynth_gl.textures.image_files import find_files, find_images
 from semisynth_gl.textures.images import image_extensions
@@ -62,9 +64,9 @@ _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 @option(
     "--trials",
     type=NATURAL,
-    default=2,
-    help="How many pairs to render and measure of each recipe and texture scale; 0 for none: then all recipes have one "
-    "weight, and textures are as in the packaged configs.",
+    default=3,
+    help="How many pairs to render and measure of each recipe with each of two texture scales and two shares of flat "
+    "surfaces; 0 for none: then all recipes have one weight, and textures are as in the packaged configs.",
 )
 @output_option("--out", CONFIG, ".yaml", ".yml", required=True, help="YAML to write.")
 def calibrate(
@@ -101,10 +103,11 @@ def calibrate(
     report = prepare_atlas(config.textures, 0).report
     place, in_view = None, []
     if trials:
-        place = measure_place(find_place(find_images(images), found, png_scale))
+        width_px = working_width(facts.size.width_px)
+        place = measure_place(find_place(find_images(images), found, png_scale), width_px)
         style = _tried(facts, place, trials)
         text = config_text(name, facts, style)
-        in_view = [_in_view(parse_config(text, str(out)))]
+        in_view = _expectations(parse_config(text, str(out)))
     output.write(text.encode())
     for line in (*_summary(facts, report), *_style_summary(style, place), *in_view):
         say(line)
@@ -127,14 +130,19 @@ def _tried(facts: ConfigFacts, place: MeasuredPlace, trials: int) -> Style:
         raise BackendError(f"{error}\n{advice}") from None
 
 
-def _in_view(config: Config) -> str:
-    """Return how many objects and how much background a config's recipes will show."""
+def _expectations(config: Config) -> list[str]:
+    """Return how near a config's mix is expected to come to the wanted disparities, and what its recipes will show."""
     # Imported here: models take longer to load than a config to write without them.
     from semisynth_gl.scene.mix import MixSampler  # noqa: PLC0415
     from semisynth_gl.scene.sources import prepare_sources  # noqa: PLC0415
 
     sources = prepare_sources(config, 0)
-    return MixSampler(config, 0, sources.libraries, sources.atlas.patches).in_view_text()
+    mix = MixSampler(config, 0, sources.libraries, sources.atlas.patches)
+    variation = total_variation(mix.expected(), config.wanted_histogram())
+    return [
+        f"                 disparities expected at a total variation of {variation:.3f} from the wanted ones",
+        mix.in_view_text(),
+    ]
 
 
 def _style_summary(style: Style, place: MeasuredPlace | None) -> list[str]:
@@ -144,6 +152,8 @@ def _style_summary(style: Style, place: MeasuredPlace | None) -> list[str]:
         return lines
     low, high = style.texels_per_pixel
     look = f"{low:g} to {high:g} texels per pixel, {style.flat_share:.0%} flat, blurred by {style.blur_px:g} px"
+    if style.exposure_stops:
+        look += f", exposed by {style.exposure_stops:g} stops"
     near, compared = style.near(place.side)
     lines.append(f"textures         {look}")
     # A single picture has no deviation.

@@ -33,8 +33,8 @@ _PLOTS = marked_png("semisynth-gl compare")
     "--width",
     "width_px",
     type=click.IntRange(min=32, max=4096),
-    default=WORKING_WIDTH,
-    help="Width in px to which all images and maps are brought before they are measured.",
+    help=f"Width in px to which all images and maps are brought before they are measured. By default {WORKING_WIDTH}, "
+    "or the pairs' own where that is less.",
 )
 @option("--sample", type=COUNT, default=SAMPLE, help="How many pairs to measure, evenly spread.")
 @option("--split", type=click.Choice(SPLITS), help="Of this split alone.")
@@ -51,7 +51,7 @@ def compare(
     images: tuple[str, ...],
     maps: tuple[str, ...],
     png_scale: float,
-    width_px: int,
+    width_px: int | None,
     sample: int,
     split: SplitName | None,
     output: Output,

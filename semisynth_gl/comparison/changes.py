@@ -67,7 +67,7 @@ CHANGES: tuple[Change, ...] = (
     Change("textures.texels_per_pixel", up=("gradient",), down=("flat", "smooth")),
     Change("textures.min_texture", up=("gradient",), down=("flat", "smooth")),
     Change("textures.flat_share", up=("flat", "smooth"), down=("gradient",)),
-    Change("imperfections.exposure_stops", up=("luminance", "contrast")),
+    Change("imperfections.exposure_stops", up=("luminance", "contrast", "gradient"), down=("flat", "smooth")),
     Change("imperfections.gamma", down=("luminance",)),
 )
 """All changes; those that move most come first."""

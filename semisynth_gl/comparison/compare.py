@@ -5,7 +5,7 @@ from typing import Any
 
 from semisynth_gl.comparison.changes import advice
 from semisynth_gl.comparison.measures import MEASURES, PROFILES, Measure, Profile
-from semisynth_gl.comparison.picture import WORKING_WIDTH
+from semisynth_gl.comparison.picture import WORKING_WIDTH, working_width
 from semisynth_gl.comparison.place import Place
 from semisynth_gl.comparison.sides import SAMPLE, MeasuredPlace, Side, measure_dataset, measure_place
 from semisynth_gl.dataset.reader import Dataset
@@ -63,7 +63,7 @@ def compare_with_place(
     dataset: Dataset,
     place: Place,
     *,
-    width_px: int = WORKING_WIDTH,
+    width_px: int | None = None,
     sample: int = SAMPLE,
     listener: Listener | None = None,
 ) -> Comparison:
@@ -72,7 +72,7 @@ def compare_with_place(
     Args:
         dataset: the dataset, or one of its splits.
         place: the photographs and maps, see `find_place`.
-        width_px: the working width, to which all images and maps are brought.
+        width_px: the width to which all images and maps are brought; by default the `working_width` of the pairs.
         sample: number of pairs to measure, evenly spread, at least 1.
         listener: hears the number of pairs, and each measured pair.
 
@@ -80,6 +80,9 @@ def compare_with_place(
         InputError: where no photograph can be read, or a map does not fit its image or has no disparity.
         ReadError: where a file of the dataset or a map cannot be read.
     """
+    if width_px is None:
+        configured = dataset.about.number("camera", "width_px")
+        width_px = WORKING_WIDTH if configured is None else working_width(round(configured))
     measured = measure_place(place, width_px)
     pairs = min(sample, len(dataset))
     return Comparison(width_px, measure_dataset(dataset, width_px, sample, listener), pairs, len(dataset), measured)

@@ -1,7 +1,7 @@
 """A picture as it is measured: luminance, disparity and masks at the working width, so that resolutions compare."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
 
@@ -14,7 +14,7 @@ from semisynth_gl.spread import centres
 from semisynth_gl.textures.crops import LUMINANCE_PARTS
 
 WORKING_WIDTH = 512
-"""Width to which all images and maps are brought, px, unless the caller wants another."""
+"""Width to which all images and maps are brought, px; see `working_width`."""
 
 _DENSE = 0.5
 _STRIP_PIXELS = 1 << 20
@@ -46,6 +46,10 @@ class Picture:
     background: NDArray[np.bool_] | None = None
     enlarged: bool = False
 
+    def exposed(self, stops: float) -> "Picture":
+        """Return the picture with its luminance multiplied by 2 to this power."""
+        return replace(self, luminance=None if self.luminance is None else self.luminance * np.float32(2.0**stops))
+
     @cached_property
     def run_lengths(self) -> NDArray[np.int64] | None:
         """(R,) int64 px."""
@@ -75,6 +79,14 @@ class Picture:
     def octave_contrasts(self) -> quantities.Values | None:
         """(5,) levels."""
         return _of(quantities.octave_contrasts, self.luminance)
+
+
+def working_width(width_px: int) -> int:
+    """Return the width that pairs and their place are brought to, unless the caller wants another.
+
+    It is `WORKING_WIDTH`, or the pairs' own where that is less: enlarged images lack the finest detail.
+    """
+    return min(WORKING_WIDTH, width_px)
 
 
 def _of(quantity: Callable[[NDArray[np.float32]], _Result], array: NDArray[np.float32] | None) -> _Result | None:
