@@ -28,6 +28,7 @@ class Purpose(IntEnum):
     RECIPES = 15
     MIX = 16
     LARGE_PATCHES = 17
+    RESTING = 18
 
 
 def generator(seed: int, purpose: Purpose, *keys: int | str) -> np.random.Generator:

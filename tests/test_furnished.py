@@ -16,25 +16,25 @@ from semisynth_gl.config import Config
 from semisynth_gl.config.scene_sections import RoomSection, StreetSection
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_library import build_library
-from semisynth_gl.scene.arrangement import FACE_NUMBER, Arrangement, View
-from semisynth_gl.scene.background import grid_px
+from semisynth_gl.scene.arrangement import Arrangement, View
+from semisynth_gl.scene.background import FACE, GROUND, grid_px
 from semisynth_gl.scene.glance import glance
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import STILL, near_depth_m
-from semisynth_gl.scene.room import draw_room
+from semisynth_gl.scene.room import DOORWAYS, NICHES, draw_room
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import Scene, make_scene
 from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.scene.street import draw_street
-from semisynth_gl.scene.structures import GROUND, STILL_MODELS, Stage, draw_stage, take_stock
+from semisynth_gl.scene.structures import STILL_MODELS, Stage, draw_stage, take_stock
 from semisynth_gl.seeds import generator
 from semisynth_gl.textures.atlas import Patch
 
 RIGS = ("middlebury", "kitti", "eth3d", "sceneflow")
 KINDS = ("room", "street")
 PATCH = (Patch("photo", 0, 0, 64, 0, 1, 10.0),)
-NUMBERS = {"doorway": 3, "niche": 6}
+HOLES = {"doorway": DOORWAYS, "niche": NICHES}
 
 
 @cache
@@ -99,7 +99,8 @@ def test_walls_and_ground_are_in_view_behind_things(rig: str, kind: str) -> None
     config, seen = furnished(rig, kind), []
     for seed in range(4):
         stage = stage_of(config, seed)
-        _, instance = glance(scene_of(stage, near_depth_m(stage.camera, config.disparity)), catalogue().models)
+        scene = scene_of(stage, near_depth_m(stage.camera, config.disparity))
+        instance = glance(scene, catalogue().models).instance
         assert (instance >= 0).all()
         model = stage.still.model[instance]
         # The floor of a room is its first rectangle.
@@ -128,8 +129,8 @@ def drawn(rig: str, kind: str, seed: int, **keys: object) -> Arrangement:
     config = furnished(rig, kind)
     shared = config.background, config.disparity, CAMERAS[rig], catalogue()
     if kind == "room":
-        return draw_room(RoomSection.model_validate(keys), *shared, NUMBERS, rng(seed), STILL)
-    return draw_street(StreetSection.model_validate(keys), *shared, 1, rng(seed), STILL)
+        return draw_room(RoomSection.model_validate(keys), *shared, rng(seed), STILL)
+    return draw_street(StreetSection.model_validate(keys), *shared, rng(seed), STILL)
 
 
 def corners_of(things: Arrangement) -> list[np.ndarray]:
@@ -252,9 +253,9 @@ def test_drawing_the_same_again_gives_the_same(seed: int, rig: str, kind: str) -
     def draw() -> Arrangement:
         if kind == "room":
             sections = config.room, config.background, config.disparity
-            return draw_room(*sections, CAMERAS[rig], catalogue(), NUMBERS, rng(seed), STILL)
+            return draw_room(*sections, CAMERAS[rig], catalogue(), rng(seed), STILL)
         sections = config.street, config.background, config.disparity
-        return draw_street(*sections, CAMERAS[rig], catalogue(), 1, rng(seed), STILL)
+        return draw_street(*sections, CAMERAS[rig], catalogue(), rng(seed), STILL)
 
     first, second = draw(), draw()
     assert first.model == second.model
@@ -270,26 +271,41 @@ def test_a_glance_sees_what_the_ray_caster_sees(rig: str, kind: str) -> None:
     config = furnished(rig, kind)
     stage = stage_of(config, 3)
     scene = scene_of(stage, near_depth_m(stage.camera, config.disparity))
-    depth_m, instance = glance(scene, catalogue().models)
-    hits = cast_rays(scene, catalogue().models, "left", *grid_px(stage.camera))
-    np.testing.assert_allclose(depth_m, hits.depth_m, rtol=1e-9)
-    assert (instance == hits.instance).mean() > 0.999  # touching surfaces may come out either way
+    seen, models = glance(scene, catalogue().models), catalogue().models
+    hits = cast_rays(scene, models, "left", *grid_px(stage.camera))
+    np.testing.assert_allclose(seen.depth_m, hits.depth_m, rtol=1e-9)
+    same = seen.instance == hits.instance
+    assert same.mean() > 0.999  # touching surfaces may come out either way
+    # UV is linear over each triangle.
+    points = stage.camera.rays("left", *grid_px(stage.camera)) * hits.depth_m[:, None]
+    for ray in np.flatnonzero(same)[::7]:
+        mesh, matrix = models[scene.model[hits.instance[ray]]], scene.world_from_model[hits.instance[ray]]
+        triangle = mesh.triangles[hits.triangle[ray]]
+        corners = mesh.positions[triangle].astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
+        first, *edges = corners
+        along = np.linalg.lstsq(np.stack(edges - first, axis=1), points[ray] - first, rcond=None)[0]
+        uv = mesh.uv[triangle].astype(float)
+        np.testing.assert_allclose(seen.uv[ray], uv[0] + along @ (uv[1:] - uv[0]), atol=1e-6)
 
 
 def test_a_glance_cuts_triangles_at_the_near_plane() -> None:
     """Of random triangles around the camera, most reach behind it with one corner or with two."""
     camera, generator_ = CAMERAS["kitti"], rng(2)
     corners = generator_.uniform((-4, -2, -2), (4, 2, 4), (60, 3, 3))
-    triangles = [make_mesh(str(k), points, np.zeros((3, 2)), [[0, 1, 2]]) for k, points in enumerate(corners)]
+    triangles = [make_mesh(str(k), points, points[:, :2], [[0, 1, 2]]) for k, points in enumerate(corners)]
     # Meshes are kept as they are given: their vertices are metres in the camera's frame.
     same = np.tile(np.eye(4), (60, 1, 1))
     scene = make_scene(camera, model=range(60), world_from_model=same, layer=[0] * 60, near_m=0.5)
     beyond = (corners[..., 2] >= scene.near_m).sum(axis=1)
     assert min((beyond == 1).sum(), (beyond == 2).sum()) > 10
-    depth_m, instance = glance(scene, triangles)
+    seen = glance(scene, triangles)
     hits = cast_rays(scene, triangles, "left", *grid_px(camera))
-    np.testing.assert_array_equal(instance, hits.instance)
-    np.testing.assert_allclose(depth_m, hits.depth_m, rtol=1e-9)
+    np.testing.assert_array_equal(seen.instance, hits.instance)
+    np.testing.assert_allclose(seen.depth_m, hits.depth_m, rtol=1e-9)
+    # UV is x and y of the corners: what is cut keeps the UV of its places.
+    points = camera.rays("left", *grid_px(camera)) * seen.depth_m[:, None]
+    hit = seen.instance >= 0
+    np.testing.assert_allclose(seen.uv[hit], points[hit, :2], atol=1e-6)
 
 
 @pytest.mark.parametrize(("kind", "rows"), [("doorway", (0.2, 1.0)), ("niche", (0.3, 0.62))])
@@ -301,17 +317,56 @@ def test_no_picture_hangs_before_a_hole(kind: str, rows: tuple[float, float]) ->
         for wall, number in enumerate(things.model):
             if not is_of(number, f"wall with a {kind}"):
                 continue
-            left, right = columns[number - NUMBERS[kind]]
+            left, right = columns[HOLES[kind].index(things.catalogue.models[number])]
             for face, matrix in zip(things.model, matrices, strict=True):
                 corners = np.linalg.inv(matrices[wall]) @ matrix @ [[0, 1, 0], [0, 0, 1], [0, 0, 0], [1, 1, 1]]
                 u, v, out = corners[:3]
                 # A picture is parallel to its wall, a few centimetres before it.
-                if face != FACE_NUMBER or np.ptp(out) > 1e-9 or not -0.05 < out[0] < -1e-6:
+                if things.catalogue.models[face] is not FACE or np.ptp(out) > 1e-9 or not -0.05 < out[0] < -1e-6:
                     continue
                 across, down = u.min() < right and left < u.max(), v.min() < rows[1] and rows[0] < v.max()
                 assert not (across and down), (seed, u, v)
                 beside += 1
     assert beside > 5
+
+
+def test_pictures_and_other_things_on_a_wall_meet_neither_each_other_nor_its_ends() -> None:
+    hung, bare = 0, dict.fromkeys(("furniture", "small", "curtain", "pillars", "rug", "doorway", "niche"), 0)
+    for seed in range(3):
+        things = drawn("middlebury", "room", seed, pictures=60, **bare)
+        meshes = [things.catalogue.models[number] for number in things.model]
+        # After the floor, the ceiling and the wall behind the camera.
+        for wall in things.floor_from_model[3:6]:
+            boxes = []
+            for mesh, matrix in zip(meshes, things.floor_from_model, strict=True):
+                points = np.c_[mesh.positions, np.ones(len(mesh.positions))] @ (np.linalg.inv(wall) @ matrix).T
+                low, high = points[:, :3].min(axis=0), points[:, :3].max(axis=0)
+                # Of a picture its front: not its sides, nor those of a picture on the next wall.
+                is_front = high[2] - low[2] < 1e-9 and (high - low)[0] > 0.02
+                if low[2] > -0.1 and high[2] < -1e-6 and (mesh is not FACE or is_front):
+                    boxes.append((low[:2], high[:2]))
+            for number, (low, high) in enumerate(boxes):
+                assert low.min() > -1e-3
+                assert high.max() < 1 + 1e-3
+                for begin, end in boxes[:number]:
+                    assert not ((low < end - 1e-3) & (begin < high - 1e-3)).all(), seed
+            hung += len(boxes)
+    assert hung > 15
+
+
+def test_fences_and_houses_stand_clear_of_pavements() -> None:
+    stood = 0
+    for seed in range(3):
+        things = drawn("kitti", "street", seed, pavement=1, houses=0.3, fences=0.7, tall=0, low=0, vehicles=0)
+        corners = corners_of(things)
+        # The tops of slabs are level, and a hand above the ground.
+        slabs = [each[..., 0] for each in corners if np.ptp(each[..., 2]) < 1e-9 and 0.05 < each[0, 0, 2] < 0.2]
+        left, right = min(each.min() for each in slabs), max(each.max() for each in slabs)
+        for number, each in zip(things.model, corners, strict=True):
+            if is_of(number, "fence", "house"):
+                assert each[..., 0].max() < left or each[..., 0].min() > right
+                stood += 1
+    assert stood > 20
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -336,7 +336,7 @@ def test_a_mix_says_how_many_objects_and_how_much_background_it_shows(background
         scene = sampler.sample(index).scene
         counts.append(count_in_view(scene))
         if index % 4 == 0:
-            _, instance = glance(scene, sampler.models)
+            instance = glance(scene, sampler.models).instance
             still.append((scene.model[instance] < len(STILL_MODELS)).mean())
     expected = sampler.population.in_view()
     assert expected.objects == pytest.approx(np.mean(counts), rel=0.15)

@@ -8,6 +8,7 @@ from tiny_datasets import tiny
 from semisynth_gl.config import load_config
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.geometry.model_library import build_library
+from semisynth_gl.scene.glance import glance
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.structures import STILL_MODELS
 from semisynth_gl.textures.atlas import Patch, atlas_from_arrays
@@ -98,20 +99,54 @@ def test_an_atlas_comes_out_of_the_cache_as_it_went_in(tmp_path):
     assert len(plain.large_layers) == 0
 
 
-def test_walls_wear_them_and_models_do_not_and_none_repeats_across_the_view():
+SMALL = tuple(Patch("s", 0, 0, 256, k, 1, 9.0) for k in range(5))
+LARGE = tuple(Patch("l", 0, 0, 1024, 5 + k, 1, 9.0, large=True) for k in range(2))
+
+
+def sampler_of(config, patches):
+    return SceneSampler(config, 0, build_library(config.models, config.particles, 0), patches)
+
+
+def test_walls_wear_them_and_no_patch_repeats_across_the_view():
     config = load_config("middlebury", ["textures.large_px=1024", "structures.panels=3", "models.complex=0"])
-    small = tuple(Patch("s", 0, 0, 256, k, 1, 9.0) for k in range(5))
-    large = tuple(Patch("l", 0, 0, 1024, 5 + k, 1, 9.0, large=True) for k in range(2))
-    library = build_library(config.models, config.particles, 0)
-    sampled = SceneSampler(config, 0, library, (*small, *large)).sample(0)
+    sampled = sampler_of(config, (*SMALL, *LARGE)).sample(0)
     still = sampled.scene.model < len(STILL_MODELS)
     assert still.sum() == 9
     assert set(sampled.patch[still]) <= {5, 6}
-    assert set(sampled.patch[~still]) == set(range(5))
     assert set(sampled.patch_px[still]) == {1024}
-    assert set(sampled.patch_px[~still]) == {256}
-    plain = SceneSampler(config, 0, library, small).sample(0).scene
+    np.testing.assert_array_equal(sampled.patch_px == 1024, sampled.patch > 4)
+    plain = sampler_of(config, SMALL).sample(0).scene
     # On the screen a patch is at least as wide as the image: the same UV spans fewer patches than of small ones.
     shown = plain.uv_scale[still] / sampled.scene.uv_scale[still]
     assert (shown >= 1024 / 256 - 1e-9).all()
-    np.testing.assert_array_equal(plain.uv_scale[~still], sampled.scene.uv_scale[~still])
+    # What wears a small patch looks as it does without large ones.
+    same = sampled.patch_px == 256
+    assert same.sum() > 20
+    np.testing.assert_array_equal(plain.uv_scale[same], sampled.scene.uv_scale[same])
+    np.testing.assert_array_equal(plain.uv_offset[same], sampled.scene.uv_offset[same])
+
+
+@pytest.mark.parametrize("config", ["middlebury", "kitti"])
+def test_what_is_seen_of_a_surface_shows_a_patch_about_once(config):
+    kind = {"middlebury": "room", "kitti": "street"}[config]
+    overrides = ["scenes=[]", f"background={{cuboid: 0, plane: 0, {kind}: 1}}", "particles.layers=[{count: 20}]"]
+    config = load_config(config, [*overrides, "disparity.target={form: uniform}", "models.variants=1"])
+    sampler = sampler_of(config, (*SMALL, *LARGE))
+    once, small, models = [], [], 0
+    for index in range(4):
+        sampled = sampler.sample(index)
+        scene, seen = sampled.scene, glance(sampled.scene, sampler.models)
+        for number in np.unique(seen.instance):
+            uv = seen.uv[seen.instance == number] * scene.uv_scale[number] + scene.uv_offset[number]
+            low, high = np.quantile(uv, (0.1, 0.9), axis=0)
+            if sampled.patch_px[number] == 256:
+                small.append((high - low).max())
+                continue
+            models += scene.model[number] >= len(STILL_MODELS)
+            if len(uv) > 30 and sampled.slot[number] < 0:
+                # Where a patch is not enlarged too much, none of its borders is seen, at which it is mirrored.
+                once.append(bool((low > -0.01).all() and (high < 1.01).all()))
+    assert max(small) < 1.5
+    assert models > 5
+    assert len(once) > 15
+    assert np.mean(once) > 0.85

@@ -307,6 +307,8 @@ class ParticlesSection(Section):
         fall_m_s: speed downwards.
         drift: speed in a random horizontal direction, relative to the speed downwards.
         spin_deg_s: angular speed about a random axis.
+        resting: share of the models that lie on what is below them, and stay there, instead of falling. Where nothing
+            is below them, or a steep slope, or where they would lie out of view, they fall.
         most: upper limit of the number of particles in a scene.
     """
 
@@ -320,6 +322,8 @@ class ParticlesSection(Section):
     fall_m_s: PositiveRange = Range(0.5, 2.0)
     drift: NotNegativeRange = Range(0.0, 0.3)
     spin_deg_s: NotNegativeRange = Range(0.0, 180.0)
+    # Left out of the values where it is 0: those of a dataset without models at rest are the same as ever.
+    resting: Annotated[float, Field(ge=0, le=1, exclude_if=lambda share: share == 0)] = 0.0
     most: Annotated[int, count(_MOST_PARTICLES)] = 2000
 
     @model_validator(mode="after")

@@ -9,13 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.parts import turned
-from semisynth_gl.scene.background import OVERLAP
+from semisynth_gl.scene.background import FACE, OVERLAP
 from semisynth_gl.scene.rig import BEYOND_NEAR
+from semisynth_gl.scene.support import surface_below
 
 Floats = NDArray[np.float64]
 
-FACE_NUMBER = 0
-"""The number of `FACE` among the still models."""
 UP = (0.0, 0.0, 1.0)
 """The axis of a floor's frame that points up."""
 # Kinds that are as large as walls.
@@ -71,12 +70,14 @@ class Catalogue:
     """The models that things are taken from.
 
     Attributes:
-        models: the still models that the sampler counts first, then the library.
+        still: the still models, which the sampler counts first.
+        models: the still models, then the library.
         by_name: numbers of the models that things may be, by their names.
         low: (M, 3) float64, corner of each model's bounding box.
         high: (M, 3) float64, the opposite corner.
     """
 
+    still: tuple[Mesh, ...]
     models: tuple[Mesh, ...]
     by_name: Mapping[str, NDArray[np.int64]]
     low: Floats
@@ -89,15 +90,26 @@ class Catalogue:
         names = np.array([library[number].name for number in drawn])
         by_name = {str(name): len(still) + drawn[names == name] for name in np.unique(names)}
         boxes = np.array([(mesh.positions.min(axis=0), mesh.positions.max(axis=0)) for mesh in models], np.float64)
-        return cls(models, by_name, boxes[:, 0], boxes[:, 1])
+        return cls(tuple(still), models, by_name, boxes[:, 0], boxes[:, 1])
 
-    def pick(self, sizes_m: Mapping[str, tuple[float, float]], rng: np.random.Generator) -> tuple[int, float] | None:
+    def number(self, still: Mesh) -> int:
+        """Return the number of a still model."""
+        return next(number for number, mesh in enumerate(self.still) if mesh is still)
+
+    def extent(self, number: int) -> Floats:
+        """Return the lengths (3,) of a model's bounding box, in model units."""
+        return np.asarray(self.high[number] - self.low[number])
+
+    def pick(
+        self, sizes_m: Mapping[str, tuple[float, float]], metre: float, rng: np.random.Generator
+    ) -> tuple[int, float] | None:
         """Pick a model of some kinds and its diameter; None where the library has none of them.
 
         Kinds count alike: their weights are those of things in the air.
 
         Args:
             sizes_m: smallest and largest diameter of each kind.
+            metre: length of a metre there.
             rng: draws both.
         """
         kind, variant, size = rng.random(3)
@@ -107,7 +119,7 @@ class Catalogue:
         name = known[int(kind * len(known))]
         numbers = self.by_name[name]
         low, high = sizes_m[name]
-        return int(numbers[int(variant * len(numbers))]), low + (high - low) * float(size)
+        return int(numbers[int(variant * len(numbers))]), (low + (high - low) * float(size)) * metre
 
 
 @dataclass(slots=True, eq=False)
@@ -148,7 +160,7 @@ class Arrangement:
         return len(self.model) - 1
 
     def add_rectangle(
-        self, corner: ArrayLike, u: ArrayLike, v: ArrayLike, *, model: int = FACE_NUMBER, wears: int | None = None
+        self, corner: ArrayLike, u: ArrayLike, v: ArrayLike, *, model: Mesh = FACE, wears: int | None = None
     ) -> int:
         """Add a rectangle, or another model over the unit square, that shows the texture upright and unmirrored.
 
@@ -156,7 +168,7 @@ class Arrangement:
             corner: (3,) its corner at the top left, as it is seen.
             u: (3,) its edge to the right.
             v: (3,) its edge downwards.
-            model: number of a still model over the unit square of x and y; by default `FACE`.
+            model: a still model over the unit square of x and y.
             wears: see `Arrangement`.
         """
         edges = np.array([u, v], np.float64)
@@ -166,32 +178,36 @@ class Arrangement:
         matrix[:3, 0], matrix[:3, 1] = edges * (1 + 2 * OVERLAP)
         matrix[:3, 2] = np.cross(edges[0], edges[1]) / sizes.prod() * sizes.mean()
         matrix[:3, 3] = begin
-        return self.add(model, matrix, (float(sizes[0]), float(sizes[1])), wears)
+        return self.add(self.catalogue.number(model), matrix, (float(sizes[0]), float(sizes[1])), wears)
 
-    def add_box(self, middle: ArrayLike, half: ArrayLike, yaw_rad: float = 0.0) -> bool:
-        """Add five sides of a box, all but its bottom; False where it comes too near, and is not added.
+    def add_box(self, middle: ArrayLike, half: ArrayLike, yaw_rad: float = 0.0, wears: int | None = None) -> int | None:
+        """Add five sides of a box, all but its bottom; return the number of the first.
+
+        Nothing is added, and None is returned, where it comes too near.
 
         Args:
             middle: (3,) middle of its bottom.
             half: (3,) half its width and depth, and its height.
             yaw_rad: its turn about z.
+            wears: see `Arrangement`; by default its sides wear one texture of their own.
         """
         (x, y, z), at = np.asarray(half, np.float64), np.asarray(middle, np.float64)
         turn = turned(UP, yaw_rad)
         corners = np.array([[i * x, j * y, k * z] for i in (-1, 1) for j in (-1, 1) for k in (0, 1)]) @ turn.T + at
         if self.view.depth_m(corners).min() < BEYOND_NEAR * self.view.near_m:
-            return False
+            return None
 
         def side(corner: ArrayLike, u: ArrayLike, v: ArrayLike, wears: int | None) -> int:
             begin = turn @ np.asarray(corner, np.float64) + at
             return self.add_rectangle(begin, turn @ np.asarray(u, float), turn @ np.asarray(v, float), wears=wears)
 
-        first = side((-x, -y, z), (2 * x, 0, 0), (0, 0, -z), None)
-        side((x, -y, z), (0, 2 * y, 0), (0, 0, -z), first)
-        side((x, y, z), (-2 * x, 0, 0), (0, 0, -z), first)
-        side((-x, y, z), (0, -2 * y, 0), (0, 0, -z), first)
-        side((-x, y, z), (2 * x, 0, 0), (0, -2 * y, 0), first)
-        return True
+        first = side((-x, -y, z), (2 * x, 0, 0), (0, 0, -z), wears)
+        same = self.wears[first]
+        side((x, -y, z), (0, 2 * y, 0), (0, 0, -z), same)
+        side((x, y, z), (-2 * x, 0, 0), (0, 0, -z), same)
+        side((-x, y, z), (0, -2 * y, 0), (0, 0, -z), same)
+        side((-x, y, z), (2 * x, 0, 0), (0, -2 * y, 0), same)
+        return first
 
     def stand(
         self, picked: tuple[int, float], at: ArrayLike, yaw_rad: float, stretch: Floats | None = None
@@ -228,18 +244,8 @@ class Arrangement:
         """
         mesh, matrix = self.catalogue.models[self.model[number]], self.floor_from_model[number]
         corners = (mesh.positions.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3])[mesh.triangles]
-        first, second, at = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], (x, y) - corners[:, 0, :2]
-        normal = np.cross(first, second)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            u = (at[:, 0] * second[:, 1] - at[:, 1] * second[:, 0]) / normal[:, 2]
-            v = (first[:, 0] * at[:, 1] - first[:, 1] * at[:, 0]) / normal[:, 2]
-            inside = np.flatnonzero((u >= 0) & (v >= 0) & (u + v <= 1))
-        if not inside.size:
-            return None
-        heights = corners[inside, 0, 2] + u[inside] * first[inside, 2] + v[inside] * second[inside, 2]
-        highest = inside[heights.argmax()]
-        level = abs(normal[highest, 2]) >= _LEVEL * np.linalg.norm(normal[highest])
-        return float(heights.max()) if level else None
+        top = surface_below(corners, x, y)
+        return None if top is None or top.normal[2] < _LEVEL else top.height
 
     def raise_floor(self, low: tuple[float, float], high: tuple[float, float], height_m: float) -> None:
         """Say that the floor between two corners (x, y) is higher, as on a pavement."""

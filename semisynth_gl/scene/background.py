@@ -11,7 +11,7 @@ from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection
 from semisynth_gl.errors import InputError
-from semisynth_gl.geometry.mesh import make_mesh, mesh_grid
+from semisynth_gl.geometry.mesh import Mesh, make_mesh, mesh_grid
 from semisynth_gl.scene.rig import BEYOND_NEAR, STILL, Sway, check_reachable, near_depth_m
 
 Floats = NDArray[np.float64]
@@ -21,6 +21,24 @@ _U, _V, _TRIANGLES = mesh_grid(8, 8)
 # The model of every face: the unit square of the x-y plane, u along x and v along y. It is a grid, because float32
 # rounds a vertex by its distance: a near surface must not hang between vertices far away.
 FACE = make_mesh("face", np.c_[_U, _V, np.zeros(len(_U))], np.c_[_U, _V], _TRIANGLES)
+
+_GROUND_ROWS, _GROUND_COLUMNS = 24, 8
+# The ground's nearest row, as a share of its length.
+_GROUND_FROM = 1 / 400
+
+
+def _ground() -> Mesh:
+    """A wedge with its tip at the origin, 1 long, 2 wide at its end; rows close up towards the tip.
+
+    float32 rounds a vertex by its distance: a near surface must not hang between vertices far away.
+    """
+    u, v, triangles = mesh_grid(_GROUND_ROWS, _GROUND_COLUMNS)
+    along = _GROUND_FROM ** (1 - v)
+    across = (2 * u - 1) * along
+    return make_mesh("ground", np.c_[across, np.zeros(len(u)), along], np.c_[across, along], triangles)
+
+
+GROUND = _ground()
 
 # Side walls stand between these fractions of the way from the nearest allowed place to just outside the view.
 _SIDE_WALL = Range(0.3, 1.1)
@@ -203,7 +221,7 @@ def _corner_points(camera: StereoCamera, depth_m: float) -> Floats:
 
 
 def lay_ground(camera: StereoCamera, depth_m: Range, across: Floats, along: Floats, offset_m: float) -> Floats:
-    """Return the pose (4, 4) of the wedge that a ground is, see `structures.GROUND`, in the left camera's frame.
+    """Return the pose (4, 4) of the wedge that a ground is, see `GROUND`, in the left camera's frame.
 
     Args:
         camera: the camera.

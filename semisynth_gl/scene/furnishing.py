@@ -4,10 +4,13 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from semisynth_gl.config.scene_sections import RoomSection
 from semisynth_gl.scene.arrangement import Arrangement
 from semisynth_gl.scene.wall import Wall
+
+Floats = NDArray[np.float64]
 
 # Diameters of bounding spheres, metres.
 _STANDING: Final[Mapping[str, tuple[float, float]]] = {
@@ -105,16 +108,16 @@ def furnish(
         if placed is not None:
             tops.append(placed)
     for _ in range(round(section.small.draw(rng))):
-        picked = room.catalogue.pick(_SMALL, rng)
+        picked = room.catalogue.pick(_SMALL, metre, rng)
         if picked is None:
             break
-        small, yaw = (picked[0], picked[1] * metre), rng.uniform(0, 2 * np.pi)
+        yaw = rng.uniform(0, 2 * np.pi)
         top = _on_top(room, tops[int(rng.integers(len(tops)))], rng) if tops and rng.random() < 0.7 else None
-        room.stand(small, (*_on_floor(room, walls, rng), 0) if top is None else top, yaw)
-    for _ in range(round(section.pictures.draw(rng))):
-        _hang(room, walls[int(rng.integers(len(walls)))], metre, rng)
+        room.stand(picked, (*_on_floor(room, walls, rng), 0) if top is None else top, yaw)
     if rng.random() < section.curtain:
         _hang_curtain(room, walls[int(rng.integers(len(walls)))], rng)
+    for _ in range(round(section.pictures.draw(rng))):
+        _hang(room, walls, metre, rng)
 
 
 def fill_niche(
@@ -128,10 +131,10 @@ def fill_niche(
 ) -> None:
     """Stand small things in a wall's niche, which reaches from one corner (u, v) to the opposite one."""
     for share in (np.arange(4) + rng.uniform(0.2, 0.8, 4)) / 4:
-        picked = room.catalogue.pick(_SMALL, rng)
+        picked = room.catalogue.pick(_SMALL, metre, rng)
         if picked is not None and rng.random() < 0.8:
             at = wall.at(low[0] + float(share) * (high[0] - low[0]), high[1], 0.5 * deep_m)
-            room.stand((picked[0], picked[1] * metre), at, rng.uniform(0, 2 * np.pi))
+            room.stand(picked, at, rng.uniform(0, 2 * np.pi))
 
 
 def _on_top(room: Arrangement, number: int, rng: np.random.Generator) -> tuple[float, float, float] | None:
@@ -167,13 +170,13 @@ def _on_floor(room: Arrangement, walls: tuple[Wall, ...], rng: np.random.Generat
 
 def _add_standing(room: Arrangement, walls: tuple[Wall, ...], metre: float, rng: np.random.Generator) -> int | None:
     """Stand a piece of furniture; return the number of one with a flat top."""
-    picked = room.catalogue.pick(_FURNITURE if rng.random() < 0.5 else _STANDING, rng)
+    picked = room.catalogue.pick(_FURNITURE if rng.random() < 0.5 else _STANDING, metre, rng)
     if picked is None:
         return None
-    number, size = picked[0], picked[1] * metre
+    number, size = picked
     name = room.catalogue.models[number].name
-    scale = rng.uniform(0.85, 1.0, 3) * size / 2
-    half = (room.catalogue.high[number] - room.catalogue.low[number])[:2] * scale[:2] / 2
+    stretch = rng.uniform(0.85, 1.0, 3)
+    half = room.catalogue.extent(number)[:2] * stretch[:2] * size / 4
     for _ in range(_TRIES):
         x, y = _on_floor(room, walls, rng)
         yaw = rng.uniform(0, 2 * np.pi)
@@ -184,7 +187,7 @@ def _add_standing(room: Arrangement, walls: tuple[Wall, ...], metre: float, rng:
             x, y = x + away * wall.out[0], y + away * wall.out[1]
         radius = float(np.linalg.norm(half)) * 0.8
         if room.is_free(x, y, radius):
-            placed = room.stand((number, size), (x, y, 0), yaw, scale * 2 / size)
+            placed = room.stand(picked, (x, y, 0), yaw, stretch)
             if placed is None:
                 continue
             room.take(x, y, radius)
@@ -207,40 +210,53 @@ def _add_pillar(room: Arrangement, walls: tuple[Wall, ...], metre: float, rng: n
             return
 
 
-def _hang(room: Arrangement, wall: Wall, metre: float, rng: np.random.Generator) -> None:
-    """Hang a picture, or a thing, on a wall; not before its doorway or niche."""
-    u, v = rng.uniform(0.08, 0.92), rng.uniform(0.12, 0.6)
-    picked = room.catalogue.pick(_HANGING, rng) if rng.random() < 0.3 else None
-    if picked is None:
-        wide, high = rng.uniform(0.3, 1.2, 2) * metre
-        thick = rng.uniform(0.01, 0.04) * metre
-        if wall.meets_hole((u, v), (u + wide / wall.length_m, v + high / -wall.down[2])):
+def _hang(room: Arrangement, walls: tuple[Wall, ...], metre: float, rng: np.random.Generator) -> None:
+    """Hang a picture, or a thing, on a wall; not before a doorway, a niche or what hangs there already."""
+    picked = room.catalogue.pick(_HANGING, metre, rng) if rng.random() < 0.3 else None
+    for _ in range(_TRIES):
+        wall, u, v = walls[int(rng.integers(len(walls)))], rng.uniform(0.02, 0.9), rng.uniform(0.06, 0.6)
+        if picked is None:
+            wide, high = rng.uniform(0.3, 1.2, 2) * metre
+        else:
+            wide, _, high = room.catalogue.extent(picked[0]) * picked[1] / 2
+        low, opposite = (u, v), (u + wide / wall.length_m, v + high / -wall.down[2])
+        if not wall.is_free(low, opposite):
+            continue
+        if picked is None:
+            hung = _hang_picture(room, wall, wall.at(u, v), wide, high, rng.uniform(0.01, 0.04) * metre)
+        else:
+            deep = room.catalogue.high[picked[0]][1] * picked[1] / 2
+            foot = wall.at((u + opposite[0]) / 2, opposite[1], -deep)
+            hung = room.stand(picked, foot, wall.yaw_rad) is not None
+        if hung:
+            wall.take(low, opposite)
             return
-        corner = wall.at(u, v, -thick)
-        across, down = wall.right / wall.length_m * wide, wall.down / np.linalg.norm(wall.down) * high
-        if (room.view.depth_m(np.array([corner, corner + across, corner + down])) > room.view.near_m).all():
-            first = room.add_rectangle(corner, across, down)
-            room.add_rectangle(corner + down, across, thick * wall.out, wears=first)
-            room.add_rectangle(corner, down, thick * wall.out, wears=first)
-            room.add_rectangle(corner + across, down, thick * wall.out, wears=first)
-        return
-    number, size = picked[0], picked[1] * metre
-    deep = room.catalogue.high[number][1] * size / 2
-    low, high = ((u + side * size / 2 / wall.length_m, v + side * size / 2 / -wall.down[2]) for side in (-1, 1))
-    if wall.meets_hole(low, high):
-        return
-    room.stand((number, size), wall.at(u, v, -deep) - (0, 0, size / 2), wall.yaw_rad)
+
+
+def _hang_picture(room: Arrangement, wall: Wall, corner: Floats, wide: float, high: float, thick: float) -> bool:
+    """Hang a picture with its corner at the top left on a wall; False where it comes too near, and is not added."""
+    corner = corner - thick * wall.out
+    across, down = wall.right / wall.length_m * wide, wall.down / np.linalg.norm(wall.down) * high
+    if (room.view.depth_m(np.array([corner, corner + across, corner + down])) <= room.view.near_m).any():
+        return False
+    first = room.add_rectangle(corner, across, down)
+    room.add_rectangle(corner + down, across, thick * wall.out, wears=first)
+    room.add_rectangle(corner, down, thick * wall.out, wears=first)
+    room.add_rectangle(corner + across, down, thick * wall.out, wears=first)
+    return True
 
 
 def _hang_curtain(room: Arrangement, wall: Wall, rng: np.random.Generator) -> None:
     """Hang a curtain from the ceiling, or from below it, before a wall."""
-    picked = room.catalogue.pick({"curtain": (1.0, 1.0)}, rng)
+    picked = room.catalogue.pick({"curtain": (1.0, 1.0)}, 1.0, rng)
     if picked is None:
         return
     number = picked[0]
-    extent = room.catalogue.high[number] - room.catalogue.low[number]
+    extent = room.catalogue.extent(number)
     high = -wall.down[2] * rng.uniform(0.5, 0.95)
     size = 2 * high / extent[2]
     top = -wall.down[2] * 0.99 - high
-    foot = wall.at(rng.uniform(0.1, 0.9), 1.0, -extent[1] * size / 2) + np.array([0, 0, top])
-    room.stand((number, size), foot, wall.yaw_rad)
+    middle, half = rng.uniform(0.1, 0.9), extent[0] * size / 4 / wall.length_m
+    foot = wall.at(middle, 1.0, -extent[1] * size / 2) + np.array([0, 0, top])
+    if room.stand((number, size), foot, wall.yaw_rad) is not None:
+        wall.take((middle - half, 0.0), (middle + half, 1.0))

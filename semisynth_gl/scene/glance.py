@@ -4,6 +4,7 @@ The ray caster gives the same answer one instance after the other, which takes l
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,34 +17,48 @@ from semisynth_gl.scene.scene import Scene
 Floats = NDArray[np.float64]
 
 
-def glance(scene: Scene, models: Sequence[Mesh]) -> tuple[Floats, NDArray[np.int64]]:
+@dataclass(frozen=True, slots=True, eq=False)
+class Glance:
+    """What R rays of the left view hit first.
+
+    Attributes:
+        depth_m: (R,) float64, planar depth; inf where nothing is hit.
+        instance: (R,) int64; -1 where nothing is hit.
+        uv: (R, 2) float64, the model's UV there.
+    """
+
+    depth_m: Floats
+    instance: NDArray[np.int64]
+    uv: Floats
+
+
+def glance(scene: Scene, models: Sequence[Mesh]) -> Glance:
     """Look at a scene on the coarse grid of `grid_px`.
 
     Args:
         scene: the instances and the camera.
         models: the meshes that ``scene.model`` counts.
-
-    Returns:
-        Planar depth, float64, inf where nothing is hit, and the instance, -1 there; flat, a value for each ray.
     """
-    parts, owners = [np.empty((0, 3, 3))], [np.empty(0, np.int64)]
+    # Corners of triangles, with their UV.
+    parts, owners = [np.empty((0, 3, 5))], [np.empty(0, np.int64)]
     for number in range(len(scene)):
         mesh = models[int(scene.model[number])]
         view_from_model = scene.camera_from_world @ scene.world_from_model[number]
         vertices = mesh.positions.astype(np.float64) @ view_from_model[:3, :3].T + view_from_model[:3, 3]
         if vertices[:, 2].max() < scene.near_m:
             continue
-        corners = vertices[mesh.triangles]
+        corners = np.c_[vertices, mesh.uv][mesh.triangles]
         parts.append(corners if vertices[:, 2].min() >= scene.near_m else _cut(corners, scene.near_m))
         owners.append(np.full(len(parts[-1]), number))
-    depth_m, instance = np.full(GRID[0] * GRID[1], np.inf), np.full(GRID[0] * GRID[1], -1)
-    cell, hit_m, hit = _rasterise(scene, np.concatenate(parts), np.concatenate(owners))
-    depth_m[cell], instance[cell] = hit_m, hit
-    return depth_m, instance
+    rays = GRID[0] * GRID[1]
+    depth_m, instance, uv = np.full(rays, np.inf), np.full(rays, -1), np.zeros((rays, 2))
+    cell, *hit = _rasterise(scene, np.concatenate(parts), np.concatenate(owners))
+    depth_m[cell], instance[cell], uv[cell] = hit
+    return Glance(depth_m, instance, uv)
 
 
 def _cut(corners: Floats, near_m: float) -> Floats:
-    """Return the parts of triangles (T, 3, 3) beyond the near plane, as triangles (U, 3, 3)."""
+    """Return the parts of triangles (T, 3, 5) beyond the near plane, as triangles (U, 3, 5)."""
     beyond = corners[..., 2] >= near_m
     count = beyond.sum(axis=1)
     # The corner that lies on another side than the two others comes first.
@@ -52,7 +67,7 @@ def _cut(corners: Floats, near_m: float) -> Floats:
     first, second, third = np.moveaxis(np.take_along_axis(corners, order[..., None], axis=1), 1, 0)
 
     def cut(other: Floats) -> Floats:
-        return np.asarray(first + (near_m - first[:, 2:]) / (other[:, 2:] - first[:, 2:]) * (other - first))
+        return np.asarray(first + (near_m - first[:, 2:3]) / (other[:, 2:3] - first[:, 2:3]) * (other - first))
 
     # Triangles on one side of the plane, which are not taken from here, may divide by 0.
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -70,8 +85,8 @@ def _cut(corners: Floats, near_m: float) -> Floats:
 
 def _rasterise(
     scene: Scene, corners: Floats, owner: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
-    """Return the rays that hit triangles (T, 3, 3), the depths of their first hits and the owners of what they hit."""
+) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64], Floats]:
+    """Return the rays that hit triangles (T, 3, 5), and of their first hits depth, owner and UV."""
     camera, (columns, rows) = scene.camera, GRID
     inverse = 1 / corners[..., 2]
     scale = np.array([columns / camera.width_px, rows / camera.height_px])
@@ -83,4 +98,7 @@ def _rasterise(
     depth_m = 1 / (own[:, 0] + u * (own[:, 1] - own[:, 0]) + v * (own[:, 2] - own[:, 0]))
     order = np.lexsort((depth_m, cell))
     first_of_cell = order[np.unique(cell[order], return_index=True)[1]]
-    return cell[first_of_cell], depth_m[first_of_cell], owner[triangle[first_of_cell]]
+    # So is UV over Z.
+    share = np.stack([1 - u - v, u, v], axis=1)[first_of_cell] * own[first_of_cell] * depth_m[first_of_cell, None]
+    uv = (share[..., None] * corners[triangle[first_of_cell], :, 3:]).sum(axis=1)
+    return cell[first_of_cell], depth_m[first_of_cell], owner[triangle[first_of_cell]], uv

@@ -1,12 +1,13 @@
 """The particle system: an emission plane above each depth layer releases models that fall, drift and spin.
 
-All positions are in closed form, so any moment can be computed alone. A slot is one stream of models: it keeps its
+All positions are in closed form, so any moment can be computed alone. A slot may rest: then it shows its first model,
+which stays where it lies. A slot is one stream of models: it keeps its
 layer, depth, size and speed, and releases one model after the other. Model number g of a slot (its generation) leaves
 the emission plane when model g - 1 has fallen out of the view, so the number of particles per layer stays constant.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,7 @@ class Slots:
         radius_px: (S,) radius of the bounding sphere on the screen.
         period_s: (S,) time from the emission plane to the end of the view.
         phase: (S,) age at time 0, in periods, in [0, 1).
+        resting: poses (4, 4) of the models of slots that rest, by the slot's number.
     """
 
     depth_m: Floats
@@ -40,13 +42,16 @@ class Slots:
     radius_px: Floats
     period_s: Floats
     phase: Floats
+    resting: Mapping[int, Floats] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.depth_m)
 
     def generation(self, time_s: float) -> NDArray[np.int64]:
         """Return the number of the model that each slot shows at a time, (S,); negative for releases before time 0."""
-        return np.floor(time_s / self.period_s + self.phase).astype(np.int64)
+        generation = np.floor(time_s / self.period_s + self.phase).astype(np.int64)
+        generation[list(self.resting)] = 0
+        return generation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -273,7 +278,7 @@ def particles_at(
         camera: the camera.
         slots: the streams.
         release: returns the release of all slots for a generation.
-        time_s: any time.
+        time_s: any time; models of slots that rest do not move.
         generation: (S,) int64, number of the model in its slot; by default the model that the slot shows at that time.
             Any other model continues its path, before its release and after its end.
     """
@@ -297,4 +302,6 @@ def particles_at(
         angle = drawn.spin_rad_s[k] * age[k] * slots.period_s[k]
         rotation = rotation_about_axis(drawn.axis[k], angle) @ rotation_from_quaternion(drawn.quaternion[k])
         matrix[k, :3, :3] = rotation * (drawn.scale[k] * radius_m[k, None])[:, None, :]
+    for slot, pose in slots.resting.items():
+        matrix[slot] = pose
     return Particles(generation, radius_m, matrix)

@@ -1,6 +1,5 @@
 """A room: a box with floor, walls and ceiling, doorways and niches."""
 
-from collections.abc import Mapping
 from itertools import pairwise
 from typing import Final
 
@@ -63,7 +62,6 @@ def draw_room(
     disparity: DisparitySection,
     camera: StereoCamera,
     catalogue: Catalogue,
-    still: Mapping[str, int],
     rng: np.random.Generator,
     sway: Sway,
 ) -> Arrangement:
@@ -75,7 +73,6 @@ def draw_room(
         disparity: its limits.
         camera: the camera.
         catalogue: the models.
-        still: numbers of the still models "doorway" and "niche", the first of three each.
         rng: randomness.
         sway: the motion of the camera.
 
@@ -124,9 +121,9 @@ def draw_room(
     for wall in walls:
         kind = rng.random()
         if kind < section.doorway:
-            _add_doorway(room, wall, still["doorway"], farthest_m, metre, rng)
+            _add_doorway(room, wall, farthest_m, metre, rng)
         elif kind < section.doorway + section.niche:
-            _add_niche(room, wall, still["niche"], metre, rng)
+            _add_niche(room, wall, metre, rng)
         else:
             room.add_rectangle(wall.corner, wall.right, wall.down)
     furnish(room, section, walls, metre, rng)
@@ -139,9 +136,7 @@ def _deepest(camera: StereoCamera, normal: Floats, offset: Floats) -> float:
     return float(first_hit(normal, offset, rays)[0].max())
 
 
-def _add_doorway(
-    room: Arrangement, wall: Wall, model: int, farthest_m: float, metre: float, rng: np.random.Generator
-) -> None:
+def _add_doorway(room: Arrangement, wall: Wall, farthest_m: float, metre: float, rng: np.random.Generator) -> None:
     """Add a wall with a doorway and the room behind it, as deep as the disparities allow."""
     place = int(rng.integers(len(_HOLES)))
     deep = rng.uniform(0.8, 4) * metre
@@ -153,16 +148,17 @@ def _add_doorway(
     if deep < 0.3 * metre:
         room.add_rectangle(wall.corner, wall.right, wall.down)
         return
-    room.add_rectangle(wall.corner, wall.right, wall.down, model=model + place)
-    wall.hole = _hole(place, _DOORWAY_ROWS)
+    room.add_rectangle(wall.corner, wall.right, wall.down, model=DOORWAYS[place])
+    wall.take(*_hole(place, _DOORWAY_ROWS))
     _add_box_behind(room, wall, (low, 0.0), (high, 1.0), deep)
 
 
-def _add_niche(room: Arrangement, wall: Wall, model: int, metre: float, rng: np.random.Generator) -> None:
+def _add_niche(room: Arrangement, wall: Wall, metre: float, rng: np.random.Generator) -> None:
     """Add a wall with a niche, and things in it."""
     place, deep = int(rng.integers(len(_HOLES))), rng.uniform(0.15, 0.4) * metre
-    room.add_rectangle(wall.corner, wall.right, wall.down, model=model + place)
-    low, high = wall.hole = _hole(place, _NICHE_ROWS)
+    room.add_rectangle(wall.corner, wall.right, wall.down, model=NICHES[place])
+    low, high = _hole(place, _NICHE_ROWS)
+    wall.take(low, high)
     _add_box_behind(room, wall, low, high, deep)
     # On the niche's floor, which lies a little below its hole.
     fill_niche(room, wall, low, (high[0], high[1] + _BEHIND), deep, metre, rng)

@@ -1,8 +1,8 @@
 """Pair i of a dataset as a scene, from (config, seed, i) and nothing else."""
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,17 +13,21 @@ from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.histogram import Histogram
+from semisynth_gl.scene.mapping import Surfaces, map_patches, wears_large
 from semisynth_gl.scene.particles import Particles, Release, Slots, draw_release, draw_slots, particles_at
 from semisynth_gl.scene.population import Population
+from semisynth_gl.scene.resting import come_to_rest, triangles_of
 from semisynth_gl.scene.rig import near_depth_m
 from semisynth_gl.scene.scene import Motion, Scene
-from semisynth_gl.scene.structures import STILL_MODELS, Stage, Surroundings, draw_stage, take_stock
+from semisynth_gl.scene.structures import STILL_MODELS, Stage, draw_stage, take_stock
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 from semisynth_gl.textures.shares import patch_chances
 
 # Stands before the attempt in the keys of generators; no generation reaches it.
 _REDRAWN = 2**31
+# Multiples of this number spread evenly over [0, 1).
+_GOLDEN = (5**0.5 - 1) / 2
 # Generations released before time 0 count from here in the keys of generators; no later one reaches it.
 _BEFORE = 2**30
 
@@ -43,6 +47,7 @@ class SampledScene:
         patch: (N,) int64, the patch that each instance wears; a patch of video frames has an atlas layer per frame.
         slot: (N,) int64, the particles' slot that each instance comes from; -1 for instances that stand still.
         generation: (N,) int64, number of the model in its slot; -1 for instances that stand still.
+        resting: (N,) bool, whether it is a particle at rest.
     """
 
     scene: Scene
@@ -55,6 +60,7 @@ class SampledScene:
     patch: NDArray[np.int64]
     slot: NDArray[np.int64]
     generation: NDArray[np.int64]
+    resting: NDArray[np.bool_]
 
     @property
     def still(self) -> NDArray[np.bool_]:
@@ -142,6 +148,8 @@ class SceneSampler:
         self._first_layer = np.array([patch.first_layer for patch in patches])
         self._layer_count = np.array([patch.layer_count for patch in patches])
         self._cumulative = np.cumsum(library.chances)
+        # The lowest and the highest UV of each model, (M, 2, 2).
+        self._uv = np.array([(mesh.uv.min(axis=0), mesh.uv.max(axis=0)) for mesh in library.models], np.float64)
         self._latest: tuple[_Draw, Stage, Slots] | None = None
 
     @property
@@ -206,6 +214,7 @@ class SceneSampler:
                 "model": self.models[scene.model[k]].name,
                 "patch": int(sampled.patch[k]),
                 "still": bool(sampled.still[k]),
+                **({"resting": True} if sampled.resting[k] else {}),
                 "world_from_model": scene.world_from_model[k, :3].tolist(),
             }
             for k in range(len(scene))
@@ -219,8 +228,31 @@ class SceneSampler:
             # A scene that is drawn again takes a number that no other scene has.
             number = draw.sequence + _REDRAWN * draw.attempt
             batches = self.population.draw(number, stage.camera, stage.still.disparity_px, rng)
-            self._latest = draw, stage, draw_slots(stage.camera, self._config.particles, batches, rng)
+            slots = draw_slots(stage.camera, self._config.particles, batches, rng)
+            self._latest = draw, stage, self._resting(draw, stage, slots)
         return self._latest[1:]
+
+    def _resting(self, draw: _Draw, stage: Stage, slots: Slots) -> Slots:
+        """Let some slots' models down onto what is below them."""
+        chance = draw.generator(Purpose.RESTING).random(len(slots))
+        chosen = np.flatnonzero(chance < self._config.particles.resting)
+        if not len(chosen):
+            return slots
+        first, camera = np.zeros(len(slots), np.int64), stage.camera
+        particles = particles_at(camera, slots, self._release(draw, stage, slots), 0.0, first)
+        meshes = [self._model_library.models[number] for number in self._drawn_models(draw, first[chosen], chosen)]
+        still = stage.still
+        corners = triangles_of(self.models, still.model, still.world_from_model)
+        rested = come_to_rest(particles.world_from_model[chosen], meshes, corners, stage.up)
+        near_m = near_depth_m(camera, self._config.disparity)
+        resting = {}
+        for number, pose in rested.items():
+            slot = int(chosen[number])
+            _, y, z = pose[:3, 3]
+            row = camera.cy_px + camera.focal_px * y / z
+            if z - particles.radius_m[slot] > near_m and -0.5 < row < camera.height_px - 0.5:
+                resting[slot] = pose
+        return replace(slots, resting=resting)
 
     def _sample_frame(self, draw: _Draw, frame: int) -> SampledScene:
         """Sample the scene of any frame of a sequence."""
@@ -234,22 +266,10 @@ class SceneSampler:
         depth_m = particles.centre_m @ camera_from_world[2, :3] + camera_from_world[2, 3]
         kept = np.flatnonzero(depth_m - particles.radius_m > near_m)
         generations = particles.generation[kept]
-        chance = draw.per_slot(Purpose.SHAPE, generations, kept, 1)[:, 0]
-        drawn = self._model_library.drawn[_drawn(self._cumulative, chance)]
-        patch, offset, texels = self._textures(draw, still, generations, kept)
+        drawn = self._drawn_models(draw, generations, kept)
+        patch, scale, offset = self._textures(draw, stage, slots, generations, kept, drawn, particles)
         # Video frames start at a phase of their own and go round.
         count = self._layer_count[patch]
-        large = patch >= self._small
-        # At a surface's median depth, where it faces the camera, one large patch spans the view at least.
-        texels = np.where(large, np.minimum(texels, config.textures.large_px / camera.width_px), texels)
-        # A patch at its own resolution covers this part of a ray's slope X / Z, inverted.
-        patch_px = np.where(large, config.textures.large_px, config.textures.patch_px)
-        patches_per_slope = camera.focal_px / patch_px
-        # The depth of the path's middle instead of the model's: texture must not slide over it from frame to frame.
-        depth = np.concatenate([still.depth_m, slots.depth_m[kept]])
-        # Lengths of one UV unit: of a model its unit under its mean scale.
-        scale = np.linalg.norm(particles.world_from_model[kept, :3, :3], axis=1).mean(axis=1)
-        unit_m = np.concatenate([still.unit_m, np.repeat(scale[:, None], 2, axis=1)])
         scene = Scene(
             camera=camera,
             near_m=near_m,
@@ -257,33 +277,80 @@ class SceneSampler:
             model=np.concatenate([still.model, len(STILL_MODELS) + drawn]),
             world_from_model=np.concatenate([still.world_from_model, particles.world_from_model[kept]]),
             layer=self._first_layer[patch] + ((patch * 7919 + draw.sequence) % count + frame) % count,
-            uv_scale=unit_m * (patches_per_slope * texels / depth)[:, None],
+            uv_scale=scale,
             uv_offset=offset,
         )
+        patch_px = np.where(patch >= self._small, config.textures.large_px, config.textures.patch_px)
         slot, generation = (np.concatenate([np.full(len(still), -1), numbers]) for numbers in (kept, generations))
         return SampledScene(
-            scene, self.recipe, stage.background, draw.sequence, frame, draw.attempt, patch_px, patch, slot, generation
+            scene,
+            self.recipe,
+            stage.background,
+            draw.sequence,
+            frame,
+            draw.attempt,
+            patch_px,
+            patch,
+            slot,
+            generation,
+            np.isin(slot, list(slots.resting)),
         )
 
     def _particles(self, draw: _Draw, frame: int, generation: NDArray[np.int64] | None = None) -> Particles:
         """Place the models of all slots at a frame: the models shown then, or those of the generations given."""
         stage, slots = self._sequence(draw)
+        time_s = frame * self._config.sequence.frame_s
+        return particles_at(stage.camera, slots, self._release(draw, stage, slots), time_s, generation)
+
+    def _release(self, draw: _Draw, stage: Stage, slots: Slots) -> Callable[[int], Release]:
+        """Return what draws the release of all slots for a generation."""
 
         def release(number: int) -> Release:
             rng = draw.generator(Purpose.PARTICLES, 1 + _generation_key(number))
             return draw_release(stage.camera, self._config.particles, slots, rng)
 
-        return particles_at(stage.camera, slots, release, frame * self._config.sequence.frame_s, generation)
+        return release
+
+    def _drawn_models(self, draw: _Draw, generation: NDArray[np.int64], slot: NDArray[np.intp]) -> NDArray[np.int64]:
+        """Return the model of the library that each slot shows in a generation."""
+        chance = draw.per_slot(Purpose.SHAPE, generation, slot, 1)[:, 0]
+        return self._model_library.drawn[_drawn(self._cumulative, chance)]
 
     def _textures(
-        self, draw: _Draw, still: Surroundings, generation: NDArray[np.int64], slot: NDArray[np.intp]
+        self,
+        draw: _Draw,
+        stage: Stage,
+        slots: Slots,
+        generation: NDArray[np.int64],
+        slot: NDArray[np.intp],
+        model: NDArray[np.int64],
+        particles: Particles,
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """Patch (N,), UV offset (N, 2) in patches and texels per pixel (N,) of all instances."""
-        of_still = draw.generator(Purpose.TEXTURE, 0).random((len(still), 4))[still.wears]
-        drawn = np.concatenate([of_still, draw.per_slot(Purpose.TEXTURE, generation, slot, 4, first_key=1)])
-        patch = _drawn(self._ends[0], drawn[:, 0])
-        texels = self._config.textures.texels_per_pixel
+        """Patch (N,), patches per UV unit (N, 2) and UV offset (N, 2) in patches of all instances."""
+        section, still = self._config.textures, stage.still
+        of_still = draw.generator(Purpose.TEXTURE, 0).random((len(still), 4))
+        of_slots = draw.per_slot(Purpose.TEXTURE, generation, slot, 4, first_key=1)
+        drawn = np.concatenate([of_still[still.wears], of_slots])
+        range_ = section.texels_per_pixel
+        texels = range_.low * (range_.high / range_.low) ** drawn[:, 3]
+        # Lengths of one UV unit: of a model its unit under its mean scale.
+        scale = np.linalg.norm(particles.world_from_model[slot, :3, :3], axis=1).mean(axis=1)
+        surfaces = Surfaces(
+            # The depth of the path's middle instead of the model's: texture must not slide over it from frame to frame.
+            np.concatenate([still.depth_m, slots.depth_m[slot]]),
+            np.concatenate([still.unit_m, np.repeat(scale[:, None], 2, axis=1)]),
+            np.concatenate([still.low, self._uv[model, 0]]),
+            np.concatenate([still.high, self._uv[model, 1]]),
+            np.concatenate([still.large, np.zeros(len(slot), bool)]),
+        )
+        patch, large = _drawn(self._ends[0], drawn[:, 0]), np.zeros(len(texels), bool)
         if self._small < len(self._patches):
-            wearing = np.flatnonzero(still.large)
-            patch[wearing] = self._small + _drawn(self._ends[1], drawn[wearing, 0])
-        return patch, drawn[:, 1:3], texels.low * (texels.high / texels.low) ** drawn[:, 3]
+            large = wears_large(surfaces, stage.camera, section, texels)
+            wearing = np.flatnonzero(large[: len(still)])
+            # Still things share out the large patches, so that few of them wear the same one, and each side of a box
+            # shows another part of its patch.
+            order = np.unique(still.wears[wearing], return_inverse=True)[1]
+            drawn[wearing, 0] = (of_still[0, 0] + order * _GOLDEN) % 1.0
+            drawn[wearing, 1:3] = of_still[wearing, 1:3]
+            patch[large] = self._small + _drawn(self._ends[1], drawn[large, 0])
+        return patch, *map_patches(surfaces, stage.camera, section, texels, drawn[:, 1:3], large)

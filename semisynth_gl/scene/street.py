@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection, StreetSection
-from semisynth_gl.scene.arrangement import FACE_NUMBER, Arrangement, Catalogue, View
-from semisynth_gl.scene.background import draw_background, lay_ground, smallest_offsets
+from semisynth_gl.scene.arrangement import Arrangement, Catalogue, View
+from semisynth_gl.scene.background import FACE, GROUND, draw_background, lay_ground, smallest_offsets
 from semisynth_gl.scene.rig import Sway, near_depth_m
 
 Floats = NDArray[np.float64]
@@ -54,7 +54,6 @@ def draw_street(
     disparity: DisparitySection,
     camera: StereoCamera,
     catalogue: Catalogue,
-    ground: int,
     rng: np.random.Generator,
     sway: Sway,
 ) -> Arrangement:
@@ -66,7 +65,6 @@ def draw_street(
         disparity: its limits.
         camera: the camera.
         catalogue: the models.
-        ground: number of the still model of the ground.
         rng: randomness.
         sway: the motion of the camera.
 
@@ -87,8 +85,8 @@ def draw_street(
     street = Arrangement(view, catalogue)
     wide, high = backdrop.size_m[0]
     floor_from_backdrop = np.linalg.inv(view.camera_from_floor) @ backdrop.world_from_face[0]
-    street.add(FACE_NUMBER, floor_from_backdrop, (float(wide), float(high)))
-    _add_ground(street, ground, Range(near_m, backdrop_m), height)
+    street.add(catalogue.number(FACE), floor_from_backdrop, (float(wide), float(high)))
+    _add_ground(street, Range(near_m, backdrop_m), height)
     reach = min(backdrop_m, _FARTHEST * metre)
     road = section.road_width_m.draw(rng) * metre / 2
     pavement = rng.uniform(1.5, 4) * metre
@@ -110,7 +108,7 @@ def draw_street(
     return street
 
 
-def _add_ground(street: Arrangement, ground: int, depth_m: Range, height_m: float) -> None:
+def _add_ground(street: Arrangement, depth_m: Range, height_m: float) -> None:
     """Lay the ground along the direction that the camera looks in."""
     camera_from_floor = street.view.camera_from_floor
     ahead = camera_from_floor[2, :3] * (1, 1, 0)
@@ -118,7 +116,8 @@ def _add_ground(street: Arrangement, ground: int, depth_m: Range, height_m: floa
     across = np.cross(along, camera_from_floor[:3, 2])
     matrix = lay_ground(street.view.camera, depth_m, across, along, height_m)
     sizes = np.linalg.norm(matrix[:3, [0, 2]], axis=0)
-    street.add(ground, np.linalg.inv(camera_from_floor) @ matrix, (float(sizes[0]), float(sizes[1])))
+    number = street.catalogue.number(GROUND)
+    street.add(number, np.linalg.inv(camera_from_floor) @ matrix, (float(sizes[0]), float(sizes[1])))
 
 
 def _add_pavement(
@@ -130,12 +129,9 @@ def _add_pavement(
         end = min(begin + max(2.0 * metre, 0.6 * begin), reach)
         half = np.array([width / 2, (end - begin) / 2, _KERB * metre])
         middle = (kerb + side * width / 2, (begin + end) / 2, 0)
-        number = len(street)
-        if street.add_box(middle, half):
-            if first is None:
-                first = number
-            for slab in range(number, len(street)):
-                street.wears[slab] = first
+        added = street.add_box(middle, half, wears=first)
+        if added is not None:
+            first = added if first is None else first
             street.raise_floor((middle[0] - half[0], begin), (middle[0] + half[0], end), half[2])
         begin = end
 
@@ -155,27 +151,28 @@ def _add_row(
     while y < reach:
         kind = rng.random()
         if kind < section.houses:
-            back = rng.uniform(0, 3) * metre
+            back = rng.uniform(0.1, 3) * metre
             long, high = rng.uniform(6, 16) * metre, rng.uniform(3, 12) * metre
-            picked = street.catalogue.pick(_HOUSES, rng)
+            picked = street.catalogue.pick(_HOUSES, metre, rng)
             facing = -side * np.pi / 2  # the front, -y, turns to the road
             if picked is not None and rng.random() < 0.7:
-                number, size = picked[0], picked[1] * metre
-                extent = (street.catalogue.high[number] - street.catalogue.low[number])[:2] * size / 2
+                number, size = picked
+                extent = street.catalogue.extent(number)[:2] * size / 2
                 at = (border + side * (back + extent[1] / 2), y + extent[0] / 2, 0)
-                street.stand((number, size), at, facing)
+                street.stand(picked, at, facing)
                 y += extent[0] + rng.uniform(0, 2) * metre
             else:
                 street.add_box((border + side * (back + 4 * metre), y + long / 2, 0), (4 * metre, long / 2, high))
                 y += long + rng.uniform(0, 4) * metre
         elif kind < section.houses + section.fences:
             for _ in range(int(rng.integers(2, 7))):
-                picked = street.catalogue.pick(_FENCES, rng)
+                picked = street.catalogue.pick(_FENCES, metre, rng)
                 if picked is None:
                     break
-                number, size = picked[0], picked[1] * metre
-                wide = float((street.catalogue.high[number] - street.catalogue.low[number])[0]) * size / 2
-                street.stand((number, size), (border, y + wide / 2, 0), np.pi / 2)
+                number, size = picked
+                wide, deep, _ = street.catalogue.extent(number) * size / 2
+                # Clear of the pavement's edge.
+                street.stand(picked, (border + side * (0.1 * metre + deep / 2), y + wide / 2, 0), np.pi / 2)
                 y += wide
             y += 0.5 * metre
         else:
@@ -192,16 +189,16 @@ def _stand(
     rng: np.random.Generator,
 ) -> None:
     """Stand a thing at a free place; near and far places count alike in disparity."""
-    picked = street.catalogue.pick(sizes_m, rng)
+    picked = street.catalogue.pick(sizes_m, metre, rng)
     if picked is None:
         return
-    number, size = picked[0], picked[1] * metre
-    extent = (street.catalogue.high[number] - street.catalogue.low[number])[:2] * size / 2
+    number, size = picked
+    extent = street.catalogue.extent(number)[:2] * size / 2
     for _ in range(_TRIES):
         x = rng.uniform(*x_m)
         y = y_m[0] * (y_m[1] / y_m[0]) ** rng.random()
         yaw = rng.uniform(0, 2 * np.pi) if yaw_rad is None else yaw_rad
         radius = float(extent.max()) / 2
-        if street.is_free(x, y, radius) and street.stand((number, size), (x, y, street.floor_m(x, y)), yaw) is not None:
+        if street.is_free(x, y, radius) and street.stand(picked, (x, y, street.floor_m(x, y)), yaw) is not None:
             street.take(x, y, radius)
             return

@@ -1,7 +1,7 @@
 """The stage of a sequence: its camera, background and structures (a ground plane, slanted panels, curved panels)."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.scene.arrangement import Arrangement, Catalogue
 from semisynth_gl.scene.background import (
     FACE,
+    GROUND,
     Background,
     Kind,
     draw_background,
@@ -31,22 +32,8 @@ from semisynth_gl.seeds import Purpose
 
 Floats = NDArray[np.float64]
 
-_GROUND_ROWS, _GROUND_COLUMNS = 24, 8
-# The ground's nearest row, as a share of its length.
-_GROUND_FROM = 1 / 400
 _ARC_COLUMNS, _ARC_ROWS = 24, 4
 _HALF_ARC_RAD = np.pi / 3
-
-
-def _ground() -> Mesh:
-    """A wedge with its tip at the origin, 1 long, 2 wide at its end; rows close up towards the tip.
-
-    float32 rounds a vertex by its distance: a near surface must not hang between vertices far away.
-    """
-    u, v, triangles = mesh_grid(_GROUND_ROWS, _GROUND_COLUMNS)
-    along = _GROUND_FROM ** (1 - v)
-    across = (2 * u - 1) * along
-    return make_mesh("ground", np.c_[across, np.zeros(len(u)), along], np.c_[across, along], triangles)
 
 
 def _curved_panel() -> Mesh:
@@ -59,12 +46,14 @@ def _curved_panel() -> Mesh:
     return make_mesh("curved panel", points, np.c_[radius * angle, v], triangles)
 
 
-GROUND, CURVED_PANEL = _ground(), _curved_panel()
+CURVED_PANEL = _curved_panel()
 # The sampler counts them in this order. Flat panels are faces too.
 STILL_MODELS = (FACE, GROUND, CURVED_PANEL, *DOORWAYS, *NICHES)
 _FACE, _GROUND, _CURVED = range(3)
-_DOORWAY = 3
-_NICHE = _DOORWAY + len(DOORWAYS)
+
+# The share of rays at each end that counts as seeing nothing of a surface: a ground that reaches to the horizon is
+# seen where it is near.
+_LEFT_OUT = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,6 +68,8 @@ class Surroundings:
         large: (S,) bool, whether it wears a large patch, where there are any.
         depth_m: (S,) float64, median depth in the left view; of a hidden face, the depth of the
             back wall, and of a hidden structure, its nearest depth or that of the near plane.
+        low: (S, 2) float64, about the lowest UV that the left view sees; 0 of what is hidden.
+        high: (S, 2) float64, about the highest UV that the left view sees.
         disparity_px: flat float64, disparities on a coarse grid over the left view.
     """
 
@@ -88,6 +79,8 @@ class Surroundings:
     wears: NDArray[np.int64]
     large: NDArray[np.bool_]
     depth_m: Floats
+    low: Floats
+    high: Floats
     disparity_px: Floats
 
     def __len__(self) -> int:
@@ -103,12 +96,14 @@ class Stage:
         sway: the motion of the camera.
         background: its kind.
         still: background and structures.
+        up: (3,) float64, unit, the direction upwards in the left camera's frame.
     """
 
     camera: StereoCamera
     sway: Sway
     background: Kind
     still: Surroundings
+    up: Floats
 
 
 def take_stock(library: ModelLibrary) -> Catalogue:
@@ -132,39 +127,61 @@ def draw_stage(config: Config, catalogue: Catalogue, generator_for: Callable[[Pu
     rng = generator_for(Purpose.BACKGROUND)
     kind = draw_kind(config.background, rng)
     if kind == "room":
-        numbers = {"doorway": _DOORWAY, "niche": _NICHE}
-        things = draw_room(config.room, config.background, config.disparity, camera, catalogue, numbers, rng, sway)
+        things = draw_room(config.room, config.background, config.disparity, camera, catalogue, rng, sway)
     elif kind == "street":
-        things = draw_street(config.street, config.background, config.disparity, camera, catalogue, _GROUND, rng, sway)
+        things = draw_street(config.street, config.background, config.disparity, camera, catalogue, rng, sway)
     else:
         background = draw_background(kind, config.background, config.disparity, camera, rng, sway)
         still = draw_surroundings(
             config.structures, config.disparity, camera, background, generator_for(Purpose.STRUCTURES), sway
         )
-        return Stage(camera, sway, kind, still)
-    return Stage(camera, sway, kind, _seen(things))
+        return Stage(camera, sway, kind, still, np.array([0.0, -1.0, 0.0]))
+    return Stage(camera, sway, kind, _surroundings(things), things.view.camera_from_floor[:3, 2])
 
 
-def _seen(things: Arrangement) -> Surroundings:
-    """Measure what the camera sees of things at rest, on a coarse grid over the left view."""
+def _surroundings(things: Arrangement) -> Surroundings:
+    """Measure what the camera sees of things at rest."""
     view = things.view
     matrices = view.camera_from_floor @ np.array(things.floor_from_model)
-    model, layer = np.array(things.model), np.zeros(len(things), np.int64)
-    scene = make_scene(view.camera, model=model, world_from_model=matrices, layer=layer, near_m=view.near_m)
-    depth_m, instance = glance(scene, things.catalogue.models)
-    # What is hidden has the depth of its origin, or of the near plane where that is farther.
-    depths = np.maximum(matrices[:, 2, 3], view.near_m)
-    for number in np.unique(instance[instance >= 0]):
-        depths[number] = np.median(depth_m[instance == number])
-    seen_px = view.camera.disparity_px(depth_m)
-    return Surroundings(
-        model,
+    return _measured(
+        view.camera,
+        view.near_m,
+        things.catalogue.models,
+        np.array(things.model),
         matrices,
         np.array(things.unit_m),
         np.array(things.wears),
         np.array(things.large),
-        depths,
-        seen_px[np.isfinite(seen_px)],
+        # What is hidden has the depth of its origin, or of the near plane where that is farther.
+        hidden_m=np.maximum(matrices[:, 2, 3], view.near_m),
+    )
+
+
+def _measured(
+    camera: StereoCamera,
+    near_m: float,
+    models: Sequence[Mesh],
+    model: NDArray[np.int64],
+    world_from_model: Floats,
+    unit_m: Floats,
+    wears: NDArray[np.int64],
+    large: NDArray[np.bool_],
+    hidden_m: Floats,
+) -> Surroundings:
+    """Measure what the left view sees of still things; what it does not see has the depth ``hidden_m``."""
+    layer = np.zeros(len(model), np.int64)
+    scene = make_scene(camera, model=model, world_from_model=world_from_model, layer=layer, near_m=near_m)
+    seen = glance(scene, models)
+    depth_m, low, high = np.array(hidden_m, np.float64), np.zeros((len(model), 2)), np.zeros((len(model), 2))
+    for number in np.unique(seen.instance[seen.instance >= 0]):
+        rays = seen.instance == number
+        depth_m[number] = np.median(seen.depth_m[rays])
+        uv = np.sort(seen.uv[rays], axis=0)
+        left_out = int(_LEFT_OUT * len(uv))
+        low[number], high[number] = uv[left_out], uv[-1 - left_out]
+    disparity_px = camera.disparity_px(seen.depth_m)
+    return Surroundings(
+        model, world_from_model, unit_m, wears, large, depth_m, low, high, disparity_px[np.isfinite(disparity_px)]
     )
 
 
@@ -184,45 +201,41 @@ def draw_surroundings(
     Raises:
         InputError: where ``ground_disparity_px`` or ``panel_disparity_px`` lies beyond infinity.
     """
-    faces = len(background.size_m)
-    model = [_FACE] * faces
-    matrices = list(background.world_from_face)
-    units = [tuple(size) for size in background.size_m]
-    depths = background.visible_depth_m.tolist()
-    seen_px = background.disparity_px(camera)
     near_m = near_depth_m(camera, disparity)
-    farthest_m = float(camera.depth_m(seen_px.min()))
+    bare_px = background.disparity_px(camera)
+    farthest_m = float(camera.depth_m(bare_px.min()))
+    model, placed = list[int](), list[Floats]()
     if rng.random() < section.ground:
         model.append(_GROUND)
-        matrices.append(_place_ground(section, camera, Range(near_m, farthest_m), rng, sway))
+        placed.append(_place_ground(section, camera, Range(near_m, farthest_m), rng, sway))
     for _ in range(round(section.panels.draw(rng))):
         curved = bool(rng.random() < section.panel_curved)
         model.append(_CURVED if curved else _FACE)
-        matrices.append(_place_panel(section, disparity, camera, near_m, rng, curved=curved))
-    if len(model) > faces:
-        layer = [0] * len(model)
-        scene = make_scene(camera, model=model, world_from_model=matrices, layer=layer, near_m=near_m / BEYOND_NEAR)
-        depth_m, instance = glance(scene, STILL_MODELS)
-        seen_px = camera.disparity_px(depth_m)
-        for number in range(faces, len(model)):
-            columns = np.linalg.norm(matrices[number][:3, :3], axis=0)
-            units.append((columns[0], columns[2 if model[number] == _GROUND else 1]))
-            seen_m = depth_m[instance == number]
-            # A hidden structure has the depth of its nearest vertex, or of the near plane where the plane is farther.
-            vertices = STILL_MODELS[model[number]].positions.astype(np.float64)
-            nearest_m = float((vertices @ matrices[number][2, :3] + matrices[number][2, 3]).min())
-            depths.append(float(np.median(seen_m)) if seen_m.size else max(nearest_m, near_m))
-    seen_px = seen_px[np.isfinite(seen_px)]
-    wears = np.arange(len(model))
-    return Surroundings(
-        np.array(model, np.int64),
-        np.array(matrices),
-        np.array(units),
-        wears,
-        np.ones(len(model), bool),
-        np.array(depths),
-        seen_px,
+        placed.append(_place_panel(section, disparity, camera, near_m, rng, curved=curved))
+    faces, size_m = len(background.size_m), list(background.size_m)
+    for number, matrix in zip(model, placed, strict=True):
+        size_m.append(np.linalg.norm(matrix[:3, [0, 2 if number == _GROUND else 1]], axis=0))
+    # A hidden structure has the depth of its nearest vertex, or of the near plane where that is farther.
+    hidden_m = [max(float(_depths_m(*one).min()), near_m) for one in zip(model, placed, strict=True)]
+    still = _measured(
+        camera,
+        near_m / BEYOND_NEAR,
+        STILL_MODELS,
+        np.array([_FACE] * faces + model),
+        np.array([*background.world_from_face, *placed]),
+        np.array(size_m),
+        np.arange(faces + len(model)),
+        np.ones(faces + len(model), bool),
+        np.append(background.visible_depth_m, hidden_m),
     )
+    # Of the background, that before which nothing stands.
+    still.depth_m[:faces] = background.visible_depth_m
+    return still if placed else replace(still, disparity_px=bare_px[np.isfinite(bare_px)])
+
+
+def _depths_m(model: int, matrix: Floats) -> Floats:
+    """Return the depths of a still model's vertices."""
+    return np.asarray(STILL_MODELS[model].positions.astype(np.float64) @ matrix[2, :3] + matrix[2, 3])
 
 
 def _place_ground(

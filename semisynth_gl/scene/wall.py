@@ -16,20 +16,23 @@ class Wall:
         self.length_m = float(np.linalg.norm(right))
         # From the room outwards, where "right" and "down" are as seen from inside.
         self.out = np.cross(right, self.down) / (height_m * self.length_m)
-        # The corners (u, v) of its doorway or niche.
-        self.hole: tuple[tuple[float, float], tuple[float, float]] | None = None
+        # Opposite corners (u, v) of its doorway or niche, and of what hangs on it.
+        self._taken: list[tuple[tuple[float, float], tuple[float, float]]] = []
 
     @property
     def yaw_rad(self) -> float:
         """Turn about z of a model whose back, +y, is to the wall."""
         return float(np.arctan2(self.out[1], self.out[0]) - np.pi / 2)
 
-    def meets_hole(self, low: tuple[float, float], high: tuple[float, float]) -> bool:
-        """Whether a rectangle from one corner (u, v) to the opposite one meets the doorway or niche."""
-        if self.hole is None:
+    def is_free(self, low: tuple[float, float], high: tuple[float, float]) -> bool:
+        """Whether a rectangle from one corner (u, v) to the opposite one lies on the wall, and meets none taken."""
+        if min(low) < 0 or max(high) > 1:
             return False
-        begin, end = self.hole
-        return all(low[k] < end[k] and begin[k] < high[k] for k in (0, 1))
+        return not any(all(low[k] < end[k] and begin[k] < high[k] for k in (0, 1)) for begin, end in self._taken)
+
+    def take(self, low: tuple[float, float], high: tuple[float, float]) -> None:
+        """Take a rectangle for a doorway, a niche or something that hangs."""
+        self._taken.append((low, high))
 
     def at(self, u: float, v: float, out_m: float = 0.0) -> Floats:
         """Return the place (3,) at shares of the wall's edges, and so far behind the wall."""

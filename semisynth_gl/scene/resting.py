@@ -1,0 +1,55 @@
+"""Particles at rest: models that lie on what is below them, instead of falling."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.scene.support import surface_below
+
+Floats = NDArray[np.float64]
+
+# Cosine of the steepest slope that a model comes to rest on.
+_STEEPEST = 0.5
+
+
+def triangles_of(models: Sequence[Mesh], model: NDArray[np.int64], world_from_model: Floats) -> Floats:
+    """Return the corners (T, 3, 3) of all triangles of N instances, in the world's frame."""
+    parts = [
+        (models[number].positions.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3])[models[number].triangles]
+        for number, matrix in zip(model.tolist(), world_from_model, strict=True)
+    ]
+    return np.concatenate(parts)
+
+
+def come_to_rest(poses: Floats, meshes: Sequence[Mesh], corners: Floats, up: Floats) -> dict[int, Floats]:
+    """Let particles down onto what is below them.
+
+    Each keeps its turn, and touches the surface below its centre with the point that is lowest over it. One that has
+    nothing below it, or a slope of more than 60 degrees, is left out.
+
+    Args:
+        poses: (P, 4, 4) float64, where the particles are.
+        meshes: the model of each.
+        corners: (T, 3, 3) float64, corners of the triangles that they may lie on.
+        up: (3,) float64, unit, the direction upwards.
+
+    Returns:
+        Their poses (4, 4) at rest, by number.
+    """
+    # A frame whose z points up.
+    aside = np.cross(up, np.eye(3)[np.abs(up).argmin()])
+    aside /= np.linalg.norm(aside)
+    turn = np.stack([aside, np.cross(up, aside), up])
+    turned, rested = corners @ turn.T, dict[int, Floats]()
+    for number, (mesh, pose) in enumerate(zip(meshes, poses, strict=True)):
+        x, y, z = turn @ pose[:3, 3]
+        support = surface_below(turned, x, y, z)
+        if support is None or support.normal[2] < _STEEPEST:
+            continue
+        outwards = turn.T @ support.normal
+        lowest = float((mesh.positions.astype(np.float64) @ pose[:3, :3].T @ outwards).min())
+        rested[number] = pose.copy()
+        rested[number][:3, 3] = turn.T @ (x, y, support.height) - lowest * outwards
+    return rested

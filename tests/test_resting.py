@@ -1,0 +1,139 @@
+"""Particles at rest: they touch what is below them, and stay, whatever frame is sampled first."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import noise_layers
+
+from semisynth_gl import load_config
+from semisynth_gl.geometry.mesh import make_mesh
+from semisynth_gl.geometry.model_library import build_library
+from semisynth_gl.scene.resting import come_to_rest, triangles_of
+from semisynth_gl.scene.sampler import SceneSampler
+from semisynth_gl.scene.support import surface_below
+from semisynth_gl.textures.atlas import Patch
+
+PATCH = (Patch("photo", 0, 0, 64, 0, 1, 10.0),)
+MOVING = ["sequence.length=3", "sequence.frame_s=0.2", "camera.sway_m=0.01", "camera.sway_deg=1"]
+GROUND = ["structures.ground=1", "structures.ground_disparity_px=[60,150]", "structures.panels=2"]
+
+
+@cache
+def sampler_of(*overrides: str) -> SceneSampler:
+    few = "models.variants=1", "models.complex=0"
+    config = load_config("middlebury", ["scenes=[]", "textures.large_px=0", *few, *overrides])
+    return SceneSampler(config, 3, build_library(config.models, config.particles, 3), PATCH)
+
+
+def test_models_at_rest_touch_what_was_below_them() -> None:
+    options = "particles.density=sparse", *GROUND
+    sampler, falling = sampler_of("particles.resting=1", *options), sampler_of(*options)
+    touching = 0
+    for index in range(2):
+        sampled, above = sampler.sample(index), falling.sample(index)
+        scene, still = sampled.scene, np.flatnonzero(sampled.slot < 0)
+        assert not sampled.resting[still].any()
+        # The camera's y axis points down.
+        corners = triangles_of(sampler.models, scene.model[still], scene.world_from_model[still])
+        upright = corners[..., [0, 2, 1]] * (1, 1, -1)
+        poses = dict(zip(above.slot.tolist(), above.scene.world_from_model, strict=True))
+        for number in np.flatnonzero(sampled.resting):
+            pose, before = scene.world_from_model[number], poses[sampled.slot[number]]
+            support = surface_below(upright, before[0, 3], before[2, 3], -before[1, 3])
+            vertices = sampler.models[scene.model[number]].positions.astype(float) @ pose[:3, :3].T + pose[:3, 3]
+            place = (before[0, 3], before[2, 3], support.height)
+            heights = (vertices[:, [0, 2, 1]] * (1, 1, -1) - place) @ support.normal
+            assert heights.min() == pytest.approx(0, abs=1e-9)
+            touching += 1
+        rows = sampler.instance_table(sampled)
+        assert [row.get("resting", False) for row in rows] == sampled.resting.tolist()
+        assert all(row["still"] is False for row in rows if "resting" in row)
+    assert touching > 20
+
+
+def test_those_that_fall_are_those_that_fall_without_it() -> None:
+    rested, fallen = (sampler_of(f"particles.resting={share}", *GROUND).sample(1) for share in (0.5, 0))
+    assert not fallen.resting.any()
+    assert 0.1 < rested.resting[rested.slot >= 0].mean() < 0.5
+    poses = [dict(zip(each.slot, each.scene.world_from_model, strict=True)) for each in (rested, fallen)]
+    for slot in rested.slot[~rested.resting & (rested.slot >= 0)]:
+        np.testing.assert_array_equal(poses[0][slot], poses[1][slot])
+    # Let down, not turned.
+    for slot in np.intersect1d(rested.slot[rested.resting], fallen.slot):
+        np.testing.assert_array_equal(poses[0][slot][:3, :3], poses[1][slot][:3, :3])
+        assert abs(poses[0][slot][1, 3] - poses[1][slot][1, 3]) > 1e-6
+
+
+def test_they_stay_whatever_frame_is_sampled_first() -> None:
+    options = "particles.resting=0.6", *GROUND, *MOVING
+    sampler, other = sampler_of(*options), sampler_of.__wrapped__(*options)
+    forwards = [sampler.sample(index) for index in range(6)]
+    for index in (5, 1, 4, 0):
+        again = other.sample(index)
+        np.testing.assert_array_equal(again.scene.world_from_model, forwards[index].scene.world_from_model)
+        np.testing.assert_array_equal(again.resting, forwards[index].resting)
+        motion = other.motion(again, +1)
+        at_rest = again.resting
+        assert at_rest.sum() > 3
+        # At rest in the world, whose camera sways; what falls does not stay.
+        np.testing.assert_array_equal(motion.world_from_model[at_rest], again.scene.world_from_model[at_rest])
+        falling = ~at_rest & (again.slot >= 0)
+        assert (motion.world_from_model[falling] != again.scene.world_from_model[falling]).any(axis=(1, 2)).all()
+    assert sorted(forwards[0].slot[forwards[0].resting]) == sorted(forwards[2].slot[forwards[2].resting])
+
+
+@pytest.mark.parametrize("kind", ["room", "street"])
+def test_furnished_scenes_bear_them_too(kind: str) -> None:
+    weights = [f"background.{name}={int(name == kind)}" for name in ("cuboid", "plane", "room", "street")]
+    sampler = sampler_of(*weights, "particles.layers=[{count: 60}]", "particles.resting=1")
+    assert sum(sampler.sample(index).resting.sum() for index in range(3)) > 5
+
+
+def test_truth_of_a_moving_camera_over_models_at_rest_is_exact(open_renderer) -> None:
+    small = ["camera.width_px=160", "camera.height_px=120", "particles.density=30"]
+    sampler = sampler_of("particles.resting=1", *GROUND, *MOVING, *small)
+    renderer = open_renderer(sampler.models, noise_layers(1, 64), outputs=("flow", "instances"))
+    sampled = sampler.sample(1)
+    scene = sampled.scene
+    motion = sampler.motion(sampled, +1)
+    left = renderer.render(scene, future=motion).left
+    shown = np.isin(left.instances, 1 + np.flatnonzero(sampled.resting)) & np.isfinite(left.flow).all(axis=-1)
+    assert shown.sum() > 100
+    # What does not move has the flow of the camera alone.
+    alone = replace(motion, world_from_model=scene.world_from_model)
+    expected = renderer.render(scene, future=alone).left.flow
+    np.testing.assert_array_equal(left.flow[shown], expected[shown])
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**31), st.integers(1, 40))
+def test_the_surface_below_is_the_highest_that_is_not_above(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    corners = rng.uniform(-1, 1, (count, 3, 3))
+    x, y, height = rng.uniform(-0.3, 0.3, 3)
+    expected = []
+    for first, second, third in corners:
+        along = np.linalg.solve(np.stack([second - first, third - first], axis=1)[:2], (x, y) - first[:2])
+        at = first[2] + along @ (second[2] - first[2], third[2] - first[2])
+        if along.min() >= 0 and along.sum() <= 1 and at <= height:
+            expected.append(at)
+    found = surface_below(corners, x, y, height)
+    assert (found is None) == (not expected)
+    if found is not None:
+        assert found.height == pytest.approx(max(expected), abs=1e-9)
+        assert found.normal[2] >= 0
+        assert np.linalg.norm(found.normal) == pytest.approx(1)
+
+
+def test_nothing_rests_on_a_steep_slope_or_above_nothing() -> None:
+    mesh = make_mesh("thing", [[0, 0, 1], [1, 0, 0], [0, -1, 0], [-1, 0, -1]], np.zeros((4, 2)), [[0, 1, 2], [1, 2, 3]])
+    up = np.array([0.0, -1.0, 0.0])
+    for angle, rests in ((0, True), (0.9, True), (1.1, False)):
+        along, back = np.array([np.cos(angle), np.sin(angle), 0]) * 10, np.array([0, 5, -9])
+        slope = np.array([[back - along, back + along, (0, 5, 20)]])
+        assert bool(come_to_rest(np.eye(4)[None], [mesh], slope, up)) == rests
+        assert not come_to_rest(np.eye(4)[None], [mesh], slope + np.array([100, 0, 0]), up)
