@@ -63,7 +63,7 @@ def cases() -> Iterator[tuple[str, tuple[str, ...]]]:
         yield f"output/{output}", (*sequence, "--outputs", output)
     left = ("--config", "eth3d", "--pairs", "2", "--truth", "left")
     yield "truth/left", (*left, "--outputs", "visibility,instances,depth")
-    for antialias in ("msaa4", "ssaa2"):
+    for antialias in ("edges", "msaa4", "ssaa2"):
         yield f"antialias/{antialias}", ("--config", "eth3d", "--pairs", "2", "--set", f"antialias={antialias}")
     yield "anisotropy", ("--config", "eth3d", "--pairs", "2", "--set", "textures.anisotropy=4")
     yield "imperfections", ("--config", "eth3d", "--pairs", "2", *NOISE)

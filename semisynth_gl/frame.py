@@ -22,7 +22,7 @@ TruthViews = Literal["both", "left"]
 TRUTH_VIEWS: tuple[TruthViews, ...] = get_args(TruthViews)
 
 # Drivers have powers of two as numbers of samples.
-ANTIALIAS_PATTERN = r"^(none|msaa(2|4|8|16|32)|ssaa[2-8])$"
+ANTIALIAS_PATTERN = r"^(none|edges|msaa(2|4|8|16|32)|ssaa[2-8])$"
 
 Value = TypeVar("Value", bound=np.generic)
 _UINT8, _FLOAT32 = np.dtype(np.uint8), np.dtype(np.float32)

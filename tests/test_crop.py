@@ -19,6 +19,8 @@ CROPS = (Crop(0, 0, 24, 16), Crop(100, 61, 87, 64), Crop(60, 40, 1, 1), Crop(0, 
         {"outputs": ("visibility", "instances", "depth")},
         {"outputs": (), "antialias": "msaa4"},
         {"truth": "left", "antialias": "ssaa2"},
+        {"outputs": (), "antialias": "edges"},
+        {"antialias": "edges"},
     ],
 )
 def test_a_crop_has_the_pixels_of_the_whole_image(backend, changes):

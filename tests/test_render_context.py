@@ -86,7 +86,7 @@ def test_two_renderers_draw_in_turn_and_outlive_each_other(backend, square):
         one.render(make_scene(StereoCamera.centred(9, 9, 9.0, 0.1), model=[], world_from_model=[], layer=[]))
 
 
-@pytest.mark.parametrize("antialias", ["none", "ssaa2"])
+@pytest.mark.parametrize("antialias", ["none", "edges", "ssaa2"])
 def test_a_refused_size_leaves_the_renderer_as_it_was(open_renderer, square, antialias):
     renderer = open_renderer([square], noise_layers(1, 16), antialias=antialias)
     camera = StereoCamera.centred(60, 40, 40.0, 0.1)
@@ -194,7 +194,7 @@ def test_more_instances_than_ids_are_refused(open_renderer, square):
         open_renderer([square], noise_layers(1, 16), outputs=["albedo"])
 
 
-@pytest.mark.parametrize("mode", ["msaa4", "ssaa2", "ssaa3"])
+@pytest.mark.parametrize("mode", ["edges", "msaa4", "ssaa2", "ssaa3"])
 def test_antialiasing_changes_colour_at_edges_only_and_truth_nowhere(open_renderer, square, mode):
     camera = StereoCamera.centred(200, 150, 200.0, 0.1)
     flat = np.zeros((2, 16, 16, 4), np.uint8)

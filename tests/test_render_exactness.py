@@ -37,7 +37,7 @@ def test_a_patch_at_one_texel_per_pixel_comes_out_bit_for_bit(open_renderer, squ
         np.testing.assert_array_equal(frame.left.image, expected, err_msg=f"at {depth} m")
 
 
-@pytest.mark.parametrize("antialias", ["none", "ssaa2"])
+@pytest.mark.parametrize("antialias", ["none", "edges", "ssaa2"])
 def test_large_patches_are_counted_behind_the_others_and_come_out_bit_for_bit(open_renderer, square, antialias):
     camera = StereoCamera.centred(120, 80, 700.0, 0.05)
     layers, large = noise_layers(3, SIDE), noise_layers(2, 4 * SIDE, seed=1)

@@ -17,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 from disparity_variants import VARIANT_SHADERS  # and adds its block to BLOCKS
 
 FLOW = ("whole_image.vert", "flow.frag", {"FLOW": 0, "FLOW_VISIBILITY": 1, "DISPARITY_CHANGE": 2, "TRACE": 1})
+EDGES = ("edges.vert", "edges.frag", {}, "edges.geom")
 
 
 @pytest.fixture
@@ -36,7 +37,7 @@ def test_a_struct_that_is_packed_otherwise_is_an_error_with_both_layouts(context
         "itemsize": block.dtype.itemsize + 16,
     })  # fmt: skip
     monkeypatch.setitem(structs.BLOCKS, name, Block(block.binding, wrong, block.array))
-    shaders = (*VARIANT_SHADERS, {"PLANE64": 1}) if name == "Camera64" else FLOW
+    shaders = {"Camera64": (*VARIANT_SHADERS, {"PLANE64": 1}), "Wearers": EDGES}.get(name, FLOW)
     with pytest.raises(BackendError, match=rf"lays out the block {name} as .* bytes, but the program packs .* bytes"):
         link_program(context, *shaders)
 

@@ -16,6 +16,7 @@ from semisynth_gl.render.backends import Backend
 
 MODES: Mapping[str, str] = {
     "none": "one sample at the pixel's centre",
+    "edges": "shares of pixels along outlines",
     "msaa4": "4 coverage samples, one colour a surface",
     "ssaa2": "4 samples, averaged",
     "ssaa3": "9 samples, averaged",

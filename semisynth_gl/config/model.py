@@ -261,8 +261,8 @@ class Config(Section):
         outputs: further outputs beside images and disparities: ``visibility``, ``instances``, ``depth``, ``normals``,
             ``flow``, ``flow_backward``, ``disparity_change``.
         truth: views whose disparity and outputs are written: ``both``, or ``left`` alone.
-        antialias: antialiasing of colour: ``none``, ``msaa4`` (or another number of samples that the driver offers),
-            ``ssaa2`` to ``ssaa8``.
+        antialias: antialiasing of colour: ``none``, ``edges``, ``msaa4`` (or another number of samples that the driver
+            offers), ``ssaa2`` to ``ssaa8``.
     """
 
     name: Name

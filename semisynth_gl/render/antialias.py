@@ -22,24 +22,32 @@ class Antialias:
     """How colour is antialiased.
 
     Attributes:
-        kind: "none", "msaa" (several coverage samples, one colour a surface) or "ssaa" (a larger image, averaged).
-        factor: samples per pixel of "msaa"; how many times wider and higher "ssaa" draws; 1 for "none".
+        kind: "none", "edges" (shares of pixels worked out along outlines), "msaa" (several coverage samples, one colour
+            a surface) or "ssaa" (a larger image, averaged).
+        factor: samples per pixel of "msaa"; how many times wider and higher "ssaa" draws; 1 for the others.
     """
 
-    kind: Literal["none", "msaa", "ssaa"]
+    kind: Literal["none", "edges", "msaa", "ssaa"]
     factor: int
+
+    @property
+    def redraws(self) -> bool:
+        """Whether colour is drawn once more, in a framebuffer of its own."""
+        return self.kind in ("msaa", "ssaa")
 
 
 def parse_antialias(text: str) -> Antialias:
-    """Read "none", "msaa4", "ssaa2" and their like.
+    """Read "none", "edges", "msaa4", "ssaa2" and their like.
 
     Raises:
         InputError: where the text is none of these.
     """
     if not re.fullmatch(ANTIALIAS_PATTERN, text):
-        raise InputError(f"antialias: expected none, msaa2, msaa4, ... or ssaa2 to ssaa8, got {text}")
+        raise InputError(f"antialias: expected none, edges, msaa2, msaa4, ... or ssaa2 to ssaa8, got {text}")
     if text == "none":
         return Antialias("none", 1)
+    if text == "edges":
+        return Antialias("edges", 1)
     return Antialias("msaa" if text.startswith("msaa") else "ssaa", int(text[4:]))
 
 

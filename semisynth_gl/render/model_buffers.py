@@ -163,6 +163,11 @@ class ModelBuffers:
                 self._commands, moderngl.TRIANGLES, filled.both_sides, first=filled.first + filled.fronts
             )
 
+    def bind_vertices(self) -> None:
+        """Bind the vertices of all models, which `Outlines` counts through."""
+        self._check_size([self._vertices], "antialias: edges looks up vertices")
+        self._vertices.bind_to_storage_buffer(_VERTICES)
+
     def bind_triangles(self, placed: Placed, eye: Eye) -> None:
         """Bind the buffers of common_triangles.glsl, with all instances relative to one eye."""
         if self._neighbours is None or self._traced is None:
@@ -174,15 +179,18 @@ class ModelBuffers:
         rows["model"][:, 1] = self._model_commands["base_vertex"][scene.model]
         refill(self._traced, rows)
         buffers = (self._vertices, self._indices, self._neighbours, self._traced)
-        largest, limit = max(buffer.size for buffer in buffers), int(self._gl.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
-        if largest > limit:
-            raise BackendError(
-                f"the outputs visibility, normals and those of flow look up triangles in a buffer, here of {largest} "
-                f"bytes, but the driver goes up to {limit}: use fewer or smaller models, or leave these outputs out"
-            )
+        self._check_size(buffers, "the outputs visibility, normals and those of flow look up triangles")
         bindings = (_VERTICES, _INDICES, _NEIGHBOURS, BLOCKS["Instances"].binding)
         for binding, buffer in zip(bindings, buffers, strict=True):
             buffer.bind_to_storage_buffer(binding)
+
+    def _check_size(self, buffers: Sequence[moderngl.Buffer], reader: str) -> None:
+        largest, limit = max(buffer.size for buffer in buffers), int(self._gl.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
+        if largest > limit:
+            raise BackendError(
+                f"{reader} in a buffer, here of {largest} bytes, but the driver goes up to {limit}: use fewer or "
+                "smaller models, or do without"
+            )
 
     def _vao(self, program: moderngl.Program) -> moderngl.VertexArray:
         if program.glo not in self._vaos:

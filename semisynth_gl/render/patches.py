@@ -23,6 +23,7 @@ class PatchTextures:
 
     Attributes:
         ends: (A,) int64, number of the patches in an atlas and all before it: `Scene.layer` counts through.
+        sides_px: (A,) int64, side of an atlas's patches.
 
     Raises:
         BackendError: where the driver cannot hold an atlas.
@@ -31,13 +32,14 @@ class PatchTextures:
     def __init__(self, context: GraphicsContext, atlases: Sequence[NDArray[np.uint8]], *, mirrored: bool) -> None:
         self._textures = [_upload(context, layers, mirrored=mirrored) for layers in atlases]
         self.ends = np.cumsum([len(layers) for layers in atlases])
+        self.sides_px = np.array([layers.shape[1] for layers in atlases])
 
     def __len__(self) -> int:
         return int(self.ends[-1])
 
-    def use(self, atlas: int) -> None:
-        """Let shaders sample an atlas."""
-        self._textures[atlas].use(_UNIT)
+    def use(self, atlas: int, unit: int = _UNIT) -> None:
+        """Let shaders sample an atlas, by default where mesh.frag does."""
+        self._textures[atlas].use(unit)
 
 
 def _upload(context: GraphicsContext, layers: NDArray[np.uint8], *, mirrored: bool) -> moderngl.TextureArray:

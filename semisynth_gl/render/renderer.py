@@ -40,6 +40,7 @@ from semisynth_gl.render.antialias import ColourTargets, parse_antialias
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import open_context
+from semisynth_gl.render.edges import EdgePass
 from semisynth_gl.render.flow import FlowPass
 from semisynth_gl.render.model_buffers import Filled, ModelBuffers, Placed
 from semisynth_gl.render.patches import PatchTextures
@@ -70,7 +71,7 @@ class Renderer:
         large_anisotropy: the same of large patches.
         outputs: what to make beside images and disparities; see `semisynth_gl.frame.OUTPUTS`.
         truth: of which views disparity and outputs are made, "both" or "left".
-        antialias: "none", "msaa4" (or what the driver has) or "ssaa2" to "ssaa8"; for colour only.
+        antialias: "none", "edges", "msaa4" (or what the driver has) or "ssaa2" to "ssaa8"; for colour only.
         backend: "auto", "egl" or "osmesa".
         device_index: EGL's number of the device.
         read: what takes the pixels that were drawn: arrays in memory by default; see `Reader` for others.
@@ -134,7 +135,11 @@ class Renderer:
             reads_triangles = any(channel.reads_triangles for channel in self._channels)
             self._models = ModelBuffers(self._gl, models, self._patches.ends, traced=reads_triangles)
             self._constants = ConstantsBuffer(self._gl)
-            self._link_programs((anisotropy, large_anisotropy)[: len(atlases)])
+            anisotropies = (anisotropy, large_anisotropy)[: len(atlases)]
+            self._link_programs(anisotropies)
+            self._edges: EdgePass | None = None
+            if self._antialias.kind == "edges":
+                self._edges = EdgePass(self._context, models, self._patches, anisotropies)
         except BaseException:
             self._context.release()
             raise
@@ -299,7 +304,7 @@ class Renderer:
         flow = own and bool(self._outputs & FLOW_OUTPUTS)
         # What the visibility pass and the flow pass look up is drawn for them.
         needed = {
-            "colour": self._antialias.kind == "none",
+            "colour": not self._antialias.redraws,
             "disparity": own or visibility,
             "depth": flow or (own and "depth" in self._outputs),
             "surface": visibility or flow,
@@ -317,8 +322,8 @@ class Renderer:
         self._draw_programs: dict[Eye, list[moderngl.Program]] = {
             eye: [link(names, each) for each in anisotropies] for eye, names in self._attachments.items()
         }
-        antialiased = self._antialias.kind != "none"
-        self._colour_programs = [link(("colour",), each) for each in anisotropies] if antialiased else None
+        redraws = self._antialias.redraws
+        self._colour_programs = [link(("colour",), each) for each in anisotropies] if redraws else None
         self._visibility = VisibilityPass(self._context, self._constants) if "visibility" in self._outputs else None
         self._flow = None
         if self._outputs & FLOW_OUTPUTS:
@@ -359,7 +364,7 @@ class Renderer:
 
     def _make_targets(self, size: tuple[int, int]) -> tuple[dict[Eye, EyeTargets], ColourTargets | None]:
         colour_targets = None
-        if self._antialias.kind != "none":
+        if self._antialias.redraws:
             colour_targets = ColourTargets(self._context, size, self._antialias, self._read_pixels)
         targets = {
             eye: EyeTargets(
@@ -367,6 +372,7 @@ class Renderer:
                 size,
                 names,
                 visibility="visibility" in self._outputs and eye in self._truth_eyes,
+                blended=self._edges is not None,
                 read=self._read_pixels,
             )
             for eye, names in self._attachments.items()
@@ -378,7 +384,9 @@ class Renderer:
     def _draw(self, placed: Placed, eye: Eye, crop: Crop | None) -> NDArray[np.uint8] | None:
         """Draw one eye; return the colour where it is antialiased."""
         looked_up = self._visibility is not None and OTHER_EYE[eye] in self._truth_eyes
-        part = crop and _drawn_part(placed.scene, eye, crop, looked_up=looked_up)
+        # Along edges pixels take on colours of those beside them.
+        border_px = 0 if self._edges is None else 1
+        part = crop and _drawn_part(placed.scene, eye, crop, looked_up=looked_up, border_px=border_px)
         scene, filled = placed.scene, self._models.fill(placed, eye, part)
         self._constants.write(scene.camera, eye, scene.near_m)
         if self._attachments[eye]:
@@ -388,6 +396,8 @@ class Renderer:
             if self._triangle_readers.intersection(self._attachments[eye]):
                 self._models.bind_triangles(placed, eye)
             self._draw_models(self._draw_programs[eye], filled)
+            if self._edges is not None:
+                self._edges.draw(placed, eye, targets, self._models, crop)
         if self._colour_targets is None or self._colour_programs is None:
             return None
         self._colour_targets.limit(crop)
@@ -412,14 +422,15 @@ def _check_atlas(name: str, layers: NDArray[np.uint8]) -> None:
         raise InputError(f"{name}: the patch atlas is empty")
 
 
-def _drawn_part(scene: Scene, eye: Eye, crop: Crop, *, looked_up: bool) -> Crop:
+def _drawn_part(scene: Scene, eye: Eye, crop: Crop, *, looked_up: bool, border_px: int) -> Crop:
     """Return the part of one eye's image that a crop needs, more where the other eye's points are looked up in it."""
-    if not looked_up:
-        return crop
-    camera = scene.camera
-    # No disparity is larger than the near plane's. One pixel more is looked at to each side, another is for rounding.
-    reach = max(0, ceil(float(camera.disparity_px(scene.near_m)))) + 2
-    left, right = (2, reach) if eye == "left" else (reach, 2)
-    x, y = max(0, crop.x_px - left), max(0, crop.y_px - 2)
-    x_end, y_end = min(camera.width_px, crop.right_px + right), min(camera.height_px, crop.bottom_px + 2)
+    camera, left, right = scene.camera, border_px, border_px
+    if looked_up:
+        # No disparity is larger than the near plane's. One pixel more is looked at to each side, another is for
+        # rounding.
+        border_px = 2
+        reach = max(0, ceil(float(camera.disparity_px(scene.near_m)))) + 2
+        left, right = (2, reach) if eye == "left" else (reach, 2)
+    x, y = max(0, crop.x_px - left), max(0, crop.y_px - border_px)
+    x_end, y_end = min(camera.width_px, crop.right_px + right), min(camera.height_px, crop.bottom_px + border_px)
     return Crop(x, y, x_end - x, y_end - y)

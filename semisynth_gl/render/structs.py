@@ -27,6 +27,9 @@ CONSTANTS = np.dtype(
 INSTANCE = np.dtype([("view_from_model", "<f4", (3, 4)), ("model", "<u4", 4)])
 """The struct of common_triangles.glsl, std430."""
 
+WEARER = np.dtype([("view_from_model", "<f4", (3, 4)), ("patch_from_uv", "<f4", 4), ("worn", "<f4", 4)])
+"""The struct of edges.geom, std430."""
+
 MOVE = np.dtype([("turn_and_shift", "<f4", (3, 4)), ("centre", "<f4", 3), ("", "<f4"), ("then", "<u4"), ("", "<u4", 3)])
 """The struct of flow.frag, std430."""
 
@@ -63,6 +66,7 @@ BLOCKS: dict[str, Block] = {
     "Constants": Block(0, CONSTANTS),
     "Instances": Block(3, INSTANCE, "instances"),
     "Moves": Block(4, MOVE, "moves"),
+    "Wearers": Block(5, WEARER, "wearers"),
 }
 """The blocks that `link_program` checks, by their names in GLSL."""
 

@@ -117,17 +117,62 @@ class Targets:
             self.depth_buffer.release()
 
 
+class BlendTargets:
+    """The colour of a drawing pass as what is blended into, and a copy of it as what is looked up meanwhile.
+
+    Args:
+        context: the open context.
+        size: width and height, px.
+        colour: the drawing pass's attachment.
+        depth_buffer: the drawing pass's, which is read and not written.
+
+    Raises:
+        BackendError: where the driver has no texture of that size.
+    """
+
+    def __init__(
+        self,
+        context: GraphicsContext,
+        size: tuple[int, int],
+        colour: moderngl.Texture,
+        depth_buffer: moderngl.Renderbuffer,
+    ) -> None:
+        self._gl = context.gl
+        try:
+            self._copy = context.gl.texture(size, 4)
+            self._copied = context.gl.framebuffer([self._copy])
+            self._framebuffer = context.gl.framebuffer([colour], depth_buffer)
+        except moderngl.Error as error:
+            raise BackendError(f"{context.renderer} cannot draw {size[0]} x {size[1]} px: {error}") from error
+        self._framebuffer.depth_mask = False
+        self._copy.filter = (moderngl.NEAREST, moderngl.NEAREST)
+
+    def use(self, part: Crop | None, unit: int) -> None:
+        """Copy what is drawn, bind the copy to a texture unit, and let a part of the image, or all, be blended into."""
+        self._gl.copy_framebuffer(self._copied, self._framebuffer)
+        self._copy.use(unit)
+        self._framebuffer.scissor = window(part, self._framebuffer.size)
+        self._framebuffer.use()
+
+    def release(self) -> None:
+        """Free everything of its own."""
+        for resource in (self._framebuffer, self._copied, self._copy):
+            resource.release()
+
+
 class EyeTargets(Targets):
     """The targets of one eye's drawing pass, with a 32-bit float depth buffer, and of its visibility pass.
 
     Attributes:
         visibility: targets of the visibility pass, or None.
+        blending: for a pass that blends into the colour, or None.
 
     Args:
         context: the open context.
         size: width and height, px.
         names: attachments of the drawing pass, in the order of the shader's outputs.
         visibility: whether there is a visibility pass.
+        blended: whether a pass blends into the colour.
         read: what takes pixels.
 
     Raises:
@@ -141,6 +186,7 @@ class EyeTargets(Targets):
         names: Iterable[str],
         *,
         visibility: bool,
+        blended: bool = False,
         read: Reader = read_array,
     ) -> None:
         info = context.gl.info
@@ -154,6 +200,9 @@ class EyeTargets(Targets):
         context.unbound.make_depth_float32(self.depth_buffer.glo, *size)
         # The visibility pass marks decided pixels in the depth buffer that the drawing pass no longer needs.
         self.visibility = Targets(context, size, VISIBILITY, read, self.depth_buffer) if visibility else None
+        self.blending: BlendTargets | None = None
+        if blended:
+            self.blending = BlendTargets(context, size, self._textures["colour"], self.depth_buffer)
         for texture in self._textures.values():
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
             texture.repeat_x = texture.repeat_y = False
@@ -170,6 +219,7 @@ class EyeTargets(Targets):
 
     def release(self) -> None:
         """Free everything."""
-        if self.visibility is not None:
-            self.visibility.release()
+        for shares_depth in (self.visibility, self.blending):
+            if shares_depth is not None:
+                shares_depth.release()
         super().release()

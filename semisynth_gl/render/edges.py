@@ -1,0 +1,80 @@
+"""Antialiasing along outlines alone: what lies beyond an edge, blended into the pixels that the edge passes."""
+
+from collections.abc import Sequence
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.camera import Crop, Eye
+from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.render.context import GraphicsContext
+from semisynth_gl.render.model_buffers import ModelBuffers, Placed, refill
+from semisynth_gl.render.outlines import Outlines
+from semisynth_gl.render.patches import PatchTextures
+from semisynth_gl.render.programs import link_program
+from semisynth_gl.render.structs import BLOCKS, WEARER
+from semisynth_gl.render.targets import EyeTargets
+
+_FEWEST_STRIPS, _FEWEST_INSTANCES = 4096, 256
+# Binding of edges.geom.
+_STRIPS = 6
+# Texture unit of edges.frag, after those of the atlases.
+_DRAWN = 2
+
+
+class EdgePass:
+    """Blends along the outlines of one eye's image; see edges.geom and edges.frag.
+
+    Args:
+        context: the open context.
+        models: the meshes that `Scene.model` counts.
+        patches: the atlases.
+        anisotropies: of each atlas, most samples of a patch for a pixel.
+    """
+
+    def __init__(
+        self, context: GraphicsContext, models: Sequence[Mesh], patches: PatchTextures, anisotropies: Sequence[int]
+    ) -> None:
+        gl = context.gl
+        self._gl, self._patches = gl, patches
+        self._anisotropies = np.array(anisotropies)
+        self._outlines = Outlines(models)
+        defines = {"LARGE": 1} if len(patches.ends) > 1 else {}
+        program = link_program(context, "edges.vert", "edges.frag", defines, "edges.geom")
+        self._wearers = gl.buffer(reserve=_FEWEST_INSTANCES * WEARER.itemsize, dynamic=True)
+        self._strips = gl.buffer(reserve=_FEWEST_STRIPS * 16, dynamic=True)
+        self._vao = gl.vertex_array(program, [])
+
+    def draw(self, placed: Placed, eye: Eye, targets: EyeTargets, models: ModelBuffers, part: Crop | None) -> None:
+        """Smooth the image of one eye's targets, or a part of it, whose depth is still that of the drawing."""
+        if targets.blending is None:
+            raise RuntimeError("these targets were made without blending")
+        strips = self._outlines.find(placed, eye)
+        if not len(strips):
+            return
+        refill(self._strips, strips)
+        refill(self._wearers, self._worn(placed, eye))
+        models.bind_vertices()
+        self._wearers.bind_to_storage_buffer(BLOCKS["Wearers"].binding)
+        self._strips.bind_to_storage_buffer(_STRIPS)
+        targets.blending.use(part, _DRAWN)
+        self._gl.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
+        self._gl.depth_func = ">"
+        self._gl.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
+        for atlas in range(len(self._patches.ends)):
+            self._patches.use(atlas, atlas)
+        self._vao.render(moderngl.POINTS, len(strips))
+
+    def _worn(self, placed: Placed, eye: Eye) -> NDArray[np.void]:
+        scene, ends = placed.scene, self._patches.ends
+        wearers = np.zeros(len(scene), WEARER)
+        wearers["view_from_model"] = placed.rows(eye)
+        wearers["patch_from_uv"][:, :2] = scene.uv_scale
+        wearers["patch_from_uv"][:, 2:] = scene.uv_offset
+        atlas = np.searchsorted(ends, scene.layer, side="right")
+        wearers["worn"][:, 0] = scene.layer - np.concatenate([[0], ends])[atlas]
+        wearers["worn"][:, 1] = atlas
+        wearers["worn"][:, 2] = self._patches.sides_px[atlas]
+        wearers["worn"][:, 3] = self._anisotropies[atlas]
+        return wearers

@@ -1,0 +1,103 @@
+"""The edges of models where a surface ends as an eye sees it: where it turns away, and its borders."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.camera import Eye
+from semisynth_gl.geometry.edges import MeshEdges, find_edges
+from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.render.model_buffers import Placed
+from semisynth_gl.render.projection import in_view
+
+
+class Outlines:
+    """Finds the outlines of scenes.
+
+    Args:
+        models: the meshes that `Scene.model` counts.
+    """
+
+    def __init__(self, models: Sequence[Mesh]) -> None:
+        self._models = models
+        self._base_vertex = np.cumsum([0, *(len(mesh.positions) for mesh in models)])
+        # Many a library has models that no scene takes, so edges are found at a model's first use.
+        self._edges: dict[int, MeshEdges] = {}
+
+    def find(self, placed: Placed, eye: Eye) -> NDArray[np.uint32]:
+        """Find the outlines that one eye may see, those of far instances first.
+
+        Returns:
+            (N, 4) uint32: the instance, and of the triangle in front the vertices, counted over all models, that the
+            edge goes from and to, and the one opposite.
+        """
+        scene, rows = placed.scene, placed.rows(eye)
+        seen = np.flatnonzero(in_view(scene.camera, eye, scene.near_m, rows[:, :, 3], placed.radius_m))
+        # What is in front covers the pixels of what is behind, too. As in the drawing, by the far ends of instances.
+        seen = seen[np.argsort(-(rows[seen, 2, 3] + placed.radius_m[seen]), kind="stable")]
+        eyes, solid, model = _eyes(rows[seen]), placed.solid[seen], scene.model[seen]
+        parts, places = [np.zeros((0, 4), np.uint32)], [np.zeros(0, np.int64)]
+        for shown in np.unique(model):
+            own, edges = np.flatnonzero(model == shown), self._edges_of(int(shown))
+            for corners, (number, edge) in zip(edges.corners, _shown(edges, eyes[own], solid[own]), strict=True):
+                part = np.empty((len(edge), 4), np.uint32)
+                part[:, 1:] = corners[edge]
+                part += np.uint32(self._base_vertex[shown])
+                place = own[number]
+                part[:, 0] = seen[place]
+                parts.append(part)
+                places.append(place)
+        return np.concatenate(parts)[np.argsort(np.concatenate(places), kind="stable")]
+
+    def _edges_of(self, model: int) -> MeshEdges:
+        if model not in self._edges:
+            self._edges[model] = find_edges(self._models[model])
+        return self._edges[model]
+
+
+_Chosen = tuple[NDArray[np.int64], NDArray[np.int64]]
+
+
+def _eyes(rows: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Find the eye from (M, 3, 4) rows of view from model: (M, 4) float32, in model units, w times, and w.
+
+    A matrix that flattens a flat model is then no special case.
+    """
+    x, y, z, shift = (np.ascontiguousarray(column) for column in rows.transpose(2, 1, 0))
+    adjugate = [_cross(y, z), _cross(z, x), _cross(x, y)]
+    eyes = np.stack([-(normal * shift).sum(axis=0) for normal in adjugate] + [(x * adjugate[0]).sum(axis=0)], axis=1)
+    largest = np.abs(eyes).max(axis=1, keepdims=True, initial=np.finfo(np.float64).tiny)
+    return np.asarray((eyes / largest).astype(np.float32))
+
+
+def _cross(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+    (a, b, c), (p, q, r) = first, second
+    return np.stack([b * r - c * q, c * p - a * r, a * q - b * p])
+
+
+def _shown(edges: MeshEdges, eyes: NDArray[np.float32], solid: NDArray[np.bool_]) -> tuple[_Chosen, _Chosen]:
+    """Choose the edges of M instances of a mesh that are outlines to the eye.
+
+    Args:
+        edges: of the mesh.
+        eyes: (M, 4) float32, see `_eyes`.
+        solid: (M,) bool, whether fronts alone are drawn.
+
+    Returns:
+        The numbers of instances and edges, (N,) int64 each, that have their first side in front, and those that have
+        the second one.
+    """
+    # Whether the eye lies where n . x < n . p of either side, or where it does not if w is negative.
+    homogeneous = eyes * np.array([-1, -1, -1, 1], np.float32)
+    below = [homogeneous @ plane > 0 for plane in edges.plane]
+    # Both triangles lie on one side of the edge.
+    number, edge = np.divmod(np.flatnonzero(below[0] == below[1]), len(edges.border))
+    below_first, border = below[0][number, edge], edges.border[edge]
+    eye_below, only_fronts = below_first ^ (eyes[number, 3] < 0), solid[number]
+    # The side in front separates the eye from the other one.
+    first = border | (eye_below != edges.below[0, edge])
+    second = ~first & (eye_below != edges.below[1, edge])
+    first &= ~(only_fronts & below_first)
+    second &= ~only_fronts | below_first
+    return (number[first], edge[first]), (number[second], edge[second])

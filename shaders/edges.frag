@@ -1,0 +1,35 @@
+#version 450 core
+// The share of a pixel that lies beyond an edge takes on the colour of what is there: from outside, the patch of the
+// surface that ends at the edge; from inside, what the next pixel across the edge shows.
+
+in vec4 seen_patch;  // coordinate of the point of the edge beside this pixel, layer, level
+flat in vec4 line;   // unit normal, away from the surface, and offset: the distance from the edge, px; 1 for a large patch
+
+layout(binding = 0) uniform sampler2DArray atlas;
+#ifdef LARGE
+layout(binding = 1) uniform sampler2DArray large_atlas;
+#endif
+layout(binding = 2) uniform sampler2D drawn;
+
+layout(location = 0) out vec4 colour;
+
+void main() {
+    // How much of a square of one pixel lies beyond a line at this distance from its centre.
+    float signed_px = dot(line.xy, gl_FragCoord.xy) + line.z;
+    vec2 extent = abs(line.xy);
+    float longer = max(extent.x, extent.y), shorter = min(extent.x, extent.y);
+    float rest = max(0.5 * (longer + shorter) - abs(signed_px), 0.0);
+    float share = rest > shorter ? 0.5 - abs(signed_px) / longer : rest * rest / (2.0 * longer * max(shorter, 1e-6));
+    if (signed_px < 0.0) {
+        // This pixel has its centre beyond the edge for certain.
+        ivec2 across = extent.x > extent.y ? ivec2(sign(line.x), 0) : ivec2(0, sign(line.y));
+        ivec2 next = clamp(ivec2(gl_FragCoord.xy) + across, ivec2(0), textureSize(drawn, 0) - 1);
+        colour = vec4(texelFetch(drawn, next, 0).rgb, share);
+#ifdef LARGE
+    } else if (line.w > 0.5) {
+        colour = vec4(textureLod(large_atlas, seen_patch.xyz, round(seen_patch.w)).rgb, share);
+#endif
+    } else {
+        colour = vec4(textureLod(atlas, seen_patch.xyz, round(seen_patch.w)).rgb, share);
+    }
+}

@@ -1,0 +1,93 @@
+#version 450 core
+// A strip along an edge where a surface ends, as far beyond the edge and before it as a pixel reaches across.
+
+layout(points) in;
+layout(triangle_strip, max_vertices = 4) out;
+
+#include "common_constants.glsl"
+#include "common_placement.glsl"
+
+struct Wearer {
+    vec4 view_from_model_x;  // rows, relative to the eye that draws
+    vec4 view_from_model_y;
+    vec4 view_from_model_z;
+    vec4 patch_from_uv;      // scale.xy, offset.xy
+    vec4 worn;               // layer, atlas, its patches' side in texels, and most samples of them
+};
+
+layout(std430, binding = 0) readonly buffer Vertices { float vertex[]; };  // x y z u v of each
+layout(std430, binding = 5) readonly buffer Wearers { Wearer wearers[]; };
+// Instance, and three vertices of the triangle in front: from where to where the edge goes, and the one opposite.
+layout(std430, binding = 6) readonly buffer Strips { uvec4 strips[]; };
+
+out vec4 seen_patch;
+flat out vec4 line;
+
+// A strip is nearer than its surface by this share of 1 / Z, for rounding, and by as much as the surface comes nearer
+// within a pixel: no more than its triangle does, or this share where the surface goes on in others.
+const float ROUNDING = 5e-4;
+const float STEEPEST = 0.03;
+// An edge shorter than this shows nothing, px.
+const float SHORTEST_PX = 1e-3;
+
+void main() {
+    uvec4 strip = strips[gl_PrimitiveIDIn];
+    Wearer wearer = wearers[strip.x];
+    vec3 view[3];
+    vec2 uv[3];
+    for (int k = 0; k < 3; ++k) {
+        uint at = 5u * strip[k + 1];
+        vec3 position = vec3(vertex[at], vertex[at + 1u], vertex[at + 2u]);
+        view[k] = vec3(placed(wearer.view_from_model_x, position), placed(wearer.view_from_model_y, position),
+                       placed(wearer.view_from_model_z, position));
+        uv[k] = vec2(vertex[at + 3u], vertex[at + 4u]) * wearer.patch_from_uv.xy + wearer.patch_from_uv.zw;
+    }
+
+    // What lies before the near plane is cut off.
+    vec3 from = view[0], to = view[1];
+    float cut_from = from.z < near_m ? (near_m - from.z) / (to.z - from.z) : 0.0;
+    float cut_to = to.z < near_m ? (near_m - to.z) / (from.z - to.z) : 0.0;
+    if (max(view[0].z, view[1].z) <= near_m) {
+        return;
+    }
+    from = mix(from, view[1], cut_from);
+    to = mix(to, view[0], cut_to);
+    vec2 from_px = focal_px * from.xy / from.z + centre_px, to_px = focal_px * to.xy / to.z + centre_px;
+    vec2 way = to_px - from_px;
+    float length_px = length(way);
+    // Sides of the pyramid from the eye through the triangle: they weigh its corners, and their sign is that of the
+    // corners' order in the image.
+    vec3 edge = view[1] - view[0];
+    mat3 sides = mat3(cross(view[1], view[2] - view[1]), cross(view[2], view[0] - view[2]), cross(view[0], edge));
+    float order = dot(view[2], sides[2]);
+    if (length_px < SHORTEST_PX || order == 0.0) {
+        return;
+    }
+    vec2 away = sign(order) * vec2(way.y, -way.x) / length_px;
+    float reach = 0.5 * (abs(away.x) + abs(away.y));
+
+    float nearest_m = max(min(view[0].z, min(view[1].z, view[2].z)), near_m);
+    for (int end = 0; end < 2; ++end) {
+        vec3 corner = end == 0 ? from : to;
+        vec2 uv_here = end == 0 ? mix(uv[0], uv[1], cut_from) : mix(uv[1], uv[0], cut_to);
+        // How the weights of the triangle's corners change from pixel to pixel, and with them UV and 1 / Z.
+        mat3 change = sides * (corner.z / (focal_px * order));
+        vec3 along_x = vec3(change[0].x, change[1].x, change[2].x), along_y = vec3(change[0].y, change[1].y, change[2].y);
+        mat3x2 around = mat3x2(uv[0] - uv_here, uv[1] - uv_here, uv[2] - uv_here) * wearer.worn.z;
+        float x_texels = length(around * along_x), y_texels = length(around * along_y);
+        // What reaches into a pixel from beside it is half a pixel wide at most.
+        float texels = 0.5 * max(max(x_texels, y_texels) / wearer.worn.w, min(x_texels, y_texels));
+        float rise = -reach * dot(change * vec3(1.0), vec3(away, 0.0));
+        float nearer = 1.0 + ROUNDING + clamp(rise, 0.0, max(STEEPEST, corner.z / nearest_m - 1.0));
+        for (int side = 0; side < 2; ++side) {
+            bool inside = side == 1;
+            vec2 beside_px = (inside ? -reach : reach) * away;
+            gl_Position = clip_from_view * vec4(corner.xy + beside_px * corner.z / focal_px, corner.z, 1.0);
+            gl_Position.z = min((inside ? nearer : 1.0 + ROUNDING) * near_m, gl_Position.w);
+            seen_patch = vec4(uv_here, wearer.worn.x, log2(max(texels, 1.0)));
+            line = vec4(away, -dot(from_px + 0.5, away), wearer.worn.y);
+            EmitVertex();
+        }
+    }
+    EndPrimitive();
+}

@@ -1,0 +1,211 @@
+"""`antialias: edges`: outlines beside the mean of 64 samples a pixel, all else as without antialiasing."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+from scenes import facing, noise_layers
+
+from semisynth_gl.bench.scenes import edges as outline_of
+from semisynth_gl.bench.scenes import grown
+from semisynth_gl.camera import EYES, StereoCamera
+from semisynth_gl.geometry.edges import find_edges
+from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
+from semisynth_gl.geometry.mesh import make_mesh
+from semisynth_gl.geometry.topology import is_solid, marked_solid
+from semisynth_gl.render.model_buffers import Placed
+from semisynth_gl.render.outlines import Outlines
+from semisynth_gl.scene.scene import make_scene
+
+CAMERA = StereoCamera.centred(160, 120, 200.0, 0.05)
+# Patches of one colour each.
+FLAT = np.full((4, 16, 16, 4), 255, np.uint8)
+FLAT[:, ..., :3] = np.array([[20, 30, 40], [220, 60, 20], [40, 200, 90], [90, 120, 250]])[:, None, None]
+WALL = facing(CAMERA, -200, -200, 700, 700, 8.0)
+
+
+def polygon(points, *, depth_m=2.0):
+    """A flat triangle or a fan of them: corners in pixels of the left view."""
+    corners = (np.asarray(points, float) - [CAMERA.cx_left_px, CAMERA.cy_px]) * depth_m / CAMERA.focal_px
+    fan = [(0, k, k + 1) for k in range(1, len(corners) - 1)]
+    return make_mesh("polygon", np.c_[corners, np.full(len(corners), depth_m)], corners, fan)
+
+
+def rod(start, stop, width_px, **depth):
+    """A strip between two points."""
+    start, stop = np.asarray(start, float), np.asarray(stop, float)
+    along = (stop - start) / np.linalg.norm(stop - start)
+    aside = np.array([-along[1], along[0]]) * width_px / 2
+    return polygon([start + aside, stop + aside, stop - aside, start - aside], **depth)
+
+
+def drawn(open_renderer, square, scenes, mode):
+    """Draw scenes of shapes before a wall, each shape with a patch of its own; return both eyes' images."""
+    shapes = [shape for own in scenes.values() for shape in own]
+    images, first = {}, 1
+    renderer = open_renderer([square, *shapes], FLAT, antialias=mode, outputs=())
+    for name, own in scenes.items():
+        scene = make_scene(
+            CAMERA,
+            model=[0, *range(first, first + len(own))],
+            world_from_model=[WALL] + [np.eye(4)] * len(own),
+            layer=np.arange(len(own) + 1) % len(FLAT),
+        )
+        frame = renderer.render(scene)
+        images[name] = np.stack([frame.view(eye).image for eye in EYES]).astype(float)
+        first += len(own)
+    return images
+
+
+def error(images, reference):
+    return float(((images - reference) ** 2).mean())
+
+
+# What is left of the error without antialiasing.
+SHAPES = {
+    "a triangle": (0.005, [polygon([(20.3, 15.2), (140.8, 40.7), (60.1, 105.4)])]),
+    "nearly upright": (0.01, [rod((60.2, -20), (71.9, 150), 30.0)]),
+    "slivers": (0.08, [polygon([(10, y), (150, y + 2.3), (150, y + 3.4)]) for y in range(10, 108, 14)]),
+    "three in a pixel": (
+        0.005,
+        [
+            polygon([(-10, -10), (75.3, -10), (88.7, 130), (-10, 130)], depth_m=3.0),
+            polygon([(-10, -10), (170, -10), (170, 50.2), (-10, 71.6)], depth_m=2.0),
+        ],
+    ),
+    "nine corners in a pixel": (
+        0.25,
+        [
+            polygon([(80, 60), *((80 + 50 * np.cos(end), 60 + 50 * np.sin(end)) for end in (turn, turn + 0.2))])
+            for turn in np.arange(0, 6.2, 0.7)
+        ],
+    ),
+}
+
+
+def test_outlines_come_near_to_many_samples(open_renderer, square):
+    scenes = {name: shapes for name, (_, shapes) in SHAPES.items()}
+    none, edges, many = (drawn(open_renderer, square, scenes, mode) for mode in ("none", "edges", "ssaa8"))
+    for name, (left, _) in SHAPES.items():
+        assert error(none[name], many[name]) > 10, name
+        assert error(edges[name], many[name]) < left * error(none[name], many[name]), name
+        # Each sample that falls on the other side moves a pixel by 3: 8 x 8 samples are no more exact than this.
+        assert np.quantile(np.abs(edges[name] - many[name]), 0.98) <= 6, name
+    assert len(np.unique(edges["nearly upright"][..., 0])) > 64
+
+
+@pytest.mark.one_backend
+def test_rods_thinner_than_a_pixel_are_whole(open_renderer, square):
+    scenes = {
+        (width_px, lean): [
+            rod((10.3 + 20 * number, 10.2), (10.3 + 20 * number + 100 * lean, 110.1), width_px) for number in range(4)
+        ]
+        for width_px in (0.1, 0.2, 0.4, 0.55, 0.7, 0.9)
+        for lean in (0.13, 0.37, 1.0)
+    }
+    none, edges, many = (drawn(open_renderer, square, scenes, mode) for mode in ("none", "edges", "ssaa8"))
+    wall = FLAT[0, 0, 0, :3]
+    for (width_px, lean), reference in many.items():
+        shown, true = (np.abs(images[width_px, lean] - wall).sum(axis=-1) for images in (edges, many))
+        case = f"{width_px} px, {lean}"
+        # No gap in any row, and as much of it as there is; what is thinner than a third of a pixel is too strong.
+        assert (shown[:, 12:108].max(axis=-1) > 8).all(), case
+        most = 1.2 if width_px > 0.3 else 2.6
+        assert 0.9 < shown.sum() / true.sum() < most, case
+        if width_px > 0.3:
+            assert error(edges[width_px, lean], reference) < 0.05 * error(none[width_px, lean], reference), case
+
+
+def test_patches_stay_bit_for_bit_inside_and_along_rows_and_columns(open_renderer, square):
+    layers = noise_layers(2, 64)
+    straight = facing(CAMERA, 30, 20, 64, 64, 2.0)
+    turned = straight.copy()
+    turned[:2, :2] = [[0.5, -0.2], [0.2, 0.5]]
+    for matrix in (straight, turned):
+        scene = make_scene(CAMERA, model=[0, 0], world_from_model=[WALL, matrix], layer=[0, 1])
+        none, edges = (
+            open_renderer([square], layers, antialias=mode, outputs=("instances",)).render(scene)
+            for mode in ("none", "edges")
+        )
+        for eye in EYES:
+            before, after = none.view(eye), edges.view(eye)
+            same = (before.image == after.image).all(axis=-1)
+            near = grown(outline_of(before.instances.astype(float), 0.5), 1)
+            assert same[~near].all()
+            assert same[near].all() == (matrix is straight)
+
+
+def test_what_the_near_plane_cuts_is_smooth_too(open_renderer, square):
+    floor = make_mesh("floor", [[-1, 0.5, -1], [1, 0.5, -1], [0.2, 0.5, 6]], np.zeros((3, 2)), [[0, 1, 2]])
+    none, edges, many = (
+        drawn(open_renderer, square, {"floor": [floor]}, mode)["floor"] for mode in ("none", "edges", "ssaa8")
+    )
+    assert error(edges, many) < 0.02 * error(none, many)
+
+
+def test_images_without_any_surface_are_left_alone(open_renderer, square):
+    behind = make_scene(CAMERA, model=[0], world_from_model=[facing(CAMERA, 0, 0, 9, 9, -3.0)], layer=[0])
+    assert not open_renderer([square], FLAT, antialias="edges").render(behind).left.image.any()
+
+
+def outlined(mesh, eye, *, solid=True, mirrored=False):
+    """Edges of a mesh that an eye somewhere sees as outlines: sets of the two ends' positions."""
+    matrix = np.eye(4)
+    matrix[:3, 3] = -np.asarray(eye, float)
+    # Look from the eye to the origin: any turn will do, since what is hidden by the image's borders is found, too.
+    forward = -np.asarray(eye, float) / np.linalg.norm(eye)
+    aside = np.cross([0.3, 1.0, 0.2], forward)
+    aside /= np.linalg.norm(aside)
+    turn = np.stack([aside, np.cross(forward, aside), forward])
+    world_from_model = np.eye(4)
+    world_from_model[:3] = turn @ matrix[:3]
+    points = mesh.positions
+    if mirrored:
+        world_from_model = world_from_model @ np.diag([-1.0, 1, 1, 1])
+    scene = make_scene(CAMERA, model=[0], world_from_model=[world_from_model], layer=[0])
+    placed = Placed(scene, scene.world_from_model, np.array([9.0]), np.array([solid and not mirrored]))
+    found = Outlines([mesh]).find(placed, "left")
+    assert (found[:, 0] == 0).all()
+    return sorted({tuple(sorted((tuple(points[a]), tuple(points[b])))) for a, b in found[:, 1:3]})
+
+
+@pytest.mark.parametrize("solid", [True, False])
+def test_a_cube_is_outlined_by_six_edges_or_four(solid):
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    triangles = [corner for a, b, c, d in quads for corner in ((a, b, c), (a, c, d))]
+    cube = make_mesh("cube", corners, corners[:, :2], triangles)
+    assert is_solid(cube)
+    assert len(outlined(cube, (0.1, 0.2, -5), solid=solid)) == 4
+    from_a_corner = outlined(cube, (-3, -4, -5), solid=solid)
+    assert len(from_a_corner) == 6
+    assert not any((-1, -1, -1) in edge or (1, 1, 1) in edge for edge in from_a_corner)
+    assert outlined(cube, (3, -4, -5), solid=False, mirrored=True) == from_a_corner
+
+
+def test_an_open_surface_is_outlined_by_its_border_and_its_folds():
+    # A sheet that is folded along y, seen from where both halves lie on one side of the fold.
+    sheet = make_mesh(
+        "sheet", [[0, 0, 0], [0, 1, 0], [1, 0, 0.5], [1, 1, 0.5], [1, 0, -0.5], [1, 1, -0.5]], np.zeros((6, 2)),
+        [[0, 1, 2], [2, 1, 3], [0, 4, 1], [4, 5, 1]],
+    )  # fmt: skip
+    border = {((0, 0, 0), (1, 0, 0.5)), ((0, 1, 0), (1, 1, 0.5)), ((1, 0, 0.5), (1, 1, 0.5))}
+    border |= {tuple((x, y, -z) for x, y, z in edge) for edge in border}
+    fold = ((0, 0, 0), (0, 1, 0))
+    assert set(outlined(sheet, (0.5, 0.5, -5), solid=False)) == border | {fold}
+    assert set(outlined(sheet, (-5, 0.5, 0), solid=False)) == border
+
+
+@pytest.mark.parametrize("kind", ["sphere", "torus", "chair"])
+def test_the_outline_of_a_closed_surface_has_no_end(kind):
+    """Each vertex is passed an even number of times; the edges that a solid hides behind its own front are left out."""
+    mesh = marked_solid((SIMPLE_KINDS | COMPLEX_KINDS)[kind](np.random.default_rng(0)))
+    assert mesh.solid
+    edges = find_edges(mesh)
+    assert len(edges.border) == mesh.triangles.size // 2
+    assert not edges.border.any()
+    for eye in ((-3, -4, -5), (0.3, 8, 0.1)):
+        ends = Counter(end for edge in outlined(mesh, eye, solid=False) for end in edge)
+        assert ends
+        assert all(count % 2 == 0 for count in ends.values())
+        assert set(outlined(mesh, eye)) <= set(outlined(mesh, eye, solid=False))
