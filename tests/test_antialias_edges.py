@@ -143,6 +143,20 @@ def test_what_the_near_plane_cuts_is_smooth_too(open_renderer, square):
     assert error(edges, many) < 0.02 * error(none, many)
 
 
+def test_outlines_of_many_instances_are_those_of_each(monkeypatch):
+    mesh = SIMPLE_KINDS["torus"](np.random.default_rng(0))
+    places = np.tile(np.eye(4), (7, 1, 1))
+    places[:, :3, 3] = np.random.default_rng(1).uniform([-1, -1, 4], [1, 1, 9], (7, 3))
+    scene = make_scene(CAMERA, model=[0] * 7, world_from_model=places, layer=[0] * 7)
+    placed = Placed(scene, scene.world_from_model, np.ones(7), np.zeros(7, bool))
+    together = Outlines([mesh]).find(placed, "left")
+    monkeypatch.setattr("semisynth_gl.render.outlines._MOST_AT_ONCE", 1)
+    np.testing.assert_array_equal(Outlines([mesh]).find(placed, "left"), together)
+    # Far ones first.
+    seen = together[np.sort(np.unique(together[:, 0], return_index=True)[1]), 0]
+    assert list(seen) == list(np.argsort(-places[:, 2, 3]))
+
+
 def test_images_without_any_surface_are_left_alone(open_renderer, square):
     behind = make_scene(CAMERA, model=[0], world_from_model=[facing(CAMERA, 0, 0, 9, 9, -3.0)], layer=[0])
     assert not open_renderer([square], FLAT, antialias="edges").render(behind).left.image.any()

@@ -1,6 +1,7 @@
 """The edges of models where a surface ends as an eye sees it: where it turns away, and its borders."""
 
 from collections.abc import Sequence
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,9 @@ from semisynth_gl.geometry.edges import MeshEdges, find_edges
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.model_buffers import Placed
 from semisynth_gl.render.projection import in_view
+
+# Edges of instances that are looked at together, for the memory that it takes.
+_MOST_AT_ONCE = 2**22
 
 
 class Outlines:
@@ -39,15 +43,16 @@ class Outlines:
         eyes, solid, model = _eyes(rows[seen]), placed.solid[seen], scene.model[seen]
         parts, places = [np.zeros((0, 4), np.uint32)], [np.zeros(0, np.int64)]
         for shown in np.unique(model):
-            own, edges = np.flatnonzero(model == shown), self._edges_of(int(shown))
-            for corners, (number, edge) in zip(edges.corners, _shown(edges, eyes[own], solid[own]), strict=True):
-                part = np.empty((len(edge), 4), np.uint32)
-                part[:, 1:] = corners[edge]
-                part += np.uint32(self._base_vertex[shown])
-                place = own[number]
-                part[:, 0] = seen[place]
-                parts.append(part)
-                places.append(place)
+            alike, edges = np.flatnonzero(model == shown), self._edges_of(int(shown))
+            for own in np.array_split(alike, ceil(len(alike) * len(edges.border) / _MOST_AT_ONCE)):
+                for corners, (number, edge) in zip(edges.corners, _shown(edges, eyes[own], solid[own]), strict=True):
+                    part = np.empty((len(edge), 4), np.uint32)
+                    part[:, 1:] = corners[edge]
+                    part += np.uint32(self._base_vertex[shown])
+                    place = own[number]
+                    part[:, 0] = seen[place]
+                    parts.append(part)
+                    places.append(place)
         return np.concatenate(parts)[np.argsort(np.concatenate(places), kind="stable")]
 
     def _edges_of(self, model: int) -> MeshEdges:
