@@ -13,7 +13,7 @@ const float NOT_COVERED = -1.0;
 // 1 / Z of the surface at the target position, or NOT_COVERED where it ends before.
 float surface_at(uvec2 surface, vec2 start, vec2 target) {
     Instance instance = instances[surface.x];
-    uint triangle = surface.y;
+    uint triangle = triangle_of(instance, int(surface.y));
     uint came_from = NO_NEIGHBOUR;
     vec2 way = target - start;
     float way_squared = dot(way, way);

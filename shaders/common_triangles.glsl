@@ -12,6 +12,11 @@ layout(std430, binding = 1) readonly buffer Indices { uint index[]; };
 layout(std430, binding = 2) readonly buffer Neighbours { uint neighbour[]; };    // across the edge from corner k to k + 1
 layout(std430, binding = 3) readonly buffer Instances { Instance instances[]; };
 
+// The triangle whose last corner is a vertex, of all models' vertices: see ModelBuffers.
+uint triangle_of(Instance instance, int last_corner) {
+    return uint(last_corner) - instance.model.y;
+}
+
 // One corner of a triangle in model units; w is 1.
 vec4 position_of(Instance instance, uint triangle, int k) {
     uint at = 5u * (index[3u * (instance.model.x + triangle) + uint(k)] + instance.model.y);

@@ -8,6 +8,7 @@
 in vec2 patch_coordinate;
 flat in int patch_layer;
 flat in int scene_instance;
+flat in int scene_vertex;
 
 #ifdef COLOUR
 layout(binding = 0) uniform sampler2DArray atlas;
@@ -82,9 +83,9 @@ void main() {
     instance_id = uint(scene_instance) + 1u;
 #endif
 #ifdef NORMALS
-    normal = vec4(normal_of(instances[scene_instance], uint(gl_PrimitiveID)), 0.0);
+    normal = vec4(normal_of(instances[scene_instance], triangle_of(instances[scene_instance], scene_vertex)), 0.0);
 #endif
 #ifdef SURFACE
-    surface = uvec2(scene_instance, gl_PrimitiveID);
+    surface = uvec2(scene_instance, scene_vertex);
 #endif
 }

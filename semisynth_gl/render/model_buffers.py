@@ -76,14 +76,15 @@ class ModelBuffers:
     ) -> None:
         self._gl = gl
         self._atlas_ends = atlas_ends
+        shapes = [_by_last_corner(mesh) if traced else (mesh.positions, mesh.uv, mesh.triangles) for mesh in models]
         self._vertices = gl.buffer(
-            np.concatenate([np.hstack([mesh.positions, mesh.uv]) for mesh in models]).astype("<f4", order="C")
+            np.concatenate([np.hstack([positions, uv]) for positions, uv, _ in shapes]).astype("<f4", order="C")
         )
-        self._indices = gl.buffer(np.concatenate([mesh.triangles.reshape(-1) for mesh in models]).astype("<u4"))
+        self._indices = gl.buffer(np.concatenate([triangles.reshape(-1) for _, _, triangles in shapes]).astype("<u4"))
         self._neighbours = gl.buffer(np.concatenate([neighbours(mesh) for mesh in models])) if traced else None
         self._traced = gl.buffer(reserve=_FEWEST_INSTANCES * INSTANCE.itemsize, dynamic=True) if traced else None
         index_counts = np.array([mesh.triangles.size for mesh in models])
-        vertex_counts = np.array([len(mesh.positions) for mesh in models])
+        vertex_counts = np.array([len(positions) for positions, _, _ in shapes])
         self._radius = np.array([mesh.radius for mesh in models])
         self._model_commands = np.zeros(len(models), COMMAND)
         self._model_commands["count"] = index_counts
@@ -203,6 +204,34 @@ class ModelBuffers:
                 index_element_size=4,
             )
         return self._vaos[program.glo]
+
+
+def _by_last_corner(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
+    """Repeat vertices so that triangle t has the number t as its last corner, and no other triangle has.
+
+    A vertex shader then knows the triangle, from the vertex that flat outputs are taken from. Drivers know it as
+    gl_PrimitiveID too, for which llvmpipe takes all triangles apart.
+
+    Returns:
+        Positions (V, 3) float32, uv (V, 2) float32 and triangles (T, 3), of the same triangles in the same order.
+    """
+    last = mesh.triangles[:, 2].astype(np.int64)
+    is_last = np.zeros(len(mesh.positions), bool)
+    is_last[last] = True
+    source = np.concatenate([last, np.flatnonzero(~is_last)])
+    # Every corner takes the copy of its vertex that stands nearest in the order, which may be in the driver's cache.
+    order = np.lexsort((np.arange(len(source)), source))
+    key = source[order] * len(source) + order
+    triangles = np.arange(len(last)).repeat(3).reshape(-1, 3)
+    for corner in (0, 1):
+        wanted = mesh.triangles[:, corner].astype(np.int64) * len(source) + np.arange(len(last))
+        after = np.searchsorted(key, wanted)
+        before, after = order[np.maximum(after - 1, 0)], order[np.minimum(after, len(order) - 1)]
+        own = mesh.triangles[:, corner]
+        nearer = np.abs(before - np.arange(len(last))) <= np.abs(after - np.arange(len(last)))
+        fits_before, fits_after = source[before] == own, source[after] == own
+        triangles[:, corner] = np.where(fits_before & (nearer | ~fits_after), before, after)
+    return mesh.positions[source], mesh.uv[source], triangles
 
 
 def refill(buffer: moderngl.Buffer, rows: NDArray[Any]) -> None:

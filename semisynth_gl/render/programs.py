@@ -41,6 +41,20 @@ def link_program(
     return program
 
 
+def link_compute(context: GraphicsContext, compute: str, defines: Mapping[str, int]) -> moderngl.ComputeShader:
+    """Compile and link a compute shader, and check the blocks that numpy packs for it; as `link_program` does.
+
+    Raises:
+        BackendError: where the driver refuses the shader, with its message, or lays out a block in another way.
+    """
+    try:
+        program = context.gl.compute_shader(shader_source(compute, defines))
+    except moderngl.Error as error:
+        raise BackendError(f"{context.renderer} does not compile {compute}: {error}") from error
+    check_blocks(context, program)
+    return program
+
+
 def shader_source(name: str, defines: Mapping[str, int] | None = None) -> str:
     """Return the text of a shader: ``shaders/<name>``, or a file elsewhere whose absolute path the name is.
 

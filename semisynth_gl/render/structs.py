@@ -89,7 +89,7 @@ def members(dtype: np.dtype[Any]) -> Iterator[tuple[str, int, int, str]]:
             yield name, offset, int(np.prod(shape, dtype=int)), kind
 
 
-def check_blocks(context: GraphicsContext, program: moderngl.Program) -> None:
+def check_blocks(context: GraphicsContext, program: moderngl.Program | moderngl.ComputeShader) -> None:
     """Compare the blocks of a linked program with the structs that numpy packs for them.
 
     Raises:

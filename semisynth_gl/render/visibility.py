@@ -1,20 +1,31 @@
 """The visibility pass: marks the pixels of one eye's image that the other eye sees too."""
 
-import moderngl
+from math import ceil
+
+import numpy as np
 
 from semisynth_gl.camera import OTHER_EYE, Crop, Eye
+from semisynth_gl.frame import VISIBLE
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.model_buffers import ModelBuffers, Placed
-from semisynth_gl.render.programs import link_program
+from semisynth_gl.render.programs import link_compute
 from semisynth_gl.render.targets import EyeTargets
 
-# Texture units of visibility.frag.
+# Texture units, the image unit and the storage block of visibility.comp.
 _OWN_DISPARITY, _OTHER_DISPARITY, _OWN_SURFACE, _OTHER_SURFACE = range(4)
+_VISIBILITY, _WORK = 0, 5
+_TILE_PX = 4
+_GROUP = 64
+# Steps that work on lists take turns through them, since only the driver knows how long they are.
+_MOST_GROUPS = 512
+# Larger images are judged band by band, which bounds the lists.
+_MOST_PIXELS = 1 << 22
+_COUNTERS = np.zeros(4, "<u4").tobytes()
 
 
 class VisibilityPass:
-    """Three draws over the whole image, each for the pixels that the one before leaves undecided; see visibility.frag.
+    """Four compute steps, each for what the one before leaves open; see visibility.comp.
 
     Args:
         context: the open context.
@@ -22,12 +33,11 @@ class VisibilityPass:
     """
 
     def __init__(self, context: GraphicsContext, constants: ConstantsBuffer) -> None:
+        self._context = context
         self._gl = context.gl
         self._constants = constants
-        self._draws: list[moderngl.VertexArray] = []
-        for defines in ({}, {"TRACE": 1}, {"TRACE": 2}):
-            program = link_program(context, "whole_image.vert", "visibility.frag", defines)
-            self._draws.append(context.gl.vertex_array(program, []))
+        self._tiles, *self._later = (link_compute(context, "visibility.comp", {"STEP": step}) for step in range(4))
+        self._work = context.gl.buffer(reserve=len(_COUNTERS), dynamic=True)
 
     def draw(
         self, placed: Placed, eye: Eye, targets: dict[Eye, EyeTargets], models: ModelBuffers, crop: Crop | None
@@ -38,15 +48,37 @@ class VisibilityPass:
             raise RuntimeError("these targets were made without visibility")
         own.visibility.limit(crop)
         own.visibility.framebuffer.use()
+        self._context.unbound.clear_unsigned(0, VISIBLE)
+        own.visibility.bind_to_image("visibility", _VISIBILITY)
         own.bind("disparity", _OWN_DISPARITY)
         own.bind("surface", _OWN_SURFACE)
         other.bind("disparity", _OTHER_DISPARITY)
         other.bind("surface", _OTHER_SURFACE)
         models.bind_triangles(placed, OTHER_EYE[eye])
         self._constants.write(placed.scene.camera, OTHER_EYE[eye], placed.scene.near_m)
-        self._gl.enable_only(moderngl.DEPTH_TEST)
-        # All draws stand at depth 0, where nothing drawn can be. Pixels that the first discards keep the drawing's
-        # depth, and the others are drawn where that is so.
-        for number, draw in enumerate(self._draws):
-            self._gl.depth_func = "1" if number == 0 else "!="
-            draw.render(moderngl.TRIANGLES, 3)
+        whole = Crop(0, 0, *own.framebuffer.size)
+        part = whole if crop is None else crop
+        # Tiles stand at the same places whatever the crop is.
+        x, y = part.x_px // _TILE_PX, part.y_px // _TILE_PX
+        columns, bottom = ceil(part.right_px / _TILE_PX) - x, ceil(part.bottom_px / _TILE_PX)
+        rows = max(1, _MOST_PIXELS // (_TILE_PX**2 * columns))
+        self._make_room(columns * min(rows, bottom - y))
+        for first in range(y, bottom, rows):
+            self._judge((x, first, columns, min(rows, bottom - first)))
+
+    def _make_room(self, tiles: int) -> None:
+        """Let the lists hold all tiles twice and all pixels."""
+        size = len(_COUNTERS) + 4 * tiles * (2 + _TILE_PX**2)
+        if self._work.size < size:
+            self._work.orphan(size)
+        self._work.bind_to_storage_buffer(_WORK)
+
+    def _judge(self, band: tuple[int, int, int, int]) -> None:
+        self._work.write(_COUNTERS)
+        self._tiles["band"] = band
+        self._tiles.run(ceil(band[2] * band[3] / _GROUP))
+        for step in self._later:
+            self._gl.memory_barrier()
+            step["band"] = band
+            step.run(_MOST_GROUPS)
+        self._gl.memory_barrier()

@@ -1,0 +1,243 @@
+#version 450 core
+// Whether the other eye sees the point that a pixel of this eye shows.
+//
+// Four steps, each for what the one before leaves open. TILES judges 4 x 4 pixels at a time by the two disparity maps, and
+// lists the tiles whose pixels are not all visible: FILL writes those that are alike, PIXELS judges the others one by one
+// and lists the pixels that the disparity maps leave open. TRACE follows the surfaces around such a point to it. What no
+// step writes is VISIBLE. Lists keep the costly steps dense: llvmpipe runs eight invocations at a time through both sides
+// of every branch.
+
+#include "common_constants.glsl"
+
+#define TILES 0
+#define FILL 1
+#define PIXELS 2
+#define TRACE 3
+
+layout(local_size_x = 64) in;
+
+layout(binding = 0) uniform sampler2D own_disparity;    // the wrap of both must be clamped
+layout(binding = 1) uniform sampler2D other_disparity;
+
+layout(binding = 0, r8ui) writeonly uniform uimage2D visibility;
+
+// What is listed: tiles of mixed pixels, tiles of pixels alike (twice their number, and 1 where they are hidden), pixels.
+layout(std430, binding = 5) buffer Work {
+    uint tiles;
+    uint fills;
+    uint pixels;
+    uint unused;
+    uint work[];
+};
+
+uniform uvec4 band;  // tiles: left column, first row, width and height of what is judged now
+
+const uint UNDECIDED = 1u;
+
+// How far the other view's surface may be from the point's disparity between two pixels of one smooth surface.
+const float BEND_PX = 0.02;
+const float BEND_RELATIVE = 0.01;
+// Change of disparity from pixel to pixel that passes for one surface without a look at its triangles.
+const float STEEPEST = 2.0;
+// What is nearer by this hides, where it is so all around.
+const float CLEARLY_PX = 0.5;
+// What stands out of a row by this has an edge there.
+const float EDGE_PX = 0.25;
+
+// Where the other eye would see a point, in its columns.
+float target_of(float column, float disparity_px) {
+    precise float target = column + other_from_own * disparity_px;
+    return target;
+}
+
+bool is_outside(float disparity_px, float target, float last) {
+    return disparity_px > LARGEST || target < -0.5 || target >= last + 0.5;
+}
+
+float or_far(float disparity_px) {
+    return disparity_px > LARGEST ? 0.0 : disparity_px;
+}
+
+// Which of two pixels, of the row above or below, are nearer than a surface that goes on from row to row, which is as
+// much nearer on one side as it is farther on the other.
+bvec2 stands_out(float disparity_px, vec2 side, vec2 opposite) {
+    return greaterThan(side, disparity_px + EDGE_PX + clamp(vec2(disparity_px) - opposite, 0.0, STEEPEST));
+}
+
+// By the disparities of the other view's two pixels beside the point, and of those above and below.
+uint judge(float disparity_px, float between, vec2 above, vec2 beside, vec2 below) {
+    float step = abs(beside.y - beside.x);
+    vec2 nearest = max(above, below), farthest = min(min(above, below), beside);
+    bool goes_on = abs(mix(beside.x, beside.y, between) - disparity_px) < BEND_PX + BEND_RELATIVE * step && step < STEEPEST;
+    bool alone = !any(stands_out(disparity_px, above, below)) && !any(stands_out(disparity_px, below, above));
+    bool hidden = min(farthest.x, farthest.y) > disparity_px + CLEARLY_PX && step < CLEARLY_PX;
+    return hidden ? OCCLUDED : goes_on && alone ? VISIBLE : UNDECIDED;
+}
+
+// The four pixels around a corner of pixels: beside each other in the row above (w, z) and below (x, y) the corner.
+vec4 around(sampler2D disparity, vec2 corner) {
+    return textureGather(disparity, corner / vec2(textureSize(disparity, 0)));
+}
+
+vec4 around_far(vec2 corner) {
+    vec4 values = around(other_disparity, corner);
+    return vec4(or_far(values.x), or_far(values.y), or_far(values.z), or_far(values.w));
+}
+
+#if STEP == TILES
+// Six disparities of a row of the other view.
+struct Row { vec3 left, right; };
+
+// Those in columns k and k + 1.
+vec2 pair(Row row, float k) {
+    vec2 far_right = k < 3.5 ? vec2(row.right.x, row.right.y) : row.right.yz;
+    vec2 right = k < 2.5 ? vec2(row.left.z, row.right.x) : far_right;
+    vec2 left = k < 0.5 ? row.left.xy : row.left.yz;
+    return k < 1.5 ? left : right;
+}
+
+uint judge_in(float column, float disparity_px, float first, float last, Row above, Row beside, Row below) {
+    float target = target_of(column, disparity_px);
+    float left = floor(target);
+    float k = left - first;
+    uint found = judge(disparity_px, target - left, pair(above, k), pair(beside, k), pair(below, k));
+    return is_outside(disparity_px, target, last) ? OUTSIDE : k < -0.5 || k > 4.5 ? UNDECIDED : found;
+}
+
+void main() {
+    uint number = gl_GlobalInvocationID.x;
+    if (number >= band.z * band.w) {
+        return;
+    }
+    ivec2 last = textureSize(own_disparity, 0) - 1;
+    vec2 at = vec2(4u * (band.xy + uvec2(number % band.z, number / band.z)));
+    vec4 own[4];
+    for (int half_ = 0; half_ < 2; ++half_) {
+        vec4 left = around(own_disparity, at + vec2(1.0, 1.0 + 2.0 * float(half_)));
+        vec4 right = around(own_disparity, at + vec2(3.0, 1.0 + 2.0 * float(half_)));
+        own[2 * half_] = vec4(left.wz, right.wz);
+        own[2 * half_ + 1] = vec4(left.xy, right.xy);
+    }
+    vec4 column = at.x + vec4(0.0, 1.0, 2.0, 3.0);
+    float first = 1e9;
+    for (int row = 0; row < 4; ++row) {
+        vec4 target = column + other_from_own * own[row];
+        first = min(first, min(min(target.x, target.y), min(target.z, target.w)));
+    }
+    first = clamp(floor(first), 0.0, float(last.x));
+    Row rows[6];
+    for (int pair_ = 0; pair_ < 3; ++pair_) {
+        vec2 corner = vec2(first + 1.0, at.y + 2.0 * float(pair_));
+        vec4 a = around_far(corner), b = around_far(corner + vec2(2.0, 0.0)), c = around_far(corner + vec2(4.0, 0.0));
+        rows[2 * pair_] = Row(vec3(a.wz, b.w), vec3(b.z, c.wz));
+        rows[2 * pair_ + 1] = Row(vec3(a.xy, b.x), vec3(b.y, c.xy));
+    }
+    uint any_of = 0u, all_of = 0xFFu;
+    for (int row = 0; row < 4; ++row) {
+        for (int k = 0; k < 4; ++k) {
+            uint found = judge_in(column[k], own[row][k], first, float(last.x), rows[row], rows[row + 1], rows[row + 2]);
+            any_of |= found;
+            all_of &= found;
+        }
+    }
+    // The values' bits: UNDECIDED is in none of the others but VISIBLE.
+    uint tile = (band.y + number / band.z) * ((uint(last.x) + 4u) / 4u) + band.x + number % band.z;
+    if (any_of != all_of || any_of == UNDECIDED) {
+        work[atomicAdd(tiles, 1u)] = tile;
+    } else if (any_of != VISIBLE) {
+        work[band.z * band.w + atomicAdd(fills, 1u)] = 2u * tile + (any_of == OCCLUDED ? 1u : 0u);
+    }
+}
+#else
+uint invocations() {
+    return gl_NumWorkGroups.x * gl_WorkGroupSize.x;
+}
+
+ivec2 pixel_of(uint tile, uint number) {
+    uint columns = (uint(textureSize(own_disparity, 0).x) + 3u) / 4u;
+    return ivec2(4u * uvec2(tile % columns, tile / columns) + uvec2(number % 4u, number / 4u % 4u));
+}
+#endif
+
+#if STEP == FILL
+void main() {
+    for (uint item = gl_GlobalInvocationID.x; item < 16u * fills; item += invocations()) {
+        uint fill = work[band.z * band.w + item / 16u];
+        imageStore(visibility, pixel_of(fill / 2u, item), uvec4(fill % 2u == 1u ? OCCLUDED : OUTSIDE));
+    }
+}
+#endif
+
+#if STEP == PIXELS
+void main() {
+    ivec2 last = textureSize(own_disparity, 0) - 1;
+    for (uint item = gl_GlobalInvocationID.x; item < 16u * tiles; item += invocations()) {
+        ivec2 pixel = pixel_of(work[item / 16u], item);
+        float disparity_px = texelFetch(own_disparity, min(pixel, last), 0).r;
+        float target = target_of(float(pixel.x), disparity_px);
+        float left = floor(target);
+        vec4 lower = around_far(vec2(left + 1.0, float(pixel.y) + 1.0)), upper = around_far(vec2(left + 1.0, pixel.y));
+        uint found = judge(disparity_px, target - left, upper.wz, lower.wz, lower.xy);
+        found = is_outside(disparity_px, target, float(last.x)) ? OUTSIDE : found;
+        bool inside = all(lessThanEqual(pixel, last));
+        if (inside && found == UNDECIDED) {
+            work[2u * band.z * band.w + atomicAdd(pixels, 1u)] = uint(pixel.y) * uint(last.x + 1) + uint(pixel.x);
+        }
+        if (inside && (found == OCCLUDED || found == OUTSIDE)) {
+            imageStore(visibility, pixel, uvec4(found));
+        }
+    }
+}
+#endif
+
+#if STEP == TRACE
+#include "common_silhouette.glsl"
+
+layout(binding = 2) uniform usampler2D own_surface;
+layout(binding = 3) uniform usampler2D other_surface;
+
+// How much nearer a surface must be to hide a point: what float32 leaves uncertain.
+const float ROUNDING_PX = 1e-3;
+const float ROUNDING_RELATIVE = 2e-6;
+
+bool hides(uvec2 surface, uvec2 own, vec2 start, vec2 target, float disparity_px) {
+    if (surface == own) {
+        return false;
+    }
+    float inverse_depth = surface_at(surface, start, target);
+    float rounding_px = ROUNDING_PX + ROUNDING_RELATIVE * focal_baseline * abs(inverse_depth);
+    return inverse_depth > 0.0 && focal_baseline * inverse_depth - doffs_px > disparity_px + rounding_px;
+}
+
+void main() {
+    ivec2 last = textureSize(own_disparity, 0) - 1;
+    for (uint item = gl_GlobalInvocationID.x; item < pixels; item += invocations()) {
+        uint number = work[2u * band.z * band.w + item];
+        ivec2 pixel = ivec2(number % uint(last.x + 1), number / uint(last.x + 1));
+        float disparity_px = texelFetch(own_disparity, pixel, 0).r;
+        uvec2 own = texelFetch(own_surface, pixel, 0).rg;
+        vec2 target = vec2(target_of(float(pixel.x), disparity_px), pixel.y);
+        int left = int(floor(target.x));
+        vec4 lower = around_far(vec2(left + 1, pixel.y + 1)), upper = around_far(vec2(left + 1, pixel.y));
+        // What is farther by more than a surface rises within a pixel hides nothing.
+        uint open = 0u;
+        float step = abs(lower.z - lower.w);
+        bool goes_on = abs(mix(lower.w, lower.z, target.x - float(left)) - disparity_px) < BEND_PX + BEND_RELATIVE * step
+            && step < STEEPEST;
+        float farthest = goes_on ? LARGEST : disparity_px - STEEPEST;
+        open |= lower.w > max(farthest, 0.0) ? 1u : 0u;
+        open |= lower.z > max(farthest, 0.0) ? 2u : 0u;
+        bvec2 above = stands_out(disparity_px, upper.wz, lower.xy), below = stands_out(disparity_px, lower.xy, upper.wz);
+        open |= (above.x ? 4u : 0u) | (above.y ? 8u : 0u) | (below.x ? 16u : 0u) | (below.y ? 32u : 0u);
+        while (open != 0u) {
+            int k = findLSB(open);
+            open &= open - 1u;
+            ivec2 start = clamp(ivec2(left + (k & 1), pixel.y + (k < 2 ? 0 : k < 4 ? -1 : 1)), ivec2(0), last);
+            if (hides(texelFetch(other_surface, start, 0).rg, own, vec2(start), target, disparity_px)) {
+                imageStore(visibility, pixel, uvec4(OCCLUDED));
+                break;
+            }
+        }
+    }
+}
+#endif
