@@ -12,7 +12,7 @@ const float NOT_COVERED = -1.0;
 
 // 1 / Z of the surface at the target position, or NOT_COVERED where it ends before.
 float surface_at(uvec2 surface, vec2 start, vec2 target) {
-    Instance instance = instances[surface.x];
+    Instance instance = instance_at(surface.x);
     uint triangle = triangle_of(instance, int(surface.y));
     uint came_from = NO_NEIGHBOUR;
     vec2 way = target - start;
@@ -20,10 +20,13 @@ float surface_at(uvec2 surface, vec2 start, vec2 target) {
     float reached = 0.0;  // along the way, 1 at the target
     for (int step = 0; step < MOST_STEPS; ++step) {
         vec3 corner[3];
+        uint neighbour[3];
         vec2 along_beside[3];  // coordinates along the way and across it
         bool in_front = true;
         for (int k = 0; k < 3; ++k) {
-            corner[k] = corner_of(instance, triangle, k);
+            uvec4 bits = corner_bits(instance, triangle, k);
+            corner[k] = in_view(instance, position_of(bits));
+            neighbour[k] = bits.w;
             in_front = in_front && corner[k].z >= near_m;
             vec2 from_start = focal_px * corner[k].xy / corner[k].z + centre_px - start;
             along_beside[k] = vec2(dot(from_start, way) / way_squared, from_start.y * way.x - from_start.x * way.y);
@@ -37,7 +40,7 @@ float surface_at(uvec2 surface, vec2 start, vec2 target) {
         uint next = NO_NEIGHBOUR;
         for (int k = 0; k < 3; ++k) {
             vec2 from = along_beside[k], to = along_beside[(k + 1) % 3];
-            uint across = neighbour[3u * (instance.model.x + triangle) + uint(k)];
+            uint across = neighbour[k];
             if ((from.y > 0.0) == (to.y > 0.0) || (across == came_from && across != NO_NEIGHBOUR)) {
                 continue;
             }

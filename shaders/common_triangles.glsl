@@ -1,4 +1,6 @@
 // The triangles of all models, and the instances of a scene. The includer includes common_constants.glsl before this file.
+//
+// Both are read as textures of four components: llvmpipe takes a storage buffer's numbers one by one.
 
 struct Instance {
     vec4 view_from_model_x;   // rows, relative to the eye whose view is followed
@@ -7,20 +9,32 @@ struct Instance {
     uvec4 model;              // first triangle, base vertex
 };
 
-layout(std430, binding = 0) readonly buffer Vertices { float vertex[]; };        // x y z u v of each
-layout(std430, binding = 1) readonly buffer Indices { uint index[]; };
-layout(std430, binding = 2) readonly buffer Neighbours { uint neighbour[]; };    // across the edge from corner k to k + 1
-layout(std430, binding = 3) readonly buffer Instances { Instance instances[]; };
+layout(binding = 4) uniform usampler2D triangle_corners;  // three of each: position, and the neighbour across the edge to the next
+layout(binding = 5) uniform usampler2D instance_rows;     // four of each
+
+const uint PER_ROW = 1024u;  // triangles, or instances
+
+Instance instance_at(uint number) {
+    ivec2 at = ivec2(4u * (number % PER_ROW), number / PER_ROW);
+    return Instance(uintBitsToFloat(texelFetch(instance_rows, at, 0)),
+                    uintBitsToFloat(texelFetch(instance_rows, at + ivec2(1, 0), 0)),
+                    uintBitsToFloat(texelFetch(instance_rows, at + ivec2(2, 0), 0)),
+                    texelFetch(instance_rows, at + ivec2(3, 0), 0));
+}
 
 // The triangle whose last corner is a vertex, of all models' vertices: see ModelBuffers.
 uint triangle_of(Instance instance, int last_corner) {
     return uint(last_corner) - instance.model.y;
 }
 
-// One corner of a triangle in model units; w is 1.
-vec4 position_of(Instance instance, uint triangle, int k) {
-    uint at = 5u * (index[3u * (instance.model.x + triangle) + uint(k)] + instance.model.y);
-    return vec4(vertex[at], vertex[at + 1u], vertex[at + 2u], 1.0);
+// One corner of a triangle in model units, its bits, and the triangle across the edge to the next corner.
+uvec4 corner_bits(Instance instance, uint triangle, int k) {
+    uint number = instance.model.x + triangle;
+    return texelFetch(triangle_corners, ivec2(3u * (number % PER_ROW) + uint(k), number / PER_ROW), 0);
+}
+
+vec4 position_of(uvec4 bits) {
+    return vec4(uintBitsToFloat(bits.xyz), 1.0);
 }
 
 vec3 in_view(Instance instance, vec4 position) {
@@ -29,15 +43,15 @@ vec3 in_view(Instance instance, vec4 position) {
 }
 
 vec3 corner_of(Instance instance, uint triangle, int k) {
-    return in_view(instance, position_of(instance, triangle, k));
+    return in_view(instance, position_of(corner_bits(instance, triangle, k)));
 }
 
 // The unit normal of a triangle's plane, towards the eye. Edges are taken in model units, where corners are exact: the
 // difference of two corners in view would round in steps of their distance from the eye.
 vec3 normal_of(Instance instance, uint triangle) {
-    vec4 a = position_of(instance, triangle, 0);
-    vec3 first = normalize(in_view(instance, position_of(instance, triangle, 1) - a));
-    vec3 second = normalize(in_view(instance, position_of(instance, triangle, 2) - a));
+    vec4 a = position_of(corner_bits(instance, triangle, 0));
+    vec3 first = normalize(in_view(instance, position_of(corner_bits(instance, triangle, 1)) - a));
+    vec3 second = normalize(in_view(instance, position_of(corner_bits(instance, triangle, 2)) - a));
     vec3 normal = normalize(cross(first, second));
     return dot(normal, in_view(instance, a)) > 0.0 ? -normal : normal;
 }

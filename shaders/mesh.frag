@@ -83,7 +83,8 @@ void main() {
     instance_id = uint(scene_instance) + 1u;
 #endif
 #ifdef NORMALS
-    normal = vec4(normal_of(instances[scene_instance], triangle_of(instances[scene_instance], scene_vertex)), 0.0);
+    Instance own = instance_at(uint(scene_instance));
+    normal = vec4(normal_of(own, triangle_of(own, scene_vertex)), 0.0);
 #endif
 #ifdef SURFACE
     surface = uvec2(scene_instance, scene_vertex);

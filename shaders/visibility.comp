@@ -69,7 +69,9 @@ uint judge(float disparity_px, float between, vec2 above, vec2 beside, vec2 belo
     float step = abs(beside.y - beside.x);
     vec2 nearest = max(above, below), farthest = min(min(above, below), beside);
     bool goes_on = abs(mix(beside.x, beside.y, between) - disparity_px) < BEND_PX + BEND_RELATIVE * step && step < STEEPEST;
-    bool alone = !any(stands_out(disparity_px, above, below)) && !any(stands_out(disparity_px, below, above));
+    // What stands out in both columns has its edge between the rows; in one of them, it may be thin and pass between them.
+    bvec2 over = stands_out(disparity_px, above, below), under = stands_out(disparity_px, below, above);
+    bool alone = over.x == over.y && under.x == under.y;
     bool hidden = min(farthest.x, farthest.y) > disparity_px + CLEARLY_PX && step < CLEARLY_PX;
     return hidden ? OCCLUDED : goes_on && alone ? VISIBLE : UNDECIDED;
 }

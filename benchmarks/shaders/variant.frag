@@ -25,7 +25,7 @@ layout(location = 0) out float disparity_px;
 
 #ifdef PLANE
 void main() {
-    Instance own = instances[scene_instance];
+    Instance own = instance_at(uint(scene_instance));
     uint triangle = uint(gl_PrimitiveID);
     float inverse_depth = inverse_depth_at(corner_of(own, triangle, 0), corner_of(own, triangle, 1),
                                            corner_of(own, triangle, 2), gl_FragCoord.xy - 0.5);
@@ -44,9 +44,7 @@ layout(std140, binding = 1) uniform Camera64 {
 };
 
 dvec3 corner_64(uint triangle, int k) {
-    uvec4 model = instances[scene_instance].model;
-    uint at = 5u * (index[3u * (model.x + triangle) + uint(k)] + model.y);
-    dvec4 position = dvec4(vertex[at], vertex[at + 1u], vertex[at + 2u], 1.0);
+    dvec4 position = dvec4(position_of(corner_bits(instance_at(uint(scene_instance)), triangle, k)));
     int row = 3 * scene_instance;
     return dvec3(dot(view_from_model_row[row], position), dot(view_from_model_row[row + 1], position),
                  dot(view_from_model_row[row + 2], position));

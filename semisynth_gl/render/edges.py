@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import Crop, Eye
+from semisynth_gl.errors import BackendError
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.context import GraphicsContext
-from semisynth_gl.render.model_buffers import ModelBuffers, Placed, refill
+from semisynth_gl.render.model_buffers import Placed, refill
 from semisynth_gl.render.outlines import Outlines
 from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.programs import link_program
@@ -17,8 +18,8 @@ from semisynth_gl.render.structs import BLOCKS, WEARER
 from semisynth_gl.render.targets import EyeTargets
 
 _FEWEST_STRIPS, _FEWEST_INSTANCES = 4096, 256
-# Binding of edges.geom.
-_STRIPS = 6
+# Bindings of edges.geom.
+_VERTICES, _STRIPS = 0, 6
 # Texture unit of edges.frag, after those of the atlases.
 _DRAWN = 2
 
@@ -31,6 +32,9 @@ class EdgePass:
         models: the meshes that `Scene.model` counts.
         patches: the atlases.
         anisotropies: of each atlas, most samples of a patch for a pixel.
+
+    Raises:
+        BackendError: where the driver has no buffers of that size.
     """
 
     def __init__(
@@ -40,13 +44,22 @@ class EdgePass:
         self._gl, self._patches = gl, patches
         self._anisotropies = np.array(anisotropies)
         self._outlines = Outlines(models)
+        # As `Outlines` counts them: those that are drawn stand in another order.
+        vertices = np.concatenate([np.hstack([mesh.positions, mesh.uv]) for mesh in models]).astype("<f4", order="C")
+        limit = int(gl.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
+        if vertices.nbytes > limit:
+            raise BackendError(
+                f"antialias: edges looks up vertices in a buffer, here of {vertices.nbytes} bytes, but the driver goes up "
+                f"to {limit}: use fewer or smaller models, or another antialiasing"
+            )
+        self._vertices = gl.buffer(vertices)
         defines = {"LARGE": 1} if len(patches.ends) > 1 else {}
         program = link_program(context, "edges.vert", "edges.frag", defines, "edges.geom")
         self._wearers = gl.buffer(reserve=_FEWEST_INSTANCES * WEARER.itemsize, dynamic=True)
         self._strips = gl.buffer(reserve=_FEWEST_STRIPS * 16, dynamic=True)
         self._vao = gl.vertex_array(program, [])
 
-    def draw(self, placed: Placed, eye: Eye, targets: EyeTargets, models: ModelBuffers, part: Crop | None) -> None:
+    def draw(self, placed: Placed, eye: Eye, targets: EyeTargets, part: Crop | None) -> None:
         """Smooth the image of one eye's targets, or a part of it, whose depth is still that of the drawing."""
         if targets.blending is None:
             raise RuntimeError("these targets were made without blending")
@@ -55,7 +68,7 @@ class EdgePass:
             return
         refill(self._strips, strips)
         refill(self._wearers, self._worn(placed, eye))
-        models.bind_vertices()
+        self._vertices.bind_to_storage_buffer(_VERTICES)
         self._wearers.bind_to_storage_buffer(BLOCKS["Wearers"].binding)
         self._strips.bind_to_storage_buffer(_STRIPS)
         targets.blending.use(part, _DRAWN)

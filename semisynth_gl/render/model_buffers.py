@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import ceil
 from typing import Any
 
 import moderngl
@@ -13,12 +14,14 @@ from semisynth_gl.errors import BackendError
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.topology import neighbours
 from semisynth_gl.render.projection import in_view
-from semisynth_gl.render.structs import BLOCKS, COMMAND, DRAWN_INSTANCE, INSTANCE, VERTEX, check_attributes, members
+from semisynth_gl.render.structs import COMMAND, DRAWN_INSTANCE, INSTANCE, VERTEX, check_attributes, members
 from semisynth_gl.scene.scene import Scene
 
 _FEWEST_INSTANCES = 256
-# Bindings of common_triangles.glsl.
-_VERTICES, _INDICES, _NEIGHBOURS = range(3)
+# Texture units of common_triangles.glsl, and how many triangles or instances stand in a row there.
+_TRIANGLES, _TRACED = 4, 5
+_PER_ROW = 1024
+_TEXELS = {_TRIANGLES: 3, _TRACED: INSTANCE.itemsize // 16}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,8 +84,10 @@ class ModelBuffers:
             np.concatenate([np.hstack([positions, uv]) for positions, uv, _ in shapes]).astype("<f4", order="C")
         )
         self._indices = gl.buffer(np.concatenate([triangles.reshape(-1) for _, _, triangles in shapes]).astype("<u4"))
-        self._neighbours = gl.buffer(np.concatenate([neighbours(mesh) for mesh in models])) if traced else None
-        self._traced = gl.buffer(reserve=_FEWEST_INSTANCES * INSTANCE.itemsize, dynamic=True) if traced else None
+        self._triangles = (
+            self._texture(_TRIANGLES, np.concatenate([_corners(mesh) for mesh in models])) if traced else None
+        )
+        self._traced: moderngl.Texture | None = None
         index_counts = np.array([mesh.triangles.size for mesh in models])
         vertex_counts = np.array([len(positions) for positions, _, _ in shapes])
         self._radius = np.array([mesh.radius for mesh in models])
@@ -164,34 +169,41 @@ class ModelBuffers:
                 self._commands, moderngl.TRIANGLES, filled.both_sides, first=filled.first + filled.fronts
             )
 
-    def bind_vertices(self) -> None:
-        """Bind the vertices of all models, which `Outlines` counts through."""
-        self._check_size([self._vertices], "antialias: edges looks up vertices")
-        self._vertices.bind_to_storage_buffer(_VERTICES)
-
     def bind_triangles(self, placed: Placed, eye: Eye) -> None:
-        """Bind the buffers of common_triangles.glsl, with all instances relative to one eye."""
-        if self._neighbours is None or self._traced is None:
+        """Bind the textures of common_triangles.glsl, with all instances relative to one eye."""
+        if self._triangles is None:
             raise RuntimeError("these models were uploaded without their neighbours")
         scene = placed.scene
         rows = np.zeros(len(scene), INSTANCE)
         rows["view_from_model"] = placed.rows(eye)
         rows["model"][:, 0] = self._model_commands["first_index"][scene.model] // 3
         rows["model"][:, 1] = self._model_commands["base_vertex"][scene.model]
-        refill(self._traced, rows)
-        buffers = (self._vertices, self._indices, self._neighbours, self._traced)
-        self._check_size(buffers, "the outputs visibility, normals and those of flow look up triangles")
-        bindings = (_VERTICES, _INDICES, _NEIGHBOURS, BLOCKS["Instances"].binding)
-        for binding, buffer in zip(bindings, buffers, strict=True):
-            buffer.bind_to_storage_buffer(binding)
+        texels = rows.view("<u4").reshape(len(rows), -1)
+        if self._traced is None or self._traced.height < ceil(len(rows) / _PER_ROW):
+            if self._traced is not None:
+                self._traced.release()
+            self._traced = self._texture(_TRACED, np.concatenate([texels, texels]))
+        else:
+            self._traced.write(_whole_rows(_TRACED, texels), (0, 0, self._traced.width, ceil(len(rows) / _PER_ROW)))
+        self._triangles.use(_TRIANGLES)
+        self._traced.use(_TRACED)
 
-    def _check_size(self, buffers: Sequence[moderngl.Buffer], reader: str) -> None:
-        largest, limit = max(buffer.size for buffer in buffers), int(self._gl.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
-        if largest > limit:
+    def _texture(self, unit: int, numbers: NDArray[np.uint32]) -> moderngl.Texture:
+        """Make a texture of (N, 4 * _TEXELS[unit]) uint32.
+
+        Raises:
+            BackendError: where the driver has no textures of that size.
+        """
+        rows, limit = max(1, ceil(len(numbers) / _PER_ROW)), int(self._gl.info["GL_MAX_TEXTURE_SIZE"])
+        if rows > limit:
             raise BackendError(
-                f"{reader} in a buffer, here of {largest} bytes, but the driver goes up to {limit}: use fewer or "
-                "smaller models, or do without"
+                f"the outputs visibility, normals and those of flow look up triangles and instances in a texture, here "
+                f"{len(numbers)}, but the driver goes up to {limit * _PER_ROW}: use fewer or smaller models, or leave "
+                "these outputs out"
             )
+        texture = self._gl.texture((_PER_ROW * _TEXELS[unit], rows), 4, _whole_rows(unit, numbers), dtype="u4")
+        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        return texture
 
     def _vao(self, program: moderngl.Program) -> moderngl.VertexArray:
         if program.glo not in self._vaos:
@@ -204,6 +216,19 @@ class ModelBuffers:
                 index_element_size=4,
             )
         return self._vaos[program.glo]
+
+
+def _whole_rows(unit: int, numbers: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Fill the last row of what goes into a texture of `ModelBuffers` up; there is a row at least."""
+    rows = np.zeros((max(1, ceil(len(numbers) / _PER_ROW)) * _PER_ROW, 4 * _TEXELS[unit]), np.uint32)
+    rows[: len(numbers)] = numbers
+    return rows
+
+
+def _corners(mesh: Mesh) -> NDArray[np.uint32]:
+    """Return the bits of each triangle's corners, (T, 12): x, y, z and the triangle across the edge to the next."""
+    positions = mesh.positions.astype("<f4")[mesh.triangles].view("<u4")
+    return np.concatenate([positions, neighbours(mesh)[:, :, None]], axis=2).reshape(-1, 12)
 
 
 def _by_last_corner(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:

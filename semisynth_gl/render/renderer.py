@@ -397,7 +397,7 @@ class Renderer:
                 self._models.bind_triangles(placed, eye)
             self._draw_models(self._draw_programs[eye], filled)
             if self._edges is not None:
-                self._edges.draw(placed, eye, targets, self._models, crop)
+                self._edges.draw(placed, eye, targets, crop)
         if self._colour_targets is None or self._colour_programs is None:
             return None
         self._colour_targets.limit(crop)

@@ -25,7 +25,7 @@ CONSTANTS = np.dtype(
 """The uniform block of common_constants.glsl, std140."""
 
 INSTANCE = np.dtype([("view_from_model", "<f4", (3, 4)), ("model", "<u4", 4)])
-"""The struct of common_triangles.glsl, std430."""
+"""The struct of common_triangles.glsl, as four texels of four numbers."""
 
 WEARER = np.dtype([("view_from_model", "<f4", (3, 4)), ("patch_from_uv", "<f4", 4), ("worn", "<f4", 4)])
 """The struct of edges.geom, std430."""
@@ -64,7 +64,6 @@ class Block:
 
 BLOCKS: dict[str, Block] = {
     "Constants": Block(0, CONSTANTS),
-    "Instances": Block(3, INSTANCE, "instances"),
     "Moves": Block(4, MOVE, "moves"),
     "Wearers": Block(5, WEARER, "wearers"),
 }
