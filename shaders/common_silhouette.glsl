@@ -13,7 +13,7 @@ const float NOT_COVERED = -1.0;
 // 1 / Z of the surface at the target position, or NOT_COVERED where it ends before.
 float surface_at(uvec2 surface, vec2 start, vec2 target) {
     Instance instance = instance_at(surface.x);
-    uint triangle = triangle_of(instance, int(surface.y));
+    uint triangle = surface.y;
     uint came_from = NO_NEIGHBOUR;
     vec2 way = target - start;
     float way_squared = dot(way, way);
@@ -24,7 +24,7 @@ float surface_at(uvec2 surface, vec2 start, vec2 target) {
         vec2 along_beside[3];  // coordinates along the way and across it
         bool in_front = true;
         for (int k = 0; k < 3; ++k) {
-            uvec4 bits = corner_bits(instance, triangle, k);
+            uvec4 bits = corner_bits(triangle, k);
             corner[k] = in_view(instance, position_of(bits));
             neighbour[k] = bits.w;
             in_front = in_front && corner[k].z >= near_m;

@@ -6,31 +6,23 @@ struct Instance {
     vec4 view_from_model_x;   // rows, relative to the eye whose view is followed
     vec4 view_from_model_y;
     vec4 view_from_model_z;
-    uvec4 model;              // first triangle, base vertex
 };
 
 layout(binding = 4) uniform usampler2D triangle_corners;  // three of each: position, and the neighbour across the edge to the next
-layout(binding = 5) uniform usampler2D instance_rows;     // four of each
+layout(binding = 5) uniform usampler2D instance_rows;     // three of each
 
 const uint PER_ROW = 1024u;  // triangles, or instances
 
 Instance instance_at(uint number) {
-    ivec2 at = ivec2(4u * (number % PER_ROW), number / PER_ROW);
+    ivec2 at = ivec2(3u * (number % PER_ROW), number / PER_ROW);
     return Instance(uintBitsToFloat(texelFetch(instance_rows, at, 0)),
                     uintBitsToFloat(texelFetch(instance_rows, at + ivec2(1, 0), 0)),
-                    uintBitsToFloat(texelFetch(instance_rows, at + ivec2(2, 0), 0)),
-                    texelFetch(instance_rows, at + ivec2(3, 0), 0));
-}
-
-// The triangle whose last corner is a vertex, of all models' vertices: see ModelBuffers.
-uint triangle_of(Instance instance, int last_corner) {
-    return uint(last_corner) - instance.model.y;
+                    uintBitsToFloat(texelFetch(instance_rows, at + ivec2(2, 0), 0)));
 }
 
 // One corner of a triangle in model units, its bits, and the triangle across the edge to the next corner.
-uvec4 corner_bits(Instance instance, uint triangle, int k) {
-    uint number = instance.model.x + triangle;
-    return texelFetch(triangle_corners, ivec2(3u * (number % PER_ROW) + uint(k), number / PER_ROW), 0);
+uvec4 corner_bits(uint triangle, int k) {
+    return texelFetch(triangle_corners, ivec2(3u * (triangle % PER_ROW) + uint(k), triangle / PER_ROW), 0);
 }
 
 vec4 position_of(uvec4 bits) {
@@ -43,15 +35,15 @@ vec3 in_view(Instance instance, vec4 position) {
 }
 
 vec3 corner_of(Instance instance, uint triangle, int k) {
-    return in_view(instance, position_of(corner_bits(instance, triangle, k)));
+    return in_view(instance, position_of(corner_bits(triangle, k)));
 }
 
 // The unit normal of a triangle's plane, towards the eye. Edges are taken in model units, where corners are exact: the
 // difference of two corners in view would round in steps of their distance from the eye.
 vec3 normal_of(Instance instance, uint triangle) {
-    vec4 a = position_of(corner_bits(instance, triangle, 0));
-    vec3 first = normalize(in_view(instance, position_of(corner_bits(instance, triangle, 1)) - a));
-    vec3 second = normalize(in_view(instance, position_of(corner_bits(instance, triangle, 2)) - a));
+    vec4 a = position_of(corner_bits(triangle, 0));
+    vec3 first = normalize(in_view(instance, position_of(corner_bits(triangle, 1)) - a));
+    vec3 second = normalize(in_view(instance, position_of(corner_bits(triangle, 2)) - a));
     vec3 normal = normalize(cross(first, second));
     return dot(normal, in_view(instance, a)) > 0.0 ? -normal : normal;
 }

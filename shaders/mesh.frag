@@ -8,7 +8,7 @@
 in vec2 patch_coordinate;
 flat in int patch_layer;
 flat in int scene_instance;
-flat in int scene_vertex;
+flat in int scene_triangle;
 
 #ifdef COLOUR
 layout(binding = 0) uniform sampler2DArray atlas;
@@ -83,10 +83,9 @@ void main() {
     instance_id = uint(scene_instance) + 1u;
 #endif
 #ifdef NORMALS
-    Instance own = instance_at(uint(scene_instance));
-    normal = vec4(normal_of(own, triangle_of(own, scene_vertex)), 0.0);
+    normal = vec4(normal_of(instance_at(uint(scene_instance)), uint(scene_triangle)), 0.0);
 #endif
 #ifdef SURFACE
-    surface = uvec2(scene_instance, scene_vertex);
+    surface = uvec2(scene_instance, scene_triangle);
 #endif
 }

@@ -16,7 +16,7 @@ layout(location = 7) in int instance;          // its index in the scene, whatev
 out vec2 patch_coordinate;
 flat out int patch_layer;
 flat out int scene_instance;
-flat out int scene_vertex;                     // which triangle, where the models were uploaded to tell it
+flat out int scene_triangle;  // the last corner's number is the triangle's, see ModelBuffers
 
 #include "common_placement.glsl"
 
@@ -25,6 +25,6 @@ void main() {
     patch_coordinate = uv * patch_from_uv.xy + patch_from_uv.zw;
     patch_layer = layer;
     scene_instance = instance;
-    scene_vertex = gl_VertexID;
+    scene_triangle = gl_VertexID;
     gl_Position = clip_from_view * vec4(view, 1.0);
 }

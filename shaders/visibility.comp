@@ -14,14 +14,19 @@
 #define PIXELS 2
 #define TRACE 3
 
+#if STEP == TILES
+layout(local_size_x = 16, local_size_y = 4) in;
+#else
 layout(local_size_x = 64) in;
+#endif
 
 layout(binding = 0) uniform sampler2D own_disparity;    // the wrap of both must be clamped
 layout(binding = 1) uniform sampler2D other_disparity;
 
 layout(binding = 0, r8ui) writeonly uniform uimage2D visibility;
 
-// What is listed: tiles of mixed pixels, tiles of pixels alike (twice their number, and 1 where they are hidden), pixels.
+// What is listed: tiles of mixed pixels, tiles of pixels alike (with a mark where they are hidden), pixels. All are listed as
+// column and row, since processors divide slowly.
 layout(std430, binding = 5) buffer Work {
     uint tiles;
     uint fills;
@@ -34,6 +39,16 @@ uniform uvec4 band;  // tiles: left column, first row, width and height of what 
 
 const uint UNDECIDED = 1u;
 
+const uint HIDDEN = 0x8000u;
+
+uint listed(uvec2 at) {
+    return at.x | at.y << 16;
+}
+
+uvec2 unlisted(uint number) {
+    return uvec2(number & 0x7FFFu, number >> 16);
+}
+
 // How far the other view's surface may be from the point's disparity between two pixels of one smooth surface.
 const float BEND_PX = 0.02;
 const float BEND_RELATIVE = 0.01;
@@ -43,6 +58,10 @@ const float STEEPEST = 2.0;
 const float CLEARLY_PX = 0.5;
 // What stands out of a row by this has an edge there.
 const float EDGE_PX = 0.25;
+// What differs by this from the row beside may be another surface.
+const float OTHER_PX = 0.1;
+// Two pixels that differ by less leave no gap between them.
+const float GAP_PX = 1.0;
 
 // Where the other eye would see a point, in its columns.
 float target_of(float column, float disparity_px) {
@@ -72,7 +91,7 @@ uint judge(float disparity_px, float between, vec2 above, vec2 beside, vec2 belo
     // What stands out in both columns has its edge between the rows; in one of them, it may be thin and pass between them.
     bvec2 over = stands_out(disparity_px, above, below), under = stands_out(disparity_px, below, above);
     bool alone = over.x == over.y && under.x == under.y;
-    bool hidden = min(farthest.x, farthest.y) > disparity_px + CLEARLY_PX && step < CLEARLY_PX;
+    bool hidden = min(farthest.x, farthest.y) > disparity_px + CLEARLY_PX && step < GAP_PX;
     return hidden ? OCCLUDED : goes_on && alone ? VISIBLE : UNDECIDED;
 }
 
@@ -107,12 +126,12 @@ uint judge_in(float column, float disparity_px, float first, float last, Row abo
 }
 
 void main() {
-    uint number = gl_GlobalInvocationID.x;
-    if (number >= band.z * band.w) {
+    if (any(greaterThanEqual(gl_GlobalInvocationID.xy, band.zw))) {
         return;
     }
+    uvec2 tile = band.xy + gl_GlobalInvocationID.xy;
     ivec2 last = textureSize(own_disparity, 0) - 1;
-    vec2 at = vec2(4u * (band.xy + uvec2(number % band.z, number / band.z)));
+    vec2 at = vec2(4u * tile);
     vec4 own[4];
     for (int half_ = 0; half_ < 2; ++half_) {
         vec4 left = around(own_disparity, at + vec2(1.0, 1.0 + 2.0 * float(half_)));
@@ -143,11 +162,10 @@ void main() {
         }
     }
     // The values' bits: UNDECIDED is in none of the others but VISIBLE.
-    uint tile = (band.y + number / band.z) * ((uint(last.x) + 4u) / 4u) + band.x + number % band.z;
     if (any_of != all_of || any_of == UNDECIDED) {
-        work[atomicAdd(tiles, 1u)] = tile;
+        work[atomicAdd(tiles, 1u)] = listed(tile);
     } else if (any_of != VISIBLE) {
-        work[band.z * band.w + atomicAdd(fills, 1u)] = 2u * tile + (any_of == OCCLUDED ? 1u : 0u);
+        work[band.z * band.w + atomicAdd(fills, 1u)] = listed(tile) | (any_of == OCCLUDED ? HIDDEN : 0u);
     }
 }
 #else
@@ -155,9 +173,8 @@ uint invocations() {
     return gl_NumWorkGroups.x * gl_WorkGroupSize.x;
 }
 
-ivec2 pixel_of(uint tile, uint number) {
-    uint columns = (uint(textureSize(own_disparity, 0).x) + 3u) / 4u;
-    return ivec2(4u * uvec2(tile % columns, tile / columns) + uvec2(number % 4u, number / 4u % 4u));
+uvec2 pixel_of(uint tile, uint number) {
+    return 4u * unlisted(tile) + uvec2(number % 4u, number / 4u % 4u);
 }
 #endif
 
@@ -165,7 +182,7 @@ ivec2 pixel_of(uint tile, uint number) {
 void main() {
     for (uint item = gl_GlobalInvocationID.x; item < 16u * fills; item += invocations()) {
         uint fill = work[band.z * band.w + item / 16u];
-        imageStore(visibility, pixel_of(fill / 2u, item), uvec4(fill % 2u == 1u ? OCCLUDED : OUTSIDE));
+        imageStore(visibility, ivec2(pixel_of(fill, item)), uvec4((fill & HIDDEN) != 0u ? OCCLUDED : OUTSIDE));
     }
 }
 #endif
@@ -173,20 +190,23 @@ void main() {
 #if STEP == PIXELS
 void main() {
     ivec2 last = textureSize(own_disparity, 0) - 1;
-    for (uint item = gl_GlobalInvocationID.x; item < 16u * tiles; item += invocations()) {
-        ivec2 pixel = pixel_of(work[item / 16u], item);
-        float disparity_px = texelFetch(own_disparity, min(pixel, last), 0).r;
-        float target = target_of(float(pixel.x), disparity_px);
-        float left = floor(target);
-        vec4 lower = around_far(vec2(left + 1.0, float(pixel.y) + 1.0)), upper = around_far(vec2(left + 1.0, pixel.y));
-        uint found = judge(disparity_px, target - left, upper.wz, lower.wz, lower.xy);
-        found = is_outside(disparity_px, target, float(last.x)) ? OUTSIDE : found;
-        bool inside = all(lessThanEqual(pixel, last));
-        if (inside && found == UNDECIDED) {
-            work[2u * band.z * band.w + atomicAdd(pixels, 1u)] = uint(pixel.y) * uint(last.x + 1) + uint(pixel.x);
-        }
-        if (inside && (found == OCCLUDED || found == OUTSIDE)) {
-            imageStore(visibility, pixel, uvec4(found));
+    for (uint item = gl_GlobalInvocationID.x; item < 4u * tiles; item += invocations()) {
+        ivec2 row = ivec2(4u * unlisted(work[item / 4u]) + uvec2(0u, item % 4u));
+        for (int k = 0; k < 4; ++k) {
+            ivec2 pixel = row + ivec2(k, 0);
+            float disparity_px = texelFetch(own_disparity, min(pixel, last), 0).r;
+            float target = target_of(float(pixel.x), disparity_px);
+            float left = floor(target);
+            vec4 lower = around_far(vec2(left + 1.0, float(pixel.y) + 1.0)), upper = around_far(vec2(left + 1.0, pixel.y));
+            uint found = judge(disparity_px, target - left, upper.wz, lower.wz, lower.xy);
+            found = is_outside(disparity_px, target, float(last.x)) ? OUTSIDE : found;
+            bool inside = all(lessThanEqual(pixel, last));
+            if (inside && found == UNDECIDED) {
+                work[2u * band.z * band.w + atomicAdd(pixels, 1u)] = listed(uvec2(pixel));
+            }
+            if (inside && (found == OCCLUDED || found == OUTSIDE)) {
+                imageStore(visibility, pixel, uvec4(found));
+            }
         }
     }
 }
@@ -214,23 +234,24 @@ bool hides(uvec2 surface, uvec2 own, vec2 start, vec2 target, float disparity_px
 void main() {
     ivec2 last = textureSize(own_disparity, 0) - 1;
     for (uint item = gl_GlobalInvocationID.x; item < pixels; item += invocations()) {
-        uint number = work[2u * band.z * band.w + item];
-        ivec2 pixel = ivec2(number % uint(last.x + 1), number / uint(last.x + 1));
+        ivec2 pixel = ivec2(unlisted(work[2u * band.z * band.w + item]));
         float disparity_px = texelFetch(own_disparity, pixel, 0).r;
         uvec2 own = texelFetch(own_surface, pixel, 0).rg;
         vec2 target = vec2(target_of(float(pixel.x), disparity_px), pixel.y);
         int left = int(floor(target.x));
         vec4 lower = around_far(vec2(left + 1, pixel.y + 1)), upper = around_far(vec2(left + 1, pixel.y));
+        float between = target.x - float(left);
         // What is farther by more than a surface rises within a pixel hides nothing.
-        uint open = 0u;
         float step = abs(lower.z - lower.w);
-        bool goes_on = abs(mix(lower.w, lower.z, target.x - float(left)) - disparity_px) < BEND_PX + BEND_RELATIVE * step
-            && step < STEEPEST;
-        float farthest = goes_on ? LARGEST : disparity_px - STEEPEST;
-        open |= lower.w > max(farthest, 0.0) ? 1u : 0u;
-        open |= lower.z > max(farthest, 0.0) ? 2u : 0u;
+        bool goes_on = abs(mix(lower.w, lower.z, between) - disparity_px) < BEND_PX + BEND_RELATIVE * step && step < STEEPEST;
+        bvec2 beside = greaterThan(lower.wz, vec2(max(goes_on ? LARGEST : disparity_px - STEEPEST, 0.0)));
         bvec2 above = stands_out(disparity_px, upper.wz, lower.xy), below = stands_out(disparity_px, lower.xy, upper.wz);
-        open |= (above.x ? 4u : 0u) | (above.y ? 8u : 0u) | (below.x ? 16u : 0u) | (below.y ? 32u : 0u);
+        // What goes on from the pixel beside the point is followed from there.
+        bvec2 other_above = greaterThan(abs(upper.wz - lower.wz), vec2(OTHER_PX));
+        bvec2 other_below = greaterThan(abs(lower.xy - lower.wz), vec2(OTHER_PX));
+        uint open = (beside.x ? 1u : 0u) | (beside.y ? 2u : 0u);
+        open |= (above.x && other_above.x ? 4u : 0u) | (above.y && other_above.y ? 8u : 0u);
+        open |= (below.x && other_below.x ? 16u : 0u) | (below.y && other_below.y ? 32u : 0u);
         while (open != 0u) {
             int k = findLSB(open);
             open &= open - 1u;

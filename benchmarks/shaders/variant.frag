@@ -26,7 +26,7 @@ layout(location = 0) out float disparity_px;
 #ifdef PLANE
 void main() {
     Instance own = instance_at(uint(scene_instance));
-    uint triangle = uint(gl_PrimitiveID);
+    uint triangle = uint(scene_triangle);
     float inverse_depth = inverse_depth_at(corner_of(own, triangle, 0), corner_of(own, triangle, 1),
                                            corner_of(own, triangle, 2), gl_FragCoord.xy - 0.5);
     disparity_px = disparity_at(inverse_depth);
@@ -44,14 +44,14 @@ layout(std140, binding = 1) uniform Camera64 {
 };
 
 dvec3 corner_64(uint triangle, int k) {
-    dvec4 position = dvec4(position_of(corner_bits(instance_at(uint(scene_instance)), triangle, k)));
+    dvec4 position = dvec4(position_of(corner_bits(triangle, k)));
     int row = 3 * scene_instance;
     return dvec3(dot(view_from_model_row[row], position), dot(view_from_model_row[row + 1], position),
                  dot(view_from_model_row[row + 2], position));
 }
 
 void main() {
-    uint triangle = uint(gl_PrimitiveID);
+    uint triangle = uint(scene_triangle);
     dvec3 a = corner_64(triangle, 0), b = corner_64(triangle, 1), c = corner_64(triangle, 2);
     dvec3 normal = cross(b - a, c - a);
     dvec3 ray = dvec3((dvec2(gl_FragCoord.xy) - 0.5 - centre_px_64) / focal_px_64, 1.0);

@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 from semisynth_gl.camera import Crop, Eye
 from semisynth_gl.errors import BackendError
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.geometry.topology import neighbours
+from semisynth_gl.geometry.topology import NO_NEIGHBOUR, neighbours
 from semisynth_gl.render.projection import in_view
-from semisynth_gl.render.structs import COMMAND, DRAWN_INSTANCE, INSTANCE, VERTEX, check_attributes, members
+from semisynth_gl.render.structs import COMMAND, DRAWN_INSTANCE, VERTEX, check_attributes, members
 from semisynth_gl.scene.scene import Scene
 
 _FEWEST_INSTANCES = 256
 # Texture units of common_triangles.glsl, and how many triangles or instances stand in a row there.
 _TRIANGLES, _TRACED = 4, 5
 _PER_ROW = 1024
-_TEXELS = {_TRIANGLES: 3, _TRACED: INSTANCE.itemsize // 16}
+_TEXELS = {_TRIANGLES: 3, _TRACED: 3}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,22 +79,26 @@ class ModelBuffers:
     ) -> None:
         self._gl = gl
         self._atlas_ends = atlas_ends
-        shapes = [_by_last_corner(mesh) if traced else (mesh.positions, mesh.uv, mesh.triangles) for mesh in models]
-        self._vertices = gl.buffer(
-            np.concatenate([np.hstack([positions, uv]) for positions, uv, _ in shapes]).astype("<f4", order="C")
-        )
-        self._indices = gl.buffer(np.concatenate([triangles.reshape(-1) for _, _, triangles in shapes]).astype("<u4"))
-        self._triangles = (
-            self._texture(_TRIANGLES, np.concatenate([_corners(mesh) for mesh in models])) if traced else None
-        )
-        self._traced: moderngl.Texture | None = None
         index_counts = np.array([mesh.triangles.size for mesh in models])
-        vertex_counts = np.array([len(positions) for positions, _, _ in shapes])
+        vertex_counts = np.array([len(mesh.positions) for mesh in models])
+        triangles = np.concatenate([mesh.triangles for mesh in models]).astype(np.int64)
+        base_vertex = np.cumsum(vertex_counts) - vertex_counts
+        order = np.arange(vertex_counts.sum())
+        if traced:
+            triangles += base_vertex.repeat(index_counts // 3)[:, None]
+            order, triangles = _by_last_corner(triangles, len(order))
+            base_vertex = np.cumsum(index_counts // 3) - index_counts // 3
+            triangles -= base_vertex.repeat(index_counts // 3)[:, None]
+        vertices = np.concatenate([np.hstack([mesh.positions, mesh.uv]) for mesh in models])[order]
+        self._vertices = gl.buffer(vertices.astype("<f4", order="C"))
+        self._indices = gl.buffer(triangles.astype("<u4", order="C"))
+        self._triangles = self._texture(_TRIANGLES, _corners(models)) if traced else None
+        self._traced: moderngl.Texture | None = None
         self._radius = np.array([mesh.radius for mesh in models])
         self._model_commands = np.zeros(len(models), COMMAND)
         self._model_commands["count"] = index_counts
         self._model_commands["first_index"] = np.cumsum(index_counts) - index_counts
-        self._model_commands["base_vertex"] = np.cumsum(vertex_counts) - vertex_counts
+        self._model_commands["base_vertex"] = base_vertex
         self._solid = np.array([mesh.solid for mesh in models])
         self._vaos: dict[int, moderngl.VertexArray] = {}
         self._instances = gl.buffer(reserve=_FEWEST_INSTANCES * DRAWN_INSTANCE.itemsize, dynamic=True)
@@ -174,17 +178,14 @@ class ModelBuffers:
         if self._triangles is None:
             raise RuntimeError("these models were uploaded without their neighbours")
         scene = placed.scene
-        rows = np.zeros(len(scene), INSTANCE)
-        rows["view_from_model"] = placed.rows(eye)
-        rows["model"][:, 0] = self._model_commands["first_index"][scene.model] // 3
-        rows["model"][:, 1] = self._model_commands["base_vertex"][scene.model]
-        texels = rows.view("<u4").reshape(len(rows), -1)
-        if self._traced is None or self._traced.height < ceil(len(rows) / _PER_ROW):
+        texels = placed.rows(eye).astype("<f4").view("<u4").reshape(len(scene), -1)
+        rows = ceil(len(scene) / _PER_ROW)
+        if self._traced is None or self._traced.height < rows:
             if self._traced is not None:
                 self._traced.release()
             self._traced = self._texture(_TRACED, np.concatenate([texels, texels]))
         else:
-            self._traced.write(_whole_rows(_TRACED, texels), (0, 0, self._traced.width, ceil(len(rows) / _PER_ROW)))
+            self._traced.write(_whole_rows(_TRACED, texels), (0, 0, self._traced.width, max(1, rows)))
         self._triangles.use(_TRIANGLES)
         self._traced.use(_TRACED)
 
@@ -225,38 +226,46 @@ def _whole_rows(unit: int, numbers: NDArray[np.uint32]) -> NDArray[np.uint32]:
     return rows
 
 
-def _corners(mesh: Mesh) -> NDArray[np.uint32]:
+def _corners(models: Sequence[Mesh]) -> NDArray[np.uint32]:
     """Return the bits of each triangle's corners, (T, 12): x, y, z and the triangle across the edge to the next."""
-    positions = mesh.positions.astype("<f4")[mesh.triangles].view("<u4")
-    return np.concatenate([positions, neighbours(mesh)[:, :, None]], axis=2).reshape(-1, 12)
+    positions = np.concatenate([mesh.positions.astype("<f4")[mesh.triangles] for mesh in models]).view("<u4")
+    across, first = [], 0
+    for mesh in models:
+        own = neighbours(mesh)
+        across.append(np.where(own == NO_NEIGHBOUR, own, own + np.uint32(first)))
+        first += len(own)
+    return np.concatenate([positions, np.concatenate(across)[:, :, None]], axis=2).reshape(-1, 12)
 
 
-def _by_last_corner(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
+def _by_last_corner(triangles: NDArray[np.int64], vertices: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Repeat vertices so that triangle t has the number t as its last corner, and no other triangle has.
 
-    A vertex shader then knows the triangle, from the vertex that flat outputs are taken from. Drivers know it as
-    gl_PrimitiveID too, for which llvmpipe takes all triangles apart.
+    A vertex shader then knows the triangle, since flat outputs are the last vertex's. gl_PrimitiveID says it too, but
+    for that llvmpipe takes all triangles apart.
+
+    Args:
+        triangles: (T, 3), which vertices they have.
+        vertices: how many there are.
 
     Returns:
-        Positions (V, 3) float32, uv (V, 2) float32 and triangles (T, 3), of the same triangles in the same order.
+        (V,) which of the vertices each new one is, and (T, 3), the same triangles in the same order.
     """
-    last = mesh.triangles[:, 2].astype(np.int64)
-    is_last = np.zeros(len(mesh.positions), bool)
-    is_last[last] = True
-    source = np.concatenate([last, np.flatnonzero(~is_last)])
-    # Every corner takes the copy of its vertex that stands nearest in the order, which may be in the driver's cache.
-    order = np.lexsort((np.arange(len(source)), source))
-    key = source[order] * len(source) + order
-    triangles = np.arange(len(last)).repeat(3).reshape(-1, 3)
+    number = np.arange(len(triangles))
+    is_last = np.zeros(vertices, bool)
+    is_last[triangles[:, 2]] = True
+    source = np.concatenate([triangles[:, 2], np.flatnonzero(~is_last)])
+    by_source = np.argsort(source, kind="stable")
+    key = source[by_source] * len(source) + by_source
+    result = number.repeat(3).reshape(-1, 3)
     for corner in (0, 1):
-        wanted = mesh.triangles[:, corner].astype(np.int64) * len(source) + np.arange(len(last))
-        after = np.searchsorted(key, wanted)
-        before, after = order[np.maximum(after - 1, 0)], order[np.minimum(after, len(order) - 1)]
-        own = mesh.triangles[:, corner]
-        nearer = np.abs(before - np.arange(len(last))) <= np.abs(after - np.arange(len(last)))
+        # The copy that stands nearest in the order: the driver may still have it.
+        own = triangles[:, corner]
+        place = np.searchsorted(key, own * len(source) + number)
+        before, after = by_source[np.maximum(place - 1, 0)], by_source[np.minimum(place, len(source) - 1)]
         fits_before, fits_after = source[before] == own, source[after] == own
-        triangles[:, corner] = np.where(fits_before & (nearer | ~fits_after), before, after)
-    return mesh.positions[source], mesh.uv[source], triangles
+        nearer = np.abs(before - number) <= np.abs(after - number)
+        result[:, corner] = np.where(fits_before & (nearer | ~fits_after), before, after)
+    return source, result
 
 
 def refill(buffer: moderngl.Buffer, rows: NDArray[Any]) -> None:

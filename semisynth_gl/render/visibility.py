@@ -16,9 +16,9 @@ from semisynth_gl.render.targets import EyeTargets
 _OWN_DISPARITY, _OTHER_DISPARITY, _OWN_SURFACE, _OTHER_SURFACE = range(4)
 _VISIBILITY, _WORK = 0, 5
 _TILE_PX = 4
-_GROUP = 64
+_GROUP_TILES = 16, 4
 # Steps that work on lists take turns through them, since only the driver knows how long they are.
-_MOST_GROUPS = 512
+_MOST_GROUPS = 128
 # Larger images are judged band by band, which bounds the lists.
 _MOST_PIXELS = 1 << 22
 _COUNTERS = np.zeros(4, "<u4").tobytes()
@@ -68,7 +68,7 @@ class VisibilityPass:
 
     def _make_room(self, tiles: int) -> None:
         """Let the lists hold all tiles twice and all pixels."""
-        size = len(_COUNTERS) + 4 * tiles * (2 + _TILE_PX**2)
+        size = len(_COUNTERS) + 4 * tiles * (2 + 2 * _TILE_PX**2)
         if self._work.size < size:
             self._work.orphan(size)
         self._work.bind_to_storage_buffer(_WORK)
@@ -76,7 +76,7 @@ class VisibilityPass:
     def _judge(self, band: tuple[int, int, int, int]) -> None:
         self._work.write(_COUNTERS)
         self._tiles["band"] = band
-        self._tiles.run(ceil(band[2] * band[3] / _GROUP))
+        self._tiles.run(ceil(band[2] / _GROUP_TILES[0]), ceil(band[3] / _GROUP_TILES[1]))
         for step in self._later:
             self._gl.memory_barrier()
             step["band"] = band
