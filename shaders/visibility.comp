@@ -80,19 +80,29 @@ float or_far(float disparity_px) {
 // Which of two pixels, of the row above or below, are nearer than a surface that goes on from row to row, which is as
 // much nearer on one side as it is farther on the other.
 bvec2 stands_out(float disparity_px, vec2 side, vec2 opposite) {
-    return greaterThan(side, disparity_px + EDGE_PX + clamp(vec2(disparity_px) - opposite, 0.0, STEEPEST));
+    precise vec2 edge = disparity_px + EDGE_PX + clamp(vec2(disparity_px) - opposite, 0.0, STEEPEST);
+    return greaterThan(side, edge);
 }
 
-// By the disparities of the other view's two pixels beside the point, and of those above and below.
+// Whether one surface with the point on it goes from a pixel to the next: along the row of a plane, disparity is linear.
+bool goes_on(float disparity_px, float between, vec2 beside) {
+    precise float off = abs(mix(beside.x, beside.y, between) - disparity_px), step = abs(beside.y - beside.x);
+    precise float most = BEND_PX + BEND_RELATIVE * step;
+    return off < most && step < STEEPEST;
+}
+
+// By the disparities of the other view's two pixels beside the point, and of those above and below. All steps come to the
+// same, whichever pixels they judge together.
 uint judge(float disparity_px, float between, vec2 above, vec2 beside, vec2 below) {
-    float step = abs(beside.y - beside.x);
-    vec2 nearest = max(above, below), farthest = min(min(above, below), beside);
-    bool goes_on = abs(mix(beside.x, beside.y, between) - disparity_px) < BEND_PX + BEND_RELATIVE * step && step < STEEPEST;
+    vec2 farthest = min(min(above, below), beside);
     // What stands out in both columns has its edge between the rows; in one of them, it may be thin and pass between them.
     bvec2 over = stands_out(disparity_px, above, below), under = stands_out(disparity_px, below, above);
-    bool alone = over.x == over.y && under.x == under.y;
-    bool hidden = min(farthest.x, farthest.y) > disparity_px + CLEARLY_PX && step < GAP_PX;
-    return hidden ? OCCLUDED : goes_on && alone ? VISIBLE : UNDECIDED;
+    bool thin = over.x != over.y || under.x != under.y;
+    precise float clearly = disparity_px + CLEARLY_PX;
+    if (min(farthest.x, farthest.y) > clearly && abs(beside.y - beside.x) < GAP_PX) {
+        return OCCLUDED;
+    }
+    return goes_on(disparity_px, between, beside) && !thin ? VISIBLE : UNDECIDED;
 }
 
 // The four pixels around a corner of pixels: beside each other in the row above (w, z) and below (x, y) the corner.
@@ -173,16 +183,20 @@ uint invocations() {
     return gl_NumWorkGroups.x * gl_WorkGroupSize.x;
 }
 
-uvec2 pixel_of(uint tile, uint number) {
-    return 4u * unlisted(tile) + uvec2(number % 4u, number / 4u % 4u);
+// The first pixel of one of a listed tile's four rows.
+ivec2 row_of(uint tile, uint number) {
+    return ivec2(4u * unlisted(tile) + uvec2(0u, number % 4u));
 }
 #endif
 
 #if STEP == FILL
 void main() {
-    for (uint item = gl_GlobalInvocationID.x; item < 16u * fills; item += invocations()) {
-        uint fill = work[band.z * band.w + item / 16u];
-        imageStore(visibility, ivec2(pixel_of(fill, item)), uvec4((fill & HIDDEN) != 0u ? OCCLUDED : OUTSIDE));
+    for (uint item = gl_GlobalInvocationID.x; item < 4u * fills; item += invocations()) {
+        uint fill = work[band.z * band.w + item / 4u];
+        ivec2 row = row_of(fill, item);
+        for (int k = 0; k < 4; ++k) {
+            imageStore(visibility, row + ivec2(k, 0), uvec4((fill & HIDDEN) != 0u ? OCCLUDED : OUTSIDE));
+        }
     }
 }
 #endif
@@ -191,7 +205,7 @@ void main() {
 void main() {
     ivec2 last = textureSize(own_disparity, 0) - 1;
     for (uint item = gl_GlobalInvocationID.x; item < 4u * tiles; item += invocations()) {
-        ivec2 row = ivec2(4u * unlisted(work[item / 4u]) + uvec2(0u, item % 4u));
+        ivec2 row = row_of(work[item / 4u], item);
         for (int k = 0; k < 4; ++k) {
             ivec2 pixel = row + ivec2(k, 0);
             float disparity_px = texelFetch(own_disparity, min(pixel, last), 0).r;
@@ -242,9 +256,13 @@ void main() {
         vec4 lower = around_far(vec2(left + 1, pixel.y + 1)), upper = around_far(vec2(left + 1, pixel.y));
         float between = target.x - float(left);
         // What is farther by more than a surface rises within a pixel hides nothing.
-        float step = abs(lower.z - lower.w);
-        bool goes_on = abs(mix(lower.w, lower.z, between) - disparity_px) < BEND_PX + BEND_RELATIVE * step && step < STEEPEST;
-        bvec2 beside = greaterThan(lower.wz, vec2(max(goes_on ? LARGEST : disparity_px - STEEPEST, 0.0)));
+        float farthest = goes_on(disparity_px, between, lower.wz) ? LARGEST : max(disparity_px - STEEPEST, 0.0);
+        bvec2 beside = greaterThan(lower.wz, vec2(farthest));
+        // A surface does not hide itself, and is followed once.
+        uvec2 on_left = texelFetch(other_surface, clamp(ivec2(left, pixel.y), ivec2(0), last), 0).rg;
+        uvec2 on_right = texelFetch(other_surface, clamp(ivec2(left + 1, pixel.y), ivec2(0), last), 0).rg;
+        beside.x = beside.x && on_left != own;
+        beside.y = beside.y && on_right != own && !(beside.x && on_left == on_right);
         bvec2 above = stands_out(disparity_px, upper.wz, lower.xy), below = stands_out(disparity_px, lower.xy, upper.wz);
         // What goes on from the pixel beside the point is followed from there.
         bvec2 other_above = greaterThan(abs(upper.wz - lower.wz), vec2(OTHER_PX));
@@ -252,14 +270,15 @@ void main() {
         uint open = (beside.x ? 1u : 0u) | (beside.y ? 2u : 0u);
         open |= (above.x && other_above.x ? 4u : 0u) | (above.y && other_above.y ? 8u : 0u);
         open |= (below.x && other_below.x ? 16u : 0u) | (below.y && other_below.y ? 32u : 0u);
-        while (open != 0u) {
+        bool hidden = false;
+        while (open != 0u && !hidden) {
             int k = findLSB(open);
             open &= open - 1u;
             ivec2 start = clamp(ivec2(left + (k & 1), pixel.y + (k < 2 ? 0 : k < 4 ? -1 : 1)), ivec2(0), last);
-            if (hides(texelFetch(other_surface, start, 0).rg, own, vec2(start), target, disparity_px)) {
-                imageStore(visibility, pixel, uvec4(OCCLUDED));
-                break;
-            }
+            hidden = hides(texelFetch(other_surface, start, 0).rg, own, vec2(start), target, disparity_px);
+        }
+        if (hidden) {
+            imageStore(visibility, pixel, uvec4(OCCLUDED));
         }
     }
 }
