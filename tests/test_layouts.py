@@ -352,7 +352,7 @@ def test_a_hidden_point_is_outside_where_its_position_is(eye, disparity, mask):
     disparity, mask = np.array([disparity], np.float32), np.array([mask], np.uint8)
     restored = restore_outside(mask, disparity, View.disparity, eye)
     for x in range(7):
-        # As visibility.frag does it, in float32.
+        # As visibility.comp does it, in float32.
         position = np.float32(x) + (-disparity[0, x] if eye == "left" else disparity[0, x])
         inside = np.isinf(disparity[0, x]) or -0.5 <= position < 6.5
         assert restored[0, x] == (OUTSIDE if mask[0, x] == OCCLUDED and not inside else mask[0, x])

@@ -312,10 +312,10 @@ def test_glcontext_variables_override_nothing():
 
 def test_shaders_resolve_their_includes(tmp_path, monkeypatch):
     assert "float disparity_at(" in shader_source("flow.frag")
-    assert "#include" not in shader_source("visibility.frag")
-    assert shader_source("visibility.frag", {"TRACE": 1}).splitlines()[:2] == ["#version 450 core", "#define TRACE 1"]
-    with pytest.raises(ValueError, match="does not know TARCE"):
-        shader_source("visibility.frag", {"TARCE": 1})
+    assert "#include" not in shader_source("visibility.comp")
+    assert shader_source("visibility.comp", {"STEP": 1}).splitlines()[:2] == ["#version 450 core", "#define STEP 1"]
+    with pytest.raises(ValueError, match="does not know SETP"):
+        shader_source("visibility.comp", {"SETP": 1})
     monkeypatch.setattr("semisynth_gl.render.programs.data_root", lambda _: tmp_path)
     (tmp_path / "a.glsl").write_text('#include "b.glsl"\n')
     (tmp_path / "b.glsl").write_text('#include "a.glsl"\n')

@@ -24,9 +24,6 @@ CONSTANTS = np.dtype(
 )
 """The uniform block of common_constants.glsl, std140."""
 
-INSTANCE = np.dtype([("view_from_model", "<f4", (3, 4)), ("model", "<u4", 4)])
-"""The struct of common_triangles.glsl, as four texels of four numbers."""
-
 WEARER = np.dtype([("view_from_model", "<f4", (3, 4)), ("patch_from_uv", "<f4", 4), ("worn", "<f4", 4)])
 """The struct of edges.geom, std430."""
 

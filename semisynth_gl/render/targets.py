@@ -202,7 +202,7 @@ class EyeTargets(Targets):
             )
         super().__init__(context, size, {name: DRAWING[name] for name in names}, read)
         context.unbound.make_depth_float32(self.depth_buffer.glo, *size)
-        # The visibility pass marks decided pixels in the depth buffer that the drawing pass no longer needs.
+        # No pass reads or writes depth there: it has the drawing pass's rather than one of its own.
         self.visibility = Targets(context, size, VISIBILITY, read, self.depth_buffer) if visibility else None
         self.blending: BlendTargets | None = None
         if blended:

@@ -12,7 +12,7 @@ from semisynth_gl.render.model_buffers import ModelBuffers, Placed
 from semisynth_gl.render.programs import link_compute
 from semisynth_gl.render.targets import EyeTargets
 
-# Texture units, the image unit and the storage block of visibility.comp.
+# Texture units of visibility.comp, its image unit and its storage block.
 _OWN_DISPARITY, _OTHER_DISPARITY, _OWN_SURFACE, _OTHER_SURFACE = range(4)
 _VISIBILITY, _WORK = 0, 5
 _TILE_PX = 4
@@ -20,7 +20,7 @@ _GROUP_TILES = 16, 4
 # Steps that work on lists take turns through them, since only the driver knows how long they are.
 _MOST_GROUPS = 128
 # Larger images are judged band by band, which bounds the lists.
-_MOST_PIXELS = 1 << 22
+_MOST_PIXELS = 1 << 21
 _COUNTERS = np.zeros(4, "<u4").tobytes()
 
 
@@ -68,7 +68,7 @@ class VisibilityPass:
 
     def _make_room(self, tiles: int) -> None:
         """Let the lists hold all tiles twice and all pixels."""
-        size = len(_COUNTERS) + 4 * tiles * (2 + 2 * _TILE_PX**2)
+        size = len(_COUNTERS) + 4 * tiles * (2 + _TILE_PX**2)
         if self._work.size < size:
             self._work.orphan(size)
         self._work.bind_to_storage_buffer(_WORK)
