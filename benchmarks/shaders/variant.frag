@@ -4,6 +4,7 @@
 
 in float view_depth_m;
 flat in int scene_instance;
+flat in int scene_triangle;
 
 #if defined(LINEAR) || defined(W)
 layout(location = 0) out float depth_m;

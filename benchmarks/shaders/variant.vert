@@ -11,6 +11,7 @@ layout(location = 7) in int instance;
 
 out float view_depth_m;
 flat out int scene_instance;
+flat out int scene_triangle;
 
 #include "common_placement.glsl"
 
@@ -18,5 +19,6 @@ void main() {
     vec3 view = vec3(placed(view_from_model_x, position), placed(view_from_model_y, position), placed(view_from_model_z, position));
     view_depth_m = view.z;
     scene_instance = instance;
+    scene_triangle = gl_VertexID;
     gl_Position = clip_from_view * vec4(view, 1.0);
 }

@@ -49,8 +49,8 @@ class EdgePass:
         limit = int(gl.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
         if vertices.nbytes > limit:
             raise BackendError(
-                f"antialias: edges looks up vertices in a buffer, here of {vertices.nbytes} bytes, but the driver goes up "
-                f"to {limit}: use fewer or smaller models, or another antialiasing"
+                f"antialias: edges looks up vertices in a buffer, here of {vertices.nbytes} bytes, but the driver goes "
+                f"up to {limit}: use fewer or smaller models, or another antialiasing"
             )
         self._vertices = gl.buffer(vertices)
         defines = {"LARGE": 1} if len(patches.ends) > 1 else {}

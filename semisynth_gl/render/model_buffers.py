@@ -178,14 +178,14 @@ class ModelBuffers:
         if self._triangles is None:
             raise RuntimeError("these models were uploaded without their neighbours")
         scene = placed.scene
-        texels = placed.rows(eye).astype("<f4").view("<u4").reshape(len(scene), -1)
-        rows = ceil(len(scene) / _PER_ROW)
+        texels = placed.rows(eye).astype("<f4").view("<u4").reshape(-1, 4 * _TEXELS[_TRACED])
+        rows = max(1, ceil(len(scene) / _PER_ROW))
         if self._traced is None or self._traced.height < rows:
             if self._traced is not None:
                 self._traced.release()
             self._traced = self._texture(_TRACED, np.concatenate([texels, texels]))
         else:
-            self._traced.write(_whole_rows(_TRACED, texels), (0, 0, self._traced.width, max(1, rows)))
+            self._traced.write(_whole_rows(_TRACED, texels), (0, 0, self._traced.width, rows))
         self._triangles.use(_TRIANGLES)
         self._traced.use(_TRACED)
 
