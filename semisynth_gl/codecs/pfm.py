@@ -41,7 +41,8 @@ class Pfm(Codec[NDArray[np.float32]]):
         """
         height, width = value.shape[:2]
         header = f"{self._type}\n{width} {height}\n-1.0\n".encode()
-        return b"".join([header, np.ascontiguousarray(value[::-1], "<f4").data])
+        # Rows one by one, so that the pixels are copied once.
+        return b"".join([header, *np.ascontiguousarray(value, "<f4")[::-1]])
 
     def decode(self, data: bytes, path: Path) -> NDArray[np.float32]:
         """Decode an image, top row first; see `Codec.decode`."""
