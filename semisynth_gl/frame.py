@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
-from math import inf
+from math import inf, isfinite
 from typing import Any, Generic, Literal, Self, TypeVar, get_args, overload
 
 import numpy as np
@@ -26,6 +26,17 @@ ANTIALIAS_PATTERN = r"^(none|edges|msaa(2|4|8|16|32)|ssaa[2-8])$"
 
 Value = TypeVar("Value", bound=np.generic)
 _UINT8, _FLOAT32 = np.dtype(np.uint8), np.dtype(np.float32)
+
+
+def finite_range(values: NDArray[np.float32]) -> tuple[int, float, float]:
+    """Return how many of some values are finite, their smallest and their largest; 0 for all three where none is."""
+    if values.size:
+        # Where both are finite, all values are; so it is in most pairs, and nothing is copied.
+        low, high = float(values.min()), float(values.max())
+        if isfinite(low) and isfinite(high):
+            return values.size, low, high
+    finite = values[np.isfinite(values)]
+    return (finite.size, float(finite.min()), float(finite.max())) if finite.size else (0, 0.0, 0.0)
 
 
 @dataclass(eq=False)

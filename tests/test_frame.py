@@ -13,7 +13,7 @@ from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.codec import Codec
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.errors import InputError
-from semisynth_gl.frame import CHANNELS, DEFAULT_OUTPUTS, FLOW_OUTPUTS, OUTPUTS, ROLES, Frame, View
+from semisynth_gl.frame import CHANNELS, DEFAULT_OUTPUTS, FLOW_OUTPUTS, OUTPUTS, ROLES, Frame, View, finite_range
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.layouts.roles import ROLES as FILE_ROLES
 from semisynth_gl.scene.scene import make_scene
@@ -196,6 +196,22 @@ def test_points_lie_on_the_surface_that_was_drawn(open_renderer):
         # The pixel again: the camera looks through its centre.
         x_px = camera.cx_px(eye) + camera.focal_px * (points[..., 0] - camera.offset_m(eye)) / points[..., 2]
         np.testing.assert_allclose(x_px[seen], np.mgrid[:48, :64][1][seen], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ([], (0, 0.0, 0.0)),
+        ([2.5], (1, 2.5, 2.5)),
+        ([3, -1, 2], (3, -1.0, 3.0)),
+        ([3, np.inf, 2], (2, 2.0, 3.0)),
+        ([np.inf, np.inf], (0, 0.0, 0.0)),
+        ([-np.inf, 4, np.nan, 5], (2, 4.0, 5.0)),
+        ([np.nan, 1], (1, 1.0, 1.0)),
+    ],
+)
+def test_the_range_of_values_is_that_of_the_finite_ones(values, expected):
+    assert finite_range(np.array(values, np.float32)) == expected
 
 
 @pytest.mark.filterwarnings("error")

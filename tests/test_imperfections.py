@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from tiny_datasets import lean
+from tiny_datasets import cheap, lean
 
+from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import Frame
@@ -11,6 +12,7 @@ from semisynth_gl.pairs import pipeline
 from semisynth_gl.pairs.checks import faults
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
+from semisynth_gl.textures.crops import least_texture
 
 NONE = Imperfections(blur_px=0.0, exposure_stops=0.0, noise=0.0, gamma=1.0)
 
@@ -118,6 +120,47 @@ def test_giving_up_says_why():
     config = lean(checks={"min_brightness": 250.0, "attempts": 3})
     with PairRenderer(config, 0) as pairs, pytest.raises(InputError, match=r"all 3 attempts.* too dark: mean"):
         pairs.render(0)
+
+
+def stated_faults(frame, config):
+    """The faults by the words of the section, from all pixels."""
+    images, checks = (frame.left.image, frame.right.image), config.checks
+    brightness = min(image.mean() for image in images)
+    if brightness < checks.min_brightness:
+        yield f"too dark: mean {brightness:.1f} levels, at least {checks.min_brightness:g} wanted"
+    if (texture := least_texture(images)) < checks.min_texture:
+        yield f"too little texture: {texture:.2f} levels, at least {checks.min_texture:g} wanted"
+    for view in (frame.left, frame.right):
+        valid = view.disparity[np.isfinite(view.disparity)]
+        if len(valid) < checks.min_valid * view.disparity.size:
+            share = len(valid) / view.disparity.size
+            yield f"too few pixels with truth: {share:.3f}, at least {checks.min_valid:g} wanted"
+        elif len(valid) and valid.max() > config.disparity.max_px * (1 - 1e-5):
+            yield f"cut by the near plane: disparity {valid.max():.3f} px of {config.disparity.max_px:g}"
+
+
+def test_faults_are_those_of_all_pixels():
+    rng, kinds = np.random.default_rng(0), set()
+    camera = StereoCamera(80, 60, 90.0, 0.2, 39.5, 39.5, 29.5)
+    for _ in range(200):
+        checks = {"min_brightness": rng.choice([0, 8, 60]), "min_texture": rng.choice([0, 1, 12]),
+                  "min_valid": rng.choice([0, 0.5, 1])}  # fmt: skip
+        config = cheap(checks={name: float(value) for name, value in checks.items()})
+        arrays = {}
+        for eye in ("left", "right"):
+            values = rng.choice([2, 8, 9, 60, 130]) + rng.choice([0, 1, 12, 40]) * rng.normal(size=(60, 80, 3))
+            # Some rows are no sample of the others.
+            values[rng.integers(8) :: 8] *= rng.choice([0, 1, 8])
+            arrays[eye] = np.clip(values, 0, 255).astype(np.uint8)
+            disparity = rng.uniform(1, config.disparity.max_px * rng.choice([0.9, 1]), (60, 80)).astype(np.float32)
+            disparity[rng.random((60, 80)) < rng.choice([0, 0, 0.01, 0.5, 1])] = np.inf
+            disparity[0, 0] = rng.choice([disparity[0, 0], config.disparity.max_px])
+            arrays[f"disparity_{eye}"] = disparity
+        frame = Frame.from_arrays(camera, arrays)
+        expected = list(dict.fromkeys(stated_faults(frame, config)))
+        assert faults(frame, config) == expected
+        kinds |= {" ".join(clause.split()[:3]) for clause in expected} or {"none"}
+    assert kinds == {"none", "too dark: mean", "too little texture:", "too few pixels", "cut by the"}
 
 
 def test_faults_are_found():

@@ -14,7 +14,9 @@ from semisynth_gl.textures.crops import (
     crop_boxes,
     cut_crop,
     fingerprint,
+    least_texture,
     sharpness_measure,
+    surely_has_texture,
     texture_measure,
 )
 
@@ -127,6 +129,23 @@ def test_half_of_the_patch_must_have_texture() -> None:
 
 def grey(values):
     return np.repeat(np.asarray(values, np.uint8)[..., None], 3, axis=2)
+
+
+def test_the_proof_of_texture_never_says_more_than_the_measure() -> None:
+    rng, proven = np.random.default_rng(2), 0
+    for height, width in [*rng.integers(1, 300, (120, 2)), (64, 64), (63, 65), (1, 1), (16, 200)]:
+        cells = rng.integers(0, 256, (height // 12 + 1, width // 12 + 1, 3)).repeat(12, axis=0).repeat(12, axis=1)
+        deviation = float(rng.choice([0, 0.5, 2, 10, 60]))
+        fine = rng.normal(0, deviation, (height, width, 3)) + rng.choice([0, 0.1, 1]) * cells[:height, :width]
+        image = np.clip(128 + fine, 0, 255).astype(np.uint8)
+        # What the proof looks at may be all the texture that there is, or none of it.
+        image[::8, ::8] = rng.choice([0, 128, 255]) if rng.random() < 0.3 else image[::8, ::8]
+        measure = least_texture([image])
+        assert surely_has_texture([image], 0)
+        for least in (measure * (1 + 1e-12) + 1e-12, 1.1 * measure + 0.01, 128.0):
+            assert not surely_has_texture([image], least)
+        proven += surely_has_texture([image], measure / 8) and measure > 1
+    assert proven > 20
 
 
 def test_sharpness_of_known_patterns() -> None:

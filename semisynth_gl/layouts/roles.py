@@ -17,7 +17,7 @@ from semisynth_gl.codecs.calib import KITTI_CALIB, MIDDLEBURY_CALIB, Calibration
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.codecs.png import GREY8, RGB8
 from semisynth_gl.errors import ReadError
-from semisynth_gl.frame import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, Channel, Frame
+from semisynth_gl.frame import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, Channel, Frame, finite_range
 from semisynth_gl.frame import ROLES as FRAME_ROLES
 from semisynth_gl.layouts.key import Key
 
@@ -112,8 +112,10 @@ def stored_mask(mask: NDArray[np.uint8], truth: NDArray[np.float32], channel: Ch
     Returns:
         (H, W) uint8: 255 where the point is seen, 128 where it is not, 0 where nothing is known.
     """
-    stored: NDArray[np.uint8] = np.where((mask == OUTSIDE) & _is_known(truth, channel), np.uint8(OCCLUDED), mask)
-    return stored
+    # A mask has OUTSIDE = 0 and values from OCCLUDED on.
+    stored = _is_known(truth, channel).view(np.uint8)
+    stored *= np.uint8(OCCLUDED)
+    return np.maximum(mask, stored, out=stored)
 
 
 def restore_outside(
@@ -218,9 +220,7 @@ def _objects(sample: Sample) -> NDArray[np.uint8] | None:
 
 
 def _calibration(sample: Sample) -> Calibration:
-    disparity = sample.frame.left.disparity
-    valid = disparity[np.isfinite(disparity)]
-    vmin, vmax = (float(valid.min()), float(valid.max())) if valid.size else (0.0, 0.0)
+    _, vmin, vmax = finite_range(sample.frame.left.disparity)
     camera = sample.frame.camera
     return Calibration(camera, camera.doffs_px, sample.ndisp, vmin, vmax)
 

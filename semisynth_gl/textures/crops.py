@@ -16,6 +16,12 @@ LUMINANCE = (299, 587, 114)
 LUMINANCE_PARTS = np.array(LUMINANCE) / 1000
 """Thousandths of red, green and blue in luminance, by ITU-R BT.601."""
 
+# `least_texture` looks at every second pixel of every second row, and the proof at every fourth of these.
+_EVERY, _PART = 2, 4
+
+Cells = tuple[NDArray[np.int64], NDArray[np.int64]]
+"""First pixel and size of each cell along a side."""
+
 # Cells along each side of a patch in which texture and fingerprints are measured.
 _GRID_CELLS = 8
 _FINGERPRINT_LENGTH = 2 * _GRID_CELLS * (_GRID_CELLS - 1)
@@ -139,13 +145,7 @@ def texture_measure(patch: NDArray[np.uint8]) -> float:
     """
     (rows, heights), (columns, widths) = (_cells(extent) for extent in patch.shape[:2])
     counts = np.multiply.outer(heights, widths)
-
-    # Whole numbers up to the mean, so that a flat cell has a deviation of exactly zero.
-    luminance = _luminance(patch)
-    sums = np.add.reduceat(np.add.reduceat(luminance, rows, axis=0, dtype=np.int64), columns, axis=1)
-    means = (sums / counts).repeat(heights, axis=0).repeat(widths, axis=1)
-    squares = np.square(luminance - means)
-    variances = np.add.reduceat(np.add.reduceat(squares, rows, axis=0), columns, axis=1) / counts
+    variances = _squares(_luminance(patch), (rows, heights), (columns, widths)) / counts
     return float(np.median(np.sqrt(variances))) / 1000.0
 
 
@@ -157,7 +157,33 @@ def least_texture(images: Iterable[NDArray[np.uint8]]) -> float:
     Args:
         images: (H, W, 3) uint8 RGB each, at least one.
     """
-    return min(texture_measure(np.ascontiguousarray(image[::2, ::2])) for image in images)
+    return min(texture_measure(np.ascontiguousarray(image[::_EVERY, ::_EVERY])) for image in images)
+
+
+def surely_has_texture(images: Iterable[NDArray[np.uint8]], least: float) -> bool:
+    """Return True where a sixteenth of the pixels proves that `least_texture` is not below a limit; False says nothing.
+
+    About its own mean, a part of a cell's pixels has at most the sum of squares that all of them have about theirs.
+
+    Args:
+        images: (H, W, 3) uint8 RGB each.
+        least: the limit, 8-bit levels.
+    """
+    return all(_texture_bound(image) >= least for image in images)
+
+
+def _texture_bound(image: NDArray[np.uint8]) -> float:
+    """Return a lower bound of an image's `least_texture`; 0 where the image is too small for one."""
+    cells = [_cells(-(-extent // _EVERY)) for extent in image.shape[:2]]
+    ends = [-(-np.append(starts, starts[-1] + sizes[-1]) // _PART) for starts, sizes in cells]
+    parts = [(end[:-1], np.diff(end)) for end in ends]
+    if any(sizes.min() == 0 for _, sizes in parts):
+        return 0.0
+    step = _EVERY * _PART
+    squares = _squares(_luminance(np.ascontiguousarray(image[::step, ::step])), *parts)
+    variances = squares / np.multiply.outer(cells[0][1], cells[1][1])
+    # Less what both measures may round.
+    return float(np.median(np.sqrt(variances))) / 1000.0 * (1 - 1e-9)
 
 
 def sharpness_measure(patch: NDArray[np.uint8]) -> float:
@@ -262,7 +288,17 @@ def _luminance(image: NDArray[np.uint8]) -> NDArray[np.int32]:
     return red + green + blue
 
 
-def _cells(extent: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _squares(luminance: NDArray[np.int32], *cells: Cells) -> NDArray[np.float64]:
+    """Return the sum of squares of (H, W) luminance about the mean of each cell; the cells of rows, then of columns."""
+    (rows, heights), (columns, widths) = cells
+    # Whole numbers up to the mean, so that a flat cell has a deviation of exactly zero.
+    sums = np.add.reduceat(np.add.reduceat(luminance, rows, axis=0, dtype=np.int64), columns, axis=1)
+    means = (sums / np.multiply.outer(heights, widths)).repeat(heights, axis=0).repeat(widths, axis=1)
+    squares: NDArray[np.float64] = np.square(luminance - means)
+    return np.add.reduceat(np.add.reduceat(squares, rows, axis=0), columns, axis=1)
+
+
+def _cells(extent: int) -> Cells:
     """Return the first pixel and the size of each cell along a side."""
     cells = max(1, min(_GRID_CELLS, extent // 2))
     starts = np.arange(cells, dtype=np.int64) * extent // cells
