@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import make_mesh, merged, normalised, without_degenerate
-from semisynth_gl.geometry.parts import arc, circle, placed, rectangle, rod, rounded, smooth, turned
+from semisynth_gl.geometry.parts import arc, circle, placed, rectangle, rod, rounded, smooth, turned, turned_about_z
 from semisynth_gl.geometry.surfaces import (
     BAND_STRETCH,
     box,
@@ -155,6 +155,12 @@ def test_rods_end_where_they_were_put() -> None:
     assert away[share < 0.5].max() == pytest.approx(0.1, abs=1e-6)
     assert away[share > 0.5].max() == pytest.approx(0.05, abs=1e-6)
     assert volume(mesh) > 0
+
+
+def test_the_short_way_about_z_is_that_of_any_axis() -> None:
+    for angle in [0, -0.0, np.pi / 2, np.pi, -np.pi, *np.random.default_rng(0).uniform(-10, 10, 300)]:
+        long, short = turned((0, 0, 1), angle), turned_about_z(angle)
+        assert (long.T.tobytes(), long.strides) == (short.T.tobytes(), short.strides)
 
 
 def test_turned_follows_the_right_hand() -> None:

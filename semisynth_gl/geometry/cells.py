@@ -7,11 +7,15 @@ Floats = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
 
-def covered_cells(corners: Floats, columns: int, rows: int) -> tuple[Numbers, Numbers, Floats, Floats]:
+def covered_cells(
+    x: Floats, y: Floats, triangles: Numbers, columns: int, rows: int
+) -> tuple[Numbers, Numbers, Floats, Floats]:
     """Find the cells whose centres lie in triangles.
 
     Args:
-        corners: (T, 3, 2) float64, column and row of each corner; the centre of the first cell is (0, 0).
+        x: (V,) column of each vertex; the centre of the first cell is (0, 0).
+        y: (V,) row of each vertex.
+        triangles: (3, T) each triangle's vertices.
         columns: cells in a row of the grid.
         rows: rows of the grid.
 
@@ -20,22 +24,32 @@ def covered_cells(corners: Floats, columns: int, rows: int) -> tuple[Numbers, Nu
         plus column), and how far the cell's centre lies from the first corner towards the second and the third one, in
         lengths of these edges.
     """
-    # Reductions over axes so short take numpy longer than all else here.
-    first, second, third = corners[:, 0], corners[:, 1], corners[:, 2]
-    low = np.ceil(np.minimum(np.minimum(first, second), third)).clip(0, (columns, rows)).astype(np.int64)
-    high = np.floor(np.maximum(np.maximum(first, second), third)).clip(-1, (columns - 1, rows - 1)).astype(np.int64)
-    size = (high - low + 1).clip(0)
-    count = size[:, 0] * size[:, 1]
+    # Most triangles are smaller than a cell and hold no centre: fewer and fewer go on.
+    some_x, low_x, high_x = _spanned(x[triangles], columns)
+    some_y, low_y, high_y = _spanned(y[triangles[:, some_x]], rows)
+    chosen, low_x, high_x = some_x[some_y], low_x[some_y], high_x[some_y]
+    (first_x, second_x, third_x), (first_y, second_y, third_y) = (axis[triangles[:, chosen]] for axis in (x, y))
+    width = high_x - low_x + 1
+    count = width * (high_y - low_y + 1)
     # A row for each cell of each triangle's bounding box.
-    triangle = np.repeat(np.arange(len(count)), count)
-    at = np.arange(len(triangle)) - np.repeat(np.cumsum(count) - count, count)
-    x = low[triangle, 0] + at % size[triangle, 0]
-    y = low[triangle, 1] + at // size[triangle, 0]
-    edge_1, edge_2 = second - first, third - first
-    area = edge_1[:, 0] * edge_2[:, 1] - edge_1[:, 1] * edge_2[:, 0]
-    dx, dy = x - first[triangle, 0], y - first[triangle, 1]
+    of = np.repeat(np.arange(len(count)), count)
+    at_y, at_x = np.divmod(np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count), width[of])
+    cell_x, cell_y = low_x[of] + at_x, low_y[of] + at_y
+    edge_1_x, edge_1_y = second_x - first_x, second_y - first_y
+    edge_2_x, edge_2_y = third_x - first_x, third_y - first_y
+    area = (edge_1_x * edge_2_y - edge_1_y * edge_2_x)[of]
+    dx, dy = cell_x - first_x[of], cell_y - first_y[of]
     with np.errstate(divide="ignore", invalid="ignore"):
-        u = (dx * edge_2[triangle, 1] - dy * edge_2[triangle, 0]) / area[triangle]
-        v = (dy * edge_1[triangle, 0] - dx * edge_1[triangle, 1]) / area[triangle]
-        inside = (u >= 0) & (v >= 0) & (u + v <= 1)
-    return triangle[inside], (y * columns + x)[inside], u[inside], v[inside]
+        u = (dx * edge_2_y[of] - dy * edge_2_x[of]) / area
+        v = (dy * edge_1_x[of] - dx * edge_1_y[of]) / area
+        inside = np.flatnonzero((u >= 0) & (v >= 0) & (u + v <= 1))
+    return chosen[of[inside]], (cell_y * columns + cell_x)[inside], u[inside], v[inside]
+
+
+def _spanned(corners: Floats, cells: int) -> tuple[Numbers, Numbers, Numbers]:
+    """Return which triangles span the centre of a cell along one axis, of (3, T) corners, and their cells' ends."""
+    first, second, third = corners
+    low = np.ceil(np.minimum(np.minimum(first, second), third)).clip(0, cells)
+    high = np.floor(np.maximum(np.maximum(first, second), third)).clip(-1, cells - 1)
+    some = np.flatnonzero(low <= high)
+    return some, low[some].astype(np.int64), high[some].astype(np.int64)

@@ -91,11 +91,12 @@ def height_map(mesh: Mesh, axes: NDArray[np.float64], cells: int) -> NDArray[np.
         (cells, cells) float64: the height of the nearest surface at each cell's centre above the plane through the
         sphere's centre, in units of the sphere's radius; -inf beside the model.
     """
-    corners = (mesh.positions.astype(np.float64) / mesh.radius @ axes)[mesh.triangles]
-    grid = (corners[..., :2] + 1) / 2 * cells - 0.5
-    triangle, cell, u, v = covered_cells(grid, cells, cells)
-    height = corners[triangle, :, 2]
-    height = height[:, 0] + u * (height[:, 1] - height[:, 0]) + v * (height[:, 2] - height[:, 0])
+    points = mesh.positions.astype(np.float64) / mesh.radius @ axes
+    x, y = ((points[:, axis] + 1) / 2 * cells - 0.5 for axis in (0, 1))
+    triangles = np.ascontiguousarray(mesh.triangles.T, np.int64)
+    triangle, cell, u, v = covered_cells(x, y, triangles, cells, cells)
+    first, second, third = points[triangles[:, triangle], 2]
+    height = first + u * (second - first) + v * (third - first)
     seen = np.full(cells * cells, -np.inf)
     np.maximum.at(seen, cell, height)
     return seen.reshape(cells, cells)

@@ -8,15 +8,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.geometry.parts import turned
+from semisynth_gl.geometry.parts import turned_about_z
 from semisynth_gl.scene.background import FACE, OVERLAP
 from semisynth_gl.scene.rig import BEYOND_NEAR
 from semisynth_gl.scene.support import surface_below
 
 Floats = NDArray[np.float64]
 
-UP = (0.0, 0.0, 1.0)
-"""The axis of a floor's frame that points up."""
 # Kinds that are as large as walls.
 _LARGE = frozenset({"house"})
 # Cosine of the steepest slope that a thing stands on.
@@ -192,7 +190,7 @@ class Arrangement:
             wears: see `Arrangement`; by default its sides wear one texture of their own.
         """
         (x, y, z), at = np.asarray(half, np.float64), np.asarray(middle, np.float64)
-        turn = turned(UP, yaw_rad)
+        turn = turned_about_z(yaw_rad)
         corners = np.array([[i * x, j * y, k * z] for i in (-1, 1) for j in (-1, 1) for k in (0, 1)]) @ turn.T + at
         if self.view.depth_m(corners).min() < BEYOND_NEAR * self.view.near_m:
             return None
@@ -224,7 +222,7 @@ class Arrangement:
         scale = size_m / 2 * (np.ones(3) if stretch is None else stretch)
         low, high = self.catalogue.low[number] * scale, self.catalogue.high[number] * scale
         place = np.asarray(at, np.float64) - (0, 0, low[2])
-        turn = turned(UP, yaw_rad)
+        turn = turned_about_z(yaw_rad)
         corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
         if self.view.depth_m(corners @ turn.T + place).min() < BEYOND_NEAR * self.view.near_m:
             return None

@@ -129,13 +129,22 @@ def solve_coverage(
         aim = weighted @ needed[..., None]
         # Fast projected gradient (Beck and Teboulle 2009); the diagonal matrix of row sums bounds the quadratic form.
         step = 1 / np.maximum(np.abs(product).sum(axis=-1), np.finfo(np.float64).tiny)
-        ahead, momentum = result, 1.0
+        # In place: the arrays of one scene are so small that making new ones took half of the time.
+        momentum, before, ahead, result = 1.0, np.array(result), np.array(result), np.empty_like(result)
+        change, gradient = np.empty_like(result), np.empty_like(aim)
         for _ in range(_ROUNDS):
-            gradient = (product @ ahead[..., None] - aim)[..., 0]
-            before, result = result, np.clip(ahead - step * gradient, least, most)
+            np.matmul(product, ahead[..., None], out=gradient)
+            np.subtract(gradient, aim, out=gradient)
+            np.multiply(step, gradient[..., 0], out=change)
+            np.subtract(ahead, change, out=result)
+            np.maximum(result, least, out=result)
+            np.minimum(result, most, out=result)
             following = (1 + (1 + 4 * momentum**2) ** 0.5) / 2
-            ahead = result + (momentum - 1) / following * (result - before)
-            momentum = following
+            np.subtract(result, before, out=change)
+            np.multiply((momentum - 1) / following, change, out=change)
+            np.add(result, change, out=ahead)
+            momentum, before, result = following, result, before
+        result = before
         still_open = _open_shares(result, bare, exceedances)
     return result
 

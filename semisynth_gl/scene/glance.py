@@ -39,20 +39,26 @@ def glance(scene: Scene, models: Sequence[Mesh]) -> Glance:
         scene: the instances and the camera.
         models: the meshes that ``scene.model`` counts.
     """
-    # Corners of triangles, with their UV.
-    parts, owners = [np.empty((0, 3, 5))], [np.empty(0, np.int64)]
+    # Points with their UV, and the triangles between them.
+    points, triangles, owners, count = [np.empty((0, 5))], [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)], 0
     for number in range(len(scene)):
         mesh = models[int(scene.model[number])]
         view_from_model = scene.camera_from_world @ scene.world_from_model[number]
         vertices = mesh.positions.astype(np.float64) @ view_from_model[:3, :3].T + view_from_model[:3, 3]
         if vertices[:, 2].max() < scene.near_m:
             continue
-        corners = np.c_[vertices, mesh.uv][mesh.triangles]
-        parts.append(corners if vertices[:, 2].min() >= scene.near_m else _cut(corners, scene.near_m))
-        owners.append(np.full(len(parts[-1]), number))
+        vertices, drawn = np.c_[vertices, mesh.uv], mesh.triangles
+        if vertices[:, 2].min() < scene.near_m:
+            vertices = _cut(vertices[mesh.triangles], scene.near_m).reshape(-1, 5)
+            drawn = np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3)
+        points.append(vertices)
+        triangles.append(drawn + np.int64(count))
+        owners.append(np.full(len(drawn), number))
+        count += len(vertices)
     rays = GRID[0] * GRID[1]
     depth_m, instance, uv = np.full(rays, np.inf), np.full(rays, -1), np.zeros((rays, 2))
-    cell, *hit = _rasterise(scene, np.concatenate(parts), np.concatenate(owners))
+    corners = np.ascontiguousarray(np.concatenate(triangles).T)
+    cell, *hit = _rasterise(scene, np.concatenate(points), corners, np.concatenate(owners))
     depth_m[cell], instance[cell], uv[cell] = hit
     return Glance(depth_m, instance, uv)
 
@@ -60,45 +66,52 @@ def glance(scene: Scene, models: Sequence[Mesh]) -> Glance:
 def _cut(corners: Floats, near_m: float) -> Floats:
     """Return the parts of triangles (T, 3, 5) beyond the near plane, as triangles (U, 3, 5)."""
     beyond = corners[..., 2] >= near_m
-    count = beyond.sum(axis=1)
+    count = np.count_nonzero(beyond, axis=1)
+    crossing = np.flatnonzero((count == 1) | (count == 2))
+    one, beyond = count[crossing] == 1, beyond[crossing]
     # The corner that lies on another side than the two others comes first.
-    odd = np.where(count == 1, beyond.argmax(axis=1), beyond.argmin(axis=1))
-    order = (odd[:, None] + np.arange(3)) % 3
-    first, second, third = np.moveaxis(np.take_along_axis(corners, order[..., None], axis=1), 1, 0)
+    odd = np.where(one, beyond.argmax(axis=1), beyond.argmin(axis=1))
+    first, second, third = (corners[crossing, (odd + k) % 3] for k in range(3))
 
     def cut(other: Floats) -> Floats:
         return np.asarray(first + (near_m - first[:, 2:3]) / (other[:, 2:3] - first[:, 2:3]) * (other - first))
 
-    # Triangles on one side of the plane, which are not taken from here, may divide by 0.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        on_second, on_third = cut(second), cut(third)
-    one, two = count == 1, count == 2
+    on_second, on_third = cut(second), cut(third)
     return np.concatenate(
         [
             corners[count == 3],
             np.stack([first, on_second, on_third], axis=1)[one],
-            np.stack([on_second, second, third], axis=1)[two],
-            np.stack([on_second, third, on_third], axis=1)[two],
+            np.stack([on_second, second, third], axis=1)[~one],
+            np.stack([on_second, third, on_third], axis=1)[~one],
         ]
     )
 
 
 def _rasterise(
-    scene: Scene, corners: Floats, owner: NDArray[np.int64]
+    scene: Scene, points: Floats, triangles: NDArray[np.int64], owner: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64], Floats]:
-    """Return the rays that hit triangles (T, 3, 5), and of their first hits depth, owner and UV."""
-    camera, (columns, rows) = scene.camera, GRID
-    inverse = 1 / corners[..., 2]
-    scale = np.array([columns / camera.width_px, rows / camera.height_px])
-    middle = np.array([camera.cx_left_px, camera.cy_px]) + 0.5
-    grid = (corners[..., :2] * inverse[..., None] * camera.focal_px + middle) * scale - 0.5
-    triangle, cell, u, v = covered_cells(grid, columns, rows)
+    """Return the rays that hit triangles, and of their first hits depth, owner and UV.
+
+    Args:
+        scene: has the camera.
+        points: (V, 5) float64, metres, and UV.
+        triangles: (3, T) the points that are each triangle's corners.
+        owner: (T,) each triangle's.
+    """
+    camera, inverse = scene.camera, 1 / points[:, 2]
+    sides = zip((0, 1), (camera.width_px, camera.height_px), (camera.cx_left_px, camera.cy_px), strict=True)
+    x, y = (
+        (points[:, axis] * inverse * camera.focal_px + (middle_px + 0.5)) * (GRID[axis] / size_px) - 0.5
+        for axis, size_px, middle_px in sides
+    )
+    triangle, cell, u, v = covered_cells(x, y, triangles, *GRID)
     # 1 / Z is linear on the screen.
-    own = inverse[triangle]
+    own = inverse[triangles[:, triangle]].T
     depth_m = 1 / (own[:, 0] + u * (own[:, 1] - own[:, 0]) + v * (own[:, 2] - own[:, 0]))
     order = np.lexsort((depth_m, cell))
     first_of_cell = order[np.unique(cell[order], return_index=True)[1]]
     # So is UV over Z.
     share = np.stack([1 - u - v, u, v], axis=1)[first_of_cell] * own[first_of_cell] * depth_m[first_of_cell, None]
-    uv = (share[..., None] * corners[triangle[first_of_cell], :, 3:]).sum(axis=1)
+    corners_uv = points[triangles[:, triangle[first_of_cell]].T, 3:]
+    uv = (share[..., None] * corners_uv).sum(axis=1)
     return cell[first_of_cell], depth_m[first_of_cell], owner[triangle[first_of_cell]], uv

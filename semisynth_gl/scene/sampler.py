@@ -124,6 +124,7 @@ class SceneSampler:
     Attributes:
         recipe: name of the recipe.
         population: numbers of particles, and the disparities that scenes come to.
+        models: the models that `Scene.model` counts: first the models of still things, then the library.
     """
 
     def __init__(
@@ -151,11 +152,7 @@ class SceneSampler:
         # The lowest and the highest UV of each model, (M, 2, 2).
         self._uv = np.array([(mesh.uv.min(axis=0), mesh.uv.max(axis=0)) for mesh in library.models], np.float64)
         self._latest: tuple[_Draw, Stage, Slots] | None = None
-
-    @property
-    def models(self) -> tuple[Mesh, ...]:
-        """The models that `Scene.model` counts: first the models of still things, then the library."""
-        return (*STILL_MODELS, *self._model_library.models)
+        self.models: tuple[Mesh, ...] = (*STILL_MODELS, *library.models)
 
     def sample(self, index: int, attempt: int = 0) -> SampledScene:
         """Sample the scene of pair ``index``, 0 or more; each ``attempt`` draws its whole sequence anew."""
@@ -191,8 +188,8 @@ class SceneSampler:
         ``models`` and ``images`` count the instances of each; ``patches`` are indices into the dataset's patches.
         """
         camera = sampled.scene.camera
-        models = Counter(self.models[index].name for index in sampled.scene.model)
-        images = Counter(self._patches[index].source for index in sampled.patch)
+        models = Counter(self.models[index].name for index in sampled.scene.model.tolist())
+        images = Counter(self._patches[index].source for index in sampled.patch.tolist())
         return {
             "sequence": sampled.sequence,
             "frame": sampled.frame,

@@ -32,7 +32,8 @@ def surface_below(corners: Floats, x: float, y: float, height: float = np.inf) -
         y: the same.
         height: the height.
     """
-    triangle, _, u, v = covered_cells(corners[..., :2] - (x, y), 1, 1)
+    numbers = np.arange(3 * len(corners)).reshape(-1, 3).T
+    triangle, _, u, v = covered_cells(corners[..., 0].ravel() - x, corners[..., 1].ravel() - y, numbers, 1, 1)
     hit = corners[triangle]
     first, second = hit[:, 1] - hit[:, 0], hit[:, 2] - hit[:, 0]
     heights = hit[:, 0, 2] + u * first[:, 2] + v * second[:, 2]
