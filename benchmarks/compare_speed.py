@@ -67,13 +67,17 @@ class Checkout:
 
     def open_peer(self, scene: Path, frames: int, variant: str) -> subprocess.Popen[str]:
         """Start a process that has drawn a first pair and waits for a line on its standard input."""
-        command = [sys.executable, str(self.folder / "benchmarks" / "peers" / "peer_semisynth_gl.py")]
-        command += ["--scene", str(scene), "--out", str(self.work / "peer"), "--variant", variant]
-        command += ["--frames", ",".join(map(str, range(frames)))]
-        pipe = subprocess.PIPE
-        process = subprocess.Popen(command, cwd=self.folder, env=self._environment, stdin=pipe, stdout=pipe, text=True)
-        _line_with("READY", process)
+        arguments = ["--scene", str(scene), "--out", str(self.work / "peer"), "--variant", variant]
+        arguments += ["--frames", ",".join(map(str, range(frames)))]
+        process = self.start(str(self.folder / "benchmarks" / "peers" / "peer_semisynth_gl.py"), *arguments)
+        line_with("READY", process)
         return process
+
+    def start(self, *arguments: str, **environment: str) -> subprocess.Popen[str]:
+        """Start Python on the checkout, with pipes to talk through and more variables of the environment."""
+        pipe, variables = subprocess.PIPE, self._environment | environment
+        command = [sys.executable, *arguments]
+        return subprocess.Popen(command, cwd=self.folder, env=variables, stdin=pipe, stdout=pipe, text=True)
 
     def generate_s(self, pairs: int) -> float:
         """Make a dataset with one pair more than asked for, and return the seconds without the first pair."""
@@ -101,9 +105,8 @@ def peer_turn(checkouts: Sequence[Checkout], scene: Path, frames: int, variant: 
     processes = [checkout.open_peer(scene, frames, variant) for checkout in checkouts]
     seconds = []
     for process in processes:
-        process.stdin.write("\n")
-        process.stdin.flush()
-        seconds.append(float(np.sum(json.loads(_line_with("DONE", process))["frame_s"])) / frames)
+        say("", process)
+        seconds.append(float(np.sum(json.loads(line_with("DONE", process))["frame_s"])) / frames)
         process.communicate()
     return seconds
 
@@ -123,16 +126,28 @@ def ratios(
 
 def summary(own: np.ndarray) -> str:
     """Describe ratios by their median, the middle 90 % and a 90 % confidence interval of the median."""
-    resamples = np.random.default_rng(0).choice(own, (_RESAMPLES, len(own)))
     low, high = np.quantile(own, [0.05, 0.95])
-    least, most = np.quantile(np.median(resamples, axis=1), [0.05, 0.95])
+    median, least, most = median_interval(own)
     return (
-        f"median ratio {np.median(own):.3f} ({least:.3f} to {most:.3f} with 90 % confidence), "
+        f"median ratio {median:.3f} ({least:.3f} to {most:.3f} with 90 % confidence), "
         f"90 % of {len(own)} turns {low:.3f} to {high:.3f}"
     )
 
 
-def _line_with(mark: str, process: subprocess.Popen[str]) -> str:
+def median_interval(own: np.ndarray) -> tuple[float, float, float]:
+    """Return the median of ratios, and its 90 % confidence interval: bootstrap over the turns."""
+    resamples = np.random.default_rng(0).choice(own, (_RESAMPLES, len(own)))
+    least, most = np.quantile(np.median(resamples, axis=1), [0.05, 0.95])
+    return float(np.median(own)), float(least), float(most)
+
+
+def say(line: str, process: subprocess.Popen[str]) -> None:
+    """Send a line to a process."""
+    process.stdin.write(f"{line}\n")
+    process.stdin.flush()
+
+
+def line_with(mark: str, process: subprocess.Popen[str]) -> str:
     """Read up to the line that begins with ``mark``, and return the rest of that line."""
     for line in process.stdout:
         if line.startswith(mark):
