@@ -39,6 +39,12 @@ def finite_range(values: NDArray[np.float32]) -> tuple[int, float, float]:
     return (finite.size, float(finite.min()), float(finite.max())) if finite.size else (0, 0.0, 0.0)
 
 
+def through_levels(image: NDArray[np.uint8], levels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return an image of any shape with each 8-bit value v replaced by ``levels[v]``, a table of 256."""
+    # A third of the time of numpy's indexing.
+    return np.frombuffer(bytearray(image).translate(levels.tobytes()), np.uint8).reshape(image.shape)
+
+
 @dataclass(eq=False)
 class Channel(Generic[Value]):
     """One quantity of every pixel of a view: a row of the table that `View` is.

@@ -40,6 +40,29 @@ def test_exposure_and_gamma_follow_their_formulas():
     assert np.abs(applied(levels, gamma=1.3)[:, 0, 0] - expected).max() <= 1
 
 
+def plain(picture, drawn, rng):
+    """All imperfections but the blur by their formulas, on the whole image at once."""
+    values = picture.astype(np.float32) * np.float32(2.0**drawn.exposure_stops)
+    if drawn.noise > 0:
+        values += rng.standard_normal(values.shape, np.float32) * np.float32(drawn.noise)
+    values = np.clip(values, 0, 255)
+    if drawn.gamma != 1:
+        values = 255 * (values / 255) ** np.float32(drawn.gamma)
+    return np.rint(values).astype(np.uint8)
+
+
+@pytest.mark.parametrize("shape", [(301, 443, 3), (3, 50_000, 3), (1, 1, 3)])
+def test_blocks_and_levels_give_the_bytes_of_the_whole_image(shape):
+    picture = np.random.default_rng(4).integers(0, 256, shape, dtype=np.uint8)
+    for exposure_stops in (0.0, 0.31):
+        for noise in (0.0, 2.7):
+            for gamma in (1.0, 0.5, 0.93, 2.0):
+                drawn = with_values(exposure_stops=exposure_stops, noise=noise, gamma=gamma)
+                ours, theirs = np.random.default_rng(7), np.random.default_rng(7)
+                np.testing.assert_array_equal(apply_imperfections(picture, drawn, ours), plain(picture, drawn, theirs))
+                assert ours.random() == theirs.random()
+
+
 def test_noise_has_its_standard_deviation_and_no_bias():
     grey = np.full((200, 200, 3), 128, np.uint8)
     difference = applied(grey, noise=6.0).astype(float) - 128

@@ -17,7 +17,7 @@ from semisynth_gl.codecs.calib import KITTI_CALIB, MIDDLEBURY_CALIB, Calibration
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.codecs.png import GREY8, RGB8
 from semisynth_gl.errors import ReadError
-from semisynth_gl.frame import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, Channel, Frame, finite_range
+from semisynth_gl.frame import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, Channel, Frame, finite_range, through_levels
 from semisynth_gl.frame import ROLES as FRAME_ROLES
 from semisynth_gl.layouts.key import Key
 
@@ -166,8 +166,7 @@ def number_objects(instances: NDArray[np.uint16], table: Sequence[Mapping[str, A
 def expose(image: NDArray[np.uint8], stops: float) -> NDArray[np.uint8]:
     """Multiply 8-bit values, of any shape, by 2 to the power of stops, as `semisynth_gl.pairs.imperfections` does."""
     levels = np.rint(np.clip(np.arange(256, dtype=np.float32) * np.float32(2.0**stops), 0, 255)).astype(np.uint8)
-    exposed: NDArray[np.uint8] = levels[image]
-    return exposed
+    return through_levels(image, levels)
 
 
 def _is_known(truth: NDArray[np.float32], channel: Channel[Any]) -> NDArray[np.bool_]:

@@ -13,7 +13,10 @@ from PIL import Image, ImageFilter
 
 from semisynth_gl.camera import EYES
 from semisynth_gl.config.model import ImperfectionsSection
-from semisynth_gl.frame import Frame
+from semisynth_gl.frame import Frame, through_levels
+
+# Values that are worked on at a time.
+_BLOCK = 1 << 17
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,14 +42,31 @@ def apply_imperfections(image: NDArray[np.uint8], drawn: Imperfections, rng: np.
         return image
     if drawn.blur_px > 0:
         image = np.asarray(Image.fromarray(image).filter(ImageFilter.GaussianBlur(drawn.blur_px)))
-    values = image.astype(np.float32) * np.float32(2.0**drawn.exposure_stops)
-    if drawn.noise > 0:
-        values += rng.standard_normal(values.shape, np.float32) * np.float32(drawn.noise)
-    values = np.clip(values, 0, 255)
+    if drawn.noise <= 0:
+        return through_levels(image, _curved(np.arange(256, dtype=np.float32), drawn).astype(np.uint8))
+    result, rows = np.empty_like(image, order="C"), max(1, _BLOCK // image[0].size)
+    # Block by block, so that all values stay in the cache; a generator goes on where the block before it ended.
+    for first in range(0, len(image), rows):
+        block = image[first : first + rows]
+        noise = rng.standard_normal(block.shape, np.float32)
+        noise *= np.float32(drawn.noise)
+        np.copyto(result[first : first + rows], _curved(block.astype(np.float32), drawn, noise), casting="unsafe")
+    return result
+
+
+def _curved(
+    values: NDArray[np.float32], drawn: Imperfections, noise: NDArray[np.float32] | None = None
+) -> NDArray[np.float32]:
+    """Scale, add noise and bend in place; the result has whole levels."""
+    values *= np.float32(2.0**drawn.exposure_stops)
+    if noise is not None:
+        values += noise
+    np.clip(values, 0, 255, out=values)
     if drawn.gamma != 1:
-        values = 255 * (values / 255) ** np.float32(drawn.gamma)
-    rounded: NDArray[np.uint8] = np.rint(values).astype(np.uint8)
-    return rounded
+        values /= 255
+        values **= np.float32(drawn.gamma)
+        values *= 255
+    return np.rint(values, out=values)
 
 
 def with_imperfections(
