@@ -8,12 +8,13 @@ import hashlib
 import json
 import os
 import tempfile
-import zlib
 from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from io import BufferedRandom
 from pathlib import Path
 from typing import Any, BinaryIO, Self
+
+from isal import isal_zlib
 
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.dataset.documents import JournalEntry, check_document
@@ -175,7 +176,7 @@ class ShardWriter:
             for name, data in files.items():
                 member, offset = tar_member(name, data)
                 tar.write(member)
-                checksum = zlib.crc32(member, checksum)
+                checksum = isal_zlib.crc32(member, checksum)
                 described[name] = {"bytes": len(data), "offset": at + offset}
                 at += len(member)
             tar.flush()
@@ -243,7 +244,7 @@ class ShardWriter:
         if not begin < end <= os.fstat(self._tar.fileno()).st_size:
             return False
         self._tar.seek(begin)
-        return zlib.crc32(self._tar.read(end - begin)) == entry.get("crc32")
+        return isal_zlib.crc32(self._tar.read(end - begin)) == entry.get("crc32")
 
 
 def _open_journal(path: Path) -> BinaryIO:
