@@ -67,8 +67,10 @@ def maker(config_name: str, settings: Sequence[str], folder: Path) -> Iterator[C
     from semisynth_gl.codecs.png import Png  # noqa: PLC0415
     from semisynth_gl.config import load_config  # noqa: PLC0415
     from semisynth_gl.dataset.shard import ShardWriter  # noqa: PLC0415
+    from semisynth_gl.engines import worker  # noqa: PLC0415
     from semisynth_gl.pairs import pipeline  # noqa: PLC0415
 
+    getattr(worker, "keep_freed_memory", lambda: None)()  # earlier versions have none
     clock = Clock()
 
     def by_kind(encode: Callable[..., Any]) -> Callable[..., Any]:

@@ -1,7 +1,9 @@
 """Engines in this process and in worker processes: results, messages, stops, and what becomes of lost workers."""
 
 import os
+import platform
 import re
+import resource
 import signal
 import subprocess
 import sys
@@ -159,6 +161,29 @@ def test_calls_of_tasks_arrive_in_order(name, tmp_path):
         calls = [call[1:] for call in made.pairs if call[0] == worker]
         assert calls[::2] == [(number, "begun") for number, _ in calls[::2]]
         assert calls[1::2] == [(number, "done") for number, _ in calls[::2]]
+
+
+@dataclass(frozen=True)
+class Arrays:
+    """Makes and frees arrays of a pair's size, and returns how many pages the kernel had to give out for them."""
+
+    @contextmanager
+    def open(self, _worker):
+        yield self._faults
+
+    def _faults(self, _number, _listener):
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+        made = [bytearray(6_000_000) for _ in range(10)]
+        del made
+        return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other C libraries keep memory as they like")
+def test_workers_keep_the_memory_of_a_pair_for_the_next():
+    with closing(LocalEngine(1, 60).run(Arrays(), range(4), Listener())) as results:
+        faults = dict(results)
+    assert faults[0] > 10_000
+    assert all(faults[number] < 1000 for number in (2, 3))
 
 
 def test_there_are_no_more_workers_than_tasks_and_tasks_are_taken_late(tmp_path):

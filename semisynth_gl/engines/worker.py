@@ -5,6 +5,7 @@ number with `Finished` or `Skipped`, unless the worker ends: with `Broken`, with
 answer a task may send any number of `Call`.
 """
 
+import ctypes
 import os
 import pickle
 import signal
@@ -22,6 +23,10 @@ from semisynth_gl.errors import ContextLostError, WorkerError
 
 STOP = "stop"
 CLOSE = "close"
+
+# M_TRIM_THRESHOLD: most bytes that stay free at the heap's end. M_MMAP_THRESHOLD: larger arrays are no part of it; all
+# versions of glibc take 32 MiB.
+_MALLOC_OPTIONS = {-1: 256 << 20, -3: 32 << 20}
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +70,7 @@ def work(job: Job[Any], worker: int, connection: Connection, threads: int) -> No
         signal.signal(ending_signal, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})
     os.environ.setdefault(THREADS, str(threads))
+    keep_freed_memory()
     pipe = _Pipe(connection)
     try:
         with job.open(worker) as task:
@@ -81,6 +87,18 @@ def work(job: Job[Any], worker: int, connection: Connection, threads: int) -> No
         _give_up(pipe, error)
     except Exception as error:  # noqa: BLE001 - whatever it is, the caller has to know
         pipe.send(Failed(portable(error, f"worker {worker}")))
+
+
+def keep_freed_memory() -> None:
+    """Let this process keep the memory of a pair for the next one.
+
+    Else glibc hands arrays back to the kernel as they are freed, which gives them out again page by page and zeroed:
+    thousands of faults a pair. Other C libraries have no such setting.
+    """
+    set_option = getattr(ctypes.CDLL(None), "mallopt", None)
+    if set_option is not None:
+        for option, size in _MALLOC_OPTIONS.items():
+            set_option(option, size)
 
 
 def portable(error: Exception, where: str) -> Exception:
