@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from semisynth_gl.camera import StereoCamera
-from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.mesh import Mesh, cross
 from semisynth_gl.geometry.parts import turned_about_z
 from semisynth_gl.scene.background import FACE, OVERLAP
 from semisynth_gl.scene.rig import BEYOND_NEAR
@@ -51,10 +51,10 @@ class View:
         """
         ahead = np.array([np.sin(yaw_rad) * np.cos(pitch_rad), np.cos(yaw_rad) * np.cos(pitch_rad), -np.sin(pitch_rad)])
         right = np.array([np.cos(yaw_rad), -np.sin(yaw_rad), 0.0])
-        down = np.cross(ahead, right)
+        down = cross(ahead, right)
         rolled = np.cos(roll_rad) * right + np.sin(roll_rad) * down
         matrix = np.eye(4)
-        matrix[:3, :3] = rolled, np.cross(ahead, rolled), ahead
+        matrix[:3, :3] = rolled, cross(ahead, rolled), ahead
         matrix[:3, 3] = -matrix[:3, 2] * height_m
         return cls(camera, matrix, near_m)
 
@@ -174,7 +174,7 @@ class Arrangement:
         begin = np.asarray(corner, np.float64) - OVERLAP * edges.sum(axis=0)
         matrix = np.eye(4)
         matrix[:3, 0], matrix[:3, 1] = edges * (1 + 2 * OVERLAP)
-        matrix[:3, 2] = np.cross(edges[0], edges[1]) / sizes.prod() * sizes.mean()
+        matrix[:3, 2] = cross(edges[0], edges[1]) / sizes.prod() * sizes.mean()
         matrix[:3, 3] = begin
         return self.add(self.catalogue.number(model), matrix, (float(sizes[0]), float(sizes[1])), wears)
 

@@ -11,7 +11,7 @@ from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection
 from semisynth_gl.errors import InputError
-from semisynth_gl.geometry.mesh import Mesh, make_mesh, mesh_grid
+from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh, mesh_grid
 from semisynth_gl.scene.rig import BEYOND_NEAR, STILL, Sway, check_reachable, near_depth_m
 
 Floats = NDArray[np.float64]
@@ -230,7 +230,7 @@ def lay_ground(camera: StereoCamera, depth_m: Range, across: Floats, along: Floa
         along: (3,) unit vector of the ground ahead.
         offset_m: its distance from the left camera's centre.
     """
-    down = np.cross(along, across)
+    down = cross(along, across)
     # The wedge's tip lies behind the cameras, so far that both views fit between its sides.
     widest = float(np.abs(corner_rays(camera)[:, 0]).max()) * 1.1
     behind = abs(camera.offset_m("right")) / widest + 0.5 * depth_m.low

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection, StreetSection
+from semisynth_gl.geometry.mesh import cross
 from semisynth_gl.scene.arrangement import Arrangement, Catalogue, View
 from semisynth_gl.scene.background import FACE, GROUND, draw_background, lay_ground, smallest_offsets
 from semisynth_gl.scene.rig import Sway, near_depth_m
@@ -113,7 +114,7 @@ def _add_ground(street: Arrangement, depth_m: Range, height_m: float) -> None:
     camera_from_floor = street.view.camera_from_floor
     ahead = camera_from_floor[2, :3] * (1, 1, 0)
     along = camera_from_floor[:3, :3] @ (ahead / np.linalg.norm(ahead))
-    across = np.cross(along, camera_from_floor[:3, 2])
+    across = cross(along, camera_from_floor[:3, 2])
     matrix = lay_ground(street.view.camera, depth_m, across, along, height_m)
     sizes = np.linalg.norm(matrix[:3, [0, 2]], axis=0)
     number = street.catalogue.number(GROUND)

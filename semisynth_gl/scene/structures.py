@@ -10,7 +10,7 @@ from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Range
 from semisynth_gl.config.model import Config
 from semisynth_gl.config.scene_sections import DisparitySection, StructuresSection
-from semisynth_gl.geometry.mesh import Mesh, make_mesh, mesh_grid
+from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh, mesh_grid
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.scene.arrangement import Arrangement, Catalogue
 from semisynth_gl.scene.background import (
@@ -245,7 +245,7 @@ def _place_ground(
     roll, pitch = np.deg2rad(rng.uniform(-section.ground_tilt_deg, section.ground_tilt_deg, 2))
     across = np.array([np.cos(roll), np.sin(roll), 0.0])
     along = np.array([-np.sin(roll) * np.sin(pitch), np.cos(roll) * np.sin(pitch), np.cos(pitch)])
-    offset = max(height, float(smallest_offsets(camera, np.cross(along, across)[None], depth_m.low, sway)[0]))
+    offset = max(height, float(smallest_offsets(camera, cross(along, across)[None], depth_m.low, sway)[0]))
     return lay_ground(camera, depth_m, across, along, offset)
 
 
@@ -276,9 +276,9 @@ def _place_panel(
     towards, turn = rng.uniform(0, 2 * np.pi, 2)
     facing = bool(rng.random() < 0.5)
     normal = np.array([np.sin(slant) * np.cos(towards), np.sin(slant) * np.sin(towards), np.cos(slant)])
-    first = np.cross(normal, [np.sin(turn), np.cos(turn), 0.0])
+    first = cross(normal, np.array([np.sin(turn), np.cos(turn), 0.0]))
     first /= np.linalg.norm(first)
-    second = np.cross(normal, first)
+    second = cross(normal, first)
     matrix = np.eye(4)
     matrix[:3, 0], matrix[:3, 1] = first * size[0], second * size[1]
     matrix[:3, 2] = normal * size.mean() * (1 if facing else -1)

@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.geometry.mesh import cross
+
 Floats = NDArray[np.float64]
 
 
@@ -15,7 +17,7 @@ class Wall:
         self.down = np.array([0, 0, -height_m])
         self.length_m = float(np.linalg.norm(right))
         # From the room outwards, where "right" and "down" are as seen from inside.
-        self.out = np.cross(right, self.down) / (height_m * self.length_m)
+        self.out = cross(right, self.down) / (height_m * self.length_m)
         # Opposite corners (u, v) of its doorway or niche, and of what hangs on it.
         self._taken: list[tuple[tuple[float, float], tuple[float, float]]] = []
 
