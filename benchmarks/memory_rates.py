@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.bench.summary import machine_facts, markdown
-from semisynth_gl.bench.workers import is_software
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.engines.local import LocalEngine
@@ -31,6 +30,7 @@ from semisynth_gl.engines.task import cores
 from semisynth_gl.errors import SemisynthError
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.pairs.pipeline import PairRenderer
+from semisynth_gl.render.backends import is_software
 
 try:
     import torch

@@ -25,13 +25,13 @@ import webdataset
 from torch.utils.data import DataLoader
 
 from semisynth_gl.bench.summary import machine_facts
-from semisynth_gl.bench.workers import is_software
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.dataset.reader import read_index, read_record
 from semisynth_gl.engines.local import LocalEngine
 from semisynth_gl.engines.task import cores
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.listener import Listener
+from semisynth_gl.render.backends import is_software
 from semisynth_gl.torch import Selection, StereoStream
 
 _CROP = 256, 512

@@ -16,13 +16,14 @@ from semisynth_gl.bench.scaling import ball, measure_stress
 from semisynth_gl.bench.scenes import sample_scenes
 from semisynth_gl.bench.speed import Effort, limit_text, measure, table, usual_workers
 from semisynth_gl.bench.stages import STAGES, Costs, speed_limit, stage_rows
-from semisynth_gl.bench.workers import is_software, worker_threads
+from semisynth_gl.bench.workers import worker_threads
 from semisynth_gl.cli import main
 from semisynth_gl.config import load_config
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.geometry.topology import is_solid
 from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.pairs.pipeline import PAIR_STAGES
+from semisynth_gl.render.backends import is_software
 
 SMALL = (
     *CLUTTER_ALONE,

@@ -6,6 +6,7 @@ import os
 import shutil
 import signal
 import subprocess
+import threading
 import time
 
 import numpy as np
@@ -21,10 +22,15 @@ from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.dataset.shard import ShardBusyError, ShardWriter
 from semisynth_gl.engines.local import LocalEngine
 from semisynth_gl.errors import ContextLostError, InputError
+from semisynth_gl.generation import shard_job
 from semisynth_gl.generation.generate import generate
+from semisynth_gl.generation.in_flight import encoded
 from semisynth_gl.layouts import find_layout, layout_names
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.sources import prepare_sources
+
+# Reached only where something that must happen never does.
+PATIENCE_S = 120
 
 
 @pytest.fixture(scope="module")
@@ -149,6 +155,62 @@ def test_a_stop_keeps_the_pairs_in_hand(undisturbed, config, tmp_path):
     assert (made.stopped, made.missing) == (True, 2)
     assert resumed(config, tmp_path / "o", layout) == {5, 6}
     assert digests(tmp_path / "o") == wanted
+
+
+@pytest.fixture
+def with_encoders(monkeypatch):
+    """Takes the driver for a GPU's, and gives each worker two threads that encode."""
+    monkeypatch.setattr(shard_job, "is_software", lambda _: False)
+    monkeypatch.setattr(shard_job, "_ENCODERS", 2)
+
+
+@pytest.mark.usefixtures("with_encoders")
+def test_pairs_in_flight_have_the_same_bytes(undisturbed, config, tmp_path):
+    layout, _, wanted = undisturbed
+    generate(config, tmp_path / "o", PAIRS, SEED, layout=layout, shard_pairs=3)
+    assert digests(tmp_path / "o") == wanted
+
+
+@pytest.mark.usefixtures("with_encoders")
+def test_a_stop_finishes_the_pairs_in_flight(config, tmp_path):
+    recorder = Recorder(lambda pair: pair.index == 0)
+    made = generate(config, tmp_path / "o", PAIRS, SEED, shard_pairs=PAIRS, listener=recorder)
+    assert (made.stopped, made.missing) == (True, 1)
+    assert [pair.index for pair in recorder.pairs] == [0, 1, 2]
+
+
+def test_pairs_are_encoded_while_others_are_drawn_and_come_in_order():
+    drawn = [threading.Event() for _ in range(8)]
+
+    def draw():
+        for number, event in enumerate(drawn):
+            event.set()
+            yield number
+
+    def encode(number):
+        # The last ones have nothing to wait for.
+        ahead = drawn[min(number + 2, len(drawn) - 1)]
+        assert ahead.wait(PATIENCE_S)
+        return number, threading.current_thread() is threading.main_thread()
+
+    assert list(encoded(draw(), encode, 2)) == [(number, False) for number in range(8)]
+    assert list(encoded(range(3), lambda number: (number, threading.current_thread().name), 0)) == [
+        (number, threading.main_thread().name) for number in range(3)
+    ]
+
+
+@pytest.mark.parametrize("threads", [0, 1, 3])
+def test_an_error_comes_after_the_pairs_before_it(threads):
+    def draw():
+        yield from range(4)
+        raise InputError("no fifth pair")
+
+    done = []
+    with pytest.raises(InputError, match="no fifth pair"):
+        done.extend(encoded(draw(), str, threads))
+    with pytest.raises(ZeroDivisionError):
+        done.extend(encoded(iter([1, 2, 0, 4, 5]), lambda number: 1 // number, threads))
+    assert done == ["0", "1", "2", "3", 1, 0]
 
 
 def test_a_full_disk_costs_no_pair(undisturbed, config, tmp_path, monkeypatch):

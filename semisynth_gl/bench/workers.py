@@ -31,7 +31,7 @@ from semisynth_gl.engines.task import THREADS, Task, cores, threads_each
 from semisynth_gl.generation.shard_job import ShardJob
 from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.pipeline import PairRenderer
-from semisynth_gl.render.backends import Backend
+from semisynth_gl.render.backends import Backend, is_software
 
 # Least number of pairs of each worker in a round.
 _PAIRS_EACH = 4
@@ -191,11 +191,6 @@ def measure_workers(
         "workers": {"rows": rows},
     }
     return sections, facts
-
-
-def is_software(renderer: str) -> bool:
-    """Tell by a driver's name whether it draws on the processor."""
-    return any(name in renderer.lower() for name in ("llvmpipe", "softpipe", "swrast", "software"))
 
 
 @contextmanager

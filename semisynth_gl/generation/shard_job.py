@@ -2,9 +2,10 @@
 
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
+from itertools import takewhile
 from math import ceil
 from typing import Any, Literal
 
@@ -14,11 +15,15 @@ from semisynth_gl.dataset.sample import encode_pair
 from semisynth_gl.dataset.shard import ShardBusyError, ShardWriter
 from semisynth_gl.engines.task import Task
 from semisynth_gl.errors import InputError, abbreviate
+from semisynth_gl.generation.in_flight import encoded
 from semisynth_gl.listener import FinishedPair, Listener
 from semisynth_gl.pairs.pipeline import Pair, PairRenderer
-from semisynth_gl.render.backends import Backend
+from semisynth_gl.render.backends import Backend, is_software
 from semisynth_gl.render.devices import egl_index_of_worker
 from semisynth_gl.splits import SplitName
+
+# Where a GPU draws, a thread of each worker's encodes one pair while the next one is drawn.
+_ENCODERS = 1
 
 ShardState = Literal["complete", "stopped", "busy"]
 """The state of a shard after its task: complete, stopped with its first pairs kept, or in the hands of another run."""
@@ -109,13 +114,11 @@ class ShardJob:
                 return "complete"
             for entry in writer.samples:
                 listener.on_pair(_finished_pair(shard.split, entry["pair"], entry, kept=True))
-            for index in range(shard.first + len(writer.samples), shard.end):
-                if listener.stopping:
-                    return "stopped"
-                start = time.perf_counter()
-                files, facts = self.encode(renderer_of_split(shard.split).render(index), shard.split)
-                writer.add(files, facts | {"seconds": time.perf_counter() - start})
-                listener.on_pair(_finished_pair(shard.split, index, facts, kept=False))
+            left = range(shard.first + len(writer.samples), shard.end)
+            if left and not listener.stopping:
+                self._add_pairs(writer, left, shard.split, renderer_of_split(shard.split), listener)
+            if shard.first + len(writer.samples) < shard.end:
+                return "stopped"
             writer.finish(
                 {
                     "split": shard.split,
@@ -128,6 +131,19 @@ class ShardJob:
                 {"seconds": round(sum(entry["seconds"] for entry in writer.samples), 3)},
             )
             return "complete"
+
+    def _add_pairs(
+        self, writer: ShardWriter, indices: range, split: SplitName, renderer: PairRenderer, listener: Listener
+    ) -> None:
+        """Draw, encode and add pairs, until a stop is asked for."""
+        drawn = (renderer.render(index) for index in takewhile(lambda _: not listener.stopping, indices))
+        threads = 0 if is_software(renderer.renderer_name) else _ENCODERS
+        with closing(encoded(drawn, partial(self.encode, split=split), threads)) as pairs:
+            start = time.perf_counter()
+            for index, (files, facts) in zip(indices, pairs, strict=False):
+                writer.add(files, facts | {"seconds": time.perf_counter() - start})
+                listener.on_pair(_finished_pair(split, index, facts, kept=False))
+                start = time.perf_counter()
 
     def encode(self, pair: Pair, split: SplitName) -> tuple[dict[str, bytes], dict[str, Any]]:
         """Encode a pair.

@@ -1,0 +1,48 @@
+"""Pairs in flight: while a GPU draws the next pair, threads encode those that are drawn."""
+
+from collections import deque
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
+
+Drawn = TypeVar("Drawn")
+Encoded = TypeVar("Encoded")
+
+
+def encoded(pairs: Iterable[Drawn], encode: Callable[[Drawn], Encoded], threads: int) -> Generator[Encoded, None, None]:
+    """Encode pairs, and yield them in their order.
+
+    Compression, checksums and numpy let other threads run. What was drawn before an error is yielded before the error
+    is raised.
+
+    Args:
+        pairs: draws each pair when it is asked for, in this thread, which owns the context.
+        encode: encodes one; from several threads at once.
+        threads: the most pairs that wait for their end while the next one is drawn, each in a thread; 0 encodes in this
+            thread, as is best where the processor draws.
+
+    Raises:
+        Exception: what drawing or encoding raises.
+    """
+    if threads == 0:
+        yield from map(encode, pairs)
+        return
+    waiting: deque[Future[Encoded]] = deque()
+    failure: Exception | None = None
+    with ThreadPoolExecutor(threads) as pool:
+        drawn = iter(pairs)
+        while True:
+            try:
+                pair = next(drawn)
+            except StopIteration:
+                break
+            except Exception as error:  # noqa: BLE001 - raised again, once the pairs before it are done
+                failure = error
+                break
+            waiting.append(pool.submit(encode, pair))
+            if len(waiting) > threads:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+    if failure is not None:
+        raise failure
