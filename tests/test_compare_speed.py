@@ -1,6 +1,7 @@
-"""`benchmarks/compare_speed.py`: turns alternate, ratios are the second checkout's, strangers are refused."""
+"""`compare_speed.py` and `pair_costs.py` of benchmarks/: whose the ratios are, and whose each second is."""
 
 import sys
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
+import pair_costs
 from compare_speed import Checkout, ratios, summary
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -38,3 +40,24 @@ def test_a_folder_without_the_project_is_refused(tmp_path):
 
 def test_this_checkout_is_accepted(tmp_path):
     assert Checkout(ROOT, tmp_path).folder == ROOT
+
+
+def test_a_second_counts_for_the_innermost_part_alone(monkeypatch):
+    ticks = count()
+    monkeypatch.setattr(pair_costs.time, "process_time", lambda: float(next(ticks)))
+    clock = pair_costs.Clock()  # looks at 0
+    inner = clock.inside("inner", lambda: None)
+    outer = clock.inside("outer", inner)
+    outer()  # 1 to 4, inner 2 to 3
+    clock.on_stage("stage")  # 5
+    assert dict(clock.seconds) == {"inner": 1.0, "outer": 2.0, "stage": 2.0}
+    clock.on_stage("next")
+    assert clock.seconds["next"] == 1.0
+
+
+def test_the_table_has_means_and_the_ratio_of_each_stage():
+    before, after = ({"sample": 0.02 * k, "draw": 0.5, "write": 0.03 * k} for k in (2, 1))
+    text = pair_costs.table([(pair_costs.with_sums(before), pair_costs.with_sums(after))] * 3)
+    assert "| sample | 40.00 | 20.00 | 0.500 | 0.500 to 0.500 |" in text
+    assert "| all but drawing and reading back | 100.00 | 50.00 | 0.500 |" in text
+    assert "| all | 600.00 | 550.00 | 0.917 |" in text
