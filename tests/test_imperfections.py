@@ -163,20 +163,20 @@ def stated_faults(frame, config):
 
 
 def test_faults_are_those_of_all_pixels():
-    rng, kinds = np.random.default_rng(0), set()
-    camera = StereoCamera(80, 60, 90.0, 0.2, 39.5, 39.5, 29.5)
-    for _ in range(200):
-        checks = {"min_brightness": rng.choice([0, 8, 60]), "min_texture": rng.choice([0, 1, 12]),
-                  "min_valid": rng.choice([0, 0.5, 1])}  # fmt: skip
-        config = cheap(checks={name: float(value) for name, value in checks.items()})
+    rng, kinds, plain_config = np.random.default_rng(0), set(), cheap()
+    camera = StereoCamera.centred(160, 130, 90.0, 0.2)
+    for _ in range(80):
+        limits = (float(rng.choice(values)) for values in ([0, 8, 60], [0, 1, 12], [0, 0.5, 1]))
+        checks = dict(zip(("min_brightness", "min_texture", "min_valid"), limits, strict=True))
+        config = plain_config.model_copy(update={"checks": plain_config.checks.model_copy(update=checks)})
         arrays = {}
         for eye in ("left", "right"):
-            values = rng.choice([2, 8, 9, 60, 130]) + rng.choice([0, 1, 12, 40]) * rng.normal(size=(60, 80, 3))
+            values = rng.choice([2, 8, 9, 60, 130]) + rng.choice([0, 1, 12, 40]) * rng.normal(size=(130, 160, 3))
             # Some rows are no sample of the others.
             values[rng.integers(8) :: 8] *= rng.choice([0, 1, 8])
             arrays[eye] = np.clip(values, 0, 255).astype(np.uint8)
-            disparity = rng.uniform(1, config.disparity.max_px * rng.choice([0.9, 1]), (60, 80)).astype(np.float32)
-            disparity[rng.random((60, 80)) < rng.choice([0, 0, 0.01, 0.5, 1])] = np.inf
+            disparity = rng.uniform(1, config.disparity.max_px * rng.choice([0.9, 1]), (130, 160)).astype(np.float32)
+            disparity[rng.random((130, 160)) < rng.choice([0, 0, 0.01, 0.5, 1])] = np.inf
             disparity[0, 0] = rng.choice([disparity[0, 0], config.disparity.max_px])
             arrays[f"disparity_{eye}"] = disparity
         frame = Frame.from_arrays(camera, arrays)

@@ -129,7 +129,7 @@ def solve_coverage(
         aim = weighted @ needed[..., None]
         # Fast projected gradient (Beck and Teboulle 2009); the diagonal matrix of row sums bounds the quadratic form.
         step = 1 / np.maximum(np.abs(product).sum(axis=-1), np.finfo(np.float64).tiny)
-        # In place: the arrays of one scene are so small that making new ones took half of the time.
+        # In place: the arrays of one scene are so small that to make new ones takes longer than to fill them.
         momentum, before, ahead, result = 1.0, np.array(result), np.array(result), np.empty_like(result)
         change, gradient = np.empty_like(result), np.empty_like(aim)
         for _ in range(_ROUNDS):
