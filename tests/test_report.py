@@ -423,12 +423,14 @@ def test_a_reduced_picture_keeps_stored_disparities(dataset, step):
 
 
 def test_pictures_are_reduced_until_they_fit(dataset, monkeypatch):
-    read = open_dataset(dataset).__getitem__
-    complete = make_pictures([0, 1], read)
+    read, shown = open_dataset(dataset).__getitem__, list(spread(PAIRS, 2))
+    complete = make_pictures(shown, read)
     assert [picture.step for picture in complete] == [1, 1]
-    most = sum(picture.size for picture in complete) // 2
+    # Room for pictures of every second pixel, and not for complete ones.
+    most = 2 * max(make_picture(read(position), 2).size for position in shown)
+    assert sum(picture.size for picture in complete) > most
     monkeypatch.setattr(pictures, "MOST_BYTES", most)
-    reduced = make_pictures([0, 1], read)
+    reduced = make_pictures(shown, read)
     assert {picture.step for picture in reduced} == {2}
     assert sum(picture.size for picture in reduced) <= most
     report = build_report(read_index(dataset), pairs=2, sample=2)
