@@ -423,7 +423,8 @@ def test_a_reduced_picture_keeps_stored_disparities(dataset, step):
 
 
 def test_pictures_are_reduced_until_they_fit(dataset, monkeypatch):
-    read, shown = open_dataset(dataset).__getitem__, list(spread(PAIRS, 2))
+    pairs = open_dataset(dataset)
+    read, shown = pairs.__getitem__, spread(len(pairs), 2)
     complete = make_pictures(shown, read)
     assert [picture.step for picture in complete] == [1, 1]
     # Room for pictures of every second pixel, and not for complete ones.
