@@ -33,7 +33,7 @@ def cases():
         yield pytest.param(script, id=name, marks=[pytest.mark.heavy] if name in WITH_TORCH else [])
 
 
-@pytest.mark.parametrize("script", cases())
+@pytest.mark.parametrize("script", list(cases()))
 def test_a_script_finds_what_it_imports(monkeypatch, capfd, script):
     if script.relative_to(ROOT).as_posix() in WITH_TORCH:
         heavy("torch")

@@ -11,11 +11,11 @@ import zlib
 from pathlib import Path
 
 import numpy as np
-from isal import isal_zlib
 from numpy.typing import NDArray
 from PIL import Image
 
 from semisynth_gl.codecs.codec import Codec
+from semisynth_gl.codecs.deflate import deflate
 from semisynth_gl.errors import ReadError
 
 _SHORT, _LONG = 3, 4  # field types of the TIFF specification
@@ -38,7 +38,7 @@ class Tiff(Codec[NDArray[np.float32]]):
         planes = np.ascontiguousarray(little[:, :, ::-1].transpose(0, 2, 1)).reshape(height, 4 * width)
         predicted = planes.copy()
         np.subtract(planes[:, 1:], planes[:, :-1], out=predicted[:, 1:])
-        strip = isal_zlib.compress(predicted, 1)
+        strip = deflate(predicted)
         fields = [
             (256, _LONG, width),
             (257, _LONG, height),
