@@ -10,7 +10,7 @@ _LEVEL = 1
 
 def deflate(content: NDArray[np.uint8]) -> bytes:
     """Compress an array's bytes as a zlib stream, the same ones in any process."""
-    # Not by ISA-L's function for one call: what it returns depends on what the memory held before, so that about one
-    # process in a hundred gets other bytes, which stand for the same content.
+    # Not by ISA-L's function for one call: about one process in a hundred gets other bytes from it, which stand for the
+    # same content.
     compressor = isal_zlib.compressobj(_LEVEL)
     return b"".join([compressor.compress(content), compressor.flush()])
