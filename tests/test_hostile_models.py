@@ -320,6 +320,15 @@ def test_a_pipe_that_is_given_as_a_model_is_not_opened(tmp_path):
     assert "No such file" in reason(tmp_path / "absent.obj")
 
 
+@pytest.mark.parametrize("lines", ["f 0 0 0\nv 1 0 0\nv 0 ", "v 1\nf 1 1 1\n", "v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n"])
+def test_vertices_of_fewer_coordinates_than_three_are_refused_and_the_other_models_read(tmp_path, lines):
+    assert "expected three columns" in reason(write(tmp_path, "a.obj", lines))
+    write(tmp_path, "b.obj", OBJ)
+    meshes, skipped = load_models([tmp_path])
+    assert [mesh.name for mesh in meshes] == ["b.obj"]
+    assert len(skipped) == 1
+
+
 @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     name=st.sampled_from(["a.obj", "a.off", "a.ply", "b.ply", "a.stl", "b.stl", "a.gltf", "a.glb", "a.zip"]),

@@ -150,9 +150,13 @@ def _placed_parts(scenes: list[trimesh.Scene]) -> PlacedParts:
 
 def _part(geometry: trimesh.Trimesh) -> Part:
     vertices = np.asarray(geometry.vertices, np.float64)
+    triangles = np.asarray(geometry.faces, np.int64)
+    for what, array in (("vertices", vertices), ("triangles", triangles)):
+        if array.ndim != 2 or array.shape[1] != 3:  # trimesh reads OBJ's lines by the length of the first
+            raise BrokenModelError(f"has {what} of shape {array.shape}, expected three columns")
     uv = getattr(geometry.visual, "uv", None)
     has_uv = uv is not None and np.shape(uv) == (len(vertices), 2)
-    return Part(vertices, np.asarray(geometry.faces, np.int64), np.asarray(uv, np.float64) if has_uv else None)
+    return Part(vertices, triangles, np.asarray(uv, np.float64) if has_uv else None)
 
 
 class _Neighbours(Resolver):
