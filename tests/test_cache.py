@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from tiny_datasets import cheap
 
 from semisynth_gl.cache import file_fingerprint, lookup, store
 from semisynth_gl.cache.store import Entry, cache_folder, cache_summary, read_entry, write_entry
@@ -22,6 +23,9 @@ from semisynth_gl.geometry import model_library
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.interrupts import interrupts_wait
+from semisynth_gl.scene import pilots
+from semisynth_gl.scene.sources import recipe_libraries
+from semisynth_gl.scene.structures import take_stock
 from semisynth_gl.textures import clips, prepare
 from semisynth_gl.textures.images import OUT_OF_MEMORY, ImageError, read_image
 from semisynth_gl.textures.prepare import prepare_atlas
@@ -146,6 +150,42 @@ def test_models_that_are_found_equal_those_that_were_built(tmp_path, built):
         assert_same_library(first, build_library(section, PARTICLES, 1))
         assert build_library(section, PARTICLES, 2).silhouette.fill != first.silhouette.fill
         assert built == ["_build", "_build"]
+
+
+def test_pilot_scenes_that_are_found_equal_those_that_were_drawn(monkeypatch):
+    drawn = []
+    draw = pilots.draw_stage
+    monkeypatch.setattr(pilots, "draw_stage", lambda *arguments: drawn.append(arguments) or draw(*arguments))
+    monkeypatch.setattr(pilots, "_PILOTS", 3)
+
+    def found(seed=0, **changes):
+        config = cheap(**{"background": {"cuboid": 0, "room": 1}} | changes)
+        (library,) = recipe_libraries(config, 0)
+        return pilots.draw_pilots(config, seed, take_stock(library))
+
+    first, again = found(), found()
+    assert len(drawn) == 3
+    assert [pilot.camera for pilot in again] == [pilot.camera for pilot in first]
+    for one, other in zip(first, again, strict=True):
+        assert_same_array(one.bare_px, other.bare_px)
+    assert len({pilot.bare_px.tobytes() for pilot in first}) == 3
+    # What surfaces wear moves nothing.
+    found(textures={"source": "procedural"}, imperfections={"blur_px": 1})
+    assert len(drawn) == 3
+    for number, changes in enumerate(
+        (
+            {"seed": 1},
+            {"camera": {"baseline_m": 0.5}},
+            {"disparity": {"max_px": 25}},
+            {"background": {"cuboid": 0, "street": 1}},
+            {"room": {"furniture": [9, 9]}},
+            {"structures": {"panels": [3, 3]}},
+            {"models": {"variants": 2}},
+        ),
+        2,
+    ):
+        found(**changes)
+        assert len(drawn) == 3 * number, changes
 
 
 def opened_and_not(home):
@@ -297,6 +337,8 @@ def test_another_program_finds_nothing(photographs, built, tmp_path, monkeypatch
 UNDECIDING = {
     "cache",  # entries of another format are not found
     "config/scene_sections.py",  # the key has the sections' values; config/fields.py, which draws, is in the key
+    "codecs",  # the files that are written
+    "frame.py",  # the pixels that are drawn
     "errors.py",  # the texts of messages
     "interrupts.py",  # the time of Ctrl-C
     "resources.py",  # paths of files, whose content counts
@@ -306,7 +348,7 @@ UNDECIDING = {
 }
 
 
-@pytest.mark.parametrize("sources", [prepare.SOURCES, model_library.SOURCES])
+@pytest.mark.parametrize("sources", [prepare.SOURCES, model_library.SOURCES, pilots.SOURCES])
 def test_a_key_has_all_sources_that_decide(sources):
     package = Path(lookup.__file__).parents[1]
     paths = [path for name in sources for path in (sorted((package / name).rglob("*.py")) or [package / name])]

@@ -111,6 +111,27 @@ def test_a_card_hides_as_many_columns_as_its_disparity_exceeds_the_wall(front, b
     assert value("occluded", picture) == pytest.approx(100 * expected.sum() / 2000)
 
 
+def test_a_picture_of_another_exposure_measures_as_one_that_is_made_so():
+    rng = np.random.default_rng(5)
+    image, other = rng.integers(0, 256, (2, 40, 60, 3)).astype(np.uint8)
+    disparity = rng.uniform(1, 9, (40, 60)).astype(np.float32)
+    picture = make_picture("made", 50, image=image, disparity=disparity).with_image(other)
+    expected = make_picture("made", 50, image=other, disparity=disparity)
+    exposed = picture.exposed(-0.6)
+    darker = replace(expected, luminance=expected.luminance * np.float32(2**-0.6))
+    as_drawn, as_darkened, as_made_dark = (
+        np.array([measure.measure(each) for measure in MEASURES], np.float64) for each in (picture, exposed, darker)
+    )
+    np.testing.assert_array_equal(as_drawn, np.array([measure.measure(expected) for measure in MEASURES], np.float64))
+    np.testing.assert_allclose(as_darkened, as_made_dark, rtol=1e-6)
+    of_images = np.array([measure.of_images for measure in MEASURES])
+    assert (as_darkened < as_drawn)[of_images].sum() >= 3
+    bare = make_picture("map", 50, disparity=disparity)
+    assert bare.exposed(-1).luminance is None
+    with pytest.raises(InputError, match="map: expected a picture with an image"):
+        bare.with_image(other)
+
+
 def test_pixels_near_a_jump_are_those_of_a_square_around_it():
     surfaces = np.full((30, 40), 5, np.float32)
     surfaces[10:20, 15:30] = 9

@@ -58,7 +58,7 @@ def _try(facts: ConfigFacts, pairs: int, listener: Listener) -> Trial:
     listener.on_total(each * len(FLATS))
     for f, flat in enumerate(FLATS):
         text = config_text("trial", facts, replace(style, flat_share=flat))
-        with PairRenderer(_each_by_itself(parse_config(text, "the trial's config")), _SEED) as renderer:
+        with PairRenderer(_as_tried(parse_config(text, "the trial's config")), _SEED) as renderer:
             for recipe, sampler in zip(renderer.sampler.recipes, renderer.sampler.samplers, strict=True):
                 # Neither texels nor flat surfaces move them.
                 r, k = cells[str(recipe.name)]
@@ -82,15 +82,15 @@ def _looks(pair: Pair, width_px: int) -> NDArray[np.float64]:
     view = pair.frame.left
     values = np.full((len(BLURS), len(EXPOSURES), len(MEASURES)), np.nan)
     of_maps = np.array([measure.of_maps for measure in MEASURES])
+    picture = make_picture(str(pair.index), working_width(width_px), image=view.image, disparity=view.disparity)
+    # What is measured in the map alone is worked out once.
+    values[..., of_maps] = _measured(picture, of_maps)
     for b, blur in enumerate(BLURS):
         drawn = Imperfections(blur * _blur_scale(width_px), 0.0, 0.0, 1.0)
         image = apply_imperfections(view.image, drawn, generator(_SEED, Purpose.IMPERFECTIONS, pair.index))
-        picture = make_picture(str(pair.index), working_width(width_px), image=image, disparity=view.disparity)
-        if b == 0:
-            # What is measured in the map alone is worked out once.
-            values[..., of_maps] = _measured(picture, of_maps)
+        blurred = picture.with_image(image)
         for e, stops in enumerate(EXPOSURES):
-            values[b, e, ~of_maps] = _measured(picture.exposed(stops), ~of_maps)
+            values[b, e, ~of_maps] = _measured(blurred.exposed(stops), ~of_maps)
     return values
 
 
@@ -100,9 +100,12 @@ def _measured(picture: Picture, chosen: NDArray[np.bool_]) -> NDArray[np.float64
     return np.array([MEASURES[m].measure(picture) for m in np.flatnonzero(chosen).tolist()], np.float64)
 
 
-def _each_by_itself(config: Config) -> Config:
-    """Give each recipe that is solved the config's target for its own: the rest of a mix takes long to work out."""
-    values = config.model_dump(mode="json")
+def _as_tried(config: Config) -> Config:
+    """Draw no more than is measured, and give each recipe that is solved the config's target for its own.
+
+    The rest of a mix takes long to work out.
+    """
+    values = config.model_dump(mode="json") | {"outputs": [], "truth": "left"}
     target = values["disparity"].pop("target")
     for recipe in values["scenes"]:
         if "layers" not in recipe.get("particles", {}):

@@ -46,9 +46,25 @@ class Picture:
     background: NDArray[np.bool_] | None = None
     enlarged: bool = False
 
+    def with_image(self, image: NDArray[np.uint8]) -> "Picture":
+        """Return the picture with another image of the same view, (H, W, 3) uint8 RGB in any size.
+
+        Raises:
+            InputError: where it had no image.
+        """
+        if self.luminance is None:
+            raise InputError(f"{self.name}: expected a picture with an image, got one without")
+        return replace(self, luminance=mean_luminance(image, self.luminance.shape))
+
     def exposed(self, stops: float) -> "Picture":
         """Return the picture with its luminance multiplied by 2 to this power."""
-        return replace(self, luminance=None if self.luminance is None else self.luminance * np.float32(2.0**stops))
+        factor = np.float32(2.0**stops)
+        exposed = replace(self, luminance=None if self.luminance is None else self.luminance * factor)
+        for name in ("gradients", "local_contrasts", "octave_contrasts"):
+            levels = getattr(self, name)
+            # What is in levels grows along: to work it out again takes longer.
+            exposed.__dict__[name] = None if levels is None else levels * factor
+        return exposed
 
     @cached_property
     def run_lengths(self) -> NDArray[np.int64] | None:

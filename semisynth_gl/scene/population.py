@@ -29,13 +29,12 @@ from semisynth_gl.scene.particles import (
     stated_layers,
     stated_sizes,
 )
+from semisynth_gl.scene.pilots import Pilot, draw_pilots
 from semisynth_gl.scene.rig import check_reachable, near_depth_m
-from semisynth_gl.scene.structures import draw_stage
 from semisynth_gl.seeds import Purpose, generator
 
 Floats = NDArray[np.float64]
 
-_PILOTS = 32
 _COUNTED_PILOTS = 8
 _CORRECTIONS = 6
 _DENSITY = {"sparse": 1 / 3, "default": 1.0, "dense": 3.0}
@@ -324,15 +323,9 @@ class Population:
         return float(np.mean(in_view))
 
     @cached_property
-    def _pilots(self) -> list[tuple[StereoCamera, Floats]]:
-        """Cameras of the pilot scenes, and disparities over their views without particles."""
-        keys = (Purpose.CAMERA, Purpose.BACKGROUND, Purpose.STRUCTURES, Purpose.SWAY)
-        pilots = []
-        for number in range(_PILOTS):
-            generators = {use: generator(self._seed, Purpose.PILOTS, number, key) for key, use in enumerate(keys)}
-            stage = draw_stage(self._config, self._catalogue, generators.__getitem__)
-            pilots.append((stage.camera, stage.still.disparity_px))
-        return pilots
+    def _pilots(self) -> list[Pilot]:
+        """The pilot scenes."""
+        return draw_pilots(self._config, self._seed, self._catalogue)
 
     def _views(self, pilots: Sequence[tuple[StereoCamera, Floats]], sizes: Sizes) -> _Views:
         """Work out the effect of particles on views, given as camera and disparities without particles."""

@@ -1,0 +1,95 @@
+"""Pilot scenes, of which only camera and background are drawn: what a dataset's scenes show without particles.
+
+Each process that renders a dataset needs them before its first pair, and a room takes longer to furnish than to draw.
+So they are kept in the cache.
+"""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.cache.lookup import cached, package_versions, source_digest
+from semisynth_gl.cache.store import Entry
+from semisynth_gl.camera import StereoCamera
+from semisynth_gl.config.model import Config
+from semisynth_gl.scene.arrangement import Catalogue
+from semisynth_gl.scene.structures import draw_stage
+from semisynth_gl.seeds import Purpose, generator
+
+_PILOTS = 32
+_KEYS = (Purpose.CAMERA, Purpose.BACKGROUND, Purpose.STRUCTURES, Purpose.SWAY)
+# The sections that `draw_stage` reads.
+_SECTIONS = {"camera", "disparity", "background", "room", "street", "structures"}
+SOURCES = ("scene", "geometry", "textures", "config", "camera.py", "histogram.py", "seeds.py", "splits.py")
+"""The program's sources that decide the pilot scenes: a change of any of them makes the cache draw them anew."""
+
+
+class Pilot(NamedTuple):
+    """A pilot scene.
+
+    Attributes:
+        camera: its camera.
+        bare_px: flat float64, disparities over its left view without particles.
+    """
+
+    camera: StereoCamera
+    bare_px: NDArray[np.float64]
+
+
+def draw_pilots(config: Config, seed: int, catalogue: Catalogue) -> list[Pilot]:
+    """Draw the pilot scenes of a recipe, or load them from the cache.
+
+    Args:
+        config: the configuration; its own recipes are not looked at.
+        seed: 0 or more.
+        catalogue: the models of things at rest.
+
+    Raises:
+        InputError: where a disparity of the config lies beyond infinity, or a far plane would have to be endless.
+    """
+
+    def key() -> dict[str, Any]:
+        return {
+            "sections": config.model_dump(mode="json", include=_SECTIONS),
+            "seed": seed,
+            "models": _digest(catalogue),
+            "versions": package_versions("numpy"),
+            "program": source_digest(SOURCES),
+        }
+
+    def build() -> tuple[list[Pilot], Sequence[Any]]:
+        return [_draw_pilot(config, seed, number, catalogue) for number in range(_PILOTS)], ()
+
+    return cached("pilots", key, build=build, pack=_packed, unpack=_unpacked)
+
+
+def _draw_pilot(config: Config, seed: int, number: int, catalogue: Catalogue) -> Pilot:
+    generators = {use: generator(seed, Purpose.PILOTS, number, key) for key, use in enumerate(_KEYS)}
+    stage = draw_stage(config, catalogue, generators.__getitem__)
+    return Pilot(stage.camera, stage.still.disparity_px)
+
+
+def _digest(catalogue: Catalogue) -> str:
+    """Return the SHA-256 of all that things at rest are picked by, and made of."""
+    digest = hashlib.sha256()
+    for name, numbers in catalogue.by_name.items():
+        digest.update(f"{name!r} {numbers.tolist()}\n".encode())
+    for mesh in catalogue.models:
+        for array in (mesh.positions, mesh.uv, mesh.triangles):
+            digest.update(f"{array.shape}\n".encode() + array.tobytes())
+    return digest.hexdigest()
+
+
+def _packed(pilots: Sequence[Pilot]) -> Entry:
+    values = {"cameras": [asdict(pilot.camera) for pilot in pilots], "rays": [len(pilot.bare_px) for pilot in pilots]}
+    return Entry(values, {"bare_px": np.concatenate([pilot.bare_px for pilot in pilots])})
+
+
+def _unpacked(entry: Entry) -> list[Pilot]:
+    parts = np.split(entry.arrays["bare_px"], np.cumsum(entry.values["rays"])[:-1])
+    cameras = (StereoCamera(**values) for values in entry.values["cameras"])
+    return [Pilot(camera, bare_px) for camera, bare_px in zip(cameras, parts, strict=True)]
