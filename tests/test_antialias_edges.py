@@ -57,6 +57,10 @@ def drawn(open_renderer, square, scenes, mode):
     return images
 
 
+def outlines_of(mesh):
+    return Outlines([mesh], np.arange(len(mesh.positions), dtype=np.uint32))
+
+
 def error(images, reference):
     return float(((images - reference) ** 2).mean())
 
@@ -149,12 +153,27 @@ def test_outlines_of_many_instances_are_those_of_each(monkeypatch):
     places[:, :3, 3] = np.random.default_rng(1).uniform([-1, -1, 4], [1, 1, 9], (7, 3))
     scene = make_scene(CAMERA, model=[0] * 7, world_from_model=places, layer=[0] * 7)
     placed = Placed(scene, scene.world_from_model, np.ones(7), np.zeros(7, bool))
-    together = Outlines([mesh]).find(placed, "left")
+    together = outlines_of(mesh).find(placed, "left")
     monkeypatch.setattr("semisynth_gl.render.outlines._MOST_AT_ONCE", 1)
-    np.testing.assert_array_equal(Outlines([mesh]).find(placed, "left"), together)
+    np.testing.assert_array_equal(outlines_of(mesh).find(placed, "left"), together)
     # Far ones first.
     seen = together[np.sort(np.unique(together[:, 0], return_index=True)[1]), 0]
     assert list(seen) == list(np.argsort(-places[:, 2, 3]))
+
+
+def test_outlines_are_alike_where_vertices_are_repeated(open_renderer):
+    """Masks look up triangles by their last corner, and for that vertices stand in another order and several times."""
+    rng = np.random.default_rng(0)
+    models = [build(rng) for build in (SIMPLE_KINDS["torus"], COMPLEX_KINDS["chair"], SIMPLE_KINDS["sphere"])]
+    places = np.tile(np.eye(4), (3, 1, 1))
+    places[:, :3, 3] = [[-0.7, 0, 3], [0, 0.1, 2.5], [0.7, 0, 3]]
+    scene = make_scene(CAMERA, model=range(3), world_from_model=places, layer=[1, 2, 3])
+    plain, traced = (
+        open_renderer(models, FLAT, antialias="edges", outputs=outputs).render(scene).left.image
+        for outputs in ((), ("visibility",))
+    )
+    assert len(np.unique(plain[..., 0])) > 50
+    np.testing.assert_array_equal(plain, traced)
 
 
 def test_images_without_any_surface_are_left_alone(open_renderer, square):
@@ -178,7 +197,7 @@ def outlined(mesh, eye, *, solid=True, mirrored=False):
         world_from_model = world_from_model @ np.diag([-1.0, 1, 1, 1])
     scene = make_scene(CAMERA, model=[0], world_from_model=[world_from_model], layer=[0])
     placed = Placed(scene, scene.world_from_model, np.array([9.0]), np.array([solid and not mirrored]))
-    found = Outlines([mesh]).find(placed, "left")
+    found = outlines_of(mesh).find(placed, "left")
     assert (found[:, 0] == 0).all()
     return sorted({tuple(sorted((tuple(points[a]), tuple(points[b])))) for a, b in found[:, 1:3]})
 

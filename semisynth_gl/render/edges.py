@@ -10,7 +10,7 @@ from semisynth_gl.camera import Crop, Eye
 from semisynth_gl.errors import BackendError
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.context import GraphicsContext
-from semisynth_gl.render.model_buffers import Placed, refill
+from semisynth_gl.render.model_buffers import ModelBuffers, Placed, refill
 from semisynth_gl.render.outlines import Outlines
 from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.programs import link_program
@@ -30,29 +30,32 @@ class EdgePass:
     Args:
         context: the open context.
         models: the meshes that `Scene.model` counts.
+        buffers: these on the GPU.
         patches: the atlases.
         anisotropies: of each atlas, most samples of a patch for a pixel.
 
     Raises:
-        BackendError: where the driver has no buffers of that size.
+        BackendError: where the driver does not let shaders look up buffers of that size.
     """
 
     def __init__(
-        self, context: GraphicsContext, models: Sequence[Mesh], patches: PatchTextures, anisotropies: Sequence[int]
+        self,
+        context: GraphicsContext,
+        models: Sequence[Mesh],
+        buffers: ModelBuffers,
+        patches: PatchTextures,
+        anisotropies: Sequence[int],
     ) -> None:
         gl = context.gl
-        self._gl, self._patches = gl, patches
+        self._gl, self._patches, self._vertices = gl, patches, buffers.vertices
         self._anisotropies = np.array(anisotropies)
-        self._outlines = Outlines(models)
-        # As `Outlines` counts them: those that are drawn stand in another order.
-        vertices = np.concatenate([np.hstack([mesh.positions, mesh.uv]) for mesh in models]).astype("<f4", order="C")
-        limit = int(gl.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
-        if vertices.nbytes > limit:
+        self._outlines = Outlines(models, buffers.vertex_number)
+        size, limit = self._vertices.size, int(gl.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
+        if size > limit:
             raise BackendError(
-                f"antialias: edges looks up vertices in a buffer, here of {vertices.nbytes} bytes, but the driver goes "
-                f"up to {limit}: use fewer or smaller models, or another antialiasing"
+                f"antialias: edges looks up vertices in a buffer, here of {size} bytes, but the driver goes up to "
+                f"{limit}: use fewer or smaller models, or another antialiasing"
             )
-        self._vertices = gl.buffer(vertices)
         defines = {"LARGE": 1} if len(patches.ends) > 1 else {}
         program = link_program(context, "edges.vert", "edges.frag", defines, "edges.geom")
         self._wearers = gl.buffer(reserve=_FEWEST_INSTANCES * WEARER.itemsize, dynamic=True)

@@ -67,6 +67,10 @@ class Filled:
 class ModelBuffers:
     """The models of a renderer on the GPU, and room for the instances of one eye's draw.
 
+    Attributes:
+        vertices: x y z u v of each vertex, float32.
+        vertex_number: (V,) uint32, where each vertex of the models, counted through, stands there.
+
     Args:
         gl: the context.
         models: at least one.
@@ -90,7 +94,9 @@ class ModelBuffers:
             base_vertex = np.cumsum(index_counts // 3) - index_counts // 3
             triangles -= base_vertex.repeat(index_counts // 3)[:, None]
         vertices = np.concatenate([np.hstack([mesh.positions, mesh.uv]) for mesh in models])[order]
-        self._vertices = gl.buffer(vertices.astype("<f4", order="C"))
+        self.vertices = gl.buffer(vertices.astype("<f4", order="C"))
+        self.vertex_number = np.empty(vertex_counts.sum(), np.uint32)
+        self.vertex_number[order] = np.arange(len(order))
         self._indices = gl.buffer(triangles.astype("<u4", order="C"))
         self._triangles = self._texture(_TRIANGLES, _corners(models)) if traced else None
         self._traced: moderngl.Texture | None = None
@@ -212,7 +218,7 @@ class ModelBuffers:
             instance, instance_names = _format(program, DRAWN_INSTANCE, " /i")
             self._vaos[program.glo] = self._gl.vertex_array(
                 program,
-                [(self._vertices, vertex, *vertex_names), (self._instances, instance, *instance_names)],
+                [(self.vertices, vertex, *vertex_names), (self._instances, instance, *instance_names)],
                 index_buffer=self._indices,
                 index_element_size=4,
             )

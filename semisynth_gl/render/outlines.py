@@ -1,6 +1,7 @@
 """The edges of models where a surface ends as an eye sees it: where it turns away, and its borders."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import ceil
 
 import numpy as np
@@ -21,11 +22,13 @@ class Outlines:
 
     Args:
         models: the meshes that `Scene.model` counts.
+        vertex_number: (V,) uint32, the number that each of their vertices, counted through, has in what is found.
     """
 
-    def __init__(self, models: Sequence[Mesh]) -> None:
+    def __init__(self, models: Sequence[Mesh], vertex_number: NDArray[np.uint32]) -> None:
         self._models = models
-        self._base_vertex = np.cumsum([0, *(len(mesh.positions) for mesh in models)])
+        ends = np.cumsum([len(mesh.positions) for mesh in models])
+        self._vertex_number = np.split(vertex_number, ends[:-1])
         # Many a library has models that no scene takes, so edges are found at a model's first use.
         self._edges: dict[int, MeshEdges] = {}
 
@@ -33,8 +36,8 @@ class Outlines:
         """Find the outlines that one eye may see, those of far instances first.
 
         Returns:
-            (N, 4) uint32: the instance, and of the triangle in front the vertices, counted over all models, that the
-            edge goes from and to, and the one opposite.
+            (N, 4) uint32: the instance, and of the triangle in front the numbers of the vertices that the edge goes
+            from and to, and of the one opposite.
         """
         scene, rows = placed.scene, placed.rows(eye)
         seen = np.flatnonzero(in_view(scene.camera, eye, scene.near_m, rows[:, :, 3], placed.radius_m))
@@ -48,7 +51,6 @@ class Outlines:
                 for corners, (number, edge) in zip(edges.corners, _shown(edges, eyes[own], solid[own]), strict=True):
                     part = np.empty((len(edge), 4), np.uint32)
                     part[:, 1:] = corners[edge]
-                    part += np.uint32(self._base_vertex[shown])
                     place = own[number]
                     part[:, 0] = seen[place]
                     parts.append(part)
@@ -57,7 +59,8 @@ class Outlines:
 
     def _edges_of(self, model: int) -> MeshEdges:
         if model not in self._edges:
-            self._edges[model] = find_edges(self._models[model])
+            edges = find_edges(self._models[model])
+            self._edges[model] = replace(edges, corners=self._vertex_number[model][edges.corners])
         return self._edges[model]
 
 

@@ -139,7 +139,7 @@ class Renderer:
             self._link_programs(anisotropies)
             self._edges: EdgePass | None = None
             if self._antialias.kind == "edges":
-                self._edges = EdgePass(self._context, models, self._patches, anisotropies)
+                self._edges = EdgePass(self._context, models, self._models, self._patches, anisotropies)
         except BaseException:
             self._context.release()
             raise
