@@ -75,7 +75,7 @@ PARTS: Mapping[str, Part] = {
         ("benchmarks/memory_rates.py", "--config", "middlebury"),
         ("--set", "scale=0.1", "--pairs", "1", "--rounds", "1", "--workers", "1"),
         at_most=0.3,
-        report=(memory_rates.headline, memory_rates.table),
+        report=(speed.headline, memory_rates.table),
     ),
     "speed": Part(
         "Stages, workers to disk, what grows, memory",

@@ -22,6 +22,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.bench.speed import headline
 from semisynth_gl.bench.summary import machine_facts, markdown
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.dataset.reader import open_dataset
@@ -184,15 +185,6 @@ def measure(
         "left_out": left_out,
         "failed": failed,
     }
-
-
-def headline(report: Mapping[str, Any]) -> str:
-    """Name scenes and machine."""
-    machine, (width, height) = report["machine"], report["size_px"]
-    return (
-        f"{report['config']}, {width} x {height} px; {machine['renderer']}; {machine['processor']}, "
-        f"{machine['usable_cores']} cores; {machine['date']}"
-    )
 
 
 def table(report: Mapping[str, Any]) -> str:

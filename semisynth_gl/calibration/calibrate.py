@@ -15,6 +15,7 @@ from semisynth_gl.calibration.recipes import SceneRecipe, suitable_recipes
 from semisynth_gl.calibration.rig import Rig, Size, median_size, rig_ranges
 from semisynth_gl.calibration.style import Style
 from semisynth_gl.config.scene_sections import BackgroundSection
+from semisynth_gl.errors import abbreviate
 from semisynth_gl.textures.image_files import find_images, printable
 from semisynth_gl.user_files import expanded
 
@@ -216,9 +217,7 @@ def config_name(stem: str) -> str:
 def _camera_origin(facts: ConfigFacts) -> str:
     rigs, scale = facts.rigs, facts.scale
     sources = list(dict.fromkeys(rig.source for rig in rigs))
-    text = f"From {', '.join(sources[:_SOURCES_SHOWN])}"
-    if len(sources) > _SOURCES_SHOWN:
-        text += f" and {len(sources) - _SOURCES_SHOWN} more"
+    text = f"From {abbreviate(sources, _SOURCES_SHOWN)}"
     if scale is not None:
         text += f", scaled by {scale:g} (a position c in pixels becomes (c + 0.5) {scale:g} - 0.5)"
     if len(rigs) > 1:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from semisynth_gl.calibration.disparity_maps import measure_maps
 from semisynth_gl.calibration.rig import Rig, Size, median_size
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, abbreviate
 from semisynth_gl.histogram import Histogram
 
 # Predictions and lidar have a few values that are far off.
@@ -78,7 +78,7 @@ def disparity_range(source: DisparitySource, rigs: Sequence[Rig]) -> DisparityRa
     least_doffs_px = min(rig.camera.doffs_px for rig in rigs)
     if source.maps:
         measured, count = measure_maps(source.maps, rigs, source.png_scale), len(source.maps)
-        names = ", ".join(map(str, source.maps[:_NAMED])) + (f" and {count - _NAMED} more" if count > _NAMED else "")
+        names = abbreviate([str(path) for path in source.maps], _NAMED)
         low, high = (measured.histogram.quantile(share) for share in (_LOWEST, _HIGHEST))
         origin = (
             f"Measured from {count} disparity {'map' if count == 1 else 'maps'}, each counting the same: "
