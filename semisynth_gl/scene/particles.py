@@ -1,9 +1,9 @@
 """The particle system: an emission plane above each depth layer releases models that fall, drift and spin.
 
-All positions are in closed form, so any moment can be computed alone. A slot may rest: then it shows its first model,
-which stays where it lies. A slot is one stream of models: it keeps its
+All positions are in closed form, so any moment can be computed alone. A slot is one stream of models: it keeps its
 layer, depth, size and speed, and releases one model after the other. Model number g of a slot (its generation) leaves
-the emission plane when model g - 1 has fallen out of the view, so the number of particles per layer stays constant.
+the emission plane when model g - 1 has fallen out of the view, so the number of particles per layer stays constant. A
+slot may rest: then it shows its first model, which stays where it lies.
 """
 
 from collections.abc import Callable, Mapping, Sequence

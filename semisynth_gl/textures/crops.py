@@ -13,8 +13,9 @@ FINGERPRINT_NORM = 1000
 """Length of a fingerprint, up to rounding."""
 
 LUMINANCE = (299, 587, 114)
-LUMINANCE_PARTS = np.array(LUMINANCE) / 1000
 """Thousandths of red, green and blue in luminance, by ITU-R BT.601."""
+LUMINANCE_PARTS = np.array(LUMINANCE) / 1000
+"""The same as parts, (3,) float64."""
 
 # `least_texture` looks at every second pixel of every second row, and the proof at every fourth of these.
 _EVERY, _PART = 2, 4
