@@ -2,6 +2,7 @@
 
 import io
 import struct
+import zlib
 from pathlib import Path
 
 import cv2
@@ -10,12 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from isal import isal_zlib
 from PIL import Image
 from pydantic import ValidationError
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS, Encodings, by_imagecodecs
 from semisynth_gl.codecs.calib import MIDDLEBURY_CALIB, Calibration
+from semisynth_gl.codecs.deflate import deflate
 from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.jpeg import Jpeg
 from semisynth_gl.codecs.json_object import JSON_OBJECT
@@ -119,6 +122,41 @@ def test_png_is_read_back_by_pillow_and_opencv(image):
     assert opened.mode == ("L" if image.ndim == 2 else "RGB")
     np.testing.assert_array_equal(np.asarray(opened), image)
     np.testing.assert_array_equal(by_opencv(data), image)
+
+
+def in_one_call(content):
+    return isal_zlib.compress(content, 1)
+
+
+def by_compressor(content):
+    compressor = isal_zlib.compressobj(1)
+    return compressor.compress(content) + compressor.flush()
+
+
+@pytest.mark.parametrize("values", [1, 3, 256])
+@pytest.mark.parametrize("shape", [(0,), (1,), (40_000,), (250, 401)])
+def test_deflate_is_that_of_the_compressor(shape, values):
+    content = np.random.default_rng(0).integers(0, values, shape, np.uint8)
+    assert zlib.decompress(deflate(content)) == content.tobytes()
+    assert deflate(content) == by_compressor(content)
+
+
+def test_png_and_tiff_are_not_deflated_in_one_call():
+    """Of noise it gives other bytes in every process, so that noise tells; of other content, in some."""
+    rng = np.random.default_rng(0)
+    noise = rng.integers(0, 256, (200, 200), np.uint8)
+    for codec, image in (
+        (GREY8, noise),
+        (GREY16, noise.view(np.uint16)),
+        (IMAGE_CODECS["png"], noise[:, :198].reshape(200, 66, 3)),
+        (DISPARITY_CODECS["tiff"], noise.view(np.float32)),
+    ):
+        data, stream = codec.encode(image), zlib.decompressobj()
+        opened = Image.open(io.BytesIO(data))
+        (begin,) = opened.tag_v2[273] if opened.format == "TIFF" else (data.index(b"IDAT") + 4,)
+        content = stream.decompress(data[begin:])
+        deflated = data[begin : len(data) - len(stream.unused_data)]
+        assert deflated == by_compressor(content) != in_one_call(content), codec
 
 
 @pytest.mark.parametrize(("png", "shape"), [(GREY16, (9, 31)), (RGB16, (9, 31, 3))])
