@@ -3,17 +3,17 @@
 import os
 import platform
 import re
-import resource
 import signal
 import subprocess
 import sys
 import time
 from collections import Counter
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from engine_jobs import FAULTY, Arrays, Squares
 from recorder import Recorder
 
 from semisynth_gl.engines import local
@@ -24,76 +24,8 @@ from semisynth_gl.listener import Listener
 
 ENGINES = {"serial": SerialEngine(), "local": LocalEngine(2, 60)}
 TASKS = range(12)
-FAULTY = 7
 # Reached only where something that must happen never does.
 PATIENCE_S = 120
-
-
-class StubbornError(Exception):
-    """Pickles, and fails to come back."""
-
-    def __init__(self, first, second):
-        super().__init__(f"{first} and {second}")
-
-
-@dataclass(frozen=True)
-class Squares:
-    """Squares numbers, and has a fault at one of them: as often as it says, counted by files in a folder."""
-
-    folder: Path
-    fault: str = ""
-    times: int = 1
-    pause_s: float = 0
-
-    @contextmanager
-    def open(self, worker):
-        if self.fault == "open":
-            raise InputError("expected a folder, got nothing")
-        if self.fault == "lost at opening" and self._strikes():
-            raise ContextLostError("the context is gone")
-        (self.folder / f"opened-{os.getpid()}").open("a").write("x")
-        yield lambda number, listener: self._square(worker, number, listener)
-        (self.folder / f"closed-{os.getpid()}").touch()
-
-    def _square(self, worker, number, listener):
-        listener.on_pair((worker, number, "begun"))
-        if number == FAULTY and self.fault and self._strikes():
-            self._fail(listener)
-        until = time.monotonic() + self.pause_s
-        while time.monotonic() < until and not listener.stopping:
-            time.sleep(0.01)
-        if self.pause_s and not listener.stopping:
-            raise InputError("nobody told this task of the stop")
-        listener.on_pair((worker, number, "done"))
-        return number * number, os.getpid(), os.environ.get("LP_NUM_THREADS")
-
-    def _strikes(self):
-        count = len(list(self.folder.glob("struck-*")))
-        if count < self.times:
-            (self.folder / f"struck-{count}").touch()
-        return count < self.times
-
-    def _fail(self, listener):
-        match self.fault:
-            case "kill":
-                os.kill(os.getpid(), signal.SIGKILL)
-            case "exit":
-                os._exit(3)
-            case "hang":
-                time.sleep(1000)
-            case "slow":
-                for _ in range(18):
-                    time.sleep(0.25)
-                    listener.on_stage("still here")
-            case "lost":
-                raise ContextLostError("the context is gone")
-            case "wrong":
-                raise InputError("seven is not allowed")
-            case "stubborn":
-                raise StubbornError("one", "two")
-            case "signals":
-                os.kill(os.getpid(), signal.SIGINT)
-                os.kill(os.getpid(), signal.SIGTERM)
 
 
 @dataclass
@@ -161,21 +93,6 @@ def test_calls_of_tasks_arrive_in_order(name, tmp_path):
         calls = [call[1:] for call in made.pairs if call[0] == worker]
         assert calls[::2] == [(number, "begun") for number, _ in calls[::2]]
         assert calls[1::2] == [(number, "done") for number, _ in calls[::2]]
-
-
-@dataclass(frozen=True)
-class Arrays:
-    """Makes and frees arrays of a pair's size, and returns how many pages the kernel had to give out for them."""
-
-    @contextmanager
-    def open(self, _worker):
-        yield self._faults
-
-    def _faults(self, _number, _listener):
-        before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-        made = [bytearray(6_000_000) for _ in range(10)]
-        del made
-        return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other C libraries keep memory as they like")
@@ -346,7 +263,9 @@ def test_closing_the_iterator_ends_all_workers(tmp_path):
 PROGRAM = """
 import sys
 from pathlib import Path
-from test_engines import Listener, LocalEngine, Squares
+from engine_jobs import Squares
+from semisynth_gl.engines.local import LocalEngine
+from semisynth_gl.listener import Listener
 if __name__ == "__main__":
     engine = LocalEngine(2, 60)
     results = engine.run(Squares(Path(sys.argv[1]), pause_s=1000), range(9), Listener())
