@@ -8,6 +8,7 @@ import signal
 import subprocess
 import threading
 import time
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -211,6 +212,40 @@ def test_an_error_comes_after_the_pairs_before_it(threads):
     with pytest.raises(ZeroDivisionError):
         done.extend(encoded(iter([1, 2, 0, 4, 5]), lambda number: 1 // number, threads))
     assert done == ["0", "1", "2", "3", 1, 0]
+
+
+@pytest.mark.parametrize("threads", [0, 1, 3])
+@pytest.mark.parametrize(
+    ("error", "most_drawn"), [(GeneratorExit, 6), (ZeroDivisionError, 13), (KeyboardInterrupt, 16)]
+)
+def test_few_pairs_are_in_flight_and_no_thread_outlives_an_error(threads, error, most_drawn):
+    """One of who takes the pairs, at pair 5, of encoding, at pair 12, and of drawing, after 16 pairs."""
+    drawn, before = [], threading.active_count()
+
+    def draw():
+        for number in range(16):
+            drawn.append(number)
+            yield number
+        if error is KeyboardInterrupt:
+            raise error
+
+    def encode(number):
+        if error is ZeroDivisionError and number == 12:
+            raise ZeroDivisionError
+        return number
+
+    def take():
+        with closing(encoded(draw(), encode, threads)) as pairs:
+            for number in pairs:
+                # Those that wait, and the one that has just been drawn.
+                assert len(drawn) <= number + threads + 1
+                if error is GeneratorExit and number == 5:
+                    raise GeneratorExit
+
+    with pytest.raises(error):
+        take()
+    assert len(drawn) <= most_drawn + threads
+    assert threading.active_count() == before
 
 
 def test_a_full_disk_costs_no_pair(undisturbed, config, tmp_path, monkeypatch):
