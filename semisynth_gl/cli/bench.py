@@ -14,7 +14,6 @@ from semisynth_gl.cli.outputs import Output, json_report, output_option
 from semisynth_gl.config import load_config
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import BACKENDS, Backend
-from semisynth_gl.textures.reach import photograph_sources
 
 
 @click.group()
@@ -34,7 +33,7 @@ class _BenchOptions:
     def run(self, benchmark: ModuleType, effort: Any, output: Output) -> None:  # noqa: ANN401 - each benchmark has its own
         """Measure; write the report as JSON where a path is given, and print it."""
         config = load_config(self.config_name, self.settings)
-        output.check((self.config_name, *config.models.folders), photograph_sources(config.textures))
+        output.check_beside(self.config_name, config)
         report = benchmark.measure(config, self.seed, self.backend, effort, _Parts())
         report["command"] = " ".join(["semisynth-gl", *sys.argv[1:]])
         output.write(f"{json.dumps(report, indent=1)}\n".encode())

@@ -14,11 +14,12 @@ from typing import Any
 import click
 
 from semisynth_gl.cli.options import Command, UserPath, option
+from semisynth_gl.config import Config
 from semisynth_gl.dataset.files import read_beginning
 from semisynth_gl.dataset.places import Folder
 from semisynth_gl.errors import InputError
 from semisynth_gl.textures.images import image_extensions
-from semisynth_gl.textures.reach import reaching_source
+from semisynth_gl.textures.reach import photograph_sources, reaching_source
 
 # More than a report of a million pairs.
 _MOST_BYTES = 1 << 30
@@ -158,6 +159,10 @@ class Output:
                 f"{shown}: is there already, and is not {self.kind.name}; choose another name, or replace it with "
                 "--overwrite"
             )
+
+    def check_beside(self, config_name: str, config: Config) -> None:
+        """`check` beside a config and all that it names: photographs and models."""
+        self.check((config_name, *config.models.folders), photograph_sources(config.textures))
 
     def write(self, data: bytes) -> None:
         """Write the file under a name of this process, then rename it: it is complete, or as it was before."""

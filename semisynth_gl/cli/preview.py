@@ -14,7 +14,6 @@ from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.codecs.ply import encode_points
 from semisynth_gl.histogram import total_variation, wasserstein_px
-from semisynth_gl.textures.reach import photograph_sources
 
 _PLY = marked_ply("semisynth-gl preview")
 
@@ -41,7 +40,7 @@ def preview(scene: SceneOptions, output: Output, ply_path: Path | None, pairs: i
     config = scene.config()
     cloud = Output("--ply", _PLY, ply_path, output.overwrite)
     for file in (output, cloud):
-        file.check((scene.config_name, *config.models.folders), photograph_sources(config.textures))
+        file.check_beside(scene.config_name, config)
     with PairRenderer(config, scene.seed, scene.backend) as renderer, Progress() as progress:
         progress.on_total(pairs)
         shown = []
