@@ -6,9 +6,10 @@ import numpy as np
 from hand_made_pairs import CAMERA, make_frame, make_provenance
 
 from semisynth_gl.config import Config
+from semisynth_gl.dataset.begun import complete_record
 from semisynth_gl.dataset.card import encode_card
 from semisynth_gl.dataset.croissant import encode_croissant
-from semisynth_gl.dataset.files import DatasetFiles, complete_record
+from semisynth_gl.dataset.files import DatasetFiles
 from semisynth_gl.dataset.index import describe_dataset
 from semisynth_gl.dataset.places import open_place
 from semisynth_gl.dataset.plan import make_plan

@@ -11,7 +11,8 @@ from backends import backend_fault
 from recorder import Recorder
 from tiny_datasets import SEED, cheap, digests, findings
 
-from semisynth_gl.dataset.files import DatasetFiles, complete_record, plan_from_values, read_beginning
+from semisynth_gl.dataset.begun import complete_record, plan_from_values, read_beginning
+from semisynth_gl.dataset.files import DatasetFiles
 from semisynth_gl.dataset.places import Folder, open_place
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.schema import is_unfinished_file

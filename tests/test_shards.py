@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from semisynth_gl.config import load_config
-from semisynth_gl.dataset.files import DatasetFiles, complete_record
+from semisynth_gl.dataset.begun import complete_record
+from semisynth_gl.dataset.files import DatasetFiles
 from semisynth_gl.dataset.places import Folder
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.shard import ShardBusyError, ShardWriter

@@ -16,7 +16,8 @@ from hand_made_datasets import SEED, config_of, write_dataset
 from hand_made_pairs import make_frame
 
 from semisynth_gl.cli import main
-from semisynth_gl.dataset.files import DatasetFiles, complete_record, read_beginning
+from semisynth_gl.dataset.begun import complete_record, read_beginning
+from semisynth_gl.dataset.files import DatasetFiles
 from semisynth_gl.dataset.places import Folder
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import DamagedIndexError, open_dataset, read_index, read_record

@@ -25,7 +25,7 @@ from semisynth_gl.cli.options import (
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.files import read_resumed
+from semisynth_gl.dataset.begun import read_resumed
 from semisynth_gl.dataset.places import open_place
 from semisynth_gl.engines.local import LocalEngine, SerialEngine
 from semisynth_gl.engines.task import Engine, cores

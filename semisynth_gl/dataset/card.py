@@ -10,8 +10,8 @@ from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from semisynth_gl.codecs import Codec
 from semisynth_gl.config.yaml_values import write_yaml
+from semisynth_gl.dataset.begun import plan_from_values
 from semisynth_gl.dataset.file_sets import FileSet, list_file_sets
-from semisynth_gl.dataset.files import plan_from_values
 from semisynth_gl.dataset.plan import Plan
 from semisynth_gl.frame import FLOW_OUTPUTS
 from semisynth_gl.plugins import NOUNS

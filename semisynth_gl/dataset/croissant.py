@@ -15,8 +15,8 @@ from semisynth_gl.codecs.calib import KITTI_CALIB, MIDDLEBURY_CALIB
 from semisynth_gl.codecs.jpeg import Jpeg
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.codecs.png import RGB8
+from semisynth_gl.dataset.begun import plan_from_values
 from semisynth_gl.dataset.file_sets import FileSet, list_file_sets
-from semisynth_gl.dataset.files import plan_from_values
 from semisynth_gl.splits import SplitName
 
 _VERSION = "http://mlcommons.org/croissant/1.1"

@@ -8,11 +8,8 @@ from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
-from pydantic import ValidationError
-
 from semisynth_gl.codecs.json_object import JSON_OBJECT
-from semisynth_gl.config import Config
-from semisynth_gl.dataset.documents import CHANGED_INDEX, check_index, check_plan, check_record
+from semisynth_gl.dataset.begun import complete_record, plan_from_values, read_beginning, read_object
 from semisynth_gl.dataset.locks import lock, open_locked
 from semisynth_gl.dataset.places import Place, entries_below
 from semisynth_gl.dataset.plan import Plan, Shard, differences
@@ -33,8 +30,7 @@ from semisynth_gl.dataset.schema import (
     tar_path,
     unfinished_path,
 )
-from semisynth_gl.errors import InputError, ReadError, abbreviate
-from semisynth_gl.plugins import MissingPluginError, require_plugins
+from semisynth_gl.errors import InputError, abbreviate
 from semisynth_gl.splits import SplitName
 
 _QUESTIONS = 16
@@ -84,7 +80,7 @@ class DatasetFiles:
         self.complete = (
             not overwrite
             and place.size(INDEX) is not None
-            and not (_read_json(place, PLAN) or {}).get(REPLACED)
+            and not (read_object(place, PLAN) or {}).get(REPLACED)
             and not self.missing(plan.shards, quick=True)
         )
 
@@ -97,7 +93,7 @@ class DatasetFiles:
         if not self._overwrite or self._beginning is None:
             return False
         # What a run with --overwrite began before it was killed is no earlier dataset: it goes on there.
-        return self._place.size(INDEX) is not None or _read_json(self._place, PLAN) != self._values(sources)
+        return self._place.size(INDEX) is not None or read_object(self._place, PLAN) != self._values(sources)
 
     def open(self, sources: Mapping[SplitName, Mapping[str, str]]) -> None:
         """Begin the dataset, or resume it.
@@ -314,78 +310,6 @@ class DatasetFiles:
             return False
 
 
-def read_beginning(place: Place) -> dict[str, Any] | None:
-    """Return the values that a dataset was begun with, from its index, else from its plan; None without either.
-
-    A file that is cut off counts as missing: a run writes it again.
-
-    Raises:
-        ReadError: where the index or plan has values that no dataset has.
-    """
-    for name, check in ((INDEX, check_index), (PLAN, check_plan)):
-        values = _read_json(place, name)
-        if values is not None and values.get("program") == PROGRAM:
-            try:
-                check(values, place.path(name))
-            except ReadError as error:
-                advice = CHANGED_INDEX if name == INDEX else "choose another folder with --out, or bring the file back"
-                raise ReadError(error.path, f"{error.reason}: {advice}") from None
-            return values
-    return None
-
-
-def read_resumed(place: Place) -> dict[str, Any]:
-    """Return the values that the dataset was begun with that a run is to go on with; none where there is no dataset.
-
-    Raises:
-        ReadError: see `read_beginning`.
-        MissingPluginError: where a plug-in that the dataset is made with is not installed.
-    """
-    values = read_beginning(place) or {}
-    try:
-        require_plugins(values.get("plugins", {}))
-    except MissingPluginError as error:
-        raise MissingPluginError(f"{place.address}: {error}") from None
-    return values
-
-
-def complete_record(place: Place, shard: Shard) -> dict[str, Any] | None:
-    """Return a shard's record, or None where the shard is to be made again.
-
-    That is where the record is missing, cut off, or not this shard's, and where a file is missing or has another size.
-
-    Raises:
-        ReadError: where a link, a folder or the like stands in the place of a file.
-    """
-    record = _read_json(place, record_path(shard.name))
-    if record is None:
-        return None
-    try:
-        check_record(record, shard, place.path(record_path(shard.name)), packed="tar" in record)
-    except ReadError:
-        return None
-    sizes = (
-        {record["tar"]: record["bytes"]}
-        if "tar" in record
-        else {name: file["bytes"] for sample in record["samples"] for name, file in sample["files"].items()}
-    )
-    return record if all(place.size(name) == size for name, size in sizes.items()) else None
-
-
-def plan_from_values(values: Mapping[str, Any]) -> Plan:
-    """Return the plan of a dataset from the values of its index or plan file.
-
-    Raises:
-        InputError: where this version does not understand the config.
-    """
-    try:
-        config = Config.model_validate(values["config_values"])
-        numbers = int(values["seed"]), int(values["shard_pairs"])
-        return Plan(config, numbers[0], values["layout"], dict(values["pairs"]), numbers[1], values.get("plugins", {}))
-    except (ValidationError, KeyError, TypeError, ValueError) as error:
-        raise InputError(f"the dataset's plan is not this version's: {str(error).splitlines()[0]}") from None
-
-
 def _own_names(plan: Plan) -> Iterator[str]:
     """Yield the names of all files that a dataset may have, those of its pairs last."""
     layout = plan.layout
@@ -407,16 +331,6 @@ def _own_folders(plan: Plan) -> Iterator[str]:
     for split in plan.splits:
         yield from (f"{plan.folder(split)}{path}" for path in plan.layout.folders())
     yield from (str(PurePosixPath(name).parent) for name in _own_names(plan))
-
-
-def _read_json(place: Place, name: str) -> dict[str, Any] | None:
-    try:
-        data = place.read(name)
-    except (FileNotFoundError, NotADirectoryError):
-        return None
-    with suppress(ReadError):
-        return JSON_OBJECT.decode(data, Path(name))
-    return None
 
 
 def _foreign_names(place: Place) -> list[str]:

@@ -17,8 +17,8 @@ from typing import Any, BinaryIO, Self
 from isal import isal_zlib
 
 from semisynth_gl.codecs.json_object import JSON_OBJECT
+from semisynth_gl.dataset.begun import complete_record
 from semisynth_gl.dataset.documents import JournalEntry, check_document
-from semisynth_gl.dataset.files import complete_record
 from semisynth_gl.dataset.locks import lock, open_locked
 from semisynth_gl.dataset.places import Place, sync
 from semisynth_gl.dataset.plan import Shard

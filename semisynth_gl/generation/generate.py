@@ -14,9 +14,10 @@ from dataclasses import dataclass
 from semisynth_gl.arguments import check_type, to_whole
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.apart import check_apart
+from semisynth_gl.dataset.begun import complete_record, read_resumed
 from semisynth_gl.dataset.card import encode_card
 from semisynth_gl.dataset.croissant import encode_croissant
-from semisynth_gl.dataset.files import DatasetFiles, complete_record, read_resumed
+from semisynth_gl.dataset.files import DatasetFiles
 from semisynth_gl.dataset.index import describe_dataset
 from semisynth_gl.dataset.places import Place, open_place
 from semisynth_gl.dataset.plan import Plan, Shard, make_plan
