@@ -665,7 +665,7 @@ def told(measure, change, *, more):
     ("change", "keys", "lower", "higher"),
     [
         ("lower particles.size_px", {"particles.size_px": [5, 25]}, ("runs", "regions"), CALM),
-        ("antialias: ssaa2", {"antialias": "ssaa2"}, ("border_hardness", "octaves", "smooth"), ()),
+        ("antialias: edges", {"antialias": "edges"}, ("border_hardness", "octaves", "gradient", "smooth"), ()),
         (
             "lower textures.texels_per_pixel",
             {"textures.texels_per_pixel": [0.3, 0.5]},

@@ -194,7 +194,7 @@ def config_text(name: str, facts: ConfigFacts, style: Style) -> str:
         "textures:",
         f"  texels_per_pixel: {_range(style.texels_per_pixel)}",
         f"  flat_share: {_number(style.flat_share)}",
-        f"  large_px: {facts.large_px:<15} # walls and grounds wear the largest squares of photographs, whole",
+        f"  large_px: {facts.large_px:<15} # the largest squares of photographs, whole, where a patch would repeat",
         "  source: images",
         "  images:",
         *(f"    - {_quoted(path)}" for path in facts.images),

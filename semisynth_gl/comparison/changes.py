@@ -59,7 +59,7 @@ CHANGES: tuple[Change, ...] = (
     Change(
         "antialias",
         down=("border_hardness", "octaves", "gradient", "smooth"),
-        more="antialias: ssaa2",
+        more="antialias: edges",
         less="antialias: none",
     ),
     Change("imperfections.blur_px", down=("border_hardness", "octaves", "gradient")),

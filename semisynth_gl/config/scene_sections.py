@@ -383,8 +383,8 @@ class TexturesSection(Section):
             differs less from another crop is left out; 0 keeps all crops.
         flat_share: share of the surfaces that wear flat patches: flat crops, or others with their contrast lowered.
         max_patches: largest number of patches.
-        large_px: side of large patches, the largest square of an image each, which walls, grounds and other large
-            surfaces wear; 0 for none.
+        large_px: side of large patches, the largest square of an image each, which walls, grounds and other surfaces
+            wear on which a small patch would repeat; 0 for none.
         texels_per_pixel: mapping scale: 1 shows a patch at its own resolution, above 1 smaller, below 1 blown up.
         anisotropy: largest number of samples of a patch for a pixel at a grazing angle; 1 blurs there.
         large_anisotropy: the same of large patches.

@@ -1,4 +1,4 @@
-"""Large patches: the largest square of an image, whole, for walls, grounds and whatever else is large."""
+"""Large patches: the largest square of an image, whole, for all on which a small patch would repeat."""
 
 from collections.abc import Callable, Collection, Mapping
 
