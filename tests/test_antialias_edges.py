@@ -87,6 +87,7 @@ SHAPES = {
 }
 
 
+@pytest.mark.one_backend
 def test_outlines_come_near_to_many_samples(open_renderer, square):
     scenes = {name: shapes for name, (_, shapes) in SHAPES.items()}
     none, edges, many = (drawn(open_renderer, square, scenes, mode) for mode in ("none", "edges", "ssaa8"))
@@ -96,6 +97,64 @@ def test_outlines_come_near_to_many_samples(open_renderer, square):
         # Each sample that falls on the other side moves a pixel by 3: 8 x 8 samples are no more exact than this.
         assert np.quantile(np.abs(edges[name] - many[name]), 0.98) <= 6, name
     assert len(np.unique(edges["nearly upright"][..., 0])) > 64
+
+
+def covered(angle, offset_px):
+    """The share of each pixel that lies below a line through (80, 60 + offset), (H, W)."""
+    (across, down), fine = (-np.sin(angle), np.cos(angle)), (np.arange(64) + 0.5) / 64 - 0.5
+    columns = np.arange(160)[:, None] + fine
+    begin = 60 + offset_px - across * (columns - 80) / down
+    rows = np.arange(120)[:, None, None]
+    return np.clip(rows + 0.5 - begin, 0, 1).mean(axis=-1)
+
+
+@pytest.mark.one_backend
+def test_shares_are_those_of_the_square_of_a_pixel(open_renderer, square):
+    layers = np.zeros((2, 16, 16, 4), np.uint8)
+    layers[..., 3], layers[1] = 255, 255
+    angles = [(0.0, 0.3), (0.05, 0.1), (0.3, -0.4), (0.5, 0.2), (np.pi / 4, 0.1), (-0.4, 0.35)]
+    lines = [
+        polygon(
+            [(80 + 300 * np.cos(turn) * way, 60 + offset + 300 * np.sin(turn) * way) for way in (-1, 1)] + [(80, 900)]
+        )
+        for turn, offset in angles
+    ]
+    renderer = open_renderer([square, *lines], layers, antialias="edges", outputs=())
+    for number, (turn, offset) in enumerate(angles):
+        scene = make_scene(CAMERA, model=[0, 1 + number], world_from_model=[WALL, np.eye(4)], layer=[0, 1])
+        shown = renderer.render(scene).left.image[..., 0].astype(float)
+        assert np.abs(shown - 255 * covered(turn, offset)).max() < 2.5, (turn, offset)
+
+
+@pytest.mark.one_backend
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_outlines_of_curved_surfaces_come_near_to_many_samples_too(open_renderer, square, mirrored):
+    turned = np.array([[0.8, -0.6, 0], [0.36, 0.48, -0.8], [0.48, 0.64, 0.6]]) @ np.diag([-1 if mirrored else 1, 1, 1])
+    placed = np.eye(4)
+    placed[:3, :3], placed[2, 3] = 0.5 * turned, 2.5
+    kinds = {"sphere": 0.22, "torus": 0.06, "cone": 0.11, "cylinder": 0.06}
+    models = [square, *(marked_solid(SIMPLE_KINDS[kind](np.random.default_rng(0))) for kind in kinds)]
+    renderers = [open_renderer(models, FLAT, antialias=mode, outputs=()) for mode in ("none", "edges", "ssaa8")]
+    for model, (kind, left) in enumerate(kinds.items(), 1):
+        scene = make_scene(CAMERA, model=[0, model], world_from_model=[WALL, placed], layer=[0, 1])
+        none, edges, many = (renderer.render(scene).left.image.astype(float) for renderer in renderers)
+        assert error(edges, many) < left * error(none, many), kind
+
+
+@pytest.mark.parametrize("large", [False, True])
+def test_beyond_an_edge_goes_on_what_the_patch_shows_there(open_renderer, square, large):
+    """Not the mean of the patch, nor another patch, nor one of the other atlas."""
+    left, right = np.array([200, 40, 90]), np.array([10, 120, 250])
+    others, patches = np.zeros((2, 64, 64, 4), np.uint8), np.full((2, 64, 64, 4), 250, np.uint8)
+    others[1, ..., :3], patches[0, :, :32, :3], patches[0, :, 32:, :3] = (240, 240, 0), left, right
+    atlases = (others, patches) if large else (np.concatenate([others, patches]), None)
+    renderer = open_renderer([square], atlases[0], large_layers=atlases[1], antialias="edges", outputs=())
+    # Two fifths of column 29 and three fifths of column 93.
+    placed = facing(CAMERA, 29.6, 19.6, 64, 64, 2.0)
+    image = renderer.render(make_scene(CAMERA, model=[0, 0], world_from_model=[WALL, placed], layer=[0, 2])).left.image
+    shares = np.array([0, 0.4, 1, 1, 0.6, 0])[:, None]
+    shown = image[40, [28, 29, 30, 92, 93, 94]]
+    np.testing.assert_allclose(shown, shares * np.repeat([left, right], 3, axis=0), atol=1.5)
 
 
 @pytest.mark.one_backend
@@ -120,6 +179,7 @@ def test_rods_thinner_than_a_pixel_are_whole(open_renderer, square):
             assert error(edges[width_px, lean], reference) < 0.05 * error(none[width_px, lean], reference), case
 
 
+@pytest.mark.one_backend
 def test_patches_stay_bit_for_bit_inside_and_along_rows_and_columns(open_renderer, square):
     layers = noise_layers(2, 64)
     straight = facing(CAMERA, 30, 20, 64, 64, 2.0)
@@ -139,6 +199,7 @@ def test_patches_stay_bit_for_bit_inside_and_along_rows_and_columns(open_rendere
             assert same[near].all() == (matrix is straight)
 
 
+@pytest.mark.one_backend
 def test_what_the_near_plane_cuts_is_smooth_too(open_renderer, square):
     floor = make_mesh("floor", [[-1, 0.5, -1], [1, 0.5, -1], [0.2, 0.5, 6]], np.zeros((3, 2)), [[0, 1, 2]])
     none, edges, many = (
@@ -154,13 +215,15 @@ def test_outlines_of_many_instances_are_those_of_each(monkeypatch):
     scene = make_scene(CAMERA, model=[0] * 7, world_from_model=places, layer=[0] * 7)
     placed = Placed(scene, scene.world_from_model, np.ones(7), np.zeros(7, bool))
     together = outlines_of(mesh).find(placed, "left")
-    monkeypatch.setattr("semisynth_gl.render.outlines._MOST_AT_ONCE", 1)
+    # Two instances at once, of seven.
+    monkeypatch.setattr("semisynth_gl.render.outlines._MOST_AT_ONCE", 3 * len(mesh.triangles))
     np.testing.assert_array_equal(outlines_of(mesh).find(placed, "left"), together)
     # Far ones first.
     seen = together[np.sort(np.unique(together[:, 0], return_index=True)[1]), 0]
     assert list(seen) == list(np.argsort(-places[:, 2, 3]))
 
 
+@pytest.mark.one_backend
 def test_outlines_are_alike_where_vertices_are_repeated(open_renderer):
     """Masks look up triangles by their last corner, and for that vertices stand in another order and several times."""
     rng = np.random.default_rng(0)
@@ -199,6 +262,11 @@ def outlined(mesh, eye, *, solid=True, mirrored=False):
     placed = Placed(scene, scene.world_from_model, np.array([9.0]), np.array([solid and not mirrored]))
     found = outlines_of(mesh).find(placed, "left")
     assert (found[:, 0] == 0).all()
+    if placed.solid[0]:
+        # Of what is drawn: fronts alone.
+        drawn_as = {frozenset(triangle): triangle for triangle in mesh.triangles.tolist()}
+        a, b, c = np.moveaxis(points[[drawn_as[frozenset(corners)] for corners in found[:, 1:].tolist()]], 1, 0)
+        assert (np.cross(b - a, c - a) * (eye - a)).sum(axis=1).min() > 0
     return sorted({tuple(sorted((tuple(points[a]), tuple(points[b])))) for a, b in found[:, 1:3]})
 
 
@@ -241,4 +309,7 @@ def test_the_outline_of_a_closed_surface_has_no_end(kind):
         ends = Counter(end for edge in outlined(mesh, eye, solid=False) for end in edge)
         assert ends
         assert all(count % 2 == 0 for count in ends.values())
-        assert set(outlined(mesh, eye)) <= set(outlined(mesh, eye, solid=False))
+        in_front = set(outlined(mesh, eye)) - set(outlined(mesh, eye, solid=False))
+        hidden = set(outlined(mesh, eye, solid=False)) - set(outlined(mesh, eye))
+        assert not in_front
+        assert bool(hidden) == (kind == "torus")

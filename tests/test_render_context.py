@@ -55,11 +55,12 @@ def test_both_software_backends_give_the_same_bytes(square):
         if "llvmpipe" not in context_facts(name).renderer:
             pytest.skip(f"{name} is {context_facts(name).renderer} here, not software")
     camera = StereoCamera.centred(321, 205, 250.0, 0.3)
-    digests = set()
-    for name in ("egl", "osmesa"):
-        with Renderer([square, triangle()], noise_layers(3, 32), backend=name, outputs=STILL) as renderer:
-            digests.add(hashlib.sha256(frame_bytes(renderer.render(busy_scene(camera)))).hexdigest())
-    assert len(digests) == 1
+    for antialias in ("none", "edges"):
+        digests, options = set(), {"antialias": antialias, "outputs": STILL}
+        for name in ("egl", "osmesa"):
+            with Renderer([square, triangle()], noise_layers(3, 32), backend=name, **options) as renderer:
+                digests.add(hashlib.sha256(frame_bytes(renderer.render(busy_scene(camera)))).hexdigest())
+        assert len(digests) == 1
 
 
 def test_a_scene_gives_the_same_bytes_whatever_was_drawn_before(open_renderer, square):
