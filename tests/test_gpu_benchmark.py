@@ -66,6 +66,8 @@ def short_parts(monkeypatch):
         "doctor": text("print('a line')"),
         "reported": text(written, quick=("quickly",), report=(lambda _: "head", lambda report: f"n = {report['n']}")),
         "failing": text("print('why'); raise SystemExit(3)"),
+        "timed": text("pass", minutes=True),
+        "broken": text("print('because'); raise SystemExit(3)", report=(str, str)),
         "endless": text("import time; print('began', flush=True); time.sleep(60)"),
     }
     monkeypatch.setattr(gpu, "PARTS", parts)
@@ -79,6 +81,8 @@ def test_parts_end_fail_and_are_cut_off(tmp_path):
     assert reported.status == "done"
     assert "quickly --json" in reported.command
     assert gpu.do_part("failing", tmp_path, 60, [], quick=False).status == "failed (exit code 3)"
+    timed = gpu.do_part("timed", tmp_path, 90, [], quick=False)
+    assert (timed.status, timed.command[-14:]) == ("done", "--minutes 1.50")
     cut = gpu.do_part("endless", tmp_path, 2, [], quick=False)
     assert cut.status == "cut off after 2 s"
     assert 2 <= cut.seconds < 30
@@ -88,15 +92,36 @@ def test_parts_end_fail_and_are_cut_off(tmp_path):
 @pytest.mark.usefixtures("short_parts")
 def test_the_page_has_all_parts_that_ran(tmp_path):
     outcomes = {
-        name: gpu.asdict(gpu.do_part(name, tmp_path, 60, [], quick=False)) for name in ("doctor", "reported", "failing")
+        name: gpu.asdict(gpu.do_part(name, tmp_path, 60, [], quick=False))
+        for name in ("doctor", "reported", "failing", "broken")
     }
     page = gpu.page(tmp_path, outcomes)
-    for shown in ("n = 41", "a line", "why", "failed (exit code 3)"):
+    for shown in ("n = 41", "\na line\n", "\nwhy\n", "\nbecause\n", "failed (exit code 3)"):
         assert shown in page
     # The report of an earlier run does not stand for one that fails now.
     (tmp_path / "reported.json").write_text("{}")
     assert gpu.do_part("reported", tmp_path, 1e-3, [], quick=False).status.startswith("cut off")
     assert not (tmp_path / "reported.json").exists()
+
+
+def test_parts_take_their_turns_and_their_shares_of_the_time(tmp_path, monkeypatch):
+    done = []
+
+    def do_part(name, _out, seconds, arguments, **_):
+        done.append((name, seconds, list(arguments)))
+        (tmp_path / f"{name}.log").touch()
+        return gpu.Outcome("done", 0.0, "", "2000-01-01")
+
+    monkeypatch.setattr(gpu, "do_part", do_part)
+    given = ["training", "doctor", "--images", "A", "--real", "B", "--out", str(tmp_path)]
+    assert CliRunner().invoke(gpu.main, [*given, "--minutes", "10"], catch_exceptions=False).exit_code == 0
+    (first, seconds, none), (last, left, words) = done
+    assert (first, none, last, words) == ("doctor", [], "training", ["--images", "A", "--real", "B"])
+    assert seconds <= 60
+    assert 300 < left <= 600
+    late = CliRunner().invoke(gpu.main, [*given, "--minutes", "0.01"], catch_exceptions=False)
+    assert (late.exit_code, len(done)) == (1, 2)
+    assert "no time was left" in (tmp_path / "README.md").read_text()
 
 
 @pytest.mark.usefixtures("short_parts")

@@ -18,7 +18,7 @@ from semisynth_gl.scene.support import surface_below
 from semisynth_gl.textures.atlas import Patch
 
 PATCH = (Patch("photo", 0, 0, 64, 0, 1, 10.0),)
-MOVING = ["sequence.length=3", "sequence.frame_s=0.2", "camera.sway_m=0.01", "camera.sway_deg=1"]
+MOVING = ["sequence.length=3", "sequence.frame_s=2", "camera.sway_m=0.01", "camera.sway_deg=1"]
 GROUND = ["structures.ground=1", "structures.ground_disparity_px=[60,150]", "structures.panels=2"]
 
 
@@ -83,14 +83,29 @@ def test_they_stay_whatever_frame_is_sampled_first() -> None:
         np.testing.assert_array_equal(motion.world_from_model[at_rest], again.scene.world_from_model[at_rest])
         falling = ~at_rest & (again.slot >= 0)
         assert (motion.world_from_model[falling] != again.scene.world_from_model[falling]).any(axis=(1, 2)).all()
-    assert sorted(forwards[0].slot[forwards[0].resting]) == sorted(forwards[2].slot[forwards[2].resting])
+    # The same models, also where those that fall have made room for others.
+    first, last = (dict(zip(each.slot, each.scene.model, strict=True)) for each in (forwards[0], forwards[2]))
+    resting = set(forwards[0].slot[forwards[0].resting])
+    assert resting == set(forwards[2].slot[forwards[2].resting])
+    assert all(first[slot] == last[slot] for slot in resting)
+    assert any(first[slot] != last[slot] for slot in first.keys() & last.keys() - resting)
 
 
 @pytest.mark.parametrize("kind", ["room", "street"])
 def test_furnished_scenes_bear_them_too(kind: str) -> None:
     weights = [f"background.{name}={int(name == kind)}" for name in ("cuboid", "plane", "room", "street")]
-    sampler = sampler_of(*weights, "particles.layers=[{count: 60}]", "particles.resting=1")
-    assert sum(sampler.sample(index).resting.sum() for index in range(3)) > 5
+    options = *weights, "particles.layers=[{count: 60}]"
+    rested, fallen, sunk = sampler_of(*options, "particles.resting=1"), sampler_of(*options), []
+    for index in range(3):
+        sampled, above = rested.sample(index), fallen.sample(index)
+        heights = dict(zip(above.slot.tolist(), above.scene.world_from_model[:, 1, 3], strict=True))
+        sunk += [
+            sampled.scene.world_from_model[number, 1, 3] - heights[sampled.slot[number]]
+            for number in np.flatnonzero(sampled.resting)
+        ]
+    # The camera's y axis points down, up to its pitch.
+    assert len(sunk) > 5
+    assert np.median(sunk) > 0
 
 
 def test_truth_of_a_moving_camera_over_models_at_rest_is_exact(open_renderer) -> None:

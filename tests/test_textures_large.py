@@ -5,10 +5,12 @@ import pytest
 from PIL import Image
 from tiny_datasets import tiny
 
+from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import load_config
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene.glance import glance
+from semisynth_gl.scene.mapping import Surfaces, map_patches
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.structures import STILL_MODELS
 from semisynth_gl.textures.atlas import Patch, atlas_from_arrays
@@ -124,6 +126,27 @@ def test_walls_wear_them_and_no_patch_repeats_across_the_view():
     assert same.sum() > 20
     np.testing.assert_array_equal(plain.uv_scale[same], sampled.scene.uv_scale[same])
     np.testing.assert_array_equal(plain.uv_offset[same], sampled.scene.uv_offset[same])
+
+
+def test_of_a_large_surface_one_patch_spans_the_view():
+    camera = StereoCamera.centred(1500, 1000, 1200.0, 0.1)
+    # Little is seen of a wall and of a table, and of a thing in a small patch more than the patch shows.
+    high, large = np.array([[0.01, 0.01], [0.01, 0.01], [1.0, 1.0]]), np.array([True, True, False])
+    surfaces = Surfaces(np.full(3, 3.0), np.ones((3, 2)), 0 * high, high, np.array([True, False, False]))
+    scale, _ = map_patches(surfaces, camera, section(1024), np.full(3, 1.5), np.full((3, 2), 0.5), large)
+    across = scale[:, 0] * 3 * 1500 / 1200
+    np.testing.assert_allclose(across, [1, 1.5 * 1500 / 1024, 1.5 * 1500 / 256])
+
+
+def test_still_things_share_out_the_large_patches():
+    config = load_config(
+        "middlebury", ["scenes=[]", "textures.large_px=1024", "structures.panels=3", "models.complex=0"]
+    )
+    many = tuple(Patch("l", 0, 0, 1024, 5 + k, 1, 9.0, large=True) for k in range(24))
+    sampler = sampler_of(config, (*SMALL, *many))
+    for index in range(3):
+        sampled = sampler.sample(index)
+        assert len(set(sampled.patch[sampled.still])) == sampled.still.sum() == 9
 
 
 @pytest.mark.parametrize("config", ["middlebury", "kitti"])
