@@ -320,13 +320,15 @@ def test_a_pipe_that_is_given_as_a_model_is_not_opened(tmp_path):
     assert "No such file" in reason(tmp_path / "absent.obj")
 
 
-@pytest.mark.parametrize("lines", ["f 0 0 0\nv 1 0 0\nv 0 ", "v 1\nf 1 1 1\n", "v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n"])
-def test_vertices_of_fewer_coordinates_than_three_are_refused_and_the_other_models_read(tmp_path, lines):
-    assert "expected three columns" in reason(write(tmp_path, "a.obj", lines))
-    write(tmp_path, "b.obj", OBJ)
+@pytest.mark.usefixtures("models_read_here")
+def test_vertices_of_fewer_coordinates_than_three_are_refused_and_the_other_models_read(tmp_path):
+    lines = ("f 0 0 0\nv 1 0 0\nv 0 ", "v 1\nf 1 1 1\n", "v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n")
+    broken = [write(tmp_path, f"{number}.obj", text) for number, text in enumerate(lines)]
+    assert all("expected three columns" in reason(path) for path in broken)
+    write(tmp_path, "whole.obj", OBJ)
     meshes, skipped = load_models([tmp_path])
-    assert [mesh.name for mesh in meshes] == ["b.obj"]
-    assert len(skipped) == 1
+    assert [mesh.name for mesh in meshes] == ["whole.obj"]
+    assert [each.path for each in skipped] == broken
 
 
 @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
