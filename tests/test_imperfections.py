@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tiny_datasets import cheap, lean
+from tiny_datasets import cheap
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Config, load_config
@@ -81,8 +81,8 @@ def test_blur_spreads_a_point_evenly():
 
 
 def test_imperfections_touch_images_alone_and_are_recorded():
-    plain_config = lean()
-    config = lean(imperfections={"noise": [2, 6], "exposure_stops": [-0.5, 0.5]})
+    plain_config = cheap()
+    config = cheap(imperfections={"noise": [2, 6], "exposure_stops": [-0.5, 0.5]})
     plain = render_pair(plain_config, 3)
     with PairRenderer(config, 0) as pairs:
         first, again, other = pairs.render(3), pairs.render(3), pairs.render(4)
@@ -104,7 +104,7 @@ def test_vertical_disparity_without_its_truth_is_refused(key):
 
 
 def test_pairs_that_fail_are_drawn_again_from_sub_seeds(monkeypatch):
-    config = lean()
+    config = cheap()
     with PairRenderer(config, 0) as pairs:
         before = [pairs.render(index) for index in range(4)]
     assert all("redrawn" not in pair.provenance for pair in before)
@@ -125,7 +125,7 @@ def test_pairs_that_fail_are_drawn_again_from_sub_seeds(monkeypatch):
 
 
 def test_frames_of_a_redrawn_sequence_belong_together(monkeypatch):
-    config = lean(sequence={"length": 3})
+    config = cheap(sequence={"length": 3}, camera={"focal_px": [110.0, 140.0]})
     seen = []
 
     def fussy(frame, _config):
@@ -140,7 +140,7 @@ def test_frames_of_a_redrawn_sequence_belong_together(monkeypatch):
 
 
 def test_giving_up_says_why():
-    config = lean(checks={"min_brightness": 250.0, "attempts": 3})
+    config = cheap(checks={"min_brightness": 250.0, "attempts": 3})
     with PairRenderer(config, 0) as pairs, pytest.raises(InputError, match=r"all 3 attempts.* too dark: mean"):
         pairs.render(0)
 
@@ -187,7 +187,7 @@ def test_faults_are_those_of_all_pixels():
 
 
 def test_faults_are_found():
-    config = lean()
+    config = cheap()
     good = render_pair(config, 0)
     assert faults(good, config) == []
 
