@@ -12,6 +12,7 @@ from tiny_datasets import CLUTTER_ALONE
 
 from semisynth_gl.bench import scaling
 from semisynth_gl.bench.lifetime import line_slope
+from semisynth_gl.bench.passes import PASS_TEXTS, pass_rows
 from semisynth_gl.bench.scaling import ball, measure_stress
 from semisynth_gl.bench.scenes import sample_scenes
 from semisynth_gl.bench.speed import Effort, limit_text, measure, table, usual_workers
@@ -24,6 +25,7 @@ from semisynth_gl.geometry.topology import is_solid
 from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.pairs.pipeline import PAIR_STAGES
 from semisynth_gl.render.backends import is_software
+from semisynth_gl.render.pass_clock import PASSES
 
 SMALL = (
     *CLUTTER_ALONE,
@@ -73,11 +75,15 @@ def test_the_report_is_whole_and_json(report):
     assert json.loads(json.dumps(report, allow_nan=False)) == report
     assert names(report["stages"]) == [*STAGES, "processor"]
     assert [(row["workers"], row["name"]) for row in report["workers"]["rows"]] == [(1, "1, one thread"), (2, "2")]
+    assert [(row["name"], row["eye"]) for row in report["passes"]["rows"]] == [
+        (name, eye) for name in ("draw", "masks", "read") for eye in ("left", "right")
+    ]
     assert report["workers"]["rows"][0]["threads"] == 0
     assert report["workers"]["rows"][0]["ratio"] == 1
     assert [row["pairs"] for row in report["workers"]["rows"]] == [4, 8]
     assert set(report["scaling"]) == {"instances", "outside", "triangles", "resolution", "antialias", "outputs"}
-    assert all(row["seconds"] > 0 for row in report["stages"]["rows"])
+    assert all(row["seconds"] > 0 for part in ("stages", "passes") for row in report[part]["rows"])
+    assert report["passes"]["queries"] != is_software(report["machine"]["renderer"])
     for part in report["scaling"].values():
         assert part["baseline"] in names(part)
         assert all(row["seconds_per_pair"] > 0 for row in part["rows"])
@@ -123,6 +129,8 @@ def test_the_table_has_every_row(report):
     parts = (report["stages"], report["workers"], report["start"], *report["scaling"].values())
     for name in (name for part in parts for name in names(part)):
         assert f" {name} " in text
+    assert "| masks, right |" in text
+    assert ("timer queries of software" in text) != report["passes"]["queries"]
     # The report has one round, which tells no share of the limit.
     assert "% of the limit" not in text
     assert "--repeats 3" in text
@@ -131,6 +139,16 @@ def test_the_table_has_every_row(report):
 
 def costs(**seconds):
     return {stage: Costs(2 * seconds.get(stage, 0.0), seconds.get(stage, 0.0), None) for stage in STAGES}
+
+
+def test_passes_are_averaged_over_all_pairs():
+    """A pair without a pass spends no time on it."""
+    pairs = [{("draw", "right"): 0.2, ("edges", "left"): 0.1}, {("draw", "right"): 0.4}]
+    assert [(row["name"], row["eye"], row["seconds"]) for row in pass_rows(pairs)] == [
+        ("draw", "right", pytest.approx(0.3)),
+        ("edges", "left", pytest.approx(0.05)),
+    ]
+    assert PASS_TEXTS.keys() == set(PASSES)
 
 
 def test_the_speed_limit_made_up_stages():

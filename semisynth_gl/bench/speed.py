@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from semisynth_gl.bench.lifetime import measure_memory, measure_start
+from semisynth_gl.bench.passes import clock_text
 from semisynth_gl.bench.scaling import measure_scaling, measure_stress
 from semisynth_gl.bench.scenes import sample_scenes
 from semisynth_gl.bench.summary import machine_facts, markdown
@@ -59,7 +60,8 @@ def measure(
         listener: hears a message at the start of each part.
 
     Returns:
-        The machine, and the measurements under "stages", "limit", "workers", "scaling", "stress", "memory" and "start".
+        The machine, and the measurements under "stages", "passes", "limit", "workers", "scaling", "stress", "memory"
+        and "start".
 
     Raises:
         SemisynthError: where the config or OpenGL cannot be used.
@@ -122,6 +124,7 @@ def table(report: Mapping[str, Any]) -> str:
                 for row in stages
             ],
         ),
+        *(_passes(report["passes"]) if "passes" in report else []),
         limit_text(report),
         markdown(
             ("workers", "threads each", "pairs", "pairs/s", "x"),
@@ -172,6 +175,11 @@ def limit_text(report: Mapping[str, Any]) -> str:
         f"{text}, {100 * limit['share']:.0f} % of the limit (median of {len(shares)} rounds, from {min(shares):.0f} to "
         f"{max(shares):.0f} %)."
     )
+
+
+def _passes(passes: Mapping[str, Any]) -> list[str]:
+    rows = [(f"{row['name']}, {row['eye']}", f"{1e3 * row['seconds']:.2f}", row["text"]) for row in passes["rows"]]
+    return [markdown(("pass", "ms a pair", "what it is"), rows), clock_text(queries=passes["queries"])]
 
 
 def _stress_text(row: Mapping[str, Any]) -> str:

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from semisynth_gl.bench.passes import pass_rows
 from semisynth_gl.bench.shards import SPLIT, do_all, shard_job
 from semisynth_gl.bench.stages import STAGES, Costs, speed_limit, stage_rows
 from semisynth_gl.bench.timing import turns
@@ -32,6 +33,7 @@ from semisynth_gl.generation.shard_job import ShardJob
 from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.backends import Backend, is_software
+from semisynth_gl.render.pass_clock import PassSeconds
 
 # Least number of pairs of each worker in a round.
 _PAIRS_EACH = 4
@@ -87,10 +89,20 @@ class _StageClock(Listener):
 
 
 class _PairTimes(NamedTuple):
-    """A task of `_TimedStages`: costs by stage, seconds without a wait between stages, facts about OpenGL."""
+    """A task of `_TimedStages`.
+
+    Attributes:
+        costs: by stage.
+        seconds: without a wait between stages.
+        passes: seconds of each pass, without a wait between stages.
+        queries: whether timer queries told the seconds of the passes.
+        facts: about OpenGL.
+    """
 
     costs: Mapping[str, Costs]
     seconds: float
+    passes: PassSeconds
+    queries: bool
     facts: dict[str, str]
 
 
@@ -115,9 +127,12 @@ class _TimedStages:
         renderer.listener = clock = _StageClock()
         array_bytes, file_bytes = self._write(renderer, shard, clock)
         renderer.listener = None
+        renderer.clock.start()
+        renderer.render(shard.first)
+        passes = renderer.clock.stop()
         sizes = {"readback": array_bytes, "encode": file_bytes, "write": file_bytes}
         costs = {stage: Costs(clock.seconds[stage], clock.cpu_seconds[stage], sizes.get(stage)) for stage in STAGES}
-        return _PairTimes(costs, seconds, renderer.facts)
+        return _PairTimes(costs, seconds, passes, renderer.clock.queries, renderer.facts)
 
     def _write(self, renderer: PairRenderer, shard: Shard, listener: Listener) -> tuple[int, int]:
         """Make a pair as `ShardJob.make` does; return the bytes of its arrays and of its files, which are removed."""
@@ -149,11 +164,11 @@ def measure_workers(
         rounds: how often each number takes its turn.
 
     Returns:
-        Three sections of the report, and facts about OpenGL. "stages" has `stage_rows` and the seconds of a pair in one
-        process with one thread, its stages following each other without a wait; "limit" is the `speed_limit` of most
-        workers; "workers" has a row of each number of workers, the single-threaded worker first: pairs per second,
-        files written, and their ratio to the first row's, medians over the rounds. Llvmpipe with 0 threads draws in the
-        thread that calls.
+        Four sections of the report, and facts about OpenGL. "stages" has `stage_rows` and the seconds of a pair in one
+        process with one thread, its stages following each other without a wait; "passes" has `pass_rows` of the same
+        pairs, and whether timer queries told their times; "limit" is the `speed_limit` of most workers; "workers" has a
+        row of each number of workers, the single-threaded worker first: pairs per second, files written, and their
+        ratio to the first row's, medians over the rounds. Llvmpipe with 0 threads draws in the thread that calls.
     """
     settings: dict[str, tuple[int, str | None]] = {_SINGLE: (1, "0")}
     settings |= {str(count): (count, None) for count in sorted(set(counts))}
@@ -187,6 +202,7 @@ def measure_workers(
     shares = np.divide(rates[most["name"]], limits).tolist()
     sections = {
         "stages": {"pair_seconds": float(np.mean([pair.seconds for pair in times])), "rows": stages},
+        "passes": {"queries": times[0].queries, "rows": pass_rows([pair.passes for pair in times])},
         "limit": {"workers": most["workers"]} | speed_limit(stages, cores(), most["pairs_per_second"], shares),
         "workers": {"rows": rows},
     }

@@ -125,8 +125,9 @@ def speed(
 ) -> None:
     """Measure pairs per second, what limits them, and what they depend on.
 
-    Each stage of a pair alone; workers, from start to end; instances, triangles, pixels, antialiasing and outputs;
-    memory; the time to the first pair. Let the machine do nothing else meanwhile.
+    Each stage of a pair alone; each pass of its drawing, by the GPU's own clock where a GPU draws; workers, from start
+    to end; instances, triangles, pixels, antialiasing and outputs; memory; the time to the first pair. Let the machine
+    do nothing else meanwhile.
     """
     from semisynth_gl.bench import speed as benchmark  # noqa: PLC0415 - other commands need no renderer
 

@@ -24,6 +24,7 @@ from semisynth_gl.pairs.checks import faults
 from semisynth_gl.pairs.imperfections import with_imperfections
 from semisynth_gl.plugins import plugin_records
 from semisynth_gl.render.backends import Backend
+from semisynth_gl.render.pass_clock import PassClock
 from semisynth_gl.render.readers import Reader, read_array
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.mix import MixSampler
@@ -144,6 +145,11 @@ class PairRenderer:
     @listener.setter
     def listener(self, listener: Listener | None) -> None:
         self._renderer.listener = listener
+
+    @property
+    def clock(self) -> PassClock:
+        """For measurements: times the passes of pairs; see `Renderer`."""
+        return self._renderer.clock
 
     @property
     def renderer_name(self) -> str:

@@ -102,8 +102,8 @@ class ColourTargets:
         self.fine.scissor = scale * x, scale * y, scale * width, scale * height
         self._resolve.scissor = x, y, width, height
 
-    def read_colour(self, crop: Crop | None = None) -> NDArray[np.uint8]:
-        """Resolve what was drawn into `fine` and copy it, or a crop, out as (H, W, 3) uint8 RGB, top row first."""
+    def resolve(self) -> None:
+        """Make one sample a pixel of what was drawn into `fine`."""
         if isinstance(self._colour, moderngl.Texture):
             self._resolve.use()
             self._gl.enable_only(moderngl.NOTHING)
@@ -111,6 +111,9 @@ class ColourTargets:
             self._vao.render(moderngl.TRIANGLES, 3)
         else:
             self._gl.copy_framebuffer(self._resolve, self.fine)
+
+    def read_colour(self, crop: Crop | None = None) -> NDArray[np.uint8]:
+        """Copy what was resolved, or a crop of it, out as (H, W, 3) uint8 RGB, top row first."""
         colour: NDArray[np.uint8] = self._read(self._resolve, window(crop, self._resolve.size), 0, "f1", 3)
         return colour
 

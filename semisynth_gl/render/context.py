@@ -10,9 +10,10 @@ import moderngl
 from glcontext import egl
 
 from semisynth_gl.errors import BackendError, InputError
-from semisynth_gl.render.backends import BACKENDS, Backend
+from semisynth_gl.render.backends import BACKENDS, Backend, is_software
 from semisynth_gl.render.load_order import load_before_driver
 from semisynth_gl.render.osmesa import OSMesaContext
+from semisynth_gl.render.pass_clock import PassClock
 from semisynth_gl.render.unbound import UnboundCalls
 
 # 4.5 is where glClipControl, needed for reversed Z, became core; llvmpipe has offered it since Mesa 20.2.
@@ -40,6 +41,7 @@ class GraphicsContext:
     Attributes:
         gl: moderngl's context.
         unbound: the calls that moderngl lacks.
+        clock: times the passes that are drawn here, while it runs.
         backend: "egl" or "osmesa".
         renderer: what the driver calls itself, for the provenance of every pair.
         process: the process that opened it.
@@ -48,6 +50,7 @@ class GraphicsContext:
 
     gl: moderngl.Context
     unbound: UnboundCalls
+    clock: PassClock
     backend: Backend
     renderer: str
     process: int
@@ -144,4 +147,5 @@ def _set_up(raw: Any, backend: Backend) -> GraphicsContext:  # noqa: ANN401 - ei
         raise
     unbound.use_zero_to_one_depth()
     unbound.disable_dither()
-    return GraphicsContext(gl, unbound, backend, renderer, os.getpid(), get_ident())
+    clock = PassClock(gl, queries=not is_software(renderer))
+    return GraphicsContext(gl, unbound, clock, backend, renderer, os.getpid(), get_ident())

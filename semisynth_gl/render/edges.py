@@ -61,6 +61,7 @@ class EdgePass:
         self._wearers = gl.buffer(reserve=_FEWEST_INSTANCES * WEARER.itemsize, dynamic=True)
         self._strips = gl.buffer(reserve=_FEWEST_STRIPS * 16, dynamic=True)
         self._vao = gl.vertex_array(program, [])
+        self._clock = context.clock
 
     def draw(self, placed: Placed, eye: Eye, targets: EyeTargets, part: Crop | None) -> None:
         """Smooth the image of one eye's targets, or a part of it, whose depth is still that of the drawing."""
@@ -74,13 +75,14 @@ class EdgePass:
         self._vertices.bind_to_storage_buffer(_VERTICES)
         self._wearers.bind_to_storage_buffer(BLOCKS["Wearers"].binding)
         self._strips.bind_to_storage_buffer(_STRIPS)
-        targets.blending.use(part, _DRAWN)
         self._gl.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         self._gl.depth_func = ">"
         self._gl.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
         for atlas in range(len(self._patches.ends)):
             self._patches.use(atlas, atlas)
-        self._vao.render(moderngl.POINTS, len(strips))
+        with self._clock.timed("edges", eye):
+            targets.blending.use(part, _DRAWN)
+            self._vao.render(moderngl.POINTS, len(strips))
 
     def _worn(self, placed: Placed, eye: Eye) -> NDArray[np.void]:
         scene, ends = placed.scene, self._patches.ends

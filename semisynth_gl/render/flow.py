@@ -93,12 +93,13 @@ class FlowPass:
             raise RuntimeError("the flow pass has no targets yet")
         scene, camera, (then, moves) = placed.scene, placed.scene.camera, moved
         filled = models.fill(then, eye)
-        self._then.clear()
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">"
         self._constants.write(camera, eye, then.scene.near_m)
-        for part in filled:
-            models.draw(self._draw_program, part)
+        with self._context.clock.timed("moment", eye):
+            self._then.clear()
+            for part in filled:
+                models.draw(self._draw_program, part)
 
         moves = moves.copy()
         moves["centre"][:, 0] -= camera.offset_m(eye)
@@ -110,12 +111,13 @@ class FlowPass:
         self._then.bind("depth", _THEN_DEPTH)
         self._then.bind("surface", _THEN_SURFACE)
         self._targets.limit(crop)
-        self._targets.framebuffer.use()
-        self._context.unbound.clear_depth(1.0)
         self._gl.enable_only(moderngl.DEPTH_TEST)
-        # As in the visibility pass: what the first draw discards keeps the depth that the clearing gave it.
         self._constants.write(camera, eye, scene.near_m)
-        for number, draw in enumerate(self._draws):
-            self._gl.depth_func = "1" if number == 0 else "!="
-            draw.render(moderngl.TRIANGLES, 3)
+        with self._context.clock.timed("flow", eye):
+            self._targets.framebuffer.use()
+            # What the first draw discards keeps the depth that the clearing gives it.
+            self._context.unbound.clear_depth(1.0)
+            for number, draw in enumerate(self._draws):
+                self._gl.depth_func = "1" if number == 0 else "!="
+                draw.render(moderngl.TRIANGLES, 3)
         return self._targets

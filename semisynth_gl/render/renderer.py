@@ -43,6 +43,7 @@ from semisynth_gl.render.context import open_context
 from semisynth_gl.render.edges import EdgePass
 from semisynth_gl.render.flow import FlowPass
 from semisynth_gl.render.model_buffers import Filled, ModelBuffers, Placed
+from semisynth_gl.render.pass_clock import PassClock
 from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.readers import Reader, read_array
@@ -171,6 +172,11 @@ class Renderer:
         """Backend, renderer and version of OpenGL, as the driver calls them."""
         return self._context.facts
 
+    @property
+    def clock(self) -> PassClock:
+        """For measurements: times each pass while it runs; it does not before it is started."""
+        return self._context.clock
+
     def count_objects(self) -> dict[str, int]:
         """Count what the driver holds for this renderer, by kind; for the search for leaks."""
         self._check_open()
@@ -250,7 +256,7 @@ class Renderer:
             for eye in self._truth_eyes:
                 self._visibility.draw(placed, eye, self._targets, self._models, crop)
         finish("visibility")
-        views = self._read(colour, crop)
+        views = {eye: self._read(eye, colour[eye], crop) for eye in EYES}
         if self._flow is not None:
             for name, motion in motions.items():
                 if motion is not None and self._outputs & _NEEDS_MOTION[name]:
@@ -258,21 +264,19 @@ class Renderer:
         finish("readback")
         return Frame(camera, View(views["left"]), View(views["right"]))
 
-    def _read(self, colour: dict[Eye, NDArray[np.uint8] | None], crop: Crop | None) -> dict[Eye, dict[str, Any]]:
-        """Copy out the channels of the drawing and the visibility pass; ``colour`` has the antialiased images."""
-        views: dict[Eye, dict[str, Any]] = {}
-        for eye in EYES:
-            targets, antialiased = self._targets[eye], colour[eye]
-            image = CHANNELS["image"]
-            views[eye] = {image.name: targets.read(image.attachment, crop) if antialiased is None else antialiased}
+    def _read(self, eye: Eye, antialiased: NDArray[np.uint8] | None, crop: Crop | None) -> dict[str, Any]:
+        """Copy out one eye's channels of the drawing and the visibility pass, but for an image that is antialiased."""
+        targets, image = self._targets[eye], CHANNELS["image"]
+        with self.clock.timed("read", eye):
+            view = {image.name: targets.read(image.attachment, crop) if antialiased is None else antialiased}
             if eye in self._truth_eyes:
                 for channel in self._drawn_by("drawing"):
                     if channel is not image:
-                        views[eye][channel.name] = targets.read(channel.attachment, crop)
+                        view[channel.name] = targets.read(channel.attachment, crop)
                 if targets.visibility is not None:
                     for channel in self._drawn_by("visibility"):
-                        views[eye][channel.name] = targets.visibility.read(channel.attachment, crop)
-        return views
+                        view[channel.name] = targets.visibility.read(channel.attachment, crop)
+        return view
 
     def _read_flow(
         self,
@@ -287,9 +291,10 @@ class Renderer:
         moved = flow_pass.place(placed, motion, self._models)
         for eye in self._truth_eyes:
             targets = flow_pass.draw(placed, moved, eye, self._targets[eye], self._models, crop)
-            for channel in self._drawn_by("flow"):
-                if channel.moment == moment:
-                    views[eye][channel.name] = targets.read(channel.attachment, crop)
+            with self.clock.timed("read", eye):
+                for channel in self._drawn_by("flow"):
+                    if channel.moment == moment:
+                        views[eye][channel.name] = targets.read(channel.attachment, crop)
 
     def _drawn_by(self, name: Pass) -> list[Channel[Any]]:
         return [channel for channel in self._channels if channel.drawn_by == name]
@@ -392,19 +397,24 @@ class Renderer:
         if self._attachments[eye]:
             targets = self._targets[eye]
             targets.limit(part)
-            targets.clear()
             if self._triangle_readers.intersection(self._attachments[eye]):
                 self._models.bind_triangles(placed, eye)
-            self._draw_models(self._draw_programs[eye], filled)
+            with self.clock.timed("draw", eye):
+                targets.clear()
+                self._draw_models(self._draw_programs[eye], filled)
             if self._edges is not None:
                 self._edges.draw(placed, eye, targets, crop)
         if self._colour_targets is None or self._colour_programs is None:
             return None
         self._colour_targets.limit(crop)
-        self._colour_targets.fine.use()
-        self._colour_targets.fine.clear(0.0, 0.0, 0.0, 0.0, depth=0.0)
-        self._draw_models(self._colour_programs, filled)
-        return self._colour_targets.read_colour(crop)
+        with self.clock.timed("samples", eye):
+            self._colour_targets.fine.use()
+            self._colour_targets.fine.clear(0.0, 0.0, 0.0, 0.0, depth=0.0)
+            self._draw_models(self._colour_programs, filled)
+        with self.clock.timed("resolve", eye):
+            self._colour_targets.resolve()
+        with self.clock.timed("read", eye):
+            return self._colour_targets.read_colour(crop)
 
     def _draw_models(self, programs: Sequence[moderngl.Program], filled: Sequence[Filled]) -> None:
         self._gl.enable_only(moderngl.DEPTH_TEST)

@@ -47,8 +47,6 @@ class VisibilityPass:
         if own.visibility is None:
             raise RuntimeError("these targets were made without visibility")
         own.visibility.limit(crop)
-        own.visibility.framebuffer.use()
-        self._context.unbound.clear_unsigned(0, VISIBLE)
         own.visibility.bind_to_image("visibility", _VISIBILITY)
         own.bind("disparity", _OWN_DISPARITY)
         own.bind("surface", _OWN_SURFACE)
@@ -63,8 +61,11 @@ class VisibilityPass:
         columns, bottom = ceil(part.right_px / _TILE_PX) - x, ceil(part.bottom_px / _TILE_PX)
         rows = max(1, _MOST_PIXELS // (_TILE_PX**2 * columns))
         self._make_room(columns * min(rows, bottom - y))
-        for first in range(y, bottom, rows):
-            self._judge((x, first, columns, min(rows, bottom - first)))
+        with self._context.clock.timed("masks", eye):
+            own.visibility.framebuffer.use()
+            self._context.unbound.clear_unsigned(0, VISIBLE)
+            for first in range(y, bottom, rows):
+                self._judge((x, first, columns, min(rows, bottom - first)))
 
     def _make_room(self, tiles: int) -> None:
         """Let the lists hold all tiles twice and all pixels."""
