@@ -16,6 +16,7 @@ from semisynth_gl.config.scene_sections import BackgroundSection, CameraSection,
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.pairs.pipeline import PairRenderer
+from semisynth_gl.render import listed_steps
 from semisynth_gl.scene.background import draw_background, draw_kind
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import STILL, draw_sway, near_depth_m, rotation_about_axis
@@ -234,11 +235,13 @@ def test_flow_to_the_next_frame_is_undone_by_its_flow_back(backend):
 
 
 @pytest.mark.one_backend
-def test_crops_of_flow_are_those_of_the_whole_image(backend):
+def test_crops_and_bands_of_flow_are_those_of_the_whole_image(backend, monkeypatch):
     with PairRenderer(moving(), 1, backend) as renderer:
         whole = renderer.render(1).frame
         crop = Crop(40, 30, 61, 47)
         assert_equal(renderer.render(1, crop=crop).frame, whole, crop)
+        assert_equal(renderer.render(1, crop=crop, checked=False).frame, whole, crop)
+        monkeypatch.setattr(listed_steps, "_MOST_PIXELS", 1000)
         assert_equal(renderer.render(1, crop=crop, checked=False).frame, whole, crop)
 
 

@@ -9,7 +9,7 @@ from scenes import facing, noise_layers
 from semisynth_gl.camera import Crop, StereoCamera
 from semisynth_gl.frame import OCCLUDED, VISIBLE
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS
-from semisynth_gl.render import visibility
+from semisynth_gl.render import listed_steps
 from semisynth_gl.render.model_buffers import _by_last_corner
 from semisynth_gl.scene.scene import make_scene
 
@@ -64,7 +64,7 @@ def test_bands_and_crops_do_not_change_masks(open_renderer, monkeypatch):
     renderer = open_renderer(models, noise_layers(1, 16))
     whole = renderer.render(scene)
     assert {VISIBLE, OCCLUDED} <= set(np.unique(whole.left.visibility))
-    monkeypatch.setattr(visibility, "_MOST_PIXELS", 3000)
+    monkeypatch.setattr(listed_steps, "_MOST_PIXELS", 3000)
     for crop in (None, Crop(61, 33, 90, 71), Crop(202, 149, 1, 1)):
         part = crop or Crop(0, 0, 203, 150)
         rows, columns = slice(part.y_px, part.bottom_px), slice(part.x_px, part.right_px)

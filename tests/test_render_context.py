@@ -312,7 +312,7 @@ def test_glcontext_variables_override_nothing():
 
 
 def test_shaders_resolve_their_includes(tmp_path, monkeypatch):
-    assert "float disparity_at(" in shader_source("flow.frag")
+    assert "float disparity_at(" in shader_source("flow.comp")
     assert "#include" not in shader_source("visibility.comp")
     assert shader_source("visibility.comp", {"STEP": 1}).splitlines()[:2] == ["#version 450 core", "#define STEP 1"]
     with pytest.raises(ValueError, match="does not know SETP"):

@@ -9,14 +9,14 @@ import pytest
 from semisynth_gl.errors import BackendError
 from semisynth_gl.render import structs
 from semisynth_gl.render.context import open_context
-from semisynth_gl.render.programs import link_program
+from semisynth_gl.render.programs import link_compute, link_program
 from semisynth_gl.render.structs import BLOCKS, Block, check_attributes, members
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
 from disparity_variants import VARIANT_SHADERS  # and adds its block to BLOCKS
 
-FLOW = ("whole_image.vert", "flow.frag", {"FLOW": 0, "FLOW_VISIBILITY": 1, "DISPARITY_CHANGE": 2, "TRACE": 1})
+FLOW = ("flow.comp", {"STEP": 1})
 EDGES = ("edges.vert", "edges.frag", {}, "edges.geom")
 
 
@@ -37,9 +37,9 @@ def test_a_struct_that_is_packed_otherwise_is_an_error_with_both_layouts(context
         "itemsize": block.dtype.itemsize + 16,
     })  # fmt: skip
     monkeypatch.setitem(structs.BLOCKS, name, Block(block.binding, wrong, block.array))
-    shaders = {"Camera64": (*VARIANT_SHADERS, {"PLANE64": 1}), "Wearers": EDGES}.get(name, FLOW)
+    drawing = {"Camera64": (*VARIANT_SHADERS, {"PLANE64": 1}), "Wearers": EDGES}.get(name)
     with pytest.raises(BackendError, match=rf"lays out the block {name} as .* bytes, but the program packs .* bytes"):
-        link_program(context, *shaders)
+        link_program(context, *drawing) if drawing else link_compute(context, *FLOW)
 
 
 def test_members_are_named_as_in_glsl():

@@ -8,6 +8,7 @@ from semisynth_gl.camera import Crop, Eye
 from semisynth_gl.errors import InputError
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import GraphicsContext
+from semisynth_gl.render.listed_steps import ListedSteps
 from semisynth_gl.render.model_buffers import ModelBuffers, Placed, refill
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.readers import Reader
@@ -16,12 +17,13 @@ from semisynth_gl.render.targets import FLOW, EyeTargets, Targets
 from semisynth_gl.scene.scene import Motion
 
 _FEWEST_MOVES = 256
-# Texture units of flow.frag.
+# Texture units of flow.comp, and its image units.
 _OWN_DEPTH, _OWN_SURFACE, _THEN_DEPTH, _THEN_SURFACE = range(4)
+_IMAGES = {"flow": 0, "disparity_change": 1, "flow_visibility": 2}
 
 
 class FlowPass:
-    """Draws other moments' depth and surfaces, and compares.
+    """Draws other moments' depth and surfaces, and compares in two compute steps; see flow.comp.
 
     Args:
         context: the open context.
@@ -35,11 +37,8 @@ class FlowPass:
         self._gl = context.gl
         self._draw_program = link_program(context, "mesh.vert", "mesh.frag", {"DEPTH": 0, "SURFACE": 1})
         self._constants = constants
-        self._draws: list[moderngl.VertexArray] = []
-        locations = {name.upper(): number for number, name in enumerate(FLOW)}
-        for defines in ({}, {"TRACE": 1}):
-            program = link_program(context, "whole_image.vert", "flow.frag", locations | defines)
-            self._draws.append(context.gl.vertex_array(program, []))
+        # Pixel by pixel, with one list of pixels.
+        self._steps = ListedSteps(context, "flow.comp", 2, tile_px=1, entries=1)
         self._moves = context.gl.buffer(reserve=_FEWEST_MOVES * MOVE.itemsize, dynamic=True)
         self._then: EyeTargets | None = None
         self._targets: Targets | None = None
@@ -47,10 +46,11 @@ class FlowPass:
     def resize(self, size: tuple[int, int]) -> None:
         """Make room for another image size; a size that the driver refuses leaves the pass as it was."""
         then = EyeTargets(self._context, size, ("depth", "surface"), visibility=False)
-        targets = Targets(self._context, size, FLOW, self._read)
+        # No pass reads or writes depth there: it has the other moment's rather than one of its own.
+        targets = Targets(self._context, size, FLOW, self._read, then.depth_buffer)
         # moderngl binds the framebuffer in use again after making a new one, so the old ones go last.
         targets.framebuffer.use()
-        for outgrown in (self._then, self._targets):
+        for outgrown in (self._targets, self._then):
             if outgrown is not None:
                 outgrown.release()
         self._then, self._targets = then, targets
@@ -110,14 +110,9 @@ class FlowPass:
         own.bind("surface", _OWN_SURFACE)
         self._then.bind("depth", _THEN_DEPTH)
         self._then.bind("surface", _THEN_SURFACE)
-        self._targets.limit(crop)
-        self._gl.enable_only(moderngl.DEPTH_TEST)
+        for name, unit in _IMAGES.items():
+            self._targets.bind_to_image(name, unit)
         self._constants.write(camera, eye, scene.near_m)
         with self._context.clock.timed("flow", eye):
-            self._targets.framebuffer.use()
-            # What the first draw discards keeps the depth that the clearing gives it.
-            self._context.unbound.clear_depth(1.0)
-            for number, draw in enumerate(self._draws):
-                self._gl.depth_func = "1" if number == 0 else "!="
-                draw.render(moderngl.TRIANGLES, 3)
+            self._steps.run(crop or Crop(0, 0, *own.framebuffer.size))
         return self._targets

@@ -28,7 +28,7 @@ WEARER = np.dtype([("view_from_model", "<f4", (3, 4)), ("patch_from_uv", "<f4", 
 """The struct of edges.geom, std430."""
 
 MOVE = np.dtype([("turn_and_shift", "<f4", (3, 4)), ("centre", "<f4", 3), ("", "<f4"), ("then", "<u4"), ("", "<u4", 3)])
-"""The struct of flow.frag, std430."""
+"""The struct of flow.comp, std430."""
 
 VERTEX = np.dtype([("position", "<f4", 3), ("uv", "<f4", 2)])
 """The attributes of a vertex in mesh.vert."""

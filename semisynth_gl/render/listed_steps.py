@@ -1,0 +1,69 @@
+"""Compute passes over an image in steps, of which each lists what it leaves open for the next ones."""
+
+from math import ceil
+
+import numpy as np
+
+from semisynth_gl.camera import Crop
+from semisynth_gl.render.context import GraphicsContext
+from semisynth_gl.render.programs import link_compute
+
+# Binding of the lists in shaders, and what stands before them: how many entries each has.
+_WORK = 5
+_COUNTERS = np.zeros(4, "<u4").tobytes()
+# Invocations of the first step that work together, in columns and rows of tiles.
+_GROUP_TILES = 16, 4
+# Steps that work on lists take turns through them, since only the driver knows how long they are.
+_MOST_GROUPS = 128
+# Larger images are judged band by band, which bounds the lists.
+_MOST_PIXELS = 1 << 21
+
+
+class ListedSteps:
+    """A compute shader in steps: the first judges tiles of the image, later ones what the lists have.
+
+    The shader knows its step as STEP, and what is judged now as `band`: left column, first row, width and height, in
+    tiles.
+
+    Args:
+        context: the open context.
+        shader: its file.
+        steps: how many.
+        tile_px: side of a tile.
+        entries: most entries of all lists together for a tile.
+
+    Raises:
+        BackendError: where the driver refuses the shader.
+    """
+
+    def __init__(self, context: GraphicsContext, shader: str, steps: int, tile_px: int, entries: int) -> None:
+        self._gl = context.gl
+        self._steps = [link_compute(context, shader, {"STEP": step}) for step in range(steps)]
+        # A step that only reads lists may leave the band out.
+        self._banded = [step for step in self._steps if "band" in list(step)]
+        self._tile_px, self._entries = tile_px, entries
+        self._work = context.gl.buffer(reserve=len(_COUNTERS), dynamic=True)
+
+    def run(self, part: Crop) -> None:
+        """Judge a part of the image, and what else its tiles hold; whatever comes next sees the result."""
+        # Tiles stand at the same places whatever the part is.
+        x, y = part.x_px // self._tile_px, part.y_px // self._tile_px
+        columns, bottom = ceil(part.right_px / self._tile_px) - x, ceil(part.bottom_px / self._tile_px)
+        rows = max(1, _MOST_PIXELS // (self._tile_px**2 * columns))
+        size = len(_COUNTERS) + 4 * self._entries * columns * min(rows, bottom - y)
+        if self._work.size < size:
+            self._work.orphan(size)
+        self._work.bind_to_storage_buffer(_WORK)
+        for first in range(y, bottom, rows):
+            self._judge((x, first, columns, min(rows, bottom - first)))
+
+    def _judge(self, band: tuple[int, int, int, int]) -> None:
+        self._work.write(_COUNTERS)
+        for step in self._banded:
+            step["band"] = band
+        first, *later = self._steps
+        first.run(ceil(band[2] / _GROUP_TILES[0]), ceil(band[3] / _GROUP_TILES[1]))
+        for step in later:
+            self._gl.memory_barrier()
+            step.run(_MOST_GROUPS)
+        self._gl.memory_barrier()

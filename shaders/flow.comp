@@ -1,0 +1,158 @@
+#version 450 core
+// Where the point that a pixel of one eye shows is at another moment, seen by the same eye, and whether it is seen then.
+//
+// Two steps: DEPTHS decides most pixels by the depth map of the other moment alone, and lists those that this leaves open;
+// TRACE follows the surfaces around the point to it.
+
+#include "common_constants.glsl"
+#include "common_disparity.glsl"
+
+#define DEPTHS 0
+#define TRACE 1
+
+#if STEP == DEPTHS
+layout(local_size_x = 16, local_size_y = 4) in;
+#else
+layout(local_size_x = 64) in;
+#endif
+
+layout(binding = 0) uniform sampler2D own_depth;       // m; inf where nothing is drawn
+layout(binding = 1) uniform usampler2D own_surface;
+layout(binding = 2) uniform sampler2D then_depth;      // its wrap must be clamped
+layout(binding = 3) uniform usampler2D then_surface;
+
+layout(binding = 0, rg32f) writeonly uniform image2D flow;
+layout(binding = 1, r32f) writeonly uniform image2D disparity_change;
+layout(binding = 2, r8ui) writeonly uniform uimage2D flow_visibility;
+
+struct Move {
+    vec4 turn_and_shift_x;   // rows of R - 1 and of the shift of the centre: a point at c + q goes to c + shift + R q
+    vec4 turn_and_shift_y;
+    vec4 turn_and_shift_z;
+    vec4 centre;             // c, relative to this eye
+    uvec4 then;              // the instance then, or GONE
+};
+
+layout(std430, binding = 4) readonly buffer Moves { Move moves[]; };
+
+// Pixels that are listed, as column and row.
+layout(std430, binding = 5) buffer Work {
+    uint pixels;
+    uint unused[3];
+    uint work[];
+};
+
+uniform uvec4 band;  // pixels: left column, first row, width and height of what is judged now
+
+const uint UNDECIDED = 1u;
+const uint GONE = 0xFFFFFFFFu;
+// What float32 leaves uncertain of 1 / Z.
+const float ROUNDING = 2e-5;
+// What a surface may bend between four pixels that all show it.
+const float BEND = 2e-4;
+// Nearer by this share is nearer, whatever the surface does between two pixels.
+const float CLEARLY = 0.01;
+
+// The way of a point to the other moment.
+struct Way {
+    float inverse_depth;       // 1 / Z now
+    float deeper;              // Z then less Z now, in units of the depth now
+    float growth;              // Z then, in units of the depth now
+    vec2 flow_px;
+};
+
+Way way_of(ivec2 pixel, float depth_m, Move move) {
+    // All lengths in units of the depth. The displacement is worked out as such, not as the difference of two places:
+    // so its rounding errors are of its own size.
+    float inverse_depth = 1.0 / depth_m;
+    vec3 ray = vec3((vec2(pixel) - centre_px) / focal_px, 1.0);
+    vec4 from_centre = vec4(ray - move.centre.xyz * inverse_depth, inverse_depth);
+    vec3 way = vec3(dot(move.turn_and_shift_x, from_centre), dot(move.turn_and_shift_y, from_centre),
+                    dot(move.turn_and_shift_z, from_centre));
+    float growth = 1.0 + way.z;
+    return Way(inverse_depth, way.z, growth, focal_px * (way.xy - ray.xy * way.z) / growth);
+}
+
+// 1 / Z of the four pixels around a point then: x, y are below, left and right, and w, z above.
+vec4 nearness_around(vec2 target) {
+    vec2 corner = (floor(target) + 1.0) / vec2(textureSize(then_depth, 0));
+    return 1.0 / textureGather(then_depth, corner);
+}
+
+#if STEP == DEPTHS
+// By the depths of the four pixels around the point then.
+uint judge(vec2 target, float inverse_depth_then, uint instance_then) {
+    vec4 nearness = nearness_around(target);
+    float nearest = max(max(nearness.x, nearness.y), max(nearness.z, nearness.w));
+    float farthest = min(min(nearness.x, nearness.y), min(nearness.z, nearness.w));
+    uvec4 around = textureGather(then_surface, (floor(target) + 1.0) / vec2(textureSize(then_surface, 0)), 0);
+    vec2 between = fract(target);
+    float expected = mix(mix(nearness.w, nearness.z, between.x), mix(nearness.x, nearness.y, between.x), between.y);
+    bool goes_on = all(equal(around, uvec4(instance_then))) && nearest - farthest < CLEARLY * nearest
+        && abs(expected - inverse_depth_then) < BEND * inverse_depth_then;
+    bool hidden = farthest > (1.0 + CLEARLY) * inverse_depth_then;
+    return hidden ? OCCLUDED : goes_on ? VISIBLE : UNDECIDED;
+}
+
+void main() {
+    if (any(greaterThanEqual(gl_GlobalInvocationID.xy, band.zw))) {
+        return;
+    }
+    ivec2 pixel = ivec2(band.xy + gl_GlobalInvocationID.xy);
+    vec2 flow_px = vec2(INVALID);
+    float change_px = INVALID;
+    uint seen = OUTSIDE;
+    float depth_m = texelFetch(own_depth, pixel, 0).r;
+    if (depth_m <= LARGEST) {
+        Move move = moves[texelFetch(own_surface, pixel, 0).r];
+        Way way = way_of(pixel, depth_m, move);
+        if (!(way.growth * depth_m < near_m)) {
+            flow_px = way.flow_px;
+            float inverse_depth_then = way.inverse_depth / way.growth;
+            if (disparity_at(way.inverse_depth) < LARGEST && disparity_at(inverse_depth_then) < LARGEST) {
+                change_px = -focal_baseline * way.inverse_depth * way.deeper / way.growth;
+            }
+            vec2 target = vec2(pixel) + flow_px, end = vec2(textureSize(own_depth, 0) - 1) + 0.5;
+            if (!any(lessThan(target, vec2(-0.5))) && !any(greaterThanEqual(target, end))) {
+                seen = move.then.x == GONE ? OCCLUDED : judge(target, inverse_depth_then, move.then.x);
+            }
+        }
+    }
+    if (seen == UNDECIDED) {
+        work[atomicAdd(pixels, 1u)] = uint(pixel.x) | uint(pixel.y) << 16;
+        seen = VISIBLE;
+    }
+    imageStore(flow, pixel, vec4(flow_px, 0.0, 0.0));
+    imageStore(disparity_change, pixel, vec4(change_px));
+    imageStore(flow_visibility, pixel, uvec4(seen));
+}
+#else
+#include "common_silhouette.glsl"
+
+void main() {
+    ivec2 last = textureSize(own_depth, 0) - 1;
+    for (uint item = gl_GlobalInvocationID.x; item < pixels; item += gl_NumWorkGroups.x * gl_WorkGroupSize.x) {
+        ivec2 pixel = ivec2(work[item] & 0xFFFFu, work[item] >> 16);
+        uvec2 own = texelFetch(own_surface, pixel, 0).rg;
+        Move move = moves[own.x];
+        Way way = way_of(pixel, texelFetch(own_depth, pixel, 0).r, move);
+        float inverse_depth_then = way.inverse_depth / way.growth;
+        vec2 target = vec2(pixel) + way.flow_px;
+        vec4 nearness = nearness_around(target);
+        const ivec2 STEPS[4] = ivec2[4](ivec2(0, 1), ivec2(1, 1), ivec2(1, 0), ivec2(0, 0));
+        for (int k = 0; k < 4; ++k) {
+            // What is farther by more than a surface rises within a pixel hides nothing.
+            if (nearness[k] * (1.0 + 2.0 * CLEARLY) < inverse_depth_then) {
+                continue;
+            }
+            ivec2 beside = clamp(ivec2(floor(target)) + STEPS[k], ivec2(0), last);
+            uvec2 surface = texelFetch(then_surface, beside, 0).rg;
+            if (surface != uvec2(move.then.x, own.y)
+                && surface_at(surface, vec2(beside), target) > (1.0 + ROUNDING) * inverse_depth_then) {
+                imageStore(flow_visibility, pixel, uvec4(OCCLUDED));
+                break;
+            }
+        }
+    }
+}
+#endif
