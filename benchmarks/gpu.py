@@ -78,7 +78,7 @@ PARTS: Mapping[str, Part] = {
         report=(speed.headline, memory_rates.table),
     ),
     "speed": Part(
-        "Stages, workers to disk, what grows, memory",
+        "Stages and passes, workers to disk, what grows, memory",
         (*_CLI, "bench", "speed", "--pairs", "64", "--memory-pairs", "2000"),
         (
             "--set", "scale=0.1", "--pairs", "1", "--repeats", "1", "--workers", "1", "--memory-pairs", "8",
