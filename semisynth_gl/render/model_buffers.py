@@ -76,6 +76,9 @@ class ModelBuffers:
         models: at least one.
         atlas_ends: (A,) int64, see `PatchTextures.ends`.
         traced: whether shaders will look up triangles (`bind_triangles`).
+
+    Attributes:
+        filled: (N,) int64, which instances of the scene `fill` uploaded, in the order of drawing.
     """
 
     def __init__(
@@ -107,6 +110,8 @@ class ModelBuffers:
         self._model_commands["base_vertex"] = base_vertex
         self._solid = np.array([mesh.solid for mesh in models])
         self._vaos: dict[int, moderngl.VertexArray] = {}
+        self.filled = np.zeros(0, np.int64)
+        self._filled_commands = np.zeros(0, COMMAND)
         self._instances = gl.buffer(reserve=_FEWEST_INSTANCES * DRAWN_INSTANCE.itemsize, dynamic=True)
         self._commands = gl.buffer(reserve=_FEWEST_INSTANCES * COMMAND.itemsize, dynamic=True)
 
@@ -159,12 +164,43 @@ class ModelBuffers:
         commands["base_instance"] = np.arange(len(seen))
         refill(self._instances, instances)
         refill(self._commands, commands)
+        self.filled, self._filled_commands = seen, commands
         first, filled = 0, []
         for number in np.unique(atlas):
             count, fronts = int((atlas == number).sum()), int((fronts_only & (atlas == number)).sum())
             filled.append(Filled(int(number), first, fronts, count - fronts))
             first += count
         return filled
+
+    def select(
+        self,
+        filled: Sequence[Filled],
+        numbers: NDArray[np.int64],
+        first_triangle: NDArray[np.int64] | None = None,
+        triangles: NDArray[np.int64] | None = None,
+    ) -> list[Filled]:
+        """Choose from what `fill` uploaded, until it is called again.
+
+        Args:
+            filled: what it returned.
+            numbers: (S,) which instances, by their place in the order of drawing; ascending.
+            first_triangle: (S,) from which of a model's triangles; None for all triangles.
+            triangles: (S,) how many of them.
+
+        Returns:
+            What to draw in the place of ``filled``.
+        """
+        commands = self._filled_commands[numbers]
+        if first_triangle is not None and triangles is not None:
+            commands["first_index"] += (3 * first_triangle).astype(np.uint32)
+            commands["count"] = 3 * triangles
+        refill(self._commands, commands)
+        selected = []
+        for own in filled:
+            ends = own.first, own.first + own.fronts, own.first + own.fronts + own.both_sides
+            first, middle, last = np.searchsorted(numbers, ends).tolist()
+            selected.append(Filled(own.atlas, first, middle - first, last - middle))
+        return selected
 
     def draw(self, program: moderngl.Program, filled: Filled) -> None:
         """Draw a part of what `fill` uploaded into the framebuffer in use."""

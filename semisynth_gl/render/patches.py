@@ -56,6 +56,8 @@ def _upload(context: GraphicsContext, layers: NDArray[np.uint8], *, mirrored: bo
     context.unbound.store_layers(atlas.glo, side.bit_length(), np.ascontiguousarray(layers))
     _draw_levels(context, atlas, side, count)
     atlas.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+    # Nobody reads the alpha: llvmpipe then does not filter it.
+    atlas.swizzle = "RGB1"
     if mirrored:
         context.unbound.mirror_beyond_border(atlas.glo)
     return atlas

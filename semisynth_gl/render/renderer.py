@@ -37,12 +37,13 @@ from semisynth_gl.frame import (
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.antialias import ColourTargets, parse_antialias
-from semisynth_gl.render.backends import Backend
+from semisynth_gl.render.backends import Backend, is_software
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.edges import EdgePass
 from semisynth_gl.render.flow import FlowPass
 from semisynth_gl.render.model_buffers import Filled, ModelBuffers, Placed
+from semisynth_gl.render.occlusion import Occlusion
 from semisynth_gl.render.pass_clock import PassClock
 from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.programs import link_program
@@ -136,6 +137,8 @@ class Renderer:
             reads_triangles = any(channel.reads_triangles for channel in self._channels)
             self._models = ModelBuffers(self._gl, models, self._patches.ends, traced=reads_triangles)
             self._constants = ConstantsBuffer(self._gl)
+            software = is_software(self._context.renderer)
+            self._occlusion = Occlusion(self._context, models, self._models) if software else None
             anisotropies = (anisotropy, large_anisotropy)[: len(atlases)]
             self._link_programs(anisotropies)
             self._edges: EdgePass | None = None
@@ -393,6 +396,7 @@ class Renderer:
         border_px = 0 if self._edges is None else 1
         part = crop and _drawn_part(placed.scene, eye, crop, looked_up=looked_up, border_px=border_px)
         scene, filled = placed.scene, self._models.fill(placed, eye, part)
+        seen: Sequence[Filled] = filled
         self._constants.write(scene.camera, eye, scene.near_m)
         if self._attachments[eye]:
             targets = self._targets[eye]
@@ -400,12 +404,17 @@ class Renderer:
             if self._triangle_readers.intersection(self._attachments[eye]):
                 self._models.bind_triangles(placed, eye)
             with self.clock.timed("draw", eye):
-                targets.clear()
-                self._draw_models(self._draw_programs[eye], filled)
+                if self._occlusion is not None:
+                    seen = self._occlusion.without_hidden(placed, eye, part, targets, filled)
+                targets.clear(depth=seen is filled)
+                self._draw_models(self._draw_programs[eye], seen)
             if self._edges is not None:
                 self._edges.draw(placed, eye, targets, crop)
         if self._colour_targets is None or self._colour_programs is None:
             return None
+        if seen is not filled:
+            # Between the centres of pixels more may be seen.
+            filled = self._models.fill(placed, eye, part)
         self._colour_targets.limit(crop)
         with self.clock.timed("samples", eye):
             self._colour_targets.fine.use()

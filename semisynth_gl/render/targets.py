@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import moderngl
+import numpy as np
+from numpy.typing import NDArray
 
 from semisynth_gl.camera import Crop
 from semisynth_gl.errors import BackendError
@@ -202,6 +204,7 @@ class EyeTargets(Targets):
             )
         super().__init__(context, size, {name: DRAWING[name] for name in names}, read)
         context.unbound.make_depth_float32(self.depth_buffer.glo, *size)
+        self._depth_alone = context.gl.framebuffer(depth_attachment=self.depth_buffer)
         # No pass reads or writes depth there: it has the drawing pass's rather than one of its own.
         self.visibility = Targets(context, size, VISIBILITY, read, self.depth_buffer) if visibility else None
         self.blending: BlendTargets | None = None
@@ -211,19 +214,38 @@ class EyeTargets(Targets):
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
             texture.repeat_x = texture.repeat_y = False
 
-    def clear(self) -> None:
-        """Bind the drawing pass's framebuffer and clear each attachment to its value for nothing."""
+    def clear(self, *, depth: bool = True) -> None:
+        """Bind the drawing pass's framebuffer and clear each attachment to its value for nothing, and the depth too."""
         self.framebuffer.use()
         for number, attachment in enumerate(self._attachments.values()):
             if attachment.kind.startswith("u"):
                 self._unbound.clear_unsigned(number, int(attachment.nothing))
             else:
                 self._unbound.clear_float(number, attachment.nothing)
-        self._unbound.clear_depth(0.0)
+        if depth:
+            self._unbound.clear_depth(0.0)
+
+    def size_of(self, part: Crop | None) -> tuple[int, int]:
+        """Return width and height of a part of the image, or of all of it, px."""
+        width, height = window(part, self.framebuffer.size)[2:]
+        return width, height
+
+    def use_depth(self, part: Crop | None) -> None:
+        """Bind a framebuffer of the drawing pass's depth alone, for a part of the image or all of it."""
+        self._depth_alone.scissor = window(part, self.framebuffer.size)
+        self._depth_alone.use()
+
+    def read_depth(self, part: Crop | None) -> NDArray[np.float32]:
+        """Copy the depth buffer, or a part of it, out as (H, W) float32: near / Z, 0 where nothing is drawn."""
+        rectangle = window(part, self.framebuffer.size)
+        depth = np.empty((rectangle[3], rectangle[2]), np.float32)
+        self._depth_alone.read_into(depth, rectangle, 1, attachment=-1, dtype="f4", alignment=1)
+        return depth
 
     def release(self) -> None:
         """Free everything."""
         for shares_depth in (self.visibility, self.blending):
             if shares_depth is not None:
                 shares_depth.release()
+        self._depth_alone.release()
         super().release()

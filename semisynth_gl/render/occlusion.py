@@ -1,0 +1,212 @@
+"""Triangles that hide behind others are left out of the drawing, where the processor draws and there are many of them.
+
+The instances that cover most of the image with the fewest triangles are drawn first, depth alone. What this depth hides
+for certain, by the bounding boxes of instances and of runs of their triangles, cannot show in any pixel: the images are
+the same without it, bit for bit. Everything else is drawn in its order.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.camera import Crop, Eye
+from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.render.context import GraphicsContext
+from semisynth_gl.render.model_buffers import Filled, ModelBuffers, Placed
+from semisynth_gl.render.programs import link_program
+from semisynth_gl.render.targets import EyeTargets
+
+# Fewer triangles in view are drawn sooner than hidden ones are found.
+_FEWEST_TRIANGLES = 150_000
+# The share of the triangles in view that hides others.
+_HIDING = 0.05
+_RUN_TRIANGLES = 128
+_TILE_PX = 16
+# For rounding: of the place of a vertex in the image, and of depth.
+_BORDER_PX = 1
+_ROUNDING = 1e-3
+# How much farther the depth that is drawn first is: 1 / 1024 to 1 / 2048 of a triangle's largest.
+_BEHIND_ULP = -8192.0
+_WHICH_END = np.indices((2, 2, 2)).reshape(3, 8).T
+
+
+@dataclass(frozen=True, slots=True)
+class _Runs:
+    """The triangles of all models in runs of a few, model by model.
+
+    Attributes:
+        corners: (R, 8, 3) float64, of their bounding boxes, in model units.
+        first_triangle: (R,) int64, of a model's.
+        triangles: (R,) int64, how many.
+        first: (M,) int64, the first run of each model.
+        count: (M,) int64, how many runs each model has.
+    """
+
+    corners: NDArray[np.float64]
+    first_triangle: NDArray[np.int64]
+    triangles: NDArray[np.int64]
+    first: NDArray[np.int64]
+    count: NDArray[np.int64]
+
+
+class Occlusion:
+    """Finds what is hidden.
+
+    Args:
+        context: the open context.
+        models: the meshes that `Scene.model` counts.
+        buffers: the same on the GPU.
+    """
+
+    def __init__(self, context: GraphicsContext, models: Sequence[Mesh], buffers: ModelBuffers) -> None:
+        self._gl, self._unbound = context.gl, context.unbound
+        self._models, self._buffers = models, buffers
+        self._triangles = np.array([len(mesh.triangles) for mesh in models])
+        self._corners = np.stack([_corners(mesh.positions.min(axis=0), mesh.positions.max(axis=0)) for mesh in models])
+        self._program = link_program(context, "mesh.vert", "mesh.frag", {})
+
+    @cached_property
+    def _runs(self) -> _Runs:
+        corners, first_triangle, triangles = [], [], []
+        for mesh in self._models:
+            begin = np.arange(0, max(1, len(mesh.triangles) - _RUN_TRIANGLES // 2), _RUN_TRIANGLES)
+            positions = mesh.positions[mesh.triangles]
+            low, high = (
+                end.reduceat(reached, begin, axis=0)
+                for end, reached in ((np.minimum, positions.min(axis=1)), (np.maximum, positions.max(axis=1)))
+            )
+            corners.append(_corners(low, high))
+            first_triangle.append(begin)
+            triangles.append(np.diff(begin, append=len(mesh.triangles)))
+        count = np.array([len(begin) for begin in first_triangle])
+        parts = np.concatenate(corners), np.concatenate(first_triangle), np.concatenate(triangles)
+        return _Runs(*parts, np.cumsum(count) - count, count)
+
+    def without_hidden(
+        self, placed: Placed, eye: Eye, part: Crop | None, targets: EyeTargets, filled: Sequence[Filled]
+    ) -> Sequence[Filled]:
+        """Leave out what cannot be seen.
+
+        Args:
+            placed: all instances of the scene.
+            eye: who looks; the constants are those of its drawing pass.
+            part: the part of the image that is drawn, or None for all of it.
+            targets: what will be drawn to; its depth is drawn over.
+            filled: what `ModelBuffers.fill` returned for them, nothing of which was left out yet.
+
+        Returns:
+            What to draw, for `ModelBuffers.draw`: the same list where there is too little to leave out.
+        """
+        shown = self._buffers.filled
+        model = placed.scene.model[shown]
+        triangles = self._triangles[model]
+        if triangles.sum() < _FEWEST_TRIANGLES:
+            return filled
+        rows = placed.rows(eye)[shown]
+        boxes = _boxes(placed, eye, part, rows, self._corners[model])
+        hiding = _most_area(boxes, targets.size_of(part), triangles)
+        every = np.arange(len(shown))
+        self._draw_depth(targets, part, self._buffers.select(filled, every[hiding]))
+        farthest = _farthest(targets.read_depth(part))
+        visible = np.flatnonzero(~_hidden(farthest, targets.size_of(part), boxes))
+        runs, own = self._runs, model[visible]
+        count = runs.count[own]
+        number = visible.repeat(count)
+        run = np.arange(count.sum()) + (runs.first[own] - (np.cumsum(count) - count)).repeat(count)
+        boxes = _boxes(placed, eye, part, rows[number], runs.corners[run])
+        seen = ~_hidden(farthest, targets.size_of(part), boxes)
+        number, run = number[seen], run[seen]
+        # Runs that follow each other are drawn as one.
+        begin = np.flatnonzero(np.diff(number, prepend=-1).astype(bool) | (np.diff(run, prepend=-1) != 1))
+        drawn = np.add.reduceat(runs.triangles[run], begin) if len(begin) else runs.triangles[:0]
+        return self._buffers.select(filled, number[begin], runs.first_triangle[run[begin]], drawn)
+
+    def _draw_depth(self, targets: EyeTargets, part: Crop | None, filled: Sequence[Filled]) -> None:
+        targets.use_depth(part)
+        self._unbound.clear_depth(0.0)
+        self._gl.enable_only(moderngl.DEPTH_TEST)
+        self._gl.depth_func = ">"
+        # What is drawn later must pass, the same surfaces too, and whichever of two at the same depth comes first.
+        self._gl.polygon_offset = 0.0, _BEHIND_ULP
+        for own in filled:
+            self._buffers.draw(self._program, own)
+        self._gl.polygon_offset = 0.0, 0.0
+
+
+def _corners(low: NDArray[np.float32], high: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return the corners of boxes, (..., 8, 3), from their lowest and highest coordinates, (..., 3)."""
+    ends = np.stack([low, high], axis=-2).astype(np.float64)
+    return ends[..., _WHICH_END, np.arange(3)]
+
+
+def _boxes(
+    placed: Placed, eye: Eye, part: Crop | None, rows: NDArray[np.float64], corners: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Bound in the image what lies inside boxes, by (N, 3, 4) rows of view from model and (N, 8, 3) corners.
+
+    Returns:
+        (5, N), left, top, right and bottom, px of the part, and the largest depth, infinite where it is cut open.
+    """
+    scene = placed.scene
+    camera = scene.camera if part is None else scene.camera.cropped(part)
+    x, y, z = (np.matmul(corners, rows[:, :, :3].transpose(0, 2, 1)) + rows[:, None, :, 3]).transpose(2, 0, 1)
+    nearest = z.min(axis=1)
+    before_eye = np.maximum(z, scene.near_m)
+    column = camera.focal_px * x / before_eye + camera.cx_px(eye)
+    row = camera.focal_px * y / before_eye + camera.cy_px
+    depth = np.where(nearest > scene.near_m, scene.near_m / np.maximum(nearest, scene.near_m), np.inf)
+    return np.stack([column.min(axis=1), row.min(axis=1), column.max(axis=1), row.max(axis=1), depth])
+
+
+def _most_area(boxes: NDArray[np.float64], size: tuple[int, int], triangles: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Choose the instances that cover most of the image, as far as their boxes tell, with a share of the triangles."""
+    (left, right), (top, bottom) = (boxes[[0, 2]].clip(0, size[0]), boxes[[1, 3]].clip(0, size[1]))
+    # What is cut open stands around all the others, as walls do.
+    depth = np.where(np.isfinite(boxes[4]), boxes[4], 0.0)
+    order = np.argsort(-depth * (right - left) * (bottom - top) / triangles, kind="stable")
+    chosen = np.zeros(len(triangles), bool)
+    chosen[order] = np.cumsum(triangles[order]) <= _HIDING * triangles.sum()
+    return chosen & (depth > 0)
+
+
+def _farthest(depth: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the smallest depth of 2 ** a x 2 ** b tiles that begin at a tile: (a, b, row, column)."""
+    height, width = depth.shape
+    # Row by row first, which the processor does eight at a time.
+    strips = np.stack([depth[row : row + _TILE_PX].min(axis=0) for row in range(0, height, _TILE_PX)])
+    tiles = np.minimum.reduceat(strips, np.arange(0, width, _TILE_PX), axis=1)
+    rows, columns = tiles.shape
+    farthest = np.zeros((rows.bit_length(), columns.bit_length(), rows, columns), np.float32)
+    farthest[0, 0] = tiles
+    for a in range(1, len(farthest)):
+        half = 1 << a - 1
+        farthest[a, 0, :-half] = np.minimum(farthest[a - 1, 0, :-half], farthest[a - 1, 0, half:])
+    for b in range(1, farthest.shape[1]):
+        half = 1 << b - 1
+        farthest[:, b, :, :-half] = np.minimum(farthest[:, b - 1, :, :-half], farthest[:, b - 1, :, half:])
+    return farthest
+
+
+def _hidden(farthest: NDArray[np.float32], size: tuple[int, int], boxes: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which boxes lie behind all that the tiles show that they may reach, or beside the image: (N,) bool."""
+    left, top = np.floor(boxes[:2]) - _BORDER_PX
+    right, bottom = np.ceil(boxes[2:4]) + _BORDER_PX
+    hidden: NDArray[np.bool_] = np.isfinite(boxes[4])
+    behind = boxes[4] * (1 + _ROUNDING)
+    ends, level = [], []
+    for low, high, length in ((top, bottom, size[1]), (left, right, size[0])):
+        begin, last = ((edge.clip(0, length - 1) // _TILE_PX).astype(np.int64) for edge in (low, high))
+        # Two spans of a power of two cover all from the first to the last tile.
+        doubled = np.frexp(last - begin + 1)[1] - 1
+        level.append(doubled)
+        ends.append((begin, last + 1 - (1 << doubled)))
+    for row in ends[0]:
+        for column in ends[1]:
+            hidden &= behind < farthest[level[0], level[1], row, column]
+    beside = (right < 0) | (bottom < 0) | (left >= size[0]) | (top >= size[1])
+    hidden |= beside & np.isfinite(boxes[4])
+    return hidden
