@@ -1,6 +1,6 @@
 """What drawing a pair costs in vertices, depth tests, hidden fragments, textures, clears and reading back.
 
-    python benchmarks/drawing_costs.py --turns 5 --json benchmarks/results/drawing-costs.json
+    python benchmarks/drawing_costs.py --turns 5 --json costs.json
 
 All figures are user and system milliseconds of this process a pair, which draws in its own thread (llvmpipe without
 threads of its own), each finished before the clock stops: of each scene the least of the turns, and of all scenes the

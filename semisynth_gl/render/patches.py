@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.errors import BackendError
+from semisynth_gl.render.backends import is_software
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.programs import link_program
 
@@ -53,11 +54,11 @@ def _upload(context: GraphicsContext, layers: NDArray[np.uint8], *, mirrored: bo
         )
     # moderngl, which has no room for levels, is only asked for a texture.
     atlas = context.gl.texture_array((1, 1, 1), 4)
-    context.unbound.store_layers(atlas.glo, side.bit_length(), np.ascontiguousarray(layers))
+    # Nobody reads the alpha, and a processor filters three components sooner than four.
+    alpha = not is_software(context.renderer)
+    context.unbound.store_layers(atlas.glo, side.bit_length(), np.ascontiguousarray(layers), alpha=alpha)
     _draw_levels(context, atlas, side, count)
     atlas.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
-    # Nobody reads the alpha: llvmpipe then does not filter it.
-    atlas.swizzle = "RGB1"
     if mirrored:
         context.unbound.mirror_beyond_border(atlas.glo)
     return atlas

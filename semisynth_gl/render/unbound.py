@@ -19,7 +19,7 @@ _GL_COLOR, _GL_DEPTH = 0x1800, 0x1801
 _GL_TEXTURE_WRAP_S, _GL_TEXTURE_WRAP_T = 0x2802, 0x2803
 _GL_MIRRORED_REPEAT = 0x8370
 _GL_TEXTURE_BASE_LEVEL, _GL_TEXTURE_MAX_LEVEL = 0x813C, 0x813D
-_GL_RGBA8, _GL_RGBA, _GL_UNSIGNED_BYTE, _GL_COLOR_ATTACHMENT0 = 0x8058, 0x1908, 0x1401, 0x8CE0
+_GL_RGB8, _GL_RGBA8, _GL_RGBA, _GL_UNSIGNED_BYTE, _GL_COLOR_ATTACHMENT0 = 0x8051, 0x8058, 0x1908, 0x1401, 0x8CE0
 
 # Interfaces and properties of a linked program's resources.
 _GL_UNIFORM, _GL_UNIFORM_BLOCK, _GL_BUFFER_VARIABLE, _GL_SHADER_STORAGE_BLOCK = 0x92E1, 0x92E2, 0x92E5, 0x92E6
@@ -136,13 +136,13 @@ class UnboundCalls:
         for wrap in (_GL_TEXTURE_WRAP_S, _GL_TEXTURE_WRAP_T):
             self._texture_parameter(texture, wrap, _GL_MIRRORED_REPEAT)
 
-    def store_layers(self, texture: int, levels: int, layers: NDArray[np.uint8]) -> None:
+    def store_layers(self, texture: int, levels: int, layers: NDArray[np.uint8], *, alpha: bool) -> None:
         """Give an array texture new storage, for (L, P, P, 4) uint8 and smaller levels that are to be drawn.
 
-        moderngl's own storage has one level.
+        moderngl's own storage has one level. Without alpha, not all drivers can draw the levels.
         """
         count, side = layers.shape[:2]
-        self._texture_storage(texture, levels, _GL_RGBA8, side, side, count)
+        self._texture_storage(texture, levels, _GL_RGBA8 if alpha else _GL_RGB8, side, side, count)
         everything = 0, 0, 0, 0, side, side, count
         self._texture_write(texture, *everything, _GL_RGBA, _GL_UNSIGNED_BYTE, layers.ctypes.data)
 
