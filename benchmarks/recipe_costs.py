@@ -1,6 +1,6 @@
-"""Time a pair of each recipe of a config, and of the mix, beside clutter alone: drawn and checked, not encoded.
+"""What a pair of each recipe of a config, and of the mix, costs beside clutter alone: drawn and checked, not encoded.
 
-Run it on a machine that does nothing else:
+What counts is the processor's time, of all threads:
 
     python benchmarks/recipe_costs.py > benchmarks/results/recipe-costs.txt
 """
@@ -33,17 +33,20 @@ def main() -> None:
             renderer.render(0)  # the first one compiles shaders
         for turn in range(options.turns):
             for name, renderer in renderers.items():
-                start = time.perf_counter()
+                start = time.process_time()
                 for index in range(options.pairs):
                     renderer.render(1 + turn * options.pairs + index)
-                times[name].append((time.perf_counter() - start) / options.pairs)
+                times[name].append((time.process_time() - start) / options.pairs)
         drawn_by = next(iter(renderers.values())).renderer_name
     clutter = np.array(times["clutter alone"])
     print(f"{options.config}, {drawn_by}: {options.turns} turns of {options.pairs} pairs each, in one process")
     for name, seconds in times.items():
         ratio = np.array(seconds) / clutter
-        print(f"{name:20} {np.mean(seconds):.3f} s a pair, {ratio.mean():.2f} of clutter alone ({ratio.min():.2f} to "
-              f"{ratio.max():.2f} in single turns)")  # fmt: skip
+        low, high = ratio.min(), ratio.max()
+        print(
+            f"{name:20} {np.mean(seconds):.3f} s of CPU a pair, {ratio.mean():.2f} of clutter alone "
+            f"({low:.2f} to {high:.2f} in single turns)"
+        )
 
 
 if __name__ == "__main__":
