@@ -33,13 +33,19 @@ FREE_LAYOUTS = ("middlebury", "webdataset")
 ENCODINGS = (("png", "pfm", "flo"), ("qoi", "png16", "pfm"), ("jxl", "tiff", "png16"))
 DESCRIPTIONS = ("index.json", "README.md", "croissant.json")
 SMALL = ("--set", "camera.width_px=226", "--set", "camera.height_px=141", "--set", "textures.max_patches=64")
+# What loaders of some layouts do not know has cases of its own.
+OF_RIGS = ("correspondence",)
 MOVING = (
-    *("--outputs", ",".join(OUTPUTS), "--set", "sequence.length=2"),
+    *("--outputs", ",".join(output for output in OUTPUTS if output not in OF_RIGS), "--set", "sequence.length=2"),
     *("--set", "camera.sway_m=[0.01,0.05]", "--set", "camera.sway_deg=[0.5,2]"),
     *("--set", "structures.ground=0.5", "--set", "structures.panels=[1,3]"),
 )
 NOISE = ("--set", "imperfections.noise=[1,4]", "--set", "imperfections.gamma=[0.9,1.1]", "--set",
          "imperfections.blur_px=[0,1]", "--set", "imperfections.exposure_stops=[-0.2,0.2]")  # fmt: skip
+
+
+DEVIATING = ("--set", "rig.right_roll_deg=[-1,1]", "--set", "rig.right_pitch_deg=[-1,1]", "--set",
+             "rig.right_y_px=[-3,3]", "--set", "rig.focal_ratio=[0.99,1.01]")  # fmt: skip
 
 
 def cases() -> Iterator[tuple[str, tuple[str, ...]]]:
@@ -61,6 +67,9 @@ def cases() -> Iterator[tuple[str, tuple[str, ...]]]:
     for output in ("none", *OUTPUTS):
         sequence = ("--config", "eth3d", "--pairs", "2", "--set", "sequence.length=2")
         yield f"output/{output}", (*sequence, "--outputs", output)
+    for layout in (*FREE_LAYOUTS, "middlebury-2014"):
+        rig = ("--config", "sceneflow", "--pairs", "2", "--layout", layout, "--outputs", "visibility,correspondence")
+        yield f"rig/{layout}", (*rig, *DEVIATING)
     left = ("--config", "eth3d", "--pairs", "2", "--truth", "left")
     yield "truth/left", (*left, "--outputs", "visibility,instances,depth")
     for antialias in ("edges", "msaa4", "ssaa2"):

@@ -157,6 +157,7 @@ SHOWN: dict[str, Callable[[NDArray[np.generic]], Floats | Picture]] = {
     "image": lambda image: image,
     "disparity": quantile_colours("inferno"),
     "visibility": lambda mask: np.repeat(mask[..., None], 3, axis=2),
+    "correspondence": show_flow,
     "instances": show_ids,
     "depth": quantile_colours("viridis_r"),
     "normals": lambda normals: (1 - normals) / 2,

@@ -1,12 +1,12 @@
-"""The rectified stereo camera: two pinholes that differ by a baseline and, in some rigs, by cx; crops of its images.
+"""The stereo camera: two pinholes that differ by a baseline and, in some rigs, by cx; crops of its images.
 
 Frame (OpenCV's): x right, y down, z forward, metres, origin in the left camera. The right camera stands at
-(+baseline, 0, 0). Pixels: the centre of the top-left pixel is (0, 0).
+(+baseline, 0, 0), and looks the same way unless it deviates. Pixels: the centre of the top-left pixel is (0, 0).
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,9 +52,58 @@ class Crop:
         return self.y_px + self.height_px
 
 
+MOST_TURN_RAD = np.deg2rad(10.0).item()
+"""Most that a right camera may turn: with more, no network would be asked for horizontal disparities."""
+MOST_FOCAL_RATIO = 1.25
+"""Most that the right focal length may differ, for the same reason."""
+
+
+@dataclass(frozen=True, slots=True)
+class Deviation:
+    """How a right camera deviates from the rectified one, about its own centre.
+
+    Attributes:
+        roll_rad: rotation about z, right-handed as all: a positive one turns what it shows clockwise.
+        pitch_rad: rotation about x, after the roll; a positive one moves what it shows upwards.
+        y_px: its principal point lies this much lower than the left one.
+        focal_ratio: its focal length, in units of the left one.
+    """
+
+    roll_rad: float = 0.0
+    pitch_rad: float = 0.0
+    y_px: float = 0.0
+    focal_ratio: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("roll_rad", "pitch_rad", "y_px", "focal_ratio"):
+            check_real(name, getattr(self, name))
+        if max(abs(self.roll_rad), abs(self.pitch_rad)) > MOST_TURN_RAD:
+            degrees = np.rad2deg([MOST_TURN_RAD, self.roll_rad, self.pitch_rad])
+            raise InputError(
+                f"a right camera may turn by up to {degrees[0]:g} degrees, got a roll of {degrees[1]:g} and a pitch of "
+                f"{degrees[2]:g}: rectify first"
+            )
+        if not 1 / MOST_FOCAL_RATIO <= self.focal_ratio <= MOST_FOCAL_RATIO:
+            raise InputError(
+                f"focal_ratio must be {1 / MOST_FOCAL_RATIO:g} to {MOST_FOCAL_RATIO:g}, got {self.focal_ratio:g}: "
+                "rectify first"
+            )
+
+    @property
+    def rotation(self) -> NDArray[np.float64]:
+        """The rotation right_from_rectified, (3, 3) float64."""
+        (s, q), (c, p) = np.sin((self.roll_rad, self.pitch_rad)), np.cos((self.roll_rad, self.pitch_rad))
+        rotation: NDArray[np.float64] = np.array([[c, -s, 0], [p * s, p * c, -q], [q * s, q * c, p]])
+        return rotation
+
+
+RECTIFIED = Deviation()
+_DEVIATION = "deviation"
+
+
 @dataclass(frozen=True, slots=True)
 class StereoCamera:
-    """A rectified pair of pinhole cameras with one focal length.
+    """A pair of pinhole cameras with one focal length, rectified but for what the right one deviates.
 
     Attributes:
         width_px: image width.
@@ -64,6 +113,7 @@ class StereoCamera:
         cx_left_px: x of the left principal point; the image centre is (width - 1) / 2.
         cx_right_px: x of the right principal point.
         cy_px: y of both principal points.
+        deviation: how the right camera deviates from the rectified one, of which all else here speaks.
     """
 
     width_px: int
@@ -73,8 +123,10 @@ class StereoCamera:
     cx_left_px: float
     cx_right_px: float
     cy_px: float
+    deviation: Deviation = RECTIFIED
 
     def __post_init__(self) -> None:
+        check_type("deviation", self.deviation, Deviation)
         for name in ("width_px", "height_px"):
             to_whole(name, getattr(self, name))
         for name in ("focal_px", "baseline_m", "cx_left_px", "cx_right_px", "cy_px"):
@@ -93,6 +145,26 @@ class StereoCamera:
         """Build a camera whose principal points lie at the image centre, half of ``doffs_px`` to either side."""
         cx, cy = (width_px - 1) / 2, (height_px - 1) / 2
         return cls(width_px, height_px, focal_px, baseline_m, cx - doffs_px / 2, cx + doffs_px / 2, cy)
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, Any]) -> Self:
+        """Build a camera from what `values` returned.
+
+        Raises:
+            KeyError, TypeError, InputError: where values are missing or wrong.
+        """
+        deviation = Deviation(**values[_DEVIATION]) if _DEVIATION in values else RECTIFIED
+        return cls(**{key.name: values[key.name] for key in fields(cls) if key.name != _DEVIATION}, deviation=deviation)
+
+    def values(self, *, deviation: bool = False) -> dict[str, Any]:
+        """Return the camera in JSON's types, doffs too.
+
+        Args:
+            deviation: whether to state the deviation of a rectified pair too, which is none.
+        """
+        values = {key.name: getattr(self, key.name) for key in fields(self) if key.name != _DEVIATION}
+        values["doffs_px"] = self.doffs_px
+        return values | {_DEVIATION: asdict(self.deviation)} if deviation or not self.rectified else values
 
     def cropped(self, crop: Crop) -> "StereoCamera":
         """Return the camera of a crop of both images; disparities stay the same.
@@ -116,6 +188,11 @@ class StereoCamera:
         )
 
     @property
+    def rectified(self) -> bool:
+        """Whether the right camera does not deviate: then a point has the same row in both images."""
+        return self.deviation == RECTIFIED
+
+    @property
     def doffs_px(self) -> float:
         """Difference of the principal points, cx_right - cx_left, as in Middlebury's calib.txt."""
         return self.cx_right_px - self.cx_left_px
@@ -129,24 +206,115 @@ class StereoCamera:
         """Return x of one eye's principal point."""
         return self.cx_left_px if eye == "left" else self.cx_right_px
 
+    def lens_px(self, eye: Eye) -> tuple[float, float, float]:
+        """Return x and y of one eye's principal point, and its focal length."""
+        if eye == "left":
+            return self.cx_left_px, self.cy_px, self.focal_px
+        deviation = self.deviation
+        return self.cx_right_px, self.cy_px + deviation.y_px, self.focal_px * deviation.focal_ratio
+
     def offset_m(self, eye: Eye) -> float:
         """Return x of one eye's centre in the left camera's frame."""
         return 0.0 if eye == "left" else self.baseline_m
 
+    def turn(self, eye: Eye) -> NDArray[np.float64] | None:
+        """Return the rotation eye_from_left of one eye's frame, (3, 3) float64; None for none."""
+        return None if eye == "left" or self.rectified else self.deviation.rotation
+
     def disparity_px(self, depth_m: NDArray[np.float64] | float) -> NDArray[np.float64]:
-        """Return the disparity x_left - x_right = f B / Z - doffs of planar depths; any shape, float64, not clamped."""
+        """Return the disparity x_left - x_right = f B / Z - doffs of planar depths, in a rectified pair.
+
+        Any shape, float64, not clamped. `correspondence` holds for all pairs.
+        """
         return self.focal_baseline / np.asarray(depth_m, np.float64) - self.doffs_px
 
     def depth_m(self, disparity_px: NDArray[np.float64] | float) -> NDArray[np.float64]:
-        """Return the planar depth Z = f B / (d + doffs) of disparities; any shape, float64.
+        """Return the planar depth Z = f B / (d + doffs) of disparities in a rectified pair; any shape, float64.
 
-        Inf, negative and, with a baseline of 0, nan: there is none.
+        Inf, negative and, with a baseline of 0, nan: there is none. `depth_at` holds for all pairs.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             return self.focal_baseline / (np.asarray(disparity_px, np.float64) + self.doffs_px)
 
     def rays(self, eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return directions (..., 3) with z = 1 through pixel positions (...), in the camera frame."""
-        x = (np.asarray(x_px, np.float64) - self.cx_px(eye)) / self.focal_px
-        y = (np.asarray(y_px, np.float64) - self.cy_px) / self.focal_px
+        """Return directions (..., 3) through pixel positions (...), in the left camera's frame.
+
+        Each goes one unit of planar depth along the eye's own view: z = 1 but where the right camera deviates.
+        """
+        directions = self.rays_of_eye(eye, x_px, y_px)
+        turn = self.turn(eye)
+        return directions if turn is None else directions @ turn
+
+    def correspondence(
+        self, eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64], depth_m: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the way from pixel positions of one view to where the other view has the same points.
+
+        Args:
+            eye: the view.
+            x_px: (...) columns.
+            y_px: (...) rows.
+            depth_m: (...) planar depths of the points in that view; inf for points at infinity.
+
+        Returns:
+            (..., 2) float64 px: to the right and down; not finite where the point is not in front of the other eye.
+        """
+        if self.rectified:
+            along = self.disparity_px(depth_m) * (-1 if eye == "left" else 1)
+            return np.stack([along, np.zeros_like(along)], axis=-1)
+        direction, shift, (cx, cy, focal) = self._seen_from_other(eye, x_px, y_px)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            place = direction + shift / np.asarray(depth_m, np.float64)[..., None]
+            z = np.where(place[..., 2] > 0, place[..., 2], np.nan)
+            return np.stack(
+                [
+                    focal * place[..., 0] / z + (cx - np.asarray(x_px)),
+                    focal * place[..., 1] / z + (cy - np.asarray(y_px)),
+                ],
+                axis=-1,
+            )
+
+    def depth_at(
+        self, eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64], disparity_px: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the planar depths, in one view, of points with a disparity x_left - x_right.
+
+        Args:
+            eye: the view.
+            x_px: (...) columns.
+            y_px: (...) rows.
+            disparity_px: (...).
+
+        Returns:
+            (...) float64 m; inf, negative and nan: there is none.
+        """
+        if self.rectified:
+            return self.depth_m(disparity_px)
+        direction, shift, (cx, _, focal) = self._seen_from_other(eye, x_px, y_px)
+        sign = -1 if eye == "left" else 1
+        # The column in the other view, of which the depth is the only unknown.
+        column = np.asarray(x_px, np.float64) + sign * np.asarray(disparity_px, np.float64) - cx
+        with np.errstate(divide="ignore", invalid="ignore"):
+            result: NDArray[np.float64] = (focal * shift[0] - column * shift[2]) / (
+                column * direction[..., 2] - focal * direction[..., 0]
+            )
+        return result
+
+    def rays_of_eye(self, eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return directions (..., 3) with z = 1 through pixel positions (...), in the eye's own frame."""
+        cx, cy, focal = self.lens_px(eye)
+        x = (np.asarray(x_px, np.float64) - cx) / focal
+        y = (np.asarray(y_px, np.float64) - cy) / focal
         return np.stack([x, y, np.ones_like(x)], axis=-1)
+
+    def _seen_from_other(
+        self, eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[float, float, float]]:
+        """Return directions (..., 3) of pixels and the eye's place (3,) in the other eye's frame, and its lens."""
+        other = OTHER_EYE[eye]
+        direction = self.rays(eye, x_px, y_px)
+        shift = np.array([self.offset_m(eye) - self.offset_m(other), 0.0, 0.0])
+        turn = self.turn(other)
+        if turn is not None:
+            direction, shift = direction @ turn.T, turn @ shift
+        return direction, shift, self.lens_px(other)

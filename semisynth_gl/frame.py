@@ -16,7 +16,7 @@ OCCLUDED = 128
 OUTSIDE = 0
 
 Moment = Literal["now", "next", "previous"]
-Pass = Literal["drawing", "visibility", "flow"]
+Pass = Literal["drawing", "visibility", "correspondence", "flow"]
 
 TruthViews = Literal["both", "left"]
 TRUTH_VIEWS: tuple[TruthViews, ...] = get_args(TruthViews)
@@ -132,6 +132,15 @@ class View(Mapping[str, NDArray[Any]]):
         output="visibility",
         drawn_by="visibility",
         codec="grey8",
+    )
+    correspondence = Channel(
+        _FLOAT32,
+        "way from the {view} view's pixels to the same points in the {other} view, right and down",
+        components=2,
+        nothing=inf,
+        output="correspondence",
+        drawn_by="correspondence",
+        codec="shift",
     )
     instances = Channel(
         np.dtype(np.uint16),
@@ -256,7 +265,8 @@ class Frame:
     """A rendered stereo pair with its truth.
 
     Disparity is x_left - x_right in px, positive in both views; inf where nothing is seen or the rig makes it zero or
-    negative. Where truth was asked for in the left view alone, the right view has its image alone.
+    negative. Depth and normals are those of each view by itself, which matters where the right camera deviates. Where
+    truth was asked for in the left view alone, the right view has its image alone.
 
     Attributes:
         camera: the camera that took it.
@@ -281,6 +291,20 @@ class Frame:
         """Return one eye's view."""
         return self.left if eye == "left" else self.right
 
+    def ways(self, eye: Eye) -> NDArray[np.float64]:
+        """Return what disparity and camera say of where the other view has the points of a view, which has disparity.
+
+        The output ``correspondence`` says the same, rounded once.
+
+        Returns:
+            (H, W, 2) float64 px, to the right and down; nan where there is no disparity.
+        """
+        disparity = self.view(eye).disparity.astype(np.float64)
+        known = np.isfinite(disparity)
+        y_px, x_px = np.mgrid[: disparity.shape[0], : disparity.shape[1]].astype(np.float64)
+        depth_m = self.camera.depth_at(eye, x_px, y_px, np.where(known, disparity, np.nan))
+        return np.where(known[..., None], self.camera.correspondence(eye, x_px, y_px, depth_m), np.nan)
+
     def points(self, eye: Eye = "left") -> NDArray[np.float32]:
         """Return the point that each pixel of a view shows, from its disparity and the calibration.
 
@@ -299,10 +323,10 @@ class Frame:
         disparity = self.view(eye).get("disparity")
         if disparity is None:
             raise InputError(f"points of the {eye} view: expected its disparity, got none: it was not made")
-        depth_m = self.camera.depth_m(disparity)
-        has_point = np.isfinite(disparity) & np.isfinite(depth_m) & (depth_m > 0)
         height, width = disparity.shape
         y_px, x_px = np.mgrid[:height, :width]
+        depth_m = self.camera.depth_at(eye, x_px, y_px, disparity)
+        has_point = np.isfinite(disparity) & np.isfinite(depth_m) & (depth_m > 0)
         points = self.camera.rays(eye, x_px, y_px) * np.where(has_point, depth_m, np.nan)[..., None]
         points[..., 0] += self.camera.offset_m(eye)
         return points.astype(np.float32)

@@ -35,6 +35,33 @@ def disparity_px(camera: StereoCamera, hits: Hits) -> NDArray[np.float64]:
     return np.where(np.isfinite(hits.depth_m) & (disparity > 0), disparity, np.inf)
 
 
+def correspondence_px(
+    camera: StereoCamera, eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64], hits: Hits
+) -> NDArray[np.float64]:
+    """Return the way from each hit of one eye's rays to where the other eye would see it.
+
+    Args:
+        camera: the camera of the rays.
+        eye: the eye of the rays.
+        x_px: (R,) float64, columns of the rays.
+        y_px: (R,) float64, rows of the rays.
+        hits: the R hits.
+
+    Returns:
+        (R, 2) float64 px, right and down: the disparity x_left - x_right is minus the first in the left view, and the
+        first in the right view. Inf where nothing is hit, or the disparity is not positive.
+    """
+    way = camera.correspondence(eye, np.asarray(x_px, np.float64), np.asarray(y_px, np.float64), hits.depth_m)
+    disparity = way[:, 0] * (-1 if eye == "left" else 1)
+    with np.errstate(invalid="ignore"):
+        return np.where((np.isfinite(hits.depth_m) & (disparity > 0))[:, None], way, np.inf)
+
+
+def disparity_of(eye: Eye, way: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the disparities x_left - x_right (R,) of ways (R, 2) from one eye's view; inf for inf."""
+    return way[:, 0] if eye == "right" else np.where(np.isinf(way[:, 0]), np.inf, -way[:, 0])
+
+
 def visibility(
     scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64], hits: Hits
 ) -> NDArray[np.uint8]:
@@ -51,14 +78,23 @@ def visibility(
     Returns:
         (R,) uint8: VISIBLE, OCCLUDED or OUTSIDE of `semisynth_gl.frame`.
     """
-    camera = scene.camera
-    disparity = disparity_px(camera, hits)
-    x = np.asarray(x_px, np.float64) + np.where(np.isfinite(disparity), disparity, 0) * (-1 if eye == "left" else 1)
-    in_frame = np.isfinite(disparity) & (x >= -0.5) & (x < camera.width_px - 0.5)
-    result = np.full(len(x), OUTSIDE, np.uint8)
+    camera, other = scene.camera, OTHER_EYE[eye]
+    own = np.stack([x_px, y_px], axis=1).astype(np.float64)
+    way = correspondence_px(camera, eye, own[:, 0], own[:, 1], hits)
+    known = np.isfinite(way[:, 0])
+    place = own + np.where(known[:, None], way, 0)
+    in_frame = (
+        known & (place >= -0.5).all(axis=1) & (place < np.array([camera.width_px, camera.height_px]) - 0.5).all(1)
+    )
+    result = np.full(len(own), OUTSIDE, np.uint8)
     where = np.flatnonzero(in_frame)
-    second = cast_rays(scene, models, OTHER_EYE[eye], x[where], np.asarray(y_px, np.float64)[where])
-    hidden = second.depth_m < hits.depth_m[where] * (1 - _SAME_POINT)
+    second = cast_rays(scene, models, other, place[where, 0], place[where, 1])
+    # Depths are those of each eye's own view.
+    points = camera.rays(eye, own[where, 0], own[where, 1]) * hits.depth_m[where, None]
+    points[:, 0] += camera.offset_m(eye) - camera.offset_m(other)
+    turn = camera.turn(other)
+    depth_m = points[:, 2] if turn is None else points @ turn[2]
+    hidden = second.depth_m < depth_m * (1 - _SAME_POINT)
     result[where] = np.where(hidden, OCCLUDED, VISIBLE)
     return result
 
@@ -70,8 +106,8 @@ class Flows:
     Attributes:
         flow_px: (R, 2) float64, x right and y down; inf where there is no hit, or where the point is nearer than the
             near plane at the other moment.
-        disparity_change_px: (R,) float64; inf at the same rays, and where a disparity is not positive at one of the
-            moments.
+        disparity_change_px: (R,) float64, in a rectified pair; inf at the same rays, and where a disparity is not
+            positive at one of the moments.
         visibility: (R,) uint8, at the other moment: VISIBLE, OCCLUDED or OUTSIDE of `semisynth_gl.frame`.
     """
 
@@ -103,6 +139,7 @@ def flow(
     camera = scene.camera
     x, y = np.asarray(x_px, np.float64), np.asarray(y_px, np.float64)
     later = np.full((len(x), 3), np.inf)
+    turn = camera.turn(eye)
     eye_offset = np.array([camera.offset_m(eye), 0.0, 0.0])
     for number in np.unique(hits.instance[hits.instance >= 0]):
         rays = np.flatnonzero(hits.instance == number)
@@ -115,9 +152,12 @@ def flow(
         weights = _place_among(corners @ now_from_model[:3, :3].T + now_from_model[:3, 3], point)
         moved = corners @ later_from_model[:3, :3].T + later_from_model[:3, 3]
         later[rays] = (weights[:, :, None] * moved).sum(axis=1) - eye_offset
+    cx, cy, focal = camera.lens_px(eye)
     with np.errstate(invalid="ignore"):
-        seen = np.isfinite(later[:, 2]) & (later[:, 2] >= scene.near_m)
-        position = camera.focal_px * later[:, :2] / later[:, 2:] + (camera.cx_px(eye), camera.cy_px)
+        if turn is not None:
+            later = np.where(np.isfinite(later), later @ turn.T, np.inf)
+        seen = np.isfinite(later[:, 2]) & (later[:, 2] >= scene.near_of(eye))
+        position = focal * later[:, :2] / later[:, 2:] + (cx, cy)
         disparity, later_disparity = camera.disparity_px(hits.depth_m), camera.disparity_px(later[:, 2])
     inside = seen & (position >= -0.5).all(axis=1)
     inside &= (position[:, 0] < camera.width_px - 0.5) & (position[:, 1] < camera.height_px - 0.5)
@@ -145,7 +185,7 @@ def normals(scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits) -> NDArr
         hits: what they see.
 
     Returns:
-        (R, 3) float64 unit vectors in the camera frame; 0 where a ray hits nothing.
+        (R, 3) float64 unit vectors in the eye's frame; 0 where a ray hits nothing.
     """
     result = np.zeros((len(hits.depth_m), 3))
     for hit, corners, normal in _triangles_hit(scene, models, eye, hits):
@@ -159,6 +199,7 @@ def _triangles_hit(
     scene: Scene, models: Sequence[Mesh], eye: Eye, hits: Hits
 ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]]:
     """Yield, per instance, the hits (N,) on it, their triangles' corners (N, 3, 3) from the eye, normals (N, 3)."""
+    turn = scene.camera.turn(eye)
     for number in np.unique(hits.instance[hits.instance >= 0]):
         hit = np.flatnonzero(hits.instance == number)
         mesh = models[int(scene.model[number])]
@@ -166,6 +207,8 @@ def _triangles_hit(
         corners = mesh.positions.astype(np.float64)[mesh.triangles[hits.triangle[hit]]]
         corners = corners @ view_from_model[:3, :3].T + view_from_model[:3, 3]
         corners[..., 0] -= scene.camera.offset_m(eye)
+        if turn is not None:
+            corners = corners @ turn.T
         yield hit, corners, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
@@ -199,7 +242,7 @@ def depth_on_planes(
         (R,) float64 m; inf where there is no hit.
     """
     depth = np.full(len(x_px), np.inf)
-    rays = scene.camera.rays(eye, np.asarray(x_px, np.float64), np.asarray(y_px, np.float64))
+    rays = scene.camera.rays_of_eye(eye, np.asarray(x_px, np.float64), np.asarray(y_px, np.float64))
     for hit, corners, normal in _triangles_hit(scene, models, eye, hits):
         with np.errstate(divide="ignore", invalid="ignore"):
             depth[hit] = (normal * corners[:, 0]).sum(axis=1) / (normal * rays[hit]).sum(axis=1)

@@ -29,6 +29,7 @@ class Purpose(IntEnum):
     MIX = 16
     LARGE_PATCHES = 17
     RESTING = 18
+    RIG = 19
 
 
 def generator(seed: int, purpose: Purpose, *keys: int | str) -> np.random.Generator:

@@ -4,8 +4,11 @@
 
 const float INVALID = uintBitsToFloat(0x7F800000u);  // +inf
 
+float or_invalid(float disparity_px) {
+    return disparity_px > 0.0 ? disparity_px : INVALID;
+}
+
 // One rounding instead of two: f B / Z may be far larger than the disparity that doffs leaves of it.
 float disparity_at(float inverse_depth) {
-    float disparity_px = fma(focal_baseline, inverse_depth, -doffs_px);
-    return disparity_px > 0.0 ? disparity_px : INVALID;
+    return or_invalid(fma(focal_baseline, inverse_depth, -doffs_px));
 }

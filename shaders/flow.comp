@@ -1,5 +1,6 @@
 #version 450 core
 // Where the point that a pixel of one eye shows is at another moment, seen by the same eye, and whether it is seen then.
+// OTHER_EYE: where the other eye sees it, which takes the place of the other moment, and what disparity that is.
 //
 // Two steps: DEPTHS decides most pixels by the depth map of the other moment alone, and lists those that this leaves open;
 // TRACE follows the surfaces around the point to it.
@@ -22,7 +23,7 @@ layout(binding = 2) uniform sampler2D then_depth;      // its wrap must be clamp
 layout(binding = 3) uniform usampler2D then_surface;
 
 layout(binding = 0, rg32f) writeonly uniform image2D flow;
-layout(binding = 1, r32f) writeonly uniform image2D disparity_change;
+layout(binding = 1, r32f) writeonly uniform image2D disparity;  // OTHER_EYE: the disparity now; else its change
 layout(binding = 2, r8ui) writeonly uniform uimage2D flow_visibility;
 
 struct Move {
@@ -33,7 +34,24 @@ struct Move {
     uvec4 then;              // the instance then, or GONE
 };
 
+#ifdef OTHER_EYE
+layout(binding = 6) uniform sampler2D own_disparity;
+
+uniform vec4 turn_and_shift[3];  // as in Move, of all instances, about this eye
+uniform vec3 own_lens;           // principal point and focal length of this eye; the constants have the other one's
+uniform vec3 lens_change;        // the other eye's less this eye's, worked out in float64
+uniform bool rectified;          // disparities are drawn already
+
+Move move_of(uint instance) {
+    return Move(turn_and_shift[0], turn_and_shift[1], turn_and_shift[2], vec4(0.0), uvec4(instance));
+}
+#else
 layout(std430, binding = 4) readonly buffer Moves { Move moves[]; };
+
+Move move_of(uint instance) {
+    return moves[instance];
+}
+#endif
 
 // Pixels that are listed, as column and row.
 layout(std430, binding = 5) buffer Work {
@@ -65,12 +83,20 @@ Way way_of(ivec2 pixel, float depth_m, Move move) {
     // All lengths in units of the depth. The displacement is worked out as such, not as the difference of two places:
     // so its rounding errors are of its own size.
     float inverse_depth = 1.0 / depth_m;
+#ifdef OTHER_EYE
+    vec3 ray = vec3((vec2(pixel) - own_lens.xy) / own_lens.z, 1.0);
+#else
     vec3 ray = vec3((vec2(pixel) - centre_px) / focal_px, 1.0);
+#endif
     vec4 from_centre = vec4(ray - move.centre.xyz * inverse_depth, inverse_depth);
     vec3 way = vec3(dot(move.turn_and_shift_x, from_centre), dot(move.turn_and_shift_y, from_centre),
                     dot(move.turn_and_shift_z, from_centre));
     float growth = 1.0 + way.z;
-    return Way(inverse_depth, way.z, growth, focal_px * (way.xy - ray.xy * way.z) / growth);
+    vec2 flow_px = focal_px * (way.xy - ray.xy * way.z) / growth;
+#ifdef OTHER_EYE
+    flow_px += lens_change.z * ray.xy + lens_change.xy;
+#endif
+    return Way(inverse_depth, way.z, growth, flow_px);
 }
 
 // 1 / Z of the four pixels around a point then: x, y are below, left and right, and w, z above.
@@ -100,18 +126,29 @@ void main() {
     }
     ivec2 pixel = ivec2(band.xy + gl_GlobalInvocationID.xy);
     vec2 flow_px = vec2(INVALID);
-    float change_px = INVALID;
+    float disparity_px = INVALID;
     uint seen = OUTSIDE;
     float depth_m = texelFetch(own_depth, pixel, 0).r;
     if (depth_m <= LARGEST) {
-        Move move = moves[texelFetch(own_surface, pixel, 0).r];
+        Move move = move_of(texelFetch(own_surface, pixel, 0).r);
         Way way = way_of(pixel, depth_m, move);
-        if (!(way.growth * depth_m < near_m)) {
+#ifdef OTHER_EYE
+        disparity_px = rectified ? texelFetch(own_disparity, pixel, 0).r : or_invalid(other_from_own * way.flow_px.x);
+        if (rectified) {
+            way.flow_px = vec2(other_from_own * disparity_px, 0.0);
+        }
+        bool known = disparity_px < LARGEST;
+#else
+        bool known = true;
+#endif
+        if (known && !(way.growth * depth_m < near_m)) {
             flow_px = way.flow_px;
             float inverse_depth_then = way.inverse_depth / way.growth;
+#ifndef OTHER_EYE
             if (disparity_at(way.inverse_depth) < LARGEST && disparity_at(inverse_depth_then) < LARGEST) {
-                change_px = -focal_baseline * way.inverse_depth * way.deeper / way.growth;
+                disparity_px = -focal_baseline * way.inverse_depth * way.deeper / way.growth;
             }
+#endif
             vec2 target = vec2(pixel) + flow_px, end = vec2(textureSize(own_depth, 0) - 1) + 0.5;
             if (!any(lessThan(target, vec2(-0.5))) && !any(greaterThanEqual(target, end))) {
                 seen = move.then.x == GONE ? OCCLUDED : judge(target, inverse_depth_then, move.then.x);
@@ -123,7 +160,7 @@ void main() {
         seen = VISIBLE;
     }
     imageStore(flow, pixel, vec4(flow_px, 0.0, 0.0));
-    imageStore(disparity_change, pixel, vec4(change_px));
+    imageStore(disparity, pixel, vec4(disparity_px));
     imageStore(flow_visibility, pixel, uvec4(seen));
 }
 #else
@@ -134,7 +171,7 @@ void main() {
     for (uint item = gl_GlobalInvocationID.x; item < pixels; item += gl_NumWorkGroups.x * gl_WorkGroupSize.x) {
         ivec2 pixel = ivec2(work[item] & 0xFFFFu, work[item] >> 16);
         uvec2 own = texelFetch(own_surface, pixel, 0).rg;
-        Move move = moves[own.x];
+        Move move = move_of(own.x);
         Way way = way_of(pixel, texelFetch(own_depth, pixel, 0).r, move);
         float inverse_depth_then = way.inverse_depth / way.growth;
         vec2 target = vec2(pixel) + way.flow_px;

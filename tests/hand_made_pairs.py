@@ -1,6 +1,5 @@
 """Pairs made by hand, encoded and written in any layout."""
 
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +29,8 @@ def make_view(rng, index, side):
     mask = np.where(inside, rng.choice([VISIBLE, OCCLUDED], (height, width)), OUTSIDE).astype(np.uint8)
     depth = np.where(np.isfinite(disparity), CAMERA.depth_m(disparity), np.inf).astype(np.float32)
     channels = {"image": image, "disparity": disparity, "visibility": mask, "depth": depth}
+    along = np.where(np.isfinite(disparity), -disparity if side == "left" else disparity, INF)
+    channels["correspondence"] = np.stack([along, np.where(np.isfinite(disparity), np.float32(0), INF)], axis=2)
     channels["instances"] = rng.integers(0, 9, (height, width), np.uint16)
     for kind in ("flow", "flow_backward"):
         channels[kind], channels[f"{kind}_visibility"] = flow_of(rng)
@@ -80,7 +81,7 @@ def make_provenance(index):
         "frame": 0,
         "background": "cuboid",
         "near_m": 0.5 if index % 2 else 1,
-        "camera": {each.name: getattr(CAMERA, each.name) for each in fields(CAMERA)} | {"doffs_px": CAMERA.doffs_px},
+        "camera": CAMERA.values(),
         "models": {"face": 6, f"model-{index}": 2},
         "instances": [{"model": "face" if row < 6 else "cube", "patch": row, "still": row < 6} for row in range(8)],
     }

@@ -13,7 +13,7 @@ from semisynth_gl.layouts import layout_names
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
 import dataset_digests
-from dataset_digests import ENCODINGS, FREE_LAYOUTS, MOVING, cases, read_lines
+from dataset_digests import ENCODINGS, FREE_LAYOUTS, MOVING, OF_RIGS, cases, read_lines
 
 RECORDED = Path(dataset_digests.__file__).parent / "results" / "dataset-digests.txt"
 NAMES = [name for name, _ in cases()]
@@ -24,7 +24,7 @@ def test_every_config_layout_encoding_and_output_is_made():
     assert {f"config/{name}" for name in packaged_configs()} <= set(NAMES)
     assert {f"{kind}/{name}" for name in layout_names() for kind in ("layout", "splits")} <= set(NAMES)
     assert {f"output/{name}" for name in OUTPUTS} <= set(NAMES)
-    assert set(MOVING[1].split(",")) == set(OUTPUTS)
+    assert {*MOVING[1].split(","), *OF_RIGS} == set(OUTPUTS)
     assert set(FREE_LAYOUTS) <= set(layout_names())
     for number, codecs in enumerate((IMAGE_CODECS, DISPARITY_CODECS, FLOW_CODECS)):
         assert {names[number] for names in ENCODINGS} == set(codecs)

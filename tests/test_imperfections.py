@@ -97,9 +97,9 @@ def test_imperfections_touch_images_alone_and_are_recorded():
     assert drawn != other.provenance["imperfections"]
 
 
-@pytest.mark.parametrize("key", ["vertical_offset_px", "roll_deg"])
-def test_vertical_disparity_without_its_truth_is_refused(key):
-    with pytest.raises(InputError, match=f"{key} would need the vertical disparity"):
+@pytest.mark.parametrize(("key", "instead"), [("vertical_offset_px", "right_y_px"), ("roll_deg", "right_roll_deg")])
+def test_what_truth_must_follow_is_sent_to_the_rig(key, instead):
+    with pytest.raises(InputError, match=f"{key} is no imperfection of the images.*rig.{instead}"):
         load_config("middlebury", [f"imperfections.{key}=1"])
 
 

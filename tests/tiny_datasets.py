@@ -73,7 +73,7 @@ def cheap(**sections):
     values["camera"] |= {"width_px": 64, "height_px": 48}
     values["outputs"] = ["visibility", "instances", "depth"]
     for section, keys in sections.items():
-        values[section] = values[section] | keys if isinstance(keys, dict) else keys
+        values[section] = values.get(section, {}) | keys if isinstance(keys, dict) else keys
     return Config.model_validate(values)
 
 

@@ -14,6 +14,7 @@ PASS_TEXTS: Mapping[PassName, str] = {
     "samples": "colour once more, several samples a pixel",
     "resolve": "one sample of several",
     "masks": "what the other eye sees",
+    "correspondence": "where the other eye sees it, and whether, in pairs that are not rectified",
     "moment": "depth and surfaces at the other moment",
     "flow": "the way to the other moment",
     "read": "into arrays",

@@ -107,9 +107,9 @@ class Rig:
         calibrations have c s, which moves both principal points alike and no disparity.
         """
         camera = self.camera
-        centres = [(c + 0.5) * scale - 0.5 for c in (camera.cx_left_px, camera.cx_right_px, camera.cy_px)]
+        left, right, cy = ((c + 0.5) * scale - 0.5 for c in (camera.cx_left_px, camera.cx_right_px, camera.cy_px))
         return Rig(
-            StereoCamera(*self.size.scaled(scale), camera.focal_px * scale, camera.baseline_m, *centres),
+            StereoCamera(*self.size.scaled(scale), camera.focal_px * scale, camera.baseline_m, left, right, cy),
             self.source,
             DisparityBounds(*(None if bound is None else bound * scale for bound in self.bounds)),
         )

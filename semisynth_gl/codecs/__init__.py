@@ -28,7 +28,13 @@ DISPARITY_CODECS = _by_name(PFM, KITTI_DISPARITY, Tiff())
 FLOW_CODECS = _by_name(Flo(), FlowPfm(), FlowPng16())
 """Codecs of (H, W, 2) float32 px for ``files.flow``; all store inf as "no flow"."""
 
-_FIXED: Mapping[str, Codec[Any]] = {"grey8": GREY8, "grey16": GREY16, "float": PFM, "vector": PFM3}
+_FIXED: Mapping[str, Codec[Any]] = {
+    "grey8": GREY8,
+    "grey16": GREY16,
+    "float": PFM,
+    "vector": PFM3,
+    "shift": FLOW_CODECS["flo"],
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +59,8 @@ class Encodings:
     def codec(self, name: str) -> Codec[Any]:
         """Return the codec that a channel names: ``image``, ``disparity`` or ``flow``, or one that is always the same.
 
-        The fixed ones are ``grey8`` and ``grey16`` (PNG), ``float`` (PFM) and ``vector`` (PFM of three channels).
+        The fixed ones are ``grey8`` and ``grey16`` (PNG), ``float`` (PFM), ``vector`` (PFM of three channels) and
+        ``shift`` (Middlebury's .flo).
         """
         chosen: Mapping[str, Codec[Any]] = {"image": self.image, "disparity": self.disparity, "flow": self.flow}
         return chosen[name] if name in chosen else _FIXED[name]

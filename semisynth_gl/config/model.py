@@ -4,6 +4,7 @@ import hashlib
 import json
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from math import degrees
 from typing import Annotated, Any, Self
 
 from pydantic import (
@@ -18,6 +19,7 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
+from semisynth_gl.camera import MOST_FOCAL_RATIO, MOST_TURN_RAD
 from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS, Encodings
 from semisynth_gl.config.distributions import check_target, wanted_histogram
 from semisynth_gl.config.fields import (
@@ -59,12 +61,36 @@ from semisynth_gl.plugins import Group
 from semisynth_gl.splits import Split, SplitName
 
 _ZERO = Range(0.0, 0.0)
+_MOST_TURN_DEG = round(degrees(MOST_TURN_RAD))
 
 _MOST_RECIPES = 100
 # Characters.
 _LONGEST_LICENCE = 1000
 
 _Licence = Annotated[str, Field(max_length=_LONGEST_LICENCE)]
+
+
+class RigSection(Section):
+    """How the right camera deviates from the rectified one. Drawn per sequence, and recorded. By default it does not.
+
+    Truth is exact all the same: the output ``correspondence`` has the way from each pixel to the same point in the
+    other view, and disparity is x_left - x_right. ``disparity`` and ``background`` speak of the rectified pair.
+
+    Attributes:
+        right_roll_deg: rotation about the viewing direction; a positive one turns the right image clockwise.
+        right_pitch_deg: rotation about the x axis; a positive one moves the right image upwards.
+        right_y_px: the right principal point lies this much lower than the left one.
+        focal_ratio: right focal length over the left one.
+    """
+
+    right_roll_deg: Annotated[RangeField, at_most(_MOST_TURN_DEG), at_least(-_MOST_TURN_DEG)] = _ZERO
+    right_pitch_deg: Annotated[RangeField, at_most(_MOST_TURN_DEG), at_least(-_MOST_TURN_DEG)] = _ZERO
+    right_y_px: RangeField = _ZERO
+    focal_ratio: Annotated[RangeField, at_most(MOST_FOCAL_RATIO), at_least(1 / MOST_FOCAL_RATIO)] = Range(1.0, 1.0)
+
+    def none(self) -> bool:
+        """Return whether the pairs are rectified."""
+        return self == RigSection()
 
 
 class ImperfectionsSection(Section):
@@ -85,10 +111,11 @@ class ImperfectionsSection(Section):
     @model_validator(mode="before")
     @classmethod
     def _no_vertical_disparity(cls, values: Any) -> Any:  # noqa: ANN401 - whatever the YAML holds
-        for key in ("vertical_offset_px", "roll_deg"):
+        for key, instead in (("vertical_offset_px", "right_y_px"), ("roll_deg", "right_roll_deg")):
             if isinstance(values, dict) and key in values:
-                fault = "would need the vertical disparity as truth, which is not made"
-                raise ValueError(f"{key} {fault}: leave it out, and rectify")
+                raise ValueError(
+                    f"{key} is no imperfection of the images, since truth must follow it: set rig.{instead}"
+                )
         return values
 
     def none(self) -> bool:
@@ -258,8 +285,8 @@ class Config(Section):
         name: first part of the name of every sample; letters, digits and hyphens.
         scenes: recipes, of which each sequence takes one, by their weights. Their keys go over the sections above; by
             default all sequences follow these sections.
-        outputs: further outputs beside images and disparities: ``visibility``, ``instances``, ``depth``, ``normals``,
-            ``flow``, ``flow_backward``, ``disparity_change``.
+        outputs: further outputs beside images and disparities: ``visibility``, ``correspondence``, ``instances``,
+            ``depth``, ``normals``, ``flow``, ``flow_backward``, ``disparity_change``.
         truth: views whose disparity and outputs are written: ``both``, or ``left`` alone.
         antialias: antialiasing of colour: ``none``, ``edges``, ``msaa4`` (or another number of samples that the driver
             offers), ``ssaa2`` to ``ssaa8``.
@@ -279,6 +306,8 @@ class Config(Section):
     scenes: Annotated[
         tuple[RecipeSection, ...], FROM_LIST, Field(max_length=_MOST_RECIPES, exclude_if=lambda scenes: not scenes)
     ] = ()
+    # Left out of the values where pairs are rectified: those of such a config are the same as ever.
+    rig: Annotated[RigSection, Field(exclude_if=RigSection.none)] = RigSection()
     sequence: SequenceSection = SequenceSection()
     imperfections: ImperfectionsSection = ImperfectionsSection()
     checks: ChecksSection = ChecksSection()
@@ -302,6 +331,12 @@ class Config(Section):
         for key, values in nearest.items():
             if values is not None and values.high > limit:
                 raise ValueError(f"{key} goes up to {values.high:g} px, but disparity.max_px, the limit, is {limit:g}")
+        return self
+
+    @model_validator(mode="after")
+    def _change_is_of_rectified_pairs(self) -> Self:
+        if "disparity_change" in self.outputs and not self.rig.none():
+            raise ValueError("the output disparity_change is a rectified pair's: leave it out, or the section rig")
         return self
 
     @field_validator("scenes")

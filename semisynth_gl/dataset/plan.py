@@ -186,6 +186,12 @@ def make_plan(
             f"the layout {layout_name} has names for {layout.most_frames} frames of a sequence with flow, got "
             f"sequence.length {length}: set it to {layout.most_frames} or less, or choose another with --layout"
         )
+    if unsaid := sorted(layout.lacks.intersection(config.outputs)):
+        able = ", ".join(name for name in built_in_layouts() if unsaid[0] not in find_layout(name).lacks)
+        raise InputError(
+            f"the layout {layout_name} has no files for the output {unsaid[0]}, which its loaders do not know: leave "
+            f"it out of outputs, or choose another with --layout: {able}"
+        )
     layout.encodings_for(config).check_installed()
     if lacking := sorted(layout.needs.difference(config.outputs)):
         config = config.model_copy(update={"outputs": (*config.outputs, *lacking)})

@@ -75,7 +75,7 @@ class RebuiltScenes:
         if rebuilt.recipe != frame.recipe:
             return None
         if not isinstance(recorded, dict) or any(
-            recorded.get(name) != getattr(camera, name) for name in camera.__slots__
+            recorded.get(name) != value for name, value in camera.values().items() if name != "doffs_px"
         ):
             return None
         return rebuilt

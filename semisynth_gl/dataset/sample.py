@@ -1,7 +1,7 @@
 """A pair as files in memory, encoded by the roles of a layout, and read back under the same names from any layout."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import EYES, StereoCamera
+from semisynth_gl.camera import EYES, Eye, StereoCamera
 from semisynth_gl.codecs import Codec, Encodings
 from semisynth_gl.codecs.calib import Calibration
 from semisynth_gl.errors import InputError, ReadError
@@ -133,19 +133,20 @@ def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) ->
         elif mask in arrays and arrays[mask].shape == arrays[role].shape[:2]:
             arrays[mask] = restore_outside(arrays[mask], arrays[role], channel, eye)
     calibration, provenance = values.get("calibration"), values["provenance"]
-    if calibration is None:
-        # The provenance has more facts about the camera than the camera.
+    if calibration is None or _deviates(provenance):
+        # A calibration is that of the rectified pair.
         try:
-            camera = StereoCamera(**{key.name: provenance["camera"][key.name] for key in fields(StereoCamera)})
+            camera = StereoCamera.from_values(provenance["camera"])
         except (KeyError, TypeError, InputError) as error:
             raise ReadError(path, f"its provenance has no camera that can be used: {error!r}") from None
     else:
         camera = calibration.camera
     frame = Frame.from_arrays(camera, arrays)
+    left, right = (_with_outside(frame, eye) for eye in EYES)
     return StoredFrame(
         camera,
-        frame.left,
-        frame.right,
+        left,
+        right,
         name=key.name,
         split=key.split,
         index=key.index,
@@ -153,6 +154,22 @@ def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) ->
         calibration=calibration,
         encodings=encodings,
     )
+
+
+def _with_outside(frame: Frame, eye: Eye) -> View:
+    """Return a view whose mask knows of points that lie above or below the other image; see `restore_outside`."""
+    view = frame.view(eye)
+    if frame.camera.rectified or not view.keys() >= {"disparity", "visibility"}:
+        return view
+    if view["visibility"].shape != view["disparity"].shape:
+        return view
+    way = view["correspondence"] if "correspondence" in view else frame.ways(eye).astype(np.float32)
+    return view.with_channels({"visibility": restore_outside(view["visibility"], way, View.correspondence, eye)})
+
+
+def _deviates(provenance: Mapping[str, Any]) -> bool:
+    camera = provenance.get("camera")
+    return isinstance(camera, dict) and "deviation" in camera
 
 
 def _invalidate(frame: Frame, channel: Channel[Any], codec: Codec[Any]) -> tuple[Frame, dict[str, int]]:

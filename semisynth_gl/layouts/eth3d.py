@@ -20,6 +20,7 @@ class Eth3d(Layout):
     """ETH3D two-view: RAFT-Stereo, OpenStereo, torchvision's ETH3DStereo."""
 
     needs = frozenset({"visibility"})
+    lacks = frozenset({"correspondence"})
     encodings = Encodings()
 
     def stems(self, key: Key) -> dict[str, str]:

@@ -63,8 +63,9 @@ def check_layout(layout: Layout) -> None:
         raise InputError(f"packed: expected True or False, got {shown(layout.packed)}")
     if not (layout.encodings is None or isinstance(layout.encodings, Encodings)):
         raise InputError(f"encodings: expected None or Encodings, got {shown(layout.encodings)}")
-    if unknown := sorted(set(layout.needs) - set(OUTPUTS)):
-        raise InputError(f"needs: expected some of {', '.join(OUTPUTS)}, got {', '.join(unknown)}")
+    for name, outputs in (("needs", layout.needs), ("lacks", layout.lacks)):
+        if unknown := sorted(set(outputs) - set(OUTPUTS)):
+            raise InputError(f"{name}: expected some of {', '.join(OUTPUTS)}, got {', '.join(unknown)}")
     for splits, length in product(_SPLITS, _LENGTHS):
         owners: dict[str, str] = {}
         for split in splits:

@@ -70,6 +70,7 @@ class Kitti(Layout):
     """KITTI 2015: RAFT-Stereo, PSMNet, HSM, GwcNet, CasStereo, MobileStereoNet, AANet, OpenStereo, torchvision."""
 
     needs = frozenset({"visibility", "instances"})
+    lacks = frozenset({"correspondence"})
     replaced = ("c_0",)  # OpenStereo makes the paths of the right view's disparities so
     encodings = Encodings(disparity=KITTI_DISPARITY, flow=FlowPng16())
     most_frames = 100 - _FIRST_FRAME

@@ -33,6 +33,7 @@ class Layout(ABC):
     Attributes:
         packed: whether the files of a shard are packed into one tar; else they stand by themselves.
         needs: outputs that the layout cannot do without.
+        lacks: outputs that the layout has no files for, since none of its loaders could make sense of them.
         encodings: its own; None where the config's section ``files`` decides.
         right_truth_for: names loaders that read the right view's truth too; "" where none does.
         replaced: names that loaders replace, or look for, in the whole path of a file.
@@ -41,6 +42,7 @@ class Layout(ABC):
 
     packed: ClassVar[bool] = False
     needs: ClassVar[frozenset[str]] = frozenset()
+    lacks: ClassVar[frozenset[str]] = frozenset()
     encodings: ClassVar[Encodings | None] = None
     right_truth_for: ClassVar[str] = ""
     replaced: ClassVar[tuple[str, ...]] = ()
@@ -74,6 +76,8 @@ class Layout(ABC):
         files = {}
         for name, stem in self.stems(key).items():
             role = self.role(name)
+            if role.output in self.lacks:
+                continue
             if outputs is not None and role.output is not None and role.output not in outputs:
                 continue
             if truth == "both" or role.eye != "right":
@@ -160,6 +164,9 @@ def scene_stems(names: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str
     ]
     return {role: stem for role, stem in stems.items() if role not in flow}, {role: stems[role] for role in flow}
 
+
+VERTICAL: dict[str, str] = {"disparity_y_left": "disp0y", "disparity_y_right": "disp1y"}
+"""Middlebury's names for y_left - y_right in pairs that are not rectified."""
 
 SHORT_SPLITS: Mapping[SplitName, str] = {"train": "train", "validation": "val", "test": "test"}
 """The splits' names in lists of pairs that loaders bring along."""

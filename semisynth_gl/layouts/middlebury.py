@@ -1,9 +1,9 @@
 """The folders of Middlebury's evaluation set (MiddEval3), full size.
 
 ``MiddEval3/trainingF/<scene>/`` with im0.png, im1.png, disp0GT.pfm, disp1GT.pfm, mask0nocc.png, mask1nocc.png,
-calib.txt, pair.json and the outputs asked for, and ``MiddEval3/official_train.txt`` with the scenes' names. Images,
-disparities and flow in another encoding end in its name. Names with 0 are the left view's. ``carla-highres/trainingF``
-leads to the same scenes.
+calib.txt, pair.json and the outputs asked for, disp0y.pfm and disp1y.pfm with correspondences, and
+``MiddEval3/official_train.txt`` with the scenes' names. Images, disparities and flow in another encoding end in its
+name. Names with 0 are the left view's. ``carla-highres/trainingF`` leads to the same scenes.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config
 from semisynth_gl.layouts.key import Key
-from semisynth_gl.layouts.layout import Layout, scene_stems
+from semisynth_gl.layouts.layout import VERTICAL, Layout, scene_stems
 from semisynth_gl.splits import SplitName
 
 SCENES = "MiddEval3/trainingF"
@@ -30,7 +30,7 @@ class Middlebury(Layout):
     def stems(self, key: Key) -> dict[str, str]:
         """Return the files of a scene's folder."""
         now, flow = scene_stems({"disparity": "disp{n}GT"})
-        names = now | flow | {"calibration": "calib", "provenance": "pair"}
+        names = now | VERTICAL | flow | {"calibration": "calib", "provenance": "pair"}
         return {role: f"{SCENES}/{key.name}/{name}" for role, name in names.items()}
 
     def lists(self, keys: Sequence[Key], encodings: Encodings) -> dict[str, bytes]:

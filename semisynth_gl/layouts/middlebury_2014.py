@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.layouts.key import Key
-from semisynth_gl.layouts.layout import Layout, scene_stems
+from semisynth_gl.layouts.layout import VERTICAL, Layout, scene_stems
 
 SCENES = "2014"
 TORCHVISION = "Middlebury2014/train"
@@ -31,7 +31,7 @@ class Middlebury2014(Layout):
         """Return the files of a scene's folder."""
         now, flow = scene_stems({"disparity": "disp{n}"})
         images = {"left": now["left"], "right": now["right"], "right_under": "im1E", "right_over": "im1L"}
-        names = images | now | {"calibration": "calib", "provenance": "pair"} | flow
+        names = images | now | VERTICAL | {"calibration": "calib", "provenance": "pair"} | flow
         return {role: f"{SCENES}/{_scene(key)}/{name}" for role, name in names.items()}
 
     def lists(self, keys: Sequence[Key], encodings: Encodings) -> dict[str, bytes]:

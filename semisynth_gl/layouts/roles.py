@@ -213,6 +213,18 @@ def _not_occluded(eye: Eye, channel: Channel[Any], mask: Channel[Any]) -> Role:
     return Role(meaning, lambda encodings: encodings.codec(channel.codec), value, mask.output, eye)
 
 
+def _vertical(eye: Eye) -> Role:
+    def value(sample: Sample) -> NDArray[np.float32] | None:
+        way = sample.frame.view(eye).get("correspondence")
+        if way is None:
+            return None
+        # y_left - y_right in both views, as the disparity is x_left - x_right.
+        return way[..., 1] if eye == "right" else np.where(np.isinf(way[..., 1]), np.float32(np.inf), -way[..., 1])
+
+    meaning = f"y_left - y_right of the {eye} view's pixels, float32 px; inf where there is no disparity"
+    return Role(meaning, lambda encodings: encodings.codec("float"), value, "correspondence", eye)
+
+
 def _objects(sample: Sample) -> NDArray[np.uint8] | None:
     instances = sample.frame.left.get("instances")
     return None if instances is None else number_objects(instances, sample.provenance["instances"])
@@ -248,6 +260,7 @@ ROLES: Mapping[str, Role] = {
         if channel.mask is not None
         for eye in EYES
     },
+    **{f"disparity_y_{eye}": _vertical(eye) for eye in EYES},
     **{name: _exposed_right(stops) for name, stops in _STOPS.items()},
     "objects": _fixed("8-bit: 1 to 255 for objects, 0 for all else; of the left view", GREY8, _objects, "instances"),
     "calibration": _fixed("the cameras, as Middlebury's calib.txt has them", MIDDLEBURY_CALIB, _calibration),

@@ -51,6 +51,7 @@ _NAMES: Mapping[str, str] = {
 class SceneFlow(Layout):
     """FlyingThings3D: RAFT-Stereo, torchvision, PSMNet, HSM; by lists CasStereo, GwcNet, MobileStereoNet, AANet."""
 
+    lacks = frozenset({"correspondence"})
     encodings = Encodings(flow=FlowPfm())
     # RAFT-Stereo makes the paths of disparities so, and others those of right images.
     replaced = ("left", "right", _IMAGES, ".png")

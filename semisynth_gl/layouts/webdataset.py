@@ -51,6 +51,8 @@ class WebDataset(Layout):
 def _facts(sample: Sample) -> dict[str, Any]:
     """Return what every pair has, and the provenance as text: a key that only some pairs had would get lost."""
     provenance, camera = sample.provenance, sample.frame.camera
+    # Of all pairs of a dataset or of none: a rectified twin says that it does not deviate.
+    deviation = {key: value for key, value in provenance.get("camera", {}).items() if key == "deviation"}
     beyond = provenance.get(View.disparity.beyond_key, {})
     return {
         "pair": int(provenance["pair"]),
@@ -58,7 +60,7 @@ def _facts(sample: Sample) -> dict[str, Any]:
         **{name: str(provenance[name]) for name in ("config", "config_sha256", "version", "renderer", "backend")},
         **{name: int(provenance[name]) for name in ("seed", "sequence", "frame")},
         "near_m": float(provenance["near_m"]),
-        "camera": {name: kind(getattr(camera, name)) for name, kind in _CAMERA.items()},
+        "camera": {name: kind(getattr(camera, name)) for name, kind in _CAMERA.items()} | deviation,
         "ndisp": int(sample.ndisp),
         "redrawn": len(provenance.get("redrawn", ())),
         "beyond_left": int(beyond.get("left", 0)),

@@ -108,6 +108,7 @@ class PairRenderer:
             large_anisotropy=config.textures.large_anisotropy,
             outputs=config.outputs,
             truth=config.truth,
+            rectified=config.rig.none(),
             antialias=config.antialias,
             backend=backend,
             device_index=device_index,

@@ -35,8 +35,9 @@ class ConstantsBuffer:
         values = np.zeros((), CONSTANTS)
         matrix = clip_from_view(camera, eye, near_m) if projection is None else projection
         values["clip_from_view"] = matrix.T
-        values["centre_px"] = camera.cx_px(eye), camera.cy_px
-        values["focal_px"] = camera.focal_px
+        cx, cy, focal = camera.lens_px(eye)
+        values["centre_px"] = cx, cy
+        values["focal_px"] = focal
         values["focal_baseline"] = camera.focal_baseline
         values["doffs_px"] = camera.doffs_px
         values["near_m"] = near_m

@@ -95,7 +95,7 @@ class FlowPass:
         filled = models.fill(then, eye)
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">"
-        self._constants.write(camera, eye, then.scene.near_m)
+        self._constants.write(camera, eye, then.scene.near_of(eye))
         with self._context.clock.timed("moment", eye):
             self._then.clear()
             for part in filled:
@@ -103,6 +103,11 @@ class FlowPass:
 
         moves = moves.copy()
         moves["centre"][:, 0] -= camera.offset_m(eye)
+        turn = camera.turn(eye)
+        if turn is not None:
+            moves["turn_and_shift"][:, :, :3] = turn @ moves["turn_and_shift"][:, :, :3] @ turn.T
+            moves["turn_and_shift"][:, :, 3] = moves["turn_and_shift"][:, :, 3] @ turn.T
+            moves["centre"] = moves["centre"] @ turn.T
         refill(self._moves, moves)
         self._moves.bind_to_storage_buffer(BLOCKS["Moves"].binding)
         models.bind_triangles(then, eye)
@@ -112,7 +117,7 @@ class FlowPass:
         self._then.bind("surface", _THEN_SURFACE)
         for name, unit in _IMAGES.items():
             self._targets.bind_to_image(name, unit)
-        self._constants.write(camera, eye, scene.near_m)
+        self._constants.write(camera, eye, scene.near_of(eye))
         with self._context.clock.timed("flow", eye):
             self._steps.run(crop or Crop(0, 0, *own.framebuffer.size))
         return self._targets

@@ -1,5 +1,6 @@
 """Compute passes over an image in steps, of which each lists what it leaves open for the next ones."""
 
+from collections.abc import Mapping
 from math import ceil
 
 import numpy as np
@@ -31,18 +32,33 @@ class ListedSteps:
         steps: how many.
         tile_px: side of a tile.
         entries: most entries of all lists together for a tile.
+        defines: further names that the shader is compiled with.
 
     Raises:
         BackendError: where the driver refuses the shader.
     """
 
-    def __init__(self, context: GraphicsContext, shader: str, steps: int, tile_px: int, entries: int) -> None:
+    def __init__(
+        self,
+        context: GraphicsContext,
+        shader: str,
+        steps: int,
+        tile_px: int,
+        entries: int,
+        defines: Mapping[str, int] | None = None,
+    ) -> None:
         self._gl = context.gl
-        self._steps = [link_compute(context, shader, {"STEP": step}) for step in range(steps)]
+        self._steps = [link_compute(context, shader, {"STEP": step, **(defines or {})}) for step in range(steps)]
         # A step that only reads lists may leave the band out.
         self._banded = [step for step in self._steps if "band" in list(step)]
         self._tile_px, self._entries = tile_px, entries
         self._work = context.gl.buffer(reserve=len(_COUNTERS), dynamic=True)
+
+    def set(self, name: str, value: object) -> None:
+        """Set a uniform of all steps that have it; the compiler removes it from others."""
+        for step in self._steps:
+            if name in list(step):
+                step[name] = value
 
     def run(self, part: Crop) -> None:
         """Judge a part of the image, and what else its tiles hold; whatever comes next sees the result."""

@@ -30,7 +30,7 @@ class Placed:
 
     Attributes:
         scene: the scene.
-        view_from_model: (N, 4, 4) float64, relative to the left eye; the right one's differ in their place alone.
+        view_from_model: (N, 4, 4) float64, relative to the left eye.
         radius_m: (N,) float64, bounds how far an instance reaches from its centre.
         solid: (N,) bool, whether only fronts can be seen from outside.
     """
@@ -44,7 +44,8 @@ class Placed:
         """Return the first three rows of view_from_model relative to one eye, (N, 3, 4) float64."""
         rows = self.view_from_model[:, :3].copy()
         rows[:, 0, 3] -= self.scene.camera.offset_m(eye)
-        return rows
+        turn = self.scene.camera.turn(eye)
+        return rows if turn is None else turn @ rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,10 +146,10 @@ class ModelBuffers:
         """
         scene, view_from_model, radius_m = placed.scene, placed.rows(eye), placed.radius_m
         centre_m = view_from_model[:, :, 3]
-        camera = scene.camera if part is None else scene.camera.cropped(part)
-        seen = np.flatnonzero(in_view(camera, eye, scene.near_m, centre_m, radius_m))
+        camera, near_m = scene.camera if part is None else scene.camera.cropped(part), scene.near_of(eye)
+        seen = np.flatnonzero(in_view(camera, eye, near_m, centre_m, radius_m))
         # What the near plane cuts open shows its backs.
-        fronts_only = placed.solid[seen] & (centre_m[seen, 2] - radius_m[seen] > scene.near_m)
+        fronts_only = placed.solid[seen] & (centre_m[seen, 2] - radius_m[seen] > near_m)
         atlas = np.searchsorted(self._atlas_ends, scene.layer[seen], side="right")
         order = np.lexsort((centre_m[seen, 2] + radius_m[seen], ~fronts_only, atlas))
         seen, atlas, fronts_only = seen[order], atlas[order], fronts_only[order]

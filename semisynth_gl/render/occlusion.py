@@ -155,10 +155,11 @@ def _boxes(
     camera = scene.camera if part is None else scene.camera.cropped(part)
     x, y, z = (np.matmul(corners, rows[:, :, :3].transpose(0, 2, 1)) + rows[:, None, :, 3]).transpose(2, 0, 1)
     nearest = z.min(axis=1)
-    before_eye = np.maximum(z, scene.near_m)
-    column = camera.focal_px * x / before_eye + camera.cx_px(eye)
-    row = camera.focal_px * y / before_eye + camera.cy_px
-    depth = np.where(nearest > scene.near_m, scene.near_m / np.maximum(nearest, scene.near_m), np.inf)
+    (cx, cy, focal), near_m = camera.lens_px(eye), scene.near_of(eye)
+    before_eye = np.maximum(z, near_m)
+    column = focal * x / before_eye + cx
+    row = focal * y / before_eye + cy
+    depth = np.where(nearest > near_m, near_m / np.maximum(nearest, near_m), np.inf)
     return np.stack([column.min(axis=1), row.min(axis=1), column.max(axis=1), row.max(axis=1), depth])
 
 

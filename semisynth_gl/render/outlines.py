@@ -40,7 +40,7 @@ class Outlines:
             from and to, and of the one opposite.
         """
         scene, rows = placed.scene, placed.rows(eye)
-        seen = np.flatnonzero(in_view(scene.camera, eye, scene.near_m, rows[:, :, 3], placed.radius_m))
+        seen = np.flatnonzero(in_view(scene.camera, eye, scene.near_of(eye), rows[:, :, 3], placed.radius_m))
         # What is in front covers the pixels of what is behind, too. As in the drawing, by the far ends of instances.
         seen = seen[np.argsort(-(rows[seen, 2, 3] + placed.radius_m[seen]), kind="stable")]
         eyes, solid, model = _eyes(rows[seen]), placed.solid[seen], scene.model[seen]

@@ -10,7 +10,7 @@ import moderngl
 
 from semisynth_gl.camera import Eye
 
-PassName = Literal["draw", "edges", "samples", "resolve", "masks", "moment", "flow", "read"]
+PassName = Literal["draw", "edges", "samples", "resolve", "masks", "correspondence", "moment", "flow", "read"]
 PASSES: tuple[PassName, ...] = get_args(PassName)
 """What a renderer times, each for both eyes; see `semisynth_gl.bench.passes` for what they do."""
 

@@ -40,6 +40,7 @@ from semisynth_gl.render.antialias import ColourTargets, parse_antialias
 from semisynth_gl.render.backends import Backend, is_software
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import open_context
+from semisynth_gl.render.correspondence import CorrespondencePass
 from semisynth_gl.render.edges import EdgePass
 from semisynth_gl.render.flow import FlowPass
 from semisynth_gl.render.model_buffers import Filled, ModelBuffers, Placed
@@ -48,7 +49,7 @@ from semisynth_gl.render.pass_clock import PassClock
 from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.readers import Reader, read_array
-from semisynth_gl.render.targets import EyeTargets
+from semisynth_gl.render.targets import CORRESPONDENCE, EyeTargets
 from semisynth_gl.render.visibility import VisibilityPass
 from semisynth_gl.scene.scene import Motion, Scene
 
@@ -73,6 +74,7 @@ class Renderer:
         large_anisotropy: the same of large patches.
         outputs: what to make beside images and disparities; see `semisynth_gl.frame.OUTPUTS`.
         truth: of which views disparity and outputs are made, "both" or "left".
+        rectified: False where right cameras may deviate from the rectified one: both eyes' depths are drawn then.
         antialias: "none", "edges", "msaa4" (or what the driver has) or "ssaa2" to "ssaa8"; for colour only.
         backend: "auto", "egl" or "osmesa".
         device_index: EGL's number of the device.
@@ -99,6 +101,7 @@ class Renderer:
         large_anisotropy: int = 1,
         outputs: Collection[str] = DEFAULT_OUTPUTS,
         truth: TruthViews = "both",
+        rectified: bool = True,
         antialias: str = "none",
         backend: Backend = "auto",
         device_index: int = 0,
@@ -114,8 +117,7 @@ class Renderer:
         atlases = {"layers": layers} | ({} if large_layers is None else {"large_layers": large_layers})
         for name, atlas in atlases.items():
             _check_atlas(name, atlas)
-        if isinstance(outputs, str) or not isinstance(outputs, Collection) or not set(outputs) <= set(OUTPUTS):
-            raise InputError(f"outputs: expected some of {', '.join(OUTPUTS)}, got {outputs!r}")
+        _check_outputs(outputs, rectified=rectified)
         if truth not in TRUTH_VIEWS:
             raise InputError(f"truth: expected one of {', '.join(TRUTH_VIEWS)}, got {truth}")
         for name, most in (("anisotropy", anisotropy), ("large_anisotropy", large_anisotropy)):
@@ -125,6 +127,8 @@ class Renderer:
         self._read_pixels = read
         self._outputs = frozenset(outputs)
         self._channels = [row for row in CHANNELS.values() if row.output is None or row.output in outputs]
+        self._rectified = rectified
+        self._corresponds = not rectified or "correspondence" in self._outputs
         self._truth_eyes: tuple[Eye, ...] = EYES if truth == "both" else ("left",)
         self._antialias = parse_antialias(antialias)
         self._attachments: dict[Eye, tuple[str, ...]] = {eye: self._drawn(eye) for eye in EYES}
@@ -134,7 +138,7 @@ class Renderer:
         try:
             self._gl = self._context.gl
             self._patches = PatchTextures(self._context, tuple(atlases.values()), mirrored=wrap == "mirror")
-            reads_triangles = any(channel.reads_triangles for channel in self._channels)
+            reads_triangles = self._corresponds or any(channel.reads_triangles for channel in self._channels)
             self._models = ModelBuffers(self._gl, models, self._patches.ends, traced=reads_triangles)
             self._constants = ConstantsBuffer(self._gl)
             software = is_software(self._context.renderer)
@@ -250,16 +254,18 @@ class Renderer:
                 self._gl.finish()
                 self.listener.on_stage(stage)
 
-        camera = scene.camera if crop is None else scene.camera.cropped(crop)
+        camera, rectified = scene.camera if crop is None else scene.camera.cropped(crop), scene.camera.rectified
         self._resize((scene.camera.width_px, scene.camera.height_px))
         placed = self._models.place(scene)
         colour = {eye: self._draw(placed, eye, crop) for eye in EYES}
         finish("draw")
-        if self._visibility is not None:
+        if self._visibility is not None and rectified:
             for eye in self._truth_eyes:
                 self._visibility.draw(placed, eye, self._targets, self._models, crop)
         finish("visibility")
-        views = {eye: self._read(eye, colour[eye], crop) for eye in EYES}
+        views = {eye: self._read(eye, colour[eye], crop, rectified=rectified) for eye in EYES}
+        if self._correspondence is not None:
+            self._read_correspondence(self._correspondence, placed, crop, views)
         if self._flow is not None:
             for name, motion in motions.items():
                 if motion is not None and self._outputs & _NEEDS_MOTION[name]:
@@ -267,19 +273,34 @@ class Renderer:
         finish("readback")
         return Frame(camera, View(views["left"]), View(views["right"]))
 
-    def _read(self, eye: Eye, antialiased: NDArray[np.uint8] | None, crop: Crop | None) -> dict[str, Any]:
+    def _read(
+        self, eye: Eye, antialiased: NDArray[np.uint8] | None, crop: Crop | None, *, rectified: bool
+    ) -> dict[str, Any]:
         """Copy out one eye's channels of the drawing and the visibility pass, but for an image that is antialiased."""
         targets, image = self._targets[eye], CHANNELS["image"]
         with self.clock.timed("read", eye):
             view = {image.name: targets.read(image.attachment, crop) if antialiased is None else antialiased}
             if eye in self._truth_eyes:
                 for channel in self._drawn_by("drawing"):
-                    if channel is not image:
+                    if channel is not image and (rectified or channel.name not in CORRESPONDENCE):
                         view[channel.name] = targets.read(channel.attachment, crop)
-                if targets.visibility is not None:
+                if targets.visibility is not None and rectified:
                     for channel in self._drawn_by("visibility"):
                         view[channel.name] = targets.visibility.read(channel.attachment, crop)
         return view
+
+    def _read_correspondence(
+        self, correspondence: CorrespondencePass, placed: Placed, crop: Crop | None, views: dict[Eye, dict[str, Any]]
+    ) -> None:
+        """Find the correspondences and, of a pair that deviates, disparities and masks; copy them into the views."""
+        found = [channel for channel in self._channels if channel.attachment in CORRESPONDENCE]
+        if placed.scene.camera.rectified:
+            found = self._drawn_by("correspondence")
+        for eye in self._truth_eyes:
+            targets = correspondence.draw(placed, eye, self._targets, self._models, crop)
+            with self.clock.timed("read", eye):
+                for channel in found:
+                    views[eye][channel.name] = targets.read(channel.attachment, crop)
 
     def _read_flow(
         self,
@@ -314,8 +335,8 @@ class Renderer:
         needed = {
             "colour": not self._antialias.redraws,
             "disparity": own or visibility,
-            "depth": flow or (own and "depth" in self._outputs),
-            "surface": visibility or flow,
+            "depth": flow or self._corresponds or (own and "depth" in self._outputs),
+            "surface": visibility or flow or self._corresponds,
         }
         names = {channel.attachment: own for channel in self._drawn_by("drawing")} | needed
         return tuple(name for name, drawn in names.items() if drawn)
@@ -333,11 +354,18 @@ class Renderer:
         redraws = self._antialias.redraws
         self._colour_programs = [link(("colour",), each) for each in anisotropies] if redraws else None
         self._visibility = VisibilityPass(self._context, self._constants) if "visibility" in self._outputs else None
+        self._correspondence: CorrespondencePass | None = None
+        if self._corresponds:
+            self._correspondence = CorrespondencePass(self._context, self._constants, self._read_pixels)
         self._flow = None
         if self._outputs & FLOW_OUTPUTS:
             self._flow = FlowPass(self._context, self._constants, self._read_pixels)
 
     def _check(self, scene: Scene) -> None:
+        if self._rectified and not scene.camera.rectified:
+            raise InputError(
+                f"scene: its right camera deviates ({scene.camera.deviation}), which takes Renderer(rectified=False)"
+            )
         ranges = (("model", scene.model, len(self._models)), ("layer", scene.layer, len(self._patches)))
         for name, index, count in ranges:
             if len(index) and (int(index.min()) < 0 or int(index.max()) >= count):
@@ -385,8 +413,9 @@ class Renderer:
             )
             for eye, names in self._attachments.items()
         }
-        if self._flow is not None:
-            self._flow.resize(size)
+        for comparing in (self._correspondence, self._flow):
+            if comparing is not None:
+                comparing.resize(size)
         return targets, colour_targets
 
     def _draw(self, placed: Placed, eye: Eye, crop: Crop | None) -> NDArray[np.uint8] | None:
@@ -395,9 +424,11 @@ class Renderer:
         # Along edges pixels take on colours of those beside them.
         border_px = 0 if self._edges is None else 1
         part = crop and _drawn_part(placed.scene, eye, crop, looked_up=looked_up, border_px=border_px)
+        if not placed.scene.camera.rectified:
+            part = None  # rows are looked up too
         scene, filled = placed.scene, self._models.fill(placed, eye, part)
         seen: Sequence[Filled] = filled
-        self._constants.write(scene.camera, eye, scene.near_m)
+        self._constants.write(scene.camera, eye, scene.near_of(eye))
         if self._attachments[eye]:
             targets = self._targets[eye]
             targets.limit(part)
@@ -431,6 +462,15 @@ class Renderer:
         for part in filled:
             self._patches.use(part.atlas)
             self._models.draw(programs[part.atlas], part)
+
+
+def _check_outputs(outputs: Collection[str], *, rectified: bool) -> None:
+    if isinstance(outputs, str) or not isinstance(outputs, Collection) or not set(outputs) <= set(OUTPUTS):
+        raise InputError(f"outputs: expected some of {', '.join(OUTPUTS)}, got {outputs!r}")
+    if not rectified and "disparity_change" in outputs:
+        raise InputError(
+            "the output disparity_change is a rectified pair's: leave it out, or let no right camera deviate"
+        )
 
 
 def _check_atlas(name: str, layers: NDArray[np.uint8]) -> None:

@@ -47,6 +47,8 @@ def _attachments(drawn_by: Pass) -> dict[str, Attachment]:
 DRAWING = {**_attachments("drawing"), "surface": Attachment(2, 2, "u4", 0)}
 """Attachments of the drawing pass: those of its channels, and the instance and triangle of each pixel."""
 VISIBILITY = _attachments("visibility")
+CORRESPONDENCE = {**_attachments("correspondence"), "disparity": DRAWING["disparity"], **VISIBILITY}
+"""Attachments of the correspondence pass, which finds the disparity and the visibility of a pair that deviates too."""
 FLOW = _attachments("flow")
 
 

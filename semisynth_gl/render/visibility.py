@@ -43,7 +43,7 @@ class VisibilityPass:
         other.bind("disparity", _OTHER_DISPARITY)
         other.bind("surface", _OTHER_SURFACE)
         models.bind_triangles(placed, OTHER_EYE[eye])
-        self._constants.write(placed.scene.camera, OTHER_EYE[eye], placed.scene.near_m)
+        self._constants.write(placed.scene.camera, OTHER_EYE[eye], placed.scene.near_of(OTHER_EYE[eye]))
         with self._context.clock.timed("masks", eye):
             own.visibility.framebuffer.use()
             self._context.unbound.clear_unsigned(0, VISIBLE)

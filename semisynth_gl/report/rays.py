@@ -84,7 +84,8 @@ class RayCaster:
         scene = rebuilt.scene
         x_px, y_px = x.astype(np.float64), y.astype(np.float64)
         hits = cast_rays(scene, scenes.models, "left", x_px, y_px)
-        exact, stored = oracle.disparity_px(scene.camera, hits), frame.left.disparity[y, x].astype(np.float64)
+        exact = oracle.disparity_of("left", oracle.correspondence_px(scene.camera, "left", x_px, y_px, hits))
+        stored = frame.left.disparity[y, x].astype(np.float64)
         with np.errstate(invalid="ignore"):
             agreeing = np.abs(exact - stored) <= _ERROR_PX + frame.rounding_px(stored)
         agreeing |= exact == stored

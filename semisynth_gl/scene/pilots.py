@@ -6,7 +6,6 @@ So they are kept in the cache.
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,9 +20,9 @@ from semisynth_gl.scene.structures import draw_stage
 from semisynth_gl.seeds import Purpose, generator
 
 _PILOTS = 32
-_KEYS = (Purpose.CAMERA, Purpose.BACKGROUND, Purpose.STRUCTURES, Purpose.SWAY)
+_KEYS = (Purpose.CAMERA, Purpose.BACKGROUND, Purpose.STRUCTURES, Purpose.SWAY, Purpose.RIG)
 # The sections that `draw_stage` reads.
-_SECTIONS = {"camera", "disparity", "background", "room", "street", "structures"}
+_SECTIONS = {"camera", "rig", "disparity", "background", "room", "street", "structures"}
 SOURCES = ("scene", "geometry", "textures", "config", "camera.py", "histogram.py", "seeds.py", "splits.py")
 """The program's sources that decide the pilot scenes: a change of any of them makes the cache draw them anew."""
 
@@ -85,11 +84,11 @@ def _digest(catalogue: Catalogue) -> str:
 
 
 def _packed(pilots: Sequence[Pilot]) -> Entry:
-    values = {"cameras": [asdict(pilot.camera) for pilot in pilots], "rays": [len(pilot.bare_px) for pilot in pilots]}
+    values = {"cameras": [pilot.camera.values() for pilot in pilots], "rays": [len(pilot.bare_px) for pilot in pilots]}
     return Entry(values, {"bare_px": np.concatenate([pilot.bare_px for pilot in pilots])})
 
 
 def _unpacked(entry: Entry) -> list[Pilot]:
     parts = np.split(entry.arrays["bare_px"], np.cumsum(entry.values["rays"])[:-1])
-    cameras = (StereoCamera(**values) for values in entry.values["cameras"])
+    cameras = (StereoCamera.from_values(values) for values in entry.values["cameras"])
     return [Pilot(camera, bare_px) for camera, bare_px in zip(cameras, parts, strict=True)]

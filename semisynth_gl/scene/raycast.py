@@ -26,7 +26,7 @@ class Hits:
     """The first surfaces that R rays hit.
 
     Attributes:
-        depth_m: (R,) float64 planar depth; inf where a ray hits nothing.
+        depth_m: (R,) float64 planar depth in the eye's view; inf where a ray hits nothing.
         instance: (R,) int64, -1 where a ray hits nothing.
         triangle: (R,) int64, index into the instance's model.
     """
@@ -42,7 +42,7 @@ def cast_rays(
     """Cast rays from one eye through pixel positions, whole or fractional.
 
     Of surfaces at one depth, the first instance and triangle wins. Rays pass through surfaces nearer than
-    ``scene.near_m``, which the renderer does not draw.
+    ``scene.near_of(eye)``, which the renderer does not draw.
 
     Args:
         scene: the instances and the camera.
@@ -56,7 +56,8 @@ def cast_rays(
     """
     camera = scene.camera
     x, y = np.asarray(x_px, np.float64).ravel(), np.asarray(y_px, np.float64).ravel()
-    rays = camera.rays(eye, x, y)
+    turn, near_m = camera.turn(eye), scene.near_of(eye)
+    rays = camera.rays_of_eye(eye, x, y)
     hits = Hits(np.full(len(x), np.inf), np.full(len(x), -1), np.full(len(x), -1))
     by_row = np.argsort(y)
     sorted_x, sorted_y = x[by_row], y[by_row]
@@ -65,10 +66,12 @@ def cast_rays(
         view_from_model = scene.camera_from_world @ scene.world_from_model[number]
         vertices = mesh.positions.astype(np.float64) @ view_from_model[:3, :3].T + view_from_model[:3, 3]
         vertices[:, 0] -= camera.offset_m(eye)
-        boxes = _boxes(camera, eye, vertices, mesh.triangles, scene.near_m)
+        if turn is not None:
+            vertices = vertices @ turn.T
+        boxes = _boxes(camera, eye, vertices, mesh.triangles, near_m)
         for place, triangle in _inside(boxes, sorted_x, sorted_y):
             ray = by_row[place]
-            depth_m = _depths(rays[ray], vertices[mesh.triangles[triangle]], scene.near_m)
+            depth_m = _depths(rays[ray], vertices[mesh.triangles[triangle]], near_m)
             order = np.flatnonzero(np.isfinite(depth_m))
             # Ascending depth with the lowest triangle first, then the first of each ray.
             order = order[np.lexsort((triangle[order], depth_m[order], ray[order]))]
@@ -88,8 +91,9 @@ def _boxes(
     safe = np.where(depth > 0, depth, 1.0)
     boxes = np.empty((4, len(triangles)))
     corners = triangles.T
-    for axis, centre in enumerate((camera.cx_px(eye), camera.cy_px)):
-        one, two, three = (camera.focal_px * vertices[:, axis] / safe + centre)[corners]
+    *middle, focal = camera.lens_px(eye)
+    for axis, centre in enumerate(middle):
+        one, two, three = (focal * vertices[:, axis] / safe + centre)[corners]
         boxes[2 * axis] = np.minimum(np.minimum(one, two), three) - _BOX_MARGIN_PX
         boxes[2 * axis + 1] = np.maximum(np.maximum(one, two), three) + _BOX_MARGIN_PX
     one, two, three = (depth < near_m)[corners]

@@ -8,12 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import StereoCamera
+from semisynth_gl.camera import Deviation, StereoCamera
 from semisynth_gl.config import Range
+from semisynth_gl.config.model import RigSection
 from semisynth_gl.config.scene_sections import CameraSection, DisparitySection
 from semisynth_gl.errors import InputError
 
 Floats = NDArray[np.float64]
+
+_GRID = 9
+_BESIDE = 0.2
+_STEPS = 8
 
 BEYOND_NEAR = 1.01
 """Walls keep this much more than the smallest allowed depth, so that rounding never puts a pixel beyond max_px."""
@@ -38,14 +43,34 @@ def draw_camera(section: CameraSection, rng: np.random.Generator) -> StereoCamer
     return StereoCamera(section.width_px, section.height_px, focal_px, baseline_m, cx_left_px, cx_right_px, cy_px)
 
 
+def draw_deviation(section: RigSection, rng: np.random.Generator) -> Deviation:
+    """Draw every range of the section once, always in the same order."""
+    roll, pitch = (np.deg2rad(range_.draw(rng)).item() for range_ in (section.right_roll_deg, section.right_pitch_deg))
+    return Deviation(roll, pitch, section.right_y_px.draw(rng), section.focal_ratio.draw(rng))
+
+
 def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
-    """Return the depth of the near plane, where the disparity is ``max_px``.
+    """Return the depth of the near plane, where the largest disparity of the image is ``max_px``.
 
     Raises:
         InputError: where ``min_px`` lies beyond infinity for this camera.
     """
     check_reachable(camera, section.min_px, "disparity.min_px")
-    return float(camera.depth_m(section.max_px))
+    depth_m = float(camera.depth_m(section.max_px))
+    if camera.rectified:
+        return depth_m
+    # What the right eye sees lies to the right of the left image by up to the largest disparity, or above or below it.
+    x_px, y_px = np.meshgrid(
+        np.linspace(-0.5, camera.width_px + section.max_px, _GRID),
+        np.linspace(-_BESIDE, 1 + _BESIDE, _GRID) * camera.height_px,
+    )
+    for _ in range(_STEPS):
+        largest_px = float(-camera.correspondence("left", x_px, y_px, np.full_like(x_px, depth_m))[..., 0].min())
+        # As if the deviation changed nothing with the depth, which is nearly so.
+        wanted_px = section.max_px - (largest_px - float(camera.disparity_px(depth_m)))
+        check_reachable(camera, wanted_px, "disparity.max_px, less what the right camera deviates,")
+        depth_m = float(camera.depth_m(wanted_px))
+    return depth_m
 
 
 def check_reachable(camera: StereoCamera, disparity_px: float, key: str) -> None:

@@ -187,7 +187,6 @@ class SceneSampler:
 
         ``models`` and ``images`` count the instances of each; ``patches`` are indices into the dataset's patches.
         """
-        camera = sampled.scene.camera
         models = Counter(self.models[index].name for index in sampled.scene.model.tolist())
         images = Counter(self._patches[index].source for index in sampled.patch.tolist())
         return {
@@ -196,7 +195,7 @@ class SceneSampler:
             **({} if sampled.recipe is None else {"recipe": sampled.recipe}),
             "background": sampled.background,
             "near_m": sampled.scene.near_m,
-            "camera": {name: getattr(camera, name) for name in camera.__slots__} | {"doffs_px": camera.doffs_px},
+            "camera": sampled.scene.camera.values(deviation=not self._config.rig.none()),
             "camera_from_world": sampled.scene.camera_from_world[:3].tolist(),
             "models": dict(sorted(models.items())),
             "images": dict(sorted(images.items())),

@@ -6,8 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.arguments import check_real, check_type, to_array
-from semisynth_gl.camera import StereoCamera
+from semisynth_gl.camera import Eye, StereoCamera
 from semisynth_gl.errors import InputError
+
+# Of a view as wide as it is deep, what a right camera may turn makes no point nearer to it by more.
+_DEVIATING_NEAR = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,6 +53,13 @@ class Scene:
 
     def __len__(self) -> int:
         return len(self.model)
+
+    def near_of(self, eye: Eye) -> float:
+        """Return the depth of one eye's near plane.
+
+        A right camera that deviates has it nearer, so that it cuts off nothing that the left one shows.
+        """
+        return self.near_m if eye == "left" or self.camera.rectified else self.near_m * _DEVIATING_NEAR
 
 
 @dataclass(frozen=True, slots=True, eq=False)

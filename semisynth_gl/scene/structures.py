@@ -24,7 +24,16 @@ from semisynth_gl.scene.background import (
     smallest_offsets,
 )
 from semisynth_gl.scene.glance import glance
-from semisynth_gl.scene.rig import BEYOND_NEAR, STILL, Sway, check_reachable, draw_camera, draw_sway, near_depth_m
+from semisynth_gl.scene.rig import (
+    BEYOND_NEAR,
+    STILL,
+    Sway,
+    check_reachable,
+    draw_camera,
+    draw_deviation,
+    draw_sway,
+    near_depth_m,
+)
 from semisynth_gl.scene.room import DOORWAYS, NICHES, draw_room
 from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.scene.street import draw_street
@@ -117,12 +126,14 @@ def draw_stage(config: Config, catalogue: Catalogue, generator_for: Callable[[Pu
     Args:
         config: the configuration.
         catalogue: the models of things at rest, see `take_stock`.
-        generator_for: returns the generator of CAMERA, SWAY, BACKGROUND and STRUCTURES.
+        generator_for: returns the generator of CAMERA, RIG, SWAY, BACKGROUND and STRUCTURES.
 
     Raises:
         InputError: where a disparity of the config lies beyond infinity, or a far plane would have to be endless.
     """
     camera = draw_camera(config.camera, generator_for(Purpose.CAMERA))
+    if not config.rig.none():
+        camera = replace(camera, deviation=draw_deviation(config.rig, generator_for(Purpose.RIG)))
     sway = draw_sway(config.camera, generator_for(Purpose.SWAY))
     rng = generator_for(Purpose.BACKGROUND)
     kind = draw_kind(config.background, rng)

@@ -29,12 +29,16 @@ def to_sample(index: int, frame: Frame) -> Sample:
         frame: rendered, or read from files.
 
     Returns:
-        ``index``, int; ``camera``, a dictionary of floats (``focal_px``, ``baseline_m``, ``doffs_px`` and the principal
-        points; of a crop, the crop's); and each array of `Frame.arrays`, under its role: images as (3, H, W)
+        ``index``, int; ``camera``, a dictionary of floats (``focal_px``, ``baseline_m``, ``doffs_px``, the principal
+        points, of a crop the crop's, and how the right camera deviates: ``right_roll_rad``, ``right_pitch_rad``,
+        ``right_y_px``, ``focal_ratio``); and each array of `Frame.arrays`, under its role: images as (3, H, W)
         uint8, normals as (3, H, W) float32, flow as (2, H, W) float32, ids as (H, W) int32, the rest as (H, W) of its
         own type.
     """
+    deviation = frame.camera.deviation
     camera = {name: float(getattr(frame.camera, name)) for name in _CAMERA}
+    camera |= {f"right_{name}": float(getattr(deviation, name)) for name in ("roll_rad", "pitch_rad", "y_px")}
+    camera["focal_ratio"] = float(deviation.focal_ratio)
     tensors = {role: _tensor(array) for role, array in frame.arrays().items()}
     return {"index": index, "camera": camera, **tensors}
 

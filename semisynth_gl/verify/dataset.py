@@ -6,6 +6,7 @@ from semisynth_gl.camera import EYES
 from semisynth_gl.dataset.reader import Index
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.splits import SplitName
+from semisynth_gl.verify.correspondence import check_correspondence, check_deviating_views
 from semisynth_gl.verify.files import StoredShard, check_index, check_origin, check_sizes, read_pair
 from semisynth_gl.verify.flow_consistency import check_flow_views, check_frames
 from semisynth_gl.verify.oracle_check import OracleCheck
@@ -109,9 +110,16 @@ def _check_frame(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
         for channel in OPPOSITE:
             check_flow(frame, channel, eye, verdict)
         check_change(frame, eye, largest_px, verdict)
+    # Images that are not exact differ between the views as those of a real rig do.
+    imperfect = index.imperfect or not frame.encodings.image.lossless
+    for eye in EYES:
+        check_correspondence(frame, eye, verdict)
     left, right = frame.view("left"), frame.view("right")
     if "disparity" not in right:
         # The checks that follow compare the views with each other.
+        return True
+    if not frame.camera.rectified:
+        check_deviating_views(frame, verdict, imperfect=imperfect)
         return True
     disparity, right_disparity = left["disparity"], right["disparity"]
     match = match_views(disparity, right_disparity, -1)
@@ -124,7 +132,5 @@ def _check_frame(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
     check_left_right(disparity, right_disparity, match, visible, verdict)
     surface = one_surface(match, visible)
     check_flow_views(frame, match, visible, surface, verdict)
-    # Images that are not exact differ between the views as those of a real rig do.
-    imperfect = index.imperfect or not frame.encodings.image.lossless
     check_images(left["image"], right["image"], match, surface, verdict, imperfect=imperfect)
     return True

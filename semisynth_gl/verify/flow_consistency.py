@@ -162,7 +162,8 @@ def _check_direction(
         check_mask_agreement("flow-mask", f"{measure} of {start.name}", measure, values, expected, end.name, verdict)
     if images:
         label = f"{name} of {start.name} to {end.name}"
-        check_flow_images(label, name, (own["image"], other["image"]), targets.select(visible & surface), verdict)
+        images_of_both = own["image"], other["image"]
+        check_flow_images("flow-images", label, name, images_of_both, targets.select(visible & surface), verdict)
 
 
 def _is_smooth(values: Values) -> Where:

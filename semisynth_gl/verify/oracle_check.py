@@ -36,6 +36,7 @@ _STEPS = (-_EDGE_PX, -_EDGE_PX / 8, 0.0, _EDGE_PX / 8, _EDGE_PX)
 _AROUND = tuple(steps.ravel() for steps in np.meshgrid(_STEPS, _STEPS))
 _MEASURES = {
     "disparity": "oracle_largest_px",
+    "correspondence": "oracle_correspondence_largest_px",
     "normals": "oracle_normals_largest_deg",
     "flow": "oracle_flow_largest_px",
     "flow_backward": "oracle_flow_largest_px",
@@ -96,7 +97,10 @@ class OracleCheck:
     ) -> dict[str, Values]:
         scene, models = sampled.scene, self._scenes.models
         hits = cast_rays(scene, models, eye, x, y)
-        values = {"disparity": oracle.disparity_px(scene.camera, hits)[:, None]}
+        way = oracle.correspondence_px(scene.camera, eye, x, y, hits)
+        values = {"disparity": oracle.disparity_of(eye, way)[:, None]}
+        if "correspondence" in view:
+            values["correspondence"] = way
         if "normals" in view:
             values["normals"] = oracle.normals(scene, models, eye, hits)
         for name, motion in motions.items():
@@ -171,6 +175,8 @@ def _encodable(frame: StoredFrame, channel: str, rays: RayValues, stored: Values
     """Return the rays' values (R, C), inf where they are beyond the file's encoding and the file (R, C) has inf."""
     # Where the disparity is beyond the encoding, its change is missing too.
     source, largest_px = rays["disparity"], frame.encodings.disparity.limit_px
+    if channel == "correspondence":
+        return rays[channel]
     if channel in OPPOSITE:
         source, largest_px = np.abs(rays[channel]).max(axis=1, keepdims=True), frame.encodings.flow.limit_px
     beyond = np.isinf(stored).all(axis=1, keepdims=True) & (source > largest_px)

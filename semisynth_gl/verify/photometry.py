@@ -118,15 +118,26 @@ def check_images(
     _check_warp("images", "disparity_left", "", warp, fits, verdict)
 
 
-def check_flow_images(name: str, measure: str, images: tuple[Image, Image], targets: Targets, verdict: Verdict) -> None:
-    """Check that another frame's image, resampled where flow leads, is a frame's image; as `check_images` does.
+def check_flow_images(
+    check: str,
+    name: str,
+    measure: str,
+    images: tuple[Image, Image],
+    targets: Targets,
+    verdict: Verdict,
+    *,
+    imperfect: bool = False,
+) -> None:
+    """Check that another image, resampled where flow or correspondence leads, is an image; as `check_images` does.
 
     Args:
+        check: the name of the check.
         name: of the flow, for messages.
         measure: the first part of the measures' names.
-        images: of the frame and of the other one, (H, W, 3) uint8.
+        images: the image and the other one, (H, W, 3) uint8.
         targets: the pixels to judge, visible and on one surface, and the points that flow leads to.
         verdict: takes findings and measures.
+        imperfect: see `check_images`.
     """
     height, width = images[1].shape[:2]
     x, y = targets.x, targets.y
@@ -134,13 +145,17 @@ def check_flow_images(name: str, measure: str, images: tuple[Image, Image], targ
     targets = targets.select(spread_evenly(np.flatnonzero(inside), _MAX_FLOW_PIXELS))
     if len(targets.x) < MIN_PIXELS:
         return
+    warp = _warp(*images, targets)
+    if imperfect:
+        _check_correlation(warp, verdict)
+        return
     zero = np.zeros_like(targets.x)
     fits = {
         "shift_x_px": ("x", np.stack([zero + 1, zero], axis=1)),
         "shift_y_px": ("y", np.stack([zero, zero + 1], axis=1)),
         "scale_times": ("flow", np.stack([targets.x - targets.column, targets.y - targets.row], axis=1)),
     }
-    _check_warp("flow-images", name, f"{measure}_", _warp(*images, targets), fits, verdict)
+    _check_warp(check, name, f"{measure}_", warp, fits, verdict)
 
 
 def _warp(image: Image, other: Image, targets: Targets) -> _Warp:
@@ -191,8 +206,8 @@ def _check_correlation(warp: _Warp, verdict: Verdict) -> None:
     if correlation < _CORRELATION:
         verdict.add(
             "images",
-            f"the left image and the right one at x - d correlate with {correlation:.2f}, at least {_CORRELATION} was "
-            "expected",
+            f"the left image and the right one at the same points correlate with {correlation:.2f}, at least "
+            f"{_CORRELATION} was expected",
         )
 
 
