@@ -65,13 +65,14 @@ def measure_memory(config: Config, seed: int, backend: Backend, pairs: int) -> d
     Returns:
         Resident memory at the end and the largest one after any pair, with a software renderer images and textures
         too; the slope, with its standard error, of a line through the resident memory after each pair but the first
-        quarter; the number of OpenGL objects at the end by kind, and whether it is the number after the first pair.
+        quarter; the number of OpenGL objects at the end by kind, and whether it is the number after that quarter,
+        since some are made once a pair needs them.
     """
     with tempfile.TemporaryDirectory() as scratch:
         job = shard_job(config, seed, backend, pairs, 1, Path(scratch) / "out")
         memory = do_all(_MemoryJob(job), range(pairs), 1)
-    rss = np.array([after.rss_bytes for after in memory], np.float64)
-    slope, error = line_slope(rss[int(_SETTLING * pairs) :])
+    rss, settled = np.array([after.rss_bytes for after in memory], np.float64), int(_SETTLING * pairs)
+    slope, error = line_slope(rss[settled:])
     return {
         "pairs": pairs,
         "rss_bytes": int(rss[-1]),
@@ -79,7 +80,7 @@ def measure_memory(config: Config, seed: int, backend: Backend, pairs: int) -> d
         "slope_bytes_per_pair": slope,
         "slope_error_bytes_per_pair": error,
         "objects": memory[-1].objects,
-        "objects_constant": memory[-1].objects == memory[0].objects,
+        "objects_constant": memory[-1].objects == memory[settled].objects,
     }
 
 

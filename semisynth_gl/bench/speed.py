@@ -190,12 +190,12 @@ def _stress_text(row: Mapping[str, Any]) -> str:
 
 
 def _memory_text(memory: Mapping[str, Any]) -> str:
-    constant = "as many as after the first" if memory["objects_constant"] else "another number than after the first"
+    constant = "as many" if memory["objects_constant"] else "not as many"
     return (
         f"Memory over {memory['pairs']} pairs: {memory['rss_bytes'] / 1e6:.0f} MB resident at the end, at most "
         f"{memory['peak_bytes'] / 1e6:.0f} MB, changing by {memory['slope_bytes_per_pair'] / 1e3:.1f} +- "
         f"{memory['slope_error_bytes_per_pair'] / 1e3:.1f} kB a pair; "
-        f"{sum(memory['objects'].values())} OpenGL objects, {constant}."
+        f"{sum(memory['objects'].values())} OpenGL objects, {constant} as after the first quarter of them."
     )
 
 
