@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from semisynth_gl.config.fields import Range, written_range
 from semisynth_gl.config.load import load_config, packaged_configs
 from semisynth_gl.config.model import Config
 from semisynth_gl.config.yaml_values import write_yaml
@@ -42,7 +43,8 @@ def _section(section: BaseModel, indent: str) -> Iterator[str]:
     meanings, values = _meanings(type(section)), section.model_dump(mode="json")
     for key in type(section).model_fields:
         inner = getattr(section, key)
-        value = values.get(key, inner)  # some keys are left out of the values where they are empty
+        # Some keys are left out of the values where they are empty.
+        value = values.get(key, written_range(inner) if isinstance(inner, Range) else inner)
         meaning = meanings.get(key, inspect.getdoc(type(inner)) if isinstance(inner, BaseModel) else "") or ""
         comment = meaning.partition("\n\n")[0].replace("``", "")
         mark = f"{indent}# "

@@ -145,7 +145,8 @@ def count(most: int) -> Any:  # noqa: ANN401 - pydantic's
     return Field(ge=1, le=most)
 
 
-def _serialize(value: Range) -> float | list[float]:
+def written_range(value: Range) -> float | list[float]:
+    """Return a range as a config states it."""
     return value.low if value.low == value.high else [value.low, value.high]
 
 
@@ -162,6 +163,6 @@ def _parse_path(value: Any) -> str:  # noqa: ANN401 - a validator gets any YAML 
 # Pydantic's own strings refuse names of files that are no UTF-8, which Python reads as lone surrogates.
 PathText = Annotated[str, PlainValidator(_parse_path), PlainSerializer(lambda value: value, return_type=Any)]
 
-RangeField = Annotated[Range, BeforeValidator(_parse), PlainSerializer(_serialize)]
+RangeField = Annotated[Range, BeforeValidator(_parse), PlainSerializer(written_range)]
 PositiveRange = Annotated[RangeField, AfterValidator(partial(_check_low, positive=True))]
 NotNegativeRange = Annotated[RangeField, AfterValidator(partial(_check_low, positive=False))]

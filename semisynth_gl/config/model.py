@@ -62,6 +62,8 @@ from semisynth_gl.splits import Split, SplitName
 
 _ZERO = Range(0.0, 0.0)
 _MOST_TURN_DEG = round(degrees(MOST_TURN_RAD))
+_UNLESS_ZERO = Field(exclude_if=lambda values: values == _ZERO)
+_SUB_FRAMES = 7
 
 _MOST_RECIPES = 100
 # Characters.
@@ -101,12 +103,28 @@ class ImperfectionsSection(Section):
         gamma: exponent of the tone curve.
         noise: standard deviation of the sensor's noise, 8-bit levels.
         blur_px: standard deviation of the lens blur.
+        motion_blur: how long both eyes expose, as a share of the time between frames.
+        sub_frames: number of moments of the exposure that are drawn and averaged.
+        vignetting: share of the light that is missing half the image's diagonal away from the principal point.
+        white_balance: red and blue are multiplied by 2 to this power, drawn for each of the two; green stays.
+        sharpening: amount of the unsharp mask.
+        jpeg_quality: the image goes through JPEG of this quality, 1 to 100, before it is written. By default it does
+            not.
     """
 
     exposure_stops: Annotated[RangeField, at_most(20), at_least(-20)] = _ZERO
     gamma: Annotated[PositiveRange, at_most(100)] = Range(1.0, 1.0)
     noise: Annotated[NotNegativeRange, at_most(255)] = _ZERO
     blur_px: Annotated[NotNegativeRange, at_most(1000)] = _ZERO
+    # These are left out of the values where they say nothing: those of configs without them are the same as ever.
+    motion_blur: Annotated[NotNegativeRange, at_most(1), _UNLESS_ZERO] = _ZERO
+    sub_frames: Annotated[int, Field(ge=2, le=64, exclude_if=lambda count: count == _SUB_FRAMES)] = _SUB_FRAMES
+    vignetting: Annotated[NotNegativeRange, at_most(0.95), _UNLESS_ZERO] = _ZERO
+    white_balance: Annotated[RangeField, at_most(4), at_least(-4), _UNLESS_ZERO] = _ZERO
+    sharpening: Annotated[NotNegativeRange, at_most(10), _UNLESS_ZERO] = _ZERO
+    jpeg_quality: Annotated[
+        Annotated[RangeField, at_least(1), at_most(100)] | None, Field(exclude_if=lambda quality: quality is None)
+    ] = None
 
     @model_validator(mode="before")
     @classmethod
@@ -120,7 +138,7 @@ class ImperfectionsSection(Section):
 
     def none(self) -> bool:
         """Return whether the section leaves the images as they are rendered."""
-        return self == ImperfectionsSection()
+        return self.model_copy(update={"sub_frames": _SUB_FRAMES}) == ImperfectionsSection()
 
 
 class ChecksSection(Section):

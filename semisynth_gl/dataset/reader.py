@@ -81,9 +81,11 @@ class Index:
         """Whether the config puts imperfections of a rig on the images, differently in each view."""
         section = self.config.get("imperfections")
         neutral = {"gamma": 1.0}
+        # How many moments of an exposure are drawn says nothing of its length.
         return isinstance(section, dict) and any(
             end != neutral.get(key, 0.0)
             for key, ends in section.items()
+            if key != "sub_frames"
             for end in (ends if isinstance(ends, list) else [ends])
         )
 

@@ -1,9 +1,14 @@
 """Imperfections of a real rig, put on the images after rendering; the truth stays what it is.
 
-In this order: the lens blurs, the exposure scales, the sensor adds noise, the tone curve bends. All act on the 8-bit
-values as they are, since photographs come without the curve that made them.
+In the order of a camera: things move while the shutter is open (`semisynth_gl.pairs.exposure`), the lens blurs and
+darkens the corners, exposure and white balance scale, the sensor adds noise, the tone curve bends, then the image is
+sharpened and goes through JPEG. Noise comes after the white balance, so that its levels are those of the image. All act
+on the 8-bit values as they are, since photographs come without the curve that made them. Images have whole levels after
+the lens blur, after the tone curve, after sharpening and after JPEG.
 """
 
+import io
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -11,73 +16,212 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageFilter
 
-from semisynth_gl.camera import EYES
+from semisynth_gl.camera import EYES, Eye
+from semisynth_gl.config import Range
 from semisynth_gl.config.model import ImperfectionsSection
-from semisynth_gl.frame import Frame, through_levels
+from semisynth_gl.frame import Frame, View, through_levels
 
 # Values that are worked on at a time.
 _BLOCK = 1 << 17
+# Of red, green and blue in luminance: ITU-R BT.601's, as in JPEG.
+_LUMINANCE = np.array([0.299, 0.587, 0.114], np.float32)
+# One row of the kernel of the unsharp mask, a Gaussian of 1 px: 1 4 6 4 1, of a sum of 16.
+_NEAR, _FAR, _ALL = np.float32(4 / 6), np.float32(1 / 6), np.float32(16 / 6)
+
+# Drawn from one generator, in this order.
+_FIRST = ("blur_px", "exposure_stops", "noise", "gamma")
+# How keys are drawn that came later than the others, each from a generator of its own and only where it is given.
+_FURTHER: Mapping[str, Callable[[Range, np.random.Generator], Any]] = {
+    "vignetting": Range.draw,
+    "white_balance": lambda values, rng: (values.draw(rng), values.draw(rng)),
+    "sharpening": Range.draw,
+    "jpeg_quality": lambda values, rng: round(values.draw(rng)),
+}
 
 
 @dataclass(frozen=True, slots=True)
 class Imperfections:
-    """The imperfections of a view.
+    """The imperfections of a view, but for motion blur. By default there are none.
 
     Attributes:
         blur_px: standard deviation of the lens blur.
         exposure_stops: the image is multiplied by 2 to this power.
         noise: standard deviation of the sensor's noise, 8-bit levels.
         gamma: exponent of the tone curve on [0, 1].
+        white_balance: of red and of blue, which are multiplied by 2 to this power; images of one channel stay.
+        vignetting: share of the light that is missing half the image's diagonal away from the principal point, below 1.
+        sharpening: amount of the unsharp mask.
+        jpeg_quality: quality of the JPEG, 1 to 100; None for no JPEG.
     """
 
-    blur_px: float
-    exposure_stops: float
-    noise: float
-    gamma: float
+    blur_px: float = 0.0
+    exposure_stops: float = 0.0
+    noise: float = 0.0
+    gamma: float = 1.0
+    white_balance: tuple[float, float] = (0.0, 0.0)
+    vignetting: float = 0.0
+    sharpening: float = 0.0
+    jpeg_quality: int | None = None
 
 
-def apply_imperfections(image: NDArray[np.uint8], drawn: Imperfections, rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Put imperfections on an image, (H, W, 3) uint8; none at all returns it bit for bit."""
-    if drawn == Imperfections(0.0, 0.0, 0.0, 1.0):
+def apply_imperfections(
+    image: NDArray[np.uint8],
+    drawn: Imperfections,
+    rng: np.random.Generator,
+    principal_point_px: tuple[float, float] | None = None,
+) -> NDArray[np.uint8]:
+    """Put imperfections on an image; none at all returns it bit for bit.
+
+    Args:
+        image: (H, W, 3) uint8, or (H, W) for an image of one channel.
+        drawn: what to put on it.
+        rng: the noise.
+        principal_point_px: x and y, of vignetting; by default the image's middle.
+    """
+    if drawn == Imperfections():
         return image
     if drawn.blur_px > 0:
         image = np.asarray(Image.fromarray(image).filter(ImageFilter.GaussianBlur(drawn.blur_px)))
-    if drawn.noise <= 0:
-        return through_levels(image, _curved(np.arange(256, dtype=np.float32), drawn).astype(np.uint8))
-    result, rows = np.empty_like(image, order="C"), max(1, _BLOCK // image[0].size)
+    if drawn.noise > 0 or drawn.vignetting > 0:
+        image = _pixel_by_pixel(image, drawn, rng, principal_point_px)
+    else:
+        image = _by_levels(image, drawn)
+    if drawn.sharpening > 0:
+        image = _sharpened(image, drawn.sharpening)
+    if drawn.jpeg_quality is not None:
+        image = _through_jpeg(image, drawn.jpeg_quality)
+    return image
+
+
+def _gains(drawn: Imperfections, channels: int) -> NDArray[np.float32]:
+    """Return what each channel is multiplied by, (channels,)."""
+    red, blue = drawn.white_balance
+    stops = (red, 0.0, blue) if channels == 3 else (0.0,)
+    return np.array([2.0 ** (drawn.exposure_stops + each) for each in stops], np.float32)
+
+
+def _by_levels(image: NDArray[np.uint8], drawn: Imperfections) -> NDArray[np.uint8]:
+    """Scale and bend an image each of whose levels becomes another one."""
+    gains = _gains(drawn, _channels(image))
+    levels = np.arange(256, dtype=np.float32)
+    tables = np.stack([_bent(levels * gain, drawn.gamma).astype(np.uint8) for gain in gains])
+    if (gains == gains[0]).all():
+        return through_levels(image, tables[0])
+    return np.array(Image.fromarray(image).point(tables.ravel().tolist()))
+
+
+def _pixel_by_pixel(
+    image: NDArray[np.uint8],
+    drawn: Imperfections,
+    rng: np.random.Generator,
+    principal_point_px: tuple[float, float] | None,
+) -> NDArray[np.uint8]:
+    """Darken the corners, scale, add noise and bend."""
+    height, width = image.shape[:2]
+    channels = _channels(image)
+    gains, falloff = np.tile(_gains(drawn, channels), width), None
+    if drawn.vignetting > 0:
+        x, y = ((width - 1) / 2, (height - 1) / 2) if principal_point_px is None else principal_point_px
+        # 1 / (1 + r^2)^2 is the fourth power of the cosine behind a lens whose focal length is the unit of r.
+        unit = np.hypot(width, height) / 2 / np.sqrt((1 - drawn.vignetting) ** -0.5 - 1)
+        across = np.repeat(1 + ((np.arange(width) - x) / unit) ** 2, channels).astype(np.float32)
+        down = (((np.arange(height) - y) / unit) ** 2).astype(np.float32)[:, None]
+        falloff = across, down
+    result, rows = np.empty_like(image, order="C"), max(1, _BLOCK // len(gains))
     # Block by block, so that all values stay in the cache; a generator goes on where the block before it ended.
-    for first in range(0, len(image), rows):
+    for first in range(0, height, rows):
         block = image[first : first + rows]
-        noise = rng.standard_normal(block.shape, np.float32)
-        noise *= np.float32(drawn.noise)
-        np.copyto(result[first : first + rows], _curved(block.astype(np.float32), drawn, noise), casting="unsafe")
+        values = block.astype(np.float32).reshape(len(block), -1)
+        values *= gains
+        if falloff is not None:
+            squared = falloff[0] + falloff[1][first : first + rows]
+            squared *= squared
+            values /= squared
+        if drawn.noise > 0:
+            noise = rng.standard_normal(values.shape, np.float32)
+            noise *= np.float32(drawn.noise)
+            values += noise
+        bent = _bent(values, drawn.gamma).reshape(block.shape)
+        np.copyto(result[first : first + rows], bent, casting="unsafe")
     return result
 
 
-def _curved(
-    values: NDArray[np.float32], drawn: Imperfections, noise: NDArray[np.float32] | None = None
-) -> NDArray[np.float32]:
-    """Scale, add noise and bend in place; the result has whole levels."""
-    values *= np.float32(2.0**drawn.exposure_stops)
-    if noise is not None:
-        values += noise
+def _bent(values: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
+    """Bend in place; the result has whole levels."""
     np.clip(values, 0, 255, out=values)
-    if drawn.gamma != 1:
+    if gamma != 1:
         values /= 255
-        values **= np.float32(drawn.gamma)
+        values **= np.float32(gamma)
         values *= 255
     return np.rint(values, out=values)
 
 
+def _sharpened(image: NDArray[np.uint8], amount: float) -> NDArray[np.uint8]:
+    """Add a multiple of what a Gaussian takes away from the luminance to all channels, as signal processors do."""
+    height, width, channels = *image.shape[:2], _channels(image)
+    result, rows = np.empty_like(image, order="C"), max(1, _BLOCK // (width * channels))
+    for first in range(0, height, rows):
+        last = min(first + rows, height)
+        # Beyond the border the image goes on as it ends.
+        about = image[np.arange(first - 2, last + 2).clip(0, height - 1)].astype(np.float32)
+        if channels > 1:
+            about = about @ _LUMINANCE
+        middle = about[2:-2]
+        down = (about[1:-3] + about[3:-1]) * _NEAR + (about[:-4] + about[4:]) * _FAR + middle
+        down = np.pad(down, ((0, 0), (2, 2)), "edge")
+        blurred = (down[:, 1:-3] + down[:, 3:-1]) * _NEAR + (down[:, :-4] + down[:, 4:]) * _FAR + down[:, 2:-2]
+        detail = (middle - blurred / _ALL**2) * np.float32(amount)
+        values = image[first:last].reshape(last - first, -1) + np.repeat(detail, channels, axis=1)
+        bent = _bent(values, 1.0).reshape(image[first:last].shape)
+        np.copyto(result[first:last], bent, casting="unsafe")
+    return result
+
+
+def _through_jpeg(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
+    """Encode and decode an image; colour has half the width and height, as in most cameras."""
+    data = io.BytesIO()
+    Image.fromarray(image).save(data, "JPEG", quality=quality, subsampling="4:2:0")
+    with Image.open(data, formats=["JPEG"]) as decoded:
+        return np.array(decoded)
+
+
+def _channels(image: NDArray[np.uint8]) -> int:
+    return 1 if image.ndim == 2 else image.shape[2]
+
+
 def with_imperfections(
-    frame: Frame, section: ImperfectionsSection, rng: np.random.Generator
-) -> tuple[Frame, dict[str, Any]]:
-    """Put imperfections on both images of a frame; also return the imperfections of each eye in JSON's types."""
-    ranges = (section.blur_px, section.exposure_stops, section.noise, section.gamma)
-    drawn = {eye: Imperfections(*(values.draw(rng) for values in ranges)) for eye in EYES}
-    views = (frame.view(eye) for eye in EYES)
-    left, right = (
-        view.with_channels({"image": apply_imperfections(view.image, values, rng)})
-        for view, values in zip(views, drawn.values(), strict=True)
-    )
-    return Frame(frame.camera, left, right), {eye: asdict(values) for eye, values in drawn.items()}
+    frame: Frame,
+    section: ImperfectionsSection,
+    rng: np.random.Generator,
+    further: Callable[[str, Eye], np.random.Generator],
+) -> tuple[Frame, dict[str, dict[str, Any]]]:
+    """Put imperfections on both images of a frame, but for motion blur.
+
+    Args:
+        frame: the frame.
+        section: the ranges.
+        rng: draws lens blur, exposure, noise and gamma, and the noise itself.
+        further: the generator of any other key for an eye. No draw of a key shifts one of another.
+
+    Returns:
+        The frame, and the imperfections of each eye in JSON's types; of the other keys those that the section gives.
+    """
+    given = section.model_dump(include=set(_FURTHER))
+    drawn: dict[Eye, Imperfections] = {}
+    for eye in EYES:
+        values: dict[str, Any] = {key: getattr(section, key).draw(rng) for key in _FIRST}
+        values |= {
+            key: draw(getattr(section, key), further(key, eye)) for key, draw in _FURTHER.items() if key in given
+        }
+        drawn[eye] = Imperfections(**values)
+    views: dict[Eye, View] = {}
+    records: dict[str, dict[str, Any]] = {}
+    for eye, imperfections in drawn.items():
+        view, point = frame.view(eye), (frame.camera.cx_px(eye), frame.camera.cy_px)
+        views[eye] = view.with_channels({"image": apply_imperfections(view.image, imperfections, rng, point)})
+        records[eye] = {
+            key: list(value) if isinstance(value, tuple) else value
+            for key, value in asdict(imperfections).items()
+            if key not in _FURTHER or key in given
+        }
+    return Frame(frame.camera, views["left"], views["right"]), records

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any, Self
 
+from numpy.random import Generator
+
 from semisynth_gl.arguments import check_type, to_whole
 from semisynth_gl.camera import Crop
 from semisynth_gl.config import Config
@@ -21,6 +23,7 @@ from semisynth_gl.frame import FUTURE_OUTPUTS, PAST_OUTPUTS, Frame
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.checks import faults
+from semisynth_gl.pairs.exposure import exposed, moments
 from semisynth_gl.pairs.imperfections import with_imperfections
 from semisynth_gl.plugins import plugin_records
 from semisynth_gl.render.backends import Backend
@@ -204,8 +207,7 @@ class PairRenderer:
         if "instances" in self.config.outputs:
             provenance["instances"] = self.sampler.instance_table(sampled)
         if not self.config.imperfections.none():
-            rng = generator(self.split.seed(self.seed), Purpose.IMPERFECTIONS, index)
-            frame, provenance["imperfections"] = with_imperfections(frame, self.config.imperfections, rng)
+            frame, provenance["imperfections"] = self._imperfect(index, sampled, frame)
         if crop is not None and frame.camera == sampled.scene.camera:  # it was drawn whole
             frame = frame.cropped(crop)
         self._report("check")
@@ -217,6 +219,23 @@ class PairRenderer:
         future = self.sampler.motion(sampled, +1) if FUTURE_OUTPUTS.intersection(outputs) else None
         past = self.sampler.motion(sampled, -1) if PAST_OUTPUTS.intersection(outputs) else None
         return self._renderer.render(sampled.scene, crop, future=future, past=past)
+
+    def _imperfect(self, index: int, sampled: SampledScene, frame: Frame) -> tuple[Frame, dict[str, dict[str, Any]]]:
+        """Put a pair's imperfections on its images; return them too, by eye."""
+        section, seed = self.config.imperfections, self.split.seed(self.seed)
+
+        def further(*keys: str) -> Generator:
+            return generator(seed, Purpose.IMPERFECTIONS, index, *keys)
+
+        # Both eyes expose at the same time.
+        motion_blur = section.motion_blur.draw(further("motion_blur"))
+        if motion_blur > 0:
+            scenes = [self.sampler.moment(sampled, frames) for frames in moments(motion_blur, section.sub_frames)]
+            frame = exposed(self._renderer, frame, sampled.scene, scenes)
+        frame, drawn = with_imperfections(frame, section, further(), further)
+        if motion_blur > 0:
+            drawn = {eye: values | {"motion_blur": motion_blur} for eye, values in drawn.items()}
+        return frame, drawn
 
     def _settle(self, number: int) -> tuple[_Settled, Frame, SampledScene]:
         """Find a sequence's first attempt whose first frame passes the checks; return that frame too."""

@@ -5,7 +5,8 @@ of its own where it is antialiased), the visibility pass of each eye (from both 
 copy of the results into arrays.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cache
 from math import ceil
 from traceback import clear_frames
@@ -152,6 +153,7 @@ class Renderer:
             self._context.release()
             raise
         self._targets: dict[Eye, EyeTargets] = {}
+        self._image_targets: EyeTargets | None = None
         self._colour_targets: ColourTargets | None = None
         self._size: tuple[int, int] | None = None
         # Frees what a renderer holds that nobody released, when it is collected. Not when Python ends: all goes then.
@@ -220,16 +222,40 @@ class Renderer:
             wanted = sorted(self._outputs & outputs)
             if wanted and motions[name] is None:
                 raise InputError(f"the output {wanted[0]} needs the scene's motion: render(scene, {name}=Motion(...))")
-        # Another renderer of this thread may have made its context current.
+        with self._drawing():
+            return self._render(scene, crop, motions)
+
+    def render_images(self, scene: Scene, eyes: Collection[Eye] = EYES) -> dict[Eye, NDArray[np.uint8]]:
+        """Draw the images of a pair alone, as `render` draws them, and nothing of its truth.
+
+        Args:
+            scene: indices must lie within the renderer's models and layers.
+            eyes: whose images.
+
+        Raises:
+            InputError: where an index is out of range.
+            BackendError: where the image is larger than the driver allows, or drawing failed.
+            ContextLostError: where the driver took the context away; another renderer may still be opened.
+        """
+        self._check_open()
+        check_type("scene", scene, Scene)
+        self._check(scene)
+        with self._drawing():
+            self._resize((scene.camera.width_px, scene.camera.height_px))
+            placed = self._models.place(scene)
+            return {eye: self._draw_image(placed, eye) for eye in eyes}
+
+    @contextmanager
+    def _drawing(self) -> Iterator[None]:
+        """Make the context current, since another renderer of this thread may have made its own so; find faults."""
         with self._gl:
             try:
-                frame = self._render(scene, crop, motions)
+                yield
             except moderngl.Error as error:
                 raise self._fault(str(error)) from None
             reported = self._gl.error
             if reported != "GL_NO_ERROR" or self._context.unbound.is_lost():
                 raise self._fault(reported)
-            return frame
 
     def _check_open(self) -> None:
         """Refuse what the driver would crash on, or wait for without end.
@@ -342,17 +368,15 @@ class Renderer:
         return tuple(name for name, drawn in names.items() if drawn)
 
     def _link_programs(self, anisotropies: Sequence[int]) -> None:
-        @cache
-        def link(names: tuple[str, ...], anisotropy: int) -> moderngl.Program:
-            locations = {name.upper(): number for number, name in enumerate(names)}
-            return link_program(self._context, "mesh.vert", "mesh.frag", locations | {"ANISOTROPY": anisotropy})
-
+        link = cache(self._link)
         # One for each atlas; they are the same where they write and sample alike.
         self._draw_programs: dict[Eye, list[moderngl.Program]] = {
             eye: [link(names, each) for each in anisotropies] for eye, names in self._attachments.items()
         }
-        redraws = self._antialias.redraws
-        self._colour_programs = [link(("colour",), each) for each in anisotropies] if redraws else None
+        self._anisotropies = anisotropies
+        self._colour_programs: list[moderngl.Program] = []
+        if self._antialias.redraws:
+            self._link_colour()
         self._visibility = VisibilityPass(self._context, self._constants) if "visibility" in self._outputs else None
         self._correspondence: CorrespondencePass | None = None
         if self._corresponds:
@@ -360,6 +384,17 @@ class Renderer:
         self._flow = None
         if self._outputs & FLOW_OUTPUTS:
             self._flow = FlowPass(self._context, self._constants, self._read_pixels)
+
+    def _link_colour(self) -> list[moderngl.Program]:
+        """Return the programs that draw colour alone, one for each atlas; most renderers need none of them."""
+        if not self._colour_programs:
+            link = cache(self._link)
+            self._colour_programs = [link(("colour",), each) for each in self._anisotropies]
+        return self._colour_programs
+
+    def _link(self, names: tuple[str, ...], anisotropy: int) -> moderngl.Program:
+        locations = {name.upper(): number for number, name in enumerate(names)}
+        return link_program(self._context, "mesh.vert", "mesh.frag", locations | {"ANISOTROPY": anisotropy})
 
     def _check(self, scene: Scene) -> None:
         if self._rectified and not scene.camera.rectified:
@@ -393,10 +428,11 @@ class Renderer:
             self._gl.gc_mode = None  # type: ignore[assignment]  # moderngl's own default
         # moderngl binds the framebuffer in use again after making a new one, so the old ones go last.
         targets["left"].framebuffer.use()
-        for outgrown in (*self._targets.values(), self._colour_targets):
+        for outgrown in (*self._targets.values(), self._colour_targets, self._image_targets):
             if outgrown is not None:
                 outgrown.release()
         self._targets, self._colour_targets, self._size = targets, colour_targets, size
+        self._image_targets = None
 
     def _make_targets(self, size: tuple[int, int]) -> tuple[dict[Eye, EyeTargets], ColourTargets | None]:
         colour_targets = None
@@ -434,27 +470,67 @@ class Renderer:
             targets.limit(part)
             if self._triangle_readers.intersection(self._attachments[eye]):
                 self._models.bind_triangles(placed, eye)
-            with self.clock.timed("draw", eye):
-                if self._occlusion is not None:
-                    seen = self._occlusion.without_hidden(placed, eye, part, targets, filled)
-                targets.clear(depth=seen is filled)
-                self._draw_models(self._draw_programs[eye], seen)
+            seen = self._draw_once(placed, eye, part, targets, self._draw_programs[eye], filled)
             if self._edges is not None:
                 self._edges.draw(placed, eye, targets, crop)
-        if self._colour_targets is None or self._colour_programs is None:
+        if self._colour_targets is None:
             return None
         if seen is not filled:
             # Between the centres of pixels more may be seen.
             filled = self._models.fill(placed, eye, part)
-        self._colour_targets.limit(crop)
-        with self.clock.timed("samples", eye):
-            self._colour_targets.fine.use()
-            self._colour_targets.fine.clear(0.0, 0.0, 0.0, 0.0, depth=0.0)
-            self._draw_models(self._colour_programs, filled)
-        with self.clock.timed("resolve", eye):
-            self._colour_targets.resolve()
+        return self._draw_samples(eye, crop, self._colour_targets, filled)
+
+    def _draw_image(self, placed: Placed, eye: Eye) -> NDArray[np.uint8]:
+        """Draw one eye's image alone."""
+        scene, filled = placed.scene, self._models.fill(placed, eye)
+        self._constants.write(scene.camera, eye, scene.near_m)
+        if self._colour_targets is not None:
+            return self._draw_samples(eye, None, self._colour_targets, filled)
+        if self._image_targets is None:
+            size, blended = (scene.camera.width_px, scene.camera.height_px), self._edges is not None
+            self._image_targets = EyeTargets(
+                self._context, size, ("colour",), visibility=False, blended=blended, read=self._read_pixels
+            )
+        targets = self._image_targets
+        targets.limit(None)
+        self._draw_once(placed, eye, None, targets, self._link_colour(), filled)
+        if self._edges is not None:
+            self._edges.draw(placed, eye, targets, None)
         with self.clock.timed("read", eye):
-            return self._colour_targets.read_colour(crop)
+            image: NDArray[np.uint8] = targets.read("colour")
+        return image
+
+    def _draw_once(
+        self,
+        placed: Placed,
+        eye: Eye,
+        part: Crop | None,
+        targets: EyeTargets,
+        programs: Sequence[moderngl.Program],
+        filled: Sequence[Filled],
+    ) -> Sequence[Filled]:
+        """Draw a part of one eye's view, one sample a pixel; return what was not left out as hidden."""
+        seen = filled
+        with self.clock.timed("draw", eye):
+            if self._occlusion is not None:
+                seen = self._occlusion.without_hidden(placed, eye, part, targets, filled)
+            targets.clear(depth=seen is filled)
+            self._draw_models(programs, seen)
+        return seen
+
+    def _draw_samples(
+        self, eye: Eye, crop: Crop | None, targets: ColourTargets, filled: Sequence[Filled]
+    ) -> NDArray[np.uint8]:
+        """Draw one eye's colour, or a crop of it, in several samples a pixel."""
+        targets.limit(crop)
+        with self.clock.timed("samples", eye):
+            targets.fine.use()
+            targets.fine.clear(0.0, 0.0, 0.0, 0.0, depth=0.0)
+            self._draw_models(self._link_colour(), filled)
+        with self.clock.timed("resolve", eye):
+            targets.resolve()
+        with self.clock.timed("read", eye):
+            return targets.read_colour(crop)
 
     def _draw_models(self, programs: Sequence[moderngl.Program], filled: Sequence[Filled]) -> None:
         self._gl.enable_only(moderngl.DEPTH_TEST)

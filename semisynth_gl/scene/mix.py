@@ -13,7 +13,7 @@ from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.histogram import Histogram, mix_histograms
 from semisynth_gl.scene.depth_layers import merge_bins
 from semisynth_gl.scene.sampler import SampledScene, SceneSampler
-from semisynth_gl.scene.scene import Motion
+from semisynth_gl.scene.scene import Motion, Scene
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 
@@ -89,6 +89,10 @@ class MixSampler:
     def motion(self, sampled: SampledScene, frames: int) -> Motion:
         """Return the motion of a scene's instances; see `SceneSampler.motion`."""
         return self._sampler(sampled.sequence).motion(sampled, frames)
+
+    def moment(self, sampled: SampledScene, frames: float) -> Scene:
+        """Return a scene's instances at another moment; see `SceneSampler.moment`."""
+        return self._sampler(sampled.sequence).moment(sampled, frames)
 
     def provenance(self, sampled: SampledScene) -> dict[str, Any]:
         """Return the origin of a pair's scene; see `SceneSampler.provenance`."""

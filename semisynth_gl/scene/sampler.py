@@ -170,17 +170,28 @@ class SceneSampler:
         target = self._sample_frame(draw, sampled.frame + frames)
         stage, shown = self._sequence(draw)
         still = len(stage.still)
-        world_from_model = sampled.scene.world_from_model.copy()
-        slots, generation = sampled.slot[still:], np.zeros(len(shown), np.int64)
-        generation[slots] = sampled.generation[still:]
-        moved = self._particles(draw, target.frame, generation)
-        world_from_model[still:] = moved.world_from_model[slots]
         # A slot shows one model at a time.
         instance_of_slot = np.full(len(shown), -1)
         instance_of_slot[target.slot[still:]] = np.arange(still, len(target.slot))
-        instance = np.concatenate([np.arange(still), instance_of_slot[slots]])
+        instance = np.concatenate([np.arange(still), instance_of_slot[sampled.slot[still:]]])
         instance[still:][target.generation[instance[still:]] != sampled.generation[still:]] = -1
-        return Motion(target.scene, world_from_model, instance)
+        return Motion(target.scene, self._moved(draw, sampled, target.frame), instance)
+
+    def moment(self, sampled: SampledScene, frames: float) -> Scene:
+        """Return a scene's own instances, as they wear what they wear, where they and the camera are at another moment.
+
+        Args:
+            sampled: the scene.
+            frames: how much later, in times between frames; negative for earlier.
+        """
+        draw = _Draw(self._seed, sampled.sequence, sampled.attempt)
+        frame = sampled.frame + frames
+        camera_from_world = self._sequence(draw)[0].sway.camera_from_world(frame * self._config.sequence.frame_s)
+        return replace(
+            sampled.scene,
+            camera_from_world=camera_from_world,
+            world_from_model=self._moved(draw, sampled, frame),
+        )
 
     def provenance(self, sampled: SampledScene) -> dict[str, Any]:
         """Return the origin of a pair's scene, in JSON's types.
@@ -292,7 +303,17 @@ class SceneSampler:
             np.isin(slot, list(slots.resting)),
         )
 
-    def _particles(self, draw: _Draw, frame: int, generation: NDArray[np.int64] | None = None) -> Particles:
+    def _moved(self, draw: _Draw, sampled: SampledScene, frame: float) -> NDArray[np.float64]:
+        """Return the poses (N, 4, 4) of a scene's instances at another time, which they need not be drawn at."""
+        stage, shown = self._sequence(draw)
+        still = len(stage.still)
+        world_from_model = sampled.scene.world_from_model.copy()
+        slots, generation = sampled.slot[still:], np.zeros(len(shown), np.int64)
+        generation[slots] = sampled.generation[still:]
+        world_from_model[still:] = self._particles(draw, frame, generation).world_from_model[slots]
+        return world_from_model
+
+    def _particles(self, draw: _Draw, frame: float, generation: NDArray[np.int64] | None = None) -> Particles:
         """Place the models of all slots at a frame: the models shown then, or those of the generations given."""
         stage, slots = self._sequence(draw)
         time_s = frame * self._config.sequence.frame_s
