@@ -1,4 +1,6 @@
-"""Images lie on their truth: no antialiasing mode shifts them."""
+"""Images lie on their truth: no antialiasing mode and no imperfection shifts them."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -6,6 +8,8 @@ import pytest
 from semisynth_gl.bench.antialias import MODES
 from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.errors import BackendError
+from semisynth_gl.pairs.exposure import exposed, moments
+from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.scene import make_scene
@@ -19,6 +23,7 @@ NORMAL = np.array([0.2, -0.15, 1.0])
 DISTANCE_M = 2.0
 SIDE_M = 8.0
 REPEATS = 8.0
+CAMERA = StereoCamera(480, 320, 500.0, 0.1, 236.0, 247.0, 158.3)
 
 
 def shift_px(image, expected, along_x, along_y):
@@ -31,40 +36,50 @@ def shift_px(image, expected, along_x, along_y):
     return float(-x / contrast), float(-y / contrast)
 
 
-def truth_shift_px(mode, backend):
-    """Measure the shift between an image and the truth at the same pixel, px, the larger of both eyes'.
-
-    A slanted plane with a picture of waves is drawn. The ray through a pixel's centre meets the plane at the point
-    whose disparity the pixel has, and the colour of that point follows from the equation of the waves.
-    """
-    camera = StereoCamera(480, 320, 500.0, 0.1, 236.0, 247.0, 158.3)
+def drawn(mode, backend, poses=()):
+    """Draw a slanted plane with a picture of waves; the image is exposed while the camera takes poses, where given."""
     corner = np.array([-SIDE_M / 2, -SIDE_M / 2])
     matrix = np.eye(4)
     for column, edge in enumerate(np.eye(2) * SIDE_M):
         matrix[:3, column] = *edge, -(NORMAL[:2] @ edge) / NORMAL[2]
     matrix[:3, 3] = *corner, (DISTANCE_M - NORMAL[:2] @ corner) / NORMAL[2]
-    scene = make_scene(camera, model=[0], world_from_model=[matrix], layer=[0], uv_scale=REPEATS)
+    scene = make_scene(CAMERA, model=[0], world_from_model=[matrix], layer=[0], uv_scale=REPEATS)
     texel = (np.arange(PATCH_PX) + 0.5) / PATCH_PX
     layer = np.full((1, PATCH_PX, PATCH_PX, 4), 255, np.uint8)
     layer[0, ..., :3] = np.rint(waves(*np.meshgrid(texel, texel)))
     with Renderer([FACE], layer, wrap="repeat", outputs=(), antialias=mode, backend=backend) as renderer:
         frame = renderer.render(scene)
+        return exposed(renderer, frame, scene, [replace(scene, camera_from_world=pose) for pose in poses])
 
-    def expected(eye, x, y):
-        eye_m = np.array([camera.offset_m(eye), 0, 0])
-        rays = camera.rays(eye, x, y)
+
+def as_it_is(image, _eye):
+    return image
+
+
+def truth_shift_px(frame, change=as_it_is, levels=as_it_is):
+    """Measure the shift between an image and the truth at the same pixel, px, the larger of both eyes'.
+
+    The ray through a pixel's centre meets the plane at the point whose disparity the pixel has, and the colour of that
+    point follows from the equation of the waves. The images are changed first; what is known to change the levels of
+    pixels without regard to their neighbours does so to the colours of the points, too.
+    """
+    corner = np.array([-SIDE_M / 2, -SIDE_M / 2])
+    y, x = np.mgrid[: CAMERA.height_px, : CAMERA.width_px].astype(np.float64)
+
+    def expected(eye, right=0.0, down=0.0):
+        eye_m = np.array([CAMERA.offset_m(eye), 0, 0])
+        rays = CAMERA.rays(eye, x + right, y + down)
         point = eye_m + rays * ((DISTANCE_M - NORMAL @ eye_m) / (rays @ NORMAL))[..., None]
         u, v = ((point[..., axis] - corner[axis]) / SIDE_M * REPEATS for axis in (0, 1))
-        return waves(u, v)
+        return levels(waves(u, v), eye).astype(np.float64).ravel()
 
-    y, x = np.mgrid[: camera.height_px, : camera.width_px].astype(np.float64)
     largest = 0.0
-    for eye, image in zip(EYES, (frame.left.image, frame.right.image), strict=True):
+    for eye in EYES:
         shift = shift_px(
-            image.astype(np.float64).ravel(),
-            expected(eye, x, y).ravel(),
-            (expected(eye, x + 0.5, y) - expected(eye, x - 0.5, y)).ravel(),
-            (expected(eye, x, y + 0.5) - expected(eye, x, y - 0.5)).ravel(),
+            change(frame.view(eye).image, eye).astype(np.float64).ravel(),
+            expected(eye),
+            expected(eye, right=0.5) - expected(eye, right=-0.5),
+            expected(eye, down=0.5) - expected(eye, down=-0.5),
         )
         largest = max(largest, float(np.hypot(*shift)))
     return largest
@@ -90,7 +105,75 @@ def test_the_shift_of_a_shifted_image():
 @pytest.mark.parametrize("mode", MODES)
 def test_images_lie_on_their_truth(backend, mode):
     try:
-        shift = truth_shift_px(mode, backend)
+        shift = truth_shift_px(drawn(mode, backend))
     except BackendError as error:
         pytest.skip(str(error))
     assert shift < (0.001 if mode == "none" else 0.01)
+
+
+@pytest.fixture(scope="module")
+def plane():
+    try:
+        return drawn("none", "auto")
+    except BackendError as error:
+        pytest.skip(str(error))
+
+
+PLACES = [(0, 0), (5, 2), (10, 7), (13, 12)]
+OF_LEVELS = {"vignetting", "exposure_stops", "white_balance", "gamma"}
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"blur_px": 2.0},
+        {"vignetting": 0.5},
+        {"exposure_stops": -0.7},
+        {"white_balance": (0.5, -0.5)},
+        {"noise": 8.0},
+        {"gamma": 1.5},
+        {"sharpening": 2.0},
+        *({"jpeg_quality": quality} for quality in (30, 50, 90)),
+        {"vignetting": 0.3, "noise": 4.0, "gamma": 0.8, "sharpening": 1.0, "jpeg_quality": 80},
+    ],
+    ids=",".join,
+)
+def test_imperfections_leave_images_on_their_truth(plane, values):
+    rng = np.random.default_rng(0)
+
+    def point(eye, right=0, down=0):
+        return CAMERA.cx_px(eye) - right, CAMERA.cy_px - down
+
+    def levels(image, eye):
+        of_levels = Imperfections(**{key: value for key, value in values.items() if key in OF_LEVELS})
+        return apply_imperfections(np.rint(image).astype(np.uint8), of_levels, rng, point(eye))
+
+    def change(image, eye):
+        # JPEG has blocks of 8 x 8 pixels, and of 16 x 16 where colour is halved: what it does differs from place to
+        # place, so that it is done to images that begin elsewhere too.
+        total = np.zeros(image.shape)
+        for right, down in PLACES:
+            rolled = np.roll(image, (-down, -right), axis=(0, 1))
+            made = apply_imperfections(rolled, Imperfections(**values), rng, point(eye, right, down))
+            total += np.roll(made, (down, right), axis=(0, 1))
+        return total / len(PLACES)
+
+    assert truth_shift_px(plane, change, levels) < 0.01
+
+
+def test_motion_blur_leaves_images_on_their_truth():
+    # About 7 px sideways, 3 downwards, and a turn: the shift is that of the middle of the exposure.
+    poses = []
+    for time in moments(1.0, 7):
+        poses.append(np.eye(4))
+        poses[-1][:2, :3] = [[1, -0.006 * time, 0], [0.006 * time, 1, 0]]
+        poses[-1][:3, 3] = 0.028 * time, 0.012 * time, 0.01 * time
+    try:
+        sharp, blurred, late = (drawn("none", "auto", each) for each in ((), poses, poses[1:]))
+    except BackendError as error:
+        pytest.skip(str(error))
+    change = np.abs(blurred.left.image.astype(float) - sharp.left.image).mean()
+    assert change > 1
+    assert truth_shift_px(blurred) < 0.01
+    # Half a part of the exposure is found where one is missing.
+    assert truth_shift_px(late) == pytest.approx(np.hypot(7, 3) / 14, rel=0.3)

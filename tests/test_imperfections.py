@@ -1,17 +1,24 @@
 """Imperfections of the rig, and checks that make a pair be drawn again."""
 
+import io
+import json
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
 from tiny_datasets import cheap
 
-from semisynth_gl.camera import StereoCamera
+from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import Frame
 from semisynth_gl.pairs import pipeline
 from semisynth_gl.pairs.checks import faults
-from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
+from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections, with_imperfections
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
+from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.textures.crops import least_texture
 
 NONE = Imperfections(blur_px=0.0, exposure_stops=0.0, noise=0.0, gamma=1.0)
@@ -25,12 +32,13 @@ def with_values(**values):
     return Imperfections(**{name: values.get(name, getattr(NONE, name)) for name in NONE.__slots__})
 
 
-def applied(picture, **values):
-    return apply_imperfections(picture, with_values(**values), np.random.default_rng(1))
+def applied(picture, point=None, **values):
+    return apply_imperfections(picture, with_values(**values), np.random.default_rng(1), point)
 
 
-def test_none_returns_the_image_bit_for_bit():
-    np.testing.assert_array_equal(applied(image()), image())
+def test_none_returns_the_image_itself():
+    picture = image()
+    assert applied(picture) is picture
 
 
 def test_exposure_and_gamma_follow_their_formulas():
@@ -78,6 +86,167 @@ def test_blur_spreads_a_point_evenly():
     assert abs((blurred * x).sum()) / blurred.sum() < 0.05
     assert blurred.sum() == pytest.approx(255, rel=0.15)
     assert np.sqrt((blurred * x**2).sum() / blurred.sum()) == pytest.approx(1.5, rel=0.2)
+
+
+def test_white_balance_scales_red_and_blue():
+    levels = np.tile(np.arange(256, dtype=np.uint8)[:, None, None], (1, 2, 3))
+    scaled = applied(levels, white_balance=(0.5, -1.0), exposure_stops=-0.25)[:, 0]
+    for channel, stops in enumerate((0.25, -0.25, -1.25)):
+        expected = np.clip(np.arange(256) * 2.0**stops, 0, 255)
+        assert np.abs(scaled[:, channel] - expected).max() <= 0.5001
+    assert applied(levels[..., 0], white_balance=(0.5, -1.0)).tolist() == levels[..., 0].tolist()
+
+
+def test_vignetting_is_the_fourth_power_of_a_cosine():
+    # Several blocks, and a principal point beside the middle.
+    grey, point = np.full((400, 500, 3), 200, np.uint8), (180.0, 260.5)
+    y, x = np.mgrid[:400, :500]
+    squared = ((x - point[0]) ** 2 + (y - point[1]) ** 2) / (250**2 + 200**2)
+    for share in (0.1, 0.5, 0.95):
+        # The angle whose cosine's fourth power is what is left at half the diagonal.
+        tangent = np.tan(np.arccos((1 - share) ** 0.25))
+        expected = 200 * np.cos(np.arctan(tangent * np.sqrt(squared))) ** 4
+        assert np.abs(applied(grey, point, vignetting=share) - expected[..., None]).max() <= 0.501
+    middle = applied(grey[:101, :201], vignetting=0.5)
+    assert (middle[50, 100] == 200).all()
+    np.testing.assert_array_equal(middle, middle[::-1, ::-1])
+    assert abs(int(middle[0, 0, 0]) - 100) <= 1
+
+
+@pytest.mark.parametrize("shape", [(301, 443, 3), (2, 3, 3), (1, 1, 3), (150, 131)])
+def test_sharpening_adds_what_a_gaussian_takes_from_the_luminance(shape):
+    picture = np.random.default_rng(3).integers(0, 256, shape, np.uint8)
+    luminance = picture @ (0.299, 0.587, 0.114) if len(shape) == 3 else picture.astype(float)
+    blurred = np.pad(luminance, 2, "edge")
+    kernel = np.array([1, 4, 6, 4, 1]) / 16
+    for axis in (0, 1):
+        blurred = np.apply_along_axis(np.convolve, axis, blurred, kernel, "valid")
+    for amount in (0.3, 2.0):
+        detail = amount * (luminance - blurred)
+        expected = np.clip(picture + (detail[..., None] if len(shape) == 3 else detail), 0, 255)
+        assert np.abs(applied(picture, sharpening=amount) - expected).max() <= 0.501
+
+
+def test_jpeg_is_pillows():
+    for picture in (image(), image()[..., 1], np.zeros((1, 1, 3), np.uint8)):
+        for quality in (1, 60, 100):
+            data = io.BytesIO()
+            Image.fromarray(picture).save(data, "JPEG", quality=quality, subsampling=2)
+            np.testing.assert_array_equal(applied(picture, jpeg_quality=quality), np.asarray(Image.open(data)))
+
+
+REAL = {
+    "blur_px": st.floats(0, 5),
+    "exposure_stops": st.floats(-20, 20),
+    "noise": st.floats(0, 255),
+    "gamma": st.floats(1e-6, 100),
+    "white_balance": st.tuples(st.floats(-4, 4), st.floats(-4, 4)),
+    "vignetting": st.floats(0, 0.95),
+    "sharpening": st.floats(0, 10),
+    "jpeg_quality": st.none() | st.integers(1, 100),
+}
+
+
+@given(
+    values=st.fixed_dictionaries({}, optional=REAL),
+    shape=st.tuples(st.integers(1, 40), st.integers(1, 40), st.sampled_from([(), (3,)])),
+    point=st.none() | st.tuples(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4)),
+    seed=st.integers(0, 2**32),
+)
+@settings(max_examples=60, deadline=None)
+def test_any_imperfections_make_an_image(values, shape, point, seed):
+    picture = np.random.default_rng(seed).integers(0, 256, (*shape[:2], *shape[2]), np.uint8)
+    before = picture.copy()
+    with np.errstate(all="raise", under="ignore"):
+        first, again = (applied(picture, point, **values) for _ in range(2))
+    assert (first.shape, first.dtype, first.flags.writeable) == (picture.shape, np.uint8, True)
+    np.testing.assert_array_equal(first, again)
+    np.testing.assert_array_equal(picture, before)
+
+
+FURTHER = {
+    "white_balance": [-0.2, 0.2],
+    "vignetting": [0.1, 0.4],
+    "sharpening": [0, 2],
+    "jpeg_quality": [60, 95],
+    "motion_blur": [0.3, 1],
+}
+
+
+def test_recorded_values_make_the_image_again_from_the_clean_one():
+    keys = {"noise": [2, 6], "exposure_stops": [-0.5, 0.5], "blur_px": [0, 1], "gamma": [0.8, 1.2]}
+    clean, marred = cheap(), cheap(imperfections=keys | {key: FURTHER[key] for key in FURTHER if key != "motion_blur"})
+    with PairRenderer(clean, 2) as before, PairRenderer(marred, 2) as after:
+        sharp, pair = before.render(3).frame, after.render(3)
+    drawn = pair.provenance["imperfections"]
+    assert json.loads(json.dumps(drawn)) == drawn
+    rng = generator(2, Purpose.IMPERFECTIONS, 3)
+    rng.random(8)
+    seen = set()
+    for eye in EYES:
+        assert [marred.imperfections.white_balance.low <= end <= 0.2 for end in drawn[eye]["white_balance"]] == [
+            True
+        ] * 2
+        seen |= {*drawn[eye]["white_balance"], drawn[eye]["vignetting"], drawn[eye]["sharpening"]}
+        assert drawn[eye]["jpeg_quality"] in range(60, 96)
+        values = Imperfections(**drawn[eye] | {"white_balance": tuple(drawn[eye]["white_balance"])})
+        point = (sharp.camera.cx_px(eye), sharp.camera.cy_px)
+        again = apply_imperfections(sharp.view(eye).image, values, rng, point)
+        np.testing.assert_array_equal(pair.frame.view(eye).image, again)
+        np.testing.assert_array_equal(pair.frame.view(eye).disparity, sharp.view(eye).disparity)
+    assert len(seen) == 8
+
+
+def test_a_further_key_shifts_no_other_draw():
+    keys, frame = {"noise": [2, 6], "exposure_stops": [-0.5, 0.5]}, render_pair(cheap(), 1)
+
+    def drawn(values):
+        section = cheap(imperfections=keys | values).imperfections
+        return with_imperfections(frame, section, generator(0, 7, 1), lambda *names: generator(0, 7, 1, *names))[1]
+
+    first = drawn({})
+    for key in FURTHER.keys() - {"motion_blur"}:
+        one, all_ = drawn({key: FURTHER[key]}), drawn(FURTHER)
+        for eye in EYES:
+            assert list(first[eye]) == ["blur_px", "exposure_stops", "noise", "gamma"]
+            assert one[eye].keys() - first[eye].keys() == {key}
+            assert first[eye].items() <= one[eye].items() <= all_[eye].items()
+        assert one["left"][key] != one["right"][key]
+
+
+def test_keys_that_say_nothing_are_no_values_of_a_config():
+    values = load_config("middlebury", ["imperfections.sub_frames=7", "imperfections.vignetting=0"]).imperfections
+    assert values.none()
+    assert list(values.model_dump()) == ["exposure_stops", "gamma", "noise", "blur_px"]
+    # Without a length of exposure their number says nothing either.
+    more = load_config("middlebury", ["imperfections.sub_frames=9"])
+    assert more.imperfections.none()
+    assert not any(
+        load_config("middlebury", [f"imperfections.{key}={values}"]).imperfections.none()
+        for key, values in FURTHER.items()
+    )
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("jpeg_quality=0", "jpeg_quality: expected at least 1"),
+        ("jpeg_quality=[90, 101]", "jpeg_quality: expected at most 100"),
+        ("motion_blur=1.5", "motion_blur: expected at most 1"),
+        ("motion_blur=[0.5, 0.2]", "motion_blur: expected .* the range is empty"),
+        ("motion_blur=-0.1", "motion_blur: expected numbers of 0 or more"),
+        ("sub_frames=1", "sub_frames: .*greater than or equal to 2"),
+        ("sub_frames=65", "sub_frames: .*less than or equal to 64"),
+        ("sub_frames=[2, 9]", "sub_frames: .*integer"),
+        ("vignetting=1", "vignetting: expected at most 0.95"),
+        ("white_balance=[-5, 0]", "white_balance: expected at least -4"),
+        ("sharpening=11", "sharpening: expected at most 10"),
+        ("jpeg_quality=good", "jpeg_quality: expected a number or"),
+    ],
+)
+def test_values_that_no_camera_has_are_refused(override, said):
+    with pytest.raises(InputError, match=f"imperfections.{said}"):
+        load_config("middlebury", [f"imperfections.{override}"])
 
 
 def test_imperfections_touch_images_alone_and_are_recorded():

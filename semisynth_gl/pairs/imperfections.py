@@ -122,10 +122,10 @@ def _pixel_by_pixel(
     gains, falloff = np.tile(_gains(drawn, channels), width), None
     if drawn.vignetting > 0:
         x, y = ((width - 1) / 2, (height - 1) / 2) if principal_point_px is None else principal_point_px
-        # 1 / (1 + r^2)^2 is the fourth power of the cosine behind a lens whose focal length is the unit of r.
-        unit = np.hypot(width, height) / 2 / np.sqrt((1 - drawn.vignetting) ** -0.5 - 1)
-        across = np.repeat(1 + ((np.arange(width) - x) / unit) ** 2, channels).astype(np.float32)
-        down = (((np.arange(height) - y) / unit) ** 2).astype(np.float32)[:, None]
+        # cos^4 = 1 / (1 + tan^2)^2; pixels times this are the tangent.
+        tangent = np.sqrt((1 - drawn.vignetting) ** -0.5 - 1) / (np.hypot(width, height) / 2)
+        across = np.repeat(1 + ((np.arange(width) - x) * tangent) ** 2, channels).astype(np.float32)
+        down = (((np.arange(height) - y) * tangent) ** 2).astype(np.float32)[:, None]
         falloff = across, down
     result, rows = np.empty_like(image, order="C"), max(1, _BLOCK // len(gains))
     # Block by block, so that all values stay in the cache; a generator goes on where the block before it ended.

@@ -1,0 +1,138 @@
+"""Motion blur: what is drawn, when, and how it is averaged."""
+
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from tiny_datasets import cheap
+
+from semisynth_gl.camera import EYES
+from semisynth_gl.errors import BackendError
+from semisynth_gl.pairs.exposure import exposed, moments
+from semisynth_gl.pairs.pipeline import PairRenderer
+from semisynth_gl.render.renderer import Renderer
+
+
+def moving(**sections):
+    return cheap(**{"camera": {"sway_m": 0.03}, "sequence": {"length": 3, "frame_s": 0.1}} | sections)
+
+
+@contextmanager
+def opened(config):
+    """The sampler of a config's scenes, and a renderer that draws them as pairs are drawn."""
+    with PairRenderer(config, 0) as pairs:
+        sampler, layers = pairs.sampler, pairs.sources.atlas.layers
+    wrap, outputs = config.textures.wrap, config.outputs
+    with Renderer(sampler.models, layers, wrap=wrap, outputs=outputs, antialias=config.antialias) as renderer:
+        yield sampler, renderer
+
+
+def test_moments_lie_about_the_frames_time():
+    for count in range(1, 65):
+        for share in (0.0, 0.3, 1.0):
+            times = moments(share, count)
+            np.testing.assert_allclose(times, -times[::-1], atol=1e-15)
+            np.testing.assert_allclose(np.diff(times), share / count)
+            assert len(times) == count
+            assert np.abs(times).max(initial=0) <= share / 2
+            # The frame's own moment is exactly its own, so that it is not drawn again.
+            assert count % 2 == 0 or times[count // 2] == 0
+
+
+def test_a_moment_moves_the_scenes_own_instances():
+    config = moving(textures={"sequence": True})
+    with opened(config) as (sampler, _):
+        for index in (0, 4):
+            sampled = sampler.sample(index)
+            for frames in (0.0, 1.0, -1.0, 0.25, 40.0):
+                scene = sampler.moment(sampled, frames)
+                for name in ("model", "layer", "uv_scale", "uv_offset"):
+                    np.testing.assert_array_equal(getattr(scene, name), getattr(sampled.scene, name))
+                assert (scene.camera, scene.near_m) == (sampled.scene.camera, sampled.scene.near_m)
+                same = [
+                    np.array_equal(getattr(scene, name), getattr(sampled.scene, name))
+                    for name in ("camera_from_world", "world_from_model")
+                ]
+                assert same == [frames == 0] * 2
+                if frames in (1, -1):
+                    motion = sampler.motion(sampled, int(frames))
+                    np.testing.assert_array_equal(scene.world_from_model, motion.world_from_model)
+                    np.testing.assert_array_equal(scene.camera_from_world, motion.scene.camera_from_world)
+
+
+@pytest.mark.parametrize("antialias", ["none", "edges", "msaa4", "ssaa2"])
+def test_images_alone_are_those_of_the_whole_pair(antialias):
+    config = moving().model_copy(update={"antialias": antialias})
+    with opened(config) as (sampler, renderer):
+        for index in range(3):
+            scene = sampler.sample(index).scene
+            try:
+                frame = renderer.render(scene)
+            except BackendError as error:
+                pytest.skip(str(error))
+            images = renderer.render_images(scene)
+            for eye in EYES:
+                np.testing.assert_array_equal(images[eye], frame.view(eye).image)
+            assert renderer.render_images(scene, ("right",)).keys() == {"right"}
+            again = renderer.render(scene)
+            for name, array in frame.arrays().items():
+                np.testing.assert_array_equal(again.arrays()[name], array)
+
+
+@pytest.mark.parametrize("count", [2, 7])
+def test_an_exposure_is_the_mean_of_its_moments_rounded_once(count):
+    section = {"motion_blur": [0.4, 1], "sub_frames": count}
+    sharp_config, config = moving(), moving(imperfections=section)
+    with (
+        PairRenderer(sharp_config, 0) as before,
+        PairRenderer(config, 0) as after,
+        opened(sharp_config) as (sampler, renderer),
+    ):
+        for index in (1, 3):
+            sharp, blurred = before.render(index), after.render(index)
+            drawn = blurred.provenance["imperfections"]
+            assert drawn["left"] == drawn["right"]
+            share = drawn["left"]["motion_blur"]
+            assert 0.4 <= share <= 1
+            sampled = sampler.sample(index)
+            frames = [renderer.render(sampler.moment(sampled, time)) for time in moments(share, count)]
+            for eye in EYES:
+                mean = np.mean([frame.view(eye).image for frame in frames], axis=0)
+                image = blurred.frame.view(eye).image
+                np.testing.assert_array_equal(image, np.rint(mean))
+                assert not np.array_equal(image, sharp.frame.view(eye).image)
+                for name in sharp.frame.view(eye).keys() - {"image"}:
+                    np.testing.assert_array_equal(blurred.frame.view(eye)[name], sharp.frame.view(eye)[name])
+            np.testing.assert_array_equal(after.render(index).frame.left.image, blurred.frame.left.image)
+
+
+class Counted:
+    """Draws nothing, and counts how often it was asked to."""
+
+    def __init__(self, level):
+        self.level, self.asked = level, 0
+
+    def render_images(self, scene):
+        self.asked += 1
+        shape = (scene.camera.height_px, scene.camera.width_px, 3)
+        return {eye: np.full(shape, self.level, np.uint8) for eye in EYES}
+
+
+def test_nothing_is_drawn_twice():
+    still = moving(camera={"sway_m": 0.0, "sway_deg": 0.0}, particles={"layers": []})
+    with opened(still) as (sampler, renderer):
+        sampled, counted = sampler.sample(1), Counted(0)
+        frame = renderer.render(sampled.scene)
+        scenes = [sampler.moment(sampled, frames) for frames in moments(1.0, 8)]
+        assert exposed(counted, frame, sampled.scene, scenes) is frame
+        assert counted.asked == 0
+    with opened(moving()) as (sampler, renderer):
+        sampled = sampler.sample(1)
+        frame = renderer.render(sampled.scene)
+        for count, drawn in ((7, 6), (8, 8), (64, 64)):
+            counted = Counted(255)
+            scenes = [sampler.moment(sampled, frames) for frames in moments(0.5, count)]
+            mean = exposed(counted, frame, sampled.scene, scenes)
+            assert counted.asked == drawn
+            expected = (frame.left.image * float(count - drawn) + 255 * drawn) / count
+            np.testing.assert_array_equal(mean.left.image, np.rint(expected))
