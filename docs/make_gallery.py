@@ -33,7 +33,16 @@ IMPERFECTIONS = {
     "gamma": (0.5, 2),
     "noise": (6, 15),
     "blur_px": (1, 2.5),
+    "motion_blur": (0.5, 1),
+    "sub_frames": (3,),
+    "vignetting": (0.3, 0.6),
+    "white_balance": (-0.4, 0.4),
+    "sharpening": (1, 3),
+    "jpeg_quality": (60, 15),
 }
+# What shows nothing by itself.
+_SWAY = ("camera.sway_m=0.1", "camera.sway_deg=2")
+BESIDE = {"motion_blur": _SWAY, "sub_frames": (*_SWAY, "imperfections.motion_blur=1")}
 
 # Both eyes move and things fall, so that nothing of what a config can ask for is empty.
 # Floating things, which move by themselves.
@@ -126,7 +135,7 @@ def draw_imperfections(folder: Path) -> Iterator[str]:
     """Draw a part of one image without any imperfection, and with each of them alone."""
     settings = [(key, value) for key in ImperfectionsSection.model_fields for value in IMPERFECTIONS[key]]
     for number, (key, value) in enumerate([("", 0.0), *settings]):
-        config = load_config("sceneflow", [f"imperfections.{key}={value}"] if key else [])
+        config = load_config("sceneflow", [f"imperfections.{key}={value}", *BESIDE.get(key, ())] if key else [])
         picture = render_pair(config, index=4).left.image[100:400, 200:650]
         path = f"imperfections/{number}-{key or 'none'}.jpg"
         save(picture, folder / path, 450)

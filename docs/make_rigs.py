@@ -4,14 +4,34 @@ Run it as ``python docs/make_rigs.py docs/images``.
 """
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 from make_picture import strip
+from PIL import Image, ImageDraw, ImageFont
 
 from semisynth_gl import load_config, render_pair
+
+# Each key of a camera alone, strongly, in the order in which a camera has them.
+CAMERA: Mapping[str, str] = {
+    "": "as drawn",
+    "motion_blur": "0.8",
+    "blur_px": "1.5",
+    "vignetting": "0.7",
+    "exposure_stops": "-1",
+    "white_balance": "0.4",
+    "noise": "14",
+    "gamma": "0.6",
+    "sharpening": "2.5",
+    "jpeg_quality": "12",
+}
+ALL = (
+    "imperfections={motion_blur: 0.3, blur_px: 0.6, vignetting: 0.4, exposure_stops: [-0.4, 0], noise: 4, "
+    "white_balance: [-0.2, 0.2], sharpening: 1, jpeg_quality: 40}"
+)
+COLUMNS, GAP_PX = 4, 6
 
 
 def draw_rectification(path: Path) -> None:
@@ -22,8 +42,34 @@ def draw_rectification(path: Path) -> None:
     strip([frame.left.image, frame.right.image, (255 * off).astype(np.uint8)], path)
 
 
+def draw_cameras(path: Path) -> None:
+    """Draw a left image with each imperfection alone, then both images of a pair with all of them."""
+    moving = ["scale=0.32", "camera.sway_m=0.1", "camera.sway_deg=2", "sequence.frame_s=0.15", "antialias=ssaa2"]
+    tiles = {}
+    for key, value in CAMERA.items():
+        given = [f"imperfections.{key}={value}"] if key else []
+        frame = render_pair(load_config("sceneflow", [*moving, *given]), index=3)
+        tiles[f"{key} {value}".strip()] = frame.left.image
+    frame = render_pair(load_config("sceneflow", [*moving, ALL]), index=3)
+    tiles |= {"several, left": frame.left.image, "several, right": frame.right.image}
+    height, width = frame.left.image.shape[:2]
+    rows = -(-len(tiles) // COLUMNS)
+    size = COLUMNS * (width + GAP_PX) - GAP_PX, rows * (height + GAP_PX) - GAP_PX
+    picture = Image.new("RGB", size, "white")
+    draw, font = ImageDraw.Draw(picture), ImageFont.load_default(15)
+    for number, (label, tile) in enumerate(tiles.items()):
+        row, column = divmod(number, COLUMNS)
+        corner = column * (width + GAP_PX), row * (height + GAP_PX)
+        picture.paste(Image.fromarray(np.ascontiguousarray(tile)), corner)
+        below = corner[0], corner[1] + height - 22
+        draw.rectangle((*below, below[0] + draw.textlength(label, font) + 10, below[1] + 22), "white")
+        draw.text((below[0] + 5, below[1] + 2), label, "black", font)
+    picture.save(path, quality=55, optimize=True)
+
+
 DRAWN: dict[str, Callable[[Path], None]] = {
     "rigs-rectification.jpg": draw_rectification,
+    "rigs-cameras.jpg": draw_cameras,
 }
 """What draws each picture, by the picture's name."""
 
