@@ -45,6 +45,7 @@ DERIVED = {
     "structures.panel_disparity_px": "[min_px, sqrt(min_px max_px)]",
     "particles.size_m": "",
     "particles.layers": "solved from the target",
+    "imperfections.jpeg_quality": "none",
 }
 
 

@@ -4,10 +4,15 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from tiny_datasets import cheap
+from backends import backend_fault
+from planted_faults import change_image, checks
+from tiny_datasets import cheap, lean
 
 from semisynth_gl.camera import EYES
+from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.errors import BackendError
+from semisynth_gl.generation.generate import generate
+from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.pairs.exposure import exposed, moments
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.renderer import Renderer
@@ -136,3 +141,35 @@ def test_nothing_is_drawn_twice():
             assert counted.asked == drawn
             expected = (frame.left.image * float(count - drawn) + 255 * drawn) / count
             np.testing.assert_array_equal(mean.left.image, np.rint(expected))
+
+
+# Stronger than any camera's.
+STRONG = {
+    "motion_blur": 1,
+    "vignetting": [0, 0.9],
+    "white_balance": [-1, 1],
+    "sharpening": [0, 3],
+    "jpeg_quality": [10, 95],
+    "noise": [0, 10],
+}
+
+
+def test_datasets_with_all_of_it_pass_their_checks(tmp_path):
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    config = lean(imperfections=STRONG, camera={"sway_deg": 1.0}, sequence={"length": 2})
+    config = config.model_copy(update={"outputs": ("visibility", "flow")})
+    generate(config, tmp_path / "set", 2, layout="middlebury")
+    assert checks(tmp_path / "set") == set()
+    assert read_index(tmp_path / "set").imperfect
+    dataset = open_dataset(tmp_path / "set")
+    with PairRenderer(config, 0) as pairs:
+        for index in range(2):
+            made, stored = pairs.render(index), dataset[index]
+            assert stored.provenance["imperfections"] == made.provenance["imperfections"]
+            # Whatever JPEG left in the images, the files are lossless.
+            np.testing.assert_array_equal(stored.left.image, made.frame.left.image)
+            np.testing.assert_array_equal(stored.right.image, made.frame.right.image)
+    # What is judged of such images is still judged.
+    change_image(tmp_path / "set" / SCENES / "middlebury-000001/im0.png", lambda image: image[::-1, ::-1])
+    assert checks(tmp_path / "set") == {"images"}
