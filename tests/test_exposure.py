@@ -10,7 +10,7 @@ from tiny_datasets import cheap, lean
 
 from semisynth_gl.camera import EYES
 from semisynth_gl.dataset.reader import open_dataset, read_index
-from semisynth_gl.errors import BackendError
+from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.pairs.exposure import exposed, moments
@@ -79,6 +79,8 @@ def test_images_alone_are_those_of_the_whole_pair(antialias):
             for eye in EYES:
                 np.testing.assert_array_equal(images[eye], frame.view(eye).image)
             assert renderer.render_images(scene, ("right",)).keys() == {"right"}
+            with pytest.raises(InputError, match="eyes: expected some of left, right, got 'left'"):
+                renderer.render_images(scene, "left")
             again = renderer.render(scene)
             for name, array in frame.arrays().items():
                 np.testing.assert_array_equal(again.arrays()[name], array)

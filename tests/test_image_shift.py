@@ -151,12 +151,12 @@ def test_imperfections_leave_images_on_their_truth(plane, values):
     def change(image, eye):
         # JPEG has blocks of 8 x 8 pixels, and of 16 x 16 where colour is halved: what it does differs from place to
         # place, so that it is done to images that begin elsewhere too.
-        total = np.zeros(image.shape)
-        for right, down in PLACES:
+        total, places = np.zeros(image.shape), PLACES if "jpeg_quality" in values else PLACES[:1]
+        for right, down in places:
             rolled = np.roll(image, (-down, -right), axis=(0, 1))
             made = apply_imperfections(rolled, Imperfections(**values), rng, point(eye, right, down))
             total += np.roll(made, (down, right), axis=(0, 1))
-        return total / len(PLACES)
+        return total / len(places)
 
     assert truth_shift_px(plane, change, levels) < 0.01
 

@@ -233,13 +233,15 @@ class Renderer:
             eyes: whose images.
 
         Raises:
-            InputError: where an index is out of range.
+            InputError: where an index is out of range, or an eye is none.
             BackendError: where the image is larger than the driver allows, or drawing failed.
             ContextLostError: where the driver took the context away; another renderer may still be opened.
         """
         self._check_open()
         check_type("scene", scene, Scene)
         self._check(scene)
+        if isinstance(eyes, str) or not set(eyes) <= set(EYES):
+            raise InputError(f"eyes: expected some of {', '.join(EYES)}, got {eyes!r}")
         with self._drawing():
             self._resize((scene.camera.width_px, scene.camera.height_px))
             placed = self._models.place(scene)
