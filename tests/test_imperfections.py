@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from PIL import Image
 from tiny_datasets import cheap
 
-from semisynth_gl.camera import EYES, StereoCamera
+from semisynth_gl.camera import EYES, Deviation, StereoCamera
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import Frame
@@ -212,6 +212,17 @@ def test_a_further_key_shifts_no_other_draw():
             assert one[eye].keys() - first[eye].keys() == {key}
             assert first[eye].items() <= one[eye].items() <= all_[eye].items()
         assert one["left"][key] != one["right"][key]
+
+
+def test_light_falls_about_each_eyes_own_principal_point():
+    camera = StereoCamera(161, 121, 120.0, 0.1, 60.0, 90.0, 50.0, Deviation(y_px=20.0))
+    white = np.full((121, 161, 3), 255, np.uint8)
+    frame = Frame.from_arrays(camera, {"left": white, "right": white})
+    section = cheap(imperfections={"vignetting": 0.9}).imperfections
+    frame, _ = with_imperfections(frame, section, generator(0, 7), lambda *names: generator(0, 7, *names))
+    for eye, point in (("left", (60, 50)), ("right", (90, 70))):
+        y, x = np.nonzero((frame.view(eye).image == 255).all(axis=2))
+        assert (x.mean(), y.mean()) == point
 
 
 def test_keys_that_say_nothing_are_no_values_of_a_config():

@@ -217,7 +217,7 @@ def with_imperfections(
     views: dict[Eye, View] = {}
     records: dict[str, dict[str, Any]] = {}
     for eye, imperfections in drawn.items():
-        view, point = frame.view(eye), (frame.camera.cx_px(eye), frame.camera.cy_px)
+        view, point = frame.view(eye), frame.camera.lens_px(eye)[:2]
         views[eye] = view.with_channels({"image": apply_imperfections(view.image, imperfections, rng, point)})
         records[eye] = {
             key: list(value) if isinstance(value, tuple) else value
