@@ -27,8 +27,14 @@ def opened(config):
     """The sampler of a config's scenes, and a renderer that draws them as pairs are drawn."""
     with PairRenderer(config, 0) as pairs:
         sampler, layers = pairs.sampler, pairs.sources.atlas.layers
-    wrap, outputs = config.textures.wrap, config.outputs
-    with Renderer(sampler.models, layers, wrap=wrap, outputs=outputs, antialias=config.antialias) as renderer:
+    with Renderer(
+        sampler.models,
+        layers,
+        wrap=config.textures.wrap,
+        outputs=config.outputs,
+        rectified=config.rig.none(),
+        antialias=config.antialias,
+    ) as renderer:
         yield sampler, renderer
 
 
@@ -67,7 +73,8 @@ def test_a_moment_moves_the_scenes_own_instances():
 
 @pytest.mark.parametrize("antialias", ["none", "edges", "msaa4", "ssaa2"])
 def test_images_alone_are_those_of_the_whole_pair(antialias):
-    config = moving().model_copy(update={"antialias": antialias})
+    # What is behind the near plane is another share of what each eye sees, where the right one turns.
+    config = moving(rig={"right_roll_deg": 3.0, "right_pitch_deg": 5.0}).model_copy(update={"antialias": antialias})
     with opened(config) as (sampler, renderer):
         for index in range(3):
             scene = sampler.sample(index).scene

@@ -485,7 +485,7 @@ class Renderer:
     def _draw_image(self, placed: Placed, eye: Eye) -> NDArray[np.uint8]:
         """Draw one eye's image alone."""
         scene, filled = placed.scene, self._models.fill(placed, eye)
-        self._constants.write(scene.camera, eye, scene.near_m)
+        self._constants.write(scene.camera, eye, scene.near_of(eye))
         if self._colour_targets is not None:
             return self._draw_samples(eye, None, self._colour_targets, filled)
         if self._image_targets is None:
