@@ -218,10 +218,11 @@ class LicencesSection(Section):
     models: _Licence = "unknown"
 
 
-# The sections that a recipe may change, with the keys that hold for all pairs of a dataset: the size of images, models
-# and patches themselves, how the graphics card samples patches, and the limits that truth is stored and checked by.
+# The sections that a recipe may change, with the keys that hold for all pairs of a dataset: the size of images, how
+# many pairs show a scene, models and patches themselves, how the graphics card samples patches, and the limits that
+# truth is stored and checked by.
 _OF_RECIPES: Mapping[str, tuple[type[Section], tuple[str, ...]]] = {
-    "camera": (CameraSection, ("width_px", "height_px")),
+    "camera": (CameraSection, ("width_px", "height_px", "baselines")),
     "disparity": (DisparitySection, ("min_px", "max_px")),
     "background": (BackgroundSection, ()),
     "room": (RoomSection, ()),
@@ -370,6 +371,16 @@ class Config(Section):
         if info.context != _WITHIN_MIX:
             check_target(self.disparity.target, self.disparity.min_px, self.disparity.max_px, min(lowest_px))
         return self
+
+    @property
+    def views(self) -> int:
+        """Number of pairs that show each scene: pair i shows scene i // views, seen by right camera i % views."""
+        return len(self.camera.baseline_ranges_m)
+
+    @property
+    def sequence_pairs(self) -> int:
+        """Number of pairs of each sequence."""
+        return self.sequence.length * self.views
 
     def lowest_px(self) -> float:
         """Return the smallest disparity that the sections allow scenes to show."""

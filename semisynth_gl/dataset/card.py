@@ -145,7 +145,7 @@ def _introduction(plan: Plan) -> str:
     camera, disparity = config.camera, config.disparity
     patches = describe_source(config.textures.source).patches
     recipes = config.recipes()
-    baselines = [recipe.config.camera.baseline_m for recipe in recipes]
+    baselines = [range_m for recipe in recipes for range_m in recipe.config.camera.baseline_ranges_m]
     low, high = min(each.low for each in baselines), max(each.high for each in baselines)
     baseline = f"{low:g}" if low == high else f"{low:g} to {high:g}"
     named = [f"{recipe.name} {recipe.share:.1%}" for recipe in recipes if recipe.name is not None]

@@ -70,14 +70,28 @@ def _curved(
 
 
 def with_imperfections(
-    frame: Frame, section: ImperfectionsSection, rng: np.random.Generator
+    frame: Frame,
+    section: ImperfectionsSection,
+    rng: np.random.Generator,
+    right_rng: np.random.Generator | None = None,
+    left_image: NDArray[np.uint8] | None = None,
 ) -> tuple[Frame, dict[str, Any]]:
-    """Put imperfections on both images of a frame; also return the imperfections of each eye in JSON's types."""
+    """Put imperfections on both images of a frame; also return the imperfections of each eye in JSON's types.
+
+    Args:
+        frame: as it was rendered.
+        section: the ranges.
+        rng: of the scene, draws the left eye's, and those of the right eye that sees the scene first.
+        right_rng: of the pair, draws the right eye's where another right eye has seen the scene before.
+        left_image: with a ``right_rng``, the left image of another pair of the scene, which this pair has too.
+    """
     ranges = (section.blur_px, section.exposure_stops, section.noise, section.gamma)
     drawn = {eye: Imperfections(*(values.draw(rng) for values in ranges)) for eye in EYES}
-    views = (frame.view(eye) for eye in EYES)
-    left, right = (
-        view.with_channels({"image": apply_imperfections(view.image, values, rng)})
-        for view, values in zip(views, drawn.values(), strict=True)
-    )
+    if right_rng is not None:
+        drawn["right"] = Imperfections(*(values.draw(right_rng) for values in ranges))
+    if right_rng is None or left_image is None:
+        left_image = apply_imperfections(frame.left.image, drawn["left"], rng)
+    right_image = apply_imperfections(frame.right.image, drawn["right"], right_rng or rng)
+    left = frame.left.with_channels({"image": left_image})
+    right = frame.right.with_channels({"image": right_image})
     return Frame(frame.camera, left, right), {eye: asdict(values) for eye, values in drawn.items()}

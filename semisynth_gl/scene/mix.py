@@ -63,7 +63,7 @@ class MixSampler:
     ) -> None:
         self.recipes = config.recipes()
         self._config = config
-        self._length = config.sequence.length
+        self._sequence_pairs = config.sequence_pairs
         self._shares = Shares([recipe.share for recipe in self.recipes], seed)
         made = list(zip(self.recipes, libraries, strict=True))
 
@@ -82,7 +82,7 @@ class MixSampler:
 
     def sample(self, index: int, attempt: int = 0) -> SampledScene:
         """Sample the scene of pair ``index``; see `SceneSampler.sample`. All attempts take the same recipe."""
-        sampler = self._sampler(index // self._length)
+        sampler = self._sampler(index // self._sequence_pairs)
         with _named(sampler.recipe):
             return sampler.sample(index, attempt)
 
