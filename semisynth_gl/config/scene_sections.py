@@ -33,6 +33,8 @@ _WIDEST_PX, _MOST_PIXELS = 16_384, 1 << 27
 _MOST_PARTICLES = 100_000
 _MOST_TEXELS = 1 << 31
 _BYTES_PER_TEXEL = 4
+# Of baselines that are drawn.
+_QUANTILES = 16
 # Items of a list.
 _MOST_ITEMS = 1000
 
@@ -135,6 +137,20 @@ class CameraSection(Section):
             return tuple(Range(metres, metres) for metres in self.baselines)
         assert self.baseline_m is not None  # noqa: S101 - see `_baselines_of_one_kind`
         return (self.baseline_m,) * self.baselines
+
+    def baseline_ratios(self) -> list[tuple[float, float]]:
+        """Return shares of the pairs, and the ratio of their baseline to the longest one of the scene, for each."""
+        number = len(self.baseline_ranges_m)
+        if isinstance(self.baselines, tuple):
+            return [(1 / number, metres / max(self.baselines)) for metres in self.baselines]
+        low, high = self.baseline_ranges_m[0].low, self.baseline_ranges_m[0].high
+        ratios = [(1 / number, 1.0)]
+        # The longest of N draws is the N-th root of one; beside it the others lie anywhere below it.
+        middles = [(k + 0.5) / _QUANTILES for k in range(_QUANTILES if number > 1 else 0)]
+        for longest_m in (low + (high - low) * share ** (1 / number) for share in middles):
+            others_m = [low + (longest_m - low) * share for share in middles]
+            ratios += [((number - 1) / number / _QUANTILES**2, other_m / longest_m) for other_m in others_m]
+        return ratios
 
     @property
     def mean_doffs_px(self) -> float:

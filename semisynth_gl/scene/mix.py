@@ -99,12 +99,15 @@ class MixSampler:
         return self._sampler(sampled.sequence).instance_table(sampled)
 
     def expected(self) -> Histogram:
-        """Return the mean distribution of the dataset's disparities; see `Population.expected`."""
-        if len(self.recipes) == 1:
-            return self._expected(self.samplers[0])
+        """Return the mean distribution of the disparities of the dataset's pairs; see `Population.expected`.
+
+        That one is of the pairs of scenes' longest baselines; see `Config.across_baselines`.
+        """
         both = zip(self.recipes, self.samplers, strict=True)
-        parts = [(recipe.share, self._expected(sampler)) for recipe, sampler in both]
-        return mix_histograms(parts, merge_bins(self._config.wanted_histogram()).edges_px)
+        parts = [(recipe.share, recipe.config.across_baselines(self._expected(sampler))) for recipe, sampler in both]
+        if len(parts) == 1:
+            return parts[0][1]
+        return mix_histograms(parts, merge_bins(self._config.shown_histogram()).edges_px)
 
     def in_view_text(self) -> str:
         """Return a line that says what each recipe shows on average; see `Population.in_view`."""
