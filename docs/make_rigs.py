@@ -10,8 +10,29 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from make_picture import strip
+from numpy.typing import NDArray
 
 from semisynth_gl import load_config, render_pair
+from semisynth_gl.pairs.pipeline import PairRenderer
+
+
+def draw_baselines(path: Path) -> None:
+    """Draw a left view, and three right views of it, each above the left disparity that belongs to it."""
+    changes = {"camera.baselines": [0.25, 0.5, 1.0], "camera.baseline_m": None, "outputs": ["depth"]}
+    with PairRenderer(load_config("sceneflow", changes), 0) as renderer:
+        frames = [renderer.render(3 + view).frame for view in range(3)]
+    left = frames[0].left
+    largest = float(frames[-1].left.disparity.max())
+    # What is nearer is brighter, as in disparity.
+    above = [left.image, *(frame.right.image for frame in frames)]
+    below = [_coloured(1 / left.depth, largest / frames[-1].camera.focal_baseline)]
+    below += [_coloured(frame.left.disparity, largest) for frame in frames]
+    gap = np.full((12, left.image.shape[1], 3), 255, np.uint8)
+    strip([np.concatenate([one, gap, two]) for one, two in zip(above, below, strict=True)], path)
+
+
+def _coloured(values: NDArray[np.float32], largest: float) -> NDArray[np.uint8]:
+    return (255 * mpl.colormaps["inferno"](values / largest)[..., :3]).astype(np.uint8)
 
 
 def draw_rectification(path: Path) -> None:
@@ -23,6 +44,7 @@ def draw_rectification(path: Path) -> None:
 
 
 DRAWN: dict[str, Callable[[Path], None]] = {
+    "rigs-baselines.jpg": draw_baselines,
     "rigs-rectification.jpg": draw_rectification,
 }
 """What draws each picture, by the picture's name."""

@@ -176,21 +176,33 @@ def test_scenes_are_made_for_their_longest_baseline():
         assert camera == draw_camera(plain, generator(0, Purpose.CAMERA, number))
         rng = generator(0, Purpose.CAMERA, number)
         views = draw_views(section, draw_camera(section, rng), rng)
-        assert views[0] == camera
+        assert views[0].baseline_m == camera.baseline_m
         assert len({view.baseline_m for view in views}) == 4
         assert all(0.1 <= view.baseline_m <= 0.5 and view.left_alone == camera.left_alone for view in views)
 
 
+def test_doffs_is_the_longest_baselines_unless_the_right_principal_point_is_stated():
+    base = {"width_px": 64, "height_px": 48, "focal_px": 60, "cx_left_px": 30, "baselines": [0.1, 0.4, 0.2]}
+    for keys, expected in (({"doffs_px": 8}, [2, 8, 4]), ({"cx_right_px": 38}, [8, 8, 8])):
+        section, rng = CameraSection.model_validate({**base, **keys}), np.random.default_rng(0)
+        views = draw_views(section, draw_camera(section, rng), rng)
+        assert [view.doffs_px for view in views] == pytest.approx(expected)
+        far_m = [view.depth_m(0.0) for view in views]
+        assert (max(far_m) == pytest.approx(min(far_m))) == ("doffs_px" in keys)
+
+
+@pytest.mark.parametrize("principal", [{"doffs_px": 1.5}, {"cx_left_px": 30, "cx_right_px": 31.5}])
 @pytest.mark.parametrize("baselines", [[0.1, 0.4, 0.3], 3, 2])
-def test_pairs_are_expected_to_show_what_their_baselines_make_of_the_target(baselines):
+def test_pairs_are_expected_to_show_what_their_baselines_make_of_the_target(baselines, principal):
     """Against draws: a disparity of the longest baseline, and the others of its scene."""
-    config = several(baselines, {"doffs_px": 1.5, "baseline_m": [0.1, 0.4]})
+    config = several(baselines, {"baseline_m": [0.1, 0.4]} | principal)
+    doffs_px = 1.5 if "cx_right_px" in principal else 0
     rng, shown = np.random.default_rng(0), []
     wanted = config.wanted_histogram()
     for _ in range(6_000):
         drawn = np.array([each.draw(rng) for each in config.camera.baseline_ranges_m])
         longest_px = wanted.quantile(rng.random())
-        shown.append(drawn / drawn.max() * (longest_px + 1.5) - 1.5)
+        shown.append(drawn / drawn.max() * (longest_px + doffs_px) - doffs_px)
     shown = np.concatenate(shown)
     expected = config.shown_histogram()
     assert expected.shares.sum() == pytest.approx(1)

@@ -433,9 +433,11 @@ class Config(Section):
 
     def across_baselines(self, longest: Histogram) -> Histogram:
         """Return the distribution of disparity over all pairs of scenes, from that of the longest baselines' pairs."""
-        ratios, doffs_px = self.camera.baseline_ratios(), self.camera.mean_doffs_px
+        ratios = self.camera.baseline_ratios()
         if len(ratios) == 1:
             return longest
+        # Otherwise it is in proportion to the baseline, as disparities are then; see `draw_views`.
+        doffs_px = 0.0 if self.camera.cx_right_px is None else self.camera.mean_doffs_px
         parts = [(share, longest.seen_from(ratio, doffs_px)) for share, ratio in ratios]
         # Below 0 there is no disparity.
         lowest = max(0.0, min(part.edges_px[0] for _, part in parts))

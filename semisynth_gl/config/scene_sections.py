@@ -72,7 +72,8 @@ class CameraSection(Section):
         cx_left_px: x of the left principal point; by default both points lie evenly about the image centre.
         cx_right_px: x of the right principal point, instead of ``doffs_px``.
         cy_px: y of both principal points; by default the image centre, (height - 1) / 2.
-        doffs_px: cx_right - cx_left; by default 0.
+        doffs_px: cx_right - cx_left; by default 0. Of several baselines it is the longest one's, and the others have it
+            in proportion.
         sway_m: amplitude of the rig's sway along each of its axes; by default the rig stands still.
         sway_deg: amplitude of the rig's rotation about each of its axes.
         sway_s: periods of these oscillations.

@@ -52,13 +52,23 @@ def draw_deviation(section: RigSection, rng: np.random.Generator) -> Deviation:
 def draw_views(section: CameraSection, camera: StereoCamera, rng: np.random.Generator) -> tuple[StereoCamera, ...]:
     """Return the camera of each right view of a scene; they differ in the right eye alone.
 
+    The difference of the principal points that was drawn is the longest baseline's. Shorter ones have it in proportion,
+    unless the config says where the right principal point is: a surface that has a disparity in one view then has one
+    in all, since all disparities are in proportion too.
+
     Args:
         section: the section.
-        camera: as `draw_camera` drew it from the same generator; it is the first one.
+        camera: as `draw_camera` drew it from the same generator.
         rng: draws the further baselines.
     """
-    further = (replace(camera, baseline_m=range_m.draw(rng)) for range_m in section.baseline_ranges_m[1:])
-    return (camera, *further)
+    baselines_m = [camera.baseline_m, *(range_m.draw(rng) for range_m in section.baseline_ranges_m[1:])]
+
+    def centre_px(baseline_m: float) -> float:
+        if baseline_m == max(baselines_m) or section.cx_right_px is not None:
+            return camera.cx_right_px
+        return camera.cx_left_px + baseline_m / max(baselines_m) * camera.doffs_px
+
+    return tuple(replace(camera, baseline_m=each_m, cx_right_px=centre_px(each_m)) for each_m in baselines_m)
 
 
 def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
