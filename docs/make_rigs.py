@@ -18,8 +18,8 @@ from semisynth_gl.pairs.pipeline import PairRenderer
 
 def draw_baselines(path: Path) -> None:
     """Draw a left view, and three right views of it, each above the left disparity that belongs to it."""
-    changes = {"camera.baselines": [0.25, 0.5, 1.0], "camera.baseline_m": None, "outputs": ["depth"]}
-    with PairRenderer(load_config("sceneflow", changes), 0) as renderer:
+    rig = {"width_px": 640, "baselines": [0.25, 0.5, 1.0], "baseline_m": None}
+    with PairRenderer(load_config("sceneflow", {"camera": rig, "outputs": ["depth"]}), 0) as renderer:
         frames = [renderer.render(3 + view).frame for view in range(3)]
     left = frames[0].left
     largest = float(frames[-1].left.disparity.max())
@@ -28,7 +28,8 @@ def draw_baselines(path: Path) -> None:
     below = [_coloured(1 / left.depth, largest / frames[-1].camera.focal_baseline)]
     below += [_coloured(frame.left.disparity, largest) for frame in frames]
     gap = np.full((12, left.image.shape[1], 3), 255, np.uint8)
-    strip([np.concatenate([one, gap, two]) for one, two in zip(above, below, strict=True)], path)
+    columns = [np.concatenate([one, gap, two]) for one, two in zip(above, below, strict=True)]
+    strip(columns, path)
 
 
 def _coloured(values: NDArray[np.float32], largest: float) -> NDArray[np.uint8]:

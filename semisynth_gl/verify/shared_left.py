@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame import CHANNELS
 from semisynth_gl.verify.agreement import all_components
-from semisynth_gl.verify.single_view import FLOAT32
+from semisynth_gl.verify.single_view import DEVIATING_PX, FLOAT32
 from semisynth_gl.verify.verdict import Verdict
 
 
@@ -31,8 +31,9 @@ def check_lefts(frame: StoredFrame, other: StoredFrame, verdict: Verdict) -> Non
         wrong = _of_another_depth(one, two)
         if wrong.any():
             y, x = np.argwhere(wrong)[0]
-            depths = [pair.camera.depth_m(pair.left.disparity[y, x]) for pair in (one, two)]
-            detail = f", by whose baseline it is {depths[1]:g} m away and by this one's {depths[0]:g} m"
+            at = np.array(float(x)), np.array(float(y))
+            depths = [float(pair.camera.depth_at("left", *at, pair.left.disparity[y, x])) for pair in (one, two)]
+            detail = f", which is {depths[1]:g} m away and not {depths[0]:g} m"
             array = f"disparity_left of {one.name}"
             verdict.add_pixels("lefts", array, f"is not that of {two.name}", wrong, detail)
             return
@@ -44,16 +45,18 @@ def _of_another_depth(frame: StoredFrame, other: StoredFrame) -> NDArray[np.bool
     Where the other one has no disparity, nothing is said.
     """
     disparity, its = frame.left.disparity, other.left.disparity.astype(np.float64)
-    doffs_px, its_doffs_px = frame.camera.doffs_px, other.camera.doffs_px
-    if not (frame.camera.focal_baseline and other.camera.focal_baseline):
+    camera, its_camera = frame.camera, other.camera
+    if not (camera.focal_baseline and its_camera.focal_baseline):
         return np.zeros(disparity.shape, bool)
-    ratio = frame.camera.focal_baseline / other.camera.focal_baseline
-    with np.errstate(invalid="ignore"):
-        expected = ratio * (its + its_doffs_px) - doffs_px
-        bound = ratio * (FLOAT32 * (np.abs(its) + 2 * abs(its_doffs_px)) + other.rounding_px(its))
-        bound += FLOAT32 * (np.abs(expected) + 2 * abs(doffs_px)) + frame.rounding_px(disparity)
-        missing = np.isfinite(its) & (expected > bound)
-        missing &= expected < frame.encodings.disparity.limit_px - bound
-        return np.where(
-            np.isfinite(disparity), np.isfinite(its) & ~(np.abs(disparity - expected) <= bound), missing
-        ).astype(np.bool_)
+    y_px, x_px = np.mgrid[: disparity.shape[0], : disparity.shape[1]].astype(np.float64)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        depth_m = its_camera.depth_at("left", x_px, y_px, its)
+        expected = -camera.correspondence("left", x_px, y_px, depth_m)[..., 0]
+        bound = FLOAT32 * (np.abs(its) + 2 * abs(its_camera.doffs_px)) + other.rounding_px(its)
+        bound *= camera.focal_baseline / its_camera.focal_baseline
+        bound += FLOAT32 * (np.abs(expected) + 2 * abs(camera.doffs_px)) + frame.rounding_px(disparity)
+        bound += 0.0 if camera.rectified and its_camera.rectified else 2 * DEVIATING_PX
+        missing = np.isfinite(its) & (expected > bound) & (expected < frame.encodings.disparity.limit_px - bound)
+        wrong = np.isfinite(its) & ~(np.abs(disparity - expected) <= bound)
+    result: NDArray[np.bool_] = np.where(np.isfinite(disparity), wrong, missing)
+    return result
