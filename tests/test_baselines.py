@@ -58,14 +58,19 @@ def assert_same(frame, expected, message=""):
 
 
 @pytest.mark.one_backend
-@pytest.mark.parametrize("antialias", ["none", "edges", "ssaa2"])
-def test_each_pair_is_that_of_a_rig_of_its_baseline_alone_bit_for_bit(backend, antialias):
+@pytest.mark.parametrize(
+    "changes",
+    [{}, {"antialias": "edges"}, {"antialias": "ssaa2", "truth": "left"}, {"rig": {"right_roll_deg": 2.0}}],
+    ids=["rectified", "outlines", "samples-left", "deviating"],
+)
+def test_each_pair_is_that_of_a_rig_of_its_baseline_alone_bit_for_bit(backend, changes):
     """All outputs of both views, whole and cropped, asked for in any order."""
-    config = several(sequence=MOVING, outputs=list(OUTPUTS), antialias=antialias)
-    crop = Crop(9, 7, 30, 21)
+    outputs = [output for output in OUTPUTS if output != "disparity_change" or "rig" not in changes]
+    config, crop = several(sequence=MOVING, outputs=outputs, **changes), Crop(9, 7, 30, 21)
+    options = {"truth": config.truth, "antialias": config.antialias, "rectified": config.rig.none()}
     with PairRenderer(config, SEED, backend) as pairs:
-        atlas = pairs.sources.atlas.layers
-        with Renderer(pairs.sampler.models, atlas, outputs=OUTPUTS, antialias=antialias, backend=backend) as alone:
+        models, atlas = pairs.sampler.models, pairs.sources.atlas.layers
+        with Renderer(models, atlas, outputs=outputs, backend=backend, **options) as alone:
             for index, part in ((4, None), (3, None), (0, None), (5, crop), (3, crop), (1, crop), (2, None)):
                 frame = pairs.render(index, crop=part).frame
                 sampled = pairs.sampler.sample(index)

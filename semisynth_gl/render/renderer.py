@@ -286,10 +286,14 @@ class Renderer:
             try:
                 frame = self._render(scene, crop, motions, shared)
             except moderngl.Error as error:
+                self._shared_left = None
                 raise self._fault(str(error)) from None
             reported = self._gl.error
             if reported != "GL_NO_ERROR" or self._context.unbound.is_lost():
+                self._shared_left = None
                 raise self._fault(reported)
+            if shared is not None:
+                self._keep(shared, frame.left)
             return frame
 
     def _check_open(self) -> None:
@@ -337,8 +341,6 @@ class Renderer:
                 moment: Moment = "next" if name == "future" else "previous"
                 self._read_flow(self._flow, placed, motion, crop, moment, targets, views)
         finish("readback")
-        if shared is not None:
-            self._keep(shared, views["left"])
         return Frame(camera, View(views["left"]), View(views["right"]))
 
     def _draw_both(
