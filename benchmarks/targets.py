@@ -75,7 +75,7 @@ def small(name: str, sections: dict[str, Any]) -> Config:
 def measure(name: str, sections: dict[str, Any], pairs: int, seed: int) -> dict[str, Any]:
     """Render pairs and compare their disparities with the target."""
     config = small(name, sections)
-    wanted = config.wanted_histogram()
+    wanted = config.shown_histogram()
     count, medians, objects = PixelCount(wanted.edges_px), [], []
     start = time.perf_counter()
     with PairRenderer(config, seed) as renderer:

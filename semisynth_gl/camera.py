@@ -193,6 +193,11 @@ class StereoCamera:
         return self.deviation == RECTIFIED
 
     @property
+    def left_alone(self) -> tuple[float, ...]:
+        """What the left view depends on: cameras that are equal in it differ in the right eye alone."""
+        return self.width_px, self.height_px, self.focal_px, self.cx_left_px, self.cy_px
+
+    @property
     def doffs_px(self) -> float:
         """Difference of the principal points, cx_right - cx_left, as in Middlebury's calib.txt."""
         return self.cx_right_px - self.cx_left_px

@@ -61,6 +61,7 @@ class Channel(Generic[Value]):
         attachment: the pass's attachment that holds it; by default called like the channel.
         reads_triangles: whether that pass looks up the scene's triangles, as all passes behind the drawing do.
         mask: the channel that says whether the other view, or the other moment, shows the same point.
+        of_own_view: whether it is the same wherever the other eye stands: pairs that share a view share it.
         name: the channel's name in `View`.
     """
 
@@ -76,6 +77,7 @@ class Channel(Generic[Value]):
     attachment: str = ""
     reads_triangles: bool = False
     mask: str | None = None
+    of_own_view: bool = False
     name: str = field(init=False)
 
     def __set_name__(self, owner: type["View"], name: str) -> None:
@@ -120,7 +122,9 @@ class View(Mapping[str, NDArray[Any]]):
         InputError: where a name is no channel's, or an array has another dtype or another number of components.
     """
 
-    image = Channel(_UINT8, "{view} image, 8-bit RGB", components=3, attachment="colour", codec="image")
+    image = Channel(
+        _UINT8, "{view} image, 8-bit RGB", components=3, attachment="colour", codec="image", of_own_view=True
+    )
     disparity = Channel(
         _FLOAT32, "disparity of the {view} view's pixels", nothing=inf, codec="disparity", mask="visibility"
     )
@@ -147,6 +151,7 @@ class View(Mapping[str, NDArray[Any]]):
         "16-bit: k + 1 where instance k of the scene is seen, 0 where there is none",
         output="instances",
         codec="grey16",
+        of_own_view=True,
     )
     depth = Channel(
         _FLOAT32,
@@ -154,6 +159,7 @@ class View(Mapping[str, NDArray[Any]]):
         nothing=inf,
         output="depth",
         codec="float",
+        of_own_view=True,
     )
     normals = Channel(
         _FLOAT32,
@@ -163,6 +169,7 @@ class View(Mapping[str, NDArray[Any]]):
         output="normals",
         reads_triangles=True,
         codec="vector",
+        of_own_view=True,
     )
     flow = Channel(
         _FLOAT32,
@@ -174,6 +181,7 @@ class View(Mapping[str, NDArray[Any]]):
         drawn_by="flow",
         codec="flow",
         mask="flow_visibility",
+        of_own_view=True,
     )
     flow_visibility = Channel(
         _UINT8,
@@ -184,6 +192,7 @@ class View(Mapping[str, NDArray[Any]]):
         moment="next",
         drawn_by="flow",
         codec="grey8",
+        of_own_view=True,
     )
     flow_backward = replace(
         flow,

@@ -58,6 +58,15 @@ class Histogram:
         cumulative[0], cumulative[-1] = 0.0, 1.0
         return type(self)(edges, np.diff(cumulative))
 
+    def seen_from(self, ratio: float, doffs_px: float) -> Self:
+        """Return the same surfaces' histogram by a rig of another baseline.
+
+        Args:
+            ratio: its baseline in units of this rig's.
+            doffs_px: difference of the principal points, cx_right - cx_left, of both rigs.
+        """
+        return type(self)(ratio * (self.edges_px + doffs_px) - doffs_px, self.shares)
+
     def _at_edges(self) -> NDArray[np.float64]:
         return np.concatenate([[0.0], np.cumsum(self.shares)])
 

@@ -1,7 +1,7 @@
 #version 450 core
-// COLOUR: from the patch atlas and nothing else, with up to ANISOTROPY samples. The rest is truth: DISPARITY, DEPTH
-// (planar), INSTANCES (ids from 1), NORMALS (of the triangle, towards the camera) and SURFACE (which triangle of which
-// instance).
+// COLOUR: from the patch atlas and nothing else, with up to ANISOTROPY samples. The rest is truth: DISPARITY, or
+// INVERSE_DEPTH (1 / Z) where several cameras make disparities of it, DEPTH (planar), INSTANCES (ids from 1), NORMALS (of
+// the triangle, towards the camera) and SURFACE (which triangle of which instance).
 
 #include "common_constants.glsl"
 
@@ -50,6 +50,10 @@ vec4 patch_colour() {
 layout(location = DISPARITY) out float disparity_px;
 #endif
 
+#ifdef INVERSE_DEPTH
+layout(location = INVERSE_DEPTH) out float inverse_depth;
+#endif
+
 #ifdef DEPTH
 layout(location = DEPTH) out float depth_m;
 #endif
@@ -75,6 +79,9 @@ void main() {
     // 1/w is linear on the screen, so the rasteriser interpolates it without a division.
 #ifdef DISPARITY
     disparity_px = disparity_at(gl_FragCoord.w);
+#endif
+#ifdef INVERSE_DEPTH
+    inverse_depth = gl_FragCoord.w;
 #endif
 #ifdef DEPTH
     depth_m = 1.0 / gl_FragCoord.w;

@@ -36,6 +36,7 @@ DERIVED = {
     "camera.focal_px": "",
     "camera.focal_mm": "",
     "camera.sensor_width_mm": "",
+    "camera.baseline_m": "",
     "camera.cx_left_px": "symmetric about the centre",
     "camera.cx_right_px": "symmetric about the centre",
     "camera.cy_px": "(height - 1) / 2",

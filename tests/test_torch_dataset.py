@@ -86,6 +86,26 @@ def test_a_dataset_has_the_samples_of_the_stream(backend, moving, streamed, layo
                 np.testing.assert_allclose(other.double(), tensor.double(), rtol=0, atol=atol, err_msg=role)
 
 
+@pytest.mark.parametrize("backend", ["egl"], indirect=True)
+def test_pairs_of_one_scene_stay_together_and_share_their_crop(backend, tmp_path):
+    camera = {"baseline_m": None, "baselines": [0.4, 1.0, 0.7], "sway_m": 0.05}
+    config = cheap(sequence={"length": 2}, camera=camera, outputs=["visibility", "flow"])
+    selection = Selection(frames=(1,), pairs=5)
+    streamed = list(StereoStream(config, SEED, selection, crop=CROP))
+    assert [sample["index"] for sample in streamed] == [3, 4, 5, 9, 10]
+    assert torch.equal(streamed[0]["left"], streamed[1]["left"])
+    streamed[0]["left"] += 1  # what a transform does to one stays there
+    assert not torch.equal(streamed[0]["left"], streamed[1]["left"])
+    streamed[0]["left"] -= 1
+    generate(config, tmp_path / "set", 11, SEED, layout="webdataset", backend=backend)
+    stored = StereoDataset(tmp_path / "set", crop=CROP)
+    for sample in streamed:
+        other = stored[sample["index"]]
+        assert other["camera"] == sample["camera"]
+        assert all(torch.equal(other[role], sample[role]) for role in ROLES if role in sample)
+    assert [stored.pairs[index].provenance["view"] for index in range(7)] == [0, 1, 2, 0, 1, 2, 0]
+
+
 @pytest.mark.parametrize("layout", ["webdataset", "middlebury", "kitti"])
 def test_an_object_store_is_read_like_a_folder(layout, tmp_path):
     pytest.importorskip("fsspec")

@@ -242,7 +242,7 @@ def _rate(config: Config, seed: int, backend: Backend, count: int, threads: str 
     The last pairs leave some workers without work, which a long run does not notice. So the number of pairs is divided
     by the mean of the times until each worker's last pair.
     """
-    length = config.sequence.length
+    length = config.sequence_pairs
     # At least a sequence for each worker: an engine starts no more workers than there are tasks.
     sequences = max(count, ceil(pairs / length))
     with tempfile.TemporaryDirectory() as scratch, worker_threads(threads):

@@ -138,7 +138,7 @@ def _expectations(config: Config) -> list[str]:
 
     sources = prepare_sources(config, 0)
     mix = MixSampler(config, 0, sources.libraries, sources.atlas.patches)
-    variation = total_variation(mix.expected(), config.wanted_histogram())
+    variation = total_variation(mix.expected(), config.shown_histogram())
     return [
         f"                 disparities expected at a total variation of {variation:.3f} from the wanted ones",
         mix.in_view_text(),

@@ -51,7 +51,7 @@ def preview(scene: SceneOptions, output: Output, ply_path: Path | None, pairs: i
         title = f"{config.name}, seed {scene.seed}, pairs 0 to {pairs - 1}, {renderer.renderer_name}"
     first = shown[0].frame
     png = io.BytesIO()
-    target = config.wanted_histogram()
+    target = config.shown_histogram()
     recipes = [recipe.name for recipe in config.recipes() if recipe.name is not None]
     names = []
     if recipes:

@@ -29,6 +29,7 @@ Weight = NotNegative
 Share = Annotated[float, Field(ge=0, le=1)]
 
 _LONGEST_NAME = 100
+_MOST_BASELINES = 64
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9-]*$", max_length=_LONGEST_NAME)]
 PluginName = Annotated[str, Field(min_length=1, max_length=_LONGEST_NAME)]
 
@@ -145,6 +146,20 @@ def count(most: int) -> Any:  # noqa: ANN401 - pydantic's
     return Field(ge=1, le=most)
 
 
+def _parse_baselines(value: object) -> int | tuple[float, ...]:
+    if isinstance(value, (list, tuple)):
+        if not 1 <= len(value) <= _MOST_BASELINES or not all(map(is_number, value)):
+            raise ValueError(f"expected a number of baselines, or a list of 1 to {_MOST_BASELINES} of them in metres")
+        if not all(SMALLEST <= metres <= LARGEST for metres in value):
+            raise ValueError(f"expected metres from {SMALLEST:g} to {LARGEST:g}")
+        if len(set(value)) < len(value):
+            raise ValueError("expected baselines that differ from each other")
+        return tuple(map(float, value))
+    if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= _MOST_BASELINES:
+        raise ValueError(f"expected a whole number from 1 to {_MOST_BASELINES}, or a list of metres")
+    return value
+
+
 def written_range(value: Range) -> float | list[float]:
     """Return a range as a config states it."""
     return value.low if value.low == value.high else [value.low, value.high]
@@ -162,6 +177,13 @@ def _parse_path(value: Any) -> str:  # noqa: ANN401 - a validator gets any YAML 
 
 # Pydantic's own strings refuse names of files that are no UTF-8, which Python reads as lone surrogates.
 PathText = Annotated[str, PlainValidator(_parse_path), PlainSerializer(lambda value: value, return_type=Any)]
+
+Baselines = Annotated[
+    int | tuple[float, ...],
+    PlainValidator(_parse_baselines),
+    PlainSerializer(lambda value: list(value) if isinstance(value, tuple) else value, return_type=Any),
+]
+"""A number of baselines, or the baselines in metres."""
 
 RangeField = Annotated[Range, BeforeValidator(_parse), PlainSerializer(written_range)]
 PositiveRange = Annotated[RangeField, AfterValidator(partial(_check_low, positive=True))]

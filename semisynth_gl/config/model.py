@@ -2,11 +2,14 @@
 
 import hashlib
 import json
-from collections.abc import Collection, Mapping
+import math
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from math import degrees
 from typing import Annotated, Any, Self
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import (
     Field,
     SerializerFunctionWrapHandler,
@@ -56,7 +59,7 @@ from semisynth_gl.config.scene_sections import (
 )
 from semisynth_gl.config.yaml_values import Key
 from semisynth_gl.frame import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, OUTPUTS, TruthViews
-from semisynth_gl.histogram import Histogram
+from semisynth_gl.histogram import Histogram, mix_histograms
 from semisynth_gl.plugins import Group
 from semisynth_gl.splits import Split, SplitName
 
@@ -236,10 +239,11 @@ class LicencesSection(Section):
     models: _Licence = "unknown"
 
 
-# The sections that a recipe may change, with the keys that hold for all pairs of a dataset: the size of images, models
-# and patches themselves, how the graphics card samples patches, and the limits that truth is stored and checked by.
+# The sections that a recipe may change, with the keys that hold for all pairs of a dataset: the size of images, how
+# many pairs show a scene, models and patches themselves, how the graphics card samples patches, and the limits that
+# truth is stored and checked by.
 _OF_RECIPES: Mapping[str, tuple[type[Section], tuple[str, ...]]] = {
-    "camera": (CameraSection, ("width_px", "height_px")),
+    "camera": (CameraSection, ("width_px", "height_px", "baselines")),
     "disparity": (DisparitySection, ("min_px", "max_px")),
     "background": (BackgroundSection, ()),
     "room": (RoomSection, ()),
@@ -389,6 +393,16 @@ class Config(Section):
             check_target(self.disparity.target, self.disparity.min_px, self.disparity.max_px, min(lowest_px))
         return self
 
+    @property
+    def views(self) -> int:
+        """Number of pairs that show each scene: pair i shows scene i // views, seen by right camera i % views."""
+        return len(self.camera.baseline_ranges_m)
+
+    @property
+    def sequence_pairs(self) -> int:
+        """Number of pairs of each sequence."""
+        return self.sequence.length * self.views
+
     def lowest_px(self) -> float:
         """Return the smallest disparity that the sections allow scenes to show."""
         return min([self.disparity.min_px, *(disparity_px.low for disparity_px in self.background.shown_px().values())])
@@ -420,6 +434,36 @@ class Config(Section):
         section = self.disparity
         return wanted_histogram(section.target, section.min_px, section.max_px, self.camera.mean_doffs_px)
 
+    def shown_histogram(self) -> Histogram:
+        """Return the distribution of disparity that pairs come to where their scenes come to the wanted one.
+
+        It is the wanted one where each scene has one baseline: scenes are made for the longest of theirs, so that the
+        pairs of the others show smaller disparities.
+
+        Raises:
+            InputError: see `wanted_histogram`.
+        """
+        wanted = self.wanted_histogram()
+        if self.views == 1:
+            return wanted
+        parts = [(recipe.share, recipe.config.across_baselines(wanted)) for recipe in self.recipes()]
+        return mix_histograms(parts, _joined_edges([part for _, part in parts]))
+
+    def across_baselines(self, longest: Histogram) -> Histogram:
+        """Return the distribution of disparity over all pairs of scenes, from that of the longest baselines' pairs."""
+        ratios = self.camera.baseline_ratios()
+        if len(ratios) == 1:
+            return longest
+        # Otherwise it is in proportion to the baseline, as disparities are then; see `draw_views`.
+        doffs_px = 0.0 if self.camera.cx_right_px is None else self.camera.mean_doffs_px
+        parts = [(share, longest.seen_from(ratio, doffs_px)) for share, ratio in ratios]
+        # Below 0 there is no disparity.
+        lowest = max(0.0, min(part.edges_px[0] for _, part in parts))
+        width = longest.edges_px[1] - longest.edges_px[0]
+        below = np.linspace(lowest, longest.edges_px[0], 1 + math.ceil((longest.edges_px[0] - lowest) / width))
+        edges = np.concatenate([below[:-1], longest.edges_px])
+        return Histogram.from_counts(edges, sum(share * np.diff(part.cumulative(edges)) for share, part in parts))
+
     def used_plugins(self) -> dict[Key, tuple[Group, str]]:
         """Return group and name of each plug-in that the config asks for, by the key that does so."""
         used: dict[Key, tuple[Group, str]] = {}
@@ -437,6 +481,11 @@ class Config(Section):
     def digest(self) -> str:
         """Return the SHA-256 of the config's values, 64 hex digits; equal for equal values in any notation."""
         return digest_of(self.model_dump(mode="json"))
+
+
+def _joined_edges(histograms: Sequence[Histogram]) -> NDArray[np.float64]:
+    """Return the edges of the histogram that reaches lowest: all of them are those of one target, and some below."""
+    return min(histograms, key=lambda histogram: float(histogram.edges_px[0])).edges_px
 
 
 def digest_of(values: Mapping[str, Any]) -> str:

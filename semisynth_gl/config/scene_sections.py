@@ -7,6 +7,7 @@ from pydantic import AfterValidator, Field, model_validator
 from semisynth_gl.config.distributions import TargetSection, UniformTarget
 from semisynth_gl.config.fields import (
     FROM_LIST,
+    Baselines,
     NotNegative,
     NotNegativeRange,
     PathText,
@@ -32,6 +33,8 @@ _WIDEST_PX, _MOST_PIXELS = 16_384, 1 << 27
 _MOST_PARTICLES = 100_000
 _MOST_TEXELS = 1 << 31
 _BYTES_PER_TEXEL = 4
+# Of baselines that are drawn.
+_QUANTILES = 16
 # Items of a list.
 _MOST_ITEMS = 1000
 
@@ -63,10 +66,14 @@ class CameraSection(Section):
         focal_mm: focal length in millimetres.
         sensor_width_mm: width of the sensor that the image covers, in millimetres.
         baseline_m: distance between the two cameras.
+        baselines: how many right cameras see each scene, with a draw of ``baseline_m`` each, or a list of their
+            baselines in metres instead of ``baseline_m``. Pair i shows scene i // N with baseline i % N; the left image
+            is the same in all N pairs, and the scene is made for the longest of its baselines.
         cx_left_px: x of the left principal point; by default both points lie evenly about the image centre.
         cx_right_px: x of the right principal point, instead of ``doffs_px``.
         cy_px: y of both principal points; by default the image centre, (height - 1) / 2.
-        doffs_px: cx_right - cx_left; by default 0.
+        doffs_px: cx_right - cx_left; by default 0. Of several baselines it is the longest one's, and the others have it
+            in proportion.
         sway_m: amplitude of the rig's sway along each of its axes; by default the rig stands still.
         sway_deg: amplitude of the rig's rotation about each of its axes.
         sway_s: periods of these oscillations.
@@ -77,7 +84,9 @@ class CameraSection(Section):
     focal_px: PositiveRange | None = None
     focal_mm: PositiveRange | None = None
     sensor_width_mm: Positive | None = None
-    baseline_m: PositiveRange
+    # Both are left out of the values where they say nothing: those of a rig of one baseline are the same as ever.
+    baseline_m: Annotated[PositiveRange | None, Field(exclude_if=lambda baseline: baseline is None)] = None
+    baselines: Annotated[Baselines, Field(exclude_if=lambda baselines: baselines == 1)] = 1
     cx_left_px: RangeField | None = None
     cx_right_px: RangeField | None = None
     cy_px: RangeField | None = None
@@ -104,6 +113,45 @@ class CameraSection(Section):
         if self.cx_right_px is not None and self.cx_left_px is None:
             raise ValueError("cx_right_px needs cx_left_px beside it")
         return self
+
+    @model_validator(mode="after")
+    def _baselines_of_one_kind(self) -> Self:
+        if isinstance(self.baselines, tuple):
+            if self.baseline_m is not None:
+                raise ValueError(
+                    "give either baseline_m, or baselines as a list of metres, not both; over a config that has a "
+                    "baseline_m, set it to null"
+                )
+        elif self.baseline_m is None:
+            raise ValueError("baseline_m is missing: give it, or baselines as a list of metres")
+        elif self.baselines > 1 and self.baseline_m.low == self.baseline_m.high:
+            raise ValueError(
+                f"baselines asks for {self.baselines} different ones, but baseline_m is {self.baseline_m.low:g} alone: "
+                "make it a range, or list the baselines"
+            )
+        return self
+
+    @property
+    def baseline_ranges_m(self) -> tuple[Range, ...]:
+        """What each baseline of a scene is drawn from, in the order of the pairs; at least one."""
+        if isinstance(self.baselines, tuple):
+            return tuple(Range(metres, metres) for metres in self.baselines)
+        assert self.baseline_m is not None  # noqa: S101 - see `_baselines_of_one_kind`
+        return (self.baseline_m,) * self.baselines
+
+    def baseline_ratios(self) -> list[tuple[float, float]]:
+        """Return shares of the pairs, and the ratio of their baseline to the longest one of the scene, for each."""
+        number = len(self.baseline_ranges_m)
+        if isinstance(self.baselines, tuple):
+            return [(1 / number, metres / max(self.baselines)) for metres in self.baselines]
+        low, high = self.baseline_ranges_m[0].low, self.baseline_ranges_m[0].high
+        ratios = [(1 / number, 1.0)]
+        # The longest of N draws is the N-th root of one; beside it the others lie anywhere below it.
+        middles = [(k + 0.5) / _QUANTILES for k in range(_QUANTILES if number > 1 else 0)]
+        for longest_m in (low + (high - low) * share ** (1 / number) for share in middles):
+            others_m = [low + (longest_m - low) * share for share in middles]
+            ratios += [((number - 1) / number / _QUANTILES**2, other_m / longest_m) for other_m in others_m]
+        return ratios
 
     @property
     def mean_doffs_px(self) -> float:

@@ -145,7 +145,7 @@ def _introduction(plan: Plan) -> str:
     camera, disparity = config.camera, config.disparity
     patches = describe_source(config.textures.source).patches
     recipes = config.recipes()
-    baselines = [recipe.config.camera.baseline_m for recipe in recipes]
+    baselines = [range_m for recipe in recipes for range_m in recipe.config.camera.baseline_ranges_m]
     low, high = min(each.low for each in baselines), max(each.high for each in baselines)
     baseline = f"{low:g}" if low == high else f"{low:g} to {high:g}"
     named = [f"{recipe.name} {recipe.share:.1%}" for recipe in recipes if recipe.name is not None]
@@ -158,7 +158,16 @@ def _introduction(plan: Plan) -> str:
         f"- Images: {camera.width_px} x {camera.height_px} pixels\n"
         f"- Disparity: {disparity.min_px:g} to {disparity.max_px:g} px; none exceeds the upper end, a far plane may be "
         "below the lower one\n"
-        f"- Baseline: {baseline} m{scenes}"
+        f"- Baseline: {baseline} m{_of_views(config.views)}{scenes}"
+    )
+
+
+def _of_views(views: int) -> str:
+    if views == 1:
+        return ""
+    return (
+        f"; pairs {views} i to {views} i + {views - 1} of a split show one scene and have one left image, each with a "
+        "right view of its own: keep them in one part where you divide a split"
     )
 
 
@@ -253,8 +262,10 @@ def _flow(plan: Plan) -> str:
     if not _has_flow(plan):
         return ""
     length, frame_s = plan.config.sequence.length, plan.config.sequence.frame_s
+    pairs = length * plan.config.views
+    frames = f"Pairs {pairs} i to {pairs} i + {pairs - 1} of a split are the frames of a sequence, {frame_s:g} s apart"
     sentences = [
-        f"Pairs {length} i to {length} i + {length - 1} of a split are the frames of a sequence, {frame_s:g} s apart.",
+        f"{frames}, {plan.config.views} pairs of each." if plan.config.views > 1 else f"{frames}.",
         "Flow (u, v) is where the point seen at a pixel is in the same view at another frame, minus the pixel.",
         "It is in pixels, u to the right and v downwards.",
         *_storage(plan.layout.encodings_for(plan.config).flow, "Beyond {:g} px in any direction"),

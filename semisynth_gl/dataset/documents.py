@@ -134,6 +134,7 @@ class PlanDocument(_Facts):
     seed: _Number
     pairs: Annotated[dict[SplitName, _Pairs], Field(min_length=1)]
     shard_pairs: _Pairs
+    views: _Pairs = 1
     sources: dict[SplitName, dict[str, str]] = {}
 
     @field_validator("layout")

@@ -37,8 +37,11 @@ def list_file_sets(plan: Plan, split: SplitName) -> list[FileSet]:
     """Return a file set for each role of a split."""
     layout = plan.layout
     encodings = layout.encodings_for(plan.config)
-    length = plan.key(split, 0).sequence_length or 1
-    pairs = [plan.files(split, index) for index in (*(length * number for number in _SEQUENCES), min(1, length - 1))]
+    length, views = plan.key(split, 0).sequence_length, plan.config.views
+    if length is None:
+        length = views = 1
+    first = [number // views * views * length + number % views for number in _SEQUENCES]
+    pairs = [plan.files(split, index) for index in (*first, views * min(1, length - 1))]
     patterns = {role: _pattern([files[role] for files in pairs]) for role in pairs[0]}
     return [
         FileSet(split, role, pattern, layout.role(role).codec(encodings), layout.role(role).meaning)

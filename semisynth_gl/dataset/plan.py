@@ -107,7 +107,7 @@ class Plan:
     def key(self, split: SplitName, index: int) -> Key:
         """Return the key of a pair, which names its files."""
         length = sequence_length(self.config.outputs, self.config.sequence.length)
-        return Key(self.config.name, split, index, length)
+        return Key(self.config.name, split, index, length, self.config.views)
 
     def keys(self, split: SplitName) -> list[Key]:
         """Return the keys of all pairs of a split."""
@@ -131,6 +131,7 @@ class Plan:
             "layout": self.layout_name,
             "pairs": dict(self.pairs),
             "shard_pairs": self.shard_pairs,
+            **({"views": self.config.views} if self.config.views > 1 else {}),
             **({"plugins": dict(self.plugins)} if self.plugins else {}),
         }
 
@@ -244,8 +245,8 @@ def _shard_pairs(config: Config, layout: Layout, pairs: int) -> int:
     size = per_pixel * config.camera.width_px * config.camera.height_px
     number = max(1, min(round(_SHARD_BYTES / size), ceil(pairs / _FEWEST_SHARDS)))
     # A sequence in two shards would be set up twice.
-    length = config.sequence.length
-    return ceil(number / length) * length
+    together = config.sequence_pairs
+    return ceil(number / together) * together
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any], prefix: str = "") -> list[str]:

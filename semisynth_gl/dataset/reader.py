@@ -89,6 +89,16 @@ class Index:
             for end in (ends if isinstance(ends, list) else [ends])
         )
 
+    @property
+    def sequence_length(self) -> int:
+        """Number of frames of each sequence."""
+        return max(int(self.number("sequence", "length") or 1), 1)
+
+    @property
+    def views(self) -> int:
+        """Number of pairs that show each scene; see `semisynth_gl.config.Config.views`."""
+        return int(self.values.get("views", 1))
+
     def number(self, section: str, key: str) -> float | None:
         """Return a number of the config, or None where the config has no number there."""
         value = self.value(section, key)
@@ -105,8 +115,8 @@ class Index:
 
     def key(self, split: SplitName, index: int) -> Key:
         """Return the key of a pair, which names its files."""
-        length = max(int(self.number("sequence", "length") or 1), 1)
-        return Key(str(self.values.get("config")), split, index, sequence_length(self.outputs, length))
+        length = sequence_length(self.outputs, self.sequence_length)
+        return Key(str(self.values.get("config")), split, index, length, self.views)
 
     def files(self, split: SplitName, index: int) -> dict[str, str]:
         """Return the path of each file of a pair by role: below the dataset's folder, or inside a tar."""

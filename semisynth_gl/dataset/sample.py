@@ -50,6 +50,33 @@ class StoredFrame(Frame):
         return np.where(np.asarray(disparity) <= 2 * error, 2 * error, error)
 
 
+class LatestFiles:
+    """The values and files of a pair that the next one may have too: those of a left view that pairs share."""
+
+    def __init__(self) -> None:
+        self._files: dict[str, tuple[NDArray[Any], bytes]] = {}
+
+    def encode(self, name: str, codec: Codec[Any], value: Any) -> bytes:  # noqa: ANN401 - by role
+        """Encode the value of a role, or return the latest pair's file where that pair has it bit for bit."""
+        if not isinstance(value, np.ndarray):
+            return codec.encode(value)
+        latest = self._files.get(name)
+        if latest is None or not _same_bits(latest[0], value):
+            latest = value, codec.encode(value)
+            self._files[name] = latest
+        return latest[1]
+
+
+def _same_bits(first: NDArray[Any], second: NDArray[Any]) -> bool:
+    if first is second:
+        return True
+    if first.shape != second.shape or first.dtype != second.dtype:
+        return False
+    if not (first.flags.c_contiguous and second.flags.c_contiguous):
+        return False
+    return np.array_equal(first.reshape(-1).view(np.uint8), second.reshape(-1).view(np.uint8))
+
+
 @dataclass(frozen=True, slots=True)
 class EncodedPair:
     """A pair as files in memory.
@@ -64,7 +91,13 @@ class EncodedPair:
 
 
 def encode_pair(
-    layout: Layout, key: Key, frame: Frame, provenance: Mapping[str, Any], ndisp: int, encodings: Encodings
+    layout: Layout,
+    key: Key,
+    frame: Frame,
+    provenance: Mapping[str, Any],
+    ndisp: int,
+    encodings: Encodings,
+    latest: LatestFiles | None = None,
 ) -> EncodedPair:
     """Encode a pair as files.
 
@@ -78,6 +111,7 @@ def encode_pair(
         provenance: the origin of the pair, in JSON's types.
         ndisp: an upper bound of the disparities, whole pixels.
         encodings: see `Layout.encodings_for`.
+        latest: of the pairs before it, where pairs share a view; no value of theirs may have been changed since.
 
     Raises:
         InputError: where a codec needs a package that is not installed.
@@ -96,7 +130,8 @@ def encode_pair(
         role = layout.role(name)
         value = role.value(sample)
         if value is not None:
-            files[path] = role.codec(encodings).encode(value)
+            codec = role.codec(encodings)
+            files[path] = codec.encode(value) if latest is None else latest.encode(name, codec, value)
     pixels = frame.camera.width_px * frame.camera.height_px
     return EncodedPair(files, max(beyond.get(View.disparity.beyond_key, {}).values(), default=0) / pixels)
 

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from semisynth_gl.dataset.places import Place
 from semisynth_gl.dataset.plan import Plan, Shard, differences, used_plugins
-from semisynth_gl.dataset.sample import encode_pair
+from semisynth_gl.dataset.sample import LatestFiles, encode_pair
 from semisynth_gl.dataset.shard import ShardBusyError, ShardWriter
 from semisynth_gl.engines.task import Task
 from semisynth_gl.errors import InputError, abbreviate
@@ -138,29 +138,34 @@ class ShardJob:
         """Draw, encode and add pairs, until a stop is asked for."""
         drawn = (renderer.render(index) for index in takewhile(lambda _: not listener.stopping, indices))
         threads = 0 if is_software(renderer.renderer_name) else _ENCODERS
-        with closing(encoded(drawn, partial(self.encode, split=split), threads)) as pairs:
+        latest = LatestFiles() if self.plan.config.views > 1 else None
+        with closing(encoded(drawn, partial(self.encode, split=split, latest=latest), threads)) as pairs:
             start = time.perf_counter()
             for index, (files, facts) in zip(indices, pairs, strict=False):
                 writer.add(files, facts | {"seconds": time.perf_counter() - start})
                 listener.on_pair(_finished_pair(split, index, facts, kept=False))
                 start = time.perf_counter()
 
-    def encode(self, pair: Pair, split: SplitName) -> tuple[dict[str, bytes], dict[str, Any]]:
+    def encode(
+        self, pair: Pair, split: SplitName, latest: LatestFiles | None = None
+    ) -> tuple[dict[str, bytes], dict[str, Any]]:
         """Encode a pair.
 
         Args:
             pair: the pair.
             split: its split of the dataset.
+            latest: see `encode_pair`.
 
         Returns:
             The pair's files by path, and its facts for the record of its shard.
         """
         config, layout = self.plan.config, self.plan.layout
         key, most_px = self.plan.key(split, pair.index), ceil(config.disparity.max_px)
-        encoded = encode_pair(layout, key, pair.frame, pair.provenance, most_px, layout.encodings_for(config))
+        encodings = layout.encodings_for(config)
+        encoded = encode_pair(layout, key, pair.frame, pair.provenance, most_px, encodings, latest)
         return encoded.files, {
-            # All frames of a sequence carry the same redraws.
-            "redrawn": pair.provenance.get("redrawn", []) if pair.provenance["frame"] == 0 else [],
+            # All pairs of a sequence carry the same redraws.
+            "redrawn": pair.provenance.get("redrawn", []) if pair.index % config.sequence_pairs == 0 else [],
             "share_beyond": encoded.share_beyond,
             "renderer": pair.provenance["renderer"],
         }

@@ -15,25 +15,31 @@ class Key:
         config: the config's name; letters, digits and hyphens.
         split: the pair's split.
         index: the pair's number in the split.
-        sequence_length: how many pairs make a sequence in a dataset with an output of `FLOW_OUTPUTS`, whose loaders
+        sequence_length: how many frames make a sequence in a dataset with an output of `FLOW_OUTPUTS`, whose loaders
             take names that follow each other for successive frames; None in any other dataset, where each pair has a
             name of its own. See `sequence_length`.
+        views: how many pairs show each scene, see `semisynth_gl.config.Config.views`. Loaders of sequences get one for
+            each right view, of pairs that are as many apart.
     """
 
     config: str
     split: SplitName
     index: int
     sequence_length: int | None = None
+    views: int = 1
 
     @property
     def sequence(self) -> int:
-        """The number of its sequence in the split; its own number where it has a name of its own."""
-        return self.index // (self.sequence_length or 1)
+        """The number of the sequence that loaders see it in; its own number where it has a name of its own."""
+        if self.sequence_length is None:
+            return self.index
+        scene, view = divmod(self.index, self.views)
+        return scene // self.sequence_length * self.views + view
 
     @property
     def frame(self) -> int:
         """Its number in that sequence; 0 where it has a name of its own."""
-        return self.index % (self.sequence_length or 1)
+        return 0 if self.sequence_length is None else self.index // self.views % self.sequence_length
 
     @property
     def name(self) -> str:
@@ -42,5 +48,5 @@ class Key:
 
 
 def sequence_length(outputs: Collection[str], length: int) -> int | None:
-    """Return `Key.sequence_length` of a dataset with these outputs whose sequences have so many pairs."""
+    """Return `Key.sequence_length` of a dataset with these outputs whose sequences have so many frames."""
     return length if FLOW_OUTPUTS.intersection(outputs) else None

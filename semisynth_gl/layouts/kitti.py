@@ -24,7 +24,6 @@ same files then.
 """
 
 from collections.abc import Mapping, Sequence
-from math import ceil
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, FlowPng16
@@ -108,8 +107,9 @@ class Kitti(Layout):
                     "RAFT and torchvision take a flow's second image from the frames _11, and without sequences there "
                     "are none: set sequence.length to 2 or more."
                 )
-            # Loaders count first frames.
-            what, pairs = "sequences", ceil(pairs / config.sequence.length)
+            # Loaders count first frames, of each right view.
+            together, views = config.sequence_pairs, config.views
+            what, pairs = "sequences", pairs // together * views + min(pairs % together, views)
         width, height = config.camera.width_px, config.camera.height_px
         if pairs < _FEWEST:
             sentences.append(

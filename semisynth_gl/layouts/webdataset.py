@@ -59,6 +59,7 @@ def _facts(sample: Sample) -> dict[str, Any]:
         "split": sample.key.split,
         **{name: str(provenance[name]) for name in ("config", "config_sha256", "version", "renderer", "backend")},
         **{name: int(provenance[name]) for name in ("seed", "sequence", "frame")},
+        **({"view": int(provenance["view"])} if "view" in provenance else {}),
         "near_m": float(provenance["near_m"]),
         "camera": {name: kind(getattr(camera, name)) for name, kind in _CAMERA.items()} | deviation,
         "ndisp": int(sample.ndisp),

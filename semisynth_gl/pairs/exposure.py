@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import EYES
+from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.frame import Frame
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.scene import Scene
@@ -28,7 +28,7 @@ def moments(share: float, count: int) -> NDArray[np.float64]:
     return share * ((np.arange(count) + 0.5) / count - 0.5)
 
 
-def exposed(renderer: Renderer, frame: Frame, now: Scene, scenes: Sequence[Scene]) -> Frame:
+def exposed(renderer: Renderer, frame: Frame, now: Scene, scenes: Sequence[Scene], eyes: Sequence[Eye] = EYES) -> Frame:
     """Return a frame with the mean of the images of several moments; the frame itself where nothing moves.
 
     Args:
@@ -37,16 +37,18 @@ def exposed(renderer: Renderer, frame: Frame, now: Scene, scenes: Sequence[Scene
         now: that scene.
         scenes: the same instances and camera at the moments of the exposure. Those that stand as they do now are not
             drawn again.
+        eyes: whose images; the others stay.
     """
     moved = [scene for scene in scenes if not _stands(now, scene)]
     if not moved:
         return frame
     still = len(scenes) - len(moved)
-    sums = {eye: np.multiply(frame.view(eye).image, still, dtype=np.uint16) for eye in EYES}
+    sums = {eye: np.multiply(frame.view(eye).image, still, dtype=np.uint16) for eye in eyes}
     for scene in moved:
-        for eye, image in renderer.render_images(scene).items():
+        for eye, image in renderer.render_images(scene, eyes).items():
             sums[eye] += image
-    views = {eye: frame.view(eye).with_channels({"image": _mean(sums[eye], len(scenes))}) for eye in EYES}
+    views = {eye: frame.view(eye) for eye in EYES}
+    views |= {eye: views[eye].with_channels({"image": _mean(total, len(scenes))}) for eye, total in sums.items()}
     return Frame(frame.camera, views["left"], views["right"])
 
 

@@ -194,31 +194,47 @@ def with_imperfections(
     section: ImperfectionsSection,
     rng: np.random.Generator,
     further: Callable[[str, Eye], np.random.Generator],
+    right_rng: np.random.Generator | None = None,
+    left_image: NDArray[np.uint8] | None = None,
 ) -> tuple[Frame, dict[str, dict[str, Any]]]:
     """Put imperfections on both images of a frame, but for motion blur.
 
     Args:
-        frame: the frame.
+        frame: as it was rendered.
         section: the ranges.
-        rng: draws lens blur, exposure, noise and gamma, and the noise itself.
+        rng: of the scene, draws the left eye's lens blur, exposure, noise and gamma, and the noise itself, and those of
+            the right eye that sees the scene first.
         further: the generator of any other key for an eye. No draw of a key shifts one of another.
+        right_rng: of the pair, in the place of ``rng`` for the right eye where another one has seen the scene before.
+        left_image: with a ``right_rng``, the left image of another pair of the scene, which this pair has too.
 
     Returns:
         The frame, and the imperfections of each eye in JSON's types; of the other keys those that the section gives.
     """
     given = section.model_dump(include=set(_FURTHER))
-    drawn: dict[Eye, Imperfections] = {}
-    for eye in EYES:
-        values: dict[str, Any] = {key: getattr(section, key).draw(rng) for key in _FIRST}
+
+    def draw(eye: Eye, of_first: np.random.Generator) -> Imperfections:
+        values: dict[str, Any] = {key: getattr(section, key).draw(of_first) for key in _FIRST}
         values |= {
-            key: draw(getattr(section, key), further(key, eye)) for key, draw in _FURTHER.items() if key in given
+            key: draw_key(getattr(section, key), further(key, eye))
+            for key, draw_key in _FURTHER.items()
+            if key in given
         }
-        drawn[eye] = Imperfections(**values)
+        return Imperfections(**values)
+
+    drawn = {eye: draw(eye, rng) for eye in EYES}
+    if right_rng is not None:
+        drawn["right"] = draw("right", right_rng)
     views: dict[Eye, View] = {}
     records: dict[str, dict[str, Any]] = {}
     for eye, imperfections in drawn.items():
         view, point = frame.view(eye), frame.camera.lens_px(eye)[:2]
-        views[eye] = view.with_channels({"image": apply_imperfections(view.image, imperfections, rng, point)})
+        if eye == "left" and right_rng is not None and left_image is not None:
+            image = left_image
+        else:
+            own_rng = rng if eye == "left" or right_rng is None else right_rng
+            image = apply_imperfections(view.image, imperfections, own_rng, point)
+        views[eye] = view.with_channels({"image": image})
         records[eye] = {
             key: list(value) if isinstance(value, tuple) else value
             for key, value in asdict(imperfections).items()

@@ -9,14 +9,16 @@ config -> scene    `MixSampler`: the objects of pair i, from (config, seed, i) a
 The first two arrows are here; `semisynth_gl.generation.generate` has the others.
 """  # noqa: D415 - the drawing is the summary
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from typing import Any, Self
 
+import numpy as np
 from numpy.random import Generator
+from numpy.typing import NDArray
 
 from semisynth_gl.arguments import check_type, to_whole
-from semisynth_gl.camera import Crop
+from semisynth_gl.camera import EYES, Crop, Eye
 from semisynth_gl.config import Config
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import FUTURE_OUTPUTS, PAST_OUTPUTS, Frame
@@ -30,8 +32,10 @@ from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.pass_clock import PassClock
 from semisynth_gl.render.readers import Reader, read_array
 from semisynth_gl.render.renderer import Renderer
+from semisynth_gl.render.shared_left import SharedLeft
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sampler import SampledScene
+from semisynth_gl.scene.scene import Motion
 from semisynth_gl.scene.sources import prepare_sources
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.splits import WHOLE, Split
@@ -62,6 +66,32 @@ class _Settled:
     sequence: int
     attempt: int
     redrawn: list[str]
+
+
+@dataclass(slots=True, eq=False)
+class _Shown:
+    """A scene whose pairs are asked for.
+
+    Attributes:
+        number: number of the scene.
+        sampled: the scene.
+        crop: the part of the images that is drawn; None for all of them.
+        shared: draws its pairs, where there are several.
+        frames: pairs that were drawn for the checks and not asked for yet, by right view.
+        left_image: the left image with imperfections, once one of the pairs has it.
+    """
+
+    number: int
+    sampled: SampledScene
+    crop: Crop | None
+    shared: SharedLeft | None
+    frames: dict[int, Frame] = field(default_factory=dict)
+    left_image: NDArray[np.uint8] | None = None
+
+    def shows(self, number: int, attempt: int, crop: Crop | None) -> bool:
+        """Return whether it has pairs of a scene, or draws them: of a crop, or whole where whole ones are there."""
+        asked = (self.number, self.sampled.attempt) == (number, attempt)
+        return asked and (self.crop == crop or (self.crop is None and bool(self.frames)))
 
 
 class PairRenderer:
@@ -118,6 +148,7 @@ class PairRenderer:
             read=read,
         )
         self._settled: _Settled | None = None
+        self._shown: _Shown | None = None
         plugins = plugin_records(config.used_plugins().values())
         self._made_by = {
             "program": "semisynth-gl",
@@ -192,68 +223,104 @@ class PairRenderer:
         check_type("crop", crop, Crop | None)
         if crop == Crop(0, 0, self.config.camera.width_px, self.config.camera.height_px):
             crop = None
-        number, frame_number = divmod(index, self.config.sequence.length)
-        settled = self._settled if checked else _Settled(number, 0, [])
-        if settled is None or settled.sequence != number or (checked and frame_number == 0):
-            settled, frame, sampled = self._settle(number)
-        if frame_number > 0 or not checked:
-            sampled = self.sampler.sample(index, settled.attempt)
-            self._report("sample")
-            # Imperfections are drawn for whole images.
-            frame = self._draw(sampled, crop if self.config.imperfections.none() else None)
+        number, view = divmod(index, self.config.views)
+        sequence = number // self.config.sequence.length
+        settled = self._settled if checked else _Settled(sequence, 0, [])
+        if settled is None or settled.sequence != sequence:
+            settled = self._settle(sequence)
+        # Imperfections are drawn for whole images.
+        shown = self._show(number, settled.attempt, crop if self.config.imperfections.none() else None)
+        sampled = shown.sampled.seen_by(view)
+        frame = shown.frames.pop(view) if view in shown.frames else self._draw(shown, view)
         provenance = {"pair": index} | self._made_by | self.sampler.provenance(sampled)
         if settled.redrawn:
             provenance["redrawn"] = settled.redrawn
         if "instances" in self.config.outputs:
             provenance["instances"] = self.sampler.instance_table(sampled)
         if not self.config.imperfections.none():
-            frame, provenance["imperfections"] = self._imperfect(index, sampled, frame)
+            frame, provenance["imperfections"] = self._imperfect(frame, shown, view)
         if crop is not None and frame.camera == sampled.scene.camera:  # it was drawn whole
             frame = frame.cropped(crop)
         self._report("check")
         return Pair(index, frame, provenance)
 
-    def _draw(self, sampled: SampledScene, crop: Crop | None = None) -> Frame:
-        """Draw a scene, with its motion where an output needs it."""
+    def _show(self, number: int, attempt: int, crop: Crop | None) -> _Shown:
+        """Return a scene: the latest one, or another that is sampled now."""
+        latest = self._shown
+        if latest is not None and latest.shows(number, attempt, crop):
+            return latest
+        sampled = self.sampler.sample(number * self.config.views, attempt)
+        self._report("sample")
+        self._shown = _Shown(number, sampled, crop, self._share(sampled, crop) if self.config.views > 1 else None)
+        return self._shown
+
+    def _motions(self, sampled: SampledScene) -> dict[str, Motion | None]:
+        """Return the motions of a scene that an output needs, as `Renderer.render` takes them."""
         outputs = self.config.outputs
-        future = self.sampler.motion(sampled, +1) if FUTURE_OUTPUTS.intersection(outputs) else None
-        past = self.sampler.motion(sampled, -1) if PAST_OUTPUTS.intersection(outputs) else None
-        return self._renderer.render(sampled.scene, crop, future=future, past=past)
+        return {
+            "future": self.sampler.motion(sampled, +1) if FUTURE_OUTPUTS.intersection(outputs) else None,
+            "past": self.sampler.motion(sampled, -1) if PAST_OUTPUTS.intersection(outputs) else None,
+        }
 
-    def _imperfect(self, index: int, sampled: SampledScene, frame: Frame) -> tuple[Frame, dict[str, dict[str, Any]]]:
-        """Put a pair's imperfections on its images; return them too, by eye."""
-        section, seed = self.config.imperfections, self.split.seed(self.seed)
+    def _share(self, sampled: SampledScene, crop: Crop | None) -> SharedLeft:
+        return self._renderer.share_left(sampled.scene, sampled.views, crop, **self._motions(sampled))
 
-        def further(*keys: str) -> Generator:
-            return generator(seed, Purpose.IMPERFECTIONS, index, *keys)
+    def _draw(self, shown: _Shown, view: int) -> Frame:
+        """Draw a scene as one of its right views sees it, with its motion where an output needs it."""
+        if shown.shared is not None:
+            return shown.shared.render(view)
+        return self._renderer.render(shown.sampled.scene, shown.crop, **self._motions(shown.sampled))
 
-        # Both eyes expose at the same time.
-        motion_blur = section.motion_blur.draw(further("motion_blur"))
+    def _settle(self, sequence: int) -> _Settled:
+        """Find a sequence's first attempt whose first frame passes the checks in all its right views.
+
+        The pairs of that frame await being asked for.
+        """
+        redrawn: list[str] = []
+        for attempt in range(self.config.checks.attempts):
+            self._shown = None
+            shown = self._show(sequence * self.config.sequence.length, attempt, None)
+            clauses: list[str] = []
+            for view in range(self.config.views):
+                shown.frames[view] = self._draw(shown, view)
+                clauses = faults(shown.frames[view], self.config)
+                self._report("check")
+                if clauses:
+                    break
+            if not clauses:
+                self._settled = _Settled(sequence, attempt, redrawn)
+                return self._settled
+            redrawn.append("; ".join(clauses))
+        raise InputError(
+            f"sequence {sequence} fails its checks in all {len(redrawn)} attempts, the last one because it is "
+            f"{redrawn[-1]}. Change images or scene, or lower the key of the section checks"
+        )
+
+    def _imperfect(self, frame: Frame, shown: _Shown, view: int) -> tuple[Frame, dict[str, dict[str, Any]]]:
+        """Put a rig's imperfections on a pair: the left eye's are the scene's, the right eye's are the pair's."""
+        seed, section = self.split.seed(self.seed), self.config.imperfections
+
+        def of_scene(*keys: int | str) -> Generator:
+            return generator(seed, Purpose.IMPERFECTIONS, shown.number, *keys)
+
+        def further(key: str, eye: Eye) -> Generator:
+            return of_scene(*((view,) if eye == "right" and view else ()), key, eye)
+
+        # All eyes expose at the same time.
+        motion_blur = section.motion_blur.draw(of_scene("motion_blur"))
         if motion_blur > 0:
+            sampled = shown.sampled.seen_by(view)
             scenes = [self.sampler.moment(sampled, frames) for frames in moments(motion_blur, section.sub_frames)]
-            frame = exposed(self._renderer, frame, sampled.scene, scenes)
-        frame, drawn = with_imperfections(frame, section, further(), further)
+            eyes: tuple[Eye, ...] = EYES if shown.left_image is None else ("right",)
+            frame = exposed(self._renderer, frame, sampled.scene, scenes, eyes)
+        right_rng = of_scene(view) if view else None
+        frame, drawn = with_imperfections(frame, section, of_scene(), further, right_rng, shown.left_image)
+        if shown.shared is not None:
+            shown.left_image = frame.left.image
+            shown.left_image.flags.writeable = False
         if motion_blur > 0:
             drawn = {eye: values | {"motion_blur": motion_blur} for eye, values in drawn.items()}
         return frame, drawn
-
-    def _settle(self, number: int) -> tuple[_Settled, Frame, SampledScene]:
-        """Find a sequence's first attempt whose first frame passes the checks; return that frame too."""
-        redrawn: list[str] = []
-        for attempt in range(self.config.checks.attempts):
-            sampled = self.sampler.sample(number * self.config.sequence.length, attempt)
-            self._report("sample")
-            frame = self._draw(sampled)
-            clauses = faults(frame, self.config)
-            self._report("check")
-            if not clauses:
-                self._settled = _Settled(number, attempt, redrawn)
-                return self._settled, frame, sampled
-            redrawn.append("; ".join(clauses))
-        raise InputError(
-            f"sequence {number} fails its checks in all {len(redrawn)} attempts, the last one because it is "
-            f"{redrawn[-1]}. Change images or scene, or lower the key of the section checks"
-        )
 
     def _report(self, stage: str) -> None:
         if self.listener is not None:

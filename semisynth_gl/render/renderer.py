@@ -7,7 +7,8 @@ copy of the results into arrays.
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import cache
+from dataclasses import replace
+from functools import cache, cached_property
 from math import ceil
 from traceback import clear_frames
 from typing import Any, Literal, Self
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.arguments import check_type, to_whole
-from semisynth_gl.camera import EYES, OTHER_EYE, Crop, Eye
+from semisynth_gl.camera import EYES, OTHER_EYE, Crop, Eye, StereoCamera
 from semisynth_gl.errors import BackendError, ContextLostError, InputError
 from semisynth_gl.frame import (
     CHANNELS,
@@ -42,6 +43,7 @@ from semisynth_gl.render.backends import Backend, is_software
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.correspondence import CorrespondencePass
+from semisynth_gl.render.disparity import DisparityPass
 from semisynth_gl.render.edges import EdgePass
 from semisynth_gl.render.flow import FlowPass
 from semisynth_gl.render.model_buffers import Filled, ModelBuffers, Placed
@@ -50,6 +52,7 @@ from semisynth_gl.render.pass_clock import PassClock
 from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.readers import Reader, read_array
+from semisynth_gl.render.shared_left import SharedLeft
 from semisynth_gl.render.targets import CORRESPONDENCE, EyeTargets
 from semisynth_gl.render.visibility import VisibilityPass
 from semisynth_gl.scene.scene import Motion, Scene
@@ -155,6 +158,10 @@ class Renderer:
         self._targets: dict[Eye, EyeTargets] = {}
         self._image_targets: EyeTargets | None = None
         self._colour_targets: ColourTargets | None = None
+        # Of the left eye, with 1 / Z in the place of the disparity; where a left view was shared already.
+        self._shared_targets: EyeTargets | None = None
+        # The shared left view that these hold.
+        self._shared_left: SharedLeft | None = None
         self._size: tuple[int, int] | None = None
         # Frees what a renderer holds that nobody released, when it is collected. Not when Python ends: all goes then.
         self._free = finalize(self, self._context.release)
@@ -213,17 +220,60 @@ class Renderer:
             ContextLostError: where the driver took the context away; another renderer may still be opened.
         """
         self._check_open()
+        motions = {"future": future, "past": past}
+        self._check_request(scene, crop, motions)
+        return self._draw_pair(scene, crop, motions)
+
+    def share_left(
+        self,
+        scene: Scene,
+        cameras: Sequence[StereoCamera],
+        crop: Crop | None = None,
+        *,
+        future: Motion | None = None,
+        past: Motion | None = None,
+    ) -> SharedLeft:
+        """Prepare the pairs of a scene before several cameras that differ in the right eye alone.
+
+        Args:
+            scene: see `render`, as for the others.
+            cameras: at least one; each is the scene's in the left eye.
+            crop: see there.
+            future: see there; its camera is the scene's.
+            past: likewise.
+
+        Returns:
+            What draws the pair of any of the cameras when it is asked to, and the left view once for all of them.
+
+        Raises:
+            InputError: where a camera differs in the left eye, and as `render` does.
+            BackendError: where the renderer was released.
+        """
+        self._check_open()
+        self._check_request(scene, crop, {"future": future, "past": past})
+        check_type("cameras", cameras, Sequence)
+        return SharedLeft(self._draw_of_shared, scene, cameras, crop, future, past)
+
+    def _draw_of_shared(self, shared: SharedLeft, number: int) -> Frame:
+        """Draw one pair of a shared left view."""
+        self._check_open()
+        scene = shared.scenes[number]
+        seen = {
+            name: motion and replace(motion, scene=replace(motion.scene, camera=scene.camera))
+            for name, motion in shared.motions.items()
+        }
+        return self._draw_pair(scene, shared.crop, seen, shared)
+
+    def _check_request(self, scene: Scene, crop: Crop | None, motions: Mapping[str, Motion | None]) -> None:
+        """Raise InputError where what shall be drawn is none, or lacks a motion that an output needs."""
         check_type("scene", scene, Scene)
         check_type("crop", crop, Crop | None)
-        motions = {"future": future, "past": past}
         for shown in (scene, *(motion.scene for motion in motions.values() if motion is not None)):
             self._check(shown)
         for name, outputs in _NEEDS_MOTION.items():
             wanted = sorted(self._outputs & outputs)
             if wanted and motions[name] is None:
                 raise InputError(f"the output {wanted[0]} needs the scene's motion: render(scene, {name}=Motion(...))")
-        with self._drawing():
-            return self._render(scene, crop, motions)
 
     def render_images(self, scene: Scene, eyes: Collection[Eye] = EYES) -> dict[Eye, NDArray[np.uint8]]:
         """Draw the images of a pair alone, as `render` draws them, and nothing of its truth.
@@ -243,9 +293,23 @@ class Renderer:
         if isinstance(eyes, str) or not set(eyes) <= set(EYES):
             raise InputError(f"eyes: expected some of {', '.join(EYES)}, got {eyes!r}")
         with self._drawing():
-            self._resize((scene.camera.width_px, scene.camera.height_px))
+            self._resize((scene.camera.width_px, scene.camera.height_px), shared=False)
             placed = self._models.place(scene)
             return {eye: self._draw_image(placed, eye) for eye in eyes}
+
+    def _draw_pair(
+        self,
+        scene: Scene,
+        crop: Crop | None,
+        motions: Mapping[str, Motion | None],
+        shared: SharedLeft | None = None,
+    ) -> Frame:
+        """Draw one pair, and raise what the driver reports."""
+        with self._drawing():
+            frame = self._render(scene, crop, motions, shared)
+        if shared is not None:
+            self._keep(shared, frame.left)
+        return frame
 
     @contextmanager
     def _drawing(self) -> Iterator[None]:
@@ -254,9 +318,11 @@ class Renderer:
             try:
                 yield
             except moderngl.Error as error:
+                self._shared_left = None
                 raise self._fault(str(error)) from None
             reported = self._gl.error
             if reported != "GL_NO_ERROR" or self._context.unbound.is_lost():
+                self._shared_left = None
                 raise self._fault(reported)
 
     def _check_open(self) -> None:
@@ -276,59 +342,112 @@ class Renderer:
             return ContextLostError(f"{self.renderer_name} lost its context while it drew a pair: was the GPU reset?")
         return BackendError(f"{self.renderer_name} reported {error} while drawing a pair")
 
-    def _render(self, scene: Scene, crop: Crop | None, motions: Mapping[str, Motion | None]) -> Frame:
+    def _render(
+        self, scene: Scene, crop: Crop | None, motions: Mapping[str, Motion | None], shared: SharedLeft | None
+    ) -> Frame:
         def finish(stage: RenderStage) -> None:
             if self.listener is not None:
                 self._gl.finish()
                 self.listener.on_stage(stage)
 
         camera, rectified = scene.camera if crop is None else scene.camera.cropped(crop), scene.camera.rectified
-        self._resize((scene.camera.width_px, scene.camera.height_px))
+        self._resize((scene.camera.width_px, scene.camera.height_px), shared=shared is not None)
         placed = self._models.place(scene)
-        colour = {eye: self._draw(placed, eye, crop) for eye in EYES}
+        # What was read of the left view for an earlier pair, by channel.
+        views: dict[Eye, dict[str, Any]] = {"left": {} if shared is None else dict(shared.channels), "right": {}}
+        targets = self._draw_both(placed, crop, shared, views)
         finish("draw")
         if self._visibility is not None and rectified:
             for eye in self._truth_eyes:
-                self._visibility.draw(placed, eye, self._targets, self._models, crop)
+                self._visibility.draw(placed, eye, targets, self._models, crop)
         finish("visibility")
-        views = {eye: self._read(eye, colour[eye], crop, rectified=rectified) for eye in EYES}
+        for eye in EYES:
+            self._read(eye, targets[eye], crop, views[eye], rectified=rectified)
         if self._correspondence is not None:
-            self._read_correspondence(self._correspondence, placed, crop, views)
-        if self._flow is not None:
-            for name, motion in motions.items():
-                if motion is not None and self._outputs & _NEEDS_MOTION[name]:
-                    self._read_flow(self._flow, placed, motion, crop, "next" if name == "future" else "previous", views)
+            self._read_correspondence(self._correspondence, placed, crop, targets, views)
+        for name, motion in motions.items():
+            if self._flow is not None and motion is not None and self._outputs & _NEEDS_MOTION[name]:
+                moment: Moment = "next" if name == "future" else "previous"
+                self._read_flow(self._flow, placed, motion, crop, moment, targets, views)
         finish("readback")
         return Frame(camera, View(views["left"]), View(views["right"]))
 
-    def _read(
-        self, eye: Eye, antialiased: NDArray[np.uint8] | None, crop: Crop | None, *, rectified: bool
-    ) -> dict[str, Any]:
-        """Copy out one eye's channels of the drawing and the visibility pass, but for an image that is antialiased."""
-        targets, image = self._targets[eye], CHANNELS["image"]
+    def _draw_both(
+        self, placed: Placed, crop: Crop | None, shared: SharedLeft | None, views: dict[Eye, dict[str, Any]]
+    ) -> dict[Eye, EyeTargets]:
+        """Draw both eyes, and put images that are read meanwhile into the views; return what was drawn to."""
+        scenes = [placed.scene] if shared is None else shared.scenes
+        parts = {eye: self._part(scenes, eye, crop) for eye in EYES}
+        targets, programs = self._targets, self._draw_programs
+        if shared is None:
+            self._shared_left = None
+            views["left"] |= self._draw(placed, "left", parts["left"], crop, programs["left"], targets["left"])
+        else:
+            left, (left_programs, disparity_pass) = self._shared_targets, self._shared_programs
+            assert left is not None  # noqa: S101 - see `_resize`
+            targets = targets | {"left": left}
+            if self._shared_left is not shared:
+                drawn = self._draw(placed, "left", parts["left"], crop, left_programs, left)
+                views["left"] = drawn | views["left"]
+                self._shared_left = shared
+            disparity_pass.draw(placed, left, parts["left"])
+        views["right"] |= self._draw(placed, "right", parts["right"], crop, programs["right"], targets["right"])
+        return targets
+
+    def _part(self, scenes: Sequence[Scene], eye: Eye, crop: Crop | None) -> Crop | None:
+        """Return the part of one eye's image that a crop needs in any of some scenes; None for all of it."""
+        # Where a camera deviates, rows are looked up too.
+        if crop is None or not all(scene.camera.rectified for scene in scenes):
+            return None
+        looked_up = self._visibility is not None and OTHER_EYE[eye] in self._truth_eyes
+        # Along edges pixels take on colours of those beside them.
+        border_px = 0 if self._edges is None else 1
+        parts = [_drawn_part(scene, eye, crop, looked_up=looked_up, border_px=border_px) for scene in scenes]
+        x, y = min(part.x_px for part in parts), min(part.y_px for part in parts)
+        return Crop(x, y, max(part.right_px for part in parts) - x, max(part.bottom_px for part in parts) - y)
+
+    def _keep(self, shared: SharedLeft, left: Mapping[str, Any]) -> None:
+        """Keep what further pairs of a shared left view have too: arrays, since a reader may reuse what else it makes.
+
+        Arrays become read-only: several frames have them.
+        """
+        for name, array in left.items():
+            if CHANNELS[name].of_own_view and isinstance(array, np.ndarray):
+                array.flags.writeable = False
+                shared.channels[name] = array
+        if self._antialias.redraws and "image" not in shared.channels:
+            # Its targets are the right eye's too.
+            self._shared_left = None
+
+    def _read(self, eye: Eye, targets: EyeTargets, crop: Crop | None, view: dict[str, Any], *, rectified: bool) -> None:
+        """Copy out one eye's channels of the drawing and the visibility pass, but for what the view has already."""
+        image = CHANNELS["image"]
         with self.clock.timed("read", eye):
-            view = {image.name: targets.read(image.attachment, crop) if antialiased is None else antialiased}
-            if eye in self._truth_eyes:
-                for channel in self._drawn_by("drawing"):
-                    if channel is not image and (rectified or channel.name not in CORRESPONDENCE):
-                        view[channel.name] = targets.read(channel.attachment, crop)
-                if targets.visibility is not None and rectified:
-                    for channel in self._drawn_by("visibility"):
-                        view[channel.name] = targets.visibility.read(channel.attachment, crop)
-        return view
+            for channel in self._drawn_by("drawing"):
+                drawn = eye in self._truth_eyes and (rectified or channel.name not in CORRESPONDENCE)
+                if channel.name not in view and (channel is image or drawn):
+                    view[channel.name] = targets.read(channel.attachment, crop)
+            if targets.visibility is not None and rectified:
+                for channel in self._drawn_by("visibility"):
+                    view[channel.name] = targets.visibility.read(channel.attachment, crop)
 
     def _read_correspondence(
-        self, correspondence: CorrespondencePass, placed: Placed, crop: Crop | None, views: dict[Eye, dict[str, Any]]
+        self,
+        correspondence: CorrespondencePass,
+        placed: Placed,
+        crop: Crop | None,
+        targets: dict[Eye, EyeTargets],
+        views: dict[Eye, dict[str, Any]],
     ) -> None:
         """Find the correspondences and, of a pair that deviates, disparities and masks; copy them into the views."""
         found = [channel for channel in self._channels if channel.attachment in CORRESPONDENCE]
         if placed.scene.camera.rectified:
             found = self._drawn_by("correspondence")
         for eye in self._truth_eyes:
-            targets = correspondence.draw(placed, eye, self._targets, self._models, crop)
+            compared = correspondence.draw(placed, eye, targets, self._models, crop)
             with self.clock.timed("read", eye):
                 for channel in found:
-                    views[eye][channel.name] = targets.read(channel.attachment, crop)
+                    views[eye][channel.name] = compared.read(channel.attachment, crop)
 
     def _read_flow(
         self,
@@ -337,16 +456,20 @@ class Renderer:
         motion: Motion,
         crop: Crop | None,
         moment: Moment,
+        own: Mapping[Eye, EyeTargets],
         views: dict[Eye, dict[str, Any]],
     ) -> None:
-        """Draw the flow to one other moment, and copy its channels out into the views."""
+        """Draw the flow to one other moment, and copy out its channels, but for those that the views have already."""
         moved = flow_pass.place(placed, motion, self._models)
         for eye in self._truth_eyes:
-            targets = flow_pass.draw(placed, moved, eye, self._targets[eye], self._models, crop)
+            left_out = views[eye].keys()
+            channels = [row for row in self._drawn_by("flow") if row.moment == moment and row.name not in left_out]
+            if not channels:
+                continue
+            targets = flow_pass.draw(placed, moved, eye, own[eye], self._models, crop)
             with self.clock.timed("read", eye):
-                for channel in self._drawn_by("flow"):
-                    if channel.moment == moment:
-                        views[eye][channel.name] = targets.read(channel.attachment, crop)
+                for channel in channels:
+                    views[eye][channel.name] = targets.read(channel.attachment, crop)
 
     def _drawn_by(self, name: Pass) -> list[Channel[Any]]:
         return [channel for channel in self._channels if channel.drawn_by == name]
@@ -368,6 +491,17 @@ class Renderer:
         }
         names = {channel.attachment: own for channel in self._drawn_by("drawing")} | needed
         return tuple(name for name, drawn in names.items() if drawn)
+
+    @cached_property
+    def _shared_programs(self) -> tuple[list[moderngl.Program], DisparityPass]:
+        """The programs of a left view that is shared, one for each atlas, and the pass that makes its disparities."""
+        programs = {each: self._link(self._shared_attachments, each) for each in set(self._anisotropies)}
+        return [programs[each] for each in self._anisotropies], DisparityPass(self._context, self._constants)
+
+    @property
+    def _shared_attachments(self) -> tuple[str, ...]:
+        """The attachments of a left view that is shared."""
+        return tuple("inverse_depth" if name == "disparity" else name for name in self._attachments["left"])
 
     def _link_programs(self, anisotropies: Sequence[int]) -> None:
         link = cache(self._link)
@@ -415,13 +549,14 @@ class Renderer:
                 f"to {_MOST_INSTANCE_IDS}: leave that output out"
             )
 
-    def _resize(self, size: tuple[int, int]) -> None:
-        if self._size == size:
+    def _resize(self, size: tuple[int, int], *, shared: bool) -> None:
+        if self._size == size and (self._shared_targets is not None or not shared):
             return
         # All or nothing: a size that the driver refuses leaves the renderer as it was.
         self._gl.gc_mode = "auto"
         try:
             targets, colour_targets = self._make_targets(size)
+            shared_targets = self._make_eye_targets(size, "left", self._shared_attachments) if shared else None
         except BaseException as error:
             # What was made so far goes with the frames that made it, as long as this context is current.
             clear_frames(error.__traceback__)
@@ -430,57 +565,68 @@ class Renderer:
             self._gl.gc_mode = None  # type: ignore[assignment]  # moderngl's own default
         # moderngl binds the framebuffer in use again after making a new one, so the old ones go last.
         targets["left"].framebuffer.use()
-        for outgrown in (*self._targets.values(), self._colour_targets, self._image_targets):
+        for outgrown in (*self._targets.values(), self._colour_targets, self._image_targets, self._shared_targets):
             if outgrown is not None:
                 outgrown.release()
         self._targets, self._colour_targets, self._size = targets, colour_targets, size
+        self._shared_targets, self._shared_left = shared_targets, None
         self._image_targets = None
 
     def _make_targets(self, size: tuple[int, int]) -> tuple[dict[Eye, EyeTargets], ColourTargets | None]:
         colour_targets = None
         if self._antialias.redraws:
             colour_targets = ColourTargets(self._context, size, self._antialias, self._read_pixels)
-        targets = {
-            eye: EyeTargets(
-                self._context,
-                size,
-                names,
-                visibility="visibility" in self._outputs and eye in self._truth_eyes,
-                blended=self._edges is not None,
-                read=self._read_pixels,
-            )
-            for eye, names in self._attachments.items()
-        }
+        targets = {eye: self._make_eye_targets(size, eye, names) for eye, names in self._attachments.items()}
         for comparing in (self._correspondence, self._flow):
             if comparing is not None:
                 comparing.resize(size)
         return targets, colour_targets
 
-    def _draw(self, placed: Placed, eye: Eye, crop: Crop | None) -> NDArray[np.uint8] | None:
-        """Draw one eye; return the colour where it is antialiased."""
-        looked_up = self._visibility is not None and OTHER_EYE[eye] in self._truth_eyes
-        # Along edges pixels take on colours of those beside them.
-        border_px = 0 if self._edges is None else 1
-        part = crop and _drawn_part(placed.scene, eye, crop, looked_up=looked_up, border_px=border_px)
-        if not placed.scene.camera.rectified:
-            part = None  # rows are looked up too
+    def _make_eye_targets(self, size: tuple[int, int], eye: Eye, names: Sequence[str]) -> EyeTargets:
+        return EyeTargets(
+            self._context,
+            size,
+            names,
+            visibility="visibility" in self._outputs and eye in self._truth_eyes,
+            blended=self._edges is not None,
+            read=self._read_pixels,
+        )
+
+    def _draw(
+        self,
+        placed: Placed,
+        eye: Eye,
+        part: Crop | None,
+        crop: Crop | None,
+        programs: Sequence[moderngl.Program],
+        targets: EyeTargets,
+    ) -> dict[str, Any]:
+        """Draw a part of one eye's image, or all of it; return the crop's image where it is antialiased.
+
+        Args:
+            placed: the instances.
+            eye: who looks.
+            part: what is drawn.
+            crop: what is asked for.
+            programs: write the targets' attachments; one for each atlas.
+            targets: what is drawn to.
+        """
         scene, filled = placed.scene, self._models.fill(placed, eye, part)
         seen: Sequence[Filled] = filled
         self._constants.write(scene.camera, eye, scene.near_of(eye))
         if self._attachments[eye]:
-            targets = self._targets[eye]
             targets.limit(part)
             if self._triangle_readers.intersection(self._attachments[eye]):
                 self._models.bind_triangles(placed, eye)
-            seen = self._draw_once(placed, eye, part, targets, self._draw_programs[eye], filled)
+            seen = self._draw_once(placed, eye, part, targets, programs, filled)
             if self._edges is not None:
                 self._edges.draw(placed, eye, targets, crop)
         if self._colour_targets is None:
-            return None
+            return {}
         if seen is not filled:
             # Between the centres of pixels more may be seen.
             filled = self._models.fill(placed, eye, part)
-        return self._draw_samples(eye, crop, self._colour_targets, filled)
+        return {"image": self._draw_samples(eye, crop, self._colour_targets, filled)}
 
     def _draw_image(self, placed: Placed, eye: Eye) -> NDArray[np.uint8]:
         """Draw one eye's image alone."""

@@ -44,8 +44,12 @@ def _attachments(drawn_by: Pass) -> dict[str, Attachment]:
     return attachments
 
 
-DRAWING = {**_attachments("drawing"), "surface": Attachment(2, 2, "u4", 0)}
-"""Attachments of the drawing pass: those of its channels, and the instance and triangle of each pixel."""
+DRAWING = {
+    **_attachments("drawing"),
+    "inverse_depth": Attachment(1, 1, "f4", -1),
+    "surface": Attachment(2, 2, "u4", 0),
+}
+"""Attachments of the drawing pass: those of its channels, 1 / Z, and the instance and triangle of each pixel."""
 VISIBILITY = _attachments("visibility")
 CORRESPONDENCE = {**_attachments("correspondence"), "disparity": DRAWING["disparity"], **VISIBILITY}
 """Attachments of the correspondence pass, which finds the disparity and the visibility of a pair that deviates too."""
@@ -101,6 +105,12 @@ class Targets:
     def limit(self, part: Crop | None) -> None:
         """Let the pass draw and clear inside a rectangle alone, until the next call; None is the whole image."""
         self.framebuffer.scissor = window(part, self.framebuffer.size)
+
+    def sample_nearest(self) -> None:
+        """Let shaders that look the textures up find the pixel itself, and that at the border beyond it."""
+        for texture in self._textures.values():
+            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            texture.repeat_x = texture.repeat_y = False
 
     def bind(self, name: str, unit: int) -> None:
         """Bind an attachment's texture to a texture unit."""
@@ -173,6 +183,7 @@ class EyeTargets(Targets):
 
     Attributes:
         visibility: targets of the visibility pass, or None.
+        disparity: targets of the pass that makes disparities of 1 / Z, or None.
         blending: for a pass that blends into the colour, or None.
 
     Args:
@@ -209,12 +220,28 @@ class EyeTargets(Targets):
         self._depth_alone = context.gl.framebuffer(depth_attachment=self.depth_buffer)
         # No pass reads or writes depth there: it has the drawing pass's rather than one of its own.
         self.visibility = Targets(context, size, VISIBILITY, read, self.depth_buffer) if visibility else None
+        self.disparity: Targets | None = None
+        if "inverse_depth" in self._attachments:
+            self.disparity = Targets(context, size, {"disparity": DRAWING["disparity"]}, read, self.depth_buffer)
         self.blending: BlendTargets | None = None
         if blended:
             self.blending = BlendTargets(context, size, self._textures["colour"], self.depth_buffer)
-        for texture in self._textures.values():
-            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-            texture.repeat_x = texture.repeat_y = False
+        for looked_up in (self, self.disparity):
+            if looked_up is not None:
+                looked_up.sample_nearest()
+
+    def bind(self, name: str, unit: int) -> None:
+        """Bind an attachment's texture to a texture unit, or that of the disparity that is made of 1 / Z."""
+        if name == "disparity" and self.disparity is not None:
+            self.disparity.bind(name, unit)
+        else:
+            super().bind(name, unit)
+
+    def read(self, name: str, crop: Crop | None = None) -> Any:  # noqa: ANN401 - whatever the reader returns
+        """Let the reader take an attachment, or the disparity that is made of 1 / Z; see `Targets.read`."""
+        if name == "disparity" and self.disparity is not None:
+            return self.disparity.read(name, crop)
+        return super().read(name, crop)
 
     def clear(self, *, depth: bool = True) -> None:
         """Bind the drawing pass's framebuffer and clear each attachment to its value for nothing, and the depth too."""
@@ -246,7 +273,7 @@ class EyeTargets(Targets):
 
     def release(self) -> None:
         """Free everything."""
-        for shares_depth in (self.visibility, self.blending):
+        for shares_depth in (self.visibility, self.disparity, self.blending):
             if shares_depth is not None:
                 shares_depth.release()
         self._depth_alone.release()

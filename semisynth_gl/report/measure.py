@@ -153,7 +153,7 @@ def measure(
     try:
         config = read_config(index)
         wanted = {recipe.name: recipe.share for recipe in config.recipes() if recipe.name is not None}
-        target = config.wanted_histogram()
+        target = config.shown_histogram()
     except InputError as error:
         fault = str(error)
     caster = RayCaster(index)

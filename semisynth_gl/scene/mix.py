@@ -63,7 +63,7 @@ class MixSampler:
     ) -> None:
         self.recipes = config.recipes()
         self._config = config
-        self._length = config.sequence.length
+        self._sequence_pairs = config.sequence_pairs
         self._shares = Shares([recipe.share for recipe in self.recipes], seed)
         made = list(zip(self.recipes, libraries, strict=True))
 
@@ -82,7 +82,7 @@ class MixSampler:
 
     def sample(self, index: int, attempt: int = 0) -> SampledScene:
         """Sample the scene of pair ``index``; see `SceneSampler.sample`. All attempts take the same recipe."""
-        sampler = self._sampler(index // self._length)
+        sampler = self._sampler(index // self._sequence_pairs)
         with _named(sampler.recipe):
             return sampler.sample(index, attempt)
 
@@ -103,12 +103,15 @@ class MixSampler:
         return self._sampler(sampled.sequence).instance_table(sampled)
 
     def expected(self) -> Histogram:
-        """Return the mean distribution of the dataset's disparities; see `Population.expected`."""
-        if len(self.recipes) == 1:
-            return self._expected(self.samplers[0])
+        """Return the mean distribution of the disparities of the dataset's pairs; see `Population.expected`.
+
+        That one is of the pairs of scenes' longest baselines; see `Config.across_baselines`.
+        """
         both = zip(self.recipes, self.samplers, strict=True)
-        parts = [(recipe.share, self._expected(sampler)) for recipe, sampler in both]
-        return mix_histograms(parts, merge_bins(self._config.wanted_histogram()).edges_px)
+        parts = [(recipe.share, recipe.config.across_baselines(self._expected(sampler))) for recipe, sampler in both]
+        if len(parts) == 1:
+            return parts[0][1]
+        return mix_histograms(parts, merge_bins(self._config.shown_histogram()).edges_px)
 
     def in_view_text(self) -> str:
         """Return a line that says what each recipe shows on average; see `Population.in_view`."""

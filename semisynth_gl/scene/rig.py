@@ -3,7 +3,7 @@
 The sway is a bounded formula of time. So any frame can be rendered first, and walls keep clear of the camera.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ BEYOND_NEAR = 1.01
 
 
 def draw_camera(section: CameraSection, rng: np.random.Generator) -> StereoCamera:
-    """Draw every range of the section once, always in the same order."""
+    """Draw every range of the section once, always in the same order; of several baselines the first one."""
 
     def draw(key: Range | None, default: float) -> float:
         return (key or Range(default, default)).draw(rng)
@@ -35,7 +35,7 @@ def draw_camera(section: CameraSection, rng: np.random.Generator) -> StereoCamer
     else:
         assert section.focal_mm is not None and section.sensor_width_mm is not None  # noqa: S101, PT018 - CameraSection
         focal_px = section.focal_mm.draw(rng) / section.sensor_width_mm * section.width_px
-    baseline_m = section.baseline_m.draw(rng)
+    baseline_m = section.baseline_ranges_m[0].draw(rng)
     doffs_px = draw(section.doffs_px, 0.0)
     cx_left_px = draw(section.cx_left_px, (section.width_px - 1) / 2 - doffs_px / 2)
     cx_right_px = draw(section.cx_right_px, cx_left_px + doffs_px)
@@ -47,6 +47,28 @@ def draw_deviation(section: RigSection, rng: np.random.Generator) -> Deviation:
     """Draw every range of the section once, always in the same order."""
     roll, pitch = (np.deg2rad(range_.draw(rng)).item() for range_ in (section.right_roll_deg, section.right_pitch_deg))
     return Deviation(roll, pitch, section.right_y_px.draw(rng), section.focal_ratio.draw(rng))
+
+
+def draw_views(section: CameraSection, camera: StereoCamera, rng: np.random.Generator) -> tuple[StereoCamera, ...]:
+    """Return the camera of each right view of a scene; they differ in the right eye alone.
+
+    The difference of the principal points that was drawn is the longest baseline's. Shorter ones have it in proportion,
+    unless the config says where the right principal point is: a surface that has a disparity in one view then has one
+    in all, since all disparities are in proportion too.
+
+    Args:
+        section: the section.
+        camera: as `draw_camera` drew it from the same generator.
+        rng: draws the further baselines.
+    """
+    baselines_m = [camera.baseline_m, *(range_m.draw(rng) for range_m in section.baseline_ranges_m[1:])]
+
+    def centre_px(baseline_m: float) -> float:
+        if baseline_m == max(baselines_m) or section.cx_right_px is not None:
+            return camera.cx_right_px
+        return camera.cx_left_px + baseline_m / max(baselines_m) * camera.doffs_px
+
+    return tuple(replace(camera, baseline_m=each_m, cx_right_px=centre_px(each_m)) for each_m in baselines_m)
 
 
 def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config.model import Config
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.geometry.mesh import Mesh
@@ -34,10 +35,12 @@ _BEFORE = 2**30
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledScene:
-    """A scene with the origin of its instances.
+    """A scene with the origin of its instances, as one of its right views sees it.
 
     Attributes:
         scene: the arrays that the renderer draws; the instances that stand still come first.
+        views: the camera of each right view of the scene; they differ in the right eye alone.
+        view: number of the right view, whose camera is the scene's.
         recipe: name of the recipe that the scene is made by; None where the config has no recipes.
         background: its kind, such as "room".
         sequence: number of the sequence.
@@ -51,6 +54,8 @@ class SampledScene:
     """
 
     scene: Scene
+    views: tuple[StereoCamera, ...]
+    view: int
     recipe: str | None
     background: str
     sequence: int
@@ -66,6 +71,10 @@ class SampledScene:
     def still(self) -> NDArray[np.bool_]:
         """(N,) bool, true for walls, grounds, panels and all else of flat faces; models at rest or falling are not."""
         return self.scene.model < len(STILL_MODELS)
+
+    def seen_by(self, view: int) -> "SampledScene":
+        """Return the same scene with the camera of another right view."""
+        return replace(self, scene=replace(self.scene, camera=self.views[view]), view=view)
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,8 +165,9 @@ class SceneSampler:
 
     def sample(self, index: int, attempt: int = 0) -> SampledScene:
         """Sample the scene of pair ``index``, 0 or more; each ``attempt`` draws its whole sequence anew."""
-        number, frame = divmod(index, self._config.sequence.length)
-        return self._sample_frame(_Draw(self._seed, number, attempt), frame)
+        scene, view = divmod(index, self._config.views)
+        number, frame = divmod(scene, self._config.sequence.length)
+        return self._sample_frame(_Draw(self._seed, number, attempt), frame, view)
 
     def motion(self, sampled: SampledScene, frames: int) -> Motion:
         """Return the motion of a scene's instances to a later frame of its sequence, or an earlier one.
@@ -167,7 +177,7 @@ class SceneSampler:
             frames: number of frames, negative for an earlier one. That frame may lie beyond both ends of the sequence.
         """
         draw = _Draw(self._seed, sampled.sequence, sampled.attempt)
-        target = self._sample_frame(draw, sampled.frame + frames)
+        target = self._sample_frame(draw, sampled.frame + frames, sampled.view)
         stage, shown = self._sequence(draw)
         still = len(stage.still)
         # A slot shows one model at a time.
@@ -203,6 +213,7 @@ class SceneSampler:
         return {
             "sequence": sampled.sequence,
             "frame": sampled.frame,
+            **({"view": sampled.view} if len(sampled.views) > 1 else {}),
             **({} if sampled.recipe is None else {"recipe": sampled.recipe}),
             "background": sampled.background,
             "near_m": sampled.scene.near_m,
@@ -261,8 +272,8 @@ class SceneSampler:
                 resting[slot] = pose
         return replace(slots, resting=resting)
 
-    def _sample_frame(self, draw: _Draw, frame: int) -> SampledScene:
-        """Sample the scene of any frame of a sequence."""
+    def _sample_frame(self, draw: _Draw, frame: int, view: int) -> SampledScene:
+        """Sample the scene of any frame of a sequence; the stage's camera is the rig that it is composed for."""
         config, (stage, slots) = self._config, self._sequence(draw)
         camera, still = stage.camera, stage.still
         particles = self._particles(draw, frame)
@@ -278,7 +289,7 @@ class SceneSampler:
         # Video frames start at a phase of their own and go round.
         count = self._layer_count[patch]
         scene = Scene(
-            camera=camera,
+            camera=stage.views[view],
             near_m=near_m,
             camera_from_world=camera_from_world,
             model=np.concatenate([still.model, len(STILL_MODELS) + drawn]),
@@ -291,6 +302,8 @@ class SceneSampler:
         slot, generation = (np.concatenate([np.full(len(still), -1), numbers]) for numbers in (kept, generations))
         return SampledScene(
             scene,
+            stage.views,
+            view,
             self.recipe,
             stage.background,
             draw.sequence,

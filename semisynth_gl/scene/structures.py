@@ -32,6 +32,7 @@ from semisynth_gl.scene.rig import (
     draw_camera,
     draw_deviation,
     draw_sway,
+    draw_views,
     near_depth_m,
 )
 from semisynth_gl.scene.room import DOORWAYS, NICHES, draw_room
@@ -101,7 +102,8 @@ class Stage:
     """The camera of one sequence, and the still things that it sees.
 
     Attributes:
-        camera: the camera.
+        camera: the camera that the scenes are composed for, of the longest baseline.
+        views: the camera of each right view, see `draw_views`.
         sway: the motion of the camera.
         background: its kind.
         still: background and structures.
@@ -109,6 +111,7 @@ class Stage:
     """
 
     camera: StereoCamera
+    views: tuple[StereoCamera, ...]
     sway: Sway
     background: Kind
     still: Surroundings
@@ -131,9 +134,12 @@ def draw_stage(config: Config, catalogue: Catalogue, generator_for: Callable[[Pu
     Raises:
         InputError: where a disparity of the config lies beyond infinity, or a far plane would have to be endless.
     """
-    camera = draw_camera(config.camera, generator_for(Purpose.CAMERA))
+    rng = generator_for(Purpose.CAMERA)
+    views = draw_views(config.camera, draw_camera(config.camera, rng), rng)
     if not config.rig.none():
-        camera = replace(camera, deviation=draw_deviation(config.rig, generator_for(Purpose.RIG)))
+        deviation = draw_deviation(config.rig, generator_for(Purpose.RIG))
+        views = tuple(replace(view, deviation=deviation) for view in views)
+    camera = max(views, key=lambda view: view.baseline_m)
     sway = draw_sway(config.camera, generator_for(Purpose.SWAY))
     rng = generator_for(Purpose.BACKGROUND)
     kind = draw_kind(config.background, rng)
@@ -146,8 +152,8 @@ def draw_stage(config: Config, catalogue: Catalogue, generator_for: Callable[[Pu
         still = draw_surroundings(
             config.structures, config.disparity, camera, background, generator_for(Purpose.STRUCTURES), sway
         )
-        return Stage(camera, sway, kind, still, np.array([0.0, -1.0, 0.0]))
-    return Stage(camera, sway, kind, _surroundings(things), things.view.camera_from_floor[:3, 2])
+        return Stage(camera, views, sway, kind, still, np.array([0.0, -1.0, 0.0]))
+    return Stage(camera, views, sway, kind, _surroundings(things), things.view.camera_from_floor[:3, 2])
 
 
 def _surroundings(things: Arrangement) -> Surroundings:

@@ -51,7 +51,7 @@ class StereoDataset(Dataset[Any]):
         self.pairs = open_dataset(address, split)
         about = self.pairs.about
         self._seed = int(about.values["seed"]) if seed is None else to_whole("a seed", seed, least=0)
-        self._length = int(about.number("sequence", "length") or 1)
+        self._together = about.sequence_length * about.views
         self._crop, self._transform, self._epoch = crop, transform, 0
         if crop is not None:
             camera = self.pairs[0].camera
@@ -81,7 +81,7 @@ class StereoDataset(Dataset[Any]):
         frame: Frame = self.pairs[number]
         if self._crop is not None:
             seed = Split(split).seed(self._seed)
-            frame = frame.cropped(draw_crop(self._crop, self._sides, seed, index // self._length, self._epoch))
+            frame = frame.cropped(draw_crop(self._crop, self._sides, seed, index // self._together, self._epoch))
         sample = to_sample(index, frame)
         return sample if self._transform is None else self._transform(sample)
 

@@ -122,7 +122,7 @@ class RenderedPairs:
         transform: see there.
 
     Attributes:
-        together: number of frames of each sequence.
+        together: number of pairs of each sequence.
         identity: all that decides what the samples are.
 
     Raises:
@@ -145,7 +145,7 @@ class RenderedPairs:
         self._frames = selection.frames_in(config.sequence.length)
         self._crop, self._checked, self._transform, self._hardware = crop, checked, transform, hardware
         self._check()
-        self.together = len(self._frames)
+        self.together = len(self._frames) * config.views
         self.identity = {
             "config": config.name,
             "config_sha256": config.digest(),
@@ -187,13 +187,14 @@ class RenderedPairs:
             yield lambda number: self._render(renderer, number)
 
     def _render(self, renderer: PairRenderer, number: int) -> Any:  # noqa: ANN401 - what the transform returns
-        sequence, frame = divmod(number, len(self._frames))
+        sequence, rest = divmod(number, self.together)
+        frame, view = divmod(rest, self._config.views)
         crop = None
         if self._crop is not None:
             camera = self._config.camera
             sides = camera.height_px, camera.width_px
             crop = draw_crop(self._crop, sides, self._split.seed(self._seed), sequence)
-        index = sequence * self._config.sequence.length + self._frames[frame]
+        index = (sequence * self._config.sequence.length + self._frames[frame]) * self._config.views + view
         pair = renderer.render(index, crop=crop, checked=self._checked)
         sample = to_sample(pair.index, pair.frame)
         return sample if self._transform is None else self._transform(sample)

@@ -1,6 +1,6 @@
 """All checks of a dataset, shard after shard and pair after pair."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 from semisynth_gl.camera import EYES
 from semisynth_gl.dataset.reader import Index
@@ -11,6 +11,7 @@ from semisynth_gl.verify.files import StoredShard, check_index, check_origin, ch
 from semisynth_gl.verify.flow_consistency import check_flow_views, check_frames
 from semisynth_gl.verify.oracle_check import OracleCheck
 from semisynth_gl.verify.photometry import check_images
+from semisynth_gl.verify.shared_left import check_lefts
 from semisynth_gl.verify.single_view import (
     OPPOSITE,
     check_calibration,
@@ -51,7 +52,7 @@ def verify_dataset(index: Index, oracle_pixels: int = 0) -> Iterator[Verdict]:
     verdict = Verdict(DATASET)
     check_index(index, verdict)
     yield verdict
-    before: StoredFrame | None = None
+    recent: dict[int, StoredFrame] = {}
     for shard in (StoredShard(index, planned) for planned in index.shards):
         for number in shard.numbers:
             scene = index.key(shard.split, number).name
@@ -62,9 +63,10 @@ def verify_dataset(index: Index, oracle_pixels: int = 0) -> Iterator[Verdict]:
             fits = frame is not None and _check_frame(frame, index, verdict)
             if frame is not None and oracle_pixels:
                 oracles[shard.split].check(frame, oracle_pixels, verdict)
-            if before is not None and frame is not None and fits and _follows(frame, before, index):
-                check_frames(before, frame, verdict, images=_same_textures(frame, index))
-            before = frame if fits else None
+            if frame is not None and fits:
+                _check_against(frame, recent, index, verdict)
+                recent[number] = frame
+            recent = {at: pair for at, pair in recent.items() if at in _still_needed(number, index)}
             yield verdict
 
 
@@ -76,15 +78,29 @@ def damaged_index(faults: Iterable[str]) -> Verdict:
     return verdict
 
 
-def _follows(frame: StoredFrame, before: StoredFrame, index: Index) -> bool:
-    """Return whether a pair is the next frame of another pair's sequence, and of the same size."""
-    length = int(index.number("sequence", "length") or 1)
-    return (
-        frame.split == before.split
-        and frame.index == before.index + 1
-        and frame.index % max(length, 1) > 0
-        and frame.view("left")["image"].shape == before.view("left")["image"].shape
-    )
+def _looked_back_at(number: int, index: Index) -> set[int]:
+    """Return which earlier pairs a pair is compared with: the same view's one frame earlier, and the scene's first."""
+    scene, view = divmod(number, index.views)
+    before = {number - index.views} if scene % index.sequence_length else set()
+    return before | ({number - view} if view else set())
+
+
+def _still_needed(number: int, index: Index) -> set[int]:
+    """Return which pairs up to a pair those after it are compared with."""
+    return {at for later in range(number + 1, number + 1 + index.views) for at in _looked_back_at(later, index)}
+
+
+def _check_against(frame: StoredFrame, recent: Mapping[int, StoredFrame], index: Index, verdict: Verdict) -> None:
+    """Check a pair against those of some earlier pairs that it is to be compared with, where they are of its size."""
+    sizes = frame.left.image.shape
+    for number in _looked_back_at(frame.index, index):
+        other = recent.get(number)
+        if other is None or other.split != frame.split or other.left.image.shape != sizes:
+            continue
+        if number // index.views == frame.index // index.views:
+            check_lefts(frame, other, verdict)
+        else:
+            check_frames(other, frame, verdict, images=_same_textures(frame, index))
 
 
 def _same_textures(frame: StoredFrame, index: Index) -> bool:

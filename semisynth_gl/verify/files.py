@@ -263,6 +263,9 @@ def check_origin(frame: StoredFrame, index: Index, verdict: Verdict) -> None:
     recorded = {group: names for group, names in index.values.get("plugins", {}).items() if group != "layouts"}
     if provenance.get("plugins", {}) != recorded:
         verdict.add("origin", f"plugins are {provenance.get('plugins', {})!r}, in the index {recorded!r}")
-    for key, expected in (("pair", frame.index), ("split", frame.split)):
+    place: dict[str, object] = {"pair": frame.index, "split": frame.split}
+    if index.views > 1:
+        place["view"] = frame.index % index.views
+    for key, expected in place.items():
         if provenance.get(key) != expected:
             verdict.add("origin", f"{key} is {provenance.get(key)!r}, by the place of its files {expected!r}")

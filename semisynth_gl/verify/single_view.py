@@ -24,7 +24,8 @@ _FLOW_SHARE = 1e-5
 _SIX_DIGITS = 1e-5
 # d = f B / Z - doffs in float32: f B and doffs are rounded once each, GPUs may divide with 2.5 units in the last place,
 # and depth and difference are rounded once each. 8 units of 2**-23 leave a margin of two.
-_FLOAT32 = 8 * 2.0**-23
+FLOAT32 = 8 * 2.0**-23
+"""Largest relative error of a disparity from its depth, and of the f B / Z and doffs that it is the difference of."""
 DEVIATING_PX = 1e-3
 """Largest error of the correspondences of a right camera that deviates, which are worked out in more steps."""
 _UNIT_LENGTH = 1e-5
@@ -152,7 +153,7 @@ def check_depth(frame: StoredFrame, verdict: Verdict) -> None:
         seen = np.isfinite(depth) & (depth > 0)
         with np.errstate(divide="ignore", invalid="ignore"):
             expected = _disparity_of_depth(frame, eye, depth)
-            bound = _FLOAT32 * (np.abs(expected) + 2 * abs(camera.doffs_px)) + frame.rounding_px(disparity)
+            bound = FLOAT32 * (np.abs(expected) + 2 * abs(camera.doffs_px)) + frame.rounding_px(disparity)
             bound += 0.0 if camera.rectified else DEVIATING_PX
             encodable = expected < frame.encodings.disparity.limit_px - bound
             missing = seen & (expected > bound) & encodable

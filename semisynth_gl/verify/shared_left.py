@@ -1,0 +1,62 @@
+"""The left views of the pairs that show one scene are one view; their disparities differ by the baseline alone."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.dataset.sample import StoredFrame
+from semisynth_gl.frame import CHANNELS
+from semisynth_gl.verify.agreement import all_components
+from semisynth_gl.verify.single_view import DEVIATING_PX, FLOAT32
+from semisynth_gl.verify.verdict import Verdict
+
+
+def check_lefts(frame: StoredFrame, other: StoredFrame, verdict: Verdict) -> None:
+    """Check the left view of a pair against that of another pair of the same scene.
+
+    Args:
+        frame: the pair as it was read.
+        other: the other one, of the same size; findings name it.
+        verdict: takes findings.
+    """
+    own, camera = frame.camera.left_alone, other.camera.left_alone
+    if own != camera:
+        verdict.add("lefts", f"the left camera is not that of {other.name}: it is {own}, there {camera}")
+        return
+    for name, channel in CHANNELS.items():
+        mine, its = frame.left.get(name), other.left.get(name)
+        if channel.of_own_view and mine is not None and its is not None:
+            differs = ~all_components((mine == its) if mine.ndim == 3 else (mine == its)[..., None])
+            verdict.add_pixels("lefts", channel.role("left"), f"is not that of {other.name}", differs)
+    for one, two in ((frame, other), (other, frame)):
+        wrong = _of_another_depth(one, two)
+        if wrong.any():
+            y, x = np.argwhere(wrong)[0]
+            at = np.array(float(x)), np.array(float(y))
+            depths = [float(pair.camera.depth_at("left", *at, pair.left.disparity[y, x])) for pair in (one, two)]
+            detail = f", which is {depths[1]:g} m away and not {depths[0]:g} m"
+            array = f"disparity_left of {one.name}"
+            verdict.add_pixels("lefts", array, f"is not that of {two.name}", wrong, detail)
+            return
+
+
+def _of_another_depth(frame: StoredFrame, other: StoredFrame) -> NDArray[np.bool_]:
+    """Return where a pair's left disparity is not that of the depth that another pair has there, (H, W) bool.
+
+    Where the other one has no disparity, nothing is said.
+    """
+    disparity, its = frame.left.disparity, other.left.disparity.astype(np.float64)
+    camera, its_camera = frame.camera, other.camera
+    if not (camera.focal_baseline and its_camera.focal_baseline):
+        return np.zeros(disparity.shape, bool)
+    y_px, x_px = np.mgrid[: disparity.shape[0], : disparity.shape[1]].astype(np.float64)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        depth_m = its_camera.depth_at("left", x_px, y_px, its)
+        expected = -camera.correspondence("left", x_px, y_px, depth_m)[..., 0]
+        bound = FLOAT32 * (np.abs(its) + 2 * abs(its_camera.doffs_px)) + other.rounding_px(its)
+        bound *= camera.focal_baseline / its_camera.focal_baseline
+        bound += FLOAT32 * (np.abs(expected) + 2 * abs(camera.doffs_px)) + frame.rounding_px(disparity)
+        bound += 0.0 if camera.rectified and its_camera.rectified else 2 * DEVIATING_PX
+        missing = np.isfinite(its) & (expected > bound) & (expected < frame.encodings.disparity.limit_px - bound)
+        wrong = np.isfinite(its) & ~(np.abs(disparity - expected) <= bound)
+    result: NDArray[np.bool_] = np.where(np.isfinite(disparity), wrong, missing)
+    return result

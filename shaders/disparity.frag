@@ -1,0 +1,14 @@
+#version 450 core
+// The disparity of a view from its 1 / Z: a view that several cameras share is drawn once, and each has its own f B.
+
+#include "common_constants.glsl"
+#include "common_disparity.glsl"
+
+layout(binding = 0) uniform sampler2D inverse_depth;  // negative where nothing is drawn
+
+layout(location = 0) out float disparity_px;
+
+void main() {
+    float nearness = texelFetch(inverse_depth, ivec2(gl_FragCoord.xy), 0).r;
+    disparity_px = nearness < 0.0 ? INVALID : disparity_at(nearness);
+}

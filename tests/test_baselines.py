@@ -1,0 +1,371 @@
+"""Several baselines of one scene: pairs that share a left view, in the renderer, in sequences, in files."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from backends import backend_fault
+from planted_faults import change_disparity, change_image, findings
+from recorder import Recorder
+from tiny_datasets import cheap, digests
+
+from semisynth_gl import oracle
+from semisynth_gl.camera import EYES, Crop, StereoCamera
+from semisynth_gl.config import Config, Range
+from semisynth_gl.config.scene_sections import CameraSection
+from semisynth_gl.dataset.file_sets import list_file_sets
+from semisynth_gl.dataset.plan import make_plan
+from semisynth_gl.dataset.reader import open_dataset, read_index
+from semisynth_gl.errors import InputError
+from semisynth_gl.frame import OUTPUTS
+from semisynth_gl.generation.generate import generate
+from semisynth_gl.layouts import Key
+from semisynth_gl.pairs import pipeline
+from semisynth_gl.pairs.pipeline import PairRenderer
+from semisynth_gl.render.renderer import Renderer
+from semisynth_gl.scene.raycast import cast_rays
+from semisynth_gl.scene.rig import draw_camera, draw_views
+from semisynth_gl.scene.scene import make_scene
+from semisynth_gl.seeds import Purpose, generator
+from semisynth_gl.verify.dataset import verify_dataset
+from semisynth_gl.verify.shared_left import check_lefts
+from semisynth_gl.verify.verdict import Verdict
+
+SEVERAL = [0.4, 1.0, 0.7]
+MOVING = {"length": 2, "frame_s": 0.1}
+SEED = 3
+
+
+def several(baselines=SEVERAL, camera=None, **changes):
+    """A config of pairs that take milliseconds, in colour and with a camera that sways."""
+    values = cheap().model_dump(mode="json")
+    values["camera"] |= {"sway_m": 0.02, "sway_deg": 1.0, "baselines": baselines} | (camera or {})
+    if isinstance(baselines, list):
+        del values["camera"]["baseline_m"]
+    return Config.model_validate(values | changes)
+
+
+def assert_same(frame, expected, message=""):
+    assert frame.camera == expected.camera
+    assert frame.arrays().keys() == expected.arrays().keys()
+    for role, array in frame.arrays().items():
+        np.testing.assert_array_equal(array, expected.arrays()[role], err_msg=f"{role} {message}", strict=True)
+
+
+# Rendering
+
+
+@pytest.mark.one_backend
+@pytest.mark.parametrize(
+    "changes",
+    [{}, {"antialias": "edges"}, {"antialias": "ssaa2", "truth": "left"}, {"rig": {"right_roll_deg": 2.0}}],
+    ids=["rectified", "outlines", "samples-left", "deviating"],
+)
+def test_each_pair_is_that_of_a_rig_of_its_baseline_alone_bit_for_bit(backend, changes):
+    """All outputs of both views, whole and cropped, asked for in any order."""
+    outputs = [output for output in OUTPUTS if output != "disparity_change" or "rig" not in changes]
+    config, crop = several(sequence=MOVING, outputs=outputs, **changes), Crop(9, 7, 30, 21)
+    options = {"truth": config.truth, "antialias": config.antialias, "rectified": config.rig.none()}
+    with PairRenderer(config, SEED, backend) as pairs:
+        models, atlas = pairs.sampler.models, pairs.sources.atlas.layers
+        with Renderer(models, atlas, outputs=outputs, backend=backend, **options) as alone:
+            for index, part in ((4, None), (3, None), (0, None), (5, crop), (3, crop), (1, crop), (2, None)):
+                frame = pairs.render(index, crop=part).frame
+                sampled = pairs.sampler.sample(index)
+                motions = {"future": pairs.sampler.motion(sampled, 1), "past": pairs.sampler.motion(sampled, -1)}
+                assert sampled.scene.camera.baseline_m == SEVERAL[index % 3]
+                assert_same(frame, alone.render(sampled.scene, part, **motions), f"of pair {index}")
+
+
+@pytest.mark.one_backend
+def test_pairs_of_a_scene_have_the_disparities_of_rays(backend):
+    config = several(outputs=["visibility", "instances"])
+    with PairRenderer(config, SEED, backend) as pairs:
+        for index in range(3):
+            frame, scene = pairs.render(index).frame, pairs.sampler.sample(index).scene
+            for eye in EYES:
+                y, x = (axis.ravel() for axis in np.mgrid[1:48:3, 1:64:2])
+                view, models = frame.view(eye), pairs.sampler.models
+                hits = cast_rays(scene, models, eye, x, y)
+                # Off edges: rasteriser and ray meet the same instance.
+                same = view.instances[y, x] == hits.instance + 1
+                assert same.mean() > 0.98
+                error = np.abs(view.disparity[y, x] - oracle.disparity_px(scene.camera, hits))[same]
+                assert np.quantile(error, 0.999) <= 1e-4
+                wrong = view.visibility[y, x] != oracle.visibility(scene, models, eye, x, y, hits)
+                assert wrong[same].mean() < 5e-3
+
+
+@pytest.mark.one_backend
+def test_a_left_view_is_drawn_and_read_once_for_all_its_pairs(backend):
+    recorder = Recorder()
+    with PairRenderer(several(outputs=["visibility", "depth"]), SEED, backend) as pairs:
+        pairs.listener = recorder
+        made = [pairs.render(index).frame for index in range(3)]
+        assert recorder.stages.count("sample") == 1
+        assert recorder.stages.count("draw") == 3
+    for frame in made[1:]:
+        for name in ("image", "depth"):
+            assert frame.left[name] is made[0].left[name]
+        assert not np.array_equal(frame.left.disparity, made[0].left.disparity)
+    with pytest.raises(ValueError, match="read-only"):
+        made[0].left.image[0, 0] = 0
+
+
+@pytest.mark.one_backend
+def test_one_pair_that_fails_its_checks_draws_its_scene_again_for_all(backend, monkeypatch):
+    """Of the first frame alone, and all right views are judged."""
+    judged = []
+
+    def faults(frame, _):
+        judged.append(frame.camera.baseline_m)
+        return ["too short"] if judged.count(0.7) == 1 and frame.camera.baseline_m == 0.7 else []
+
+    monkeypatch.setattr(pipeline, "faults", faults)
+    with PairRenderer(several(sequence=MOVING), SEED, backend) as pairs:
+        made = [pairs.render(index) for index in (4, 0, 5, 2)]
+        assert judged == [0.4, 1.0, 0.7] * 2
+        for pair in made:
+            assert pair.provenance["redrawn"] == ["too short"]
+            assert pair.provenance["view"] == pair.index % 3
+            expected = pairs.sampler.sample(pair.index, 1)
+            assert (expected.frame, expected.view) == divmod(pair.index, 3)
+            assert pair.provenance["camera"]["baseline_m"] == expected.scene.camera.baseline_m
+
+
+@pytest.mark.one_backend
+def test_imperfections_of_the_left_eye_belong_to_the_scene_and_of_the_right_one_to_the_pair(backend):
+    imperfections = {"exposure_stops": [-0.5, 0.5], "noise": [2.0, 4.0], "blur_px": [0.0, 1.0]}
+    config = several(imperfections=imperfections)
+    alone = several([SEVERAL[0]], imperfections=imperfections)
+    with PairRenderer(config, SEED, backend) as pairs, PairRenderer(config, SEED, backend) as others:
+        made = [pairs.render(index) for index in range(6)]
+        assert_same(others.render(4).frame, made[4].frame)
+        assert_same(others.render(4, crop=Crop(3, 2, 20, 10)).frame, made[4].frame.cropped(Crop(3, 2, 20, 10)))
+    drawn = [pair.provenance["imperfections"] for pair in made]
+    for first in (0, 3):
+        for pair in made[first : first + 3]:
+            np.testing.assert_array_equal(pair.frame.left.image, made[first].frame.left.image)
+        assert len({json.dumps(each["left"]) for each in drawn[first : first + 3]}) == 1
+        assert len({json.dumps(each["right"]) for each in drawn[first : first + 3]}) == 3
+    assert drawn[0]["left"] != drawn[3]["left"]
+    # A scene of one pair has the same: composed for another baseline, so that its images differ, but not in this.
+    with PairRenderer(alone, SEED, backend) as pairs:
+        assert [pairs.render(index).provenance["imperfections"] for index in range(2)] == [drawn[0], drawn[3]]
+
+
+def test_cameras_that_differ_in_the_left_eye_share_no_view(open_renderer, square):
+    camera = StereoCamera.centred(32, 24, 30.0, 0.1)
+    renderer = open_renderer([square], np.full((1, 4, 4, 4), 255, np.uint8))
+    scene = make_scene(camera, model=[0], world_from_model=[np.eye(4)], layer=[0])
+    for changed in ({"focal_px": 31.0}, {"cx_left_px": 3.0}, {"cy_px": 1.0}, {"width_px": 31}):
+        with pytest.raises(InputError, match="differ from the scene's in the right eye alone"):
+            renderer.share_left(scene, [camera, replace(camera, **changed)])
+    with pytest.raises(InputError, match="expected at least one, got none"):
+        renderer.share_left(scene, [])
+    shared = renderer.share_left(scene, [camera, replace(camera, baseline_m=0.2, cx_right_px=3.0)])
+    with pytest.raises(InputError, match="expected 0 to 1, got 2"):
+        shared.render(2)
+
+
+# Scenes
+
+
+def test_scenes_are_made_for_their_longest_baseline():
+    section = CameraSection(width_px=64, height_px=48, focal_px=Range(60, 80), baseline_m=Range(0.1, 0.5), baselines=4)
+    plain = section.model_copy(update={"baselines": 1})
+    for number in range(20):
+        camera = draw_camera(section, generator(0, Purpose.CAMERA, number))
+        assert camera == draw_camera(plain, generator(0, Purpose.CAMERA, number))
+        rng = generator(0, Purpose.CAMERA, number)
+        views = draw_views(section, draw_camera(section, rng), rng)
+        assert views[0].baseline_m == camera.baseline_m
+        assert len({view.baseline_m for view in views}) == 4
+        assert all(0.1 <= view.baseline_m <= 0.5 and view.left_alone == camera.left_alone for view in views)
+
+
+def test_doffs_is_the_longest_baselines_unless_the_right_principal_point_is_stated():
+    base = {"width_px": 64, "height_px": 48, "focal_px": 60, "cx_left_px": 30, "baselines": [0.1, 0.4, 0.2]}
+    for keys, expected in (({"doffs_px": 8}, [2, 8, 4]), ({"cx_right_px": 38}, [8, 8, 8])):
+        section, rng = CameraSection.model_validate({**base, **keys}), np.random.default_rng(0)
+        views = draw_views(section, draw_camera(section, rng), rng)
+        assert [view.doffs_px for view in views] == pytest.approx(expected)
+        far_m = [view.depth_m(0.0) for view in views]
+        assert (max(far_m) == pytest.approx(min(far_m))) == ("doffs_px" in keys)
+
+
+@pytest.mark.parametrize("principal", [{"doffs_px": 1.5}, {"cx_left_px": 30, "cx_right_px": 31.5}])
+@pytest.mark.parametrize("baselines", [[0.1, 0.4, 0.3], 3, 2])
+def test_pairs_are_expected_to_show_what_their_baselines_make_of_the_target(baselines, principal):
+    """Against draws: a disparity of the longest baseline, and the others of its scene."""
+    config = several(baselines, {"baseline_m": [0.1, 0.4]} | principal)
+    doffs_px = 1.5 if "cx_right_px" in principal else 0
+    rng, shown = np.random.default_rng(0), []
+    wanted = config.wanted_histogram()
+    for _ in range(6_000):
+        drawn = np.array([each.draw(rng) for each in config.camera.baseline_ranges_m])
+        longest_px = wanted.quantile(rng.random())
+        shown.append(drawn / drawn.max() * (longest_px + doffs_px) - doffs_px)
+    shown = np.concatenate(shown)
+    expected = config.shown_histogram()
+    assert expected.shares.sum() == pytest.approx(1)
+    assert np.isin(np.round(wanted.edges_px, 9), np.round(expected.edges_px, 9)).all()
+    below = [(shown[shown > 0] < px).mean() for px in expected.edges_px]
+    np.testing.assert_allclose(expected.cumulative(expected.edges_px), below, atol=0.015)
+    assert expected.mean_px < wanted.mean_px
+    one = several([0.4])
+    assert one.across_baselines(wanted) is wanted
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"baselines": 2, "baseline_m": 0.2}, "asks for 2 different ones, but baseline_m is 0.2 alone"),
+        ({"baselines": [0.1, 0.2], "baseline_m": 0.2}, "not both"),
+        ({}, "baseline_m is missing"),
+        ({"baselines": 3}, "baseline_m is missing"),
+        ({"baselines": 0, "baseline_m": [1, 2]}, "a whole number from 1 to 64, or a list"),
+        ({"baselines": 65, "baseline_m": [1, 2]}, "a whole number from 1 to 64, or a list"),
+        ({"baselines": True, "baseline_m": [1, 2]}, "a whole number from 1 to 64, or a list"),
+        ({"baselines": 1.5, "baseline_m": [1, 2]}, "a whole number from 1 to 64, or a list"),
+        ({"baselines": []}, "a list of 1 to 64"),
+        ({"baselines": [0.1, "0.2"]}, "a list of 1 to 64"),
+        ({"baselines": [0.1, 0.1]}, "differ from each other"),
+        ({"baselines": [0.1, -0.2]}, "metres from 1e-06"),
+        ({"baselines": [0.1, 0]}, "metres from 1e-06"),
+        ({"baselines": [0.1, float("nan")]}, "metres from 1e-06"),
+    ],
+)
+def test_baselines_that_cannot_be_are_refused(keys, said):
+    with pytest.raises(ValueError, match=said):
+        CameraSection.model_validate({"width_px": 64, "height_px": 48, "focal_px": 60, **keys})
+
+
+# Files
+
+
+def test_loaders_of_sequences_get_one_for_each_right_view():
+    keys = [Key("a", "train", index, 2, 3) for index in range(14)]
+    assert [(key.sequence, key.frame) for key in keys] == [
+        *((0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1)),
+        *((3, 0), (4, 0), (5, 0), (3, 1), (4, 1), (5, 1)),
+        *((6, 0), (7, 0)),
+    ]
+    assert [Key("a", "train", index, None, 3).sequence for index in range(4)] == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("layout", ["sceneflow", "kitti", "middlebury"])
+@pytest.mark.parametrize("baselines", [[1.0], SEVERAL, [0.1, 0.2]])
+def test_patterns_of_files_hold_for_all_pairs(layout, baselines):
+    config = several(baselines, sequence=MOVING, outputs=["visibility", "flow"])
+    one = several([1.0], sequence=MOVING, outputs=["visibility", "flow"])
+    patterns = [
+        {files.role: files.pattern for files in list_file_sets(make_plan(each, 0, layout, {"train": 12}), "train")}
+        for each in (config, one)
+    ]
+    assert patterns[0] == patterns[1]
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A sequence of two frames and three baselines, and the beginning of another one; and what it is made by."""
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    root = tmp_path_factory.mktemp("baselines")
+    config = several(sequence=MOVING, outputs=["visibility", "instances", "depth", "flow", "flow_backward"])
+    generate(config, root / "whole", 8, SEED, layout="sceneflow", shard_pairs=4)
+    return config, root
+
+
+def test_a_dataset_of_several_baselines_is_whole(written):
+    root = written[1]
+    index = read_index(root / "whole")
+    assert (index.views, index.values["views"]) == (3, 3)
+    verdicts = list(verify_dataset(index, 20))
+    assert [str(finding) for verdict in verdicts for finding in verdict.findings] == []
+    # Flow was compared with the same view's frame before.
+    compared = ["flow_left_frames_median_px" in verdict.measures for verdict in verdicts[1:]]
+    assert compared == [index // 3 % 2 == 1 for index in range(8)]
+    dataset = open_dataset(root / "whole")
+    lefts = {}
+    for pair in dataset:
+        scene, view = divmod(pair.index, 3)
+        assert (pair.provenance["view"], pair.camera.baseline_m) == (view, SEVERAL[view])
+        assert (pair.provenance["sequence"], pair.provenance["frame"]) == divmod(scene, 2)
+        files = index.files("train", pair.index)
+        for role in ("left", "instances_left", "depth_left", "flow_left", "flow_visibility_left"):
+            assert lefts.setdefault((scene, role), data := (root / "whole" / files[role]).read_bytes()) == data
+    assert len({data for (_, role), data in lefts.items() if role == "left"}) == 3
+    assert "3 pairs of each" in (root / "whole" / "README.md").read_text()
+
+
+def test_a_run_that_ends_within_a_scene_goes_on_there(written, tmp_path):
+    """A shard of four pairs ends within a scene of three too."""
+    config, root = written
+    recorder = Recorder(lambda pair: pair.index == 4)
+    result = generate(config, tmp_path / "out", 8, SEED, layout="sceneflow", shard_pairs=4, listener=recorder)
+    assert result.stopped
+    generate(config, tmp_path / "out", 8, SEED, layout="sceneflow")
+    assert digests(tmp_path / "out") == digests(root / "whole")
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    """Three pairs of one scene."""
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    config = several(outputs=["visibility", "depth", "flow"])
+    out = tmp_path_factory.mktemp("scene") / "out"
+    generate(config, out, 3, SEED, layout="middlebury")
+    return out
+
+
+def test_left_files_that_were_changed_are_found(scene, tmp_path):
+    dataset = shutil.copytree(scene, tmp_path / "changed", symlinks=True)
+    second, third = (
+        {role: dataset / path for role, path in read_index(dataset).files("train", index).items()} for index in (1, 2)
+    )
+    change_image(second["left"], lambda image: np.where(np.arange(64)[:, None] == 40, 255 - image, image))
+    change_image(second["flow_visibility_left"], lambda mask: mask[:, ::-1])
+    change_disparity(second["depth_left"], lambda depth: depth * np.float32(1 + 2e-7))
+    provenance = json.loads(third["provenance"].read_text())
+    third["provenance"].write_text(json.dumps(provenance | {"view": 1}))
+    found = [(finding.scene, finding.check, finding.message) for finding in findings(dataset)]
+    first = "sceneflow-000000"
+    for scene_, check, said in (
+        ("sceneflow-000001", "lefts", f"left is not that of {first} in 48 pixels, the first at (40, 0)"),
+        ("sceneflow-000001", "lefts", f"flow_visibility_left is not that of {first}"),
+        ("sceneflow-000001", "lefts", f"depth_left is not that of {first}"),
+        ("sceneflow-000002", "origin", "view is 1, by the place of its files 2"),
+    ):
+        assert any(one == scene_ and what == check and said in text for one, what, text in found), found
+    assert not any(what == "lefts" and one != "sceneflow-000001" for one, what, _ in found)
+
+
+def test_left_disparities_of_another_depth_are_found(scene):
+    """What the baseline or the depth of another pair makes of a disparity, and rounding, is none."""
+    first, second, _ = open_dataset(scene)
+    one_px = np.zeros(first.left.disparity.shape, np.float32)
+    one_px[20, 30] = 1
+
+    def said(change, camera=None):
+        verdict = Verdict("x")
+        left = second.left.with_channels({"disparity": change(second.left.disparity)})
+        check_lefts(replace(second, left=left, camera=camera or second.camera), first, verdict)
+        return [finding.message for finding in verdict.findings]
+
+    assert said(lambda disparity: disparity) == []
+    assert said(lambda disparity: np.nextafter(disparity, np.float32(0))) == []
+    for change in (
+        lambda disparity: disparity * np.float32(1 + 1e-5),
+        lambda disparity: disparity + one_px / 1000,
+        lambda _: first.left.disparity,
+        lambda disparity: np.where(one_px > 0, np.float32(np.inf), disparity),
+    ):
+        assert any(
+            "disparity_left of sceneflow-000001 is not that of sceneflow-000000" in text for text in said(change)
+        )
+    [text] = said(lambda disparity: disparity, replace(second.camera, cy_px=second.camera.cy_px + 1))
+    assert "the left camera is not that of sceneflow-000000" in text
