@@ -13,6 +13,7 @@ from make_picture import strip
 from PIL import Image, ImageDraw, ImageFont
 
 from semisynth_gl import load_config, render_pair
+from semisynth_gl.frame import as_rgb
 
 # Each key of a camera alone, strongly, in the order in which a camera has them.
 CAMERA: Mapping[str, str] = {
@@ -40,6 +41,14 @@ def draw_rectification(path: Path) -> None:
     frame = render_pair(config, index=1)
     off = mpl.colormaps["coolwarm"](frame.left.correspondence[..., 1] / 40 + 0.5)[..., :3]
     strip([frame.left.image, frame.right.image, (255 * off).astype(np.uint8)], path)
+
+
+def draw_grey(path: Path) -> None:
+    """Draw a left image in colour, and both images in grey."""
+    coloured, grey = (
+        render_pair(load_config("sceneflow", [f"camera.colour={colour}"]), index=1) for colour in ("rgb", "grey")
+    )
+    strip([coloured.left.image, as_rgb(grey.left.image), as_rgb(grey.right.image)], path)
 
 
 def draw_cameras(path: Path) -> None:
@@ -70,6 +79,7 @@ def draw_cameras(path: Path) -> None:
 DRAWN: dict[str, Callable[[Path], None]] = {
     "rigs-rectification.jpg": draw_rectification,
     "rigs-cameras.jpg": draw_cameras,
+    "rigs-grey.jpg": draw_grey,
 }
 """What draws each picture, by the picture's name."""
 
