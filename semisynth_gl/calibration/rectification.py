@@ -7,7 +7,7 @@ from pathlib import Path
 
 from semisynth_gl.calibration.matching import MOST_PAIRS, match_pair
 from semisynth_gl.calibration.rig import Rig, Size, median_size
-from semisynth_gl.calibration.vertical import FEWEST, MATCHING_PX, Deviation, agree, deviation_ranges
+from semisynth_gl.calibration.vertical import FEWEST, MATCHING_PX, FittedDeviation, agree, deviation_ranges
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.errors import InputError
 from semisynth_gl.spread import spread
@@ -30,7 +30,7 @@ class Rectification:
     """
 
     ranges: dict[str, tuple[float, float]]
-    deviations: tuple[Deviation, ...]
+    deviations: tuple[FittedDeviation, ...]
     points: int
     pairs: int
 

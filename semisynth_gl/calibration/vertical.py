@@ -54,8 +54,8 @@ class Matches:
 
 
 @dataclass(frozen=True, slots=True)
-class Deviation:
-    """The deviation of a pair's right camera.
+class FittedDeviation:
+    """The deviation of a pair's right camera, see `semisynth_gl.camera.Deviation`, and how well it is known.
 
     Attributes:
         y_px: its principal point lies this much lower than the left one.
@@ -90,7 +90,7 @@ def agree(matches: Matches, camera: StereoCamera) -> bool:
 
 def deviation_ranges(
     pairs: Sequence[tuple[Matches, StereoCamera]], width_px: int
-) -> tuple[dict[str, tuple[float, float]], tuple[Deviation, ...]]:
+) -> tuple[dict[str, tuple[float, float]], tuple[FittedDeviation, ...]]:
     """Return the ranges of the section ``rig`` over pairs, and each pair's deviation.
 
     A key whose deviation moves rows by no more than `MATCHING_PX` (the root mean square over pairs, of the rows that it
@@ -117,7 +117,7 @@ def deviation_ranges(
     return ranges, tuple(full)
 
 
-def fit_deviation(matches: Matches, camera: StereoCamera, *, pitch: bool) -> Deviation:
+def fit_deviation(matches: Matches, camera: StereoCamera, *, pitch: bool) -> FittedDeviation:
     """Fit the deviation that brings the rows of right points to those of the left ones, robustly.
 
     Args:
@@ -151,7 +151,7 @@ def fit_deviation(matches: Matches, camera: StereoCamera, *, pitch: bool) -> Dev
     spread_px = float(residual[fits].std()) if fits.any() else float("inf")
     error = spread_px * float(np.sqrt(inverse[3, 3])) if pitch else float("inf")
     y_px, roll_rad, ratio, pitch_rad = map(float, numbers)
-    return Deviation(y_px, roll_rad, ratio, pitch_rad, spread_px, float(fits.sum() / max(len(rows), 1)), error)
+    return FittedDeviation(y_px, roll_rad, ratio, pitch_rad, spread_px, float(fits.sum() / max(len(rows), 1)), error)
 
 
 def rectified_rows(right: Values, camera: StereoCamera, numbers: Values) -> Values:
@@ -181,7 +181,7 @@ def _slope(right: Values, camera: StereoCamera, numbers: Values, number: int) ->
     return slope
 
 
-def _most_px(deviation: Deviation, camera: StereoCamera) -> tuple[float, float, float, float]:
+def _most_px(deviation: FittedDeviation, camera: StereoCamera) -> tuple[float, float, float, float]:
     """Return by how much each of the numbers moves the row that it moves most; pitch, beyond what y_px moves too."""
     across, down = (camera.width_px - 1) / 2, (camera.height_px - 1) / 2
     bend_px = deviation.pitch_rad * down**2 / camera.focal_px
