@@ -19,7 +19,7 @@ _FINE_PX = 1 / 16
 # Of a map against the rig: beyond it the two are hardly one place, such as a street in a room's shape.
 _MOST_SHAPE, _MOST_SCALE = 1.5, 16.0
 # A number that more of a map's pixels have, to the last bit, says that there is no disparity.
-_MARK = 0.01
+_MARK = 0.001
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +92,7 @@ def read_values(path: Path, rigs: Sequence[Rig], png_scale: float = KITTI_DISPAR
 
     Inf and nan are no values, and where no rig has a positive doffs, 0 and negative numbers neither. Where one has,
     what is far has such disparities, above -doffs: then they are values, but for 0 and the least number of the map
-    where more than a hundredth of the pixels have it to the last bit, as files do that mark by it what has no value.
+    where more than a thousandth of the pixels have it to the last bit, as files do that mark by it what has no value.
 
     Args:
         path: .pfm or .npy, or 16-bit grey .png, in which 0 is no value and none is negative.
