@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from semisynth_gl.bench.summary import machine_facts
 from semisynth_gl.config import load_config
 from semisynth_gl.errors import InputError, SemisynthError
+from semisynth_gl.frame import as_rgb
 from semisynth_gl.histogram import PixelCount
 
 try:
@@ -50,7 +51,7 @@ Sample = dict[str, Tensor]
 
 
 def _image(pixels: NDArray[np.uint8]) -> Tensor:
-    return torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1)))
+    return torch.from_numpy(np.ascontiguousarray(as_rgb(pixels).transpose(2, 0, 1)))
 
 
 def photographed(images: Tensor, generator: torch.Generator) -> Tensor:
@@ -60,7 +61,7 @@ def photographed(images: Tensor, generator: torch.Generator) -> Tensor:
     that has only seen perfect ones relies on it.
 
     Args:
-        images: (B, 3, H, W) uint8.
+        images: (B, 3, H, W) uint8, or (B, 1, H, W) of monochrome cameras.
         generator: of the draws, on the CPU.
 
     Returns:

@@ -18,6 +18,7 @@ OUTSIDE = 0
 Moment = Literal["now", "next", "previous"]
 Pass = Literal["drawing", "visibility", "correspondence", "flow"]
 
+Colour = Literal["rgb", "grey"]
 TruthViews = Literal["both", "left"]
 TRUTH_VIEWS: tuple[TruthViews, ...] = get_args(TruthViews)
 
@@ -26,6 +27,14 @@ ANTIALIAS_PATTERN = r"^(none|edges|msaa(2|4|8|16|32)|ssaa[2-8])$"
 
 Value = TypeVar("Value", bound=np.generic)
 _UINT8, _FLOAT32 = np.dtype(np.uint8), np.dtype(np.float32)
+
+
+def as_rgb(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return an image of either kind with three channels, (H, W, 3); those of a grey one, (H, W), are equal.
+
+    A grey one is not copied, and cannot be written to.
+    """
+    return image if image.ndim == 3 else np.broadcast_to(image[..., np.newaxis], (*image.shape, 3))
 
 
 def finite_range(values: NDArray[np.float32]) -> tuple[int, float, float]:
@@ -54,6 +63,7 @@ class Channel(Generic[Value]):
         meaning: what a value says, with ``{view}`` and ``{other}`` for the view's name and the other view's.
         codec: see `semisynth_gl.codecs.Encodings.codec`.
         components: values per pixel; the array is (H, W) for 1, else (H, W, components).
+        or_grey: whether it is (H, W) all the same where the cameras see no colours.
         nothing: the value of a pixel that shows nothing, or for which the quantity does not exist.
         output: the output that a user asks for to get the channel; None for a channel that every pair has.
         moment: "next" or "previous" where it compares the scene with that frame, which needs the scene's motion.
@@ -70,6 +80,7 @@ class Channel(Generic[Value]):
     _: KW_ONLY
     codec: str
     components: int = 1
+    or_grey: bool = False
     nothing: float = 0
     output: str | None = None
     moment: Moment = "now"
@@ -100,6 +111,10 @@ class Channel(Generic[Value]):
             raise AttributeError(f"this view has no {self.name}: {hint} was not made")
         return array
 
+    def fits(self, shape: tuple[int, ...]) -> bool:
+        """Return whether an array of the channel may have a shape."""
+        return shape[2:] in {() if self.components == 1 else (self.components,), *([()] if self.or_grey else [])}
+
     def role(self, eye: Eye) -> str:
         """Return the name of one eye's array among both views': ``left`` for its image, else ``disparity_left``."""
         return eye if self.name == "image" else f"{self.name}_{eye}"
@@ -123,7 +138,13 @@ class View(Mapping[str, NDArray[Any]]):
     """
 
     image = Channel(
-        _UINT8, "{view} image, 8-bit RGB", components=3, attachment="colour", codec="image", of_own_view=True
+        _UINT8,
+        "{view} image, 8-bit RGB",
+        components=3,
+        or_grey=True,
+        attachment="colour",
+        codec="image",
+        of_own_view=True,
     )
     disparity = Channel(
         _FLOAT32, "disparity of the {view} view's pixels", nothing=inf, codec="disparity", mask="visibility"
@@ -227,9 +248,9 @@ class View(Mapping[str, NDArray[Any]]):
                 raise InputError(f"view: expected channels of {', '.join(CHANNELS)}, got {name}")
             if not isinstance(array, np.ndarray):
                 continue  # a reader of the renderer's may hand out tensors
-            shape = array.shape[:2] if channel.components == 1 else (*array.shape[:2], channel.components)
-            if array.ndim < 2 or array.shape != shape or array.dtype != channel.dtype:
+            if array.ndim < 2 or not channel.fits(array.shape) or array.dtype != channel.dtype:
                 expected = "(H, W)" if channel.components == 1 else f"(H, W, {channel.components})"
+                expected += " or (H, W)" if channel.or_grey else ""
                 raise InputError(f"view: {name} must be {expected} {channel.dtype}, got {array.shape} {array.dtype}")
 
     __eq__ = object.__eq__

@@ -1,7 +1,7 @@
 #version 450 core
-// COLOUR: from the patch atlas and nothing else, with up to ANISOTROPY samples. The rest is truth: DISPARITY, or
-// INVERSE_DEPTH (1 / Z) where several cameras make disparities of it, DEPTH (planar), INSTANCES (ids from 1), NORMALS (of
-// the triangle, towards the camera) and SURFACE (which triangle of which instance).
+// COLOUR: from the patch atlas and nothing else, with up to ANISOTROPY samples; one component alone where it is GREY. The
+// rest is truth: DISPARITY, or INVERSE_DEPTH (1 / Z) where several cameras make disparities of it, DEPTH (planar),
+// INSTANCES (ids from 1), NORMALS (of the triangle, towards the camera) and SURFACE (which triangle of which instance).
 
 #include "common_constants.glsl"
 
@@ -13,16 +13,24 @@ flat in int scene_triangle;
 #ifdef COLOUR
 layout(binding = 0) uniform sampler2DArray atlas;
 
-layout(location = COLOUR) out vec4 colour;
+#ifdef GREY
+#define Colour float
+#define seen(texel) (texel).r
+#else
+#define Colour vec4
+#define seen(texel) (texel)
+#endif
 
-vec4 patch_colour() {
+layout(location = COLOUR) out Colour colour;
+
+Colour patch_colour() {
     vec2 side_texels = vec2(textureSize(atlas, 0).xy);
     // Drivers floor the position between texels to a multiple of 1/256; rounding it first keeps a position that is
     // 1e-5 below a texel's centre from taking 1/256 of its neighbour.
     vec2 position = (patch_coordinate * side_texels - 0.5) * 256.0;
     vec2 to_step = (round(position) - position) / (256.0 * side_texels);
 #if ANISOTROPY == 1
-    return texture(atlas, vec3(patch_coordinate + to_step, float(patch_layer)));
+    return seen(texture(atlas, vec3(patch_coordinate + to_step, float(patch_layer))));
 #else
     vec2 dx = dFdx(patch_coordinate), dy = dFdy(patch_coordinate);
     float x_texels = length(dx * side_texels), y_texels = length(dy * side_texels);
@@ -34,10 +42,10 @@ vec4 patch_colour() {
     // One texel a pixel must come out bit for bit, so rounding errors of the derivatives may not mix in the next level.
     lod = lod < 0.001 ? 0.0 : lod;
     vec2 along = x_texels > y_texels ? dx : dy;
-    vec4 sum = vec4(0.0);
+    Colour sum = Colour(0.0);
     for (float tap = 0.5; tap < taps; tap += 1.0) {
         vec2 offset = taps > 1.0 ? along * (tap / taps - 0.5) : to_step;
-        sum += textureLod(atlas, vec3(patch_coordinate + offset, float(patch_layer)), lod);
+        sum += seen(textureLod(atlas, vec3(patch_coordinate + offset, float(patch_layer)), lod));
     }
     return sum / taps;
 #endif

@@ -71,10 +71,12 @@ def test_a_moment_moves_the_scenes_own_instances():
                     np.testing.assert_array_equal(scene.camera_from_world, motion.scene.camera_from_world)
 
 
+@pytest.mark.parametrize("colour", ["rgb", "grey"])
 @pytest.mark.parametrize("antialias", ["none", "edges", "msaa4", "ssaa2"])
-def test_images_alone_are_those_of_the_whole_pair(antialias):
+def test_images_alone_are_those_of_the_whole_pair(antialias, colour):
     # What is behind the near plane is another share of what each eye sees, where the right one turns.
-    config = moving(rig={"right_roll_deg": 3.0, "right_pitch_deg": 5.0}).model_copy(update={"antialias": antialias})
+    rig, camera = {"right_roll_deg": 3.0, "right_pitch_deg": 5.0}, {"sway_m": 0.03, "colour": colour}
+    config = moving(rig=rig, camera=camera).model_copy(update={"antialias": antialias})
     with opened(config) as (sampler, renderer):
         for index in range(3):
             scene = sampler.sample(index).scene
@@ -93,10 +95,11 @@ def test_images_alone_are_those_of_the_whole_pair(antialias):
                 np.testing.assert_array_equal(again.arrays()[name], array)
 
 
-@pytest.mark.parametrize("count", [2, 7])
-def test_an_exposure_is_the_mean_of_its_moments_rounded_once(count):
+@pytest.mark.parametrize(("count", "colour"), [(2, "rgb"), (7, "grey")])
+def test_an_exposure_is_the_mean_of_its_moments_rounded_once(count, colour):
+    camera = {"sway_m": 0.03, "colour": colour}
     section = {"motion_blur": [0.4, 1], "sub_frames": count}
-    sharp_config, config = moving(), moving(imperfections=section)
+    sharp_config, config = moving(camera=camera), moving(camera=camera, imperfections=section)
     with (
         PairRenderer(sharp_config, 0) as before,
         PairRenderer(config, 0) as after,
@@ -126,10 +129,10 @@ class Counted:
     def __init__(self, level):
         self.level, self.asked = level, 0
 
-    def render_images(self, scene):
+    def render_images(self, scene, eyes):
         self.asked += 1
         shape = (scene.camera.height_px, scene.camera.width_px, 3)
-        return {eye: np.full(shape, self.level, np.uint8) for eye in EYES}
+        return {eye: np.full(shape, self.level, np.uint8) for eye in eyes}
 
 
 def test_nothing_is_drawn_twice():
@@ -150,6 +153,33 @@ def test_nothing_is_drawn_twice():
             assert counted.asked == drawn
             expected = (frame.left.image * float(count - drawn) + 255 * drawn) / count
             np.testing.assert_array_equal(mean.left.image, np.rint(expected))
+
+
+def test_the_left_eye_exposes_once_for_all_right_ones():
+    motion = {"motion_blur": [0.4, 1], "sub_frames": 3}
+    section = motion | {"noise": 2, "white_balance": [-0.2, 0.2], "vignetting": [0.1, 0.4], "jpeg_quality": [60, 95]}
+
+    def opened(**imperfections):
+        camera = {"sway_m": 0.03, "baselines": 2, "baseline_m": [0.5, 1.0]}
+        return PairRenderer(moving(camera=camera, imperfections=imperfections), 0)
+
+    with opened() as before, opened(**motion) as blurred, opened(**section) as after, opened(**section) as again:
+        for scene in (0, 4):
+            pairs = [after.render(2 * scene + view) for view in (0, 1)]
+            np.testing.assert_array_equal(pairs[0].frame.left.image, pairs[1].frame.left.image)
+            first, second = (pair.provenance["imperfections"] for pair in pairs)
+            assert first["left"] == second["left"]
+            assert first["right"]["motion_blur"] == second["right"]["motion_blur"]
+            assert all(first["right"][key] != second["right"][key] for key in ("white_balance", "vignetting"))
+            # In another order each is the same; so is its truth where the image alone is drawn in between.
+            for view in (1, 0):
+                index = 2 * scene + view
+                other, sharp, soft = (renderer.render(index).frame for renderer in (again, before, blurred))
+                for eye in EYES:
+                    np.testing.assert_array_equal(other.view(eye).image, pairs[view].frame.view(eye).image)
+                    assert not np.array_equal(soft.view(eye).image, sharp.view(eye).image)
+                    for name in sharp.view(eye).keys() - {"image"}:
+                        np.testing.assert_array_equal(soft.view(eye)[name], sharp.view(eye)[name])
 
 
 # Stronger than any camera's.

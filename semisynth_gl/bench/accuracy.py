@@ -20,7 +20,7 @@ from semisynth_gl.bench.encodings import (
 from semisynth_gl.bench.scenes import BenchScenes, Truth, cast_truth, sample_scenes
 from semisynth_gl.bench.summary import error_stats, machine_facts, markdown
 from semisynth_gl.camera import EYES
-from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS
+from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS, Encodings
 from semisynth_gl.config import Config
 from semisynth_gl.frame import Frame
 from semisynth_gl.listener import Listener
@@ -77,7 +77,10 @@ def measure(
         [view.disparity for view in views], disparity_encodings, DEFAULT_DISPARITY_ENCODING, effort.repeats
     )
     listener.on_message("encodings of images")
-    usable, left_out = usable_encodings(IMAGE_CODECS)
+    codecs = {name: Encodings.from_names(name) for name in IMAGE_CODECS}
+    if config.camera.colour == "grey":
+        codecs = {name: encodings.in_grey(three=False) for name, encodings in codecs.items()}
+    usable, left_out = usable_encodings({name: encodings.image for name, encodings in codecs.items()})
     stored_images = measure_encodings([view.image for view in views], usable, DEFAULT_IMAGE_ENCODING, effort.repeats)
     listener.on_message("antialiasing")
     # Each turn opens a renderer anew, which takes long: half as many turns.

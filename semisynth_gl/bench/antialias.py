@@ -12,6 +12,7 @@ from semisynth_gl.bench.summary import front
 from semisynth_gl.bench.timing import compare_times, turns
 from semisynth_gl.camera import EYES
 from semisynth_gl.errors import BackendError
+from semisynth_gl.frame import as_rgb
 from semisynth_gl.render.backends import Backend
 
 MODES: Mapping[str, str] = {
@@ -109,7 +110,9 @@ def _quality(
     images: Sequence[NDArray[np.uint8]], references: Sequence[NDArray[np.uint8]], outlines: Sequence[NDArray[np.bool_]]
 ) -> tuple[float, float | None, float | None]:
     """Measure the PSNR of all pixels, at outlines and elsewhere."""
-    image, reference = (np.concatenate([pixels.reshape(-1, 3) for pixels in part]) for part in (images, references))
+    image, reference = (
+        np.concatenate([as_rgb(pixels).reshape(-1, 3) for pixels in part]) for part in (images, references)
+    )
     outline = np.concatenate([mask.ravel() for mask in outlines])
     return (
         psnr_db(image, reference),

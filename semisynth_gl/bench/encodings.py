@@ -31,7 +31,8 @@ class Encoding:
     Attributes:
         name: short.
         text: a description.
-        encode: (H, W) float32 disparity, inf where there is no truth, or (H, W, 3) uint8 RGB, to bytes.
+        encode: (H, W) float32 disparity, inf where there is no truth, or (H, W, 3) uint8 RGB or (H, W) uint8 grey, to
+            bytes.
         decode: bytes and the array's shape to the array.
     """
 
@@ -67,7 +68,7 @@ def measure_encodings(
     """Encode and decode arrays and compare the result with them.
 
     Args:
-        arrays: (H, W) float32 disparities or (H, W, 3) uint8 images, both of a pair one after the other.
+        arrays: (H, W) float32 disparities or uint8 images, both of a pair one after the other.
         encodings: the alternatives.
         default: name of the encoding whose time to write is 1.
         repeats: how often each encoding encodes and decodes all arrays, in turns.

@@ -7,11 +7,13 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 from semisynth_gl.calibration.disparity_range import DisparityRange, DisparitySource, disparity_range, farthest_px
-from semisynth_gl.calibration.photographs import check_sizes, large_side, photograph_sizes
+from semisynth_gl.calibration.photographs import are_grey, check_sizes, large_side, photograph_sizes
 from semisynth_gl.calibration.recipes import SceneRecipe, suitable_recipes
+from semisynth_gl.calibration.rectification import Rectification, measure_rectification
 from semisynth_gl.calibration.rig import Rig, Size, median_size, rig_ranges
 from semisynth_gl.calibration.style import Style
 from semisynth_gl.config.scene_sections import BackgroundSection
@@ -43,6 +45,8 @@ class ConfigFacts:
         images: files, folders and globs of the photographs, absolute.
         photograph_count: number of photographs.
         large_px: side of large patches.
+        grey: whether all photographs are grey.
+        rectification: how far pairs of photographs are off rectified; None where there are none to match.
         fitting_count: number of photographs with the size of a calibration; 0 where sizes were not compared.
     """
 
@@ -52,6 +56,8 @@ class ConfigFacts:
     images: Sequence[str]
     photograph_count: int
     large_px: int
+    grey: bool = False
+    rectification: Rectification | None = None
     fitting_count: int = 0
 
     @property
@@ -91,6 +97,7 @@ def config_facts(
     *,
     scale: float | None = None,
     other_camera: bool = False,
+    pairs: Sequence[tuple[Path, Path]] = (),
 ) -> ConfigFacts:
     """Gather the facts for a config, and check that they fit together.
 
@@ -100,9 +107,10 @@ def config_facts(
         disparity: disparity maps, or a range.
         scale: scale of images and maps against the calibrated size.
         other_camera: True if photographs may have other sizes than the rig's images.
+        pairs: left and right photographs of the rig, to match.
 
     Raises:
-        InputError: where anything is missing or does not fit together.
+        InputError: where anything is missing or does not fit together, or pairs cannot be matched.
         ReadError: where a map cannot be read.
     """
     photographs = find_images(images)
@@ -117,6 +125,8 @@ def config_facts(
         [str(expanded(path).absolute()) for path in images],
         len(photographs),
         large_side(sizes, median_size(rigs).width_px),
+        are_grey(photographs),
+        measure_rectification(pairs, rigs) if pairs else None,
         fitting_count,
     )
 
@@ -140,13 +150,19 @@ def config_text(name: str, facts: ConfigFacts, style: Style) -> str:
         f"  width_px: {width_px}",
         f"  height_px: {height_px}",
         *(f"  {key}: {text}" for key, text in camera.items()),
-        "",
     ]
+    if facts.grey:
+        lines.append("  colour: grey              # as all photographs are")
+    lines.append("")
+    if facts.rectification is not None and facts.rectification.ranges:
+        lines += _comment(facts.rectification.origin)
+        lines += ["rig:", *(f"  {key}: {_range(ends)}" for key, ends in facts.rectification.ranges.items()), ""]
     lines += _comment(disparity.origin)
     shares = [f"{max(share, 0.0):.4f}".rstrip("0").rstrip(".") for share in disparity.target.shares]
     listed = textwrap.wrap(", ".join(shares), _WIDTH - 14)
     lines += [
         "disparity:",
+        *(["  signed: true              # 0 and below are disparities"] if disparity.signed else []),
         f"  min_px: {_number(disparity.min_px)}",
         f"  max_px: {_number(disparity.max_px):<20} # hard limit: sets the near plane",
         f"  target: # mean {disparity.target.mean_px:.2f} px",
@@ -175,7 +191,7 @@ def config_text(name: str, facts: ConfigFacts, style: Style) -> str:
             lines.append(f"  wall_turn_deg: {turn:<15g} # more would spread a wall over several bins of the target")
     if outdoor:
         # Below min_px, and above the disparity of infinity for the least doffs.
-        farthest = farthest_px(ranges["doffs_px"][0])
+        farthest = farthest_px(ranges["doffs_px"][0], signed=disparity.signed)
         low, high = (farthest + float(f"{part * (disparity.min_px - farthest):.2g}") for part in _PLANE_OF_MIN)
         planes = _range((low, high))
         lines.append(f"  plane_disparity_px: {planes:<10} # the far plane: between infinity and min_px")

@@ -1,14 +1,16 @@
 """Disparity maps, true or predicted, dense or sparse: counting them."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from semisynth_gl.calibration.rig import Rig, Size, median_size
+from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
-from semisynth_gl.comparison.maps import read_map
 from semisynth_gl.errors import InputError
 from semisynth_gl.histogram import Histogram, PixelCount
 
@@ -16,6 +18,8 @@ from semisynth_gl.histogram import Histogram, PixelCount
 _FINE_PX = 1 / 16
 # Of a map against the rig: beyond it the two are hardly one place, such as a street in a room's shape.
 _MOST_SHAPE, _MOST_SCALE = 1.5, 16.0
+# A number that more of a map's pixels have, to the last bit, says that there is no disparity.
+_MARK = 0.001
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,7 +27,7 @@ class MeasuredMaps:
     """The disparities of several maps, each counting the same whatever its number of values.
 
     Attributes:
-        histogram: mean of the maps' histograms, in fine bins, from 0.
+        histogram: mean of the maps' histograms, in fine bins.
         pixels: number of pixels of all maps.
         valid: number of pixels with a disparity.
         scaled: (N,) sizes of the maps whose disparities were scaled to the rig's width.
@@ -36,7 +40,7 @@ class MeasuredMaps:
 
 
 def measure_maps(paths: Sequence[Path], rigs: Sequence[Rig], png_scale: float = KITTI_DISPARITY.steps) -> MeasuredMaps:
-    """Count the disparities of all maps.
+    """Count the disparities of all maps; which numbers are none, `read_values` says.
 
     The disparities of a view are in proportion to the width of its image, so those of a map that has no rig's size are
     scaled by the ratio of the widths.
@@ -53,12 +57,14 @@ def measure_maps(paths: Sequence[Path], rigs: Sequence[Rig], png_scale: float = 
     """
     sizes, median = {rig.size for rig in rigs}, median_size(rigs)
     widest = max(width for width, _ in sizes)
-    edges = np.arange(round(widest / _FINE_PX) + 1) * _FINE_PX
+    # Nothing is farther than infinity.
+    first_px = -max(0.0, *(rig.camera.doffs_px for rig in rigs))
+    edges = np.arange(math.floor(first_px / _FINE_PX), round(widest / _FINE_PX) + 1) * _FINE_PX
     shares = np.zeros(len(edges) - 1)
     pixels = valid = 0
     scaled = list[Size]()
     for path in paths:
-        disparity = read_map(path, png_scale)
+        disparity = read_values(path, rigs, png_scale)
         size = Size(*disparity.shape[::-1])
         has_value = np.isfinite(disparity)
         count = int(has_value.sum())
@@ -79,6 +85,37 @@ def measure_maps(paths: Sequence[Path], rigs: Sequence[Rig], png_scale: float = 
         pixels += disparity.size
         valid += count
     return MeasuredMaps(Histogram.from_counts(edges, shares), pixels, valid, tuple(scaled))
+
+
+def read_values(path: Path, rigs: Sequence[Rig], png_scale: float = KITTI_DISPARITY.steps) -> NDArray[np.float32]:
+    """Read a disparity map of a rig.
+
+    Inf and nan are no values, and where no rig has a positive doffs, 0 and negative numbers neither. Where one has,
+    what is far has such disparities, above -doffs: then they are values, but for 0 and the least number of the map
+    where more than a thousandth of the pixels have it to the last bit, as files do that mark by it what has no value.
+
+    Args:
+        path: .pfm or .npy, or 16-bit grey .png, in which 0 is no value and none is negative.
+        rigs: at least one.
+        png_scale: levels of a PNG per pixel of disparity.
+
+    Returns:
+        (H, W) float32, px, nan where there is no value.
+
+    Raises:
+        ReadError: where the file has another format, or not one value per pixel.
+    """
+    values = read_disparity_map(path, png_scale)
+    # At the map's own resolution.
+    infinity_px = -max(rig.camera.doffs_px * values.shape[1] / rig.size.width_px for rig in rigs)
+    finite = np.isfinite(values)
+    known = finite & (values > min(infinity_px, 0.0))
+    if infinity_px < 0 and finite.any():
+        for mark in {np.float32(0), values[finite].min()}:
+            marked = values == mark
+            if mark <= 0 and np.mean(marked) > _MARK:
+                known &= ~marked
+    return np.where(known, values, np.float32(np.nan))
 
 
 def _scale_to(rig: Size, size: Size, path: Path) -> float:

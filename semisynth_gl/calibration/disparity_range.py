@@ -48,6 +48,11 @@ class DisparityRange:
     target: Histogram
     origin: str = ""
 
+    @property
+    def signed(self) -> bool:
+        """Whether disparities of 0 and below are among them."""
+        return self.min_px <= 0
+
 
 @dataclass(frozen=True, slots=True)
 class DisparitySource:
@@ -120,7 +125,7 @@ def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[floa
             "--disparity, or the range with --range-px LOW HIGH"
         )
     high_px, name, source = max(largest)
-    least = [rig.bounds.vmin_px for rig in rigs if rig.bounds.vmin_px is not None and rig.bounds.vmin_px > 0]
+    least = [vmin_px for rig in rigs if (vmin_px := _vmin_px(rig)) is not None]
     # The least vmin stands for all rigs only where every rig has one.
     low_px = min(least) if len(least) == len(rigs) else None
     upper, lower = f"{name} of the calibration", "vmin of the calibration"
@@ -132,9 +137,15 @@ def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[floa
     return low_px, high_px, f"max_px is {upper}, min_px {lower}"
 
 
-def farthest_px(least_doffs_px: float) -> float:
-    """Return the disparity below all others: a depth takes d + doffs above 0, and a config d above 0."""
-    return max(0.0, -least_doffs_px)
+def _vmin_px(rig: Rig) -> float | None:
+    """Return the least disparity that a calibration names; None for 0, which stands for none, and beyond infinity."""
+    vmin_px = rig.bounds.vmin_px
+    return vmin_px if vmin_px and vmin_px > min(-rig.camera.doffs_px, 0.0) else None
+
+
+def farthest_px(least_doffs_px: float, *, signed: bool = False) -> float:
+    """Return the disparity below all others: a depth takes d + doffs above 0, and a config d above 0 unless signed."""
+    return -least_doffs_px if signed else max(0.0, -least_doffs_px)
 
 
 def measured_range(histogram: Histogram, least_doffs_px: float = 0.0) -> DisparityRange:
@@ -150,8 +161,8 @@ def measured_range(histogram: Histogram, least_doffs_px: float = 0.0) -> Dispari
     low, high = histogram.quantile(_LOWEST), histogram.quantile(_HIGHEST)
     advice = "give disparity maps of these rigs, or calibrate rigs whose doffs differ one by one"
     _check_before_infinity(low, least_doffs_px, "a thousandth of the measured disparities lies below", advice)
-    first = _rounded_down(low, farthest_px(least_doffs_px))
-    edges, bin_px = _bins(first, high * _HEADROOM)
+    first = _rounded_down(low, farthest_px(least_doffs_px, signed=low <= 0))
+    edges, bin_px = _bins(first, max(high * _HEADROOM, high + (_HEADROOM - 1) * (high - first)))
     return DisparityRange(first, float(edges[-1]), bin_px, histogram.rebinned(edges))
 
 
@@ -159,20 +170,22 @@ def chosen_range(low_px: float | None, high_px: float, least_doffs_px: float = 0
     """Return a wide and smooth histogram over a known range.
 
     Args:
-        low_px: lower end of the range; None for a fiftieth of the way from the farthest disparity to the upper end.
+        low_px: lower end of the range, 0 or below with a doffs that leaves room for it; None for a fiftieth of the way
+            from the farthest disparity above 0 to the upper end.
         high_px: upper end of the range.
         least_doffs_px: the least cx_right - cx_left of the rigs.
 
     Raises:
-        InputError: where the range is empty, not above 0, or begins beyond infinity.
+        InputError: where the range is empty, or begins at or beyond infinity.
     """
     farthest = farthest_px(least_doffs_px)
     if farthest > 0:
         advice = "give the range of this rig with --range-px LOW HIGH"
         _check_before_infinity(high_px, least_doffs_px, "the range of disparity ends at", advice)
     low = farthest + _LOW_OF_HIGH * (high_px - farthest) if low_px is None else low_px
-    if not 0 < low < high_px < math.inf:
-        raise InputError(f"the range of disparity is {low:g} to {high_px:g} px: expected two numbers above 0 that rise")
+    if not (low < high_px < math.inf and (low > 0 or least_doffs_px > 0)):
+        above = "" if least_doffs_px > 0 else " above 0"
+        raise InputError(f"the range of disparity is {low:g} to {high_px:g} px: expected two numbers{above} that rise")
     advice = "give one that begins above with --range-px LOW HIGH"
     _check_before_infinity(low, least_doffs_px, "the range of disparity begins at", advice)
     edges, bin_px = _bins(low, high_px)
@@ -202,7 +215,7 @@ def _check_before_infinity(low_px: float, least_doffs_px: float, what: str, advi
 
 def _rounded_down(value: float, above: float) -> float:
     """Round a value down to two digits, or only its distance above a limit where two digits would halve that."""
-    rounded = _two_digits(value)
+    rounded = _two_digits(value) if value > 0 else above
     return rounded if rounded - above >= (value - above) / 2 else above + _two_digits(value - above)
 
 

@@ -9,7 +9,7 @@ from semisynth_gl.calibration.rig import Size
 from semisynth_gl.config.model import SplitsSection
 from semisynth_gl.errors import InputError
 from semisynth_gl.splits import SplitName
-from semisynth_gl.textures.images import ImageError, stored_size
+from semisynth_gl.textures.images import ImageError, read_image, stored_size
 from semisynth_gl.textures.prepare import share_photographs
 
 _SIZES_SHOWN = 3
@@ -26,6 +26,21 @@ def photograph_sizes(images: Sequence[Path]) -> list[Size]:
             height, width = stored_size(path)
             sizes.append(Size(width, height))
     return sizes
+
+
+def are_grey(images: Sequence[Path]) -> bool:
+    """Return whether photographs are those of a monochrome camera: of one channel, or of three equal ones.
+
+    The first coloured one settles it. A file that cannot be read is passed over; without any other, they are not.
+    """
+    seen = False
+    for path in images:
+        with suppress(ImageError):
+            pixels = read_image(path)
+            if not (pixels == pixels[..., :1]).all():
+                return False
+            seen = True
+    return seen
 
 
 def check_sizes(photographs: Sequence[Size], calibrated: Sequence[Size], scale: float | None = None) -> int:

@@ -3,13 +3,16 @@
 import re
 import shlex
 from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
 
 import click
 
 from semisynth_gl.calibration.calibrate import ConfigFacts, config_facts, config_name, config_text
 from semisynth_gl.calibration.disparity_range import DisparitySource
+from semisynth_gl.calibration.matching import given_pairs, open_matcher, pairs_among
 from semisynth_gl.calibration.photographs import impossible_splits
+from semisynth_gl.calibration.rectification import fitting_pairs
 from semisynth_gl.calibration.rig import Rig, Size, plain_rig
 from semisynth_gl.calibration.rig_files import read_rigs
 from semisynth_gl.calibration.style import Style, untried_style
@@ -59,6 +62,15 @@ _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
     "to measure the histogram",
     "Where one has another size than the rig's images, its disparities are scaled by the ratio of the widths.",
 )
+@option(
+    "--pairs",
+    type=(Source(), Source()),
+    multiple=True,
+    metavar="LEFT RIGHT",
+    help="Left and right photographs of pairs of the rig, two files, folders or globs, to measure how far they are off "
+    "rectified; needs OpenCV, the extra matching. May be repeated. By default the pairs among --images that are named "
+    "as Middlebury's, ETH3D's or KITTI's.",
+)
 @option("--range-px", type=(_ANY_NUMBER, _ANY_NUMBER), help="Least and largest disparity, where there are no maps.")
 @option("--other-camera", is_flag=True, help="The photographs are not the rig's: they may have any size.")
 @option(
@@ -79,20 +91,22 @@ def calibrate(
     unit: str | None,
     maps: tuple[str, ...],
     png_scale: float,
+    pairs: tuple[tuple[str, str], ...],
     range_px: tuple[float, float] | None,
     other_camera: bool,
     trials: int,
     output: Output,
 ) -> None:
     """Write a config for a rig: its camera, the disparities that it sees, and the photographs to cut patches from."""
-    output.check((*calib, *maps, *images))
+    output.check((*calib, *maps, *images, *chain.from_iterable(pairs)))
     out = output.file
     if maps and range_px is not None:
         raise InputError("--range-px says what --disparity measures: give one of them")
     rigs = _rigs(calib, focal_px, baseline_m, _size(size), None if unit is None else _UNITS[unit])
     found = map_files(maps)
     disparity = DisparitySource(one_of_each_scene(found), png_scale, range_px)
-    facts = config_facts(rigs, images, disparity, scale=scale, other_camera=other_camera)
+    matched = _pairs(pairs, images, rigs if scale is None else [rig.scaled(scale) for rig in rigs], other_camera)
+    facts = config_facts(rigs, images, disparity, scale=scale, other_camera=other_camera, pairs=matched)
     name, style = config_name(out.stem), untried_style(facts.recipes)
     text = config_text(name, facts, style)
     try:
@@ -115,6 +129,25 @@ def calibrate(
         click.echo(f"note: {passed_over}", err=True)
     for line in _next_steps(config.name, out, images, maps, png_scale):
         say(line)
+
+
+def _pairs(
+    pairs: Sequence[tuple[str, str]], images: Sequence[str], rigs: Sequence[Rig], other_camera: bool
+) -> list[tuple[Path, Path]]:
+    """Return the pairs to match: those that were given, or those among the photographs where they can be matched."""
+    if pairs:
+        if other_camera:
+            raise InputError("--pairs are the rig's, but --other-camera says that another one took the photographs")
+        open_matcher()
+        return [pair for left, right in pairs for pair in given_pairs(left, right)]
+    found = [] if other_camera else fitting_pairs(pairs_among(find_images(images)), rigs)
+    if found:
+        try:
+            open_matcher()
+        except InputError as error:
+            click.echo(f"note: not measured how far {len(found)} pairs are off rectified: {error}", err=True)
+            return []
+    return found
 
 
 def _tried(facts: ConfigFacts, place: MeasuredPlace, trials: int) -> Style:
@@ -198,8 +231,10 @@ def _summary(facts: ConfigFacts, report: TextureReport) -> list[str]:
         f"disparity        {disparity.min_px:g} to {disparity.max_px:g} px, mean {disparity.target.mean_px:.2f} px",
         f"                 {disparity.origin}",
         f"scenes           {' and '.join(facts.scenes)} ({facts.far_share:.1%} of the pixels beyond 20 m)",
-        f"photographs      {count}, which give {report.total('kept')} patches",
+        f"photographs      {count}{', all grey' * facts.grey}, which give {report.total('kept')} patches",
     ]
+    if facts.rectification is not None:
+        lines.append(f"rectification    {facts.rectification.summary()}")
     if 0 < facts.fitting_count < count:
         lines.append(f"                 {count - facts.fitting_count} have another size than the rig's images")
     splits = impossible_splits(count)

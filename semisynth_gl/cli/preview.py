@@ -13,6 +13,7 @@ from semisynth_gl.cli.outputs import Output, ending_check, marked_ply, marked_pn
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.codecs.ply import encode_points
+from semisynth_gl.frame import as_rgb
 from semisynth_gl.histogram import total_variation, wasserstein_px
 
 _PLY = marked_ply("semisynth-gl preview")
@@ -63,7 +64,7 @@ def preview(scene: SceneOptions, output: Output, ply_path: Path | None, pairs: i
     if cloud.path is not None:
         points = first.points()
         seen = np.isfinite(points[..., 2])
-        cloud.write(encode_points(points[seen], first.left.image[seen]))
+        cloud.write(encode_points(points[seen], as_rgb(first.left.image)[seen]))
         say(f"the points of pair 0 in {cloud.path}")
     if recipes:
         counts = Counter(pair.provenance["recipe"] for pair in shown)

@@ -1,14 +1,16 @@
 """Codecs: one module and one class per file format, and the tables of the formats that a config may choose."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from semisynth_gl.codecs.by_imagecodecs import JXL, QOI
+from semisynth_gl.codecs.by_imagecodecs import JXL, JXL_GREY, QOI
 from semisynth_gl.codecs.codec import Codec, read_bytes
 from semisynth_gl.codecs.flo import Flo
+from semisynth_gl.codecs.grey import ThreeEqual
+from semisynth_gl.codecs.jpeg import Jpeg
 from semisynth_gl.codecs.pfm import PFM, PFM3, FlowPfm
-from semisynth_gl.codecs.png import GREY8, GREY16, RGB8
+from semisynth_gl.codecs.png import GREY8, GREY16, GREY_IMAGE, RGB8
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, FlowPng16
 from semisynth_gl.codecs.tiff import Tiff
 
@@ -27,6 +29,9 @@ DISPARITY_CODECS = _by_name(PFM, KITTI_DISPARITY, Tiff())
 
 FLOW_CODECS = _by_name(Flo(), FlowPfm(), FlowPng16())
 """Codecs of (H, W, 2) float32 px for ``files.flow``; all store inf as "no flow"."""
+
+# By the codec of RGB images. QOI has no grey.
+_GREY_CODECS: Mapping[Codec[Any], Codec[Any]] = {RGB8: GREY_IMAGE, JXL: JXL_GREY, Jpeg(): Jpeg(grey=True)}
 
 _FIXED: Mapping[str, Codec[Any]] = {
     "grey8": GREY8,
@@ -55,6 +60,29 @@ class Encodings:
     def from_names(cls, image: str = "png", disparity: str = "pfm", flow: str = "flo") -> "Encodings":
         """Return the codecs that a config names; raises KeyError for an unknown name."""
         return cls(IMAGE_CODECS[image], DISPARITY_CODECS[disparity], FLOW_CODECS[flow])
+
+    def in_grey(self, *, three: bool) -> "Encodings":
+        """Return the same formats for the images of monochrome cameras, (H, W) uint8.
+
+        Args:
+            three: whether images shall have three equal channels all the same; those without a grey format have them.
+        """
+        grey = None if three else _GREY_CODECS.get(self.image)
+        return replace(self, image=grey or ThreeEqual(self.image))
+
+    @property
+    def channels(self) -> str:
+        """The channels of an image in words."""
+        if isinstance(self.image, ThreeEqual):
+            return "grey, in three equal channels"
+        return "grey" if self.image in _GREY_CODECS.values() else "RGB"
+
+    @property
+    def png(self) -> Codec[Any]:
+        """The codec of images that are PNG in any case, with the channels of all others."""
+        if isinstance(self.image, ThreeEqual):
+            return ThreeEqual(RGB8)
+        return GREY_IMAGE if self.image in _GREY_CODECS.values() else RGB8
 
     def codec(self, name: str) -> Codec[Any]:
         """Return the codec that a channel names: ``image``, ``disparity`` or ``flow``, or one that is always the same.

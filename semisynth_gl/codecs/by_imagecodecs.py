@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.codecs.codec import PHOTOGRAPH_PIXEL_BYTES, Codec, check_rgb
+from semisynth_gl.codecs.codec import GREY_PIXEL_BYTES, PHOTOGRAPH_PIXEL_BYTES, Codec, check_image
 from semisynth_gl.errors import InputError, ReadError, how_to_install
 
 _QOI_END = bytes(7) + b"\x01"
@@ -24,10 +24,9 @@ class ByImagecodecs(Codec[NDArray[np.uint8]]):
         description: see `Codec`.
         function: imagecodecs' name of the format.
         is_image: see `Codec`.
+        grey: take (H, W) uint8 instead.
         options: imagecodecs' options of the encoder.
     """
-
-    pixel_bytes = PHOTOGRAPH_PIXEL_BYTES
 
     def __init__(
         self,
@@ -37,12 +36,15 @@ class ByImagecodecs(Codec[NDArray[np.uint8]]):
         function: str,
         *,
         is_image: bool = True,
+        grey: bool = False,
         **options: Any,  # noqa: ANN401 - imagecodecs has no types
     ) -> None:
         self.name = name
         self.is_image = is_image
         self.media_type = media_type
         self.description = description
+        self.pixel_bytes = GREY_PIXEL_BYTES if grey else PHOTOGRAPH_PIXEL_BYTES
+        self._grey = grey
         self._function = function
         self._options = options
 
@@ -63,7 +65,7 @@ class ByImagecodecs(Codec[NDArray[np.uint8]]):
             raise ReadError(path, "does not end as a QOI does: cut off, or something follows")
         decode = getattr(self._library(), f"{self._function}_decode")
         try:
-            return check_rgb(np.asarray(decode(data)), path)
+            return check_image(np.asarray(decode(data)), path, grey=self._grey)
         except (RuntimeError, ValueError, LookupError) as error:
             raise ReadError(path, f"cannot be decoded: {error}") from None
 
@@ -78,13 +80,17 @@ class ByImagecodecs(Codec[NDArray[np.uint8]]):
 
 
 QOI = ByImagecodecs("qoi", "https://qoiformat.org/qoi-specification.pdf", "QOI, 8-bit RGB, lossless", "qoi")
-JXL = ByImagecodecs(
-    "jxl",
-    "image/jxl",
-    "JPEG XL, 8-bit RGB, lossless",
-    "jpegxl",
-    is_image=False,  # Pillow knows it by plugins alone
-    lossless=True,
-    effort=_JXL_EFFORT,
-    numthreads=1,
+JXL, JXL_GREY = (
+    ByImagecodecs(
+        "jxl",
+        "image/jxl",
+        f"JPEG XL, 8-bit {'grey' if grey else 'RGB'}, lossless",
+        "jpegxl",
+        is_image=False,  # Pillow knows it by plugins alone
+        grey=grey,
+        lossless=True,
+        effort=_JXL_EFFORT,
+        numthreads=1,
+    )
+    for grey in (False, True)
 )

@@ -13,6 +13,8 @@ from semisynth_gl.user_files import read_file
 
 PHOTOGRAPH_PIXEL_BYTES = 1.8
 """`Codec.pixel_bytes` of RGB images: photographs as PNG, measured over the packaged configs."""
+GREY_PIXEL_BYTES = 0.64
+"""The same of grey images."""
 
 Value = TypeVar("Value")
 
@@ -39,7 +41,7 @@ class Codec(ABC, Generic[Value]):
     error_px: float = 0.0
     limit_px: float = inf
     is_image: bool = True
-    lossless: ClassVar[bool] = True
+    lossless: bool = True
     pixel_bytes: float = 0.0
 
     @property
@@ -104,10 +106,11 @@ def read_bytes(path: Path, most_bytes: int | None = None) -> bytes:
         raise ReadError(path, f"cannot be read: {error.strerror}") from None
 
 
-def check_rgb(image: NDArray[Any], path: Path) -> NDArray[np.uint8]:
-    """Return a decoded image; raises ReadError where it is not (H, W, 3) uint8."""
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-        raise ReadError(path, f"expected 8-bit RGB, got {image.dtype} of shape {image.shape}")
+def check_image(image: NDArray[Any], path: Path, *, grey: bool) -> NDArray[np.uint8]:
+    """Return a decoded image; raises ReadError where it is not (H, W, 3) uint8, or (H, W) uint8 if it is to be grey."""
+    if image.dtype != np.uint8 or image.shape[2:] != (() if grey else (3,)):
+        kind = "grey" if grey else "RGB"
+        raise ReadError(path, f"expected 8-bit {kind}, got {image.dtype} of shape {image.shape}")
     return image
 
 

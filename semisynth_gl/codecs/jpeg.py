@@ -7,20 +7,27 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from semisynth_gl.codecs.codec import PHOTOGRAPH_PIXEL_BYTES, Codec, check_rgb
+from semisynth_gl.codecs.codec import GREY_PIXEL_BYTES, PHOTOGRAPH_PIXEL_BYTES, Codec, check_image
 from semisynth_gl.errors import ReadError
 
 _BEGIN, _END = b"\xff\xd8", b"\xff\xd9"
 
 
 class Jpeg(Codec[NDArray[np.uint8]]):
-    """JPEG of (H, W, 3) uint8 RGB: quality 100, colour at full size."""
+    """JPEG of (H, W, 3) uint8 RGB: quality 100, colour at full size.
+
+    Args:
+        grey: take (H, W) uint8 instead.
+    """
 
     name = "jpg"
     media_type = "image/jpeg"
-    description = "JPEG of quality 100"
     lossless = False
-    pixel_bytes = PHOTOGRAPH_PIXEL_BYTES
+
+    def __init__(self, *, grey: bool = False) -> None:
+        self._grey = grey
+        self.description = f"{'grey ' if grey else ''}JPEG of quality 100"
+        self.pixel_bytes = GREY_PIXEL_BYTES if grey else PHOTOGRAPH_PIXEL_BYTES
 
     def encode(self, value: NDArray[np.uint8]) -> bytes:
         """Encode an image."""
@@ -34,6 +41,6 @@ class Jpeg(Codec[NDArray[np.uint8]]):
             raise ReadError(path, "does not end as a JPEG does: cut off, or something follows")
         try:
             with Image.open(io.BytesIO(data), formats=["JPEG"]) as image:
-                return check_rgb(np.asarray(image), path)
+                return check_image(np.asarray(image), path, grey=self._grey)
         except (RuntimeError, ValueError, LookupError, OSError, SyntaxError) as error:
             raise ReadError(path, f"cannot be decoded: {error}") from None

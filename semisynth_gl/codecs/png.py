@@ -11,7 +11,7 @@ from isal import isal_zlib
 from numpy.typing import NDArray
 from PIL import Image
 
-from semisynth_gl.codecs.codec import PHOTOGRAPH_PIXEL_BYTES, Codec
+from semisynth_gl.codecs.codec import GREY_PIXEL_BYTES, PHOTOGRAPH_PIXEL_BYTES, Codec
 from semisynth_gl.codecs.deflate import deflate
 from semisynth_gl.errors import ReadError
 
@@ -36,15 +36,16 @@ class Png(Codec[NDArray[Any]]):
     Args:
         dtype: np.uint8 or np.uint16.
         components: 1 for grey, 3 for RGB.
+        pixel_bytes: see `Codec`.
     """
 
     name = "png"
     media_type = "image/png"
 
-    def __init__(self, dtype: type[np.uint8 | np.uint16], components: int) -> None:
+    def __init__(self, dtype: type[np.uint8 | np.uint16], components: int, pixel_bytes: float) -> None:
         self._bits = 8 * np.dtype(dtype).itemsize
         self._colour = _GREY if components == 1 else _RGB
-        self.pixel_bytes = _MAP_PIXEL_BYTES if components == 1 else PHOTOGRAPH_PIXEL_BYTES
+        self.pixel_bytes = pixel_bytes
         self.description = f"{self._bits}-bit {_COLOURS[self._colour]} PNG"
 
     def encode(self, value: NDArray[Any]) -> bytes:
@@ -96,8 +97,9 @@ class Png(Codec[NDArray[Any]]):
             raise ReadError(path, f"cannot be decoded: {error}") from None
 
 
-RGB8, GREY8 = Png(np.uint8, 3), Png(np.uint8, 1)
-RGB16, GREY16 = Png(np.uint16, 3), Png(np.uint16, 1)
+RGB8, RGB16 = Png(np.uint8, 3, PHOTOGRAPH_PIXEL_BYTES), Png(np.uint16, 3, PHOTOGRAPH_PIXEL_BYTES)
+GREY8, GREY16 = Png(np.uint8, 1, _MAP_PIXEL_BYTES), Png(np.uint16, 1, _MAP_PIXEL_BYTES)
+GREY_IMAGE = Png(np.uint8, 1, GREY_PIXEL_BYTES)
 
 
 def _chunk(kind: bytes, data: bytes) -> tuple[bytes, ...]:

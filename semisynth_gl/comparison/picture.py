@@ -47,7 +47,7 @@ class Picture:
     enlarged: bool = False
 
     def with_image(self, image: NDArray[np.uint8]) -> "Picture":
-        """Return the picture with another image of the same view, (H, W, 3) uint8 RGB in any size.
+        """Return the picture with another image of the same view, (H, W, 3) uint8 RGB or (H, W) grey in any size.
 
         Raises:
             InputError: where it had no image.
@@ -125,7 +125,7 @@ def make_picture(
     Args:
         name: for messages.
         width_px: the working width.
-        image: (H, W, 3) uint8 RGB.
+        image: (H, W, 3) uint8 RGB, or (H, W) grey.
         disparity: (H, W) float32 px; no value is inf or nan, or 0 or below.
         background: (H, W) bool, whether a pixel shows walls, ground or other flat faces.
 
@@ -159,7 +159,7 @@ def mean_luminance(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[n
     """Return the luminance of an image in another size, in which each pixel is the mean over its area.
 
     Args:
-        image: (H, W, 3) uint8 RGB.
+        image: (H, W, 3) uint8 RGB, or (H, W) grey.
         size: height and width of the result, (h, w).
 
     Returns:
@@ -169,8 +169,12 @@ def mean_luminance(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[n
     height, width = image.shape[:2]
     rows = max(1, _STRIP_PIXELS // width)
     # Columns first and in strips: of a large image they leave little.
-    strips = [_mean_along_rows(image[top : top + rows] @ LUMINANCE_PARTS, size[1]) for top in range(0, height, rows)]
+    strips = [_mean_along_rows(_luminance(image[top : top + rows]), size[1]) for top in range(0, height, rows)]
     return np.ascontiguousarray(_mean_along_rows(np.concatenate(strips).T, size[0]).T, np.float32)
+
+
+def _luminance(image: NDArray[np.uint8]) -> NDArray[np.float64]:
+    return image.astype(np.float64) if image.ndim == 2 else image @ LUMINANCE_PARTS
 
 
 def fill_holes(disparity: NDArray[np.float32]) -> NDArray[np.float32]:

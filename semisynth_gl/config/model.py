@@ -239,11 +239,11 @@ class LicencesSection(Section):
     models: _Licence = "unknown"
 
 
-# The sections that a recipe may change, with the keys that hold for all pairs of a dataset: the size of images, how
+# The sections that a recipe may change, with the keys that hold for all pairs of a dataset: the kind of images, how
 # many pairs show a scene, models and patches themselves, how the graphics card samples patches, and the limits that
 # truth is stored and checked by.
 _OF_RECIPES: Mapping[str, tuple[type[Section], tuple[str, ...]]] = {
-    "camera": (CameraSection, ("width_px", "height_px", "baselines")),
+    "camera": (CameraSection, ("width_px", "height_px", "baselines", "colour")),
     "disparity": (DisparitySection, ("min_px", "max_px")),
     "background": (BackgroundSection, ()),
     "room": (RoomSection, ()),

@@ -22,6 +22,7 @@ from semisynth_gl.config.fields import (
     at_most,
     count,
 )
+from semisynth_gl.frame import Colour
 
 _EDGE_ON_DEG = 90
 _ZERO = Range(0.0, 0.0)
@@ -77,6 +78,7 @@ class CameraSection(Section):
         sway_m: amplitude of the rig's sway along each of its axes; by default the rig stands still.
         sway_deg: amplitude of the rig's rotation about each of its axes.
         sway_s: periods of these oscillations.
+        colour: ``rgb``, or ``grey`` for monochrome cameras, whose images have one channel.
     """
 
     width_px: _Side
@@ -94,6 +96,7 @@ class CameraSection(Section):
     sway_m: NotNegativeRange = _ZERO
     sway_deg: NotNegativeRange = _ZERO
     sway_s: PositiveRange = Range(1.0, 3.0)
+    colour: Annotated[Colour, Field(exclude_if=lambda colour: colour == "rgb")] = "rgb"
 
     @model_validator(mode="after")
     def _not_too_large(self) -> Self:

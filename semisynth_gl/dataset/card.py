@@ -230,7 +230,8 @@ def _reading_images(plan: Plan) -> list[str]:
 
 def _files(plan: Plan) -> str:
     layout, split = plan.layout, plan.splits[0]
-    rows = [(role, f"`{path}`", layout.role(role).meaning) for role, path in plan.files(split, 0).items()]
+    encodings = layout.encodings_for(plan.config)
+    rows = [(role, f"`{path}`", layout.role(role).described(encodings)) for role, path in plan.files(split, 0).items()]
     where = f"in the tar of its shard, if it is of {split}" if layout.packed else f"if it is of {split}"
     return f"## What a pair holds\n\nPair 0, {where}:\n\n" + _table(("role", "file", "what it is"), rows)
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from semisynth_gl.codecs import Codec
 from semisynth_gl.codecs.calib import KITTI_CALIB, MIDDLEBURY_CALIB
+from semisynth_gl.codecs.grey import ThreeEqual
 from semisynth_gl.codecs.jpeg import Jpeg
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.codecs.png import RGB8
@@ -49,7 +50,7 @@ _SPLITS: Mapping[SplitName, str] = {
 }
 # What mlcroissant returns unchanged of files in folders: it makes 8-bit RGB of every image, and fails at formats that
 # it does not know. Of files in tars it returns the bytes, or what Pillow makes of them.
-_READ_IN_FOLDERS: tuple[Codec[Any], ...] = (RGB8, Jpeg(), MIDDLEBURY_CALIB, KITTI_CALIB)
+_READ_IN_FOLDERS: tuple[Codec[Any], ...] = (RGB8, ThreeEqual(RGB8), Jpeg(), MIDDLEBURY_CALIB, KITTI_CALIB)
 
 
 def encode_croissant(index: Mapping[str, Any]) -> bytes:

@@ -27,7 +27,7 @@ from semisynth_gl.dataset.plan import Shard, list_shards
 from semisynth_gl.dataset.schema import FORMAT, INDEX, PLAN, PROGRAM, tar_path
 from semisynth_gl.dataset.tar import content_offsets
 from semisynth_gl.errors import InputError, ReadError, abbreviate, shown
-from semisynth_gl.frame import TruthViews
+from semisynth_gl.frame import Colour, TruthViews
 from semisynth_gl.layouts import layout_names
 from semisynth_gl.plugins import MissingPluginError, require_plugins
 from semisynth_gl.splits import SplitName
@@ -73,6 +73,7 @@ class _Facts(BaseModel):
 class _Camera(_Facts):
     width_px: _Count | None = None
     height_px: _Count | None = None
+    colour: Colour = "rgb"
 
 
 class _Disparity(_Facts):

@@ -44,7 +44,7 @@ def list_file_sets(plan: Plan, split: SplitName) -> list[FileSet]:
     pairs = [plan.files(split, index) for index in (*first, views * min(1, length - 1))]
     patterns = {role: _pattern([files[role] for files in pairs]) for role in pairs[0]}
     return [
-        FileSet(split, role, pattern, layout.role(role).codec(encodings), layout.role(role).meaning)
+        FileSet(split, role, pattern, layout.role(role).codec(encodings), layout.role(role).described(encodings))
         for role, pattern in patterns.items()
     ]
 

@@ -53,11 +53,10 @@ class Index:
     @property
     def encodings(self) -> Encodings:
         """The codecs of the files."""
-        if self.layout.encodings is not None:
-            return self.layout.encodings
         default = Encodings()
         keys = ("image", "disparity", "flow")
-        return Encodings.from_names(*(self.value("files", key) or getattr(default, key).name for key in keys))
+        chosen = Encodings.from_names(*(self.value("files", key) or getattr(default, key).name for key in keys))
+        return self.layout.encodings_of(chosen, self.value("camera", "colour", "rgb"))
 
     @property
     def outputs(self) -> tuple[str, ...]:

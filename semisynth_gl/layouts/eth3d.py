@@ -22,6 +22,7 @@ class Eth3d(Layout):
     needs = frozenset({"visibility"})
     lacks = frozenset({"correspondence"})
     encodings = Encodings()
+    three_channels_for = "RAFT-Stereo's demo"  # ETH3D's own images, of grey cameras, have three too
 
     def stems(self, key: Key) -> dict[str, str]:
         """Return the files of a scene's two folders."""

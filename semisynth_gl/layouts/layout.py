@@ -10,7 +10,7 @@ from typing import ClassVar
 from semisynth_gl.camera import EYES
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config
-from semisynth_gl.frame import CHANNELS, TruthViews
+from semisynth_gl.frame import CHANNELS, Colour, TruthViews
 from semisynth_gl.frame import ROLES as FRAME_ROLES
 from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.roles import ROLES, Role
@@ -35,6 +35,8 @@ class Layout(ABC):
         needs: outputs that the layout cannot do without.
         lacks: outputs that the layout has no files for, since none of its loaders could make sense of them.
         encodings: its own; None where the config's section ``files`` decides.
+        three_channels_for: names loaders that fail at grey images of one channel, so that these get three equal ones;
+            "" where none does.
         right_truth_for: names loaders that read the right view's truth too; "" where none does.
         replaced: names that loaders replace, or look for, in the whole path of a file.
         most_frames: how many frames of a sequence its names can tell apart, where they count frames; None for any.
@@ -44,6 +46,7 @@ class Layout(ABC):
     needs: ClassVar[frozenset[str]] = frozenset()
     lacks: ClassVar[frozenset[str]] = frozenset()
     encodings: ClassVar[Encodings | None] = None
+    three_channels_for: ClassVar[str] = ""
     right_truth_for: ClassVar[str] = ""
     replaced: ClassVar[tuple[str, ...]] = ()
     most_frames: ClassVar[int | None] = None
@@ -129,7 +132,17 @@ class Layout(ABC):
 
     def encodings_for(self, config: Config) -> Encodings:
         """Return the encodings that pairs of a config have in this layout."""
-        return config.files.encodings if self.encodings is None else self.encodings
+        return self.encodings_of(config.files.encodings, config.camera.colour)
+
+    def encodings_of(self, chosen: Encodings, colour: Colour) -> Encodings:
+        """Return the encodings that images of a colour and their truth have in this layout.
+
+        Args:
+            chosen: what a config's section ``files`` says.
+            colour: the config's ``camera.colour``.
+        """
+        encodings = chosen if self.encodings is None else self.encodings
+        return encodings if colour == "rgb" else encodings.in_grey(three=bool(self.three_channels_for))
 
 
 def view_stems(names: Mapping[str, str], default: str) -> dict[str, str]:

@@ -15,7 +15,7 @@ from semisynth_gl.camera import EYES, OTHER_EYE, Eye
 from semisynth_gl.codecs import Codec, Encodings
 from semisynth_gl.codecs.calib import KITTI_CALIB, MIDDLEBURY_CALIB, Calibration
 from semisynth_gl.codecs.json_object import JSON_OBJECT
-from semisynth_gl.codecs.png import GREY8, RGB8
+from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.errors import ReadError
 from semisynth_gl.frame import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, Channel, Frame, finite_range, through_levels
 from semisynth_gl.frame import ROLES as FRAME_ROLES
@@ -61,6 +61,10 @@ class Role:
     output: str | None = None
     eye: Eye | None = None
     unwrap: Callable[[Any, Path], Any] = lambda value, _: value
+
+    def described(self, encodings: Encodings) -> str:
+        """Return the meaning in a dataset of these encodings: its images may be grey."""
+        return self.meaning.replace("RGB", encodings.channels)
 
 
 def not_occluded_role(channel: Channel[Any], eye: Eye) -> str:
@@ -243,7 +247,7 @@ def _fixed(meaning: str, codec: Codec[Any], value: Callable[[Sample], Any], outp
 
 def _exposed_right(stops: int) -> Role:
     meaning = f"right image a stop {'darker' if stops < 0 else 'brighter'}"
-    return _fixed(meaning, RGB8, lambda sample: expose(sample.frame.right.image, stops))
+    return Role(meaning, lambda encodings: encodings.png, lambda sample: expose(sample.frame.right.image, stops))
 
 
 ROLES: Mapping[str, Role] = {

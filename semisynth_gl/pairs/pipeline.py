@@ -343,8 +343,8 @@ def render_pair(config: Config, index: int, seed: int = 0, backend: Backend = "a
         BackendError: where OpenGL cannot be used.
 
     Returns:
-        ``left`` and ``right`` (H, W, 3) uint8, ``disparity_left`` and ``disparity_right`` (H, W) float32 px, and the
-        visibilities; see `Frame`.
+        ``left`` and ``right`` (H, W, 3) uint8, (H, W) of monochrome cameras, ``disparity_left`` and ``disparity_right``
+        (H, W) float32 px, and the visibilities; see `Frame`.
     """
     index = to_whole("a pair's index", index, least=0)
     with PairRenderer(config, seed, backend) as pairs:

@@ -59,13 +59,20 @@ class ColourTargets:
         image_size: width and height of the image, px.
         antialias: "msaa" or "ssaa".
         read: what takes pixels.
+        grey: whether colour has one component.
 
     Raises:
         BackendError: where the driver has fewer samples, or no image that large.
     """
 
     def __init__(
-        self, context: GraphicsContext, image_size: tuple[int, int], antialias: Antialias, read: Reader
+        self,
+        context: GraphicsContext,
+        image_size: tuple[int, int],
+        antialias: Antialias,
+        read: Reader,
+        *,
+        grey: bool = False,
     ) -> None:
         gl, factor = context.gl, antialias.factor
         self._gl = gl
@@ -84,11 +91,13 @@ class ColourTargets:
                 f"antialias ssaa{factor} draws {size[0]} x {size[1]} px, but {context.renderer} goes up to "
                 f"{gl.info['GL_MAX_TEXTURE_SIZE']}: lower the factor or the image size"
             )
-        self._colour = gl.texture(size, 4) if not samples else gl.renderbuffer(size, 4, samples=samples)
+        # Formats of three components cannot be drawn into everywhere.
+        stored, self._components = (1, 1) if grey else (4, 3)
+        self._colour = gl.texture(size, stored) if not samples else gl.renderbuffer(size, stored, samples=samples)
         self._depth_buffer = gl.depth_renderbuffer(size, samples=samples)
         context.unbound.make_depth_float32(self._depth_buffer.glo, *size, samples)
         self.fine = gl.framebuffer([self._colour], self._depth_buffer)
-        self._resolved = gl.texture(image_size, 4)
+        self._resolved = gl.texture(image_size, stored)
         self._resolve = gl.framebuffer([self._resolved])
         self._program: moderngl.Program | None = None
         if antialias.kind == "ssaa":
@@ -113,8 +122,9 @@ class ColourTargets:
             self._gl.copy_framebuffer(self._resolve, self.fine)
 
     def read_colour(self, crop: Crop | None = None) -> NDArray[np.uint8]:
-        """Copy what was resolved, or a crop of it, out as (H, W, 3) uint8 RGB, top row first."""
-        colour: NDArray[np.uint8] = self._read(self._resolve, window(crop, self._resolve.size), 0, "f1", 3)
+        """Copy what was resolved, or a crop of it, out as (H, W, 3) uint8 RGB or (H, W) grey, top row first."""
+        rectangle = window(crop, self._resolve.size)
+        colour: NDArray[np.uint8] = self._read(self._resolve, rectangle, 0, "f1", self._components)
         return colour
 
     def release(self) -> None:

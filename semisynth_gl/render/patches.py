@@ -19,10 +19,11 @@ class PatchTextures:
 
     Args:
         context: the open context.
-        atlases: (L, P, P, 4) uint8 RGBA each; row 0 is the top.
+        atlases: (L, P, P, 4) uint8 RGBA each, or (L, P, P) uint8 grey each; row 0 is the top.
         mirrored: whether a patch's mirror image lies beyond its border; else the patch again.
 
     Attributes:
+        grey: whether they are grey: shaders then see them in the first component.
         ends: (A,) int64, number of the patches in an atlas and all before it: `Scene.layer` counts through.
         sides_px: (A,) int64, side of an atlas's patches.
 
@@ -32,6 +33,7 @@ class PatchTextures:
 
     def __init__(self, context: GraphicsContext, atlases: Sequence[NDArray[np.uint8]], *, mirrored: bool) -> None:
         self._textures = [_upload(context, layers, mirrored=mirrored) for layers in atlases]
+        self.grey = atlases[0].ndim == 3
         self.ends = np.cumsum([len(layers) for layers in atlases])
         self.sides_px = np.array([layers.shape[1] for layers in atlases])
 
@@ -54,9 +56,8 @@ def _upload(context: GraphicsContext, layers: NDArray[np.uint8], *, mirrored: bo
         )
     # moderngl, which has no room for levels, is only asked for a texture.
     atlas = context.gl.texture_array((1, 1, 1), 4)
-    # Nobody reads the alpha, and a processor filters three components sooner than four.
-    alpha = not is_software(context.renderer)
-    context.unbound.store_layers(atlas.glo, side.bit_length(), np.ascontiguousarray(layers), alpha=alpha)
+    software = is_software(context.renderer)
+    context.unbound.store_layers(atlas.glo, side.bit_length(), np.ascontiguousarray(layers), software=software)
     _draw_levels(context, atlas, side, count)
     atlas.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
     if mirrored:

@@ -70,9 +70,10 @@ class Renderer:
 
     Args:
         models: the meshes that `Scene.model` counts.
-        layers: (L, P, P, 4) uint8 RGBA, the patch atlas that `Scene.layer` counts; row 0 is the top.
-        large_layers: (M, Q, Q, 4) uint8 RGBA, patches of another size, which `Scene.layer` counts from L on; instances
-            that wear them are drawn after the others. None for none.
+        layers: (L, P, P, 4) uint8 RGBA, the patch atlas that `Scene.layer` counts; row 0 is the top. Or (L, P, P) uint8
+            grey: then images are (H, W), of one component all the way.
+        large_layers: (M, Q, Q, 4) uint8 RGBA, or (M, Q, Q) grey like ``layers``, patches of another size, which
+            `Scene.layer` counts from L on; instances that wear them are drawn after the others. None for none.
         wrap: what lies beyond a patch's border, its mirror image or itself again.
         anisotropy: most samples of a patch for a pixel that sees it at a grazing angle; 1 blurs there.
         large_anisotropy: the same of large patches.
@@ -119,8 +120,7 @@ class Renderer:
         if not models:
             raise InputError("a renderer needs at least one model, got none")
         atlases = {"layers": layers} | ({} if large_layers is None else {"large_layers": large_layers})
-        for name, atlas in atlases.items():
-            _check_atlas(name, atlas)
+        _check_atlases(atlases)
         _check_outputs(outputs, rectified=rectified)
         if truth not in TRUTH_VIEWS:
             raise InputError(f"truth: expected one of {', '.join(TRUTH_VIEWS)}, got {truth}")
@@ -530,7 +530,8 @@ class Renderer:
 
     def _link(self, names: tuple[str, ...], anisotropy: int) -> moderngl.Program:
         locations = {name.upper(): number for number, name in enumerate(names)}
-        return link_program(self._context, "mesh.vert", "mesh.frag", locations | {"ANISOTROPY": anisotropy})
+        grey = {"GREY": 1} if self._patches.grey and "colour" in names else {}
+        return link_program(self._context, "mesh.vert", "mesh.frag", locations | {"ANISOTROPY": anisotropy} | grey)
 
     def _check(self, scene: Scene) -> None:
         if self._rectified and not scene.camera.rectified:
@@ -575,7 +576,9 @@ class Renderer:
     def _make_targets(self, size: tuple[int, int]) -> tuple[dict[Eye, EyeTargets], ColourTargets | None]:
         colour_targets = None
         if self._antialias.redraws:
-            colour_targets = ColourTargets(self._context, size, self._antialias, self._read_pixels)
+            colour_targets = ColourTargets(
+                self._context, size, self._antialias, self._read_pixels, grey=self._patches.grey
+            )
         targets = {eye: self._make_eye_targets(size, eye, names) for eye, names in self._attachments.items()}
         for comparing in (self._correspondence, self._flow):
             if comparing is not None:
@@ -588,6 +591,7 @@ class Renderer:
             size,
             names,
             visibility="visibility" in self._outputs and eye in self._truth_eyes,
+            grey=self._patches.grey,
             blended=self._edges is not None,
             read=self._read_pixels,
         )
@@ -637,7 +641,13 @@ class Renderer:
         if self._image_targets is None:
             size, blended = (scene.camera.width_px, scene.camera.height_px), self._edges is not None
             self._image_targets = EyeTargets(
-                self._context, size, ("colour",), visibility=False, blended=blended, read=self._read_pixels
+                self._context,
+                size,
+                ("colour",),
+                visibility=False,
+                grey=self._patches.grey,
+                blended=blended,
+                read=self._read_pixels,
             )
         targets = self._image_targets
         targets.limit(None)
@@ -697,10 +707,19 @@ def _check_outputs(outputs: Collection[str], *, rectified: bool) -> None:
         )
 
 
+def _check_atlases(atlases: Mapping[str, NDArray[np.uint8]]) -> None:
+    for name, atlas in atlases.items():
+        _check_atlas(name, atlas)
+    if len({atlas.ndim for atlas in atlases.values()}) > 1:
+        shapes = " and ".join(f"{name} {atlas.shape}" for name, atlas in atlases.items())
+        raise InputError(f"layers and large_layers must both be RGBA or both be grey, got {shapes}")
+
+
 def _check_atlas(name: str, layers: NDArray[np.uint8]) -> None:
     check_type(name, layers, np.ndarray)
-    if layers.ndim != 4 or layers.shape[1] != layers.shape[2] or layers.shape[3] != 4 or layers.dtype != np.uint8:
-        raise InputError(f"{name} must be (L, P, P, 4) uint8, got {layers.shape} {layers.dtype}")
+    side = layers.shape[1] if layers.ndim > 1 else 0
+    if layers.shape[1:] not in ((side, side, 4), (side, side)) or layers.dtype != np.uint8:
+        raise InputError(f"{name} must be (L, P, P, 4) or (L, P, P) uint8, got {layers.shape} {layers.dtype}")
     if len(layers) == 0 or layers.shape[1] == 0:
         raise InputError(f"{name}: the patch atlas is empty")
 

@@ -50,6 +50,7 @@ DRAWING = {
     "surface": Attachment(2, 2, "u4", 0),
 }
 """Attachments of the drawing pass: those of its channels, 1 / Z, and the instance and triangle of each pixel."""
+_GREY = Attachment(1, 1, "f1", 0)
 VISIBILITY = _attachments("visibility")
 CORRESPONDENCE = {**_attachments("correspondence"), "disparity": DRAWING["disparity"], **VISIBILITY}
 """Attachments of the correspondence pass, which finds the disparity and the visibility of a pair that deviates too."""
@@ -157,7 +158,7 @@ class BlendTargets:
     ) -> None:
         self._gl = context.gl
         try:
-            self._copy = context.gl.texture(size, 4)
+            self._copy = context.gl.texture(size, colour.components)
             self._copied = context.gl.framebuffer([self._copy])
             self._framebuffer = context.gl.framebuffer([colour], depth_buffer)
         except moderngl.Error as error:
@@ -190,6 +191,7 @@ class EyeTargets(Targets):
         context: the open context.
         size: width and height, px.
         names: attachments of the drawing pass, in the order of the shader's outputs.
+        grey: whether colour has one component.
         visibility: whether there is a visibility pass.
         blended: whether a pass blends into the colour.
         read: what takes pixels.
@@ -205,6 +207,7 @@ class EyeTargets(Targets):
         names: Iterable[str],
         *,
         visibility: bool,
+        grey: bool = False,
         blended: bool = False,
         read: Reader = read_array,
     ) -> None:
@@ -215,7 +218,8 @@ class EyeTargets(Targets):
                 f"an image of {size[0]} x {size[1]} px was asked for, but {context.renderer} goes up to "
                 f"{limit} px a side: lower camera.width_px or camera.height_px"
             )
-        super().__init__(context, size, {name: DRAWING[name] for name in names}, read)
+        attachments = {name: _GREY if grey and name == "colour" else DRAWING[name] for name in names}
+        super().__init__(context, size, attachments, read)
         context.unbound.make_depth_float32(self.depth_buffer.glo, *size)
         self._depth_alone = context.gl.framebuffer(depth_attachment=self.depth_buffer)
         # No pass reads or writes depth there: it has the drawing pass's rather than one of its own.

@@ -19,7 +19,8 @@ _GL_COLOR, _GL_DEPTH = 0x1800, 0x1801
 _GL_TEXTURE_WRAP_S, _GL_TEXTURE_WRAP_T = 0x2802, 0x2803
 _GL_MIRRORED_REPEAT = 0x8370
 _GL_TEXTURE_BASE_LEVEL, _GL_TEXTURE_MAX_LEVEL = 0x813C, 0x813D
-_GL_RGB8, _GL_RGBA8, _GL_RGBA, _GL_UNSIGNED_BYTE, _GL_COLOR_ATTACHMENT0 = 0x8051, 0x8058, 0x1908, 0x1401, 0x8CE0
+_GL_R8, _GL_R32F, _GL_RGB8, _GL_RGBA8, _GL_RED, _GL_RGBA = 0x8229, 0x822E, 0x8051, 0x8058, 0x1903, 0x1908
+_GL_UNSIGNED_BYTE, _GL_COLOR_ATTACHMENT0, _GL_UNPACK_ALIGNMENT = 0x1401, 0x8CE0, 0x0CF5
 
 # Interfaces and properties of a linked program's resources.
 _GL_UNIFORM, _GL_UNIFORM_BLOCK, _GL_BUFFER_VARIABLE, _GL_SHADER_STORAGE_BLOCK = 0x92E1, 0x92E2, 0x92E5, 0x92E6
@@ -61,6 +62,7 @@ class UnboundCalls:
         self._texture_parameter = function("glTextureParameteri", _UINT, _UINT, _INT)
         self._texture_storage = function("glTextureStorage3D", _UINT, _INT, _UINT, _INT, _INT, _INT)
         self._texture_write = function("glTextureSubImage3D", _UINT, *[_INT] * 7, _UINT, _UINT, ctypes.c_void_p)
+        self._pixel_store = function("glPixelStorei", _UINT, _INT)
         self._attach_level = function("glNamedFramebufferTexture", _UINT, _UINT, _UINT, _INT)
         self._reset_status = function("glGetGraphicsResetStatus", result=_UINT)
         self._resource_index = function("glGetProgramResourceIndex", _UINT, _UINT, ctypes.c_char_p, result=_UINT)
@@ -136,15 +138,21 @@ class UnboundCalls:
         for wrap in (_GL_TEXTURE_WRAP_S, _GL_TEXTURE_WRAP_T):
             self._texture_parameter(texture, wrap, _GL_MIRRORED_REPEAT)
 
-    def store_layers(self, texture: int, levels: int, layers: NDArray[np.uint8], *, alpha: bool) -> None:
-        """Give an array texture new storage, for (L, P, P, 4) uint8 and smaller levels that are to be drawn.
+    def store_layers(self, texture: int, levels: int, layers: NDArray[np.uint8], *, software: bool) -> None:
+        """Give an array texture new storage, for (L, P, P, 4) or (L, P, P) uint8 and smaller levels to be drawn.
 
-        moderngl's own storage has one level. Without alpha, not all drivers can draw the levels.
+        moderngl's own storage has one level. Nobody reads the alpha, and a processor filters three components sooner
+        than four, and one of 32 bits sooner than one of 8; other drivers may not draw levels without alpha.
         """
         count, side = layers.shape[:2]
-        self._texture_storage(texture, levels, _GL_RGBA8 if alpha else _GL_RGB8, side, side, count)
+        given, stored = (_GL_RGBA, _GL_RGB8 if software else _GL_RGBA8)
+        if layers.ndim == 3:
+            given, stored = (_GL_RED, _GL_R32F if software else _GL_R8)
+        self._texture_storage(texture, levels, stored, side, side, count)
         everything = 0, 0, 0, 0, side, side, count
-        self._texture_write(texture, *everything, _GL_RGBA, _GL_UNSIGNED_BYTE, layers.ctypes.data)
+        # Rows of one component may have any number of bytes. moderngl sets it anew whenever it writes.
+        self._pixel_store(_GL_UNPACK_ALIGNMENT, 1)
+        self._texture_write(texture, *everything, given, _GL_UNSIGNED_BYTE, layers.ctypes.data)
 
     def read_levels(self, texture: int, first: int, last: int) -> None:
         """Let shaders see these levels of a texture alone."""

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 from numpy.typing import NDArray
 
-from semisynth_gl.frame import Frame
+from semisynth_gl.frame import Frame, as_rgb
 from semisynth_gl.histogram import Histogram, PixelCount, total_variation
 from semisynth_gl.report.plots import COLOUR_MAP
 
@@ -36,8 +36,8 @@ def draw_sheet(frames: Sequence[Frame], target: Histogram, title: str, names: Se
     largest = max((float(values.max()) for values in valid if values.size), default=1.0)
     for row, frame in enumerate(frames):
         axes = [figure.add_subplot(grid[row, column]) for column in range(3)]
-        axes[0].imshow(frame.left.image)
-        axes[1].imshow(frame.right.image)
+        axes[0].imshow(as_rgb(frame.left.image))
+        axes[1].imshow(as_rgb(frame.right.image))
         shown = axes[2].imshow(
             np.ma.masked_invalid(frame.left.disparity), cmap=COLOUR_MAP, vmin=0, vmax=largest, interpolation="nearest"
         )

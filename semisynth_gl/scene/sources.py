@@ -20,7 +20,7 @@ class Sources:
     """The patches and the models of a split's pairs.
 
     Attributes:
-        atlas: the patches.
+        atlas: the patches, as the config's cameras see them: grey ones where these are monochrome.
         libraries: the models of each recipe, all with the same ``models``; at least one.
     """
 
@@ -63,7 +63,8 @@ def prepare_sources(config: Config, seed: int, split: Split = WHOLE) -> Sources:
     # Models take seconds to build, and that there is no photograph is known at once.
     split_images(config.textures, seed, split)
     libraries = recipe_libraries(config, seed, split)
-    return Sources(prepare_atlas(config.textures, seed, split), libraries)
+    atlas = prepare_atlas(config.textures, seed, split)
+    return Sources(atlas.in_grey() if config.camera.colour == "grey" else atlas, libraries)
 
 
 def recipe_libraries(config: Config, seed: int, split: Split = WHOLE) -> tuple[ModelLibrary, ...]:

@@ -1,11 +1,12 @@
 """The patch atlas: all patches that the renderer samples, and the place in an image that each patch comes from."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from semisynth_gl.errors import InputError
 from semisynth_gl.textures.crop_report import CropCount, TextureReport
@@ -50,11 +51,13 @@ class Atlas:
 
     Attributes:
         layers: (L, P, P, 4) uint8 RGBA, C-contiguous, top row first, A = 255 everywhere. RGBA although no layer is
-            transparent, because rows of 4-byte pixels need no padding on the way to OpenGL.
+            transparent, because rows of 4-byte pixels need no padding on the way to OpenGL. Of monochrome cameras
+            (L, P, P) uint8, see `in_grey`.
         patches: the patches in the order of their layers.
         report: numbers of kept and rejected crops.
         pictures: the pictures that patches come from beside files: SHA-256 of their pixels, by name.
-        large_layers: (M, Q, Q, 4) uint8 RGBA, layers of large patches, counted from L on; M may be 0.
+        large_layers: (M, Q, Q, 4) uint8 RGBA, or (M, Q, Q) likewise, layers of large patches, counted from L on; M may
+            be 0.
     """
 
     layers: NDArray[np.uint8]
@@ -64,11 +67,31 @@ class Atlas:
     large_layers: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 1, 1, 4), np.uint8))
 
     def pixels(self, patch: Patch) -> NDArray[np.uint8]:
-        """Return a patch's layers, (F, P, P, 4) uint8 RGBA."""
+        """Return a patch's layers, (F, P, P, 4) uint8 RGBA, or (F, P, P) grey."""
         layers, first = self.layers, patch.first_layer
         if patch.large:
             layers, first = self.large_layers, first - len(self.layers)
         return layers[first : first + patch.layer_count]
+
+    def in_grey(self) -> "Atlas":
+        """Return the atlas that monochrome cameras see, with what is known of the patches as it is: see `to_grey`."""
+        return replace(self, layers=_each_in_grey(self.layers), large_layers=_each_in_grey(self.large_layers))
+
+
+def to_grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the luminance of (H, W, 3) RGB or (H, W, 4) RGBA, by the weights of ITU-R BT.601: (H, W) uint8.
+
+    It is (19595 R + 38470 G + 7471 B + 32768) // 65536, as Pillow's conversion from RGB to L has it: equal components
+    stay what they are.
+    """
+    return np.asarray(Image.fromarray(np.ascontiguousarray(image)).convert("L"))
+
+
+def _each_in_grey(layers: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    grey = np.empty(layers.shape[:3], np.uint8)
+    for number, layer in enumerate(layers):
+        grey[number] = to_grey(layer)
+    return grey
 
 
 def atlas_from_arrays(patches: Sequence[NDArray[Any]], sources: Sequence[str] | None = None) -> Atlas:

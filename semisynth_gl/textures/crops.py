@@ -139,7 +139,7 @@ def texture_measure(patch: NDArray[np.uint8]) -> float:
     pixels or more.
 
     Args:
-        patch: (H, W, 3) uint8 RGB: a patch of the atlas, or an image of any shape.
+        patch: (H, W, 3) uint8 RGB, or (H, W) grey: a patch of the atlas, or an image of any shape.
 
     Returns:
         The measure in 8-bit levels, from 0 (every pixel equal in half of the cells) to 127.5.
@@ -156,7 +156,7 @@ def least_texture(images: Iterable[NDArray[np.uint8]]) -> float:
     That takes a share of the time, and shows texture of a pixel's size, too.
 
     Args:
-        images: (H, W, 3) uint8 RGB each, at least one.
+        images: (H, W, 3) uint8 RGB, or (H, W) grey, each, at least one.
     """
     return min(texture_measure(np.ascontiguousarray(image[::_EVERY, ::_EVERY])) for image in images)
 
@@ -167,7 +167,7 @@ def surely_has_texture(images: Iterable[NDArray[np.uint8]], least: float) -> boo
     About its own mean, a part of a cell's pixels has at most the sum of squares that all of them have about theirs.
 
     Args:
-        images: (H, W, 3) uint8 RGB each.
+        images: (H, W, 3) uint8 RGB, or (H, W) grey, each.
         least: the limit, 8-bit levels.
     """
     return all(_texture_bound(image) >= least for image in images)
@@ -284,7 +284,9 @@ class DuplicateFinder:
 
 
 def _luminance(image: NDArray[np.uint8]) -> NDArray[np.int32]:
-    """Return the luminance (H, W) of (H, W, 3) RGB in thousandths of a level."""
+    """Return the luminance (H, W) of (H, W, 3) RGB, or of (H, W) grey, in thousandths of a level."""
+    if image.ndim == 2:
+        return image.astype(np.int32) * sum(LUMINANCE)
     red, green, blue = (image[..., channel].astype(np.int32) * part for channel, part in enumerate(LUMINANCE))
     return red + green + blue
 

@@ -10,7 +10,7 @@ from torch.nn.functional import pad
 from torch.utils.data import default_collate
 
 from semisynth_gl.arguments import check_type
-from semisynth_gl.camera import Crop
+from semisynth_gl.camera import EYES, Crop
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import ROLES, Frame
 from semisynth_gl.seeds import Purpose, generator
@@ -32,14 +32,16 @@ def to_sample(index: int, frame: Frame) -> Sample:
         ``index``, int; ``camera``, a dictionary of floats (``focal_px``, ``baseline_m``, ``doffs_px``, the principal
         points, of a crop the crop's, and how the right camera deviates: ``right_roll_rad``, ``right_pitch_rad``,
         ``right_y_px``, ``focal_ratio``); and each array of `Frame.arrays`, under its role: images as (3, H, W)
-        uint8, normals as (3, H, W) float32, flow as (2, H, W) float32, ids as (H, W) int32, the rest as (H, W) of its
-        own type.
+        uint8, of monochrome cameras as (1, H, W), normals as (3, H, W) float32, flow as (2, H, W) float32, ids as
+        (H, W) int32, the rest as (H, W) of its own type.
     """
     deviation = frame.camera.deviation
     camera = {name: float(getattr(frame.camera, name)) for name in _CAMERA}
     camera |= {f"right_{name}": float(getattr(deviation, name)) for name in ("roll_rad", "pitch_rad", "y_px")}
     camera["focal_ratio"] = float(deviation.focal_ratio)
     tensors = {role: _tensor(array) for role, array in frame.arrays().items()}
+    for role in EYES:
+        tensors[role] = tensors[role].reshape(-1, *tensors[role].shape[-2:])
     return {"index": index, "camera": camera, **tensors}
 
 
@@ -47,7 +49,8 @@ def collate(samples: Sequence[Sample]) -> Sample:
     """Batch samples whose sizes or keys differ: ``DataLoader(..., collate_fn=collate)``.
 
     Smaller arrays get columns on the right and rows at the bottom, with the value that says "nothing": inf for
-    disparity, depth and flow, 0 for all else. The cameras stay true. Keys that some of the samples lack are left out.
+    disparity, depth and flow, 0 for all else. Grey images among coloured ones get three equal channels. The cameras
+    stay true. Keys that some of the samples lack are left out.
     For the rest this is PyTorch's default_collate.
 
     Args:
@@ -128,6 +131,8 @@ def _of_one_size(name: str, values: list[Any]) -> list[Any]:
     """Pad the arrays of a role to the largest height and width; return all else as it is."""
     if name not in ROLES:
         return values
+    if len({value.shape[0] for value in values}) > 1 and name in EYES:
+        values = [value.expand(3, -1, -1) for value in values]
     height, width = (max(value.shape[axis] for value in values) for axis in (-2, -1))
     nothing = ROLES[name][1].nothing
     return [

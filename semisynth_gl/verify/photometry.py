@@ -93,8 +93,8 @@ def check_images(
     disparity at which the images fit best: both must be zero.
 
     Args:
-        left: (H, W, 3) uint8.
-        right: (H, W, 3) uint8.
+        left: (H, W, 3) or (H, W) uint8.
+        right: likewise.
         match: of the left view.
         surface: (H, W) bool, the pixels to judge: visible, on one surface.
         verdict: takes findings and measures.
@@ -134,7 +134,7 @@ def check_flow_images(
         check: the name of the check.
         name: of the flow, for messages.
         measure: the first part of the measures' names.
-        images: the image and the other one, (H, W, 3) uint8.
+        images: the image and the other one, (H, W, 3) or (H, W) uint8.
         targets: the pixels to judge, visible and on one surface, and the points that flow leads to.
         verdict: takes findings and measures.
         imperfect: see `check_images`.
@@ -212,7 +212,9 @@ def _check_correlation(warp: _Warp, verdict: Verdict) -> None:
 
 
 def _grey(image: Image) -> NDArray[np.float32]:
-    """Return the mean of the channels of (H, W, 3) uint8, as (H, W) float32 levels."""
+    """Return the mean of the channels of (H, W, 3) uint8, or (H, W) uint8 as it is, as (H, W) float32 levels."""
+    if image.ndim == 2:
+        return image.astype(np.float32)
     mean: NDArray[np.float32] = image.astype(np.float32).sum(axis=2) / np.float32(3)
     return mean
 

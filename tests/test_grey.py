@@ -1,0 +1,306 @@
+"""Monochrome cameras: ``camera.colour: grey`` from the atlas to the images, the files and back."""
+
+import io
+import json
+import shutil
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from backends import backend_fault
+from hand_made_pairs import CAMERA, decode, encode, make_frame
+from heavy import heavy
+from PIL import Image
+from scenes import assert_equal, facing, noise_layers
+from tiny_datasets import cheap, findings
+
+from semisynth_gl.camera import EYES, Crop, StereoCamera
+from semisynth_gl.cli import main
+from semisynth_gl.codecs import IMAGE_CODECS, Encodings
+from semisynth_gl.codecs.grey import ThreeEqual
+from semisynth_gl.codecs.jpeg import Jpeg
+from semisynth_gl.codecs.png import GREY_IMAGE, RGB8
+from semisynth_gl.config import Config, load_config
+from semisynth_gl.dataset.reader import open_dataset
+from semisynth_gl.errors import InputError, ReadError
+from semisynth_gl.frame import Frame, View, as_rgb
+from semisynth_gl.generation.generate import generate
+from semisynth_gl.layouts import Key, find_layout, layout_names
+from semisynth_gl.layouts.roles import expose
+from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
+from semisynth_gl.pairs.pipeline import PairRenderer
+from semisynth_gl.scene.scene import make_scene
+from semisynth_gl.textures.atlas import to_grey
+from semisynth_gl.textures.crops import least_texture, texture_measure
+
+SCENE_CAMERA = StereoCamera(160, 121, 200.0, 0.1, 79.5, 83.0, 60.0)
+# Layouts whose loaders fail at one channel.
+THREE = {"middlebury", "eth3d"}
+ODD = 37
+
+
+def luminance(image):
+    return image[..., :3].astype(float) @ (0.299, 0.587, 0.114)
+
+
+def grey_layers(layers):
+    return np.stack([to_grey(layer) for layer in layers])
+
+
+def grey_frame(index):
+    frame = make_frame(index)
+    return Frame(CAMERA, *(frame.view(eye).with_channels({"image": to_grey(frame.view(eye).image)}) for eye in EYES))
+
+
+def grey_encodings(layout, chosen=None):
+    return layout.encodings_of(chosen or Encodings(), "grey")
+
+
+def slanted(open_renderer, square, layers, **options):
+    """A wall and slanted squares with much and with little detail, which meet at slanted edges."""
+    rng = np.random.default_rng(4)
+    matrices = [facing(SCENE_CAMERA, -300, -300, 900, 900, 9.0)]
+    for _ in range(9):
+        matrix = np.eye(4)
+        matrix[:3, :2] = rng.normal(size=(3, 2)) * rng.choice([0.4, 1.0])
+        matrix[:3, 3] = rng.uniform((-1.5, -1, 2.5), (1, 0.6, 6))
+        matrices.append(matrix)
+    count = len(matrices)
+    scene = make_scene(
+        SCENE_CAMERA,
+        model=[0] * count,
+        world_from_model=matrices,
+        layer=np.arange(count) % len(layers),
+        uv_scale=rng.choice([0.3, 2.0], (count, 1)),
+    )
+    return open_renderer([square], layers, **options), scene
+
+
+def test_grey_is_the_stated_luminance():
+    image = np.random.default_rng(0).integers(0, 256, (64, 65, 4), np.uint8)
+    red, green, blue = (image[..., part].astype(int) for part in range(3))
+    np.testing.assert_array_equal(to_grey(image), (19595 * red + 38470 * green + 7471 * blue + 32768) // 65536)
+    np.testing.assert_array_equal(to_grey(image[..., :3]), to_grey(image))
+    levels = np.arange(256, dtype=np.uint8)
+    np.testing.assert_array_equal(to_grey(np.stack([levels] * 3, axis=1)[None])[0], levels)
+
+
+@pytest.mark.parametrize("anisotropy", [1, 8])
+@pytest.mark.parametrize("size", [(256, 192), (941, 200), (17, 3)])
+def test_a_grey_patch_comes_out_bit_for_bit_and_alike_in_both_views(open_renderer, square, size, anisotropy):
+    width, height = size
+    layers = noise_layers(3, ODD)[..., 0]
+    camera = StereoCamera.centred(width, height, 400.0, 0.1)
+    renderer = open_renderer([square], layers, wrap="repeat", anisotropy=anisotropy)
+    matrix = facing(camera, -700, -900, 60 * ODD, 60 * ODD, 400 * 0.1 / 16)
+    frame = renderer.render(make_scene(camera, model=[0], world_from_model=[matrix], layer=[2], uv_scale=60))
+    y, x = np.mgrid[:height, :width]
+    np.testing.assert_array_equal(frame.left.image, layers[2][(y + 900) % ODD, (x + 700) % ODD])
+    np.testing.assert_array_equal(frame.left.image[:, 16:], frame.right.image[:, :-16])
+
+
+@pytest.mark.parametrize("antialias", ["none", "edges", "msaa4", "ssaa2", "ssaa3"])
+def test_grey_images_are_the_luminance_of_coloured_ones_and_truth_is_the_same(open_renderer, square, antialias):
+    layers = noise_layers(4, 64)
+    options = {"antialias": antialias, "anisotropy": 4, "outputs": ("visibility", "instances", "depth", "normals")}
+    renderer, scene = slanted(open_renderer, square, layers, **options)
+    coloured = renderer.render(scene)
+    renderer, scene = slanted(open_renderer, square, grey_layers(layers), **options)
+    grey = renderer.render(scene)
+    for eye in EYES:
+        image, expected = grey.view(eye).image, luminance(coloured.view(eye).image)
+        assert image.shape == expected.shape
+        difference = image - expected
+        # Levels of patches, what is sampled of them and images are rounded, one after the other.
+        assert np.abs(difference).max() < 3
+        assert abs(difference.mean()) < 0.3
+        assert image.std() > 20
+        for name in set(grey.view(eye)) - {"image"}:
+            np.testing.assert_array_equal(grey.view(eye)[name], coloured.view(eye)[name], err_msg=name)
+    crop = Crop(31, 17, 63, 50)
+    assert_equal(renderer.render(scene, crop), grey, crop)
+
+
+def test_large_patches_are_grey_too(open_renderer, square):
+    layers, large = noise_layers(2, ODD)[..., 0], noise_layers(1, 100, seed=1)[..., 0]
+    camera = StereoCamera.centred(60, 50, 400.0, 0.1)
+    whole, part = facing(camera, 0, 0, 100, 100, 5.0), facing(camera, 20, 5, ODD, ODD, 2.0)
+    expected = large[0][:50, :60].copy()
+    expected[5:42, 20:57] = layers[1]
+    scene = make_scene(camera, model=[0, 0], world_from_model=[whole, part], layer=[2, 1])
+    frame = open_renderer([square], layers, large_layers=large).render(scene)
+    np.testing.assert_array_equal(frame.left.image, expected)
+    with pytest.raises(InputError, match="both be RGBA or both be grey"):
+        open_renderer([square], layers, large_layers=noise_layers(1, 100))
+    with pytest.raises(InputError, match=r"\(L, P, P\) uint8"):
+        open_renderer([square], layers[..., :5])
+
+
+@pytest.mark.parametrize("name", layout_names())
+def test_every_layout_gives_one_channel_back_and_loaders_what_they_can_read(name):
+    layout, frame = find_layout(name), grey_frame(3)
+    encodings = grey_encodings(layout)
+    files = encode(layout, 3, frame=frame, encodings=encodings)
+    stored = decode(layout, 3, files, encodings=encodings)
+    lossy = isinstance(encodings.image, Jpeg)
+    paths = layout.files(Key("lab", "train", 3), encodings)
+    for eye in EYES:
+        image = stored.view(eye).image
+        assert image.ndim == 2
+        assert image.flags.c_contiguous
+        assert np.abs(image.astype(int) - frame.view(eye).image).max() <= (2 if lossy else 0)
+        np.testing.assert_array_equal(
+            stored.view(eye).disparity, decode(layout, 3, encode(layout, 3)).view(eye).disparity
+        )
+        data = files[paths[eye]]
+        opened = Image.open(io.BytesIO(data))
+        assert opened.mode == ("RGB" if name in THREE else "L")
+        # As loaders read them.
+        sliced = np.array(opened.convert("RGB") if name not in THREE else opened)[..., :3]
+        by_opencv = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        for pixels in (sliced, by_opencv):
+            np.testing.assert_array_equal(pixels, as_rgb(image))
+
+
+def test_exposed_right_images_are_grey_too():
+    layout, frame = find_layout("middlebury-2014"), grey_frame(1)
+    encodings = grey_encodings(layout)
+    files = encode(layout, 1, frame=frame, encodings=encodings)
+    ends = {Path(path).name: data for path, data in files.items()}
+    for name, stops in (("im1E.png", -1), ("im1L.png", 1)):
+        np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(ends[name]))), expose(frame.right.image, stops))
+
+
+@pytest.mark.parametrize("name", IMAGE_CODECS)
+@pytest.mark.parametrize("three", [False, True])
+def test_every_image_codec_stores_grey(name, three):
+    codec = Encodings.from_names(name).in_grey(three=three).image
+    try:
+        codec.check_installed()
+    except InputError as error:
+        pytest.skip(str(error))
+    image = to_grey(make_frame(0).left.image)
+    decoded = codec.decode(codec.encode(image), Path("a"))
+    np.testing.assert_array_equal(decoded, image)
+    assert decoded.shape == image.shape
+    assert isinstance(codec, ThreeEqual) == (three or name == "qoi")
+    assert codec.suffix == IMAGE_CODECS[name].suffix
+    assert codec.lossless
+
+
+def test_files_of_another_kind_are_refused():
+    coloured = make_frame(0).left.image
+    with pytest.raises(ReadError, match="expected the image of a monochrome camera, got channels that differ"):
+        ThreeEqual(RGB8).decode(RGB8.encode(coloured), Path("a.png"))
+    with pytest.raises(ReadError, match="expected 8-bit RGB, got 8-bit grey"):
+        ThreeEqual(RGB8).decode(GREY_IMAGE.encode(coloured[..., 0]), Path("a.png"))
+    with pytest.raises(ReadError, match="expected 8-bit grey, got 8-bit RGB"):
+        GREY_IMAGE.decode(RGB8.encode(coloured), Path("a.png"))
+    with pytest.raises(ReadError, match="expected 8-bit grey"):
+        Jpeg(grey=True).decode(Jpeg().encode(coloured), Path("a.jpg"))
+
+
+@pytest.mark.parametrize("shape", [(4, 5, 1), (4, 5, 4), (20,)])
+def test_views_refuse_other_images(shape):
+    View({"image": np.zeros((4, 5), np.uint8)})
+    with pytest.raises(InputError, match=r"image must be \(H, W, 3\) or \(H, W\) uint8"):
+        View({"image": np.zeros(shape, np.uint8)})
+
+
+def test_measures_of_grey_images_are_those_of_three_equal_channels():
+    image = to_grey(make_frame(0).left.image)
+    assert texture_measure(image) == texture_measure(np.ascontiguousarray(as_rgb(image)))
+    assert least_texture([image]) == least_texture([np.ascontiguousarray(as_rgb(image))])
+    blurred = apply_imperfections(image, Imperfections(1.5, 0.3, 4.0, 0.9), np.random.default_rng(0))
+    assert blurred.shape == image.shape
+    assert np.abs(blurred.astype(int) - image).max() > 10
+
+
+def test_the_key_is_left_out_where_cameras_see_colours():
+    values = cheap().model_dump(mode="json")
+    assert "colour" not in values["camera"]
+    assert cheap(camera={"colour": "rgb"}).digest() == cheap().digest()
+    assert cheap(camera={"colour": "grey"}).digest() != cheap().digest()
+    with pytest.raises(InputError, match=r"camera.colour: (.|\n)*'rgb' or 'grey'"):
+        load_config("sceneflow", ["camera.colour=gray"])
+    recipe = {"recipe": "a", "camera": {"colour": "grey"}}
+    with pytest.raises(ValueError, match="colour"):
+        Config.model_validate(values | {"scenes": [recipe]})
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    folder = tmp_path_factory.mktemp("grey") / "set"
+    generate(cheap(camera={"colour": "grey"}, imperfections={}), folder, {"train": 2}, 3)
+    return folder
+
+
+def test_a_dataset_is_the_luminance_of_the_coloured_one(dataset):
+    with PairRenderer(cheap(), 3) as renderer:
+        coloured = [renderer.render(index) for index in range(2)]
+        patches = renderer.sources.atlas
+    frames = open_dataset(dataset)
+    for pair, stored in zip(coloured, frames, strict=True):
+        assert stored.left.image.shape == stored.left.disparity.shape
+        for role, array in stored.arrays().items():
+            if role in EYES:
+                assert np.abs(array - luminance(pair.frame.arrays()[role])).max() < 3
+            elif "visibility" not in role:
+                np.testing.assert_array_equal(array, pair.frame.arrays()[role], err_msg=role)
+        assert stored.provenance["camera"] == pair.provenance["camera"]
+    index = json.loads((dataset / "index.json").read_text())
+    assert index["config_values"]["camera"]["colour"] == "grey"
+    kept = [
+        {key: value for key, value in patch.items() if key != "sha256"} for patch in index["splits"]["train"]["patches"]
+    ]
+    assert kept == [patch.described() for patch in patches.patches]
+    assert "8-bit grey, in three equal channels" in (dataset / "README.md").read_text()
+
+
+def run(monkeypatch, *words):
+    monkeypatch.setattr(sys, "argv", ["semisynth-gl", *map(str, words)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert not ended.value.code
+
+
+def test_verify_report_compare_and_preview_take_grey_datasets(dataset, tmp_path, monkeypatch):
+    assert findings(dataset, rays=200) == []
+    run(monkeypatch, "report", dataset, "--out", tmp_path / "page.html")
+    run(monkeypatch, "compare", dataset, "--images", next(dataset.glob("MiddEval3/*/*/im0.png")))
+    values = json.dumps(cheap(camera={"colour": "grey"}).model_dump(mode="json", exclude_none=True))
+    (tmp_path / "grey.yaml").write_text(values)
+    cloud = tmp_path / "cloud.ply"
+    sheet = tmp_path / "sheet.png"
+    run(monkeypatch, "preview", "--config", tmp_path / "grey.yaml", "--pairs", 1, "--ply", cloud, "--out", sheet)
+    assert cloud.stat().st_size > 1000
+
+
+def test_verify_finds_a_shifted_grey_image(dataset, tmp_path):
+    copy = shutil.copytree(dataset, tmp_path / "set", symlinks=True)
+    path = next(copy.glob("MiddEval3/trainingF/*/im1.png"))
+    path.write_bytes(RGB8.encode(np.roll(np.asarray(Image.open(path)), 2, axis=1)))
+    assert any("images" in finding for finding in findings(copy))
+
+
+@pytest.mark.heavy
+def test_samples_are_one_channel_and_batch_with_coloured_ones(dataset):
+    torch = heavy("torch")
+    from semisynth_gl.torch import StereoDataset, collate
+    from semisynth_gl.torch.samples import to_sample
+
+    sample = StereoDataset(dataset)[1]
+    stored = open_dataset(dataset)[1]
+    assert sample["left"].dtype == torch.uint8
+    np.testing.assert_array_equal(sample["left"].numpy(), stored.left.image[None])
+    coloured = to_sample(0, make_frame(0))
+    batch = collate([sample, coloured])
+    assert batch["left"].shape == (2, 3, *np.maximum(sample["left"].shape[1:], coloured["left"].shape[1:]))
+    height, width = stored.left.image.shape
+    for channel in range(3):
+        np.testing.assert_array_equal(batch["left"][0, channel, :height, :width].numpy(), stored.left.image)
+    assert collate([sample, sample])["right"].shape[1] == 1
