@@ -311,7 +311,8 @@ class PairRenderer:
         if motion_blur > 0:
             sampled = shown.sampled.seen_by(view)
             scenes = [self.sampler.moment(sampled, frames) for frames in moments(motion_blur, section.sub_frames)]
-            eyes: tuple[Eye, ...] = EYES if shown.left_image is None else ("right",)
+            # The first right eye's noise follows the left one's, so that pair makes the left image in any case.
+            eyes: tuple[Eye, ...] = ("right",) if view and shown.left_image is not None else EYES
             frame = exposed(self._renderer, frame, sampled.scene, scenes, eyes)
         right_rng = of_scene(view) if view else None
         frame, drawn = with_imperfections(frame, section, of_scene(), further, right_rng, shown.left_image)
