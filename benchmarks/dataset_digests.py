@@ -34,7 +34,7 @@ ENCODINGS = (("png", "pfm", "flo"), ("qoi", "png16", "pfm"), ("jxl", "tiff", "pn
 DESCRIPTIONS = ("index.json", "README.md", "croissant.json")
 SMALL = ("--set", "camera.width_px=226", "--set", "camera.height_px=141", "--set", "textures.max_patches=64")
 # What loaders of some layouts do not know has cases of its own.
-OF_RIGS = ("correspondence",)
+OF_RIGS = ("correspondence", "sky")
 MOVING = (
     *("--outputs", ",".join(output for output in OUTPUTS if output not in OF_RIGS), "--set", "sequence.length=2"),
     *("--set", "camera.sway_m=[0.01,0.05]", "--set", "camera.sway_deg=[0.5,2]"),

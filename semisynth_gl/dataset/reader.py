@@ -54,10 +54,16 @@ class Index:
     def encodings(self) -> Encodings:
         """The codecs of the files."""
         if self.layout.encodings is not None:
-            return self.layout.encodings
+            return self.layout.own_encodings(signed=self.signed)
         default = Encodings()
         keys = ("image", "disparity", "flow")
-        return Encodings.from_names(*(self.value("files", key) or getattr(default, key).name for key in keys))
+        names = (self.value("files", key) or getattr(default, key).name for key in keys)
+        return Encodings.from_names(*names, signed=self.signed)
+
+    @property
+    def signed(self) -> bool:
+        """Whether disparities of 0 and below are valid."""
+        return self.value("disparity", "signed") is True
 
     @property
     def outputs(self) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ A layout is a module of this package with one class and its instance, `LAYOUT`. 
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import ClassVar
 
 from semisynth_gl.camera import EYES
@@ -36,6 +37,7 @@ class Layout(ABC):
         lacks: outputs that the layout has no files for, since none of its loaders could make sense of them.
         encodings: its own; None where the config's section ``files`` decides.
         right_truth_for: names loaders that read the right view's truth too; "" where none does.
+        positive_for: names loaders that take disparities of 0 and below for none; "" where none does.
         replaced: names that loaders replace, or look for, in the whole path of a file.
         most_frames: how many frames of a sequence its names can tell apart, where they count frames; None for any.
     """
@@ -45,6 +47,7 @@ class Layout(ABC):
     lacks: ClassVar[frozenset[str]] = frozenset()
     encodings: ClassVar[Encodings | None] = None
     right_truth_for: ClassVar[str] = ""
+    positive_for: ClassVar[str] = ""
     replaced: ClassVar[tuple[str, ...]] = ()
     most_frames: ClassVar[int | None] = None
 
@@ -110,9 +113,14 @@ class Layout(ABC):
     def advice(self, pairs: int, config: Config, split: SplitName) -> list[str]:
         """Return sentences on what will keep loaders of this layout from reading a split of so many pairs."""
         del pairs, split
-        if config.truth == "both" or not self.right_truth_for:
-            return []
-        return [f"{self.right_truth_for} read the right view's truth too: set truth to both."]
+        sentences = []
+        if config.truth != "both" and self.right_truth_for:
+            sentences.append(f"{self.right_truth_for} read the right view's truth too: set truth to both.")
+        if config.disparity.signed and self.positive_for:
+            sentences.append(
+                f"{self.positive_for} leave out pixels with disparities of 0 and below, which are valid here."
+            )
+        return sentences
 
     def place_advice(self, root: str) -> list[str]:
         """Return sentences on what will keep loaders of this layout from reading a dataset in a folder.
@@ -129,7 +137,11 @@ class Layout(ABC):
 
     def encodings_for(self, config: Config) -> Encodings:
         """Return the encodings that pairs of a config have in this layout."""
-        return config.files.encodings if self.encodings is None else self.encodings
+        return config.encodings if self.encodings is None else self.own_encodings(signed=config.disparity.signed)
+
+    def own_encodings(self, *, signed: bool) -> Encodings:
+        """Return the layout's own encodings, or the default ones, for disparities that are signed or not."""
+        return replace(self.encodings or Encodings(), signed=signed)
 
 
 def view_stems(names: Mapping[str, str], default: str) -> dict[str, str]:

@@ -57,6 +57,7 @@ class SceneFlow(Layout):
     replaced = ("left", "right", _IMAGES, ".png")
     most_frames = 10_000
     right_truth_for = "torchvision's SceneFlowStereo and HSM"
+    positive_for = "CasStereo and HSM"
 
     def stems(self, key: Key) -> dict[str, str]:
         """Return a pair's files, of the same name in many folders."""

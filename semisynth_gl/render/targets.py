@@ -44,7 +44,7 @@ def _attachments(drawn_by: Pass) -> dict[str, Attachment]:
     return attachments
 
 
-DRAWING = {**_attachments("drawing"), "surface": Attachment(2, 2, "u4", 0)}
+DRAWING = {**_attachments("drawing"), "surface": Attachment(2, 2, "u4", 0xFFFFFFFF)}
 """Attachments of the drawing pass: those of its channels, and the instance and triangle of each pixel."""
 VISIBILITY = _attachments("visibility")
 CORRESPONDENCE = {**_attachments("correspondence"), "disparity": DRAWING["disparity"], **VISIBILITY}
