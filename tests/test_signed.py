@@ -116,6 +116,37 @@ def test_truth_is_the_oracles(backend, doffs_px, sky, kind, signed):
     assert min(least) < 0 if signed else min(least) > 0
 
 
+@pytest.mark.one_backend
+@pytest.mark.parametrize("signed", [True, False])
+def test_correspondences_of_a_right_camera_that_deviates_are_the_oracles(backend, signed):
+    deviating = {"rig.right_roll_deg": 1.0, "rig.right_pitch_deg": 0.4, "rig.focal_ratio": 1.02}
+    outputs = ("visibility", "instances", "sky", "correspondence")
+    with PairRenderer(
+        open_scenes(12.0, 1.0, signed=signed, outputs=outputs, more=deviating), SEED, backend
+    ) as renderer:
+        frame, scene = renderer.render(0).frame, renderer.sampler.sample(0).scene
+        models = renderer.sampler.models
+    for eye in EYES:
+        view = frame.view(eye)
+        row, column = (side.ravel()[::2] for side in np.mgrid[: view.disparity.shape[0], : view.disparity.shape[1]])
+        x, y = column.astype(float), row.astype(float)
+        hits = cast_rays(scene, models, eye, x, y)
+        same = view.instances[row, column].astype(int) - 1 == hits.instance
+        assert same.mean() > 0.995
+        expected = oracle.correspondence_px(scene.camera, eye, x, y, hits, signed=signed)
+        way, known = view.correspondence[row, column], np.isfinite(expected[:, 0]) & same
+        assert known.mean() > 0.9 or not signed
+        assert np.array_equal(np.isfinite(way).all(axis=1)[same], known[same])
+        assert np.percentile(np.abs(way[known] - expected[known]).max(axis=1), 99.9) < 1e-4
+        is_sky = np.isin(hits.instance, np.flatnonzero(scene.sky)) & same
+        assert is_sky.any()
+        assert np.isfinite(way[is_sky]).all() == signed
+        visibility = oracle.visibility(scene, models, eye, x, y, hits, signed=signed)
+        assert (view.visibility[row, column] == visibility)[same].mean() > 0.99
+        points = frame.points(eye)
+        assert np.isnan(points[view.sky == SKY]).all()
+
+
 # On paper: f B = 10 px m.
 CAMERA = StereoCamera.centred(200, 24, 100.0, 0.1, doffs_px=20.0)
 
