@@ -56,7 +56,7 @@ class StoredFrame(Frame):
         view, rows = self.view(eye), self.provenance.get("instances")
         ids = view.get("instances")
         if self.provenance.get("sky") is not True:
-            return np.zeros(view.image.shape[:2], bool)
+            return np.zeros((self.camera.height_px, self.camera.width_px), bool)
         if ids is None or not isinstance(rows, list):
             return None
         is_sky = np.array([False, *(isinstance(row, dict) and row.get("sky") is True for row in rows)])
