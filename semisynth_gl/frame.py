@@ -151,7 +151,7 @@ class View(Mapping[str, NDArray[Any]]):
     )
     depth = Channel(
         _FLOAT32,
-        "planar depth in metres, float32; inf where nothing is seen, or the sky",
+        "planar depth in metres, float32; inf where nothing is seen",
         nothing=inf,
         output="depth",
         codec="float",

@@ -447,7 +447,9 @@ class Config(Section):
     def encodings(self) -> Encodings:
         """The codecs that the section ``files`` names, for the config's disparities."""
         files = self.files
-        return Encodings.from_names(files.image, files.disparity, files.flow, signed=self.disparity.signed)
+        if not self.disparity.signed:
+            return files.encodings
+        return Encodings.from_names(files.image, files.disparity, files.flow, signed=True)
 
     def recipes(self) -> tuple[Recipe, ...]:
         """Return the recipes of the sequences, at least one; those of weight 0 are left out."""
