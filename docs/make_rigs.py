@@ -39,6 +39,7 @@ def draw_sky(path: Path) -> None:
     mask = np.repeat(frame.left.sky[:, :, None], 3, axis=2)
     strip([frame.left.image, (255 * shown).astype(np.uint8), mask], path)
 
+
 # Each key of a camera alone, strongly, in the order in which a camera has them.
 CAMERA: Mapping[str, str] = {
     "": "as drawn",
