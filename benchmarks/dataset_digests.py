@@ -34,12 +34,14 @@ ENCODINGS = (("png", "pfm", "flo"), ("qoi", "png16", "pfm"), ("jxl", "tiff", "pn
 DESCRIPTIONS = ("index.json", "README.md", "croissant.json")
 SMALL = ("--set", "camera.width_px=226", "--set", "camera.height_px=141", "--set", "textures.max_patches=64")
 # What loaders of some layouts do not know has cases of its own.
-OF_RIGS = ("correspondence",)
+OF_RIGS = ("correspondence", "sky")
 MOVING = (
     *("--outputs", ",".join(output for output in OUTPUTS if output not in OF_RIGS), "--set", "sequence.length=2"),
     *("--set", "camera.sway_m=[0.01,0.05]", "--set", "camera.sway_deg=[0.5,2]"),
     *("--set", "structures.ground=0.5", "--set", "structures.panels=[1,3]"),
 )
+SKY = ("background.street=1", "background.cuboid=0", "background.room=0", "background.sky=1", "disparity.signed=true",
+       "camera.doffs_px=8", "files.disparity=png16", "scenes=[]")  # fmt: skip
 NOISE = ("--set", "imperfections.noise=[1,4]", "--set", "imperfections.gamma=[0.9,1.1]", "--set",
          "imperfections.blur_px=[0,1]", "--set", "imperfections.exposure_stops=[-0.2,0.2]")  # fmt: skip
 
@@ -70,6 +72,8 @@ def cases() -> Iterator[tuple[str, tuple[str, ...]]]:
     for layout in (*FREE_LAYOUTS, "middlebury-2014"):
         rig = ("--config", "sceneflow", "--pairs", "2", "--layout", layout, "--outputs", "visibility,correspondence")
         yield f"rig/{layout}", (*rig, *DEVIATING)
+    sky = [option for value in SKY for option in ("--set", value)]
+    yield "sky", ("--config", "eth3d", "--pairs", "2", "--layout", "webdataset", *MOVING, *sky)
     left = ("--config", "eth3d", "--pairs", "2", "--truth", "left")
     yield "truth/left", (*left, "--outputs", "visibility,instances,depth")
     for antialias in ("edges", "msaa4", "ssaa2"):

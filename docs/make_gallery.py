@@ -169,6 +169,7 @@ SHOWN: dict[str, Callable[[NDArray[np.generic]], Floats | Picture]] = {
     "correspondence": show_flow,
     "instances": show_ids,
     "depth": quantile_colours("viridis_r"),
+    "sky": lambda mask: np.repeat(mask[..., None], 3, axis=2),
     "normals": lambda normals: (1 - normals) / 2,
     "flow": show_flow,
     "flow_visibility": lambda mask: np.repeat(mask[..., None], 3, axis=2),

@@ -12,6 +12,7 @@ import matplotlib as mpl
 import numpy as np
 from make_picture import strip
 from matplotlib import pyplot as plt
+from matplotlib.colors import TwoSlopeNorm
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
@@ -22,6 +23,8 @@ from semisynth_gl.camera import RECTIFIED
 from semisynth_gl.frame import as_rgb
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.textures.atlas import to_grey
+
+_OPEN = ("scenes=[]", "background.cuboid=0", "background.room=0")
 
 
 def draw_baselines(path: Path) -> None:
@@ -42,6 +45,27 @@ def draw_baselines(path: Path) -> None:
 
 def _coloured(values: NDArray[np.float32], largest: float) -> NDArray[np.uint8]:
     return (255 * mpl.colormaps["inferno"](values / largest)[..., :3]).astype(np.uint8)
+
+
+def draw_signed(path: Path) -> None:
+    """Draw left, right and signed disparity, whose colours part at 0."""
+    rig = ("camera.doffs_px=40", "disparity.signed=true", "disparity.min_px=-35", "disparity.max_px=60")
+    keys = ("background.street=1", "background.plane_disparity_px=-38", "disparity.target={form: uniform}")
+    with PairRenderer(load_config("sceneflow", [*_OPEN, *rig, *keys]), 1) as renderer:
+        frame = renderer.render(2).frame
+    shown = mpl.colormaps["RdBu_r"](TwoSlopeNorm(0, -40, 60)(frame.left.disparity))[..., :3]
+    strip([frame.left.image, frame.right.image, (255 * shown).astype(np.uint8)], path)
+
+
+def draw_sky(path: Path) -> None:
+    """Draw left, disparity and the mask of the sky."""
+    keys = ("disparity.signed=true", "background.street=1", "background.sky=1", "outputs=[sky]")
+    few = "particles.layers=[{count: 4, disparity_px: [20, 60]}]"
+    with PairRenderer(load_config("sceneflow", [*_OPEN, *keys, few]), 1) as renderer:
+        frame = renderer.render(4).frame
+    shown = mpl.colormaps["inferno"](frame.left.disparity / np.quantile(frame.left.disparity, 0.99))[..., :3]
+    mask = np.repeat(frame.left.sky[:, :, None], 3, axis=2)
+    strip([frame.left.image, (255 * shown).astype(np.uint8), mask], path)
 
 
 # Each key of a camera alone, strongly, in the order in which a camera has them.
@@ -132,6 +156,8 @@ def draw_calibration(path: Path) -> None:
 
 DRAWN: dict[str, Callable[[Path], None]] = {
     "rigs-baselines.jpg": draw_baselines,
+    "rigs-signed.jpg": draw_signed,
+    "rigs-sky.jpg": draw_sky,
     "rigs-rectification.jpg": draw_rectification,
     "rigs-cameras.jpg": draw_cameras,
     "rigs-grey.jpg": draw_grey,

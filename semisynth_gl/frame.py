@@ -14,6 +14,7 @@ from semisynth_gl.errors import InputError, shown
 VISIBLE = 255
 OCCLUDED = 128
 OUTSIDE = 0
+SKY = 255
 
 Moment = Literal["now", "next", "previous"]
 Pass = Literal["drawing", "visibility", "correspondence", "flow"]
@@ -182,6 +183,12 @@ class View(Mapping[str, NDArray[Any]]):
         codec="float",
         of_own_view=True,
     )
+    sky = Channel(
+        _UINT8,
+        f"8-bit: {SKY} where the sky is seen, a backdrop that is infinitely far away, else 0",
+        output="sky",
+        codec="grey8",
+    )
     normals = Channel(
         _FLOAT32,
         "unit normal of the surface seen, towards the camera and in its frame (x right, y down, z forward), float32; 0 "
@@ -294,9 +301,10 @@ FLOW_OUTPUTS = FUTURE_OUTPUTS | PAST_OUTPUTS
 class Frame:
     """A rendered stereo pair with its truth.
 
-    Disparity is x_left - x_right in px, positive in both views; inf where nothing is seen or the rig makes it zero or
-    negative. Depth and normals are those of each view by itself, which matters where the right camera deviates. Where
-    truth was asked for in the left view alone, the right view has its image alone.
+    Disparity is x_left - x_right in px in both views; inf where nothing is seen and, unless the config's
+    ``disparity.signed`` makes these valid, where the rig makes it zero or negative. Depth and normals are those of each
+    view by itself, which matters where the right camera deviates. Where truth was asked for in the left view alone, the
+    right view has its image alone.
 
     Attributes:
         camera: the camera that took it.
@@ -343,7 +351,8 @@ class Frame:
 
         Returns:
             (H, W, 3) float32: x right, y down and z forward in the left camera's frame, metres, for either view; nan
-            in all three where the pixel has no disparity, and with a baseline of 0 everywhere.
+            in all three where the pixel has no disparity, where it is that of what is infinitely far away, as the sky
+            is, and with a baseline of 0 everywhere.
 
         Raises:
             InputError: where there is no such view, or the view has no disparity.
@@ -357,6 +366,10 @@ class Frame:
         y_px, x_px = np.mgrid[:height, :width]
         depth_m = self.camera.depth_at(eye, x_px, y_px, disparity)
         has_point = np.isfinite(disparity) & np.isfinite(depth_m) & (depth_m > 0)
+        if self.camera.rectified:
+            has_point &= disparity != np.float32(-self.camera.doffs_px)
+        if "sky" in self.view(eye):
+            has_point &= self.view(eye).sky != SKY
         points = self.camera.rays(eye, x_px, y_px) * np.where(has_point, depth_m, np.nan)[..., None]
         points[..., 0] += self.camera.offset_m(eye)
         return points.astype(np.float32)

@@ -6,7 +6,7 @@ neither.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,22 +21,35 @@ from semisynth_gl.scene.scene import Motion, Scene
 _SAME_POINT = 1e-9
 
 
-def disparity_px(camera: StereoCamera, hits: Hits) -> NDArray[np.float64]:
+def disparity_px(camera: StereoCamera, hits: Hits, *, signed: bool = False) -> NDArray[np.float64]:
     """Return the disparities of hits.
 
     Args:
         camera: the camera of the rays.
         hits: R hits.
+        signed: whether disparities of 0 and below are valid.
 
     Returns:
-        (R,) float64 px; inf where nothing is hit, or the disparity f B / Z - doffs is not positive.
+        (R,) float64 px, -doffs where the sky is hit; inf where nothing is hit, or, unless they are signed, the
+        disparity f B / Z - doffs is not positive.
     """
     disparity = camera.disparity_px(hits.depth_m)
-    return np.where(np.isfinite(hits.depth_m) & (disparity > 0), disparity, np.inf)
+    return np.where((hits.instance >= 0) & _is_valid(disparity, signed=signed), disparity, np.inf)
+
+
+def _is_valid(disparity_px: NDArray[np.float64], *, signed: bool) -> NDArray[np.bool_]:
+    valid: NDArray[np.bool_] = disparity_px > (-np.inf if signed else 0.0)
+    return valid
 
 
 def correspondence_px(
-    camera: StereoCamera, eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64], hits: Hits
+    camera: StereoCamera,
+    eye: Eye,
+    x_px: NDArray[np.float64],
+    y_px: NDArray[np.float64],
+    hits: Hits,
+    *,
+    signed: bool = False,
 ) -> NDArray[np.float64]:
     """Return the way from each hit of one eye's rays to where the other eye would see it.
 
@@ -46,15 +59,16 @@ def correspondence_px(
         x_px: (R,) float64, columns of the rays.
         y_px: (R,) float64, rows of the rays.
         hits: the R hits.
+        signed: whether disparities of 0 and below are valid.
 
     Returns:
         (R, 2) float64 px, right and down: the disparity x_left - x_right is minus the first in the left view, and the
-        first in the right view. Inf where nothing is hit, or the disparity is not positive.
+        first in the right view. Inf where nothing is hit, or the disparity is not valid.
     """
     way = camera.correspondence(eye, np.asarray(x_px, np.float64), np.asarray(y_px, np.float64), hits.depth_m)
     disparity = way[:, 0] * (-1 if eye == "left" else 1)
     with np.errstate(invalid="ignore"):
-        return np.where((np.isfinite(hits.depth_m) & (disparity > 0))[:, None], way, np.inf)
+        return np.where(((hits.instance >= 0) & _is_valid(disparity, signed=signed))[:, None], way, np.inf)
 
 
 def disparity_of(eye: Eye, way: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -63,7 +77,14 @@ def disparity_of(eye: Eye, way: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def visibility(
-    scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64], hits: Hits
+    scene: Scene,
+    models: Sequence[Mesh],
+    eye: Eye,
+    x_px: NDArray[np.float64],
+    y_px: NDArray[np.float64],
+    hits: Hits,
+    *,
+    signed: bool = False,
 ) -> NDArray[np.uint8]:
     """Return whether the other eye sees the hit points, by a second ray to each point from there.
 
@@ -74,13 +95,14 @@ def visibility(
         x_px: (R,) float64, columns of the first rays.
         y_px: (R,) float64, rows of the first rays.
         hits: the R hits of the first rays.
+        signed: whether disparities of 0 and below are valid.
 
     Returns:
         (R,) uint8: VISIBLE, OCCLUDED or OUTSIDE of `semisynth_gl.frame`.
     """
     camera, other = scene.camera, OTHER_EYE[eye]
     own = np.stack([x_px, y_px], axis=1).astype(np.float64)
-    way = correspondence_px(camera, eye, own[:, 0], own[:, 1], hits)
+    way = correspondence_px(camera, eye, own[:, 0], own[:, 1], hits, signed=signed)
     known = np.isfinite(way[:, 0])
     place = own + np.where(known[:, None], way, 0)
     in_frame = (
@@ -90,10 +112,11 @@ def visibility(
     where = np.flatnonzero(in_frame)
     second = cast_rays(scene, models, other, place[where, 0], place[where, 1])
     # Depths are those of each eye's own view.
-    points = camera.rays(eye, own[where, 0], own[where, 1]) * hits.depth_m[where, None]
+    is_far = np.isinf(hits.depth_m[where])
+    points = camera.rays(eye, own[where, 0], own[where, 1]) * np.where(is_far, 1.0, hits.depth_m[where])[:, None]
     points[:, 0] += camera.offset_m(eye) - camera.offset_m(other)
     turn = camera.turn(other)
-    depth_m = points[:, 2] if turn is None else points @ turn[2]
+    depth_m = np.where(is_far, np.inf, points[:, 2] if turn is None else points @ turn[2])
     hidden = second.depth_m < depth_m * (1 - _SAME_POINT)
     result[where] = np.where(hidden, OCCLUDED, VISIBLE)
     return result
@@ -106,8 +129,8 @@ class Flows:
     Attributes:
         flow_px: (R, 2) float64, x right and y down; inf where there is no hit, or where the point is nearer than the
             near plane at the other moment.
-        disparity_change_px: (R,) float64, in a rectified pair; inf at the same rays, and where a disparity is not
-            positive at one of the moments.
+        disparity_change_px: (R,) float64, in a rectified pair; inf at the same rays, and where a disparity is not valid
+            at one of the moments.
         visibility: (R,) uint8, at the other moment: VISIBLE, OCCLUDED or OUTSIDE of `semisynth_gl.frame`.
     """
 
@@ -124,8 +147,10 @@ def flow(
     x_px: NDArray[np.float64],
     y_px: NDArray[np.float64],
     hits: Hits,
+    *,
+    signed: bool = False,
 ) -> Flows:
-    """Follow hit points to another moment, each on its own instance.
+    """Follow hit points to another moment, each on its own instance; the sky turns with the camera alone.
 
     Args:
         scene: the scene of the hits.
@@ -135,17 +160,23 @@ def flow(
         x_px: (R,) float64, columns of the rays.
         y_px: (R,) float64, rows of the rays.
         hits: the R hits of the rays.
+        signed: whether disparities of 0 and below are valid.
     """
     camera = scene.camera
     x, y = np.asarray(x_px, np.float64), np.asarray(y_px, np.float64)
-    later = np.full((len(x), 3), np.inf)
+    later, depth_m = np.full((len(x), 3), np.inf), hits.depth_m
+    is_sky = np.isin(hits.instance, np.flatnonzero(scene.sky))
+    if is_sky.any():
+        # A point of the instance stands for the sky in its direction.
+        depth_m = np.where(is_sky, depth_on_planes(scene, models, eye, x, y, hits), depth_m)
+    then = replace(scene, camera_from_world=motion.scene.camera_from_world, world_from_model=motion.world_from_model)
     turn = camera.turn(eye)
-    eye_offset = np.array([camera.offset_m(eye), 0.0, 0.0])
     for number in np.unique(hits.instance[hits.instance >= 0]):
         rays = np.flatnonzero(hits.instance == number)
-        now_from_model = scene.camera_from_world @ scene.world_from_model[number]
-        later_from_model = motion.scene.camera_from_world @ motion.world_from_model[number]
-        point = camera.rays(eye, x[rays], y[rays]) * hits.depth_m[rays, None] + eye_offset
+        now_from_model = scene.view_from_model(number)
+        later_from_model = then.view_from_model(number)
+        eye_offset = np.array([scene.offset_m(eye, number), 0.0, 0.0])
+        point = camera.rays(eye, x[rays], y[rays]) * depth_m[rays, None] + eye_offset
         # By the triangle's corners and the point's place among them: flat models have no inverse matrix.
         mesh = models[int(scene.model[number])]
         corners = mesh.positions.astype(np.float64)[mesh.triangles[hits.triangle[rays]]]
@@ -156,21 +187,23 @@ def flow(
     with np.errstate(invalid="ignore"):
         if turn is not None:
             later = np.where(np.isfinite(later), later @ turn.T, np.inf)
-        seen = np.isfinite(later[:, 2]) & (later[:, 2] >= scene.near_of(eye))
+        least_m = np.where(is_sky, np.finfo(np.float64).tiny, scene.near_of(eye))
+        seen = np.isfinite(later[:, 2]) & (later[:, 2] >= least_m)
         position = focal * later[:, :2] / later[:, 2:] + (cx, cy)
-        disparity, later_disparity = camera.disparity_px(hits.depth_m), camera.disparity_px(later[:, 2])
+        later_m = np.where(is_sky, np.inf, later[:, 2])
+        disparity, later_disparity = camera.disparity_px(hits.depth_m), camera.disparity_px(later_m)
     inside = seen & (position >= -0.5).all(axis=1)
     inside &= (position[:, 0] < camera.width_px - 0.5) & (position[:, 1] < camera.height_px - 0.5)
     visibility = np.full(len(x), OUTSIDE, np.uint8)
     where = np.flatnonzero(inside)
     later_hits = cast_rays(motion.scene, models, eye, position[where, 0], position[where, 1])
     gone = motion.instance[hits.instance[where]] < 0
-    hidden = gone | (later_hits.depth_m < later[where, 2] * (1 - _SAME_POINT))
+    hidden = gone | (later_hits.depth_m < later_m[where] * (1 - _SAME_POINT))
     visibility[where] = np.where(hidden, OCCLUDED, VISIBLE)
-    positive = seen & (disparity > 0) & (later_disparity > 0)
+    valid = seen & _is_valid(disparity, signed=signed) & _is_valid(later_disparity, signed=signed)
     return Flows(
         np.where(seen[:, None], position - np.stack([x, y], axis=1), np.inf),
-        np.where(positive, later_disparity - disparity, np.inf),
+        np.where(valid, later_disparity - disparity, np.inf),
         visibility,
     )
 
@@ -203,10 +236,10 @@ def _triangles_hit(
     for number in np.unique(hits.instance[hits.instance >= 0]):
         hit = np.flatnonzero(hits.instance == number)
         mesh = models[int(scene.model[number])]
-        view_from_model = scene.camera_from_world @ scene.world_from_model[number]
+        view_from_model = scene.view_from_model(number)
         corners = mesh.positions.astype(np.float64)[mesh.triangles[hits.triangle[hit]]]
         corners = corners @ view_from_model[:3, :3].T + view_from_model[:3, 3]
-        corners[..., 0] -= scene.camera.offset_m(eye)
+        corners[..., 0] -= scene.offset_m(eye, number)
         if turn is not None:
             corners = corners @ turn.T
         yield hit, corners, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

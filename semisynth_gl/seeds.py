@@ -30,6 +30,7 @@ class Purpose(IntEnum):
     LARGE_PATCHES = 17
     RESTING = 18
     RIG = 19
+    SKY = 20
 
 
 def generator(seed: int, purpose: Purpose, *keys: int | str) -> np.random.Generator:

@@ -8,6 +8,7 @@ layout(std140, binding = 0) uniform Constants {
     float doffs_px;
     float near_m;
     float other_from_own;    // -1 in the left view (x_right = x_left - d), +1 in the right one
+    float least_px;          // disparities are valid above: 0, or -LARGEST where they are signed
 };
 
 // What masks say, as in semisynth_gl/frame.py.
@@ -17,3 +18,7 @@ const uint OUTSIDE = 0u;
 
 // Larger is infinite.
 const float LARGEST = 3e38;
+
+// Depth, near / Z, of the sky, which is behind everything, and of all else at least.
+const float SKY_DEPTH = uintBitsToFloat(0x0D800000u);  // 2^-100
+const float LEAST_DEPTH = uintBitsToFloat(0x0F000000u);  // 2^-97

@@ -17,7 +17,7 @@ layout(local_size_x = 16, local_size_y = 4) in;
 layout(local_size_x = 64) in;
 #endif
 
-layout(binding = 0) uniform sampler2D own_depth;       // m; inf where nothing is drawn
+layout(binding = 0) uniform sampler2D own_depth;       // m; inf where nothing is drawn, or the sky
 layout(binding = 1) uniform usampler2D own_surface;
 layout(binding = 2) uniform sampler2D then_depth;      // its wrap must be clamped
 layout(binding = 3) uniform usampler2D then_surface;
@@ -64,6 +64,7 @@ uniform uvec4 band;  // pixels: left column, first row, width and height of what
 
 const uint UNDECIDED = 1u;
 const uint GONE = 0xFFFFFFFFu;
+const uint NOTHING = 0xFFFFFFFFu;
 // What float32 leaves uncertain of 1 / Z.
 const float ROUNDING = 2e-5;
 // What a surface may bend between four pixels that all show it.
@@ -82,7 +83,7 @@ struct Way {
 Way way_of(ivec2 pixel, float depth_m, Move move) {
     // All lengths in units of the depth. The displacement is worked out as such, not as the difference of two places:
     // so its rounding errors are of its own size.
-    float inverse_depth = 1.0 / depth_m;
+    float inverse_depth = depth_m > LARGEST ? 0.0 : 1.0 / depth_m;
 #ifdef OTHER_EYE
     vec3 ray = vec3((vec2(pixel) - own_lens.xy) / own_lens.z, 1.0);
 #else
@@ -114,8 +115,9 @@ uint judge(vec2 target, float inverse_depth_then, uint instance_then) {
     uvec4 around = textureGather(then_surface, (floor(target) + 1.0) / vec2(textureSize(then_surface, 0)), 0);
     vec2 between = fract(target);
     float expected = mix(mix(nearness.w, nearness.z, between.x), mix(nearness.x, nearness.y, between.x), between.y);
-    bool goes_on = all(equal(around, uvec4(instance_then))) && nearest - farthest < CLEARLY * nearest
-        && abs(expected - inverse_depth_then) < BEND * inverse_depth_then;
+    bool is_sky = nearest == 0.0;
+    bool goes_on = all(equal(around, uvec4(instance_then))) && (is_sky || nearest - farthest < CLEARLY * nearest
+        && abs(expected - inverse_depth_then) < BEND * inverse_depth_then);
     bool hidden = farthest > (1.0 + CLEARLY) * inverse_depth_then;
     return hidden ? OCCLUDED : goes_on ? VISIBLE : UNDECIDED;
 }
@@ -129,8 +131,9 @@ void main() {
     float disparity_px = INVALID;
     uint seen = OUTSIDE;
     float depth_m = texelFetch(own_depth, pixel, 0).r;
-    if (depth_m <= LARGEST) {
-        Move move = move_of(texelFetch(own_surface, pixel, 0).r);
+    uint instance = texelFetch(own_surface, pixel, 0).r;
+    if (instance != NOTHING) {
+        Move move = move_of(instance);
         Way way = way_of(pixel, depth_m, move);
 #ifdef OTHER_EYE
         disparity_px = rectified ? texelFetch(own_disparity, pixel, 0).r : or_invalid(other_from_own * way.flow_px.x);
@@ -178,8 +181,8 @@ void main() {
         vec4 nearness = nearness_around(target);
         const ivec2 STEPS[4] = ivec2[4](ivec2(0, 1), ivec2(1, 1), ivec2(1, 0), ivec2(0, 0));
         for (int k = 0; k < 4; ++k) {
-            // What is farther by more than a surface rises within a pixel hides nothing.
-            if (nearness[k] * (1.0 + 2.0 * CLEARLY) < inverse_depth_then) {
+            // What is farther by more than a surface rises within a pixel hides nothing, and nor does the sky.
+            if (nearness[k] == 0.0 || nearness[k] * (1.0 + 2.0 * CLEARLY) < inverse_depth_then) {
                 continue;
             }
             ivec2 beside = clamp(ivec2(floor(target)) + STEPS[k], ivec2(0), last);

@@ -1,7 +1,7 @@
 #version 450 core
 // COLOUR: from the patch atlas and nothing else, with up to ANISOTROPY samples; one component alone where it is GREY. The
 // rest is truth: DISPARITY, or INVERSE_DEPTH (1 / Z) where several cameras make disparities of it, DEPTH (planar),
-// INSTANCES (ids from 1), NORMALS (of the triangle, towards the camera) and SURFACE (which triangle of which instance).
+// INSTANCES (ids from 1), SKY, NORMALS (of the triangle, towards the camera) and SURFACE (which triangle of which instance).
 
 #include "common_constants.glsl"
 
@@ -70,6 +70,10 @@ layout(location = DEPTH) out float depth_m;
 layout(location = INSTANCES) out uint instance_id;
 #endif
 
+#ifdef SKY
+layout(location = SKY) out uint sky;
+#endif
+
 #ifdef NORMALS
 #include "common_triangles.glsl"
 
@@ -84,15 +88,21 @@ void main() {
 #ifdef COLOUR
     colour = patch_colour();
 #endif
+#if defined(DISPARITY) || defined(DEPTH) || defined(SKY)
+    bool is_sky = gl_FragCoord.z < LEAST_DEPTH;
+#endif
     // 1/w is linear on the screen, so the rasteriser interpolates it without a division.
 #ifdef DISPARITY
-    disparity_px = disparity_at(gl_FragCoord.w);
+    disparity_px = disparity_at(is_sky ? 0.0 : gl_FragCoord.w);
 #endif
 #ifdef INVERSE_DEPTH
-    inverse_depth = gl_FragCoord.w;
+    inverse_depth = is_sky ? 0.0 : gl_FragCoord.w;
 #endif
 #ifdef DEPTH
-    depth_m = 1.0 / gl_FragCoord.w;
+    depth_m = is_sky ? uintBitsToFloat(0x7F800000u) : 1.0 / gl_FragCoord.w;
+#endif
+#ifdef SKY
+    sky = is_sky ? 255u : 0u;
 #endif
 #ifdef INSTANCES
     instance_id = uint(scene_instance) + 1u;

@@ -12,6 +12,7 @@ layout(location = 4) in vec4 view_from_model_z;
 layout(location = 5) in vec4 patch_from_uv;    // scale.xy, offset.xy
 layout(location = 6) in int layer;
 layout(location = 7) in int instance;          // its index in the scene, whatever the order of drawing
+layout(location = 8) in int sky;               // 1 for what is infinitely far away
 
 out vec2 patch_coordinate;
 flat out int patch_layer;
@@ -27,4 +28,7 @@ void main() {
     scene_instance = instance;
     scene_triangle = gl_VertexID;
     gl_Position = clip_from_view * vec4(view, 1.0);
+    if (sky != 0) {
+        gl_Position.z = SKY_DEPTH * gl_Position.w;
+    }
 }

@@ -73,8 +73,13 @@ bool is_outside(float disparity_px, float target, float last) {
     return disparity_px > LARGEST || target < -0.5 || target >= last + 0.5;
 }
 
+// No disparity is smaller: that of what is infinitely far away, or the end of the valid ones.
+float far_px() {
+    return max(least_px, -doffs_px);
+}
+
 float or_far(float disparity_px) {
-    return disparity_px > LARGEST ? 0.0 : disparity_px;
+    return disparity_px > LARGEST ? far_px() : disparity_px;
 }
 
 // Which of two pixels, of the row above or below, are nearer than a surface that goes on from row to row, which is as
@@ -256,7 +261,7 @@ void main() {
         vec4 lower = around_far(vec2(left + 1, pixel.y + 1)), upper = around_far(vec2(left + 1, pixel.y));
         float between = target.x - float(left);
         // What is farther by more than a surface rises within a pixel hides nothing.
-        float farthest = goes_on(disparity_px, between, lower.wz) ? LARGEST : max(disparity_px - STEEPEST, 0.0);
+        float farthest = goes_on(disparity_px, between, lower.wz) ? LARGEST : max(disparity_px - STEEPEST, far_px());
         bvec2 beside = greaterThan(lower.wz, vec2(farthest));
         // A surface does not hide itself, and is followed once.
         uvec2 on_left = texelFetch(other_surface, clamp(ivec2(left, pixel.y), ivec2(0), last), 0).rg;

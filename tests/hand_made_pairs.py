@@ -7,7 +7,7 @@ import numpy as np
 from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.dataset.sample import assemble_frame, decode_file, encode_pair
-from semisynth_gl.frame import OCCLUDED, OUTPUTS, OUTSIDE, ROLES, VISIBLE, Frame, View
+from semisynth_gl.frame import OCCLUDED, OUTPUTS, OUTSIDE, ROLES, SKY, VISIBLE, Frame, View
 from semisynth_gl.layouts import Key, find_layout
 
 CAMERA = StereoCamera.centred(48, 32, 60.0, 0.25, 1.5)
@@ -39,6 +39,7 @@ def make_view(rng, index, side):
     normals = rng.normal(size=(height, width, 3))
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     channels["normals"] = np.where(np.isfinite(disparity)[..., None], normals, 0).astype(np.float32)
+    channels["sky"] = np.where(np.isfinite(disparity), 0, SKY).astype(np.uint8)
     return View(channels)
 
 

@@ -76,6 +76,7 @@ def frame(index: int) -> Frame:
                 "correspondence": flow,
                 "instances": ids,
                 "depth": truth,
+                "sky": grey,
                 "normals": normals,
                 "flow": flow,
                 "flow_visibility": grey,

@@ -666,7 +666,14 @@ def test_other_readers_see_the_same_kinds_of_images(name, tmp_path):
         down = arrays[f"correspondence_{eye}"][..., 1]
         arrays[f"disparity_y_{eye}"] = np.where(np.isinf(down), down, sign * down)
     write_tree(name, tmp_path, 2)
-    modes = {"left": {"RGB"}, "right": {"RGB"}, "visibility": {"L"}, "objects": {"L"}, "instances": {"I;16", "I"}}
+    modes = {
+        "left": {"RGB"},
+        "right": {"RGB"},
+        "visibility": {"L"},
+        "sky": {"L"},
+        "objects": {"L"},
+        "instances": {"I;16", "I"},
+    }
     for role, path in layout.files(Key("lab", "train", 1), encodings).items():
         file = tmp_path / path
         kind = "visibility" if "visibility" in role else role.split("_")[0]

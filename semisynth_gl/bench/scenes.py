@@ -47,8 +47,10 @@ class BenchScenes:
     def open_renderer(self, backend: Backend, **options: Any) -> Renderer:  # noqa: ANN401 - options of a renderer
         """Open a renderer of these models and patches."""
         large = self.large_layers if len(self.large_layers) else None
-        wrap = self.config.textures.wrap
-        return Renderer(self.models, self.layers, large_layers=large, wrap=wrap, backend=backend, **options)
+        wrap, signed = self.config.textures.wrap, self.config.disparity.signed
+        return Renderer(
+            self.models, self.layers, large_layers=large, wrap=wrap, signed=signed, backend=backend, **options
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,7 +127,7 @@ def cast_truth(
                 around.triangle.reshape(4, -1) != hits.triangle[seen]
             )
             kept[seen] = ~other.any(axis=0)
-            truth = oracle.disparity_px(scene.camera, hits)
+            truth = oracle.disparity_px(scene.camera, hits, signed=bench.config.disparity.signed)
             truths.append(Truth(number, eye, row[kept], column[kept], truth[kept], int((~kept).sum())))
     return truths, outlines
 

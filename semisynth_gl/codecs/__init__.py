@@ -11,13 +11,13 @@ from semisynth_gl.codecs.grey import ThreeEqual
 from semisynth_gl.codecs.jpeg import Jpeg
 from semisynth_gl.codecs.pfm import PFM, PFM3, FlowPfm
 from semisynth_gl.codecs.png import GREY8, GREY16, GREY_IMAGE, RGB8
-from semisynth_gl.codecs.png16 import KITTI_DISPARITY, FlowPng16
+from semisynth_gl.codecs.png16 import KITTI_DISPARITY, SIGNED_DISPARITY, FlowPng16
 from semisynth_gl.codecs.tiff import Tiff
 
 __all__ = ["DISPARITY_CODECS", "FLOW_CODECS", "IMAGE_CODECS", "Codec", "Encodings", "read_bytes"]
 
 
-def _by_name(*codecs: Codec[Any]) -> Mapping[str, Codec[Any]]:
+def _by_name(*codecs: Codec[Any]) -> dict[str, Codec[Any]]:
     return {codec.name: codec for codec in codecs}
 
 
@@ -26,6 +26,9 @@ IMAGE_CODECS = _by_name(RGB8, QOI, JXL)
 
 DISPARITY_CODECS = _by_name(PFM, KITTI_DISPARITY, Tiff())
 """Codecs of (H, W) float32 px for ``files.disparity``; all store inf as "no disparity"."""
+
+# In the place of those that cannot store disparities of 0 and below.
+_SIGNED_CODECS = _by_name(SIGNED_DISPARITY)
 
 FLOW_CODECS = _by_name(Flo(), FlowPfm(), FlowPng16())
 """Codecs of (H, W, 2) float32 px for ``files.flow``; all store inf as "no flow"."""
@@ -50,16 +53,21 @@ class Encodings:
         image: codec of both images.
         disparity: codec of both disparities.
         flow: codec of flow to the next and to the previous frame.
+        signed: whether disparities of 0 and below are valid.
     """
 
     image: Codec[Any] = IMAGE_CODECS["png"]
     disparity: Codec[Any] = DISPARITY_CODECS["pfm"]
     flow: Codec[Any] = FLOW_CODECS["flo"]
+    signed: bool = False
 
     @classmethod
-    def from_names(cls, image: str = "png", disparity: str = "pfm", flow: str = "flo") -> "Encodings":
+    def from_names(
+        cls, image: str = "png", disparity: str = "pfm", flow: str = "flo", *, signed: bool = False
+    ) -> "Encodings":
         """Return the codecs that a config names; raises KeyError for an unknown name."""
-        return cls(IMAGE_CODECS[image], DISPARITY_CODECS[disparity], FLOW_CODECS[flow])
+        of_disparity = (DISPARITY_CODECS | _SIGNED_CODECS if signed else DISPARITY_CODECS)[disparity]
+        return cls(IMAGE_CODECS[image], of_disparity, FLOW_CODECS[flow], signed)
 
     def in_grey(self, *, three: bool) -> "Encodings":
         """Return the same formats for the images of monochrome cameras, (H, W) uint8.

@@ -29,6 +29,7 @@ class Codec(ABC, Generic[Value]):
         nothing: how the format stores "no value".
         error_px: largest rounding error of a stored value, px.
         limit_px: largest magnitude of a stored value, px.
+        signed: whether values of 0 and below can be stored.
         is_image: whether readers of images return the value unchanged.
         lossless: whether `decode` returns what `encode` was given, bit for bit.
         pixel_bytes: estimated size of a file per pixel; 0 for files without pixels. The size of shards follows from it.
@@ -40,6 +41,7 @@ class Codec(ABC, Generic[Value]):
     nothing: ClassVar[str] = "inf"
     error_px: float = 0.0
     limit_px: float = inf
+    signed: bool = True
     is_image: bool = True
     lossless: bool = True
     pixel_bytes: float = 0.0

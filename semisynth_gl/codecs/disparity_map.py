@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from semisynth_gl.codecs.codec import read_bytes
 from semisynth_gl.codecs.pfm import ANY_PFM
 from semisynth_gl.codecs.png import GREY16, HEAD_BYTES
-from semisynth_gl.codecs.png16 import KITTI_DISPARITY, DisparityPng16
+from semisynth_gl.codecs.png16 import KITTI_DISPARITY, SIGNED_DISPARITY, DisparityPng16
 from semisynth_gl.errors import ReadError
 from semisynth_gl.user_files import NotOnDiskError, open_file
 
@@ -17,12 +17,15 @@ MAP_EXTENSIONS = (".pfm", ".npy", ".png")
 """Endings of the names of disparity maps."""
 
 
-def read_disparity_map(path: Path, png_steps: float = KITTI_DISPARITY.steps) -> NDArray[np.float32]:
+def read_disparity_map(
+    path: Path, png_steps: float = KITTI_DISPARITY.steps, *, signed: bool = False
+) -> NDArray[np.float32]:
     """Read a disparity map; which values mean "none" is for the caller to say.
 
     Args:
         path: .pfm, .npy or 16-bit grey .png; the file's first bytes tell the format.
         png_steps: values of a PNG per pixel of disparity.
+        signed: whether a PNG has signed disparities, 1/256 px from 32768 on.
 
     Returns:
         (H, W) float32, px; inf where a PNG has 0.
@@ -34,7 +37,7 @@ def read_disparity_map(path: Path, png_steps: float = KITTI_DISPARITY.steps) -> 
     if data.startswith(b"\x93NUMPY"):
         return _read_npy(data, path)
     if data.startswith(b"\x89PNG"):
-        return DisparityPng16(png_steps).decode(data, path)
+        return (SIGNED_DISPARITY if signed else DisparityPng16(png_steps)).decode(data, path)
     return ANY_PFM.decode(data, path)
 
 

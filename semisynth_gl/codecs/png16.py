@@ -22,6 +22,7 @@ class DisparityPng16(Codec[NDArray[np.float32]]):
     suffix = ".png"
     media_type = "image/png"
     nothing = "0"
+    signed = False
     lossless = False
     pixel_bytes = 2.0
 
@@ -54,6 +55,49 @@ class DisparityPng16(Codec[NDArray[np.float32]]):
     @property
     def _end_px(self) -> np.float32:
         return np.float32((_LARGEST + 0.5) / self.steps)
+
+
+class SignedDisparityPng16(Codec[NDArray[np.float32]]):
+    """Signed disparity as 16-bit grey PNG, (H, W) float32 px: 256 d + 2^15; 0 stands for inf."""
+
+    name = "png16"
+    suffix = ".png"
+    media_type = "image/png"
+    nothing = "0"
+    lossless = False
+    description = "16-bit PNG that counts 1/256 px from 32768 on"
+    pixel_bytes = 2.0
+    error_px = 1 / (2 * _KITTI_STEPS)
+    limit_px = (2**15 - 1) / _KITTI_STEPS
+
+    _ZERO = 2**15
+
+    def encode(self, value: NDArray[np.float32]) -> bytes:
+        """Encode a disparity, rounded to 1/256 px; a value that is not finite or too large becomes 0."""
+        counts = self._count(value)
+        return GREY16.encode(np.where(_is_count(counts), counts, 0).astype(np.uint16))
+
+    def decode(self, data: bytes, path: Path) -> NDArray[np.float32]:
+        """Decode a disparity; see `Codec.decode`."""
+        counts = GREY16.decode(data, path)
+        disparity = (counts.astype(np.float32) - np.float32(self._ZERO)) / np.float32(_KITTI_STEPS)
+        return np.where(counts > 0, disparity, np.float32(np.inf))
+
+    def exceeds_limit(self, value: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Return where a finite disparity rounds to 128 px or more in magnitude, (H, W) bool."""
+        exceeding: NDArray[np.bool_] = np.isfinite(value) & ~_is_count(self._count(value))
+        return exceeding
+
+    def _count(self, disparity: NDArray[np.float32]) -> NDArray[np.float64]:
+        # The sum is exact in float64, so it is rounded once.
+        counts: NDArray[np.float64] = np.rint(disparity.astype(np.float64) * _KITTI_STEPS + self._ZERO)
+        return counts
+
+
+def _is_count(counts: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return what is a count of `SignedDisparityPng16`; 0 is none."""
+    is_count: NDArray[np.bool_] = (counts >= 1) & (counts <= _LARGEST)
+    return is_count
 
 
 class FlowPng16(Codec[NDArray[np.float32]]):
@@ -103,3 +147,4 @@ def _fits(counts: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 KITTI_DISPARITY = DisparityPng16(_KITTI_STEPS)
 CRESTEREO_DISPARITY = DisparityPng16(32)
+SIGNED_DISPARITY = SignedDisparityPng16()

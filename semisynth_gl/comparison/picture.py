@@ -116,6 +116,7 @@ def make_picture(
     image: NDArray[np.uint8] | None = None,
     disparity: NDArray[np.float32] | None = None,
     background: NDArray[np.bool_] | None = None,
+    signed: bool = False,
 ) -> Picture:
     """Bring the arrays of a view to the working width.
 
@@ -126,8 +127,9 @@ def make_picture(
         name: for messages.
         width_px: the working width.
         image: (H, W, 3) uint8 RGB, or (H, W) grey.
-        disparity: (H, W) float32 px; no value is inf or nan, or 0 or below.
+        disparity: (H, W) float32 px; no value is inf or nan, or, unless they are signed, 0 or below.
         background: (H, W) bool, whether a pixel shows walls, ground or other flat faces.
+        signed: whether disparities of 0 and below are valid.
 
     Raises:
         InputError: where the arrays differ in size.
@@ -142,7 +144,7 @@ def make_picture(
     scaled = surfaces = None
     if disparity is not None:
         values = disparity[at]
-        known = np.isfinite(values) & (values > 0)
+        known = np.isfinite(values) & (signed | (values > 0))
         scaled = np.where(known, values * np.float32(width_px / width), np.float32(np.nan))
         surfaces = fill_holes(scaled) if known.mean() >= _DENSE else None
     return Picture(

@@ -116,11 +116,11 @@ def hidden(disparity: NDArray[np.float32]) -> Mask:
     height, width = disparity.shape
     known = np.isfinite(disparity)
     place = np.arange(width) - np.where(known, disparity, 0)
-    outside = known & (place < -0.5)
+    outside: Mask = known & ((place < -0.5) | (place >= width - 0.5))
     inside = known & ~outside
     column = np.clip(np.rint(place), 0, width - 1).astype(np.int64)
     # The nearest surface in each pixel of the right view; a surface that faces to the left leaves gaps of a pixel.
-    nearest = np.zeros((height, width + 2), np.float32)
+    nearest = np.full((height, width + 2), float(disparity[inside].min(initial=0.0)), np.float32)
     at = (column + (np.arange(height) * (width + 2) + 1)[:, None])[inside]
     np.maximum.at(nearest.reshape(-1), at, disparity[inside])
     closed = np.maximum(nearest[:, 1:-1], np.minimum(nearest[:, :-2], nearest[:, 2:]))

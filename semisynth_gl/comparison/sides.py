@@ -157,5 +157,10 @@ def frame_picture(frame: StoredFrame, width_px: int = WORKING_WIDTH) -> Picture:
         still = np.array([False, *(instance.get("still") is True for instance in listed)])
         background = still[np.minimum(instances, len(listed))]
     return make_picture(
-        frame.name, width_px, image=frame.left.image, disparity=frame.left.disparity, background=background
+        frame.name,
+        width_px,
+        image=frame.left.image,
+        disparity=frame.left.disparity,
+        background=background,
+        signed=frame.encodings.signed,
     )

@@ -10,9 +10,10 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic_core import InitErrorDetails, PydanticKnownError
 
-from semisynth_gl.config.fields import FROM_LIST, LARGEST, Finite, NotNegative, Positive, Section, Weight
+from semisynth_gl.config.fields import FROM_LIST, LARGEST, Finite, Positive, Section, Weight, check_not_tiny
 from semisynth_gl.errors import InputError, shown
 from semisynth_gl.histogram import Histogram, mix_histograms
 from semisynth_gl.user_files import read_file
@@ -41,8 +42,8 @@ class UniformTarget(Section):
     """
 
     form: Literal["uniform"] = "uniform"
-    low_px: NotNegative | None = None
-    high_px: Positive | None = None
+    low_px: Finite | None = None
+    high_px: Finite | None = None
 
     @model_validator(mode="after")
     def _range(self) -> Self:
@@ -61,26 +62,43 @@ class GammaTarget(Section):
     """A gamma distribution: one hump with a long tail of near things.
 
     Attributes:
+        origin_px: disparity at which the distribution begins.
         mean_px: mean of the distribution before the limits of the section ``disparity`` cut it.
         spread_px: standard deviation of the distribution before the limits cut it.
     """
 
     form: Literal["gamma"]
-    mean_px: Positive
+    # Left out of the values where it is 0: those of a config without this key are the same as ever.
+    origin_px: Annotated[Finite, Field(exclude_if=lambda origin: origin == 0)] = 0.0
+    mean_px: Finite
     spread_px: Positive
+
+    @field_validator("mean_px")
+    @classmethod
+    def _beyond_origin(cls, mean_px: float, info: ValidationInfo) -> float:
+        origin_px = info.data.get("origin_px", 0.0)
+        if mean_px <= origin_px:
+            raise PydanticKnownError("greater_than", {"gt": origin_px})
+        check_not_tiny(mean_px - origin_px)
+        return mean_px
 
     def histogram(self, edges_px: NDArray[np.float64]) -> Histogram:
         """Integrate the distribution over bins of equal width.
 
-        Its density is x^(k - 1) exp(-x / theta), with k = (mean / spread)^2 and theta = spread^2 / mean.
+        Its density is x^(k - 1) exp(-x / theta), with x and the mean counted from the origin, k = (mean / spread)^2 and
+        theta = spread^2 / mean. Where all bins lie below the origin, the last one has all.
 
         Args:
-            edges_px: (K + 1,) float64, 0 or more.
+            edges_px: (K + 1,) float64.
         """
-        shape, scale = (self.mean_px / self.spread_px) ** 2, self.spread_px**2 / self.mean_px
+        mean_px = self.mean_px - self.origin_px
+        shape, scale = (mean_px / self.spread_px) ** 2, self.spread_px**2 / mean_px
         width = np.diff(edges_px) / _POINTS
-        at = edges_px[:-1, None] + (np.arange(_POINTS) + 0.5) * width[:, None]
-        logarithm = (shape - 1) * np.log(at) - at / scale
+        at = edges_px[:-1, None] + (np.arange(_POINTS) + 0.5) * width[:, None] - self.origin_px
+        if at[-1, -1] <= 0:
+            return Histogram.from_counts(edges_px, np.arange(1 - len(width), 1) == 0)
+        after = np.maximum(at, np.finfo(np.float64).tiny)
+        logarithm = np.where(at > 0, (shape - 1) * np.log(after) - after / scale, -np.inf)
         # The largest density may be far from 1, so it is scaled to 1.
         return Histogram.from_counts(edges_px, np.exp(logarithm - logarithm.max()).sum(axis=1))
 
@@ -141,7 +159,34 @@ class MixtureTarget(Section):
 TargetSection = Annotated[Distribution | MixtureTarget, Field(discriminator="form")]
 
 
-def check_target(target: TargetSection, min_px: float, max_px: float, low_px: float) -> None:
+def check_positive(target: TargetSection) -> None:
+    """Check that no number of a target asks for disparities below 0.
+
+    Raises:
+        ValidationError: with the keys that do, below the target.
+    """
+    faults: list[InitErrorDetails] = []
+    mixed = isinstance(target, MixtureTarget)
+    for number, part in enumerate(_parts(target)):
+        own = part.target
+        place = ("mixture", "parts", number, "target", own.form) if mixed else (own.form,)
+        for key, kind, limit in (
+            ("low_px", "greater_than_equal", "ge"),
+            ("high_px", "greater_than", "gt"),
+            ("origin_px", "greater_than_equal", "ge"),
+        ):
+            value = getattr(own, key, None)
+            if value is not None and (value < 0 or (value == 0 and limit == "gt")):
+                faults.append(InitErrorDetails(type=kind, loc=(*place, key), input=value, ctx={limit: 0}))
+    if faults:
+        raise ValidationError.from_exception_data("target", faults)
+
+
+def _parts(target: TargetSection) -> tuple[MixturePart, ...]:
+    return target.parts if isinstance(target, MixtureTarget) else (MixturePart(target=target),)
+
+
+def check_target(target: TargetSection, min_px: float, max_px: float, low_px: float, note: str = "") -> None:
     """Check that scenes can show a target, but for two hundredths of its pixels.
 
     Args:
@@ -149,11 +194,12 @@ def check_target(target: TargetSection, min_px: float, max_px: float, low_px: fl
         min_px: ``disparity.min_px``.
         max_px: ``disparity.max_px``, the largest disparity that scenes show.
         low_px: the smallest disparity that scenes show.
+        note: what to add about disparities below that.
 
     Raises:
         ValueError: with the share of the pixels and the disparities that are out of reach.
     """
-    parts = target.parts if isinstance(target, MixtureTarget) else (MixturePart(target=target),)
+    parts = _parts(target)
     histograms = [_uncut_histogram(part.target, min_px, max_px) for part in parts]
     low, high = (np.concatenate([bins.edges_px[ends] for bins in histograms]) for ends in (slice(-1), slice(1, None)))
     shares = np.concatenate([part.weight * bins.shares for part, bins in zip(parts, histograms, strict=True)])
@@ -165,6 +211,7 @@ def check_target(target: TargetSection, min_px: float, max_px: float, low_px: fl
             raise ValueError(
                 f"disparity.target wants {outside.sum():.1%} of the pixels at {first:g} to {last:g} px, {side} what "
                 f"this config can show, {low_px:g} to {max_px:g} px: change the target, or disparity.min_px and max_px"
+                f"{note if side == 'below' else ''}"
             )
 
 
@@ -222,7 +269,7 @@ def _uncut_histogram(target: Distribution, min_px: float, max_px: float) -> Hist
             return Histogram.from_counts([min_px, max_px], [1.0])
         case GammaTarget():
             reach_px = _SPREADS * target.spread_px
-            first = max(0.0, target.mean_px - reach_px)
+            first = max(target.origin_px, target.mean_px - reach_px)
             return target.histogram(np.linspace(first, target.mean_px + reach_px, _GAMMA_BINS + 1))
         case HistogramTarget():
             edges = target.first_px + np.arange(len(target.shares) + 1) * target.bin_px

@@ -16,7 +16,8 @@ SMALLEST = 1e-6
 """Smallest number where a number above 0 is expected: its inverse is no larger than `LARGEST`."""
 
 
-def _check_not_tiny(value: float) -> float:
+def check_not_tiny(value: float) -> float:
+    """Return a number; raises ValueError where it is below `SMALLEST`."""
     if value < SMALLEST:
         raise ValueError(f"expected {SMALLEST:g} or more")
     return value
@@ -24,7 +25,7 @@ def _check_not_tiny(value: float) -> float:
 
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, le=LARGEST, allow_inf_nan=False), AfterValidator(_check_not_tiny)]
+Positive = Annotated[float, Field(gt=0, le=LARGEST, allow_inf_nan=False), AfterValidator(check_not_tiny)]
 Weight = NotNegative
 Share = Annotated[float, Field(ge=0, le=1)]
 
@@ -115,8 +116,17 @@ def _check_low(value: Range, *, positive: bool) -> Range:
     if value.low < 0 or (positive and value.low == 0):
         raise ValueError(f"expected numbers {'above 0' if positive else 'of 0 or more'}")
     if positive:
-        _check_not_tiny(value.low)
+        check_not_tiny(value.low)
     return value
+
+
+def positive_fault(value: Range) -> str | None:
+    """Return why a range is not one of numbers above 0, or None where it is."""
+    try:
+        _check_low(value, positive=True)
+    except ValueError as error:
+        return str(error)
+    return None
 
 
 def at_least(smallest: float) -> AfterValidator:

@@ -42,6 +42,7 @@ from semisynth_gl.config.fields import (
     at_most,
     count,
     one_of,
+    positive_fault,
 )
 from semisynth_gl.config.merge import Document, merged
 from semisynth_gl.config.partial import partial_section
@@ -180,7 +181,7 @@ class FilesSection(Section):
     Attributes:
         image: ``png``, ``qoi`` or ``jxl``, all lossless; the latter two need the extra ``codecs``.
         disparity: ``pfm``; ``tiff``, smaller, lossless too; or ``png16``, KITTI's, which counts 1/256 px and ends at
-            256 px.
+            256 px; of signed disparities, it counts from 32768 on and ends at 128 px to either side.
         flow: ``flo``, Middlebury's; ``pfm``, SceneFlow's, of three channels; or ``png16``, KITTI's, which counts 1/64
             px and ends at 512 px.
     """
@@ -191,7 +192,7 @@ class FilesSection(Section):
 
     @property
     def encodings(self) -> Encodings:
-        """The codecs of these names."""
+        """The codecs of these names, for disparities that are not signed."""
         return Encodings.from_names(self.image, self.disparity, self.flow)
 
 
@@ -244,7 +245,7 @@ class LicencesSection(Section):
 # truth is stored and checked by.
 _OF_RECIPES: Mapping[str, tuple[type[Section], tuple[str, ...]]] = {
     "camera": (CameraSection, ("width_px", "height_px", "baselines", "colour")),
-    "disparity": (DisparitySection, ("min_px", "max_px")),
+    "disparity": (DisparitySection, ("signed", "min_px", "max_px")),
     "background": (BackgroundSection, ()),
     "room": (RoomSection, ()),
     "street": (StreetSection, ()),
@@ -308,7 +309,7 @@ class Config(Section):
         scenes: recipes, of which each sequence takes one, by their weights. Their keys go over the sections above; by
             default all sequences follow these sections.
         outputs: further outputs beside images and disparities: ``visibility``, ``correspondence``, ``instances``,
-            ``depth``, ``normals``, ``flow``, ``flow_backward``, ``disparity_change``.
+            ``depth``, ``sky``, ``normals``, ``flow``, ``flow_backward``, ``disparity_change``.
         truth: views whose disparity and outputs are written: ``both``, or ``left`` alone.
         antialias: antialiasing of colour: ``none``, ``edges``, ``msaa4`` (or another number of samples that the driver
             offers), ``ssaa2`` to ``ssaa8``.
@@ -341,17 +342,62 @@ class Config(Section):
     antialias: Annotated[str, Field(pattern=ANTIALIAS_PATTERN)] = "none"
 
     @model_validator(mode="after")
-    def _nothing_nearer_than_allowed(self) -> Self:
-        nearest = {
+    def _disparities_are_positive(self) -> Self:
+        if self.disparity.signed:
+            return self
+        background, structures, particles = self.background, self.structures, self.particles
+        stated: dict[Key, Range | None] = {
+            ("background", "wall_disparity_px"): background.wall_disparity_px,
+            ("background", "plane_disparity_px"): background.plane_disparity_px,
+            ("structures", "ground_disparity_px"): structures.ground_disparity_px,
+            ("structures", "panel_disparity_px"): structures.panel_disparity_px,
+        }
+        for name, layers in (("layers", particles.layers or ()), ("clutter", particles.clutter)):
+            for k, layer in enumerate(layers):
+                stated["particles", name, k, "disparity_px"] = layer.disparity_px
+        faults = [
+            InitErrorDetails(
+                type=PydanticCustomError("disparity", "{reason}", {"reason": reason}),
+                loc=key,
+                input=[range_.low, range_.high] if range_.low < range_.high else range_.low,
+            )
+            for key, range_ in stated.items()
+            if range_ is not None and (reason := positive_fault(range_)) is not None
+        ]
+        if faults:
+            raise ValidationError.from_exception_data("Config", faults)
+        return self
+
+    @model_validator(mode="after")
+    def _all_has_a_depth(self) -> Self:
+        if self.disparity.signed:
+            doffs_px = self.camera.all_doffs_px.low
+            lowest = {key: disparity_px.low for key, disparity_px in self._stated_px().items()}
+            for key, low_px in ({"disparity.min_px": self.disparity.min_px} | lowest).items():
+                if low_px + doffs_px <= 0:
+                    raise ValueError(
+                        f"{key} goes down to {low_px:g} px, but where the principal points differ by doffs = "
+                        f"{doffs_px:g} px, disparities end at {-doffs_px:g} px, which is infinitely far away: raise "
+                        f"{key} above that, or raise camera.doffs_px"
+                    )
+        return self
+
+    def _stated_px(self) -> dict[str, Range]:
+        """Return the disparities that the sections state, by their keys."""
+        stated = {
             "structures.ground_disparity_px": self.structures.ground_disparity_px,
             "structures.panel_disparity_px": self.structures.panel_disparity_px,
         }
-        nearest |= {f"background.{key}": disparity_px for key, disparity_px in self.background.shown_px().items()}
+        stated |= {f"background.{key}": disparity_px for key, disparity_px in self.background.shown_px().items()}
         for name, layers in (("layers", self.particles.layers or ()), ("clutter", self.particles.clutter)):
-            nearest |= {f"particles.{name}.{k}": layer.disparity_px for k, layer in enumerate(layers)}
+            stated |= {f"particles.{name}.{k}": layer.disparity_px for k, layer in enumerate(layers)}
+        return {key: disparity_px for key, disparity_px in stated.items() if disparity_px is not None}
+
+    @model_validator(mode="after")
+    def _nothing_nearer_than_allowed(self) -> Self:
         limit = self.disparity.max_px
-        for key, values in nearest.items():
-            if values is not None and values.high > limit:
+        for key, values in self._stated_px().items():
+            if values.high > limit:
                 raise ValueError(f"{key} goes up to {values.high:g} px, but disparity.max_px, the limit, is {limit:g}")
         return self
 
@@ -390,7 +436,9 @@ class Config(Section):
         if faults:
             raise ValidationError.from_exception_data("Config", faults)
         if info.context != _WITHIN_MIX:
-            check_target(self.disparity.target, self.disparity.min_px, self.disparity.max_px, min(lowest_px))
+            wanted, infinity_px = self.disparity, -self.camera.all_doffs_px.low
+            note = f"; {infinity_px:g} px is infinitely far away, by camera.doffs_px" if wanted.signed else ""
+            check_target(wanted.target, wanted.min_px, wanted.max_px, min(lowest_px), note)
         return self
 
     @property
@@ -405,7 +453,17 @@ class Config(Section):
 
     def lowest_px(self) -> float:
         """Return the smallest disparity that the sections allow scenes to show."""
-        return min([self.disparity.min_px, *(disparity_px.low for disparity_px in self.background.shown_px().values())])
+        lowest = [self.disparity.min_px, *(disparity_px.low for disparity_px in self.background.shown_px().values())]
+        sky_px = -self.camera.all_doffs_px.high
+        return min([*lowest, sky_px] if self.background.shows_sky and (self.disparity.signed or sky_px > 0) else lowest)
+
+    @property
+    def encodings(self) -> Encodings:
+        """The codecs that the section ``files`` names, for the config's disparities."""
+        files = self.files
+        if not self.disparity.signed:
+            return files.encodings
+        return Encodings.from_names(files.image, files.disparity, files.flow, signed=True)
 
     def recipes(self) -> tuple[Recipe, ...]:
         """Return the recipes of the sequences, at least one; those of weight 0 are left out."""

@@ -2,12 +2,14 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
+from pydantic_core import PydanticKnownError
 
-from semisynth_gl.config.distributions import TargetSection, UniformTarget
+from semisynth_gl.config.distributions import TargetSection, UniformTarget, check_positive
 from semisynth_gl.config.fields import (
     FROM_LIST,
     Baselines,
+    Finite,
     NotNegative,
     NotNegativeRange,
     PathText,
@@ -20,6 +22,7 @@ from semisynth_gl.config.fields import (
     Share,
     Weight,
     at_most,
+    check_not_tiny,
     count,
 )
 from semisynth_gl.frame import Colour
@@ -165,11 +168,21 @@ class CameraSection(Section):
             return self.cx_right_px.middle - self.cx_left_px.middle
         return 0.0
 
+    @property
+    def all_doffs_px(self) -> Range:
+        """All differences of the principal points that may be drawn."""
+        if self.doffs_px is not None:
+            return self.doffs_px
+        left, right = self.cx_left_px, self.cx_right_px
+        return _ZERO if left is None or right is None else Range(right.low - left.high, right.high - left.low)
+
 
 class DisparitySection(Section):
     """The disparities of a dataset, in pixels.
 
     Attributes:
+        signed: disparities of 0 and below are valid: of rigs whose principal points differ, and of what is infinitely
+            far away. ``min_px`` and all other disparities of the config may then be 0 or below.
         min_px: walls and particles aim for this disparity or more; a far plane may have less.
         max_px: hard limit: no pixel exceeds it, because it sets the near plane.
         target: the wanted distribution over all pixels of a dataset. Its ``form`` is ``uniform``, ``uniform-depth``,
@@ -177,9 +190,27 @@ class DisparitySection(Section):
             config is read.
     """
 
-    min_px: Positive
-    max_px: Positive
+    # Left out of the values where it is false: those of a config without this key are the same as ever.
+    signed: Annotated[bool, Field(exclude_if=lambda signed: not signed)] = False
+    min_px: Finite
+    max_px: Finite
     target: TargetSection = UniformTarget()
+
+    @field_validator("min_px", "max_px")
+    @classmethod
+    def _limit_is_positive(cls, limit_px: float, info: ValidationInfo) -> float:
+        if info.data.get("signed", True):
+            return limit_px
+        if limit_px <= 0:
+            raise PydanticKnownError("greater_than", {"gt": 0})
+        return check_not_tiny(limit_px)
+
+    @field_validator("target")
+    @classmethod
+    def _target_is_positive(cls, target: TargetSection, info: ValidationInfo) -> TargetSection:
+        if not info.data.get("signed", True):
+            check_positive(target)
+        return target
 
     @model_validator(mode="after")
     def _range(self) -> Self:
@@ -198,22 +229,32 @@ class BackgroundSection(Section):
         street: weight of furnished open scenes; see the section ``street``.
         wall_disparity_px: disparity of the back wall of a cuboid or room at the image centre; by default the smallest.
         wall_turn_deg: largest rotation of a cuboid about each axis; rooms turn sideways alone, up to twice as far.
-        plane_disparity_px: disparity of the far plane, or of a street's backdrop, close to zero but above it.
+        plane_disparity_px: disparity of the far plane, or of a street's backdrop, close to zero but above it. Before a
+            sky, the ground ends there.
+        sky: share of the scenes with a far plane or a street's backdrop in which it is infinitely far away.
     """
 
     cuboid: Weight = 1.0
     plane: Weight = 0.0
     room: Weight = 0.0
     street: Weight = 0.0
-    wall_disparity_px: PositiveRange | None = None
+    # Above 0 where the config's disparities are not signed, as all disparities below: `Config` checks that.
+    wall_disparity_px: RangeField | None = None
     wall_turn_deg: Annotated[float, Field(ge=0, le=40)] = 15.0
-    plane_disparity_px: PositiveRange = Range(0.2, 1.0)
+    plane_disparity_px: RangeField = Range(0.2, 1.0)
+    # Left out of the values where it is 0: those of a config without this key are the same as ever.
+    sky: Annotated[float, Field(ge=0, le=1, exclude_if=lambda share: share == 0)] = 0.0
 
     @model_validator(mode="after")
     def _some_kind(self) -> Self:
         if self.cuboid + self.plane + self.room + self.street == 0:
             raise ValueError("expected a weight above 0 for cuboid, plane, room or street")
         return self
+
+    @property
+    def shows_sky(self) -> bool:
+        """Whether there are scenes before a sky."""
+        return self.sky > 0 and self.plane + self.street > 0
 
     def shown_px(self) -> dict[str, Range]:
         """Return the disparities of what closes the view, by their keys: of kinds that scenes have, where stated."""
@@ -305,10 +346,10 @@ class StructuresSection(Section):
     ground: Share = 0.0
     ground_height_m: PositiveRange = Range(1.2, 2.0)
     # Left out of the values where there is none: those of a config without this key are the same as ever.
-    ground_disparity_px: Annotated[PositiveRange | None, Field(exclude_if=lambda disparity: disparity is None)] = None
+    ground_disparity_px: Annotated[RangeField | None, Field(exclude_if=lambda disparity: disparity is None)] = None
     ground_tilt_deg: Annotated[float, Field(ge=0, le=30)] = 2.0
     panels: Annotated[NotNegativeRange, at_most(1000)] = _ZERO
-    panel_disparity_px: PositiveRange | None = None
+    panel_disparity_px: RangeField | None = None
     panel_size_px: PositiveRange = Range(200.0, 800.0)
     panel_slant_deg: NotNegativeRange = Range(0.0, 75.0)
     panel_curved: Share = 0.5
@@ -336,7 +377,7 @@ class DepthLayerSection(Section):
         size_px: diameters of its particles on the screen; by default the sizes of all particles.
     """
 
-    disparity_px: PositiveRange | None = None
+    disparity_px: RangeField | None = None
     count: Annotated[NotNegativeRange, at_most(_MOST_PARTICLES)]
     size_px: PositiveRange | None = None
 

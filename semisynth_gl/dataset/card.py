@@ -237,12 +237,20 @@ def _files(plan: Plan) -> str:
 
 
 def _disparity(plan: Plan) -> str:
+    signed = plan.config.disparity.signed
     sentences = [
-        "A disparity d is x_left - x_right, in pixels, and positive in both views.",
+        "A disparity d is x_left - x_right, in pixels, in both views; it is signed: 0 and below are valid."
+        if signed
+        else "A disparity d is x_left - x_right, in pixels, and positive in both views.",
         "What the left view has at column x is at column x - d of the right one.",
         "What the right view has at column x is at column x + d of the left one.",
-        *_storage(plan.layout.encodings_for(plan.config).disparity, "Above {:g} px"),
+        *_storage(plan.layout.encodings_for(plan.config).disparity, "Beyond {:g} px" if signed else "Above {:g} px"),
     ]
+    if any(recipe.config.background.shows_sky for recipe in plan.config.recipes()):
+        sentences.append(
+            "Some scenes have a sky: a backdrop that is infinitely far away, of disparity -doffs if that is valid, and "
+            "of infinite depth."
+        )
     return "## Disparity\n\n" + " ".join(sentences)
 
 

@@ -19,9 +19,10 @@ from pydantic import (
     ValidationInfo,
     field_validator,
 )
+from pydantic_core import PydanticKnownError
 
 from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS
-from semisynth_gl.config.fields import Positive, count, one_of, reason_of
+from semisynth_gl.config.fields import Finite, count, one_of, reason_of
 from semisynth_gl.config.model import Config
 from semisynth_gl.dataset.plan import Shard, list_shards
 from semisynth_gl.dataset.schema import FORMAT, INDEX, PLAN, PROGRAM, tar_path
@@ -77,7 +78,15 @@ class _Camera(_Facts):
 
 
 class _Disparity(_Facts):
-    max_px: Positive | None = None
+    signed: bool = False
+    max_px: Finite | None = None
+
+    @field_validator("max_px")
+    @classmethod
+    def _is_positive(cls, max_px: float | None, info: ValidationInfo) -> float | None:
+        if max_px is not None and max_px <= 0 and not info.data.get("signed", True):
+            raise PydanticKnownError("greater_than", {"gt": 0})
+        return max_px
 
 
 class _Sequence(_Facts):

@@ -10,7 +10,17 @@ from typing import Any
 from semisynth_gl.arguments import check_type, to_whole
 from semisynth_gl.camera import EYES
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.schema import CARD, CROISSANT, FORMAT, INDEX, PARTIAL, PROGRAM, RECORDS, shard_name
+from semisynth_gl.dataset.schema import (
+    CARD,
+    CROISSANT,
+    FIRST_FORMAT,
+    FORMAT,
+    INDEX,
+    PARTIAL,
+    PROGRAM,
+    RECORDS,
+    shard_name,
+)
 from semisynth_gl.errors import InputError, shown
 from semisynth_gl.frame import CHANNELS
 from semisynth_gl.layouts import Key, Layout, built_in_layouts, find_layout
@@ -123,7 +133,7 @@ class Plan:
         return {
             "program": PROGRAM,
             "version": version(PROGRAM),
-            "format": FORMAT,
+            "format": FORMAT if self.config.disparity.signed else FIRST_FORMAT,
             "config": self.config.name,
             "config_sha256": self.config.digest(),
             "config_values": self.config.model_dump(mode="json"),
@@ -193,7 +203,14 @@ def make_plan(
             f"the layout {layout_name} has no files for the output {unsaid[0]}, which its loaders do not know: leave "
             f"it out of outputs, or choose another with --layout: {able}"
         )
-    layout.encodings_for(config).check_installed()
+    encodings = layout.encodings_for(config)
+    if encodings.signed and not encodings.disparity.signed:
+        others = [each for each in built_in_layouts() if find_layout(each).own_encodings(signed=True).disparity.signed]
+        raise InputError(
+            f"the layout {layout_name} stores disparities as {encodings.disparity.description}, which has no values of "
+            f"0 and below, but disparity.signed makes these valid: choose one of {', '.join(others)} with --layout"
+        )
+    encodings.check_installed()
     if lacking := sorted(layout.needs.difference(config.outputs)):
         config = config.model_copy(update={"outputs": (*config.outputs, *lacking)})
     if shard_pairs is None:

@@ -55,8 +55,14 @@ class Index:
         """The codecs of the files."""
         default = Encodings()
         keys = ("image", "disparity", "flow")
-        chosen = Encodings.from_names(*(self.value("files", key) or getattr(default, key).name for key in keys))
+        names = (self.value("files", key) or getattr(default, key).name for key in keys)
+        chosen = Encodings.from_names(*names, signed=self.signed)
         return self.layout.encodings_of(chosen, self.value("camera", "colour", "rgb"))
+
+    @property
+    def signed(self) -> bool:
+        """Whether disparities of 0 and below are valid."""
+        return self.value("disparity", "signed") is True
 
     @property
     def outputs(self) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from semisynth_gl.camera import EYES, Eye, StereoCamera
 from semisynth_gl.codecs import Codec, Encodings
 from semisynth_gl.codecs.calib import Calibration
 from semisynth_gl.errors import InputError, ReadError
-from semisynth_gl.frame import CHANNELS, ROLES, Channel, Frame, View
+from semisynth_gl.frame import CHANNELS, ROLES, SKY, Channel, Frame, View
 from semisynth_gl.layouts import Key, Layout
 from semisynth_gl.layouts.roles import Sample, mask_from_not_occluded, not_occluded_role, restore_outside
 
@@ -43,9 +43,30 @@ class StoredFrame(Frame):
         """Name of the recipe that the scene was made by; None where the config has no recipes."""
         return self.provenance.get("recipe")
 
+    def sky(self, eye: Eye) -> NDArray[np.bool_] | None:
+        """Return where a view shows the sky, (H, W) bool; None where that is not known.
+
+        It is known in all pairs without a sky, and with one by the output ``sky``, or by ``instances``.
+        """
+        view = self.view(eye)
+        return np.asarray(view.sky == SKY) if "sky" in view else self.sky_of_instances(eye)
+
+    def sky_of_instances(self, eye: Eye) -> NDArray[np.bool_] | None:
+        """Return where a view shows the sky, (H, W) bool, by its instances alone; see `sky`."""
+        view, rows = self.view(eye), self.provenance.get("instances")
+        ids = view.get("instances")
+        if self.provenance.get("sky") is not True:
+            return np.zeros((self.camera.height_px, self.camera.width_px), bool)
+        if ids is None or not isinstance(rows, list):
+            return None
+        is_sky = np.array([False, *(isinstance(row, dict) and row.get("sky") is True for row in rows)])
+        return np.asarray(is_sky[np.minimum(ids, len(rows))])
+
     def rounding_px(self, disparity: NDArray[np.floating[Any]] | float) -> NDArray[np.float64]:
         """Return the largest error that the codec puts on disparities, of the same shape, float64 px."""
         error = self.encodings.disparity.error_px
+        if self.encodings.disparity.signed:
+            return np.full(np.shape(disparity), error)
         # 0 means "no disparity": disparities that would round to 0 are stored as the smallest step.
         return np.where(np.asarray(disparity) <= 2 * error, 2 * error, error)
 

@@ -160,7 +160,7 @@ class ShardJob:
             The pair's files by path, and its facts for the record of its shard.
         """
         config, layout = self.plan.config, self.plan.layout
-        key, most_px = self.plan.key(split, pair.index), ceil(config.disparity.max_px)
+        key, most_px = self.plan.key(split, pair.index), max(1, ceil(config.disparity.max_px))
         encodings = layout.encodings_for(config)
         encoded = encode_pair(layout, key, pair.frame, pair.provenance, most_px, encodings, latest)
         return encoded.files, {

@@ -9,9 +9,10 @@
 - ``calib_cam_to_cam/NNNNNN.txt``
 - ``flow_occ/NNNNNN_10.png``, the left view's flow to the next frame, and ``flow_noc/``, the same where that frame
   shows the point too
-- what no loader of KITTI looks for: ``instances_0/``, ``instances_1/``, ``depth_0/``, ``depth_1/``, ``normals_0/`` and
-  ``normals_1/``; ``flow_occ_right/`` and ``flow_noc_right/``; ``flow_backward_occ/`` and ``flow_backward_noc/``, to the
-  previous frame, and the right view's; ``disparity_change_0/NNNNNN_10.pfm`` and ``disparity_change_1/``
+- what no loader of KITTI looks for: ``instances_0/``, ``instances_1/``, ``depth_0/``, ``depth_1/``, ``sky_0/``,
+  ``sky_1/``, ``normals_0/`` and ``normals_1/``; ``flow_occ_right/`` and ``flow_noc_right/``; ``flow_backward_occ/`` and
+  ``flow_backward_noc/``, to the previous frame, and the right view's; ``disparity_change_0/NNNNNN_10.pfm`` and
+  ``disparity_change_1/``
 
 ``pairs/NNNNNN.json`` is the provenance, ``filenames/KITTI_2015_train.txt`` a list for loaders that read such, and
 ``Kitti2015/training`` leads to the same files, for torchvision. Masks have no file: they follow from disparities and

@@ -5,6 +5,7 @@ A layout is a module of this package with one class and its instance, `LAYOUT`. 
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import ClassVar
 
 from semisynth_gl.camera import EYES
@@ -38,6 +39,7 @@ class Layout(ABC):
         three_channels_for: names loaders that fail at grey images of one channel, so that these get three equal ones;
             "" where none does.
         right_truth_for: names loaders that read the right view's truth too; "" where none does.
+        positive_for: names loaders that take disparities of 0 and below for none; "" where none does.
         replaced: names that loaders replace, or look for, in the whole path of a file.
         most_frames: how many frames of a sequence its names can tell apart, where they count frames; None for any.
     """
@@ -48,6 +50,7 @@ class Layout(ABC):
     encodings: ClassVar[Encodings | None] = None
     three_channels_for: ClassVar[str] = ""
     right_truth_for: ClassVar[str] = ""
+    positive_for: ClassVar[str] = ""
     replaced: ClassVar[tuple[str, ...]] = ()
     most_frames: ClassVar[int | None] = None
 
@@ -113,9 +116,14 @@ class Layout(ABC):
     def advice(self, pairs: int, config: Config, split: SplitName) -> list[str]:
         """Return sentences on what will keep loaders of this layout from reading a split of so many pairs."""
         del pairs, split
-        if config.truth == "both" or not self.right_truth_for:
-            return []
-        return [f"{self.right_truth_for} read the right view's truth too: set truth to both."]
+        sentences = []
+        if config.truth != "both" and self.right_truth_for:
+            sentences.append(f"{self.right_truth_for} read the right view's truth too: set truth to both.")
+        if config.disparity.signed and self.positive_for:
+            sentences.append(
+                f"{self.positive_for} leave out pixels with disparities of 0 and below, which are valid here."
+            )
+        return sentences
 
     def place_advice(self, root: str) -> list[str]:
         """Return sentences on what will keep loaders of this layout from reading a dataset in a folder.
@@ -132,17 +140,21 @@ class Layout(ABC):
 
     def encodings_for(self, config: Config) -> Encodings:
         """Return the encodings that pairs of a config have in this layout."""
-        return self.encodings_of(config.files.encodings, config.camera.colour)
+        return self.encodings_of(config.encodings, config.camera.colour)
 
     def encodings_of(self, chosen: Encodings, colour: Colour) -> Encodings:
         """Return the encodings that images of a colour and their truth have in this layout.
 
         Args:
-            chosen: what a config's section ``files`` says.
+            chosen: what a config's section ``files`` says, for its disparities.
             colour: the config's ``camera.colour``.
         """
-        encodings = chosen if self.encodings is None else self.encodings
+        encodings = chosen if self.encodings is None else self.own_encodings(signed=chosen.signed)
         return encodings if colour == "rgb" else encodings.in_grey(three=bool(self.three_channels_for))
+
+    def own_encodings(self, *, signed: bool) -> Encodings:
+        """Return the layout's own encodings, or the default ones, for disparities that are signed or not."""
+        return replace(self.encodings or Encodings(), signed=signed)
 
 
 def view_stems(names: Mapping[str, str], default: str) -> dict[str, str]:

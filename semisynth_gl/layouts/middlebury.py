@@ -25,6 +25,7 @@ class Middlebury(Layout):
     """MiddEval3: RAFT-Stereo, HSM, torchvision's CarlaStereo, the evaluation kit."""
 
     replaced = (".png", ".npy")  # HSM chooses the reader of disparities so
+    positive_for = "HSM and the evaluation kit"
     three_channels_for = "RAFT-Stereo's demo and HSM's submission"
     right_truth_for = "HSM and torchvision's CarlaStereo"
 

@@ -4,8 +4,8 @@ Below ``SceneFlow/FlyingThings3D/``, for the pair that is frame FFFF of folder N
 
 - ``frames_cleanpass/TRAIN/A/NNNN/left/FFFF.png`` and ``right/FFFF.png``, the images
 - ``disparity/TRAIN/A/NNNN/left/FFFF.pfm`` and ``right/FFFF.pfm``; ``frames_disparity`` leads to the same folder
-- what SceneFlow has not, below folders of the same form: ``visibility``, ``instances``, ``depth`` and ``normals``, and
-  the provenance as ``pairs/TRAIN/A/NNNN/FFFF.json``
+- what SceneFlow has not, below folders of the same form: ``visibility``, ``instances``, ``depth``, ``sky`` and
+  ``normals``, and the provenance as ``pairs/TRAIN/A/NNNN/FFFF.json``
 - ``optical_flow/TRAIN/A/NNNN/into_future/left/OpticalFlowIntoFuture_FFFF_L.pfm`` and
   ``right/OpticalFlowIntoFuture_FFFF_R.pfm``, flow to the next frame; ``into_past/left/OpticalFlowIntoPast_FFFF_L.pfm``
   and so on, to the previous one; ``disparity_change/TRAIN/A/NNNN/into_future/left/FFFF.pfm``; and, which SceneFlow has
@@ -57,6 +57,7 @@ class SceneFlow(Layout):
     replaced = ("left", "right", _IMAGES, ".png")
     most_frames = 10_000
     right_truth_for = "torchvision's SceneFlowStereo and HSM"
+    positive_for = "CasStereo and HSM"
 
     def stems(self, key: Key) -> dict[str, str]:
         """Return a pair's files, of the same name in many folders."""

@@ -46,7 +46,8 @@ def _kitti_error_map(comparison: Comparison, visible: NDArray[np.bool_] | None) 
     """
     error = comparison.error
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        relative = 20.0 * error.astype(np.float64) / np.abs(comparison.truth)
+        # No error is small beside a truth of 0, but none at all.
+        relative = np.where(error == 0, 0.0, 20.0 * error.astype(np.float64) / np.abs(comparison.truth))
         magnitude = np.minimum(error / 3.0, relative).astype(np.float32)
     # NaN sorts after all bounds, as the worst.
     colour = np.searchsorted(_KITTI_BOUNDS, magnitude, side="right").astype(np.uint8)

@@ -46,7 +46,8 @@ class Evaluation:
         scores: by (region,); where the truth has a map of objects, also by (region, part), with the part
             ``background`` or ``foreground``.
         error_map: (H, W, 3) uint8 RGB; None where it was not asked for.
-        negative: whether most values of the prediction are below 0, as those of a flow to the right image are.
+        negative: whether most values of the prediction are below 0, as those of a flow to the right image are, and
+            disparities of the truth are not.
     """
 
     name: str
@@ -106,9 +107,9 @@ def evaluate_pair(pair: TruePair, prediction: Prediction, protocol: Protocol, *,
         InputError: where sizes do not fit, or the truth has no disparity.
     """
     truth = pair.read()
-    values = read_disparity_map(prediction.path, prediction.png_scale)
+    values = read_disparity_map(prediction.path, prediction.png_scale, signed=pair.signed)
     finite = values[np.isfinite(values)]
-    negative = bool(finite.size and 2 * np.count_nonzero(finite < 0) > finite.size)
+    negative = not pair.signed and bool(finite.size and 2 * np.count_nonzero(finite < 0) > finite.size)
     try:
         comparison = protocol.compare(values, truth.disparity, truth.limits)
     except InputError as error:

@@ -34,10 +34,12 @@ class Limits:
     Attributes:
         ndisp: an upper bound, px of the truth's size; None for no bound.
         isint: whether the truth is in whole pixels.
+        signed: whether disparities of 0 and below are valid, which no benchmark has.
     """
 
     ndisp: int | None = None
     isint: bool = False
+    signed: bool = False
 
 
 UNLIMITED = Limits()
@@ -104,9 +106,9 @@ def _compare_middlebury(prediction: Disparity, truth: Disparity, limits: Limits)
 
     Source: evaldisp.cpp, version 1.6, of the MiddEval3 SDK. Judged is where the truth is not +inf. A prediction of half
     or a quarter of the truth's size, in pixels of its own size, is scaled; each pixel takes the nearest. Only +inf is
-    invalid. All else is clipped to [0, s ndisp] and then, where the truth is in whole pixels, rounded, halves away from
-    0. Here s is the scale, and ndisp that of the prediction's size: the full size's, divided and rounded up. NaN stays
-    NaN: it is never bad, and makes the mean error NaN.
+    invalid. All else is clipped to [0, s ndisp] (signed, above alone) and then, where the truth is in whole pixels,
+    rounded, halves away from 0. Here s is the scale, and ndisp that of the prediction's size: the full size's, divided
+    and rounded up. NaN stays NaN: it is never bad, and makes the mean error NaN.
     """
     scales = [scale for scale in (1, 2, 4) if tuple(scale * side for side in prediction.shape) == truth.shape]
     if not scales:
@@ -116,7 +118,7 @@ def _compare_middlebury(prediction: Disparity, truth: Disparity, limits: Limits)
     values = np.repeat(np.repeat(prediction * np.float32(scale), scale, axis=0), scale, axis=1)
     valid = values != np.inf
     largest = np.inf if limits.ndisp is None else scale * ceil(limits.ndisp / scale)
-    values = np.clip(values, np.float32(0), np.float32(largest))
+    values = np.clip(values, np.float32(-np.inf if limits.signed else 0), np.float32(largest))
     if limits.isint:
         # In float64: 0.5 added to the float32 below 0.5 is 1.
         values = np.floor(values.astype(np.float64) + 0.5).astype(np.float32)
@@ -136,17 +138,18 @@ def _compare_eth3d(prediction: Disparity, truth: Disparity, _: Limits) -> Compar
     return Comparison(truth, _error(prediction, truth), judged, estimated, judged & estimated)
 
 
-def _compare_kitti(prediction: Disparity, truth: Disparity, _: Limits) -> Comparison:
+def _compare_kitti(prediction: Disparity, truth: Disparity, limits: Limits) -> Comparison:
     """Compare as KITTI 2015 does.
 
     Source: evaluate_scene_flow.cpp and io_disp.h of its development kit. Judged is where the truth has a value (in its
     PNG: not 0). Holes of the prediction are filled, see `fill_holes`, and judged like the rest; density is the share of
     pixels that were no holes. The kit reads 16-bit PNG alone; here NaN, infinite values, 0 and below are holes too, as
-    they would be in a PNG, and float predictions are not rounded to 1/256 px.
+    they would be in a PNG, and float predictions are not rounded to 1/256 px. Of signed disparities, 0 and below are
+    values like any other.
     """
     _require_same_size(prediction, truth)
-    judged = np.isfinite(truth) & (truth > 0)
-    estimated = np.isfinite(prediction) & (prediction > 0)
+    judged = np.isfinite(truth) & (limits.signed | (truth > 0))
+    estimated = np.isfinite(prediction) & (limits.signed | (prediction > 0))
     return Comparison(truth, _error(fill_holes(prediction, estimated), truth), judged, estimated, judged)
 
 

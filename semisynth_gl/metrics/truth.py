@@ -69,12 +69,14 @@ class TruePair:
         stems: names that a prediction for the pair may have, below the folder of predictions and without their ending,
             the most specific first; each with the levels per pixel of disparity in a 16-bit PNG of that name.
         read: a function that reads the truth.
+        signed: whether disparities of 0 and below are valid; PNGs count 1/256 px from 32768 on then.
     """
 
     name: str
     source: str
     stems: Mapping[str, float]
     read: Callable[[], Truth]
+    signed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +139,7 @@ def _dataset_truths(dataset: Dataset, only_split: SplitName | None) -> TrueSet:
         stems |= {scene: _STEPS} | _path_stems(PurePosixPath(path), png_steps)
         name = f"{split}/{scene}" if several and only_split is None else scene
         read = partial(_read_pair, dataset, place, split, number)
-        pairs.append(TruePair(name, str(index.place.path(path)), stems, read))
+        pairs.append(TruePair(name, str(index.place.path(path)), stems, read, index.signed))
     return TrueSet(pairs, _PROTOCOL_OF_LAYOUT.get(index.values["layout"], "middlebury"), index.place.local)
 
 
@@ -155,11 +157,11 @@ def _read_pair(dataset: Dataset, place: int, split: SplitName, number: int) -> T
             raise ReadError(path, "is missing") from None
         objects = _same_size(GREY8.decode(data, path), disparity, path, "its disparity")
     if frame.calibration is not None:
-        limits = Limits(frame.calibration.ndisp)
+        limits = Limits(frame.calibration.ndisp, signed=index.signed)
     else:
         # Layouts without calib.txt: the number that would be in it.
         largest_px = index.number("disparity", "max_px")
-        limits = UNLIMITED if largest_px is None else Limits(ceil(largest_px))
+        limits = UNLIMITED if largest_px is None else Limits(max(1, ceil(largest_px)), signed=index.signed)
     return Truth(disparity, None if visibility is None else visibility == VISIBLE, objects, limits)
 
 

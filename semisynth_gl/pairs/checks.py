@@ -33,10 +33,17 @@ def faults(frame: Frame, config: Config) -> list[str]:
         if valid < section.min_valid * disparity.size:
             share = valid / disparity.size
             clauses.append(f"too few pixels with truth: {share:.3f}, at least {section.min_valid:g} wanted")
-        elif valid and largest > config.disparity.max_px * (1 - _AT_NEAR_PLANE):
+        elif valid and largest > _near_plane_px(frame, config):
             limit = config.disparity.max_px
             clauses.append(f"cut by the near plane: disparity {largest:.3f} px of {limit:g}")
     return list(dict.fromkeys(clauses))
+
+
+def _near_plane_px(frame: Frame, config: Config) -> float:
+    """Return the disparity from which a surface is cut by the near plane."""
+    # Of signed disparities, what is about 0 is not near by itself.
+    doffs_px = frame.camera.doffs_px if config.disparity.signed else 0.0
+    return (config.disparity.max_px + doffs_px) * (1 - _AT_NEAR_PLANE) - doffs_px
 
 
 def _surely_bright(image: NDArray[np.uint8], least: float) -> bool:

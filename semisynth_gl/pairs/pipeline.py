@@ -142,6 +142,7 @@ class PairRenderer:
             outputs=config.outputs,
             truth=config.truth,
             rectified=config.rig.none(),
+            signed=config.disparity.signed,
             antialias=config.antialias,
             backend=backend,
             device_index=device_index,

@@ -8,15 +8,20 @@ from semisynth_gl.camera import Eye, StereoCamera
 from semisynth_gl.render.projection import clip_from_view
 from semisynth_gl.render.structs import BLOCKS, CONSTANTS
 
+# Below every disparity: see LARGEST in common_constants.glsl.
+_LARGEST = 3e38
+
 
 class ConstantsBuffer:
     """The uniform block's buffer.
 
     Args:
         gl: the context; the block stays bound in it.
+        signed: whether disparities of 0 and below are valid.
     """
 
-    def __init__(self, gl: moderngl.Context) -> None:
+    def __init__(self, gl: moderngl.Context, *, signed: bool = False) -> None:
+        self._least_px = -_LARGEST if signed else 0.0
         self._buffer = gl.buffer(reserve=CONSTANTS.itemsize, dynamic=True)
         self._buffer.bind_to_uniform_block(BLOCKS["Constants"].binding)
         self._packed: bytes = b""
@@ -41,6 +46,7 @@ class ConstantsBuffer:
         values["focal_baseline"] = camera.focal_baseline
         values["doffs_px"] = camera.doffs_px
         values["near_m"] = near_m
+        values["least_px"] = self._least_px
         # x_right = x_left - d: the surfaces that are followed are the other eye's.
         values["other_from_own"] = -1 if eye == "right" else 1
         packed = values.tobytes()

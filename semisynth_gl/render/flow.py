@@ -1,5 +1,7 @@
 """The flow pass: where what one eye sees is at another moment, and whether the same eye sees it then."""
 
+from dataclasses import replace
+
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
@@ -66,12 +68,19 @@ class FlowPass:
             raise InputError(f"motion: expected {len(now)} instances, those of the scene, got {len(motion.instance)}")
         if then.camera != now.camera:
             raise InputError(f"motion: expected the scene's camera, {now.camera}, got {then.camera}")
-        view_from_model = then.camera_from_world @ motion.world_from_model
+        view_from_model = replace(
+            now, camera_from_world=then.camera_from_world, world_from_model=motion.world_from_model
+        ).view_from_model()
         moves = np.zeros(len(now), MOVE)
         # The pseudo-inverse, since a flat model may be placed by a matrix that flattens it.
         turn = view_from_model[:, :3, :3] @ np.linalg.pinv(placed.view_from_model[:, :3, :3]) - np.eye(3)
         # What stays has no flow at all, not one of rounding errors.
         turn[(view_from_model[:, :3, :3] == placed.view_from_model[:, :3, :3]).all(axis=(1, 2))] = 0
+        if now.sky.any():
+            # By directions, of which a flat instance has three dimensions: only they have a place at infinity.
+            before, after = placed.view_from_model[now.sky, :3], view_from_model[now.sky, :3]
+            still = (before == after).all(axis=(1, 2))[:, None, None]
+            turn[now.sky] = np.where(still, 0.0, after @ np.linalg.pinv(before) - np.eye(3))
         centre = placed.view_from_model[:, :3, 3]
         moves["turn_and_shift"][:, :, :3] = turn
         moves["turn_and_shift"][:, :, 3] = view_from_model[:, :3, 3] - centre
@@ -102,7 +111,7 @@ class FlowPass:
                 models.draw(self._draw_program, part)
 
         moves = moves.copy()
-        moves["centre"][:, 0] -= camera.offset_m(eye)
+        moves["centre"][:, 0] -= scene.offset_m(eye).astype(np.float32)
         turn = camera.turn(eye)
         if turn is not None:
             moves["turn_and_shift"][:, :, :3] = turn @ moves["turn_and_shift"][:, :, :3] @ turn.T

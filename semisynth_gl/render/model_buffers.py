@@ -43,7 +43,7 @@ class Placed:
     def rows(self, eye: Eye) -> NDArray[np.float64]:
         """Return the first three rows of view_from_model relative to one eye, (N, 3, 4) float64."""
         rows = self.view_from_model[:, :3].copy()
-        rows[:, 0, 3] -= self.scene.camera.offset_m(eye)
+        rows[:, 0, 3] -= self.scene.offset_m(eye)
         turn = self.scene.camera.turn(eye)
         return rows if turn is None else turn @ rows
 
@@ -121,7 +121,7 @@ class ModelBuffers:
 
     def place(self, scene: Scene) -> Placed:
         """Compose the poses of a scene's instances, for both eyes."""
-        view_from_model = scene.camera_from_world @ scene.world_from_model
+        view_from_model = scene.view_from_model()
         linear = view_from_model[:, :3, :3]
         # The largest row sum of |A^T A| bounds the squared largest singular value from above, and is equal to it where
         # the instance is scaled along its own axes and then rotated.
@@ -147,11 +147,13 @@ class ModelBuffers:
         scene, view_from_model, radius_m = placed.scene, placed.rows(eye), placed.radius_m
         centre_m = view_from_model[:, :, 3]
         camera, near_m = scene.camera if part is None else scene.camera.cropped(part), scene.near_of(eye)
-        seen = np.flatnonzero(in_view(camera, eye, near_m, centre_m, radius_m))
+        # No part of the sky is too near.
+        seen = np.flatnonzero(in_view(camera, eye, near_m, centre_m, radius_m) | scene.sky)
         # What the near plane cuts open shows its backs.
         fronts_only = placed.solid[seen] & (centre_m[seen, 2] - radius_m[seen] > near_m)
         atlas = np.searchsorted(self._atlas_ends, scene.layer[seen], side="right")
-        order = np.lexsort((centre_m[seen, 2] + radius_m[seen], ~fronts_only, atlas))
+        farthest_m = np.where(scene.sky[seen], np.inf, centre_m[seen, 2] + radius_m[seen])
+        order = np.lexsort((farthest_m, ~fronts_only, atlas))
         seen, atlas, fronts_only = seen[order], atlas[order], fronts_only[order]
         begin = np.concatenate([[0], self._atlas_ends])[atlas]
         instances = np.zeros(len(seen), DRAWN_INSTANCE)
@@ -160,6 +162,7 @@ class ModelBuffers:
         instances["patch_from_uv"][:, 2:] = scene.uv_offset[seen]
         instances["layer"] = scene.layer[seen] - begin
         instances["instance"] = seen
+        instances["sky"] = scene.sky[seen]
         commands = self._model_commands[scene.model[seen]]
         commands["instances"] = 1
         commands["base_instance"] = np.arange(len(seen))

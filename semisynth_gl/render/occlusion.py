@@ -108,17 +108,18 @@ class Occlusion:
             return filled
         rows = placed.rows(eye)[shown]
         boxes = _boxes(placed, eye, part, rows, self._corners[model])
-        hiding = _most_area(boxes, targets.size_of(part), triangles)
+        sky = placed.scene.sky[shown]
+        hiding = _most_area(boxes, targets.size_of(part), triangles) & ~sky
         every = np.arange(len(shown))
         self._draw_depth(targets, part, self._buffers.select(filled, every[hiding]))
         farthest = _farthest(targets.read_depth(part))
-        visible = np.flatnonzero(~_hidden(farthest, targets.size_of(part), boxes))
+        visible = np.flatnonzero(~_hidden(farthest, targets.size_of(part), boxes) | sky)
         runs, own = self._runs, model[visible]
         count = runs.count[own]
         number = visible.repeat(count)
         run = np.arange(count.sum()) + (runs.first[own] - (np.cumsum(count) - count)).repeat(count)
         boxes = _boxes(placed, eye, part, rows[number], runs.corners[run])
-        seen = ~_hidden(farthest, targets.size_of(part), boxes)
+        seen = ~_hidden(farthest, targets.size_of(part), boxes) | sky[number]
         number, run = number[seen], run[seen]
         # Runs that follow each other are drawn as one.
         begin = np.flatnonzero(np.diff(number, prepend=-1).astype(bool) | (np.diff(run, prepend=-1) != 1))

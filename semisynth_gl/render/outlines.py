@@ -40,7 +40,9 @@ class Outlines:
             from and to, and of the one opposite.
         """
         scene, rows = placed.scene, placed.rows(eye)
-        seen = np.flatnonzero(in_view(scene.camera, eye, scene.near_of(eye), rows[:, :, 3], placed.radius_m))
+        in_sight = in_view(scene.camera, eye, scene.near_of(eye), rows[:, :, 3], placed.radius_m)
+        # The sky ends nowhere: beyond it is nothing.
+        seen = np.flatnonzero(in_sight & ~scene.sky)
         # What is in front covers the pixels of what is behind, too. As in the drawing, by the far ends of instances.
         seen = seen[np.argsort(-(rows[seen, 2, 3] + placed.radius_m[seen]), kind="stable")]
         eyes, solid, model = _eyes(rows[seen]), placed.solid[seen], scene.model[seen]

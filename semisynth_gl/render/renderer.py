@@ -80,6 +80,7 @@ class Renderer:
         outputs: what to make beside images and disparities; see `semisynth_gl.frame.OUTPUTS`.
         truth: of which views disparity and outputs are made, "both" or "left".
         rectified: False where right cameras may deviate from the rectified one: both eyes' depths are drawn then.
+        signed: whether disparities of 0 and below are valid.
         antialias: "none", "edges", "msaa4" (or what the driver has) or "ssaa2" to "ssaa8"; for colour only.
         backend: "auto", "egl" or "osmesa".
         device_index: EGL's number of the device.
@@ -107,6 +108,7 @@ class Renderer:
         outputs: Collection[str] = DEFAULT_OUTPUTS,
         truth: TruthViews = "both",
         rectified: bool = True,
+        signed: bool = False,
         antialias: str = "none",
         backend: Backend = "auto",
         device_index: int = 0,
@@ -116,6 +118,7 @@ class Renderer:
         for model in models:
             check_type("a model", model, Mesh, "make_mesh makes one")
         check_type("antialias", antialias, str)
+        check_type("signed", signed, bool)
         to_whole("device_index", device_index, least=0)
         if not models:
             raise InputError("a renderer needs at least one model, got none")
@@ -131,7 +134,7 @@ class Renderer:
         self._read_pixels = read
         self._outputs = frozenset(outputs)
         self._channels = [row for row in CHANNELS.values() if row.output is None or row.output in outputs]
-        self._rectified = rectified
+        self._rectified, self._signed = rectified, signed
         self._corresponds = not rectified or "correspondence" in self._outputs
         self._truth_eyes: tuple[Eye, ...] = EYES if truth == "both" else ("left",)
         self._antialias = parse_antialias(antialias)
@@ -144,7 +147,7 @@ class Renderer:
             self._patches = PatchTextures(self._context, tuple(atlases.values()), mirrored=wrap == "mirror")
             reads_triangles = self._corresponds or any(channel.reads_triangles for channel in self._channels)
             self._models = ModelBuffers(self._gl, models, self._patches.ends, traced=reads_triangles)
-            self._constants = ConstantsBuffer(self._gl)
+            self._constants = ConstantsBuffer(self._gl, signed=signed)
             software = is_software(self._context.renderer)
             self._occlusion = Occlusion(self._context, models, self._models) if software else None
             anisotropies = (anisotropy, large_anisotropy)[: len(atlases)]
@@ -402,7 +405,10 @@ class Renderer:
         looked_up = self._visibility is not None and OTHER_EYE[eye] in self._truth_eyes
         # Along edges pixels take on colours of those beside them.
         border_px = 0 if self._edges is None else 1
-        parts = [_drawn_part(scene, eye, crop, looked_up=looked_up, border_px=border_px) for scene in scenes]
+        parts = [
+            _drawn_part(scene, eye, crop, looked_up=looked_up, border_px=border_px, signed=self._signed)
+            for scene in scenes
+        ]
         x, y = min(part.x_px for part in parts), min(part.y_px for part in parts)
         return Crop(x, y, max(part.right_px for part in parts) - x, max(part.bottom_px for part in parts) - y)
 
@@ -724,7 +730,7 @@ def _check_atlas(name: str, layers: NDArray[np.uint8]) -> None:
         raise InputError(f"{name}: the patch atlas is empty")
 
 
-def _drawn_part(scene: Scene, eye: Eye, crop: Crop, *, looked_up: bool, border_px: int) -> Crop:
+def _drawn_part(scene: Scene, eye: Eye, crop: Crop, *, looked_up: bool, border_px: int, signed: bool) -> Crop:
     """Return the part of one eye's image that a crop needs, more where the other eye's points are looked up in it."""
     camera, left, right = scene.camera, border_px, border_px
     if looked_up:
@@ -732,7 +738,9 @@ def _drawn_part(scene: Scene, eye: Eye, crop: Crop, *, looked_up: bool, border_p
         # rounding.
         border_px = 2
         reach = max(0, ceil(float(camera.disparity_px(scene.near_m)))) + 2
-        left, right = (2, reach) if eye == "left" else (reach, 2)
+        # None is smaller than that of what is infinitely far away.
+        behind = max(0, ceil(camera.doffs_px) if signed else 0) + 2
+        left, right = (behind, reach) if eye == "left" else (reach, behind)
     x, y = max(0, crop.x_px - left), max(0, crop.y_px - border_px)
     x_end, y_end = min(camera.width_px, crop.right_px + right), min(camera.height_px, crop.bottom_px + border_px)
     return Crop(x, y, x_end - x, y_end - y)

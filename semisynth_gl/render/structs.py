@@ -19,7 +19,7 @@ CONSTANTS = np.dtype(
         ("doffs_px", "<f4"),
         ("near_m", "<f4"),
         ("other_from_own", "<f4"),
-        ("", "<f4"),
+        ("least_px", "<f4"),
     ]
 )
 """The uniform block of common_constants.glsl, std140."""
@@ -34,7 +34,13 @@ VERTEX = np.dtype([("position", "<f4", 3), ("uv", "<f4", 2)])
 """The attributes of a vertex in mesh.vert."""
 
 DRAWN_INSTANCE = np.dtype(
-    [("view_from_model", "<f4", (3, 4)), ("patch_from_uv", "<f4", 4), ("layer", "<i4"), ("instance", "<i4")]
+    [
+        ("view_from_model", "<f4", (3, 4)),
+        ("patch_from_uv", "<f4", 4),
+        ("layer", "<i4"),
+        ("instance", "<i4"),
+        ("sky", "<i4"),
+    ]
 )
 """The attributes of an instance in mesh.vert."""
 

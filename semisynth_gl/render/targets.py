@@ -47,7 +47,7 @@ def _attachments(drawn_by: Pass) -> dict[str, Attachment]:
 DRAWING = {
     **_attachments("drawing"),
     "inverse_depth": Attachment(1, 1, "f4", -1),
-    "surface": Attachment(2, 2, "u4", 0),
+    "surface": Attachment(2, 2, "u4", 0xFFFFFFFF),
 }
 """Attachments of the drawing pass: those of its channels, 1 / Z, and the instance and triangle of each pixel."""
 _GREY = Attachment(1, 1, "f1", 0)

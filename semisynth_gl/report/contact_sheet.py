@@ -34,12 +34,17 @@ def draw_sheet(frames: Sequence[Frame], target: Histogram, title: str, names: Se
     grid = figure.add_gridspec(len(frames) + 1, 3, height_ratios=[row_in] * len(frames) + [chart_in])
     valid = [frame.left.disparity[np.isfinite(frame.left.disparity)] for frame in frames]
     largest = max((float(values.max()) for values in valid if values.size), default=1.0)
+    least = min((float(values.min()) for values in valid if values.size), default=0.0)
     for row, frame in enumerate(frames):
         axes = [figure.add_subplot(grid[row, column]) for column in range(3)]
         axes[0].imshow(as_rgb(frame.left.image))
         axes[1].imshow(as_rgb(frame.right.image))
         shown = axes[2].imshow(
-            np.ma.masked_invalid(frame.left.disparity), cmap=COLOUR_MAP, vmin=0, vmax=largest, interpolation="nearest"
+            np.ma.masked_invalid(frame.left.disparity),
+            cmap=COLOUR_MAP,
+            vmin=min(0.0, least),
+            vmax=largest,
+            interpolation="nearest",
         )
         axes[2].set_facecolor(_INVALID)
         bar = figure.colorbar(shown, ax=axes[2], pad=0.01, fraction=0.04)

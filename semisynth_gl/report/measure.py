@@ -30,6 +30,7 @@ RAYS = 1000
 _MOST_SCENES = 64
 # Disparities are counted in bins so narrow that the distance of two distributions does not depend on them.
 _BINS = 1024
+_FLOAT32 = 2.0**-23
 # A normal distribution's standard deviation in units of its median absolute deviation.
 _DEVIATION = 1.4826
 
@@ -98,7 +99,7 @@ class Measurement:
         target: distribution that the config asks for; None where this version cannot read the config.
         target_fault: why this version cannot read the config.
         spacing_px: distance of neighbouring pixels of the grid.
-        depth_m: (D,) float64 planar depth of the grid's pixels, from the stored disparity.
+        depth_m: (D,) float64 planar depth of the grid's pixels, from the stored disparity; not of the sky.
         rays: rays through the grid's pixels, in at most 64 pairs.
         ray_faults: why pairs have no rays, with the number of pairs for each reason.
     """
@@ -176,7 +177,7 @@ def measure(
             columns, rows = (np.arange(spacing_px // 2, side, spacing_px) for side in (width, height))
             x, y = np.tile(columns, len(rows)), np.repeat(rows, len(columns))
             disparity = frame.left.disparity[y, x].astype(np.float64)
-            depths.append(frame.camera.depth_m(disparity[np.isfinite(disparity)]))
+            depths.append(_depth_m(frame, disparity[np.isfinite(disparity)]))
             if position in with_rays:
                 try:
                     rays.append(caster.cast(frame, x, y))
@@ -203,11 +204,22 @@ def measure(
     )
 
 
+def _depth_m(frame: StoredFrame, disparity_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the depths of disparities, but for those that may be of what is infinitely far away."""
+    doffs_px = frame.camera.doffs_px
+    beyond_px = frame.rounding_px(disparity_px) + _FLOAT32 * abs(doffs_px)
+    return frame.camera.depth_m(disparity_px[disparity_px + doffs_px > beyond_px])
+
+
 def _edges(index: Index, target: Histogram | None, frame: StoredFrame) -> NDArray[np.float64]:
-    """Return bins from 0 to the config's limit, or to the image's width without a limit, with the target's edges."""
+    """Return bins from 0 to the config's limit, or to the image's width without a limit, with the target's edges.
+
+    Signed disparities begin at that of what is infinitely far away, if it is below 0.
+    """
     target_edges = [] if target is None else target.edges_px.tolist()
-    high = max([index.number("disparity", "max_px") or frame.left.disparity.shape[1], *target_edges])
-    low = min([0.0, *target_edges])
+    limit_px = index.number("disparity", "max_px")
+    high = max([frame.left.disparity.shape[1] if limit_px is None else limit_px, *target_edges])
+    low = min([0.0, *([-frame.camera.doffs_px] if index.signed else []), *target_edges])
     return np.union1d(np.linspace(low, high, _BINS + 1), target_edges)
 
 

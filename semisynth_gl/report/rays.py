@@ -84,7 +84,8 @@ class RayCaster:
         scene = rebuilt.scene
         x_px, y_px = x.astype(np.float64), y.astype(np.float64)
         hits = cast_rays(scene, scenes.models, "left", x_px, y_px)
-        exact = oracle.disparity_of("left", oracle.correspondence_px(scene.camera, "left", x_px, y_px, hits))
+        way = oracle.correspondence_px(scene.camera, "left", x_px, y_px, hits, signed=frame.encodings.signed)
+        exact = oracle.disparity_of("left", way)
         stored = frame.left.disparity[y, x].astype(np.float64)
         with np.errstate(invalid="ignore"):
             agreeing = np.abs(exact - stored) <= _ERROR_PX + frame.rounding_px(stored)
@@ -94,7 +95,8 @@ class RayCaster:
                 "the rebuilt scene differs from the stored pair: another version made the dataset, or models changed"
             )
         slant_deg, texels = surfaces_at(scene, scenes.models, rebuilt.patch_px, x_px, y_px, hits)
-        hit = agreeing & (hits.instance >= 0)
+        # The sky has neither slant nor size.
+        hit = agreeing & (hits.instance >= 0) & np.isfinite(hits.depth_m)
         seen = np.unique(hits.instance[hit])
         objects = seen[~rebuilt.still[seen]]
         return Rays(

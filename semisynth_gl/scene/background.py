@@ -59,6 +59,7 @@ class Background:
         normal: (F, 3) float64, unit, away from the camera.
         offset_m: (F,) float64, distance from the left camera's centre; points of a face have normal . p = offset.
         visible_depth_m: (F,) float64, median depth of a face in the left view; of a hidden face, the back wall's depth.
+        sky: whether it is one face that is infinitely far away; it then stands where its texture is placed.
     """
 
     world_from_face: Floats
@@ -66,9 +67,12 @@ class Background:
     normal: Floats
     offset_m: Floats
     visible_depth_m: Floats
+    sky: bool = False
 
     def disparity_px(self, camera: StereoCamera) -> Floats:
         """Return disparities of the bare background on a coarse grid over the left view, flat float64."""
+        if self.sky:
+            return np.full(GRID[0] * GRID[1], -camera.doffs_px)
         return camera.disparity_px(first_hit(self.normal, self.offset_m, camera.rays("left", *grid_px(camera)))[0])
 
 
@@ -89,8 +93,10 @@ def draw_background(
     camera: StereoCamera,
     rng: np.random.Generator,
     sway: Sway = STILL,
+    *,
+    sky: bool = False,
 ) -> Background:
-    """Draw a background of bare faces.
+    """Draw a background of bare faces; a plane may be the sky.
 
     No wall comes nearer than the depth of ``disparity.max_px`` in either view. The cuboid has both cameras inside, and
     the plane fills both views, at any moment of the sway.
@@ -98,12 +104,19 @@ def draw_background(
     Raises:
         InputError: where a disparity lies beyond infinity, or the plane would have to be endless.
     """
-    draw = _cuboid if kind == "cuboid" else _plane
-    return draw(section, disparity, camera, rng, sway)
+    if kind == "cuboid":
+        return _cuboid(section, disparity, camera, rng, sway)
+    return _plane(section, disparity, camera, rng, sway, sky=sky)
 
 
 def _plane(
-    section: BackgroundSection, disparity: DisparitySection, camera: StereoCamera, rng: np.random.Generator, sway: Sway
+    section: BackgroundSection,
+    disparity: DisparitySection,
+    camera: StereoCamera,
+    rng: np.random.Generator,
+    sway: Sway,
+    *,
+    sky: bool,
 ) -> Background:
     disparity_px = section.plane_disparity_px.draw(rng)
     check_reachable(camera, disparity_px, "background.plane_disparity_px")
@@ -113,6 +126,9 @@ def _plane(
         # With a large doffs the plane is near, and the camera may sway towards it.
         depth = max(depth, float(smallest_offsets(camera, ahead, near_depth_m(camera, disparity), sway)[0]))
     corners = _corner_points(camera, depth)
+    if sky:
+        # Both eyes see it from the same place.
+        corners = np.concatenate([corners, corner_rays(camera) * depth])
     low, high = corners.min(axis=0), corners.max(axis=0)
     if sway.moves:
         widest = float(np.arctan(np.linalg.norm(corner_rays(camera)[:, :2], axis=1).max())) + sway.angle_rad
@@ -130,7 +146,7 @@ def _plane(
     world_from_face = np.diag([*(high[:2] - low[:2]), 1.0, 1.0])
     world_from_face[:3, 3] = low[0], low[1], depth
     distance = np.array([depth])
-    return Background(world_from_face[None], (high - low)[None, :2], ahead, distance, distance)
+    return Background(world_from_face[None], (high - low)[None, :2], ahead, distance, distance, sky)
 
 
 def _cuboid(

@@ -83,9 +83,11 @@ class DepthLayers:
         # Half a turn of headings covers both directions of an axis; a particle is at the path's middle at half its age.
         path = speed * (where[:, 5] - 0.5) * (camera.height_px + 2 * radius)
         depth = 1 + path * np.cos(np.pi * where[:, 4]) / camera.focal_px
-        # Particles that drift in are missing at the side they come from; on the right the other view's margin has them.
+        # Particles that drift in are missing at the side they come from; on the right (on the left where disparity is
+        # negative) the other view's margin has them.
         sideways = path * np.sin(2 * np.pi * where[:, 4])
-        missing = np.maximum(sideways, 0) + np.maximum(-sideways - np.maximum(disparity, 0), 0)
+        missing = np.maximum(sideways - np.maximum(-disparity, 0), 0)
+        missing += np.maximum(-sideways - np.maximum(disparity, 0), 0)
         shown = (disparity + camera.doffs_px) / (depth - height * radius / camera.focal_px) - camera.doffs_px
         kept = camera.depth_m(disparity) * (depth - radius / camera.focal_px) > near_m
         # A large particle covers more pixels. Particles that come nearer grow, but are as much farther apart.

@@ -22,7 +22,7 @@ class Glance:
     """What R rays of the left view hit first.
 
     Attributes:
-        depth_m: (R,) float64, planar depth; inf where nothing is hit.
+        depth_m: (R,) float64, planar depth; inf where nothing is hit, or the sky.
         instance: (R,) int64; -1 where nothing is hit.
         uv: (R, 2) float64, the model's UV there.
     """
@@ -43,7 +43,7 @@ def glance(scene: Scene, models: Sequence[Mesh]) -> Glance:
     points, triangles, owners, count = [np.empty((0, 5))], [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)], 0
     for number in range(len(scene)):
         mesh = models[int(scene.model[number])]
-        view_from_model = scene.camera_from_world @ scene.world_from_model[number]
+        view_from_model = scene.view_from_model(number)
         vertices = mesh.positions.astype(np.float64) @ view_from_model[:3, :3].T + view_from_model[:3, 3]
         if vertices[:, 2].max() < scene.near_m:
             continue
@@ -108,10 +108,11 @@ def _rasterise(
     # 1 / Z is linear on the screen.
     own = inverse[triangles[:, triangle]].T
     depth_m = 1 / (own[:, 0] + u * (own[:, 1] - own[:, 0]) + v * (own[:, 2] - own[:, 0]))
-    order = np.lexsort((depth_m, cell))
+    shown_m = np.where(scene.sky[owner[triangle]], np.inf, depth_m)
+    order = np.lexsort((shown_m, cell))
     first_of_cell = order[np.unique(cell[order], return_index=True)[1]]
     # So is UV over Z.
     share = np.stack([1 - u - v, u, v], axis=1)[first_of_cell] * own[first_of_cell] * depth_m[first_of_cell, None]
     corners_uv = points[triangles[:, triangle[first_of_cell]].T, 3:]
     uv = (share[..., None] * corners_uv).sum(axis=1)
-    return cell[first_of_cell], depth_m[first_of_cell], owner[triangle[first_of_cell]], uv
+    return cell[first_of_cell], shown_m[first_of_cell], owner[triangle[first_of_cell]], uv

@@ -195,7 +195,7 @@ def _mean_secant(camera: StereoCamera) -> float:
 
 def _release_area_px(camera: StereoCamera, disparity_px: Floats, radius_px: Floats) -> tuple[Floats, Floats]:
     """Width and height, in the left image, of the region that particles pass through: both views and their margin."""
-    return camera.width_px + np.maximum(disparity_px, 0) + 2 * radius_px, camera.height_px + 2 * radius_px
+    return camera.width_px + np.abs(disparity_px) + 2 * radius_px, camera.height_px + 2 * radius_px
 
 
 def draw_slots(
@@ -232,7 +232,8 @@ def draw_release(camera: StereoCamera, section: ParticlesSection, slots: Slots, 
     """Draw the release of every slot's model of one generation."""
     total = len(slots)
     width, _ = _release_area_px(camera, slots.disparity_px, slots.radius_px)
-    start = rng.random(total) * width - slots.radius_px - 0.5
+    # What has a negative disparity comes into the right view from the left.
+    start = rng.random(total) * width - slots.radius_px - 0.5 + np.minimum(slots.disparity_px, 0)
     quaternion = rng.normal(size=(total, 4))
     quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
     axis = rng.normal(size=(total, 3))

@@ -20,7 +20,7 @@ from semisynth_gl.scene.structures import draw_stage
 from semisynth_gl.seeds import Purpose, generator
 
 _PILOTS = 32
-_KEYS = (Purpose.CAMERA, Purpose.BACKGROUND, Purpose.STRUCTURES, Purpose.SWAY, Purpose.RIG)
+_KEYS = (Purpose.CAMERA, Purpose.BACKGROUND, Purpose.STRUCTURES, Purpose.SWAY, Purpose.RIG, Purpose.SKY)
 # The sections that `draw_stage` reads.
 _SECTIONS = {"camera", "rig", "disparity", "background", "room", "street", "structures"}
 SOURCES = ("scene", "geometry", "textures", "config", "camera.py", "histogram.py", "seeds.py", "splits.py")

@@ -26,7 +26,7 @@ class Hits:
     """The first surfaces that R rays hit.
 
     Attributes:
-        depth_m: (R,) float64 planar depth in the eye's view; inf where a ray hits nothing.
+        depth_m: (R,) float64 planar depth in the eye's view; inf where a ray hits nothing, or the sky.
         instance: (R,) int64, -1 where a ray hits nothing.
         triangle: (R,) int64, index into the instance's model.
     """
@@ -42,7 +42,8 @@ def cast_rays(
     """Cast rays from one eye through pixel positions, whole or fractional.
 
     Of surfaces at one depth, the first instance and triangle wins. Rays pass through surfaces nearer than
-    ``scene.near_of(eye)``, which the renderer does not draw.
+    ``scene.near_of(eye)``, which the renderer does not draw. The sky is behind all else; of several, the first instance
+    wins.
 
     Args:
         scene: the instances and the camera.
@@ -56,18 +57,21 @@ def cast_rays(
     """
     camera = scene.camera
     x, y = np.asarray(x_px, np.float64).ravel(), np.asarray(y_px, np.float64).ravel()
-    turn, near_m = camera.turn(eye), scene.near_of(eye)
+    turn = camera.turn(eye)
     rays = camera.rays_of_eye(eye, x, y)
     hits = Hits(np.full(len(x), np.inf), np.full(len(x), -1), np.full(len(x), -1))
     by_row = np.argsort(y)
     sorted_x, sorted_y = x[by_row], y[by_row]
     for number in range(len(scene)):
         mesh = models[int(scene.model[number])]
-        view_from_model = scene.camera_from_world @ scene.world_from_model[number]
+        view_from_model = scene.view_from_model(number)
         vertices = mesh.positions.astype(np.float64) @ view_from_model[:3, :3].T + view_from_model[:3, 3]
-        vertices[:, 0] -= camera.offset_m(eye)
+        vertices[:, 0] -= scene.offset_m(eye, number)
         if turn is not None:
             vertices = vertices @ turn.T
+        sky = bool(scene.sky[number])
+        # No part of the sky is near.
+        near_m = np.finfo(np.float64).tiny if sky else scene.near_of(eye)
         boxes = _boxes(camera, eye, vertices, mesh.triangles, near_m)
         for place, triangle in _inside(boxes, sorted_x, sorted_y):
             ray = by_row[place]
@@ -76,8 +80,11 @@ def cast_rays(
             # Ascending depth with the lowest triangle first, then the first of each ray.
             order = order[np.lexsort((triangle[order], depth_m[order], ray[order]))]
             order = order[np.unique(ray[order], return_index=True)[1]]
-            nearer = order[depth_m[order] < hits.depth_m[ray[order]]]
-            hits.depth_m[ray[nearer]] = depth_m[nearer]
+            if sky:
+                nearer = order[hits.instance[ray[order]] < 0]
+            else:
+                nearer = order[depth_m[order] < hits.depth_m[ray[order]]]
+                hits.depth_m[ray[nearer]] = depth_m[nearer]
             hits.instance[ray[nearer]] = number
             hits.triangle[ray[nearer]] = triangle[nearer]
     return hits

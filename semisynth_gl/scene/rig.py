@@ -81,9 +81,11 @@ def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
     depth_m = float(camera.depth_m(section.max_px))
     if camera.rectified:
         return depth_m
-    # What the right eye sees lies to the right of the left image by up to the largest disparity, or above or below it.
+    # What the right eye sees lies to the right of the left image by up to the largest disparity, or above or below it;
+    # to the left of it, if disparities are negative.
+    behind_px = max(camera.doffs_px, 0.0) if section.signed else 0.0
     x_px, y_px = np.meshgrid(
-        np.linspace(-0.5, camera.width_px + section.max_px, _GRID),
+        np.linspace(-0.5 - behind_px, camera.width_px + max(section.max_px, 0.0), _GRID),
         np.linspace(-_BESIDE, 1 + _BESIDE, _GRID) * camera.height_px,
     )
     for _ in range(_STEPS):

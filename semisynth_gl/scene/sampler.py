@@ -216,6 +216,7 @@ class SceneSampler:
             **({"view": sampled.view} if len(sampled.views) > 1 else {}),
             **({} if sampled.recipe is None else {"recipe": sampled.recipe}),
             "background": sampled.background,
+            **({"sky": True} if sampled.scene.sky.any() else {}),
             "near_m": sampled.scene.near_m,
             "camera": sampled.scene.camera.values(deviation=not self._config.rig.none()),
             "camera_from_world": sampled.scene.camera_from_world[:3].tolist(),
@@ -233,6 +234,7 @@ class SceneSampler:
                 "patch": int(sampled.patch[k]),
                 "still": bool(sampled.still[k]),
                 **({"resting": True} if sampled.resting[k] else {}),
+                **({"sky": True} if scene.sky[k] else {}),
                 "world_from_model": scene.world_from_model[k, :3].tolist(),
             }
             for k in range(len(scene))
@@ -260,7 +262,8 @@ class SceneSampler:
         particles = particles_at(camera, slots, self._release(draw, stage, slots), 0.0, first)
         meshes = [self._model_library.models[number] for number in self._drawn_models(draw, first[chosen], chosen)]
         still = stage.still
-        corners = triangles_of(self.models, still.model, still.world_from_model)
+        ground = ~still.sky
+        corners = triangles_of(self.models, still.model[ground], still.world_from_model[ground])
         rested = come_to_rest(particles.world_from_model[chosen], meshes, corners, stage.up)
         near_m = near_depth_m(camera, self._config.disparity)
         resting = {}
@@ -297,6 +300,7 @@ class SceneSampler:
             layer=self._first_layer[patch] + ((patch * 7919 + draw.sequence) % count + frame) % count,
             uv_scale=scale,
             uv_offset=offset,
+            sky=np.concatenate([still.sky, np.zeros(len(kept), bool)]),
         )
         patch_px = np.where(patch >= self._small, config.textures.large_px, config.textures.patch_px)
         slot, generation = (np.concatenate([np.full(len(still), -1), numbers]) for numbers in (kept, generations))

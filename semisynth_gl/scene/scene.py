@@ -1,6 +1,7 @@
 """The scene of one pair, as the arrays that the renderer draws, and its motion to another moment."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from types import EllipsisType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ class Scene:
         layer: (N,) int64, index into the patch atlas.
         uv_scale: (N, 2) float64, patches per unit of the model's UV.
         uv_offset: (N, 2) float64, patches; patch coordinate = uv * uv_scale + uv_offset.
+        sky: (N,) bool, instances that are infinitely far away: both eyes see them in the directions in which they stand
+            from the world's origin, behind all others, and turned with the cameras; by default none.
     """
 
     camera: StereoCamera
@@ -36,6 +39,7 @@ class Scene:
     layer: NDArray[np.int64]
     uv_scale: NDArray[np.float64]
     uv_offset: NDArray[np.float64]
+    sky: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
 
     def __post_init__(self) -> None:
         check_type("camera", self.camera, StereoCamera)
@@ -43,6 +47,10 @@ class Scene:
         if self.near_m <= 0:
             raise InputError(f"near_m must be positive, got {self.near_m}")
         n = len(self.model)
+        if not self.sky.any():
+            object.__setattr__(self, "sky", np.zeros(n, bool))
+        if self.sky.shape != (n,) or self.sky.dtype != np.bool_:
+            raise InputError(f"scene: sky must be ({n},) bool for {n} instances, got {self.sky.shape} {self.sky.dtype}")
         shapes = {"camera_from_world": (4, 4), "model": (n,), "world_from_model": (n, 4, 4), "layer": (n,)}
         for name, shape in (shapes | {"uv_scale": (n, 2), "uv_offset": (n, 2)}).items():
             array = getattr(self, name)
@@ -60,6 +68,20 @@ class Scene:
         A right camera that deviates has it nearer, so that it cuts off nothing that the left one shows.
         """
         return self.near_m if eye == "left" or self.camera.rectified else self.near_m * _DEVIATING_NEAR
+
+    def view_from_model(self, which: int | EllipsisType = ...) -> NDArray[np.float64]:
+        """Return the pose of an instance in the left camera's frame, (4, 4) float64, or of all, (N, 4, 4)."""
+        pose: NDArray[np.float64] = self.camera_from_world @ self.world_from_model[which]
+        sky = self.sky[which]
+        if sky.any():
+            # The camera's place makes no difference to what is infinitely far away.
+            turned = (self.camera_from_world[:3, :3] @ self.world_from_model[which][..., :3, 3:])[..., 0]
+            pose[..., :3, 3] = np.where(sky[..., None], turned, pose[..., :3, 3])
+        return pose
+
+    def offset_m(self, eye: Eye, which: int | EllipsisType = ...) -> NDArray[np.float64]:
+        """Return how much farther left an instance is to one eye than to the left one, () float64, or all, (N,)."""
+        return np.where(self.sky[which], 0.0, self.camera.offset_m(eye))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,6 +141,7 @@ def make_scene(
     uv_offset: object = (0.0, 0.0),
     camera_from_world: object | None = None,
     near_m: float = 0.01,
+    sky: object = False,
 ) -> Scene:
     """Build a `Scene` of N instances from anything array-like.
 
@@ -131,6 +154,7 @@ def make_scene(
         uv_offset: (2,) or (N, 2), patches.
         camera_from_world: (4, 4), the left camera's pose; by default the identity.
         near_m: depth of the near plane.
+        sky: () or (N,) bool, instances that are infinitely far away.
 
     Raises:
         InputError: where shapes or values are wrong.
@@ -141,6 +165,7 @@ def make_scene(
     if matrices.size != n * 16:
         raise InputError(f"scene: world_from_model must have shape ({n}, 4, 4) for {n} instances, got {matrices.shape}")
     pose = np.eye(4) if camera_from_world is None else camera_from_world
+    is_sky = to_array("sky", sky, np.bool_)
     return Scene(
         camera=camera,
         near_m=near_m,
@@ -150,6 +175,7 @@ def make_scene(
         layer=to_array("layer", layer, np.int64).reshape(-1),
         uv_scale=_for_each("uv_scale", uv_scale, n),
         uv_offset=_for_each("uv_offset", uv_offset, n),
+        sky=np.broadcast_to(is_sky, (n,)) if is_sky.ndim == 0 else is_sky,
     )
 
 

@@ -57,8 +57,10 @@ def draw_street(
     catalogue: Catalogue,
     rng: np.random.Generator,
     sway: Sway,
+    *,
+    sky: bool = False,
 ) -> Arrangement:
-    """Draw an open scene; nothing comes nearer than the depth of ``disparity.max_px``.
+    """Draw an open scene, its backdrop first; nothing comes nearer than the depth of ``disparity.max_px``.
 
     Args:
         section: what streets hold.
@@ -68,11 +70,12 @@ def draw_street(
         catalogue: the models.
         rng: randomness.
         sway: the motion of the camera.
+        sky: whether the backdrop is infinitely far away.
 
     Raises:
         InputError: where a disparity lies beyond infinity, or the backdrop would have to be endless.
     """
-    backdrop = draw_background("plane", background, disparity, camera, rng, sway)
+    backdrop = draw_background("plane", background, disparity, camera, rng, sway, sky=sky)
     backdrop_m, near_m = float(backdrop.offset_m[0]), near_depth_m(camera, disparity)
     metre = min(1.0, backdrop_m / _TRUE_REACH_M)
     yaw, pitch, roll = np.deg2rad(rng.normal(size=3) * (section.yaw_deg, section.tilt_deg, section.tilt_deg))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Range
 from semisynth_gl.config.model import Config
-from semisynth_gl.config.scene_sections import DisparitySection, StructuresSection
+from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection, StructuresSection
 from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh, mesh_grid
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.scene.arrangement import Arrangement, Catalogue
@@ -81,6 +81,7 @@ class Surroundings:
         low: (S, 2) float64, about the lowest UV that the left view sees; 0 of what is hidden.
         high: (S, 2) float64, about the highest UV that the left view sees.
         disparity_px: flat float64, disparities on a coarse grid over the left view.
+        sky: (S,) bool, whether it is infinitely far away.
     """
 
     model: NDArray[np.int64]
@@ -92,6 +93,7 @@ class Surroundings:
     low: Floats
     high: Floats
     disparity_px: Floats
+    sky: NDArray[np.bool_]
 
     def __len__(self) -> int:
         return len(self.model)
@@ -129,7 +131,7 @@ def draw_stage(config: Config, catalogue: Catalogue, generator_for: Callable[[Pu
     Args:
         config: the configuration.
         catalogue: the models of things at rest, see `take_stock`.
-        generator_for: returns the generator of CAMERA, RIG, SWAY, BACKGROUND and STRUCTURES.
+        generator_for: returns the generator of CAMERA, RIG, SWAY, BACKGROUND, STRUCTURES and SKY.
 
     Raises:
         InputError: where a disparity of the config lies beyond infinity, or a far plane would have to be endless.
@@ -143,21 +145,26 @@ def draw_stage(config: Config, catalogue: Catalogue, generator_for: Callable[[Pu
     sway = draw_sway(config.camera, generator_for(Purpose.SWAY))
     rng = generator_for(Purpose.BACKGROUND)
     kind = draw_kind(config.background, rng)
+    sky = kind in ("plane", "street") and _has_sky(config.background, generator_for)
     if kind == "room":
         things = draw_room(config.room, config.background, config.disparity, camera, catalogue, rng, sway)
     elif kind == "street":
-        things = draw_street(config.street, config.background, config.disparity, camera, catalogue, rng, sway)
+        things = draw_street(config.street, config.background, config.disparity, camera, catalogue, rng, sway, sky=sky)
     else:
-        background = draw_background(kind, config.background, config.disparity, camera, rng, sway)
+        background = draw_background(kind, config.background, config.disparity, camera, rng, sway, sky=sky)
         still = draw_surroundings(
             config.structures, config.disparity, camera, background, generator_for(Purpose.STRUCTURES), sway
         )
         return Stage(camera, views, sway, kind, still, np.array([0.0, -1.0, 0.0]))
-    return Stage(camera, views, sway, kind, _surroundings(things), things.view.camera_from_floor[:3, 2])
+    return Stage(camera, views, sway, kind, _surroundings(things, sky=sky), things.view.camera_from_floor[:3, 2])
 
 
-def _surroundings(things: Arrangement) -> Surroundings:
-    """Measure what the camera sees of things at rest."""
+def _has_sky(section: BackgroundSection, generator_for: Callable[[Purpose], np.random.Generator]) -> bool:
+    return section.sky > 0 and bool(generator_for(Purpose.SKY).random() < section.sky)
+
+
+def _surroundings(things: Arrangement, *, sky: bool) -> Surroundings:
+    """Measure what the camera sees of things at rest, before a sky if the first of them is one."""
     view = things.view
     matrices = view.camera_from_floor @ np.array(things.floor_from_model)
     return _measured(
@@ -171,6 +178,7 @@ def _surroundings(things: Arrangement) -> Surroundings:
         np.array(things.large),
         # What is hidden has the depth of its origin, or of the near plane where that is farther.
         hidden_m=np.maximum(matrices[:, 2, 3], view.near_m),
+        sky=np.arange(len(matrices)) < int(sky),
     )
 
 
@@ -184,21 +192,23 @@ def _measured(
     wears: NDArray[np.int64],
     large: NDArray[np.bool_],
     hidden_m: Floats,
+    sky: NDArray[np.bool_],
 ) -> Surroundings:
-    """Measure what the left view sees of still things; what it does not see has the depth ``hidden_m``."""
+    """Measure what the left view sees of still things; the sky, and what it does not see, have depths ``hidden_m``."""
     layer = np.zeros(len(model), np.int64)
-    scene = make_scene(camera, model=model, world_from_model=world_from_model, layer=layer, near_m=near_m)
+    scene = make_scene(camera, model=model, world_from_model=world_from_model, layer=layer, near_m=near_m, sky=sky)
     seen = glance(scene, models)
     depth_m, low, high = np.array(hidden_m, np.float64), np.zeros((len(model), 2)), np.zeros((len(model), 2))
     for number in np.unique(seen.instance[seen.instance >= 0]):
         rays = seen.instance == number
-        depth_m[number] = np.median(seen.depth_m[rays])
+        if not sky[number]:
+            depth_m[number] = np.median(seen.depth_m[rays])
         uv = np.sort(seen.uv[rays], axis=0)
         left_out = int(_LEFT_OUT * len(uv))
         low[number], high[number] = uv[left_out], uv[-1 - left_out]
     disparity_px = camera.disparity_px(seen.depth_m)
     return Surroundings(
-        model, world_from_model, unit_m, wears, large, depth_m, low, high, disparity_px[np.isfinite(disparity_px)]
+        model, world_from_model, unit_m, wears, large, depth_m, low, high, disparity_px[np.isfinite(disparity_px)], sky
     )
 
 
@@ -220,7 +230,8 @@ def draw_surroundings(
     """
     near_m = near_depth_m(camera, disparity)
     bare_px = background.disparity_px(camera)
-    farthest_m = float(camera.depth_m(bare_px.min()))
+    # Before a sky, the ground ends where its plane stands.
+    farthest_m = float(background.offset_m[0]) if background.sky else float(camera.depth_m(bare_px.min()))
     model, placed = list[int](), list[Floats]()
     if rng.random() < section.ground:
         model.append(_GROUND)
@@ -244,6 +255,7 @@ def draw_surroundings(
         np.arange(faces + len(model)),
         np.ones(faces + len(model), bool),
         np.append(background.visible_depth_m, hidden_m),
+        np.arange(faces + len(model)) < int(background.sky),
     )
     # Of the background, that before which nothing stands.
     still.depth_m[:faces] = background.visible_depth_m
@@ -275,6 +287,15 @@ def _ground_height_m(section: StructuresSection, camera: StereoCamera, rng: np.r
     return float(camera.depth_m(drawn_px)) * below
 
 
+def _farther_half(disparity: DisparitySection, camera: StereoCamera) -> Range:
+    """Return the disparities of the farther half of the range, by ratios."""
+    if not disparity.signed:
+        return Range(disparity.min_px, (disparity.min_px * disparity.max_px) ** 0.5)
+    # By ratios of depths: disparities may lie to both sides of 0.
+    nearness = (disparity.min_px + camera.doffs_px) * (disparity.max_px + camera.doffs_px)
+    return Range(disparity.min_px, max(disparity.min_px, nearness**0.5 - camera.doffs_px))
+
+
 def _place_panel(
     section: StructuresSection,
     disparity: DisparitySection,
@@ -284,7 +305,7 @@ def _place_panel(
     *,
     curved: bool,
 ) -> Floats:
-    where = section.panel_disparity_px or Range(disparity.min_px, (disparity.min_px * disparity.max_px) ** 0.5)
+    where = section.panel_disparity_px or _farther_half(disparity, camera)
     check_reachable(camera, where.low, "structures.panel_disparity_px")
     depth = float(camera.depth_m(where.draw(rng)))
     size = section.panel_size_px.draw_many(rng, 2) * depth / camera.focal_px

@@ -21,6 +21,7 @@ from semisynth_gl.verify.single_view import (
     check_flow,
     check_instances,
     check_normals,
+    check_sky,
 )
 from semisynth_gl.verify.verdict import DATASET, Verdict
 from semisynth_gl.verify.view_consistency import (
@@ -122,6 +123,7 @@ def _check_frame(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
     check_depth(frame, verdict)
     check_instances(frame, verdict)
     for eye in EYES:
+        check_sky(frame, eye, verdict)
         check_normals(frame, eye, verdict)
         for channel in OPPOSITE:
             check_flow(frame, channel, eye, verdict)
@@ -138,14 +140,15 @@ def _check_frame(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
         check_deviating_views(frame, verdict, imperfect=imperfect)
         return True
     disparity, right_disparity = left["disparity"], right["disparity"]
-    match = match_views(disparity, right_disparity, -1)
+    signed = frame.encodings.signed
+    match = match_views(disparity, right_disparity, -1, signed=signed)
     if "visibility" in left:
         check_visibility("visibility_left", left["visibility"], match, verdict)
     if "visibility" in right:
-        match_right = match_views(right_disparity, disparity, +1)
+        match_right = match_views(right_disparity, disparity, +1, signed=signed)
         check_visibility("visibility_right", right["visibility"], match_right, verdict)
     visible = visible_pixels(match, left.get("visibility"))
-    check_left_right(disparity, right_disparity, match, visible, verdict)
+    check_left_right(disparity, right_disparity, match, visible, verdict, signed=signed)
     surface = one_surface(match, visible)
     check_flow_views(frame, match, visible, surface, verdict)
     check_images(left["image"], right["image"], match, surface, verdict, imperfect=imperfect)

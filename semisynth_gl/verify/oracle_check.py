@@ -13,7 +13,6 @@ from semisynth_gl.dataset.reader import Index
 from semisynth_gl.dataset.rebuild import RebuiltScenes
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.errors import InputError
-from semisynth_gl.frame import View
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.scene import Motion
@@ -89,22 +88,23 @@ class OracleCheck:
             height, width = frame.view(eye)["disparity"].shape
             x = rng.integers(0, width, -(-pixels // 2)).astype(np.float64)
             y = rng.integers(0, height, -(-pixels // 2)).astype(np.float64)
-            cast = partial(self._cast, sampled, eye, frame.view(eye))
+            cast = partial(self._cast, sampled, eye, frame)
             _compare(frame, eye, (x, y), motions, cast, verdict)
 
     def _cast(
-        self, sampled: SampledScene, eye: Eye, view: View, motions: Mapping[str, Motion], x: Values, y: Values
+        self, sampled: SampledScene, eye: Eye, frame: StoredFrame, motions: Mapping[str, Motion], x: Values, y: Values
     ) -> dict[str, Values]:
         scene, models = sampled.scene, self._scenes.models
+        view, signed = frame.view(eye), frame.encodings.signed
         hits = cast_rays(scene, models, eye, x, y)
-        way = oracle.correspondence_px(scene.camera, eye, x, y, hits)
+        way = oracle.correspondence_px(scene.camera, eye, x, y, hits, signed=signed)
         values = {"disparity": oracle.disparity_of(eye, way)[:, None]}
         if "correspondence" in view:
             values["correspondence"] = way
         if "normals" in view:
             values["normals"] = oracle.normals(scene, models, eye, hits)
         for name, motion in motions.items():
-            flows = oracle.flow(scene, models, motion, eye, x, y, hits)
+            flows = oracle.flow(scene, models, motion, eye, x, y, hits, signed=signed)
             values[name] = flows.flow_px
             if name == "flow":
                 values["disparity_change"] = flows.disparity_change_px[:, None]
@@ -174,7 +174,7 @@ def _is_edge(frame: StoredFrame, channel: str, around: RayValues, stored: Values
 def _encodable(frame: StoredFrame, channel: str, rays: RayValues, stored: Values) -> Values:
     """Return the rays' values (R, C), inf where they are beyond the file's encoding and the file (R, C) has inf."""
     # Where the disparity is beyond the encoding, its change is missing too.
-    source, largest_px = rays["disparity"], frame.encodings.disparity.limit_px
+    source, largest_px = np.abs(rays["disparity"]), frame.encodings.disparity.limit_px
     if channel == "correspondence":
         return rays[channel]
     if channel in OPPOSITE:

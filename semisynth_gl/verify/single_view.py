@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.dataset.sample import StoredFrame
-from semisynth_gl.frame import CHANNELS, OUTSIDE, Channel, View
+from semisynth_gl.frame import CHANNELS, OUTSIDE, SKY, Channel, View
 from semisynth_gl.verify.agreement import all_components, check_mask_values, dot
 from semisynth_gl.verify.verdict import Verdict, count_pixels
 
@@ -36,7 +36,7 @@ LAST_VALID_PX = 2.0
 
 
 def check_disparity(frame: StoredFrame, largest_px: float | None, verdict: Verdict) -> None:
-    """Check both disparities: no NaN, positive, inf only where the rig allows it.
+    """Check both disparities: no NaN, positive or, if signed, not beyond infinity, inf only where the rig allows it.
 
     Args:
         frame: the pair as it was read.
@@ -52,16 +52,68 @@ def check_disparity(frame: StoredFrame, largest_px: float | None, verdict: Verdi
         pixels += disparity.size
         invalid += int(infinite.sum())
         verdict.add_pixels("disparity", name, "is NaN or -inf", ~(valid | infinite))
-        negative = valid & (disparity <= 0)
+        negative, fault = valid & (disparity <= 0), "is 0 or below"
+        if frame.encodings.signed:
+            infinity_px = -frame.camera.doffs_px
+            bound = _SIX_DIGITS * abs(infinity_px) + frame.rounding_px(infinity_px)
+            # Where the right camera deviates, infinity has a disparity of its own at each pixel.
+            negative = valid & (disparity < infinity_px - bound) & frame.camera.rectified
+            fault = f"is below {infinity_px:g}, which is infinitely far away,"
         least = float(disparity.min(where=negative, initial=np.inf))
-        verdict.add_pixels("disparity", name, "is 0 or below", negative, f"; the least is {least:g} px")
+        verdict.add_pixels("disparity", name, fault, negative, f"; the least is {least:g} px")
         if largest_px is not None and valid.any():
             largest = float(disparity[valid].max())
-            if largest > largest_px * (1 + _SIX_DIGITS) + float(frame.rounding_px(largest)):
+            if largest > largest_px + _SIX_DIGITS * abs(largest_px) + float(frame.rounding_px(largest)):
                 verdict.add("disparity", f"{name} reaches {largest:g} px, the config allows {largest_px:g} px")
-        if infinite.any():
-            _check_infinite(frame, eye, disparity, infinite, verdict)
+        lacking = _lacking(frame, eye, infinite)
+        if lacking is not None and lacking.any():
+            _check_infinite(frame, eye, disparity, lacking, verdict)
     verdict.measures["invalid_share"] = invalid / pixels
+
+
+def _always_valid(frame: StoredFrame) -> bool:
+    """Return whether all surfaces but the sky have a valid disparity."""
+    return frame.encodings.signed or (frame.camera.doffs_px <= 0 and frame.camera.rectified)
+
+
+def _lacking(frame: StoredFrame, eye: Eye, infinite: Where) -> Where | None:
+    """Return where a disparity is inf, but for the sky where it has none; None where it is not known what is sky."""
+    if frame.encodings.signed or (frame.camera.doffs_px < 0 and frame.camera.rectified):
+        return infinite
+    sky = frame.sky(eye)
+    return None if sky is None else infinite & ~sky
+
+
+def check_sky(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
+    """Check a view's mask of the sky: its values, its instances, and its depth and disparity, infinitely far away.
+
+    Args:
+        frame: the pair as it was read.
+        eye: the view.
+        verdict: takes findings and measures.
+    """
+    view, name, doffs_px = frame.view(eye), f"sky_{eye}", frame.camera.doffs_px
+    mask = view.get("sky")
+    if mask is None:
+        return
+    sky = mask == SKY
+    verdict.add_pixels("sky", name, f"is neither 0 nor {SKY}", (mask != 0) & ~sky)
+    known = frame.sky_of_instances(eye)
+    if known is not None:
+        verdict.add_pixels("sky", name, "is not that of the instances in the pair's provenance", sky != known)
+    depth, disparity = view.get("depth"), view.get("disparity")
+    if depth is not None:
+        verdict.add_pixels("sky", name, "has a finite depth", sky & np.isfinite(depth))
+    if disparity is None or not frame.camera.rectified:
+        return
+    if frame.encodings.signed or doffs_px < 0:
+        bound = _SIX_DIGITS * abs(doffs_px) + frame.rounding_px(disparity)
+        beyond = np.isinf(disparity) & (abs(doffs_px) > frame.encodings.disparity.limit_px)
+        with np.errstate(invalid="ignore"):
+            wrong = sky & ~beyond & ~(np.abs(disparity + doffs_px) <= bound)
+        verdict.add_pixels("sky", name, f"has another disparity than {-doffs_px:g} px", wrong)
+    else:
+        verdict.add_pixels("sky", name, "has a disparity", sky & np.isfinite(disparity))
 
 
 def _check_infinite(
@@ -77,14 +129,15 @@ def _check_infinite(
     beyond = count_beyond(frame, View.disparity, eye)
     if beyond:
         count = int(infinite.sum())
-        if count < beyond or (doffs_px <= 0 and frame.camera.rectified and count != beyond):
+        if count < beyond or (_always_valid(frame) and count != beyond):
             verdict.add(
                 "disparity",
                 f"{name} is inf in {count_pixels(infinite)}, the provenance counts {beyond} beyond the encoding",
             )
         return
-    if doffs_px <= 0 and frame.camera.rectified:
-        verdict.add_pixels("disparity", name, "is inf", infinite, f"; a doffs of {doffs_px:g} px rules that out")
+    if _always_valid(frame):
+        why = "what is signed" if frame.encodings.signed else f"a doffs of {doffs_px:g} px"
+        verdict.add_pixels("disparity", name, "is inf", infinite, f"; {why} rules that out")
         return
     around = disparity[neighbours(infinite) & np.isfinite(disparity)]
     if around.size and float(around.min()) > LAST_VALID_PX:
@@ -155,8 +208,8 @@ def check_depth(frame: StoredFrame, verdict: Verdict) -> None:
             expected = _disparity_of_depth(frame, eye, depth)
             bound = FLOAT32 * (np.abs(expected) + 2 * abs(camera.doffs_px)) + frame.rounding_px(disparity)
             bound += 0.0 if camera.rectified else DEVIATING_PX
-            encodable = expected < frame.encodings.disparity.limit_px - bound
-            missing = seen & (expected > bound) & encodable
+            encodable = np.abs(expected) < frame.encodings.disparity.limit_px - bound
+            missing = seen & ((expected > bound) | frame.encodings.signed) & encodable
             wrong = np.where(np.isfinite(disparity), ~(np.abs(disparity - expected) <= bound), missing)
         if wrong.any():
             y, x = np.argwhere(wrong)[0]
@@ -204,9 +257,10 @@ def check_normals(frame: StoredFrame, eye: Eye, verdict: Verdict) -> None:
     seen = np.isfinite(disparity)
     seen |= False if depth is None else np.isfinite(depth)
     seen |= False if ids is None else ids > 0
-    beyond = count_beyond(frame, View.disparity, eye)
-    always_disparity = camera.doffs_px <= 0 < camera.focal_baseline and beyond == 0 and camera.rectified
-    nothing_known = depth is not None or ids is not None or always_disparity
+    beyond, sky = count_beyond(frame, View.disparity, eye), frame.sky(eye)
+    seen |= False if sky is None else sky
+    always_disparity = _always_valid(frame) and camera.focal_baseline > 0 and beyond == 0
+    nothing_known = sky is not None and (depth is not None or ids is not None or always_disparity)
     zero = all_components(normals == 0)
     verdict.add_pixels("normals", name, "is 0 though something is seen", seen & zero)
     verdict.add_pixels("normals", name, "is not 0 where nothing is seen", ~seen & ~zero & nothing_known)
@@ -312,7 +366,8 @@ def check_change(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict
     with np.errstate(invalid="ignore"):
         later = disparity.astype(np.float64) + change
     bound = flow_bound_px(np.where(finite, later, 0)[..., None], frame.rounding_px(disparity))
-    impossible = known & ((later < -bound) | (later > (inf if largest_px is None else largest_px) + bound))
+    least_px = -frame.camera.doffs_px if frame.encodings.signed else 0.0
+    impossible = known & ((later < least_px - bound) | (later > (inf if largest_px is None else largest_px) + bound))
     if impossible.any():
         row, column = np.argwhere(impossible)[0]
         step = f", which goes from {disparity[row, column]:g} to {later[row, column]:g} px"
@@ -328,7 +383,7 @@ def check_change(frame: StoredFrame, eye: Eye, largest_px: float | None, verdict
     if missing.any():
         # A disparity that leaves the valid range passes through 0, which it can where doffs is positive.
         around = later[neighbours(missing) & known]
-        if frame.camera.doffs_px <= 0 or (around.size and float(around.min()) > LAST_VALID_PX):
+        if _always_valid(frame) or (around.size and float(around.min()) > LAST_VALID_PX):
             verdict.add_pixels("change", name, "is inf in spite of disparity and flow", missing)
 
 

@@ -63,16 +63,17 @@ class ViewMatch:
         return result
 
 
-def match_views(own: Values, other: Values, direction: int) -> ViewMatch:
+def match_views(own: Values, other: Values, direction: int, *, signed: bool = False) -> ViewMatch:
     """Look each pixel of one view up in the other one by its disparity.
 
     Args:
         own: (H, W) float32 px, the disparity of the view whose pixels are looked up.
         other: (H, W) float32 px, the disparity of the other view.
         direction: -1 for the left view (x_right = x_left - d), +1 for the right one.
+        signed: whether disparities of 0 and below are valid.
     """
     height, width = own.shape
-    valid = np.isfinite(own) & (own > 0)
+    valid = np.isfinite(own) & (signed | (own > 0))
     disparity = np.where(valid, own, np.float32(0))
     position = np.arange(width) + direction * disparity.astype(np.float64)
     column = np.floor(position).astype(np.int64)
@@ -106,7 +107,9 @@ def one_surface(match: ViewMatch, visible: Where) -> Where:
         return visible & match.smooth & (match.high - match.low < 1)
 
 
-def check_left_right(left: Values, right: Values, match: ViewMatch, visible: Where, verdict: Verdict) -> None:
+def check_left_right(
+    left: Values, right: Values, match: ViewMatch, visible: Where, verdict: Verdict, *, signed: bool = False
+) -> None:
     """Check the left disparity against the right one at x - d, in visible pixels.
 
     Disparity is linear along the row of a plane, so the right one, interpolated at x - d, is d again.
@@ -117,12 +120,13 @@ def check_left_right(left: Values, right: Values, match: ViewMatch, visible: Whe
         match: of the left view.
         visible: (H, W) bool, where both views see the point.
         verdict: takes findings and measures.
+        signed: whether disparities of 0 and below are valid; those about 0 have no relative difference.
     """
     row, column = np.nonzero(visible & match.smooth)
     targets = Targets(row, column, match.position[row, column], row.astype(np.float64), on_rows=True)
     names = "disparity_left", "disparity_right at x - d"
     corners = targets.corners(right[..., None])
-    agreement = Agreement(names, left[..., None], corners, targets, 0.0, scaled_from_px=0.0)
+    agreement = Agreement(names, left[..., None], corners, targets, 0.0, scaled_from_px=1.0 if signed else 0.0)
     agreement.check("left-right", "left_right", np.ones(len(row), bool), agreement.close, verdict)
 
 
