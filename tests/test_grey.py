@@ -239,6 +239,31 @@ def dataset(tmp_path_factory):
     return folder
 
 
+@pytest.mark.parametrize("antialias", ["edges", "ssaa2"])
+def test_all_that_rigs_and_cameras_do_goes_with_grey(tmp_path, antialias):
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    config = cheap(
+        camera={"colour": "grey", "sway_m": [0.1, 0.1]},
+        rig={"right_roll_deg": [1, 1], "right_y_px": [2, 2]},
+        imperfections={
+            "motion_blur": [0.5, 0.5],
+            "white_balance": [0.3, 0.3],
+            "vignetting": [0.5, 0.5],
+            "sharpening": [1, 1],
+            "jpeg_quality": [60, 60],
+            "noise": [3, 3],
+        },
+        outputs=["visibility", "correspondence"],
+        antialias=antialias,
+    )
+    generate(config, tmp_path / "set", {"train": 1}, 1)
+    stored = open_dataset(tmp_path / "set")[0]
+    assert stored.left.image.shape == stored.left.correspondence.shape[:2] == stored.right.image.shape
+    assert stored.left.image.std() > 5
+    assert findings(tmp_path / "set", rays=100) == []
+
+
 def test_a_dataset_is_the_luminance_of_the_coloured_one(dataset):
     with PairRenderer(cheap(), 3) as renderer:
         coloured = [renderer.render(index) for index in range(2)]

@@ -495,7 +495,13 @@ class Renderer:
         if self._image_targets is None:
             size, blended = (scene.camera.width_px, scene.camera.height_px), self._edges is not None
             self._image_targets = EyeTargets(
-                self._context, size, ("colour",), visibility=False, blended=blended, read=self._read_pixels
+                self._context,
+                size,
+                ("colour",),
+                visibility=False,
+                grey=self._patches.grey,
+                blended=blended,
+                read=self._read_pixels,
             )
         targets = self._image_targets
         targets.limit(None)
