@@ -166,7 +166,7 @@ def photographs():
     return to_grey(left), to_grey(right)
 
 
-@pytest.mark.parametrize("deviation", [(1.5, 0.6, 1.0, 0.0), (-2.0, -0.3, 1.015, 0.0), (0.0, 0.0, 1.0, 2.0)])
+@pytest.mark.parametrize("deviation", [(-1.5, 0.6, 1.012, 0.0), (0.0, 0.0, 1.0, 2.0)])
 def test_warped_photographs_give_the_deviation(photographs, deviation):
     needs_opencv()
     left, right = photographs
@@ -267,9 +267,9 @@ def run(*words):
 def test_the_command_matches_pairs_that_lie_beside_each_other(tmp_path, monkeypatch):
     needs_opencv()
     left, right, _ = stereo_motorcycle()
-    save(tmp_path / "photos/im0.png", left)
-    save(tmp_path / "photos/im1.png", right)
-    rig = ("--focal-px", 994.978, "--baseline-m", 0.193, "--size", "741x500", "--range-px", 7, 60, "--trials", 0)
+    save(tmp_path / "photos/im0.png", left[100:400, 100:500])
+    save(tmp_path / "photos/im1.png", right[100:400, 100:500])
+    rig = ("--focal-px", 994.978, "--baseline-m", 0.193, "--size", "400x300", "--range-px", 7, 60, "--trials", 0)
     given = ("--images", tmp_path / "photos", *rig, "--out", tmp_path / "a.yaml")
     done = run(*given)
     assert done.exit_code == 0, done.output
