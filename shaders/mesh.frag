@@ -88,7 +88,7 @@ void main() {
 #ifdef COLOUR
     colour = patch_colour();
 #endif
-#if defined(DISPARITY) || defined(DEPTH) || defined(SKY)
+#if defined(DISPARITY) || defined(INVERSE_DEPTH) || defined(DEPTH) || defined(SKY)
     bool is_sky = gl_FragCoord.z < LEAST_DEPTH;
 #endif
     // 1/w is linear on the screen, so the rasteriser interpolates it without a division.
