@@ -253,6 +253,41 @@ def test_files_have_the_truth_and_nothing_is_found(dataset):
             assert tuple(sample["correspondence_left"].shape) == (2, *stored.left.disparity.shape)
 
 
+@pytest.mark.parametrize("imperfections", [{}, {"noise": 2, "motion_blur": 0.5, "sub_frames": 3}], ids=["none", "some"])
+def test_a_rectified_twin_has_the_same_left_image_and_a_scene_of_its_own_rows(tmp_path, imperfections):
+    config = cheap(
+        rig={**RIG, "twin": True},
+        outputs=list(OUTPUTS),
+        camera={"baselines": 2, "baseline_m": [0.5, 1.0], "sway_m": 0.02},
+        sequence={"length": 2},
+        imperfections=imperfections,
+    )
+    assert config.views == 4
+    generate(config, tmp_path / "out", 8, 1)
+    assert checks(tmp_path / "out") == set()
+    pairs = list(open_dataset(tmp_path / "out"))
+    assert [pair.camera.rectified for pair in pairs] == [False, True] * 4
+    for scene in (pairs[:4], pairs[4:]):
+        for pair in scene[1:]:
+            np.testing.assert_array_equal(pair.left.image, scene[0].left.image)
+            np.testing.assert_array_equal(pair.left.depth, scene[0].left.depth)
+        for deviating, twin in (scene[:2], scene[2:]):
+            assert replace(deviating.camera, deviation=RECTIFIED) == twin.camera
+            assert not np.array_equal(deviating.right.image, twin.right.image)
+            assert not twin.left.correspondence[..., 1].any()
+            assert "deviation" in twin.provenance["camera"]
+    # In another order each pair is the same.
+    with PairRenderer(config, 1) as renderer:
+        for index in (7, 2, 5):
+            for role, array in renderer.render(index).frame.arrays().items():
+                np.testing.assert_array_equal(pairs[index].arrays()[role], array, err_msg=role)
+
+
+def test_a_twin_of_a_rectified_pair_is_refused():
+    with pytest.raises(InputError, match="twin asks for the rectified pair beside one that deviates"):
+        load_config("middlebury", ["rig.twin=true"])
+
+
 FAULTS = {
     "down by a hundredth": ("correspondence0.flo", lambda way: way + np.float32([0, 0.01]), {"correspondence"}),
     "along by a hundredth": ("correspondence1.flo", lambda way: way + np.float32([0.01, 0]), {"correspondence"}),

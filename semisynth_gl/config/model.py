@@ -87,12 +87,21 @@ class RigSection(Section):
         right_pitch_deg: rotation about the x axis; a positive one moves the right image upwards.
         right_y_px: the right principal point lies this much lower than the left one.
         focal_ratio: right focal length over the left one.
+        twin: show each scene to the rectified right camera too: pair 2 i deviates, and pair 2 i + 1 is its rectified
+            twin, with the same left image.
     """
 
     right_roll_deg: Annotated[RangeField, at_most(_MOST_TURN_DEG), at_least(-_MOST_TURN_DEG)] = _ZERO
     right_pitch_deg: Annotated[RangeField, at_most(_MOST_TURN_DEG), at_least(-_MOST_TURN_DEG)] = _ZERO
     right_y_px: RangeField = _ZERO
     focal_ratio: Annotated[RangeField, at_most(MOST_FOCAL_RATIO), at_least(1 / MOST_FOCAL_RATIO)] = Range(1.0, 1.0)
+    twin: bool = False
+
+    @model_validator(mode="after")
+    def _twin_of_another(self) -> Self:
+        if self.twin and self.model_copy(update={"twin": False}).none():
+            raise ValueError("twin asks for the rectified pair beside one that deviates: give a range of another key")
+        return self
 
     def none(self) -> bool:
         """Return whether the pairs are rectified."""
@@ -444,7 +453,7 @@ class Config(Section):
     @property
     def views(self) -> int:
         """Number of pairs that show each scene: pair i shows scene i // views, seen by right camera i % views."""
-        return len(self.camera.baseline_ranges_m)
+        return len(self.camera.baseline_ranges_m) * (2 if self.rig.twin else 1)
 
     @property
     def sequence_pairs(self) -> int:

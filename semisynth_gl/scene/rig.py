@@ -74,6 +74,8 @@ def draw_views(section: CameraSection, camera: StereoCamera, rng: np.random.Gene
 def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
     """Return the depth of the near plane, where the largest disparity of the image is ``max_px``.
 
+    A right camera that deviates has a plane that is right for its rectified twin too.
+
     Raises:
         InputError: where ``min_px`` lies beyond infinity for this camera.
     """
@@ -94,7 +96,7 @@ def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
         wanted_px = section.max_px - (largest_px - float(camera.disparity_px(depth_m)))
         check_reachable(camera, wanted_px, "disparity.max_px, less what the right camera deviates,")
         depth_m = float(camera.depth_m(wanted_px))
-    return depth_m
+    return max(depth_m, float(camera.depth_m(section.max_px)))
 
 
 def check_reachable(camera: StereoCamera, disparity_px: float, key: str) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import StereoCamera
+from semisynth_gl.camera import RECTIFIED, StereoCamera
 from semisynth_gl.config import Range
 from semisynth_gl.config.model import Config
 from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection, StructuresSection
@@ -140,7 +140,8 @@ def draw_stage(config: Config, catalogue: Catalogue, generator_for: Callable[[Pu
     views = draw_views(config.camera, draw_camera(config.camera, rng), rng)
     if not config.rig.none():
         deviation = draw_deviation(config.rig, generator_for(Purpose.RIG))
-        views = tuple(replace(view, deviation=deviation) for view in views)
+        twins = (deviation, RECTIFIED) if config.rig.twin else (deviation,)
+        views = tuple(replace(view, deviation=each) for view in views for each in twins)
     camera = max(views, key=lambda view: view.baseline_m)
     sway = draw_sway(config.camera, generator_for(Purpose.SWAY))
     rng = generator_for(Purpose.BACKGROUND)
