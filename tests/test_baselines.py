@@ -138,6 +138,7 @@ def test_one_pair_that_fails_its_checks_draws_its_scene_again_for_all(backend, m
 @pytest.mark.one_backend
 def test_imperfections_of_the_left_eye_belong_to_the_scene_and_of_the_right_one_to_the_pair(backend):
     imperfections = {"exposure_stops": [-0.5, 0.5], "noise": [2.0, 4.0], "blur_px": [0.0, 1.0]}
+    imperfections |= {"motion_blur": [0.3, 0.6], "jpeg_quality": [60, 95]}
     config = several(imperfections=imperfections)
     alone = several([SEVERAL[0]], imperfections=imperfections)
     with PairRenderer(config, SEED, backend) as pairs, PairRenderer(config, SEED, backend) as others:

@@ -89,9 +89,10 @@ class _Shown:
     left_image: NDArray[np.uint8] | None = None
 
     def shows(self, number: int, attempt: int, crop: Crop | None) -> bool:
-        """Return whether it has pairs of a scene, or draws them: of a crop, or whole where whole ones are there."""
-        asked = (self.number, self.sampled.attempt) == (number, attempt)
-        return asked and (self.crop == crop or (self.crop is None and bool(self.frames)))
+        """Return whether it has pairs of a scene, or shares a left view for them, of a crop; whole ones can be cut."""
+        waits = self.crop is None and bool(self.frames)
+        shares = self.shared is not None and self.crop == crop
+        return (self.number, self.sampled.attempt) == (number, attempt) and (waits or shares)
 
 
 class PairRenderer:
@@ -227,7 +228,9 @@ class PairRenderer:
         number, view = divmod(index, self.config.views)
         sequence = number // self.config.sequence.length
         settled = self._settled if checked else _Settled(sequence, 0, [])
-        if settled is None or settled.sequence != sequence:
+        # Several pairs of a first frame are not all drawn again for one of them.
+        judged = checked and self.config.views == 1 and number % self.config.sequence.length == 0
+        if settled is None or settled.sequence != sequence or judged:
             settled = self._settle(sequence)
         # Imperfections are drawn for whole images.
         shown = self._show(number, settled.attempt, crop if self.config.imperfections.none() else None)

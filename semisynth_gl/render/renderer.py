@@ -255,7 +255,10 @@ class Renderer:
         self._check_open()
         self._check_request(scene, crop, {"future": future, "past": past})
         check_type("cameras", cameras, Sequence)
-        return SharedLeft(self._draw_of_shared, scene, cameras, crop, future, past)
+        shared = SharedLeft(self._draw_of_shared, scene, cameras, crop, future, past)
+        for shown in shared.scenes:
+            self._check(shown)
+        return shared
 
     def _draw_of_shared(self, shared: SharedLeft, number: int) -> Frame:
         """Draw one pair of a shared left view."""
