@@ -188,6 +188,7 @@ class View(Mapping[str, NDArray[Any]]):
         f"8-bit: {SKY} where the sky is seen, a backdrop that is infinitely far away, else 0",
         output="sky",
         codec="grey8",
+        of_own_view=True,
     )
     normals = Channel(
         _FLOAT32,

@@ -32,15 +32,6 @@ class CorrespondencePass:
         self._steps = ListedSteps(context, "flow.comp", 2, tile_px=1, entries=1, defines={"OTHER_EYE": 1})
         self._targets: Targets | None = None
 
-    def resize(self, size: tuple[int, int]) -> None:
-        """Make room for another image size; a size that the driver refuses leaves the pass as it was."""
-        targets = Targets(self._context, size, CORRESPONDENCE, self._read)
-        # moderngl binds the framebuffer in use again after making a new one, so the old ones go last.
-        targets.framebuffer.use()
-        if self._targets is not None:
-            self._targets.release()
-        self._targets = targets
-
     def draw(
         self, placed: Placed, eye: Eye, drawn: dict[Eye, EyeTargets], models: ModelBuffers, crop: Crop | None
     ) -> Targets:
@@ -49,8 +40,7 @@ class CorrespondencePass:
         Of a rectified pair, correspondences are what the disparities in the targets say, and the targets' disparities
         and visibilities are better than those found here.
         """
-        if self._targets is None:
-            raise RuntimeError("the correspondence pass has no targets yet")
+        targets = self._sized(drawn[eye].framebuffer.size)
         scene, camera, other = placed.scene, placed.scene.camera, OTHER_EYE[eye]
         self._steps.set("rectified", camera.rectified)
         self._steps.set("turn_and_shift", _turn_and_shift(camera, eye))
@@ -64,10 +54,21 @@ class CorrespondencePass:
         drawn[other].bind("depth", _OTHER_DEPTH)
         drawn[other].bind("surface", _OTHER_SURFACE)
         for name, unit in _IMAGES.items():
-            self._targets.bind_to_image(name, unit)
+            targets.bind_to_image(name, unit)
         self._constants.write(camera, other, scene.near_of(other))
         with self._context.clock.timed("correspondence", eye):
             self._steps.run(crop or Crop(0, 0, *drawn[eye].framebuffer.size))
+        return targets
+
+    def _sized(self, size: tuple[int, int]) -> Targets:
+        """Return targets of an image size, new ones where it is another than before."""
+        if self._targets is None or self._targets.framebuffer.size != size:
+            targets = Targets(self._context, size, CORRESPONDENCE, self._read)
+            # moderngl binds the framebuffer in use again after making a new one, so the old ones go last.
+            targets.framebuffer.use()
+            if self._targets is not None:
+                self._targets.release()
+            self._targets = targets
         return self._targets
 
 

@@ -589,9 +589,8 @@ class Renderer:
                 self._context, size, self._antialias, self._read_pixels, grey=self._patches.grey
             )
         targets = {eye: self._make_eye_targets(size, eye, names) for eye, names in self._attachments.items()}
-        for comparing in (self._correspondence, self._flow):
-            if comparing is not None:
-                comparing.resize(size)
+        if self._flow is not None:
+            self._flow.resize(size)
         return targets, colour_targets
 
     def _make_eye_targets(self, size: tuple[int, int], eye: Eye, names: Sequence[str]) -> EyeTargets:
