@@ -90,7 +90,9 @@ COLUMNS, GAP_PX = 4, 6
 
 def draw_rectification(path: Path) -> None:
     """Draw both images of a pair whose right camera deviates, and how far its rows are off."""
-    config = load_config("sceneflow", ["rig.right_roll_deg=1", "rig.right_y_px=6", "outputs=[correspondence]"])
+    config = load_config(
+        "sceneflow", ["rig.right_roll_deg=2", "rig.right_y_px=6", "disparity.signed=true", "outputs=[correspondence]"]
+    )
     frame = render_pair(config, index=1)
     off = mpl.colormaps["coolwarm"](frame.left.correspondence[..., 1] / 40 + 0.5)[..., :3]
     strip([frame.left.image, frame.right.image, (255 * off).astype(np.uint8)], path)

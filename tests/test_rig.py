@@ -1,6 +1,7 @@
 """Right cameras that deviate from the rectified one: correspondences, masks and files against float64."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,8 +24,8 @@ from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import near_depth_m
 from semisynth_gl.scene.scene import make_scene, move
-from semisynth_gl.torch.samples import to_sample
 
+ROOT = Path(__file__).resolve().parents[1]
 CAMERA = StereoCamera(96, 64, 90.0, 0.2, 46.0, 49.5, 30.0)
 DEVIATIONS = [
     Deviation(roll_rad=0.02),
@@ -248,9 +249,6 @@ def test_files_have_the_truth_and_nothing_is_found(dataset):
             assert stored.camera.deviation == made.camera.deviation
             for role, array in made.arrays().items():
                 np.testing.assert_array_equal(stored.arrays()[role], array, err_msg=role)
-            sample = to_sample(stored.index, stored)
-            assert sample["camera"]["right_roll_rad"] == stored.camera.deviation.roll_rad
-            assert tuple(sample["correspondence_left"].shape) == (2, *stored.left.disparity.shape)
 
 
 @pytest.mark.parametrize("imperfections", [{}, {"noise": 2, "motion_blur": 0.5, "sub_frames": 3}], ids=["none", "some"])
@@ -359,3 +357,18 @@ def test_what_needs_rectified_pairs_says_so(square):
 def test_impossible_deviations_are_refused(name, value):
     with pytest.raises(InputError):
         Deviation(**{name: value})
+
+
+def test_the_example_of_a_real_rig_is_written_verified_and_read(tmp_path):
+    small = ["scale=0.2", "textures.source=procedural", "textures.max_patches=8", "textures.large_px=0"]
+    few = ["models.complex=0", "models.variants=1"]
+    config = load_config(ROOT / "examples" / "real-rig.yaml", [*small, *few])
+    assert config.views == 4
+    generate(config, tmp_path / "out", 4, 2)
+    assert checks(tmp_path / "out", rays=100) == set()
+    pairs = list(open_dataset(tmp_path / "out"))
+    for pair in pairs:
+        assert pair.left.image.shape == (96, 150)
+        np.testing.assert_array_equal(pair.left.image, pairs[0].left.image)
+    assert {round(pair.camera.baseline_m, 2) for pair in pairs} == {0.12, 0.3}
+    assert [pair.camera.rectified for pair in pairs] == [False, True, False, True]

@@ -189,7 +189,7 @@ def _parse_path(value: Any) -> str:  # noqa: ANN401 - a validator gets any YAML 
 PathText = Annotated[str, PlainValidator(_parse_path), PlainSerializer(lambda value: value, return_type=Any)]
 
 Baselines = Annotated[
-    int | tuple[float, ...],
+    int | Annotated[tuple[float, ...], Field(max_length=_MOST_BASELINES)],
     PlainValidator(_parse_baselines),
     PlainSerializer(lambda value: list(value) if isinstance(value, tuple) else value, return_type=Any),
 ]
