@@ -211,7 +211,7 @@
       parts.push("disparity " + shortest(d) + " px", "right view at x " + (x - d).toFixed(2));
       // As far as float32 tells.
       const parallax = d + pair.doffs, far = parallax <= 1e-6 * Math.abs(pair.doffs);
-      parts.push(far ? "infinitely far away" : "depth " + (pair.focal_baseline / parallax).toPrecision(4) + " m");
+      parts.push(far ? "infinitely far away" : (pair.rectified ? "depth " : "depth about ") + (pair.focal_baseline / parallax).toPrecision(4) + " m");
     } else parts.push("no disparity");
     if (visibility !== null) parts.push(MASK_MEANINGS[visibility[k]] ?? "mask " + visibility[k]);
     find("readout").textContent = parts.join(" · ");

@@ -46,7 +46,11 @@ BESIDE = {"motion_blur": _SWAY, "sub_frames": (*_SWAY, "imperfections.motion_blu
 
 # Both eyes move and things fall, so that nothing of what a config can ask for is empty.
 # Floating things, which move by themselves.
-MOVING = ["scenes=[]", "camera.sway_m=0.05", "camera.sway_deg=1", "sequence.length=3", f"outputs=[{','.join(OUTPUTS)}]"]
+# Before a sky, for its mask.
+MOVING = [
+    *("scenes=[]", "camera.sway_m=0.05", "camera.sway_deg=1", "sequence.length=3", f"outputs=[{','.join(OUTPUTS)}]"),
+    *("background.cuboid=0", "background.plane=1", "background.sky=1", "disparity.signed=true"),
+]
 
 MODEL_PX, SAMPLES, DISTANCE_M = 180, 3, 6.0
 

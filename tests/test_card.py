@@ -290,6 +290,17 @@ def test_load_dataset_reads_images_and_no_records(layout: str, tmp_path: Path, m
     assert {role for role in roles if role in told.replace(",", " ").replace(";", " ").split()} == roles - set(names)
 
 
+def test_a_rig_that_deviates_is_not_called_rectified() -> None:
+    deviating = {"rig": {"right_y_px": 2, "twin": True}, "disparity": {"min_px": 1, "max_px": 5, "signed": True}}
+    for values, rectified in (({}, True), (deviating, False)):
+        index = write(plan_for("middlebury", {"train": 4}, **values))
+        card, described = encode_card(index).decode(), json.loads(encode_croissant(index))["description"]
+        assert ("4 rectified stereo pairs" in card) == ("4 rectified stereo pairs" in described) == rectified
+        assert ("Rectification: imperfect" in card) == ("rectified twin" in card) == (not rectified)
+        assert ("in pixels, positive" in described) == rectified
+        assert ("in pixels, signed" in described) != rectified
+
+
 @pytest.mark.parametrize("length", [None, 1, 2, 50])
 @pytest.mark.parametrize("layout", layout_names())
 def test_a_pattern_matches_the_files_of_its_role_and_no_others(layout: str, length: int | None) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from semisynth_gl.codecs import Codec
+from semisynth_gl.config import Config
 from semisynth_gl.config.yaml_values import write_yaml
 from semisynth_gl.dataset.begun import plan_from_values
 from semisynth_gl.dataset.file_sets import FileSet, list_file_sets
@@ -152,13 +153,24 @@ def _introduction(plan: Plan) -> str:
     scenes = f"\n- Recipes of scenes, by their shares: {', '.join(named)}" if named else ""
     return (
         f"# {config.name}\n\n"
-        f"{_count(sum(plan.pairs.values()), 'rectified stereo pair')} with exact disparity, rendered with OpenGL. "
+        f"{_count(sum(plan.pairs.values()), f'{plan.kind} pair')} with exact disparity, rendered with "
+        "OpenGL. "
         f"Models textured with {patches} fall through a room or in front of a far plane, so truth is computed and not "
         "measured.\n\n"
         f"- Images: {camera.width_px} x {camera.height_px} pixels\n"
         f"- Disparity: {disparity.min_px:g} to {disparity.max_px:g} px; none exceeds the upper end, a far plane may be "
         "below the lower one\n"
-        f"- Baseline: {baseline} m{_of_views(config.views)}{scenes}"
+        f"- Baseline: {baseline} m{_of_views(config.views)}{_of_rig(config)}{scenes}"
+    )
+
+
+def _of_rig(config: Config) -> str:
+    if config.rig.none():
+        return ""
+    twin = " Every other pair is the rectified twin of the one before it." if config.rig.twin else ""
+    return (
+        "\n- Rectification: imperfect. The right camera turns, and its principal point and focal length differ, by "
+        f"what `deviation` in each pair's provenance says.{twin}"
     )
 
 

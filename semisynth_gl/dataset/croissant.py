@@ -71,15 +71,16 @@ def encode_croissant(index: Mapping[str, Any]) -> bytes:
     width, height = plan.config.camera.width_px, plan.config.camera.height_px
     licence = plan.config.licences.dataset
     several = len(plan.splits) > 1
+    sign = "signed" if plan.config.disparity.signed else "positive"
     described = {
         "@context": _CONTEXT,
         "@type": "sc:Dataset",
         "name": plan.config.name,
         "description": (
-            f"{sum(plan.pairs.values())} rectified stereo pairs of {width} x {height} pixels with exact disparity, "
-            "rendered: models textured with patches of images fall through a scene. Disparity is x_left - x_right "
-            "in pixels, positive. Record sets hold one file of each pair; records of one key belong together. File "
-            "sets without a record set are for other readers, such as semisynth_gl.open_dataset."
+            f"{sum(plan.pairs.values())} {plan.kind} pairs of {width} x {height} pixels with exact "
+            "disparity, rendered: models textured with patches of images fall through a scene. Disparity is x_left - "
+            f"x_right in pixels, {sign}. Record sets hold one file of each pair; records of one key belong together. "
+            "File sets without a record set are for other readers, such as semisynth_gl.open_dataset."
         ),
         "conformsTo": _VERSION,
         "version": index["version"],

@@ -114,6 +114,11 @@ class Plan:
         )
         return os.path.commonpath([os.path.dirname(path) for path in images])  # noqa: PTH120 - of addresses too
 
+    @property
+    def kind(self) -> str:
+        """What the pairs are, in a word or two."""
+        return "rectified stereo" if self.config.rig.none() else "stereo"
+
     def key(self, split: SplitName, index: int) -> Key:
         """Return the key of a pair, which names its files."""
         length = sequence_length(self.config.outputs, self.config.sequence.length)

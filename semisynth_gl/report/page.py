@@ -143,6 +143,7 @@ def _viewed(pair: ShownPair) -> dict[str, Any]:
         "high": picture.high_px,
         "focal_baseline": picture.focal_baseline,
         "doffs": picture.doffs_px,
+        "rectified": picture.rectified,
     }
 
 

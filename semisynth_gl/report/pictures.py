@@ -41,6 +41,7 @@ class Picture:
         high_px: disparity with 99 % of the left view's pixels below it, where the colours end.
         focal_baseline: focal length times baseline, px m, in the pair's own pixels.
         doffs_px: see `StereoCamera.doffs_px`.
+        rectified: whether the two say the depth exactly; see `StereoCamera.rectified`.
     """
 
     step: int
@@ -55,6 +56,7 @@ class Picture:
     high_px: float | None
     focal_baseline: float
     doffs_px: float
+    rectified: bool
 
     @property
     def size(self) -> int:
@@ -110,6 +112,7 @@ def make_picture(frame: StoredFrame, step: int) -> Picture:
         high_px=high,
         focal_baseline=frame.camera.focal_baseline,
         doffs_px=frame.camera.doffs_px,
+        rectified=frame.camera.rectified,
     )
 
 
