@@ -28,6 +28,7 @@ from semisynth_gl.config.load import packaged_configs
 from semisynth_gl.frame import OUTPUTS
 from semisynth_gl.layouts import built_in_layouts
 
+REAL_RIG = Path(__file__).resolve().parents[1] / "examples" / "real-rig.yaml"
 # Layouts in which the config chooses the encodings.
 FREE_LAYOUTS = ("middlebury", "webdataset")
 ENCODINGS = (("png", "pfm", "flo"), ("qoi", "png16", "pfm"), ("jxl", "tiff", "png16"))
@@ -82,6 +83,7 @@ def cases() -> Iterator[tuple[str, tuple[str, ...]]]:
     yield "imperfections", ("--config", "eth3d", "--pairs", "2", *NOISE)
     dense = ("--set", "particles.density=dense", "--set", "textures.flat_share=0.2", "--set", "textures.wrap=repeat")
     yield "dense", ("--config", "kitti", "--pairs", "2", *dense)
+    yield "real-rig", ("--config", str(REAL_RIG), "--pairs", "8")
 
 
 def make_photographs(folder: Path) -> None:
