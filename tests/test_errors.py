@@ -38,5 +38,5 @@ def test_an_extra_is_installed_from_an_index_or_by_its_packages(extra):
 
 
 def test_every_message_that_names_an_extra_says_both():
-    assert NAMED == ["codecs", "cuda", "ray", "remote", "torch"]
+    assert NAMED == ["codecs", "cuda", "matching", "ray", "remote", "torch"]
     assert [text[:80] for text in SOURCES if re.search(r"semisynth-gl\[\w", text)] == []
