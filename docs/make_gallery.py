@@ -170,7 +170,7 @@ SHOWN: dict[str, Callable[[NDArray[np.generic]], Floats | Picture]] = {
     "image": lambda image: image,
     "disparity": quantile_colours("inferno"),
     "visibility": lambda mask: np.repeat(mask[..., None], 3, axis=2),
-    "correspondence": show_flow,
+    "correspondence": lambda way: quantile_colours("inferno")(np.hypot(*np.moveaxis(way, 2, 0))),
     "instances": show_ids,
     "depth": quantile_colours("viridis_r"),
     "sky": lambda mask: np.repeat(mask[..., None], 3, axis=2),
