@@ -17,7 +17,7 @@ from semisynth_gl.codecs.flo import Flo
 from semisynth_gl.config import load_config
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.errors import InputError
-from semisynth_gl.frame import OUTSIDE, VISIBLE
+from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.renderer import Renderer
@@ -177,6 +177,27 @@ def test_a_crop_is_a_part_of_the_whole_image_and_points_are_where_they_stand(ope
     assert {OUTSIDE, VISIBLE} < set(np.unique(whole.left.visibility).tolist())
 
 
+def test_a_crop_sees_what_hides_its_points_in_other_rows(open_renderer, square):
+    camera = replace(CAMERA, deviation=Deviation(y_px=8.0))
+    boards = facing(camera, -100, -100, 300, 300, 2.0), facing(camera, 30, 20, 30, 20, 1.0)
+    scene = make_scene(camera, model=[0, 0], world_from_model=boards, layer=[0, 0])
+    renderer = open_renderer([square], noise_layers(1, 16), outputs=OUTPUTS, rectified=False)
+    whole, crop = renderer.render(scene), Crop(5, 30, 40, 6)
+    hidden = whole.left.visibility[crop.y_px : crop.bottom_px, crop.x_px : crop.right_px] == OCCLUDED
+    assert hidden.sum() > 20
+    assert_equal(renderer.render(scene, crop), whole, crop)
+
+
+def test_the_right_near_plane_cuts_off_nothing_that_the_left_view_shows(open_renderer, square):
+    camera = replace(CAMERA, deviation=Deviation(pitch_rad=0.1))
+    board = facing(camera, -100, -100, 300, 300, 2.01)
+    scene = make_scene(camera, model=[0], world_from_model=[board], layer=[0], near_m=2.0)
+    frame = open_renderer([square], noise_layers(1, 16), outputs=OUTPUTS, rectified=False).render(scene)
+    assert frame.right.depth.min() < 1.99
+    assert (frame.right.instances == 1).all()
+    assert OCCLUDED not in frame.left.visibility
+
+
 def test_flow_of_the_right_view_is_that_of_its_own_camera(open_renderer, square):
     camera = replace(CAMERA, deviation=DEVIATIONS[-1])
     scene = make_scene(
@@ -227,6 +248,8 @@ def test_correspondence_and_depth_are_inverse_and_limits_hold(roll, pitch, down,
     section = load_config("middlebury").disparity.model_copy(update={"min_px": 150.0, "max_px": 300.0})
     near_m = near_depth_m(camera, section)
     assert float(-camera.correspondence("left", x, y, np.full(50, near_m))[:, 0].max()) <= 300 + 1e-3
+    # Nor does the rectified twin of the same scene.
+    assert float(camera.disparity_px(near_m)) <= 300 + 1e-3
     right_x, right_y = rng.uniform(0, 639, 200), rng.uniform(0, 479, 200)
     ray = camera.rays("right", right_x, right_y)
     own_depth = near_m / ray[:, 2]
