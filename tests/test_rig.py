@@ -181,11 +181,12 @@ def test_a_crop_sees_what_hides_its_points_in_other_rows(open_renderer, square):
     camera = replace(CAMERA, deviation=Deviation(y_px=8.0))
     boards = facing(camera, -100, -100, 300, 300, 2.0), facing(camera, 30, 20, 30, 20, 1.0)
     scene = make_scene(camera, model=[0, 0], world_from_model=boards, layer=[0, 0])
-    renderer = open_renderer([square], noise_layers(1, 16), outputs=OUTPUTS, rectified=False)
-    whole, crop = renderer.render(scene), Crop(5, 30, 40, 6)
+    # One that has drawn nothing else: what it drew before would still be there.
+    fresh, other = (open_renderer([square], noise_layers(1, 16), outputs=OUTPUTS, rectified=False) for _ in range(2))
+    whole, crop = other.render(scene), Crop(5, 30, 40, 6)
     hidden = whole.left.visibility[crop.y_px : crop.bottom_px, crop.x_px : crop.right_px] == OCCLUDED
     assert hidden.sum() > 20
-    assert_equal(renderer.render(scene, crop), whole, crop)
+    assert_equal(fresh.render(scene, crop), whole, crop)
 
 
 def test_the_right_near_plane_cuts_off_nothing_that_the_left_view_shows(open_renderer, square):
