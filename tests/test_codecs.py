@@ -25,7 +25,7 @@ from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.codecs.pfm import ANY_PFM, PFM, PFM3
 from semisynth_gl.codecs.png import GREY8, GREY16, RGB8, RGB16
 from semisynth_gl.codecs.png16 import CRESTEREO_DISPARITY, KITTI_DISPARITY
-from semisynth_gl.config.model import FilesSection
+from semisynth_gl.config.dataset_sections import FilesSection
 from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.frame import CHANNELS
 

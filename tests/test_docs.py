@@ -14,8 +14,9 @@ from ruamel.yaml import YAML
 
 import semisynth_gl
 from semisynth_gl.config import Config, Range, load_config, packaged_configs
+from semisynth_gl.config.dataset_sections import ImperfectionsSection
 from semisynth_gl.config.distributions import MixturePart, TargetSection, UniformTarget
-from semisynth_gl.config.model import ImperfectionsSection, RecipeSection
+from semisynth_gl.config.model import RecipeSection
 from semisynth_gl.config.scene_sections import DepthLayerSection
 from semisynth_gl.frame import CHANNELS
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS

@@ -18,7 +18,7 @@ from tiny_datasets import tiny
 
 from semisynth_gl.codecs import FLOW_CODECS, Encodings
 from semisynth_gl.codecs.png import GREY16, RGB8, RGB16
-from semisynth_gl.config.model import FilesSection
+from semisynth_gl.config.dataset_sections import FilesSection
 from semisynth_gl.dataset.documents import check_plan
 from semisynth_gl.dataset.places import Folder
 from semisynth_gl.dataset.plan import make_plan

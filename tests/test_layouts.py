@@ -26,7 +26,7 @@ from semisynth_gl.codecs.calib import KITTI_CALIB
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY8, GREY16, RGB8
 from semisynth_gl.config import load_config
-from semisynth_gl.config.model import FilesSection
+from semisynth_gl.config.dataset_sections import FilesSection
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.sample import decode_file
 from semisynth_gl.errors import InputError, ReadError

@@ -6,7 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from semisynth_gl.calibration.rig import Size
-from semisynth_gl.config.model import SplitsSection
+from semisynth_gl.config.dataset_sections import SplitsSection
 from semisynth_gl.errors import InputError
 from semisynth_gl.splits import SplitName
 from semisynth_gl.textures.images import ImageError, read_image, stored_size

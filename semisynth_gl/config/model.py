@@ -3,9 +3,8 @@
 import hashlib
 import json
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import degrees
 from typing import Annotated, Any, Self
 
 import numpy as np
@@ -22,25 +21,24 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from semisynth_gl.camera import MOST_FOCAL_RATIO, MOST_TURN_RAD
-from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS, Encodings
+from semisynth_gl.codecs import Encodings
+from semisynth_gl.config.dataset_sections import (
+    ChecksSection,
+    FilesSection,
+    ImperfectionsSection,
+    LicencesSection,
+    RigSection,
+    SequenceSection,
+    SplitsSection,
+)
 from semisynth_gl.config.distributions import check_target, wanted_histogram
 from semisynth_gl.config.fields import (
     FROM_LIST,
     Name,
-    NotNegative,
-    NotNegativeRange,
     PluginName,
-    Positive,
-    PositiveRange,
     Range,
-    RangeField,
     Section,
-    Share,
     Weight,
-    at_least,
-    at_most,
-    count,
     one_of,
     positive_fault,
 )
@@ -62,191 +60,8 @@ from semisynth_gl.config.yaml_values import Key
 from semisynth_gl.frame import ANTIALIAS_PATTERN, DEFAULT_OUTPUTS, OUTPUTS, TruthViews
 from semisynth_gl.histogram import Histogram, mix_histograms
 from semisynth_gl.plugins import Group
-from semisynth_gl.splits import Split, SplitName
-
-_ZERO = Range(0.0, 0.0)
-_MOST_TURN_DEG = round(degrees(MOST_TURN_RAD))
-_UNLESS_ZERO = Field(exclude_if=lambda values: values == _ZERO)
-_SUB_FRAMES = 7
 
 _MOST_RECIPES = 100
-# Characters.
-_LONGEST_LICENCE = 1000
-
-_Licence = Annotated[str, Field(max_length=_LONGEST_LICENCE)]
-
-
-class RigSection(Section):
-    """How the right camera deviates from the rectified one. Drawn per sequence, and recorded. By default it does not.
-
-    Truth is exact all the same: the output ``correspondence`` has the way from each pixel to the same point in the
-    other view, and disparity is x_left - x_right. ``disparity`` and ``background`` speak of the rectified pair.
-
-    Attributes:
-        right_roll_deg: rotation about the viewing direction; a positive one turns the right image clockwise.
-        right_pitch_deg: rotation about the x axis; a positive one moves the right image upwards.
-        right_y_px: the right principal point lies this much lower than the left one.
-        focal_ratio: right focal length over the left one.
-        twin: show each scene to the rectified right camera too: pair 2 i deviates, and pair 2 i + 1 is its rectified
-            twin, with the same left image.
-    """
-
-    right_roll_deg: Annotated[RangeField, at_most(_MOST_TURN_DEG), at_least(-_MOST_TURN_DEG)] = _ZERO
-    right_pitch_deg: Annotated[RangeField, at_most(_MOST_TURN_DEG), at_least(-_MOST_TURN_DEG)] = _ZERO
-    right_y_px: RangeField = _ZERO
-    focal_ratio: Annotated[RangeField, at_most(MOST_FOCAL_RATIO), at_least(1 / MOST_FOCAL_RATIO)] = Range(1.0, 1.0)
-    twin: bool = False
-
-    @model_validator(mode="after")
-    def _twin_of_another(self) -> Self:
-        if self.twin and self.model_copy(update={"twin": False}).none():
-            raise ValueError("twin asks for the rectified pair beside one that deviates: give a range of another key")
-        return self
-
-    def none(self) -> bool:
-        """Return whether the pairs are rectified."""
-        return self == RigSection()
-
-
-class ImperfectionsSection(Section):
-    """Imperfections of a real rig's images, drawn per pair and eye, and recorded. By default there are none.
-
-    Attributes:
-        exposure_stops: the image is multiplied by 2 to this power.
-        gamma: exponent of the tone curve.
-        noise: standard deviation of the sensor's noise, 8-bit levels.
-        blur_px: standard deviation of the lens blur.
-        motion_blur: how long both eyes expose, as a share of the time between frames.
-        sub_frames: number of moments of the exposure that are drawn and averaged.
-        vignetting: share of the light that is missing half the image's diagonal away from the principal point.
-        white_balance: red and blue are multiplied by 2 to this power, drawn for each of the two; green stays.
-        sharpening: amount of the unsharp mask.
-        jpeg_quality: the image goes through JPEG of this quality, 1 to 100, before it is written. By default it does
-            not.
-    """
-
-    exposure_stops: Annotated[RangeField, at_most(20), at_least(-20)] = _ZERO
-    gamma: Annotated[PositiveRange, at_most(100)] = Range(1.0, 1.0)
-    noise: Annotated[NotNegativeRange, at_most(255)] = _ZERO
-    blur_px: Annotated[NotNegativeRange, at_most(1000)] = _ZERO
-    # These are left out of the values where they say nothing: those of configs without them are the same as ever.
-    motion_blur: Annotated[NotNegativeRange, at_most(1), _UNLESS_ZERO] = _ZERO
-    sub_frames: Annotated[int, Field(ge=2, le=64, exclude_if=lambda count: count == _SUB_FRAMES)] = _SUB_FRAMES
-    vignetting: Annotated[NotNegativeRange, at_most(0.95), _UNLESS_ZERO] = _ZERO
-    white_balance: Annotated[RangeField, at_most(4), at_least(-4), _UNLESS_ZERO] = _ZERO
-    sharpening: Annotated[NotNegativeRange, at_most(10), _UNLESS_ZERO] = _ZERO
-    jpeg_quality: Annotated[
-        Annotated[RangeField, at_least(1), at_most(100)] | None, Field(exclude_if=lambda quality: quality is None)
-    ] = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _no_vertical_disparity(cls, values: Any) -> Any:  # noqa: ANN401 - whatever the YAML holds
-        for key, instead in (("vertical_offset_px", "right_y_px"), ("roll_deg", "right_roll_deg")):
-            if isinstance(values, dict) and key in values:
-                raise ValueError(
-                    f"{key} is no imperfection of the images, since truth must follow it: set rig.{instead}"
-                )
-        return values
-
-    def none(self) -> bool:
-        """Return whether the section leaves the images as they are rendered."""
-        return self.model_copy(update={"sub_frames": _SUB_FRAMES}) == ImperfectionsSection()
-
-
-class ChecksSection(Section):
-    """Conditions on a rendered pair. A pair that fails one is drawn again from the next sub-seed.
-
-    The first frame of a sequence is checked, and all its frames are drawn again together.
-
-    Attributes:
-        min_brightness: smallest mean of the darker image, 8-bit levels.
-        min_texture: smallest texture measure of the flatter image, 8-bit levels.
-        min_valid: smallest share of pixels with a valid disparity, in each view.
-        attempts: number of attempts before a pair is an error.
-    """
-
-    min_brightness: Annotated[float, Field(ge=0, le=255)] = 8.0
-    min_texture: NotNegative = 1.0
-    min_valid: Share = 0.5
-    attempts: Annotated[int, count(10_000)] = 10
-
-
-class SequenceSection(Section):
-    """Pairs i n to (i + 1) n - 1 are the frames of one moving scene.
-
-    Attributes:
-        length: frames per sequence, n.
-        frame_s: time between two frames.
-    """
-
-    length: Annotated[int, count(100_000)] = 1
-    frame_s: Positive = 0.04
-
-
-class FilesSection(Section):
-    """The encodings of files. Masks and ids are PNG; depth, normals and change of disparity are PFM in any case.
-
-    Attributes:
-        image: ``png``, ``qoi`` or ``jxl``, all lossless; the latter two need the extra ``codecs``.
-        disparity: ``pfm``; ``tiff``, smaller, lossless too; or ``png16``, KITTI's, which counts 1/256 px and ends at
-            256 px; of signed disparities, it counts from 32768 on and ends at 128 px to either side.
-        flow: ``flo``, Middlebury's; ``pfm``, SceneFlow's, of three channels; or ``png16``, KITTI's, which counts 1/64
-            px and ends at 512 px.
-    """
-
-    image: Annotated[str, one_of(IMAGE_CODECS)] = "png"
-    disparity: Annotated[str, one_of(DISPARITY_CODECS)] = "pfm"
-    flow: Annotated[str, one_of(FLOW_CODECS)] = "flo"
-
-    @property
-    def encodings(self) -> Encodings:
-        """The codecs of these names, for disparities that are not signed."""
-        return Encodings.from_names(self.image, self.disparity, self.flow)
-
-
-class SplitsSection(Section):
-    """Photographs and models that are held out of training, where a dataset has validation or test pairs.
-
-    Attributes:
-        validation: share of the photographs that only validation pairs show, at least one photograph.
-        test: share of the photographs that only test pairs show, at least one photograph.
-        models: hold out the same shares of each family of models too.
-    """
-
-    validation: Annotated[float, Field(gt=0, lt=1)] = 0.1
-    test: Annotated[float, Field(gt=0, lt=1)] = 0.1
-    models: bool = False
-
-    @model_validator(mode="after")
-    def _some_to_train_on(self) -> Self:
-        if self.validation + self.test >= 1:
-            raise ValueError(f"validation and test take {self.validation + self.test:g} of all: nothing is left")
-        return self
-
-    def split(self, name: SplitName, splits: Collection[SplitName]) -> Split:
-        """Return a split of a dataset.
-
-        Args:
-            name: name of the split.
-            splits: names of all splits of the dataset.
-        """
-        shares: dict[SplitName, float] = {"validation": self.validation, "test": self.test}
-        return Split(name, {split: share for split, share in shares.items() if split in splits}, self.models)
-
-
-class LicencesSection(Section):
-    """Licences for index, card and Croissant file; only you know what your photographs and models allow.
-
-    Attributes:
-        dataset: licence of the dataset, under the name that the hubs use.
-        images: licence of the user's photographs, and of a plug-in's pictures.
-        models: licence of the user's models, and of a plug-in's.
-    """
-
-    dataset: _Licence = "unknown"
-    images: _Licence = "unknown"
-    models: _Licence = "unknown"
 
 
 # The sections that a recipe may change, with the keys that hold for all pairs of a dataset: the kind of images, how

@@ -18,7 +18,7 @@ from PIL import Image, ImageFilter
 
 from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.config import Range
-from semisynth_gl.config.model import ImperfectionsSection
+from semisynth_gl.config.dataset_sections import ImperfectionsSection
 from semisynth_gl.frame import Frame, View, through_levels
 
 # Values that are worked on at a time.
