@@ -36,7 +36,7 @@ from semisynth_gl.bench.scenes import sample_scenes
 from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.config import load_config
 from semisynth_gl.render import programs
-from semisynth_gl.render.model_buffers import Filled
+from semisynth_gl.render.model_buffers import Filled, Placed
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.scene import Scene
 
@@ -65,21 +65,21 @@ class Parts:
     """
 
     def __init__(self, renderer: Renderer) -> None:
-        self._renderer = renderer
+        self._renderer, self._drawing, self._models = renderer, renderer._drawing, renderer._models
         self._gl = renderer._gl
         with self._gl, patch.object(programs, "shader_source", _without_patches(programs.shader_source)):
-            names = {name.upper(): number for number, name in enumerate(renderer._attachments["left"])}
+            names = {name.upper(): number for number, name in enumerate(self._drawing._attachments["left"])}
             bare = programs.link_program(renderer._context, "mesh.vert", "mesh.frag", names | {"ANISOTROPY": 1})
             self._samples = self._gl.query(samples=True)
-        self._bare = [bare] * len(renderer._draw_programs["left"])
+        self._bare = [bare] * len(self._drawing._anisotropies)
 
     def seconds(self, scene: Scene) -> dict[str, float]:
         """Return the CPU seconds of each drawing of both eyes, and how often a pixel is shaded."""
-        own, total = self._renderer, defaultdict(float)
+        total = defaultdict(float)
         with self._gl:
-            own._resize((scene.camera.width_px, scene.camera.height_px))
+            self._renderer._resize((scene.camera.width_px, scene.camera.height_px), shared=False)
             for eye in EYES:
-                own._draw(own._models.place(scene), eye, None)
+                self._draw_eye(self._models.place(scene), eye)
                 for name, work in self._works(scene, eye):
                     self._gl.finish()
                     start = time.process_time()
@@ -90,13 +90,13 @@ class Parts:
         return dict(total)
 
     def _works(self, scene: Scene, eye: Eye) -> Iterator[tuple[str, Callable[[], Any]]]:
-        own, models, targets = self._renderer, self._renderer._models, self._renderer._targets[eye]
+        models, targets = self._models, self._drawing._targets[eye]
         placed = models.place(scene)
-        yield "draw", lambda: own._draw(placed, eye, None)
+        yield "draw", lambda: self._draw_eye(placed, eye)
         yield "read", lambda: [targets.read(name) for name in ("colour", "disparity")]
         yield "place", lambda: models.fill(models.place(scene), eye)
         filled = models.fill(placed, eye)
-        programs_of_eye = own._draw_programs[eye]
+        programs_of_eye = self._drawing._programs(targets.names)
         yield "clear", targets.clear
         with self._samples:
             self._draw(filled, programs_of_eye, ">")
@@ -110,12 +110,15 @@ class Parts:
         yield "one pixel", lambda: self._draw(filled, programs_of_eye, ">")
         targets.limit(None)
 
+    def _draw_eye(self, placed: Placed, eye: Eye) -> None:
+        self._drawing._draw(placed, eye, None, None, self._drawing._targets[eye])
+
     def _draw(self, filled: Sequence[Filled], own: Sequence[Any], test: str) -> None:
         self._gl.enable_only(self._gl.DEPTH_TEST)
         self._gl.depth_func = test
         for part in filled:
-            self._renderer._patches.use(part.atlas)
-            self._renderer._models.draw(own[part.atlas], part)
+            self._drawing._patches.use(part.atlas)
+            self._models.draw(own[part.atlas], part)
 
 
 def _without_patches(shader_source: Callable[..., str]) -> Callable[..., str]:

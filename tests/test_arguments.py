@@ -278,7 +278,7 @@ def test_a_size_that_is_refused_midway_leaves_the_renderer_as_it_was(open_render
         else:
             made = count()
             patch.setattr(
-                "semisynth_gl.render.renderer.EyeTargets",
+                "semisynth_gl.render.drawing.EyeTargets",
                 lambda *args, **options: refuse() if next(made) else EyeTargets(*args, **options),
             )
         with pytest.raises(BackendError, match="no room"):

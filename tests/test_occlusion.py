@@ -52,9 +52,10 @@ def drawn(monkeypatch):
 def assert_unchanged(renderer, scene, crop):
     """Compare with everything drawn, the whole image and a part of it."""
     found, part = renderer.render(scene), renderer.render(scene, crop)
-    search, renderer._occlusion = renderer._occlusion, None  # noqa: SLF001 - there is no option
+    drawing = renderer._drawing  # noqa: SLF001 - there is no option
+    search, drawing._occlusion = drawing._occlusion, None  # noqa: SLF001
     expected = renderer.render(scene)
-    renderer._occlusion = search  # noqa: SLF001
+    drawing._occlusion = search  # noqa: SLF001
     assert_equal(found, expected, WHOLE)
     assert_equal(part, expected, crop)
 

@@ -4,10 +4,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from semisynth_gl.arguments import check_type, to_whole
 from semisynth_gl.camera import Crop, StereoCamera
 from semisynth_gl.errors import InputError
-from semisynth_gl.frame import Frame
+from semisynth_gl.frame import CHANNELS, Frame
 from semisynth_gl.scene.scene import Motion, Scene
 
 
@@ -29,7 +31,7 @@ class SharedLeft:
         scenes: the scene with each of the cameras.
         crop: as given.
         motions: the motions, "future" and "past", to another moment seen by the scene's own camera.
-        channels: what was read of the left view and belongs to all pairs; the renderer fills it.
+        channels: what was read of the left view and belongs to all pairs; see `keep`.
 
     Raises:
         InputError: where there is no camera, or one differs from the scene's in the left eye.
@@ -75,3 +77,13 @@ class SharedLeft:
         if number >= len(self):
             raise InputError(f"the number of a camera: expected 0 to {len(self) - 1}, got {number}")
         return self._draw(self, number)
+
+    def keep(self, left: Mapping[str, Any]) -> None:
+        """Keep what all pairs have of a left view's channels: arrays, since a reader may reuse what else it makes.
+
+        Arrays become read-only: several frames have them.
+        """
+        for name, array in left.items():
+            if CHANNELS[name].of_own_view and isinstance(array, np.ndarray):
+                array.flags.writeable = False
+                self.channels[name] = array

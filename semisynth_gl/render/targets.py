@@ -103,6 +103,11 @@ class Targets:
         except moderngl.Error as error:
             raise BackendError(f"{context.renderer} cannot draw {size[0]} x {size[1]} px: {error}") from error
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The attachments' names, in their order."""
+        return tuple(self._attachments)
+
     def limit(self, part: Crop | None) -> None:
         """Let the pass draw and clear inside a rectangle alone, until the next call; None is the whole image."""
         self.framebuffer.scissor = window(part, self.framebuffer.size)
@@ -123,7 +128,7 @@ class Targets:
 
     def read(self, name: str, crop: Crop | None = None) -> Any:  # noqa: ANN401 - whatever the reader returns
         """Let the reader take an attachment, or a crop of it: by default an array (H, W[, C]), top row first."""
-        number, attachment = list(self._attachments).index(name), self._attachments[name]
+        number, attachment = self.names.index(name), self._attachments[name]
         rectangle = window(crop, self.framebuffer.size)
         return self._read(self.framebuffer, rectangle, number, attachment.kind, attachment.components)
 

@@ -1,0 +1,94 @@
+"""What a renderer makes of every pair: which channels, of which views, and what has to be drawn for them."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Self
+
+from semisynth_gl.arguments import check_type
+from semisynth_gl.camera import EYES, Eye
+from semisynth_gl.errors import InputError
+from semisynth_gl.frame import CHANNELS, FLOW_OUTPUTS, OUTPUTS, TRUTH_VIEWS, Channel, Pass, TruthViews
+from semisynth_gl.render.antialias import Antialias, parse_antialias
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a renderer was opened for; the arguments of `Renderer` say what each of them means.
+
+    Attributes:
+        outputs: what to make beside images and disparities.
+        truth_eyes: of which views disparity and outputs are made.
+        rectified: whether no right camera may deviate.
+        signed: whether disparities of 0 and below are valid.
+        antialias: how colour is antialiased.
+    """
+
+    outputs: frozenset[str]
+    truth_eyes: tuple[Eye, ...]
+    rectified: bool
+    signed: bool
+    antialias: Antialias
+
+    @classmethod
+    def of(cls, outputs: Collection[str], truth: TruthViews, antialias: str, *, rectified: bool, signed: bool) -> Self:
+        """Check a caller's options.
+
+        Raises:
+            InputError: where one is unknown, or two do not go together.
+        """
+        check_type("antialias", antialias, str)
+        check_type("signed", signed, bool)
+        if isinstance(outputs, str) or not isinstance(outputs, Collection) or not set(outputs) <= set(OUTPUTS):
+            raise InputError(f"outputs: expected some of {', '.join(OUTPUTS)}, got {outputs!r}")
+        if not rectified and "disparity_change" in outputs:
+            raise InputError(
+                "the output disparity_change is a rectified pair's: leave it out, or let no right camera deviate"
+            )
+        if truth not in TRUTH_VIEWS:
+            raise InputError(f"truth: expected one of {', '.join(TRUTH_VIEWS)}, got {truth}")
+        eyes: tuple[Eye, ...] = EYES if truth == "both" else ("left",)
+        return cls(frozenset(outputs), eyes, rectified, signed, parse_antialias(antialias))
+
+    @cached_property
+    def channels(self) -> list[Channel[Any]]:
+        """The channels of a view whose truth is made."""
+        return [row for row in CHANNELS.values() if row.output is None or row.output in self.outputs]
+
+    def drawn_by(self, name: Pass) -> list[Channel[Any]]:
+        """Return the channels that a pass writes."""
+        return [channel for channel in self.channels if channel.drawn_by == name]
+
+    @property
+    def visibility(self) -> bool:
+        """Whether it is asked which points the other eye sees."""
+        return "visibility" in self.outputs
+
+    @property
+    def flow(self) -> bool:
+        """Whether another moment is compared."""
+        return bool(self.outputs & FLOW_OUTPUTS)
+
+    @property
+    def corresponds(self) -> bool:
+        """Whether it is asked where the other eye sees a point, in both directions of the image."""
+        return not self.rectified or "correspondence" in self.outputs
+
+    @property
+    def reads_triangles(self) -> bool:
+        """Whether any pass looks up triangles."""
+        return self.corresponds or any(channel.reads_triangles for channel in self.channels)
+
+    def attachments(self, eye: Eye) -> tuple[str, ...]:
+        """Return the attachments that the drawing pass of an eye writes."""
+        own = eye in self.truth_eyes
+        flow = own and self.flow
+        # What the visibility pass and the flow pass look up is drawn for them.
+        needed = {
+            "colour": not self.antialias.redraws,
+            "disparity": own or self.visibility,
+            "depth": flow or self.corresponds or (own and "depth" in self.outputs),
+            "surface": self.visibility or flow or self.corresponds,
+        }
+        names = {channel.attachment: own for channel in self.drawn_by("drawing")} | needed
+        return tuple(name for name, drawn in names.items() if drawn)
