@@ -428,11 +428,15 @@ def test_verify_finds_what_no_sky_has(tmp_path):
     generate(config, tmp_path / "data", 1, SEED, layout="middlebury")
     folder = next((tmp_path / "data/MiddEval3/trainingF").glob("*"))
 
-    def found():
-        verdicts = verify_dataset(read_index(tmp_path / "data"))
-        return {finding.check for verdict in verdicts for finding in verdict.findings} - {"sha256"}
+    def found(rays=0):
+        findings = [
+            each for verdict in verify_dataset(read_index(tmp_path / "data"), rays) for each in verdict.findings
+        ]
+        said.extend(finding.message for finding in findings if finding.check == "oracle")
+        return {finding.check for finding in findings} - {"sha256"}
 
-    assert found() == set()
+    said = []
+    assert found(200) == set()
     path, mask = folder / "disp0GT.pfm", folder / "sky0.png"
     whole, sky = path.read_bytes(), mask.read_bytes()
     disparity = PFM.decode(whole, path)
@@ -442,7 +446,9 @@ def test_verify_finds_what_no_sky_has(tmp_path):
     path.write_bytes(whole)
     for values in (np.zeros_like(disparity, np.uint8), GREY8.decode(sky, mask) // 2):
         mask.write_bytes(GREY8.encode(values))
-        assert "sky" in found()
+        assert {"sky", "oracle"} <= found(200)
+        assert said.pop().startswith("sky_left: ")
+        assert said == []
 
 
 def test_a_sky_without_a_disparity_is_no_finding(tmp_path):

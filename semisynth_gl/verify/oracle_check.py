@@ -13,6 +13,7 @@ from semisynth_gl.dataset.reader import Index
 from semisynth_gl.dataset.rebuild import RebuiltScenes
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.errors import InputError
+from semisynth_gl.frame import SKY
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.scene import Motion
@@ -22,7 +23,7 @@ from semisynth_gl.verify.verdict import Verdict, format_vector
 
 Values = NDArray[np.float64]
 RayValues = Mapping[str, Values]
-"""The values that R rays give for a view's channels, each (R, C), px for all but normals."""
+"""The values that R rays give for a view's channels, each (R, C), px for all but normals and the sky's mask."""
 
 # The renderer promises disparity at a pixel's centre to this error.
 _ERROR_PX = 1e-3
@@ -41,6 +42,8 @@ _MEASURES = {
     "flow_backward": "oracle_flow_largest_px",
     "disparity_change": "oracle_change_largest_px",
 }
+# Of what is not in px: the factor to the unit that is shown, the unit, and what follows a value.
+_SCALES = {"normals": (degrees(1), "degrees", ""), "sky": (1.0, "", "")}
 # The frame to which a motion leads, and the channels that compare with it.
 _MOTIONS = {"flow": (+1, ("flow", "disparity_change")), "flow_backward": (-1, ("flow_backward",))}
 
@@ -65,7 +68,7 @@ class OracleCheck:
             ) from None
 
     def check(self, frame: StoredFrame, pixels: int, verdict: Verdict) -> None:
-        """Compare disparities, normals, flow and changes of disparity with rays through randomly chosen pixels.
+        """Compare disparities, normals, flow, changes of disparity and the sky with rays through random pixels.
 
         Args:
             frame: the pair as it was read.
@@ -103,6 +106,8 @@ class OracleCheck:
             values["correspondence"] = way
         if "normals" in view:
             values["normals"] = oracle.normals(scene, models, eye, hits)
+        if "sky" in view:
+            values["sky"] = np.where(np.isin(hits.instance, np.flatnonzero(scene.sky)), float(SKY), 0.0)[:, None]
         for name, motion in motions.items():
             flows = oracle.flow(scene, models, motion, eye, x, y, hits, signed=signed)
             values[name] = flows.flow_px
@@ -134,27 +139,31 @@ def _compare(
             errors = np.where(stored == encodable, 0.0, np.abs(stored - encodable))
         # The chord of a small angle is its radians; its cosine would round to 1.
         error = np.linalg.norm(errors, axis=1) if channel == "normals" else errors.max(axis=1)
-        scale, unit, suffix = (degrees(1), "degrees", "") if channel == "normals" else (1.0, "px", " px")
+        scale, unit, suffix = _SCALES.get(channel, (1.0, "px", " px"))
         wrong = np.flatnonzero(~(error <= bound))
-        measure = _MEASURES[channel]
-        largest = float(error[error <= bound].max(initial=0.0))
-        verdict.measures[measure] = max(verdict.measures.get(measure, 0.0), scale * largest)
+        measure = _MEASURES.get(channel)
+        if measure is not None:
+            largest = float(error[error <= bound].max(initial=0.0))
+            verdict.measures[measure] = max(verdict.measures.get(measure, 0.0), scale * largest)
         if wrong.size:
             needed = {name: motion for name, motion in motions.items() if channel in _MOTIONS[name][1]}
             around = (np.add.outer(centre[wrong], step).ravel() for centre, step in zip(pixels, _AROUND, strict=True))
             wrong = wrong[~_is_edge(frame, channel, cast(needed, *around), stored[wrong], bound[wrong])]
         if wrong.size:
             first = wrong[0]
+            off = f"off by more than {scale * bound[first]:.3g} {unit}" if bound[first] else "not what the rays meet"
             verdict.add(
                 "oracle",
-                f"{channel}_{eye}: {wrong.size} of {len(x)} pixels are off by more than {scale * bound[first]:.3g} "
-                f"{unit}; at ({x[first]:.0f}, {y[first]:.0f}) the ray gives {format_vector(expected[first])}{suffix}, "
+                f"{channel}_{eye}: {wrong.size} of {len(x)} pixels are {off}; "
+                f"at ({x[first]:.0f}, {y[first]:.0f}) the ray gives {format_vector(expected[first])}{suffix}, "
                 f"the file has {format_vector(stored[first])}{suffix}",
             )
 
 
 def _bound(frame: StoredFrame, channel: str, stored: Values) -> Values:
     """Return the largest errors that values (R, C) of a file may have, (R,), px or the radians of normals."""
+    if channel == "sky":
+        return np.zeros(len(stored))
     if channel == "normals":
         return np.full(len(stored), np.deg2rad(_NORMALS_DEG))
     if channel == "disparity":
@@ -175,7 +184,7 @@ def _encodable(frame: StoredFrame, channel: str, rays: RayValues, stored: Values
     """Return the rays' values (R, C), inf where they are beyond the file's encoding and the file (R, C) has inf."""
     # Where the disparity is beyond the encoding, its change is missing too.
     source, largest_px = np.abs(rays["disparity"]), frame.encodings.disparity.limit_px
-    if channel == "correspondence":
+    if channel in ("correspondence", "sky"):
         return rays[channel]
     if channel in OPPOSITE:
         source, largest_px = np.abs(rays[channel]).max(axis=1, keepdims=True), frame.encodings.flow.limit_px
