@@ -138,7 +138,7 @@ class DisparityVariants:
         if variant in ("linear", "w") and self._depth_m is not None:
             self._depth_m.framebuffer.use()
             self._depth_m.framebuffer.clear(0.0, 0.0, 0.0, 0.0, depth=0.0)
-            self._draw(scene, eye, program, reach=self._depth_m.reach)
+            self._draw(scene, eye, program)
             targets.framebuffer.use()
             self._depth_m.bind("depth", 0)
             self._gl.enable_only(moderngl.NOTHING)
@@ -154,7 +154,7 @@ class DisparityVariants:
         if variant in ("plane", "plane64"):
             self._models.bind_triangles(self._models.place(scene), eye)
         targets.clear()
-        self._draw(scene, eye, program, reach=targets.reach)
+        self._draw(scene, eye, program)
         return np.asarray(targets.read("disparity"))
 
     def _from_depth_buffer(self, scene: Scene, eye: Eye, variant: Variant) -> NDArray[np.float32]:
@@ -181,19 +181,13 @@ class DisparityVariants:
         return np.where(seen & (disparity > 0), disparity, np.inf).astype(np.float32)
 
     def _draw(
-        self,
-        scene: Scene,
-        eye: Eye,
-        program: moderngl.Program,
-        *,
-        reach: tuple[float, float] = (1.0, 1.0),
-        projection: NDArray[np.float64] | None = None,
+        self, scene: Scene, eye: Eye, program: moderngl.Program, *, projection: NDArray[np.float64] | None = None
     ) -> None:
         """Draw one eye into the framebuffer in use; with a projection that is handed in, depth grows with distance."""
         filled = self._models.fill(self._models.place(scene), eye)
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">" if projection is None else "<"
-        self._constants.write(scene.camera, eye, scene.near_m, reach=reach, projection=projection)
+        self._constants.write(scene.camera, eye, scene.near_m, projection=projection)
         for part in filled:
             self._models.draw(program, part)
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.errors import InputError
-from semisynth_gl.render.projection import clip_from_view, in_view, viewport_beyond
+from semisynth_gl.render.projection import clip_from_view, in_view
 
 positive = st.floats(0.01, 1e4)
 cameras = st.builds(
@@ -48,15 +48,6 @@ def test_projection_puts_pixel_centres_at_half_window_coordinates(eye):
     np.testing.assert_allclose(window, [x + 0.5, y + 0.5], atol=1e-10)
     assert clip[3] == pytest.approx(depth)
     assert clip[2] / clip[3] == pytest.approx(0.1 / depth)
-
-
-@given(st.tuples(st.integers(1, 16384), st.integers(1, 16384)))
-def test_the_viewport_holds_the_image_in_its_middle_and_is_no_larger_than_allowed(size):
-    x, y, *sides = viewport_beyond(size, 16384)
-    for start, side, length in zip((x, y), size, sides, strict=True):
-        assert length == side - 2 * start <= 16384
-        assert start <= 0
-        assert length >= 2 * side - 1 or length >= 16384 - 1
 
 
 def test_right_eye_stands_at_plus_baseline():

@@ -13,9 +13,8 @@ from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.frame import ANTIALIAS_PATTERN
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.programs import link_program
-from semisynth_gl.render.projection import viewport_beyond
 from semisynth_gl.render.readers import Reader
-from semisynth_gl.render.targets import largest_side_px, window
+from semisynth_gl.render.targets import window
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,10 +61,6 @@ class ColourTargets:
         read: what takes pixels.
         grey: whether colour has one component.
 
-    Attributes:
-        fine: what is drawn to.
-        reach: how many times wider and higher than the image the viewport is that scenes are drawn to.
-
     Raises:
         BackendError: where the driver has fewer samples, or no image that large.
     """
@@ -91,11 +86,10 @@ class ColourTargets:
                 "a pixel: take fewer, or ssaa2"
             )
         size = image_size[0] * scale, image_size[1] * scale
-        limit = largest_side_px(context)
-        if max(size) > limit:
+        if max(size) > int(gl.info["GL_MAX_TEXTURE_SIZE"]):
             raise BackendError(
                 f"antialias ssaa{factor} draws {size[0]} x {size[1]} px, but {context.renderer} goes up to "
-                f"{limit}: lower the factor or the image size"
+                f"{gl.info['GL_MAX_TEXTURE_SIZE']}: lower the factor or the image size"
             )
         # Formats of three components cannot be drawn into everywhere.
         stored, self._components = (1, 1) if grey else (4, 3)
@@ -103,8 +97,6 @@ class ColourTargets:
         self._depth_buffer = gl.depth_renderbuffer(size, samples=samples)
         context.unbound.make_depth_float32(self._depth_buffer.glo, *size, samples)
         self.fine = gl.framebuffer([self._colour], self._depth_buffer)
-        self.fine.viewport = viewport_beyond(size, limit)
-        self.reach = self.fine.viewport[2] / size[0], self.fine.viewport[3] / size[1]
         self._resolved = gl.texture(image_size, stored)
         self._resolve = gl.framebuffer([self._resolved])
         self._program: moderngl.Program | None = None

@@ -27,13 +27,7 @@ class ConstantsBuffer:
         self._packed: bytes = b""
 
     def write(
-        self,
-        camera: StereoCamera,
-        eye: Eye,
-        near_m: float,
-        *,
-        reach: tuple[float, float] = (1.0, 1.0),
-        projection: NDArray[np.float64] | None = None,
+        self, camera: StereoCamera, eye: Eye, near_m: float, *, projection: NDArray[np.float64] | None = None
     ) -> None:
         """Set the constants of the passes that follow.
 
@@ -41,12 +35,10 @@ class ConstantsBuffer:
             camera: the camera.
             eye: the eye that draws, or whose surfaces are followed.
             near_m: depth of the near plane.
-            reach: how many times wider and higher than the image the viewport is that is drawn to.
             projection: (4, 4) float64 in the place of `clip_from_view`.
         """
         values = np.zeros((), CONSTANTS)
-        matrix = clip_from_view(camera, eye, near_m) if projection is None else projection.copy()
-        matrix[:2] /= np.array(reach)[:, None]
+        matrix = clip_from_view(camera, eye, near_m) if projection is None else projection
         values["clip_from_view"] = matrix.T
         cx, cy, focal = camera.lens_px(eye)
         values["centre_px"] = cx, cy

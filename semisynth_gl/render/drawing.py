@@ -144,14 +144,14 @@ class Drawing:
 
     def draw_image(self, placed: Placed, eye: Eye) -> NDArray[np.uint8]:
         """Draw one eye's image alone, after `resize`."""
-        camera, filled = placed.scene.camera, self._models.fill(placed, eye)
+        scene, filled = placed.scene, self._models.fill(placed, eye)
+        self._constants.write(scene.camera, eye, scene.near_of(eye))
         if self._colour_targets is not None:
-            return self._draw_samples(placed, eye, None, self._colour_targets, filled)
+            return self._draw_samples(eye, None, self._colour_targets, filled)
         if self._image_targets is None:
-            size = camera.width_px, camera.height_px
+            size = scene.camera.width_px, scene.camera.height_px
             self._image_targets = self._make_targets(size, _COLOUR, visibility=False)
         targets = self._image_targets
-        self._write_constants(placed.scene, eye, targets.reach)
         targets.limit(None)
         self._draw_once(placed, eye, None, targets, filled)
         if self._edges is not None:
@@ -235,10 +235,10 @@ class Drawing:
             crop: what is asked for.
             targets: what is drawn to.
         """
-        filled = self._models.fill(placed, eye, part)
+        scene, filled = placed.scene, self._models.fill(placed, eye, part)
         seen: Sequence[Filled] = filled
+        self._constants.write(scene.camera, eye, scene.near_of(eye))
         if targets.names:
-            self._write_constants(placed.scene, eye, targets.reach)
             targets.limit(part)
             if self._triangle_readers.intersection(targets.names):
                 self._models.bind_triangles(placed, eye)
@@ -250,7 +250,7 @@ class Drawing:
         if seen is not filled:
             # Between the centres of pixels more may be seen.
             filled = self._models.fill(placed, eye, part)
-        return {"image": self._draw_samples(placed, eye, crop, self._colour_targets, filled)}
+        return {"image": self._draw_samples(eye, crop, self._colour_targets, filled)}
 
     def _draw_once(
         self,
@@ -270,10 +270,9 @@ class Drawing:
         return seen
 
     def _draw_samples(
-        self, placed: Placed, eye: Eye, crop: Crop | None, targets: ColourTargets, filled: Sequence[Filled]
+        self, eye: Eye, crop: Crop | None, targets: ColourTargets, filled: Sequence[Filled]
     ) -> NDArray[np.uint8]:
         """Draw one eye's colour, or a crop of it, in several samples a pixel."""
-        self._write_constants(placed.scene, eye, targets.reach)
         targets.limit(crop)
         with self._clock.timed("samples", eye):
             targets.fine.use()
@@ -283,9 +282,6 @@ class Drawing:
             targets.resolve()
         with self._clock.timed("read", eye):
             return targets.read_colour(crop)
-
-    def _write_constants(self, scene: Scene, eye: Eye, reach: tuple[float, float]) -> None:
-        self._constants.write(scene.camera, eye, scene.near_of(eye), reach=reach)
 
     def _draw_models(self, names: tuple[str, ...], filled: Sequence[Filled]) -> None:
         programs = self._programs(names)

@@ -104,7 +104,7 @@ class FlowPass:
         filled = models.fill(then, eye)
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">"
-        self._constants.write(camera, eye, then.scene.near_of(eye), reach=self._then.reach)
+        self._constants.write(camera, eye, then.scene.near_of(eye))
         with self._context.clock.timed("moment", eye):
             self._then.clear()
             for part in filled:

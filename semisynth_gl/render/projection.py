@@ -25,21 +25,6 @@ def clip_from_view(camera: StereoCamera, eye: Eye, near_m: float) -> NDArray[np.
     return matrix
 
 
-def viewport_beyond(size: tuple[int, int], largest_px: int) -> tuple[int, int, int, int]:
-    """Return OpenGL's viewport of an image, x, y, width and height: larger than it by half of it on each side.
-
-    Drivers cut triangles off at the viewport's border. What is left of one is drawn as several, slivers among them,
-    whose planes float32 gets wrong: cut at the image's own border, llvmpipe was off by up to 4e-3 px. Farther out, the
-    ground's triangles come out so large that they are off by as much. Twice an image is exact where its size is even.
-
-    Args:
-        size: width and height of the image, px.
-        largest_px: the largest width or height that the driver allows; where it is small, less lies around the image.
-    """
-    margin_x, margin_y = (max(0, min(side // 2, (largest_px - side) // 2)) for side in size)
-    return -margin_x, -margin_y, size[0] + 2 * margin_x, size[1] + 2 * margin_y
-
-
 def in_view(
     camera: StereoCamera, eye: Eye, near_m: float, centre_m: NDArray[np.float64], radius_m: NDArray[np.float64]
 ) -> NDArray[np.bool_]:

@@ -12,7 +12,6 @@ from semisynth_gl.camera import Crop
 from semisynth_gl.errors import BackendError
 from semisynth_gl.frame import CHANNELS, Pass
 from semisynth_gl.render.context import GraphicsContext
-from semisynth_gl.render.projection import viewport_beyond
 from semisynth_gl.render.readers import Reader, read_array
 
 
@@ -61,12 +60,6 @@ FLOW = _attachments("flow")
 def window(crop: Crop | None, size: tuple[int, int]) -> tuple[int, int, int, int]:
     """Return a crop of an image, or all of it, as OpenGL's rectangle; window y runs downwards with the image's."""
     return (0, 0, *size) if crop is None else (crop.x_px, crop.y_px, crop.width_px, crop.height_px)
-
-
-def largest_side_px(context: GraphicsContext) -> int:
-    """Return the width and height that a driver draws at most."""
-    info = context.gl.info
-    return min(int(info["GL_MAX_TEXTURE_SIZE"]), *(int(side) for side in info["GL_MAX_VIEWPORT_DIMS"]))
 
 
 class Targets:
@@ -154,7 +147,6 @@ class BlendTargets:
     Args:
         context: the open context.
         size: width and height, px.
-        viewport: the drawing pass's.
         colour: the drawing pass's attachment.
         depth_buffer: the drawing pass's, which is read and not written.
 
@@ -166,7 +158,6 @@ class BlendTargets:
         self,
         context: GraphicsContext,
         size: tuple[int, int],
-        viewport: tuple[int, int, int, int],
         colour: moderngl.Texture,
         depth_buffer: moderngl.Renderbuffer,
     ) -> None:
@@ -178,7 +169,6 @@ class BlendTargets:
         except moderngl.Error as error:
             raise BackendError(f"{context.renderer} cannot draw {size[0]} x {size[1]} px: {error}") from error
         self._framebuffer.depth_mask = False
-        self._framebuffer.viewport = viewport
         self._copy.filter = (moderngl.NEAREST, moderngl.NEAREST)
 
     def use(self, part: Crop | None, unit: int) -> None:
@@ -198,7 +188,6 @@ class EyeTargets(Targets):
     """The targets of one eye's drawing pass, with a 32-bit float depth buffer, and of its visibility pass.
 
     Attributes:
-        reach: how many times wider and higher than the image the viewport is that scenes are drawn to.
         visibility: targets of the visibility pass, or None.
         disparity: targets of the pass that makes disparities of 1 / Z, or None.
         blending: for a pass that blends into the colour, or None.
@@ -227,7 +216,8 @@ class EyeTargets(Targets):
         blended: bool = False,
         read: Reader = read_array,
     ) -> None:
-        limit = largest_side_px(context)
+        info = context.gl.info
+        limit = min(int(info["GL_MAX_TEXTURE_SIZE"]), *(int(side) for side in info["GL_MAX_VIEWPORT_DIMS"]))
         if max(size) > limit:
             raise BackendError(
                 f"an image of {size[0]} x {size[1]} px was asked for, but {context.renderer} goes up to "
@@ -237,9 +227,6 @@ class EyeTargets(Targets):
         super().__init__(context, size, attachments, read)
         context.unbound.make_depth_float32(self.depth_buffer.glo, *size)
         self._depth_alone = context.gl.framebuffer(depth_attachment=self.depth_buffer)
-        viewport = viewport_beyond(size, limit)
-        self.reach = viewport[2] / size[0], viewport[3] / size[1]
-        self.framebuffer.viewport = self._depth_alone.viewport = viewport
         # No pass reads or writes depth there: it has the drawing pass's rather than one of its own.
         self.visibility = Targets(context, size, VISIBILITY, read, self.depth_buffer) if visibility else None
         self.disparity: Targets | None = None
@@ -247,7 +234,7 @@ class EyeTargets(Targets):
             self.disparity = Targets(context, size, {"disparity": DRAWING["disparity"]}, read, self.depth_buffer)
         self.blending: BlendTargets | None = None
         if blended:
-            self.blending = BlendTargets(context, size, viewport, self._textures["colour"], self.depth_buffer)
+            self.blending = BlendTargets(context, size, self._textures["colour"], self.depth_buffer)
         for looked_up in (self, self.disparity):
             if looked_up is not None:
                 looked_up.sample_nearest()
