@@ -69,7 +69,7 @@ class Parts:
         self._gl = renderer._gl
         with self._gl, patch.object(programs, "shader_source", _without_patches(programs.shader_source)):
             names = {name.upper(): number for number, name in enumerate(self._drawing._attachments["left"])}
-            bare = programs.link_program(renderer._context, "mesh.vert", "mesh.frag", names | {"ANISOTROPY": 1})
+            bare = programs.link_program(renderer._context, "mesh.vert", "mesh.frag", names)
             self._samples = self._gl.query(samples=True)
         self._bare = [bare] * len(self._drawing._anisotropies)
 
@@ -134,9 +134,7 @@ def _without_patches(shader_source: Callable[..., str]) -> Callable[..., str]:
 def of_config(name: str, pairs: int) -> tuple[Renderer, dict[str, list[Scene]]]:
     """Open a renderer for a config, and sort the scenes of its first pairs by their triangles."""
     bench = sample_scenes(load_config(name), 0, pairs)
-    textures = bench.config.textures
-    options = {"anisotropy": textures.anisotropy, "large_anisotropy": textures.large_anisotropy}
-    renderer = bench.open_renderer("auto", outputs=("visibility",), **options)
+    renderer = bench.open_renderer("auto", outputs=("visibility",))
     triangles = np.array([len(mesh.triangles) for mesh in bench.models])
     kinds: dict[str, list[Scene]] = defaultdict(list)
     for scene in bench.scenes:

@@ -39,9 +39,7 @@ def main() -> None:
 def cost(config: str, pairs: int, turns: int) -> None:
     """Compare pairs with both masks to pairs without."""
     bench = sample_scenes(load_config(config), 0, pairs)
-    textures = bench.config.textures
-    options = {"anisotropy": textures.anisotropy, "large_anisotropy": textures.large_anisotropy}
-    renderers = {outputs: bench.open_renderer("auto", outputs=outputs, **options) for outputs in ((), ("visibility",))}
+    renderers = {outputs: bench.open_renderer("auto", outputs=outputs) for outputs in ((), ("visibility",))}
     for renderer in renderers.values():
         renderer.render(bench.scenes[0])
     ratios = []

@@ -1,12 +1,14 @@
 """CPU seconds of each stage of a pair, of two checkouts of this project in alternating turns.
 
     python benchmarks/pair_costs.py ../before . --turns 8
+    python benchmarks/pair_costs.py . . --set-after antialias=edges
 
 Both checkouts run with the Python that runs this script, each in a process of its own that stays open, draws in its own
 thread (llvmpipe with `LP_NUM_THREADS=0`) and makes the same pairs of a config as a dataset has them. Times are the
 process's own, user and system, so that other work on the machine counts as little as it can. The checkout that begins
-changes from turn to turn; a turn is some pairs of each. The table has the mean of each stage, and the median of the
-turns' ratios with its 90 % confidence interval (bootstrap over the turns).
+changes from turn to turn; a turn is some pairs of each, and a first one, in which memory and caches grow, does not
+count. The table has the mean of each stage, and the median of the turns' ratios with its 90 % confidence interval
+(bootstrap over the turns).
 """
 
 import argparse
@@ -142,6 +144,14 @@ def main() -> None:
     parser.add_argument("checkouts", type=Path, nargs="*", metavar="CHECKOUT", help="before and after")
     parser.add_argument("--config", default="middlebury")
     parser.add_argument("--set", dest="settings", action="append", default=[], metavar="KEY=VALUE")
+    parser.add_argument(
+        "--set-after",
+        dest="settings_after",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="of the second alone",
+    )
     parser.add_argument("--turns", type=int, default=8)
     parser.add_argument("--pairs", type=int, default=4, help="pairs of each checkout in a turn")
     parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
@@ -151,26 +161,32 @@ def main() -> None:
         return
     if len(options.checkouts) != 2:
         parser.error("expected two checkouts")
-    arguments = ["--serve", "--config", options.config]
-    arguments += [part for setting in options.settings for part in ("--set", setting)]
+    settings = (options.settings, options.settings + options.settings_after)
     with tempfile.TemporaryDirectory() as folder:
         sides = [Checkout(path, Path(folder) / str(side)) for side, path in enumerate(options.checkouts)]
-        processes = [side.start(str(Path(__file__).resolve()), *arguments, LP_NUM_THREADS="0") for side in sides]
+        script = (str(Path(__file__).resolve()), "--serve", "--config", options.config)
+        processes = [
+            side.start(*script, *(f"--set={setting}" for setting in own), LP_NUM_THREADS="0")
+            for side, own in zip(sides, settings, strict=True)
+        ]
         for process in processes:
             line_with("READY", process)
         turns = []
-        for turn in range(options.turns):
+        for turn in range(options.turns + 1):
             first = 1 + turn * options.pairs
             results: dict[int, dict[str, float]] = {}
             for side in (0, 1) if turn % 2 == 0 else (1, 0):
                 say(f"{first} {first + options.pairs}", processes[side])
                 results[side] = with_sums(json.loads(line_with("DONE", processes[side])))
+            if not turn:
+                continue
             turns.append((results[0], results[1]))
             before, after = (f"{1e3 * results[side][REST]:.1f} ms" for side in (0, 1))
-            print(f"turn {turn + 1}, {REST}: {before}, {after}", file=sys.stderr)
+            print(f"turn {turn}, {REST}: {before}, {after}", file=sys.stderr)
         for process in processes:
             process.communicate()
-    print(f"{options.config} {' '.join(options.settings)}: {options.turns} turns of {options.pairs} pairs\n")
+    before, after = (" ".join([options.config, *own]) for own in settings)
+    print(f"{before} and {after}: {options.turns} turns of {options.pairs} pairs\n")
     print(table(turns))
 
 

@@ -81,9 +81,9 @@ Workers: from start to end, files written, once all are open. *threads each* is 
 draws with; with 0 it draws in the thread that calls.
 
 What grows: both eyes are drawn and read back with both disparities and masks. Instances, triangles and pixels are those
-of balls before a wall, which cover 0.8 images together whatever their number; antialiasing and outputs are those of one
-pair of the config. The column x is the ratio to the first row (of image size, antialiasing and outputs: to what is
-usual), taken turn by turn.
+of balls before a wall, which cover 0.8 images together whatever their number; antialiasing and outputs are those of
+four pairs of the config. The column x is the ratio to the first row (of image size, antialiasing and outputs: to what
+is usual), taken turn by turn.
 
 Start: `semisynth-gl generate --pairs 1`, with empty and with full caches of the program and of the driver."""
 _PEERS = """\
@@ -95,7 +95,7 @@ of pixels that are not exact (1e-3 px) but lie exactly on a surface that the ora
 at such a grazing angle that 2.5e-4 px aside its disparity is that; they are left out of the errors. *Visibility* is the
 share of all pixels that agree with a second ray to the other eye."""
 _BENCH = ("-m", "semisynth_gl", "bench")
-_PEER_ROWS = ("--peers", "pyrender,blender,blender-system", "--variants", "msaa4,ssaa2,all,none,workbench")
+_PEER_ROWS = ("--peers", "pyrender,blender,blender-system", "--variants", "edges,msaa4,ssaa2,all,none,workbench")
 MEASUREMENTS: Mapping[str, Result] = {
     "accuracy": Result(
         "Accuracy and cost of what the program offers", _ACCURACY, (*_BENCH, "accuracy"), accuracy.headline,

@@ -1,7 +1,8 @@
 #version 450 core
-// COLOUR: from the patch atlas and nothing else, with up to ANISOTROPY samples; one component alone where it is GREY. The
-// rest is truth: DISPARITY, or INVERSE_DEPTH (1 / Z) where several cameras make disparities of it, DEPTH (planar),
-// INSTANCES (ids from 1), SKY, NORMALS (of the triangle, towards the camera) and SURFACE (which triangle of which instance).
+// COLOUR: from the patch atlas and nothing else, with up to most_samples where it is ANISOTROPIC; one component alone
+// where it is GREY. The rest is truth: DISPARITY, or INVERSE_DEPTH (1 / Z) where several cameras make disparities of it,
+// DEPTH (planar), INSTANCES (ids from 1), SKY, NORMALS (of the triangle, towards the camera) and SURFACE (which triangle of
+// which instance).
 
 #include "common_constants.glsl"
 
@@ -23,13 +24,18 @@ layout(binding = 0) uniform sampler2DArray atlas;
 
 layout(location = COLOUR) out Colour colour;
 
+#ifdef ANISOTROPIC
+// No constant: where the driver knows it, llvmpipe unrolls the loop and takes the most samples for all pixels.
+uniform float most_samples;
+#endif
+
 Colour patch_colour() {
     vec2 side_texels = vec2(textureSize(atlas, 0).xy);
     // Drivers floor the position between texels to a multiple of 1/256; rounding it first keeps a position that is
     // 1e-5 below a texel's centre from taking 1/256 of its neighbour.
     vec2 position = (patch_coordinate * side_texels - 0.5) * 256.0;
     vec2 to_step = (round(position) - position) / (256.0 * side_texels);
-#if ANISOTROPY == 1
+#ifndef ANISOTROPIC
     return seen(texture(atlas, vec3(patch_coordinate + to_step, float(patch_layer))));
 #else
     vec2 dx = dFdx(patch_coordinate), dy = dFdy(patch_coordinate);
@@ -37,7 +43,7 @@ Colour patch_colour() {
     float longer = max(max(x_texels, y_texels), 1e-6);
     // A pixel that covers many texels in one direction and few in the other is sampled several times along the longer
     // one. Here and not by the driver's own anisotropic filter, whose results differ, with stray dots on llvmpipe.
-    float taps = clamp(ceil(longer / max(min(x_texels, y_texels), 1.0) - 0.001), 1.0, float(ANISOTROPY));
+    float taps = clamp(ceil(longer / max(min(x_texels, y_texels), 1.0) - 0.001), 1.0, most_samples);
     float lod = log2(longer / taps);
     // One texel a pixel must come out bit for bit, so rounding errors of the derivatives may not mix in the next level.
     lod = lod < 0.001 ? 0.0 : lod;

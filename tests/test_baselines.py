@@ -9,6 +9,7 @@ import pytest
 from backends import backend_fault
 from planted_faults import change_disparity, change_image, findings
 from recorder import Recorder
+from scenes import facing, noise_layers
 from tiny_datasets import cheap, digests
 
 from semisynth_gl import oracle
@@ -18,13 +19,16 @@ from semisynth_gl.config.scene_sections import CameraSection
 from semisynth_gl.dataset.file_sets import list_file_sets
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import open_dataset, read_index
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import ContextLostError, InputError
 from semisynth_gl.frame import OUTPUTS
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts import Key
 from semisynth_gl.pairs import pipeline
 from semisynth_gl.pairs.pipeline import PairRenderer
+from semisynth_gl.render.drawing import Drawing
+from semisynth_gl.render.readers import read_array
 from semisynth_gl.render.renderer import Renderer
+from semisynth_gl.render.unbound import UnboundCalls
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import draw_camera, draw_views
 from semisynth_gl.scene.scene import make_scene
@@ -169,6 +173,47 @@ def test_cameras_that_differ_in_the_left_eye_share_no_view(open_renderer, square
     shared = renderer.share_left(scene, [camera, replace(camera, baseline_m=0.2, cx_right_px=3.0)])
     with pytest.raises(InputError, match="expected 0 to 1, got 2"):
         shared.render(2)
+
+
+def pairs_of_a_square(open_renderer, square, **options):
+    """A renderer, and the scenes of two cameras before a square, of either depth."""
+    camera = StereoCamera.centred(32, 24, 30.0, 0.1)
+    layers = noise_layers(1, 16)
+    renderer = open_renderer([square], layers, outputs=("visibility",), **options)
+    near, far = (
+        make_scene(camera, model=[0], world_from_model=[facing(camera, 5, 4, 17, 15, depth_m)], layer=[0])
+        for depth_m in (1.0, 1.5)
+    )
+    return renderer, [renderer.share_left(scene, [camera, replace(camera, baseline_m=0.2)]) for scene in (near, far)]
+
+
+def test_what_is_drawn_in_between_leaves_a_shared_left_view_alone(open_renderer, square):
+    renderer, (near, far) = pairs_of_a_square(open_renderer, square)
+    expected = [[renderer.render(scene) for scene in shared.scenes] for shared in (near, far)]
+    assert_same(near.render(0), expected[0][0])
+    renderer.render(far.scenes[1])
+    assert_same(near.render(1), expected[0][1])
+    assert_same(far.render(0), expected[1][0])
+    assert_same(near.render(0), expected[0][0])
+
+
+def test_a_left_image_that_no_array_keeps_is_drawn_for_each_pair(open_renderer, square):
+    """Samples are averaged in targets that both eyes have."""
+    renderer, (shared, _) = pairs_of_a_square(
+        open_renderer, square, antialias="ssaa2", read=lambda *a: [read_array(*a)]
+    )
+    for number, scene in enumerate(shared.scenes):
+        np.testing.assert_array_equal(shared.render(number).left.image, renderer.render(scene).left.image)
+
+
+def test_a_left_view_whose_drawing_failed_is_drawn_again(open_renderer, square, monkeypatch):
+    renderer, (shared, _) = pairs_of_a_square(open_renderer, square)
+    with monkeypatch.context() as patch:
+        patch.setattr(Drawing, "_draw_models", lambda *_: None)
+        patch.setattr(UnboundCalls, "is_lost", lambda _: True)
+        with pytest.raises(ContextLostError):
+            shared.render(0)
+    assert_same(shared.render(0), renderer.render(shared.scenes[0]))
 
 
 # Scenes

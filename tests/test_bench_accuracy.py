@@ -2,21 +2,26 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from backends import backend_fault
 from bench_reports import SMALL, rows
 
+from semisynth_gl import PairRenderer
 from semisynth_gl.bench.accuracy import Effort, measure, table
 from semisynth_gl.bench.antialias import MODES, REFERENCE, psnr_db
 from semisynth_gl.bench.encodings import usable_encodings
-from semisynth_gl.bench.scenes import cast_truth, edges, grown, sample_scenes
+from semisynth_gl.bench.scenes import BenchScenes, cast_truth, edges, grown, sample_scenes
 from semisynth_gl.bench.summary import front
 from semisynth_gl.bench.timing import alternated, compare_times
+from semisynth_gl.camera import StereoCamera
 from semisynth_gl.cli import main
 from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS
 from semisynth_gl.config import load_config
+from semisynth_gl.render.renderer import Renderer
+from semisynth_gl.scene.scene import make_scene
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +75,40 @@ def test_truth_lies_off_edges_and_on_the_drawn_surface():
         assert not grown(outline, 2)[part.row, part.column].any()
         drawn = frame.view(part.eye).disparity[part.row, part.column]
         np.testing.assert_allclose(drawn, part.disparity_px, rtol=0, atol=1e-4)
+
+
+def test_what_is_measured_is_what_datasets_show():
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    patches = ["textures.patch_px=64", "textures.max_patches=60", "textures.large_px=128", "textures.anisotropy=2"]
+    patches += ["textures.texels_per_pixel=[2, 3]"]
+    scenes = ["scenes=[]", "scale=0.1", "models.variants=1", "models.complex=0", "structures.panels=3"]
+    config = load_config("middlebury", [*patches, *scenes, "particles.density=sparse"])
+    with PairRenderer(config, 5) as renderer:
+        expected = renderer.render(1).frame.left.image
+    bench = sample_scenes(config, 5, 2)
+    few = replace(bench, scenes=bench.scenes[1:]).with_worn_patches()
+    assert len(few.layers) < len(bench.layers)
+    assert len(few.large_layers) > 0
+    stated = {"large_layers": bench.large_layers, "wrap": "mirror", "anisotropy": 2, "large_anisotropy": 4}
+    with Renderer(bench.models, bench.layers, **stated) as renderer:
+        np.testing.assert_array_equal(renderer.render(bench.scenes[1]).left.image, expected)
+    for measured, scene in ((bench, bench.scenes[1]), (few, few.scenes[0])):
+        with measured.open_renderer("auto") as renderer:
+            np.testing.assert_array_equal(renderer.render(scene).left.image, expected)
+
+
+def test_worn_patches_are_those_that_scenes_wear(square):
+    scenes = [
+        make_scene(StereoCamera.centred(8, 6, 9.0, 0.1), model=[0] * 3, world_from_model=[np.eye(4)] * 3, layer=layer)
+        for layer in ([6, 2, 6], [3, 4, 4])
+    ]
+    small, large = (np.arange(*ends, dtype=np.uint8).repeat(4).reshape(-1, 1, 1, 4) for ends in ((4,), (10, 13)))
+    worn = BenchScenes(load_config("eth3d"), [square], small, large, scenes).with_worn_patches()
+    # The first patch stays.
+    assert worn.layers[:, 0, 0, 0].tolist() == [0, 2, 3]
+    assert worn.large_layers[:, 0, 0, 0].tolist() == [10, 12]
+    assert [scene.layer.tolist() for scene in worn.scenes] == [[4, 1, 4], [2, 3, 3]]
 
 
 def test_more_samples_come_nearer_to_the_reference(report):

@@ -82,6 +82,7 @@ class Candidate:
 
 CANDIDATES = (
     Candidate(OURS, "none", "semisynth-gl"),
+    Candidate(OURS, "edges", "semisynth-gl, images antialiased along edges"),
     Candidate(OURS, "msaa4", "semisynth-gl, images 4x multisampled"),
     Candidate(OURS, "ssaa2", "semisynth-gl, images 2x2 supersampled"),
     Candidate(OURS, "all", "semisynth-gl, both disparities and visibilities"),
@@ -215,7 +216,10 @@ def set_up(peer: str, work: Path) -> None:
     packages = (*PACKAGES[peer], *ENCODER_PACKAGES)
     print(f"Installing {', '.join(packages)} into {folder}")
     venv.create(folder, with_pip=True, clear=True)
-    subprocess.run([str(_python_of(peer, work)), "-m", "pip", "install", "--quiet", *packages], check=True)
+    install = [str(_python_of(peer, work)), "-m", "pip", "install", "--quiet"]
+    subprocess.run([*install, *packages], check=True)
+    # The encoders look for what pip knows of the project.
+    subprocess.run([*install, "--no-deps", "--editable", str(ROOT)], check=True)
 
 
 def measure(candidates: Sequence[Candidate], scene: PeerScene, work: Path, rounds: int) -> dict[Candidate, Measured]:

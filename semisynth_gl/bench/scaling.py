@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -199,8 +198,8 @@ def _option_group(
     bench: BenchScenes, options: Mapping[str, dict[str, Any]], baseline: str, backend: Backend, repeats: int
 ) -> dict[str, Any]:
     """Time the config's scenes with several options of the renderer."""
-    layers = bench.layers[:_LAYERS]
-    scenes = [replace(scene, layer=scene.layer % len(layers)) for scene in bench.scenes]
+    bench = bench.with_worn_patches()
+    scenes = bench.scenes
     triangles = np.array([len(mesh.triangles) for mesh in bench.models])
     in_scene = float(np.mean([triangles[scene.model].sum() for scene in scenes]))
     left_out: dict[str, str] = {}
@@ -208,15 +207,13 @@ def _option_group(
     with ExitStack() as stack:
         for name, values in options.items():
             try:
-                renderer = stack.enter_context(
-                    Renderer(bench.models, layers, wrap=bench.config.textures.wrap, backend=backend, **values)
-                )
+                renderer = stack.enter_context(bench.open_renderer(backend, **values))
                 renderer.render(scenes[0])
             except BackendError as error:
                 left_out[name] = str(error)
                 continue
             cases[name] = _Case(scenes, in_scene, renderer.render)
-        return _group("the config's pair", cases, repeats, baseline=baseline) | {"left_out": left_out}
+        return _group("the config's pairs", cases, repeats, baseline=baseline) | {"left_out": left_out}
 
 
 def _group(text: str, cases: Mapping[str, _Case], repeats: int, *, baseline: str | None = None) -> dict[str, Any]:

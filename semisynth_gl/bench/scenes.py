@@ -1,8 +1,8 @@
 """Scenes that are measured: the first pairs of a config, and their true disparity at pixels chosen at random."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.config import Config
 from semisynth_gl.frame import Frame
 from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.pairs.pipeline import renderer_options
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.mix import MixSampler
@@ -44,13 +45,23 @@ class BenchScenes:
     large_layers: NDArray[np.uint8]
     scenes: Sequence[Scene]
 
-    def open_renderer(self, backend: Backend, **options: Any) -> Renderer:  # noqa: ANN401 - options of a renderer
-        """Open a renderer of these models and patches."""
-        large = self.large_layers if len(self.large_layers) else None
-        wrap, signed = self.config.textures.wrap, self.config.disparity.signed
-        return Renderer(
-            self.models, self.layers, large_layers=large, wrap=wrap, signed=signed, backend=backend, **options
+    def with_worn_patches(self) -> Self:
+        """Leave out the patches that no scene wears, so that several renderers take little memory."""
+        small = len(self.layers)
+        # A renderer has at least one patch.
+        worn = np.union1d(0, np.concatenate([scene.layer for scene in self.scenes]))
+        return replace(
+            self,
+            layers=self.layers[worn[worn < small]],
+            large_layers=self.large_layers[worn[worn >= small] - small],
+            scenes=[replace(scene, layer=np.searchsorted(worn, scene.layer)) for scene in self.scenes],
         )
+
+    def open_renderer(self, backend: Backend, **options: Any) -> Renderer:  # noqa: ANN401 - options of a renderer
+        """Open a renderer of these models and patches as the config says, but for some options."""
+        large = self.large_layers if len(self.large_layers) else None
+        said = renderer_options(self.config) | options
+        return Renderer(self.models, self.layers, large_layers=large, backend=backend, **said)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,7 +19,7 @@ from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
 
 # Number of scenes that antialiasing modes and outputs are measured on.
-_SCENES = 1
+_SCENES = 4
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,10 +4,7 @@ from collections.abc import Collection
 from math import degrees
 from typing import Annotated, Any, Self
 
-from pydantic import (
-    Field,
-    model_validator,
-)
+from pydantic import Field, model_validator
 
 from semisynth_gl.camera import MOST_FOCAL_RATIO, MOST_TURN_RAD
 from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS, Encodings

@@ -95,6 +95,20 @@ class _Shown:
         return (self.number, self.sampled.attempt) == (number, attempt) and (waits or shares)
 
 
+def renderer_options(config: Config) -> dict[str, Any]:
+    """Return the options of a `Renderer` that a config states."""
+    return {
+        "wrap": config.textures.wrap,
+        "anisotropy": config.textures.anisotropy,
+        "large_anisotropy": config.textures.large_anisotropy,
+        "outputs": config.outputs,
+        "truth": config.truth,
+        "rectified": config.rig.none(),
+        "signed": config.disparity.signed,
+        "antialias": config.antialias,
+    }
+
+
 class PairRenderer:
     """Renders any pair of a config and seed. Use it in a ``with`` block, in the thread that made it.
 
@@ -137,17 +151,10 @@ class PairRenderer:
             self.sampler.models,
             atlas.layers,
             large_layers=atlas.large_layers if len(atlas.large_layers) else None,
-            wrap=config.textures.wrap,
-            anisotropy=config.textures.anisotropy,
-            large_anisotropy=config.textures.large_anisotropy,
-            outputs=config.outputs,
-            truth=config.truth,
-            rectified=config.rig.none(),
-            signed=config.disparity.signed,
-            antialias=config.antialias,
             backend=backend,
             device_index=device_index,
             read=read,
+            **renderer_options(config),
         )
         self._settled: _Settled | None = None
         self._shown: _Shown | None = None

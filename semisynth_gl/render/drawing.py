@@ -82,14 +82,16 @@ class Drawing:
         # The shared left view that these hold.
         self._shared_left: SharedLeft | None = None
 
+    def fits(self, size: tuple[int, int], *, shared: bool) -> bool:
+        """Return whether there is room for an image size already, and for left views that are shared."""
+        return self._size == size and (self._shared_targets is not None or not shared)
+
     def resize(self, size: tuple[int, int], *, shared: bool) -> None:
         """Make room for an image size, and for left views that are shared; where that fails, all stays as it was.
 
         Raises:
             BackendError: where the driver refuses the size.
         """
-        if self._size == size and (self._shared_targets is not None or not shared):
-            return
         colour_targets = None
         if self._antialias.redraws:
             colour_targets = ColourTargets(
@@ -122,14 +124,14 @@ class Drawing:
             shared: the shared left view that the pair has, which is drawn once.
 
         Returns:
-            What was drawn to, and of each eye the channels that were read meanwhile.
+            What was drawn to, and of each eye the channels that were read already, now or for an earlier pair that
+            shares the left view.
         """
         scenes = [placed.scene] if shared is None else shared.scenes
         parts = {eye: self._part(scenes, eye, crop) for eye in EYES}
         targets = self._targets
         views: dict[Eye, dict[str, Any]] = {"left": {}, "right": {}}
         if shared is None:
-            self._shared_left = None
             views["left"] = self._draw(placed, "left", parts["left"], crop, targets["left"])
         else:
             left = self._shared_targets
@@ -139,6 +141,7 @@ class Drawing:
                 views["left"] = self._draw(placed, "left", parts["left"], crop, left)
                 self._shared_left = shared
             self._disparity.draw(placed, left, parts["left"])
+            views["left"] |= shared.channels
         views["right"] = self._draw(placed, "right", parts["right"], crop, targets["right"])
         return targets, views
 
@@ -183,14 +186,22 @@ class Drawing:
 
     def _programs(self, names: tuple[str, ...]) -> list[moderngl.Program]:
         """Return the programs that draw some attachments, one for each atlas: those linked here before, or new ones."""
-        locations = {name.upper(): number for number, name in enumerate(names)}
-        grey = {"GREY": 1} if self._patches.grey and "colour" in names else {}
         for anisotropy in self._anisotropies:
             if (names, anisotropy) not in self._linked:
-                self._linked[names, anisotropy] = link_program(
-                    self._context, "mesh.vert", "mesh.frag", locations | {"ANISOTROPY": anisotropy} | grey
-                )
+                self._linked[names, anisotropy] = self._link(names, anisotropy)
         return [self._linked[names, anisotropy] for anisotropy in self._anisotropies]
+
+    def _link(self, names: tuple[str, ...], anisotropy: int) -> moderngl.Program:
+        defines = {name.upper(): number for number, name in enumerate(names)}
+        if self._patches.grey and "colour" in names:
+            defines["GREY"] = 1
+        anisotropic = anisotropy > 1 and "colour" in names
+        if anisotropic:
+            defines["ANISOTROPIC"] = 1
+        program = link_program(self._context, "mesh.vert", "mesh.frag", defines)
+        if anisotropic:
+            program["most_samples"] = float(anisotropy)
+        return program
 
     def _part(self, scenes: Sequence[Scene], eye: Eye, crop: Crop | None) -> Crop | None:
         """Return the part of one eye's image that a crop needs in any of some scenes; None for all of it."""
@@ -219,12 +230,7 @@ class Drawing:
         )
 
     def _draw(
-        self,
-        placed: Placed,
-        eye: Eye,
-        part: Crop | None,
-        crop: Crop | None,
-        targets: EyeTargets,
+        self, placed: Placed, eye: Eye, part: Crop | None, crop: Crop | None, targets: EyeTargets
     ) -> dict[str, Any]:
         """Draw a part of one eye's image, or all of it; return the crop's image where it is antialiased.
 
@@ -253,12 +259,7 @@ class Drawing:
         return {"image": self._draw_samples(eye, crop, self._colour_targets, filled)}
 
     def _draw_once(
-        self,
-        placed: Placed,
-        eye: Eye,
-        part: Crop | None,
-        targets: EyeTargets,
-        filled: Sequence[Filled],
+        self, placed: Placed, eye: Eye, part: Crop | None, targets: EyeTargets, filled: Sequence[Filled]
     ) -> Sequence[Filled]:
         """Draw a part of one eye's view, one sample a pixel; return what was not left out as hidden."""
         seen = filled

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from semisynth_gl.camera import EYES, Crop, Eye
-from semisynth_gl.frame import CHANNELS, FUTURE_OUTPUTS, PAST_OUTPUTS, Moment
+from semisynth_gl.frame import CHANNELS, Moment
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.correspondence import CorrespondencePass
@@ -15,9 +15,6 @@ from semisynth_gl.render.targets import CORRESPONDENCE, EyeTargets
 from semisynth_gl.render.visibility import VisibilityPass
 from semisynth_gl.render.wanted import Wanted
 from semisynth_gl.scene.scene import Motion
-
-NEEDS_MOTION: Mapping[str, frozenset[str]] = {"future": FUTURE_OUTPUTS, "past": PAST_OUTPUTS}
-"""The outputs that need each of a scene's motions."""
 
 
 class Reading:
@@ -41,7 +38,10 @@ class Reading:
         self._visibility = VisibilityPass(context, constants) if wanted.visibility else None
         self._correspondence = CorrespondencePass(context, constants, read) if wanted.corresponds else None
         self._flow = FlowPass(context, constants, read) if wanted.flow else None
-        self._flow_size: tuple[int, int] | None = None
+
+    def fits(self, size: tuple[int, int]) -> bool:
+        """Return whether there is room for an image size already."""
+        return self._flow is None or self._flow.size == size
 
     def resize(self, size: tuple[int, int]) -> None:
         """Make room for an image size; where that fails, all stays as it was.
@@ -49,9 +49,8 @@ class Reading:
         Raises:
             BackendError: where the driver refuses the size.
         """
-        if self._flow is not None and self._flow_size != size:
+        if self._flow is not None:
             self._flow.resize(size)
-            self._flow_size = size
 
     def find_visibility(self, placed: Placed, crop: Crop | None, targets: dict[Eye, EyeTargets]) -> None:
         """Mark what the other eye sees, of a rectified pair; of others the correspondences tell."""
@@ -82,7 +81,7 @@ class Reading:
         if self._correspondence is not None:
             self._read_correspondence(self._correspondence, placed, crop, targets, views)
         for name, motion in motions.items():
-            if self._flow is not None and motion is not None and self._wanted.outputs & NEEDS_MOTION[name]:
+            if self._flow is not None and motion is not None and self._wanted.needing(name):
                 moment: Moment = "next" if name == "future" else "previous"
                 self._read_flow(self._flow, placed, motion, crop, moment, targets, views)
 
@@ -130,8 +129,8 @@ class Reading:
     ) -> None:
         """Draw the flow to one other moment, and copy out its channels, but for those that the views have already."""
         moved = flow_pass.place(placed, motion, self._models)
+        of_moment = [row for row in self._wanted.drawn_by("flow") if row.moment == moment]
         for eye in self._wanted.truth_eyes:
-            of_moment = [row for row in self._wanted.drawn_by("flow") if row.moment == moment]
             channels = [row for row in of_moment if row.name not in views[eye]]
             if not channels:
                 continue

@@ -31,7 +31,7 @@ from semisynth_gl.render.model_buffers import ModelBuffers
 from semisynth_gl.render.pass_clock import PassClock
 from semisynth_gl.render.patches import PatchTextures
 from semisynth_gl.render.readers import Reader, read_array
-from semisynth_gl.render.reading import NEEDS_MOTION, Reading
+from semisynth_gl.render.reading import Reading
 from semisynth_gl.render.shared_left import SharedLeft
 from semisynth_gl.render.wanted import Wanted
 from semisynth_gl.scene.scene import Motion, Scene
@@ -229,9 +229,9 @@ class Renderer:
         check_type("crop", crop, Crop | None)
         for shown in (scene, *(motion.scene for motion in motions.values() if motion is not None)):
             self._check(shown)
-        for name, outputs in NEEDS_MOTION.items():
-            wanted = sorted(self._wanted.outputs & outputs)
-            if wanted and motions[name] is None:
+        for name, motion in motions.items():
+            wanted = self._wanted.needing(name)
+            if wanted and motion is None:
                 raise InputError(f"the output {wanted[0]} needs the scene's motion: render(scene, {name}=Motion(...))")
 
     def render_images(self, scene: Scene, eyes: Collection[Eye] = EYES) -> dict[Eye, NDArray[np.uint8]]:
@@ -313,9 +313,6 @@ class Renderer:
         self._resize((scene.camera.width_px, scene.camera.height_px), shared=shared is not None)
         placed = self._models.place(scene)
         targets, views = self._drawing.draw(placed, crop, shared)
-        if shared is not None:
-            # What was read of the left view for an earlier pair.
-            views["left"] |= shared.channels
         finish("draw")
         self._reading.find_visibility(placed, crop, targets)
         finish("visibility")
@@ -345,6 +342,9 @@ class Renderer:
             )
 
     def _resize(self, size: tuple[int, int], *, shared: bool) -> None:
+        # Of every pair: what is below touches the driver.
+        if self._reading.fits(size) and self._drawing.fits(size, shared=shared):
+            return
         # All or nothing: a size that the driver refuses leaves the renderer as it was.
         self._gl.gc_mode = "auto"
         try:

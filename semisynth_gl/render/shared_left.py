@@ -67,7 +67,8 @@ class SharedLeft:
     def render(self, number: int) -> Frame:
         """Draw the pair of the camera of a number.
 
-        The left view is drawn by the first call, and again where the renderer has drawn something else in between.
+        The left view is drawn by the first call, and again where the renderer has drawn another shared left view or
+        images of another size in between.
 
         Raises:
             InputError: where there is no camera of that number.

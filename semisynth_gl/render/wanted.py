@@ -8,8 +8,20 @@ from typing import Any, Self
 from semisynth_gl.arguments import check_type
 from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.errors import InputError
-from semisynth_gl.frame import CHANNELS, FLOW_OUTPUTS, OUTPUTS, TRUTH_VIEWS, Channel, Pass, TruthViews
+from semisynth_gl.frame import (
+    CHANNELS,
+    FLOW_OUTPUTS,
+    FUTURE_OUTPUTS,
+    OUTPUTS,
+    PAST_OUTPUTS,
+    TRUTH_VIEWS,
+    Channel,
+    Pass,
+    TruthViews,
+)
 from semisynth_gl.render.antialias import Antialias, parse_antialias
+
+_OF_MOTIONS = {"future": FUTURE_OUTPUTS, "past": PAST_OUTPUTS}
 
 
 @dataclass(frozen=True)
@@ -54,6 +66,10 @@ class Wanted:
     def channels(self) -> list[Channel[Any]]:
         """The channels of a view whose truth is made."""
         return [row for row in CHANNELS.values() if row.output is None or row.output in self.outputs]
+
+    def needing(self, motion: str) -> list[str]:
+        """Return the outputs that need a motion of the scene, "future" or "past"."""
+        return sorted(self.outputs & _OF_MOTIONS[motion])
 
     def drawn_by(self, name: Pass) -> list[Channel[Any]]:
         """Return the channels that a pass writes."""

@@ -184,7 +184,7 @@ def _encodable(frame: StoredFrame, channel: str, rays: RayValues, stored: Values
     """Return the rays' values (R, C), inf where they are beyond the file's encoding and the file (R, C) has inf."""
     # Where the disparity is beyond the encoding, its change is missing too.
     source, largest_px = np.abs(rays["disparity"]), frame.encodings.disparity.limit_px
-    if channel in ("correspondence", "sky"):
+    if channel == "correspondence":
         return rays[channel]
     if channel in OPPOSITE:
         source, largest_px = np.abs(rays[channel]).max(axis=1, keepdims=True), frame.encodings.flow.limit_px
