@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from semisynth_gl.geometry.mesh import Mesh, cross, merged
+from semisynth_gl.geometry.mesh import Mesh, cross, least_axis, merged
 from semisynth_gl.geometry.parts import arc, around, circle, on_circle, placed, rod, smooth, turned, upright, wire
 from semisynth_gl.geometry.surfaces import box, extruded, grid_surface, lathe
 
@@ -148,7 +148,7 @@ def cable(rng: np.random.Generator) -> list[Mesh]:
     heading = path[-1] - path[-2]
     heading /= np.linalg.norm(heading)
     tip = path[-1] + 0.2 * heading
-    sideways = cross(heading, np.eye(3)[np.argmin(np.abs(heading))])
+    sideways = cross(heading, least_axis(heading))
     sideways *= 0.04 / np.linalg.norm(sideways)
     feet = (tip + side * sideways for side in (-1, 1))
     pins = [rod(foot - 0.02 * heading, foot + 0.12 * heading, 0.012) for foot in feet]

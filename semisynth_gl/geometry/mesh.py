@@ -102,6 +102,15 @@ def cross(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np
     return product
 
 
+def least_axis(direction: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the unit axis, (3,), along which a direction (3,) has least; the first of those that are equal to 1e-6.
+
+    Sines and products of matrices differ in their last bits from processor to processor, and must not choose.
+    """
+    axis: NDArray[np.float64] = np.eye(3)[np.argmin(np.round(np.abs(direction), 6))]
+    return axis
+
+
 def lengths(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """Lengths along the last axis, (..., D): bit for bit those of `numpy.linalg.norm`."""
     return np.asarray(np.sqrt(np.add.reduce(vectors * vectors, axis=-1)))

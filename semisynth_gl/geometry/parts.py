@@ -6,7 +6,7 @@ import numpy as np
 import pyrr
 from numpy.typing import ArrayLike, NDArray
 
-from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh
+from semisynth_gl.geometry.mesh import Mesh, cross, least_axis, make_mesh
 from semisynth_gl.geometry.surfaces import lathe, sweep
 
 
@@ -141,7 +141,7 @@ def around(count: int, start_rad: float = 0.0) -> Iterable[NDArray[np.float64]]:
 
 def onto(axis: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a rotation that takes z onto a unit vector; (3, 3) for column vectors."""
-    sideways = np.eye(3)[np.argmin(np.abs(axis))]
+    sideways = least_axis(axis)
     x = cross(sideways, axis)
     x /= np.linalg.norm(x)
     return np.stack([x, cross(axis, x), axis], axis=1)

@@ -58,7 +58,7 @@ def mean_silhouette(
             heights.append(relief)
             weights.append(np.full(len(relief), chance))
     height, weight = np.concatenate(heights), np.concatenate(weights)
-    order = np.argsort(height)
+    order = np.argsort(height, kind="stable")
     below = np.cumsum(weight[order])
     wanted = (np.arange(_QUANTILES) + 0.5) / _QUANTILES * below[-1]
     # Rounded, since machines may sum in different order and digests of models are compared.

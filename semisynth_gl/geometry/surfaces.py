@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from semisynth_gl.errors import InputError
-from semisynth_gl.geometry.mesh import Mesh, cross, lengths, make_mesh, merged, without_degenerate
+from semisynth_gl.geometry.mesh import Mesh, cross, least_axis, lengths, make_mesh, merged, without_degenerate
 from semisynth_gl.geometry.unwrap import facing_axes
 
 BAND_STRETCH = 1.1
@@ -164,7 +164,7 @@ def _frames(
     tangent /= lengths(tangent)[:, None]
     count = len(points)
     across = np.zeros_like(points)
-    axis = np.eye(3)[np.argmin(np.abs(tangent[0]))]
+    axis = least_axis(tangent[0])
     across[0] = axis - (axis @ tangent[0]) * tangent[0]
     across[0] /= np.linalg.norm(across[0])
     stops = [*range(1, count), 0] if closed else range(1, count)

@@ -2,9 +2,11 @@
 
 import json
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from isal.isal_zlib import crc32
+from numpy.typing import NDArray
 
 from semisynth_gl.config import Config
 from semisynth_gl.errors import Skipped
@@ -13,6 +15,12 @@ from semisynth_gl.geometry.model_library import ModelLibrary, build_libraries
 from semisynth_gl.splits import WHOLE, Split
 from semisynth_gl.textures.atlas import Atlas
 from semisynth_gl.textures.prepare import prepare_atlas, split_images
+
+_LENGTH = 1e-5  # radii of a model; shares and heights too
+_LEVELS = 0.5
+_OFF_ROUND_NUMBERS = 0.317
+_PARTS = 4
+_EACH_ROW = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,20 +46,50 @@ class Sources:
         return tuple(dict.fromkeys(skipped for library in self.libraries for skipped in library.skipped))
 
     def digests(self) -> dict[str, str]:
-        """Return a checksum of the patches' pixels and one of the models' vertices, in JSON's types."""
-        patches = json.dumps([patch.described() for patch in self.atlas.patches]).encode()
+        """Return a checksum of the patches and one of the models, in JSON's types.
+
+        Both are the same on all processors, which differ in the last bits of sines and of products of matrices: lengths
+        are rounded to 1e-5 of a model's radius, and of pixels the means over sixteenths of a patch count, in half
+        levels.
+        """
+        patches = 0
+        for patch in self.atlas.patches:
+            known = patch.described()
+            contrast = round(known.pop("contrast", 1.0), 6)
+            del known["texture"]  # follows from the pixels
+            patches = crc32(json.dumps([known, contrast]).encode(), patches)
+        for layers in (self.atlas.layers, self.atlas.large_layers):
+            patches = crc32(_rounded(_means(layers), _LEVELS), patches)
         models = 0
         for mesh in self.models:
-            for array in (mesh.positions, mesh.uv, mesh.triangles):
-                models = crc32(np.ascontiguousarray(array), models)
+            models = crc32(np.ascontiguousarray(mesh.triangles), models)
+            for lengths in (mesh.positions, mesh.uv):
+                models = crc32(_rounded(lengths, _LENGTH), models)
         # The number of particles depends on the silhouette.
         for library in self.libraries:
             silhouette = library.silhouette
-            for numbers in (np.array(silhouette.fill), silhouette.heights, library.chances):
-                models = crc32(numbers.tobytes(), models)
-        pixels = crc32(np.ascontiguousarray(self.atlas.layers), crc32(patches))
-        pixels = crc32(np.ascontiguousarray(self.atlas.large_layers), pixels)
-        return {"patches": f"{pixels:08x}", "models": f"{models:08x}"}
+            for numbers in (np.array([silhouette.fill]), silhouette.heights, library.chances):
+                models = crc32(_rounded(numbers, _LENGTH), models)
+        return {"patches": f"{patches:08x}", "models": f"{models:08x}"}
+
+
+def _rounded(values: NDArray[Any], step: float) -> NDArray[np.int64]:
+    """Round values to whole steps, and not those to different ones that differ by their last bits.
+
+    Zero and round numbers, of which there are many, are far from where rounding changes.
+    """
+    return np.floor(np.ascontiguousarray(values, np.float64) / step + _OFF_ROUND_NUMBERS).astype(np.int64)
+
+
+def _means(layers: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Return the mean of each component over 4 x 4 parts of each layer, every eighth row counting."""
+    some = layers[:, ::_EACH_ROW]
+    rows, columns = (np.unique(np.arange(_PARTS) * extent // _PARTS) for extent in some.shape[1:3])
+    sums = np.add.reduceat(np.add.reduceat(some, rows, axis=1, dtype=np.uint32), columns, axis=2)
+    heights, widths = np.diff(rows, append=some.shape[1]), np.diff(columns, append=some.shape[2])
+    pixels = np.multiply.outer(heights, widths)
+    means: NDArray[np.float64] = sums / pixels.reshape(*pixels.shape, *(1,) * (some.ndim - 3))
+    return means
 
 
 def prepare_sources(config: Config, seed: int, split: Split = WHOLE) -> Sources:

@@ -45,7 +45,7 @@ def photograph(image: Image.Image, rng: np.random.Generator, box: Box, inks: NDA
     y = np.linspace(-2, 2, shape[0], dtype=np.float32)[:, np.newaxis]
     rough = fractal(rng, shape, coarsest_px=128)
     if rng.random() < 0.6:
-        inks = inks[np.argsort(-inks.sum(axis=1))]
+        inks = inks[np.argsort(-inks.sum(axis=1), kind="stable")]
         view = toned(0.8 * y + 0.25 * rough, inks[:2])
         for number in range(3):
             skyline = fractal(rng, (2, shape[1]), coarsest_px=64, persistence=0.55)[0] * np.float32(0.28)

@@ -235,7 +235,7 @@ def fields(rng: np.random.Generator) -> Pixels:
 def strokes(rng: np.random.Generator) -> Pixels:
     """A painting in thick strokes that follow the forms."""
     colours = palette(rng)
-    colours = colours[np.argsort(colours.sum(axis=1))]
+    colours = colours[np.argsort(colours.sum(axis=1), kind="stable")]
     plan = fractal(rng, coarsest_px=512, finest_px=2, persistence=0.6)
     hue = fractal(rng, coarsest_px=256, finest_px=4, persistence=0.6)
     target = 0.72 * toned(plan, colours) + 0.28 * toned(hue, rng.permutation(colours))
