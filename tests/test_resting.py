@@ -14,7 +14,7 @@ from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene.resting import come_to_rest, triangles_of
 from semisynth_gl.scene.sampler import SceneSampler
-from semisynth_gl.scene.support import surface_below
+from semisynth_gl.scene.support import surfaces_below
 from semisynth_gl.textures.atlas import Patch
 
 PATCH = (Patch("photo", 0, 0, 64, 0, 1, 10.0),)
@@ -43,7 +43,7 @@ def test_models_at_rest_touch_what_was_below_them() -> None:
         poses = dict(zip(above.slot.tolist(), above.scene.world_from_model, strict=True))
         for number in np.flatnonzero(sampled.resting):
             pose, before = scene.world_from_model[number], poses[sampled.slot[number]]
-            support = surface_below(upright, before[0, 3], before[2, 3], -before[1, 3])
+            support = surfaces_below(upright, np.array([[before[0, 3], before[2, 3], -before[1, 3]]]))[0]
             vertices = sampler.models[scene.model[number]].positions.astype(float) @ pose[:3, :3].T + pose[:3, 3]
             place = (before[0, 3], before[2, 3], support.height)
             heights = (vertices[:, [0, 2, 1]] * (1, 1, -1) - place) @ support.normal
@@ -129,19 +129,23 @@ def test_truth_of_a_moving_camera_over_models_at_rest_is_exact(open_renderer) ->
 def test_the_surface_below_is_the_highest_that_is_not_above(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)
     corners = rng.uniform(-1, 1, (count, 3, 3))
-    x, y, height = rng.uniform(-0.3, 0.3, 3)
-    expected = []
-    for first, second, third in corners:
-        along = np.linalg.solve(np.stack([second - first, third - first], axis=1)[:2], (x, y) - first[:2])
-        at = first[2] + along @ (second[2] - first[2], third[2] - first[2])
-        if along.min() >= 0 and along.sum() <= 1 and at <= height:
-            expected.append(at)
-    found = surface_below(corners, x, y, height)
-    assert (found is None) == (not expected)
-    if found is not None:
-        assert found.height == pytest.approx(max(expected), abs=1e-9)
-        assert found.normal[2] >= 0
-        assert np.linalg.norm(found.normal) == pytest.approx(1)
+    places = rng.uniform(-0.6, 0.6, (3, 3))
+    places[2, 2] = np.inf
+    for (x, y, height), found in zip(places, surfaces_below(corners, places), strict=True):
+        expected = []
+        for number, (first, second, third) in enumerate(corners):
+            along = np.linalg.solve(np.stack([second - first, third - first], axis=1)[:2], (x, y) - first[:2])
+            at = first[2] + along @ (second[2] - first[2], third[2] - first[2])
+            if along.min() >= 0 and along.sum() <= 1 and at <= height:
+                expected.append((at, number))
+        assert (found is None) == (not expected)
+        if found is not None:
+            highest, number = max(expected)
+            assert found.height == pytest.approx(highest, abs=1e-9)
+            assert found.normal[2] >= 0
+            assert np.linalg.norm(found.normal) == pytest.approx(1)
+            along = corners[number, 1:] - corners[number, 0]
+            np.testing.assert_allclose(along @ found.normal, 0, atol=1e-9)
 
 
 def test_nothing_rests_on_a_steep_slope_or_above_nothing() -> None:

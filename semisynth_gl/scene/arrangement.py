@@ -11,7 +11,7 @@ from semisynth_gl.geometry.mesh import Mesh, cross
 from semisynth_gl.geometry.parts import turned_about_z
 from semisynth_gl.scene.background import FACE, OVERLAP
 from semisynth_gl.scene.rig import BEYOND_NEAR
-from semisynth_gl.scene.support import surface_below
+from semisynth_gl.scene.support import surfaces_below
 
 Floats = NDArray[np.float64]
 
@@ -242,7 +242,7 @@ class Arrangement:
         """
         mesh, matrix = self.catalogue.models[self.model[number]], self.floor_from_model[number]
         corners = (mesh.positions.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3])[mesh.triangles]
-        top = surface_below(corners, x, y)
+        top = surfaces_below(corners, np.array([[x, y, np.inf]]))[0]
         return None if top is None or top.normal[2] < _LEVEL else top.height
 
     def raise_floor(self, low: tuple[float, float], high: tuple[float, float], height_m: float) -> None:

@@ -47,7 +47,7 @@ def glance(scene: Scene, models: Sequence[Mesh]) -> Glance:
         vertices = mesh.positions.astype(np.float64) @ view_from_model[:3, :3].T + view_from_model[:3, 3]
         if vertices[:, 2].max() < scene.near_m:
             continue
-        vertices, drawn = np.c_[vertices, mesh.uv], mesh.triangles
+        vertices, drawn = np.concatenate([vertices, mesh.uv], axis=1), mesh.triangles
         if vertices[:, 2].min() < scene.near_m:
             vertices = _cut(vertices[mesh.triangles], scene.near_m).reshape(-1, 5)
             drawn = np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3)

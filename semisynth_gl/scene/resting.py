@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.scene.support import surface_below
+from semisynth_gl.geometry.mesh import Mesh, least_axis
+from semisynth_gl.scene.support import surfaces_below
 
 Floats = NDArray[np.float64]
 
@@ -39,17 +39,17 @@ def come_to_rest(poses: Floats, meshes: Sequence[Mesh], corners: Floats, up: Flo
         Their poses (4, 4) at rest, by number.
     """
     # A frame whose z points up.
-    aside = np.cross(up, np.eye(3)[np.abs(up).argmin()])
+    aside = np.cross(up, least_axis(up))
     aside /= np.linalg.norm(aside)
     turn = np.stack([aside, np.cross(up, aside), up])
     turned, rested = corners @ turn.T, dict[int, Floats]()
-    for number, (mesh, pose) in enumerate(zip(meshes, poses, strict=True)):
-        x, y, z = turn @ pose[:3, 3]
-        support = surface_below(turned, x, y, z)
+    places = np.array([turn @ pose[:3, 3] for pose in poses]).reshape(-1, 3)
+    supports = surfaces_below(turned, places)
+    for number, (mesh, pose, place, support) in enumerate(zip(meshes, poses, places, supports, strict=True)):
         if support is None or support.normal[2] < _STEEPEST:
             continue
         outwards = turn.T @ support.normal
         lowest = float((mesh.positions.astype(np.float64) @ pose[:3, :3].T @ outwards).min())
         rested[number] = pose.copy()
-        rested[number][:3, 3] = turn.T @ (x, y, support.height) - lowest * outwards
+        rested[number][:3, 3] = turn.T @ (*place[:2], support.height) - lowest * outwards
     return rested

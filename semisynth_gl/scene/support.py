@@ -5,7 +5,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.geometry.cells import covered_cells
 from semisynth_gl.geometry.mesh import cross, lengths
 
 Floats = NDArray[np.float64]
@@ -23,23 +22,43 @@ class Support(NamedTuple):
     normal: Floats
 
 
-def surface_below(corners: Floats, x: float, y: float, height: float = np.inf) -> Support | None:
-    """Find the highest surface at a place that is not above a height; None where there is none.
+def surfaces_below(corners: Floats, places: Floats) -> list[Support | None]:
+    """Find for each place the highest surface that is not above it; None where there is none.
 
     Args:
         corners: (T, 3, 3) float64, corners of triangles in a frame whose z points up.
-        x: the place.
-        y: the same.
-        height: the height.
+        places: (P, 3) float64, in the same frame; inf as z for the highest surface of all.
     """
-    numbers = np.arange(3 * len(corners)).reshape(-1, 3).T
-    triangle, _, u, v = covered_cells(corners[..., 0].ravel() - x, corners[..., 1].ravel() - y, numbers, 1, 1)
-    hit = corners[triangle]
-    first, second = hit[:, 1] - hit[:, 0], hit[:, 2] - hit[:, 0]
-    heights = hit[:, 0, 2] + u * first[:, 2] + v * second[:, 2]
-    below = np.flatnonzero(heights <= height)
-    if not below.size:
-        return None
-    highest = below[heights[below].argmax()]
-    normal = cross(first[highest : highest + 1], second[highest : highest + 1])[0]
-    return Support(float(heights[highest]), normal * (np.sign(normal[2]) / lengths(normal)))
+    place, triangle = _pairs_over(corners[..., :2], places[:, :2])
+    first = corners[triangle, 0]
+    edge_1, edge_2 = corners[triangle, 1] - first, corners[triangle, 2] - first
+    # Seen from above, the place is the origin: how far it lies along both edges, in their lengths.
+    seen = corners[triangle, :, :2] - places[place, None, :2]
+    (from_x, from_y), (x_1, y_1), (x_2, y_2) = seen[:, 0].T, (seen[:, 1] - seen[:, 0]).T, (seen[:, 2] - seen[:, 0]).T
+    area = x_1 * y_2 - y_1 * x_2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u = (from_y * x_2 - from_x * y_2) / area
+        v = (from_x * y_1 - from_y * x_1) / area
+        height = first[:, 2] + u * edge_1[:, 2] + v * edge_2[:, 2]
+        found = np.flatnonzero((u >= 0) & (v >= 0) & (u + v <= 1) & (height <= places[place, 2]))
+    # The highest of each place comes first.
+    found = found[np.lexsort((-height[found], place[found]))]
+    reached, number = np.unique(place[found], return_index=True)
+    highest = found[number]
+    normals = cross(edge_1[highest], edge_2[highest])
+    normals *= (np.sign(normals[:, 2]) / lengths(normals))[:, None]
+    supports: list[Support | None] = [None] * len(places)
+    for at, z, normal in zip(reached.tolist(), height[highest].tolist(), normals, strict=True):
+        supports[at] = Support(z, normal)
+    return supports
+
+
+def _pairs_over(corners: Floats, places: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return each place (P, 2) and triangle (T, 3, 2) whose bounding box holds it, as two arrays of numbers."""
+    (low_x, low_y), (high_x, high_y) = corners.min(axis=1).T.copy(), corners.max(axis=1).T.copy()
+    held = []
+    for x, y in places.tolist():
+        column = np.flatnonzero((low_x <= x) & (x <= high_x))
+        held.append(column[(low_y[column] <= y) & (y <= high_y[column])])
+    place = np.repeat(np.arange(len(places)), [len(numbers) for numbers in held])
+    return place, np.concatenate([np.empty(0, np.int64), *held])
