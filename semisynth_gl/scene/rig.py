@@ -16,8 +16,7 @@ from semisynth_gl.errors import InputError
 
 Floats = NDArray[np.float64]
 
-_GRID = 9
-_BESIDE = 0.2
+_ALONG_BORDER = 129
 _STEPS = 8
 
 BEYOND_NEAR = 1.01
@@ -77,26 +76,35 @@ def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
     A right camera that deviates has a plane that is right for its rectified twin too.
 
     Raises:
-        InputError: where ``min_px`` lies beyond infinity for this camera.
+        InputError: where ``min_px`` lies beyond infinity for this camera, or the deviation alone takes ``max_px``.
     """
     check_reachable(camera, section.min_px, "disparity.min_px")
     depth_m = float(camera.depth_m(section.max_px))
     if camera.rectified:
         return depth_m
-    # What the right eye sees lies to the right of the left image by up to the largest disparity, or above or below it;
-    # to the left of it, if disparities are negative.
-    behind_px = max(camera.doffs_px, 0.0) if section.signed else 0.0
-    x_px, y_px = np.meshgrid(
-        np.linspace(-0.5 - behind_px, camera.width_px + max(section.max_px, 0.0), _GRID),
-        np.linspace(-_BESIDE, 1 + _BESIDE, _GRID) * camera.height_px,
-    )
     for _ in range(_STEPS):
-        largest_px = float(-camera.correspondence("left", x_px, y_px, np.full_like(x_px, depth_m))[..., 0].min())
         # As if the deviation changed nothing with the depth, which is nearly so.
-        wanted_px = section.max_px - (largest_px - float(camera.disparity_px(depth_m)))
-        check_reachable(camera, wanted_px, "disparity.max_px, less what the right camera deviates,")
-        depth_m = float(camera.depth_m(wanted_px))
+        deviates_px = largest_disparity_px(camera, depth_m) - float(camera.disparity_px(depth_m))
+        if not section.max_px - deviates_px + camera.doffs_px > 0:  # Not a number, too: the eye looks behind the other.
+            raise InputError(
+                f"disparity.max_px: {section.max_px:g} px leaves no depth in front of a camera that deviates by "
+                f"{camera.deviation}, which alone moves pixels by up to {deviates_px:g} px: raise disparity.max_px, or "
+                "narrow the ranges of rig"
+            )
+        depth_m = float(camera.depth_m(section.max_px - deviates_px))
     return max(depth_m, float(camera.depth_m(section.max_px)))
+
+
+def largest_disparity_px(camera: StereoCamera, depth_m: float) -> float:
+    """Return the largest disparity that either image shows of a plane at a planar depth of the left view."""
+    # It lies on the border: of a quotient of two linear functions, the Hessian has a negative determinant everywhere.
+    along, across = np.tile(np.linspace(0, 1, _ALONG_BORDER), 2), np.repeat((0.0, 1.0), _ALONG_BORDER)
+    x_px = np.concatenate([along, across]) * camera.width_px - 0.5
+    y_px = np.concatenate([across, along]) * camera.height_px - 0.5
+    left = -camera.correspondence("left", x_px, y_px, np.full_like(x_px, depth_m))[..., 0]
+    own_depth_m = depth_m / camera.rays("right", x_px, y_px)[..., 2]
+    right = camera.correspondence("right", x_px, y_px, own_depth_m)[..., 0]
+    return float(max(left.max(), right.max()))
 
 
 def check_reachable(camera: StereoCamera, disparity_px: float, key: str) -> None:
