@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from semisynth_gl.geometry import model_process, model_reader
@@ -150,6 +150,7 @@ def test_nothing_outside_a_models_folder_is_opened(home):
         max_size=6,
     ),
 )
+@example(start="", parts=["self", "..", "link.bin"])
 def test_any_path_leads_to_a_file_inside_or_nowhere(home, start, parts):
     for path in ("own.bin", "below/own.bin"):
         (home / path).write_text("inside")

@@ -176,7 +176,11 @@ class _Neighbours(Resolver):
         name = name.strip()
         # As trimesh looks for it: many exporters write paths of the machine that they ran on.
         for candidate in (name, name.lstrip("/"), PurePosixPath(name).name):
-            path = (self._folder / candidate).resolve()
+            try:
+                # Not strict, a link to itself would leave what follows it unresolved, and that may be a link elsewhere.
+                path = (self._folder / candidate).resolve(strict=True)
+            except (OSError, RuntimeError):  # of such links, RuntimeError before Python 3.13
+                continue
             if path.is_relative_to(self._folder) and path.is_file():
                 content = _read(path, self._room)
                 self._room -= len(content)
