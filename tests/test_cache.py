@@ -2,6 +2,7 @@
 
 import ast
 import hashlib
+import logging
 import os
 import shutil
 import signal
@@ -134,6 +135,19 @@ def test_an_atlas_that_is_found_equals_the_one_that_was_built(photographs, built
     again.layers[:] = 0  # what is found may be written to, and stays
     assert_same_atlas(first, prepare_atlas(section, 3))
     assert len(built) == 2
+
+
+def test_work_that_takes_seconds_is_logged_where_nothing_is_found(photographs, folder, caplog, monkeypatch):
+    caplog.set_level(logging.INFO, "semisynth_gl")
+    section, kinds = textures(photographs), ModelsSection(complex=0.0, variants=1)
+    for _ in range(2):
+        prepare_atlas(section, 3)
+        build_library(kinds, PARTICLES, 3)
+    atlas, library = "making patches of photographs (images: 6)", "making models"
+    assert caplog.messages == [f"{work}; later runs find them in {folder}" for work in (atlas, library)]
+    monkeypatch.setenv("SEMISYNTH_GL_CACHE", "off")
+    prepare_atlas(section, 3)
+    assert caplog.messages[2:] == [atlas]
 
 
 def test_models_that_are_found_equal_those_that_were_built(tmp_path, built):

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from announcements import without_announcements
 from backends import backend_fault
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -838,7 +839,8 @@ def call(monkeypatch, capsys, tmp_path):
         capsys.readouterr()
         with pytest.raises(SystemExit) as stopped:
             main()
-        return stopped.value.code, *capsys.readouterr()
+        out, err = capsys.readouterr()
+        return stopped.value.code, out, without_announcements(err)
 
     return caller
 

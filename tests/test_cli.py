@@ -181,6 +181,16 @@ def test_preview_draws_a_sheet(call, tmp_path, photographs):
     assert [path.name for path in tmp_path.glob("*.png*")] == ["sheet.png"]
 
 
+def test_patches_are_announced_before_they_are_made_and_not_when_they_are_found(
+    tmp_path, photographs, call, monkeypatch
+):
+    monkeypatch.setenv("SEMISYNTH_GL_CACHE", str(tmp_path / "cache"))
+    arguments = ["textures", "--images", photographs, "--overwrite"]
+    announced = f"making patches of photographs (images: {len(list(photographs.iterdir()))}); later runs find them in "
+    assert call(*arguments, cwd=tmp_path).stderr.startswith(announced)
+    assert "making" not in call(*arguments, cwd=tmp_path).stderr
+
+
 def test_doctor_renders_its_test_pair():
     done = run("doctor")
     assert done.returncode == 0, done.stdout

@@ -6,6 +6,7 @@ went into a result are compared by their fingerprints; files that the build did 
 
 import hashlib
 import json
+import logging
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -17,6 +18,7 @@ from semisynth_gl.cache.file_fingerprint import FileFingerprint, read_fingerprin
 from semisynth_gl.cache.store import Entry, cache_folder, read_entry, write_entry
 from semisynth_gl.errors import SemisynthError
 
+_LOG = logging.getLogger(__name__)
 _Result = TypeVar("_Result")
 _PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -25,6 +27,7 @@ def cached(
     kind: str,
     key: Callable[[], Mapping[str, Any]],
     *,
+    work: str | None = None,
     files: Sequence[Path] = (),
     build: Callable[[], tuple[_Result, Sequence[Path]]],
     pack: Callable[[_Result], Entry | None],
@@ -34,6 +37,7 @@ def cached(
 
     Args:
         kind: the first part of the entry's name.
+        work: what ``build`` does, where it takes seconds: logged as INFO before it begins.
         key: returns, in JSON's types, all that decides the result except the content of files. Where it raises OSError
             or ImportError, the cache is not used.
         files: all files that the build may open. The key must hold their number and order.
@@ -44,11 +48,14 @@ def cached(
     Raises:
         SemisynthError: raised by ``build``.
     """
-    if cache_folder() is None:
-        return build()[0]
+    folder = cache_folder()
     try:
-        text = json.dumps(key(), sort_keys=True)
+        text = None if folder is None else json.dumps(key(), sort_keys=True)
     except (OSError, ImportError):
+        text = None
+    if text is None:
+        if work is not None:
+            _LOG.info("%s", work)
         return build()[0]
     name = f"{kind}-{hashlib.sha256(text.encode()).hexdigest()[:32]}"
     entry = read_entry(name)
@@ -62,6 +69,8 @@ def cached(
                     write_entry(name, _with_fingerprints(entry, current))
                 return result
     before = [stat_fingerprint(path) for path in files]
+    if work is not None:
+        _LOG.info("%s; later runs find them in %s", work, folder)
     result, opened = build()
     packed = pack(result)
     if packed is not None:

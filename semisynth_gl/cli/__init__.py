@@ -1,6 +1,7 @@
 """The command line: options in, messages and exit codes out."""
 
 import errno
+import logging
 import sys
 from importlib import import_module
 from typing import NoReturn
@@ -43,8 +44,21 @@ def semisynth_gl() -> None:
     """Make stereo training pairs with exact disparity from ordinary photographs."""
 
 
+class _OnStderr(logging.Handler):
+    """Shows what the library logs: work that takes seconds, before it begins."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        click.echo(self.format(record), err=True)
+
+
+_ON_STDERR = _OnStderr()
+
+
 def main() -> NoReturn:
     """Run the command line and exit."""
+    logger = logging.getLogger("semisynth_gl")
+    logger.addHandler(_ON_STDERR)
+    logger.setLevel(logging.INFO)
     try:
         code = semisynth_gl.main(standalone_mode=False)
     except click.ClickException as error:

@@ -100,6 +100,7 @@ def build_library(section: ModelsSection, particles: ParticlesSection, seed: int
     return cached(
         "models",
         key,
+        work="making models",
         files=flat,
         # Only the reader of a model knows which files it opened, so all files count.
         build=lambda: (_build(section, particles, seed, split), flat),

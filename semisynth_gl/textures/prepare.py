@@ -88,6 +88,7 @@ def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> 
     return cached(
         "atlas",
         key,
+        work=f"making {source.patches}" + (f" (images: {len(images):,})" if source.noun == "photograph" else ""),
         files=images,
         build=build,
         pack=lambda atlas: pack_atlas(atlas, images),
