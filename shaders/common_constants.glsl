@@ -19,6 +19,7 @@ const uint OUTSIDE = 0u;
 // Larger is infinite.
 const float LARGEST = 3e38;
 
-// Depth, near / Z, of the sky, which is behind everything, and of all else at least.
-const float SKY_DEPTH = uintBitsToFloat(0x0D800000u);  // 2^-100
-const float LEAST_DEPTH = uintBitsToFloat(0x0F000000u);  // 2^-97
+// Depth, near / Z, of the sky, which is behind everything, and of all else at least. Not const: some compilers take no call
+// for the value of a global constant.
+#define SKY_DEPTH uintBitsToFloat(0x0D800000u)  // 2^-100
+#define LEAST_DEPTH uintBitsToFloat(0x0F000000u)  // 2^-97

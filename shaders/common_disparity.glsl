@@ -2,7 +2,7 @@
 
 // The includer includes common_constants.glsl before this file.
 
-const float INVALID = uintBitsToFloat(0x7F800000u);  // +inf
+#define INVALID uintBitsToFloat(0x7F800000u)  // +inf
 
 float or_invalid(float disparity_px) {
     return disparity_px > least_px ? disparity_px : INVALID;
@@ -10,5 +10,6 @@ float or_invalid(float disparity_px) {
 
 // One rounding instead of two: f B / Z may be far larger than the disparity that doffs leaves of it.
 float disparity_at(float inverse_depth) {
-    return or_invalid(fma(focal_baseline, inverse_depth, -doffs_px));
+    precise float disparity_px = fma(focal_baseline, inverse_depth, -doffs_px);
+    return or_invalid(disparity_px);
 }

@@ -3,5 +3,6 @@
 // The translation, which is the largest term, comes last: then only the last addition rounds in its steps.
 
 float placed(vec4 row, vec3 position) {
-    return fma(row.x, position.x, fma(row.y, position.y, row.z * position.z)) + row.w;
+    precise float coordinate = fma(row.x, position.x, fma(row.y, position.y, row.z * position.z)) + row.w;
+    return coordinate;
 }

@@ -19,6 +19,9 @@ flat out int patch_layer;
 flat out int scene_instance;
 flat out int scene_triangle;  // the last corner's number is the triangle's, see ModelBuffers
 
+// Programs with other outputs draw the same triangles, at times to the same depths.
+invariant gl_Position;
+
 #include "common_placement.glsl"
 
 void main() {
