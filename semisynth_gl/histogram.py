@@ -56,7 +56,8 @@ class Histogram:
         edges = np.asarray(edges_px, np.float64)
         cumulative = self.cumulative(edges)
         cumulative[0], cumulative[-1] = 0.0, 1.0
-        return type(self)(edges, np.diff(cumulative))
+        # Sums and interpolations may fall by a rounding, and shares may not be below 0.
+        return type(self)(edges, np.diff(np.maximum.accumulate(np.minimum(cumulative, 1.0))))
 
     def seen_from(self, ratio: float, doffs_px: float) -> Self:
         """Return the same surfaces' histogram by a rig of another baseline.

@@ -73,6 +73,24 @@ def test_distances_are_symmetric_and_bounded(one, other):
     assert a.rebinned(edges).shares == pytest.approx(a.shares)
 
 
+@given(shares, st.lists(st.floats(-1, 9), min_size=2, max_size=20, unique=True), st.integers(0, 3))
+def test_shares_in_other_bins_are_never_negative(weights, edges, empty):
+    """Bins that nothing falls in come out as 0, or they could not be mixed; sums of floats may end above 1."""
+    counts = [*weights, *[0] * empty]
+    rebinned = Histogram.from_counts(np.linspace(0, 7, len(counts) + 1), counts).rebinned(sorted(edges))
+    assert (rebinned.shares >= 0).all()
+    assert rebinned.shares.sum() == pytest.approx(1)
+
+
+def test_histograms_whose_last_bins_are_empty_are_mixed():
+    rng = np.random.default_rng(0)
+    edges = np.linspace(0, 95, 20)
+    for _ in range(200):
+        parts = [Histogram.from_counts(edges, [*rng.random(18), 0]) for _ in range(4)]
+        mix = mix_histograms([(0.25, part) for part in parts], np.linspace(0, 95, 96))
+        assert mix.shares[-5:] == pytest.approx(0, abs=1e-15)
+
+
 def test_pixels_beyond_the_edges_count_in_the_outer_bins():
     count = PixelCount([0, 10, 20])
     count.add(np.array([[-1, 3, np.inf], [15, 99, np.nan]]))
