@@ -1,10 +1,13 @@
 """Backends, limits, and what the renderer refuses."""
 
+import ctypes
 import hashlib
 import os
 import subprocess
 import sys
+from contextlib import suppress
 
+import moderngl
 import numpy as np
 import pytest
 from backends import backend_fault
@@ -16,6 +19,7 @@ from semisynth_gl.frame import FLOW_OUTPUTS, OUTPUTS
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.devices import context_facts, egl_devices
+from semisynth_gl.render.model_buffers import ModelBuffers
 from semisynth_gl.render.programs import shader_source
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.raycast import cast_rays
@@ -268,6 +272,33 @@ def test_atlases_of_a_wrong_shape_are_refused(square):
         Renderer([square], np.zeros((1, 4, 4, 4), np.uint8), anisotropy=17)
     with pytest.raises(InputError, match="at least one model"):
         Renderer([], np.zeros((1, 4, 4, 4), np.uint8))
+
+
+def test_an_error_of_its_opening_is_told_of_no_pair(backend, square, monkeypatch):
+    loaded = ModelBuffers.__init__
+
+    def faulty(self, gl, *given, **options):
+        loaded(self, gl, *given, **options)
+        gl.depth_func = "<="
+        with suppress(moderngl.Error):
+            gl.buffer(reserve=16).bind_to_uniform_block(1 << 20)
+
+    monkeypatch.setattr(ModelBuffers, "__init__", faulty)
+    with pytest.raises(BackendError, match=r"reported GL_INVALID_VALUE while models and patches were loaded"):
+        Renderer([square], noise_layers(1, 8), backend=backend)
+
+
+def test_a_context_is_current_only_while_it_draws(square):
+    """A driver keeps all that a context holds while it is current, released or not."""
+    if backend_fault("egl"):
+        pytest.skip("no egl here")
+    current = ctypes.CDLL("libEGL.so.1").eglGetCurrentContext
+    current.restype = ctypes.c_void_p
+    context = open_context("egl")
+    assert current() is not None
+    context.release()
+    with Renderer([square], noise_layers(1, 8), backend="egl"):
+        assert current() is None
 
 
 def test_a_device_that_does_not_exist_is_refused():

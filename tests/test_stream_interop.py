@@ -59,7 +59,7 @@ class FakeRuntime(ModuleType):
 
     def cudaGLGetDevices(self, most, which):
         assert (most > 0, which) == (True, 1)
-        return self._note("devices", len(self.devices), self.devices)
+        return self._note("devices", len(self.devices), self.devices + [0] * (most - len(self.devices)))
 
     def cudaGraphicsGLRegisterBuffer(self, buffer, flags):
         assert flags == 1

@@ -147,5 +147,7 @@ def _set_up(raw: Any, backend: Backend) -> GraphicsContext:  # noqa: ANN401 - ei
         raise
     unbound.use_zero_to_one_depth()
     unbound.disable_dither()
+    # moderngl asks for more limits than every driver knows.
+    gl.clear_errors()
     clock = PassClock(gl, queries=not is_software(renderer))
     return GraphicsContext(gl, unbound, clock, backend, renderer, os.getpid(), get_ident())

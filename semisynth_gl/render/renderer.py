@@ -40,7 +40,7 @@ Wrap = Literal["mirror", "repeat"]
 RenderStage = Literal["draw", "visibility", "readback"]
 
 _MOST_INSTANCE_IDS = 65535
-_UNKNOWN_ERROR = "GL_UNKNOWN_ERROR"
+_NO_ERROR, _UNKNOWN_ERROR = "GL_NO_ERROR", "GL_UNKNOWN_ERROR"
 
 
 class Renderer:
@@ -108,20 +108,26 @@ class Renderer:
         self._context = open_context(backend, device_index)
         try:
             self._gl = self._context.gl
-            self._patches = PatchTextures(self._context, tuple(atlases.values()), mirrored=wrap == "mirror")
-            self._models = ModelBuffers(self._gl, models, self._patches.ends, traced=self._wanted.reads_triangles)
-            constants = ConstantsBuffer(self._gl, signed=signed)
-            anisotropies = (anisotropy, large_anisotropy)[: len(atlases)]
-            self._drawing = Drawing(
-                self._context, models, self._models, self._patches, anisotropies, constants, self._wanted, read
-            )
-            self._reading = Reading(self._context, self._models, constants, self._wanted, read)
+            # Current from its opening on, which would keep what it holds alive after its release.
+            with self._gl:
+                self._patches = PatchTextures(self._context, tuple(atlases.values()), mirrored=wrap == "mirror")
+                self._models = ModelBuffers(self._gl, models, self._patches.ends, traced=self._wanted.reads_triangles)
+                constants = ConstantsBuffer(self._gl, signed=signed)
+                anisotropies = (anisotropy, large_anisotropy)[: len(atlases)]
+                self._drawing = Drawing(
+                    self._context, models, self._models, self._patches, anisotropies, constants, self._wanted, read
+                )
+                self._reading = Reading(self._context, self._models, constants, self._wanted, read)
+                reported = self._gl.error
         except BaseException:
             self._context.release()
             raise
         # Frees what a renderer holds that nobody released, when it is collected. Not when Python ends: all goes then.
         self._free = finalize(self, self._context.release)
         self._free.atexit = False
+        if reported != _NO_ERROR:
+            self.release()
+            raise BackendError(f"{self.renderer_name} reported {reported} while models and patches were loaded")
 
     def __enter__(self) -> Self:
         return self
@@ -280,7 +286,7 @@ class Renderer:
                 self._drawing.forget()
                 raise self._fault(str(error)) from None
             reported = self._gl.error
-            if reported != "GL_NO_ERROR" or self._context.unbound.is_lost():
+            if reported != _NO_ERROR or self._context.unbound.is_lost():
                 self._drawing.forget()
                 raise self._fault(reported)
 

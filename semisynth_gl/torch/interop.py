@@ -86,7 +86,9 @@ class CudaReader:
             self._call("cudaGraphicsUnmapResources", 1, resource, stream)
 
     def _check_device(self) -> None:
-        _, devices = self._call("cudaGLGetDevices", _MOST_DEVICES, self._cuda.cudaGLDeviceList.cudaGLDeviceListAll)
+        # The bindings return as many numbers as there is room for.
+        count, numbers = self._call("cudaGLGetDevices", _MOST_DEVICES, self._cuda.cudaGLDeviceList.cudaGLDeviceListAll)
+        devices = list(numbers)[:count]
         if self._device.index not in devices:
             raise BackendError(
                 f"OpenGL draws on CUDA's device {', '.join(map(str, devices)) or 'none'}, but pairs shall be on "
