@@ -3,6 +3,7 @@
     benchmarks/gpu.sh                      # all parts, ten minutes
     benchmarks/gpu.sh doctor tests         # these parts alone
     benchmarks/gpu.sh --quick              # least effort: whether all parts run, not how fast
+    benchmarks/gpu.sh --software --quick   # on a machine without a GPU, which is refused otherwise
 
 Each part is a command of its own, which ends when its time is up. What it prints goes to OUT/PART.log, what it measures
 to OUT/PART.json; OUT/README.md is the page of all parts that the folder has.
@@ -11,10 +12,12 @@ to OUT/PART.json; OUT/README.md is the page of all parts that the folder has.
 import json
 import os
 import shlex
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -26,6 +29,16 @@ import memory_rates
 
 from semisynth_gl.bench import accuracy, speed
 from semisynth_gl.bench.summary import markdown
+from semisynth_gl.errors import BackendError
+from semisynth_gl.render.backends import is_software
+from semisynth_gl.render.devices import (
+    NVIDIA_CONTROL,
+    NVIDIA_VENDOR_FILE,
+    context_facts,
+    egl_devices,
+    nvidia_fault,
+    nvidia_is_named,
+)
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "benchmarks" / "training"))
@@ -150,15 +163,21 @@ def do_part(name: str, out: Path, seconds: float, arguments: Sequence[str], *, q
         seconds += 60
     start = time.perf_counter()
     with (out / f"{name}.log").open("wb") as log:
+        running = subprocess.Popen(
+            [sys.executable, *command], cwd=ROOT, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )  # fmt: skip
         try:
-            code = subprocess.run(
-                [sys.executable, *command], cwd=ROOT, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
-                timeout=seconds, check=False,
-            ).returncode  # fmt: skip
+            code = running.wait(seconds)
         except subprocess.TimeoutExpired:
             status = f"cut off after {seconds:.0f} s"
         else:
             status = f"failed (exit code {code})" if code else "done"
+        finally:
+            # Its workers too: they would draw on while the next part is timed.
+            with suppress(ProcessLookupError):
+                os.killpg(running.pid, signal.SIGKILL)
+            running.wait()
     today = datetime.now(UTC).date().isoformat()
     return Outcome(status, time.perf_counter() - start, shlex.join(["python", *command]), today)
 
@@ -184,6 +203,33 @@ def page(out: Path, outcomes: Mapping[str, Mapping[str, Any]]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
+def name_nvidia(out: Path) -> None:
+    """Tell EGL of NVIDIA's driver where no file does, as in many containers; before anything has opened EGL."""
+    if NVIDIA_CONTROL.exists() and not nvidia_is_named():
+        vendor_file = out / "10_nvidia.json"
+        vendor_file.write_text(NVIDIA_VENDOR_FILE, encoding="utf-8")
+        os.environ["__EGL_VENDOR_LIBRARY_FILENAMES"] = str(vendor_file)
+
+
+def check_gpu() -> None:
+    """Refuse what is no GPU: EGL falls back on Mesa's software renderer without a word.
+
+    Raises:
+        ClickException: where OpenGL draws in software or not at all, with what is known of the cause.
+    """
+    try:
+        renderer = context_facts("egl").renderer
+    except BackendError as error:
+        found = str(error)
+    else:
+        if not is_software(renderer):
+            return
+        found = f"OpenGL draws with {renderer}, which is no GPU."
+    fault = nvidia_fault(egl_devices())
+    cause = f" Of NVIDIA's: {fault}." if fault else ""
+    raise click.ClickException(f"{found}{cause} --software measures it as it is")
+
+
 def _plot(report: Path) -> None:
     command = [sys.executable, "benchmarks/plot.py", str(report), "--out", str(report.with_suffix(".png"))]
     # What cannot be drawn stands in the tables.
@@ -204,6 +250,7 @@ def _plot(report: Path) -> None:
 )
 @click.option("--images", multiple=True, metavar="PATH_OR_GLOB", help="Photographs that training sets wear.")
 @click.option("--real", "folders", multiple=True, metavar="DIR", help="Scenes in Middlebury's layout that judge.")
+@click.option("--software", is_flag=True, help="Measure a software renderer too.")
 @click.option("--quick", is_flag=True, help="Least effort: whether all parts run, not how fast.")
 def main(
     names: tuple[str, ...],
@@ -212,12 +259,16 @@ def main(
     images: tuple[str, ...],
     folders: tuple[str, ...],
     *,
+    software: bool,
     quick: bool,
 ) -> None:
     """Measure PARTs on this machine, all of them by default; the exit code is 1 where one failed or was cut off."""
     end = time.perf_counter() + 60 * minutes
     out = out.absolute()
     out.mkdir(parents=True, exist_ok=True)
+    name_nvidia(out)
+    if not software:
+        check_gpu()
     kept = out / _PARTS_FILE
     outcomes: dict[str, dict[str, Any]] = json.loads(kept.read_text(encoding="utf-8")) if kept.is_file() else {}
     of_training = [

@@ -44,8 +44,13 @@ if [ ! -e "$venv/.ready" ]; then
         done
     fi
     "$python" -c "import torch" 2>/dev/null || install torch==2.13.0 || say "Going on without PyTorch"
-    install "cuda-bindings>=12.8" || say "Going on without cuda-bindings: no tensors on the GPU"
+    # Bindings of a newer CUDA than PyTorch's may want a newer driver.
+    cuda=$("$python" -c 'import torch; print((torch.version.cuda or "").split(".")[0])' 2>/dev/null) || cuda=""
+    install "cuda-bindings${cuda:+==$cuda.*}" "cuda-bindings>=12.8" || say "Going on without cuda-bindings: no tensors on the GPU"
     touch "$venv/.ready"
 fi
-sh tools/system-packages.sh "$python" egl || say "Going on without OpenGL's packages"
+# What is there already may be all that there is to have: a machine that reaches no packages waits for them.
+if ! "$python" -c 'from semisynth_gl.render.context import open_context; open_context("egl")' 2>/dev/null; then
+    sh tools/system-packages.sh "$python" egl || say "Going on without OpenGL's packages"
+fi
 exec "$python" benchmarks/gpu.py "$@"

@@ -122,7 +122,7 @@ def ways(processes: int) -> tuple[list[Way], dict[str, str]]:
     elif torch.cuda.is_available():
         found.append(Way("tensors on the GPU, not checked", 0, checked=False, device="cuda"))
     else:
-        left_out["tensors on the GPU"] = "PyTorch sees no GPU"
+        left_out["tensors on the GPU"] = f"PyTorch (for CUDA {torch.version.cuda}) sees no GPU"
     return found, left_out
 
 

@@ -3,10 +3,14 @@
 import json
 import sys
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+
+from semisynth_gl.errors import BackendError
+from semisynth_gl.render.devices import ContextFacts
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -104,6 +108,40 @@ def test_the_page_has_all_parts_that_ran(tmp_path):
     assert not (tmp_path / "reported.json").exists()
 
 
+def test_a_software_renderer_is_not_taken_for_a_gpu(tmp_path, monkeypatch):
+    monkeypatch.setattr(gpu, "PARTS", {"doctor": gpu.Part("T", ("-c", "pass"))})
+    for renderer, code in (("llvmpipe (LLVM 15.0.6, 256 bits)", 1), ("NVIDIA H200/PCIe/SSE2", 0)):
+        facts = ContextFacts("egl", renderer, "4.6", {})
+        monkeypatch.setattr(gpu, "context_facts", lambda _, facts=facts: facts)
+        done = CliRunner().invoke(gpu.main, ["doctor", "--out", str(tmp_path)])
+        assert done.exit_code == code, done.output
+        assert ("OpenGL draws with llvmpipe" in done.output) == bool(code)
+    monkeypatch.setattr(gpu, "context_facts", Mock(side_effect=BackendError("no OpenGL context could be opened")))
+    monkeypatch.setattr(gpu, "nvidia_fault", lambda _: "no file tells EGL of it")
+    done = CliRunner().invoke(gpu.main, ["doctor", "--out", str(tmp_path)])
+    assert (done.exit_code, "no OpenGL context could be opened Of NVIDIA's: no file" in done.output) == (1, True)
+
+
+def test_nvidias_driver_is_named_to_egl_where_no_file_does(tmp_path, monkeypatch):
+    monkeypatch.setattr(gpu, "NVIDIA_CONTROL", tmp_path / "nvidiactl")
+    monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", str(tmp_path / "none.json"))
+    gpu.name_nvidia(tmp_path)
+    assert not gpu.nvidia_is_named()
+    (tmp_path / "nvidiactl").touch()
+    gpu.name_nvidia(tmp_path)
+    assert gpu.nvidia_is_named()
+    assert json.loads((tmp_path / "10_nvidia.json").read_text())["ICD"]["library_path"] == "libEGL_nvidia.so.0"
+
+
+def test_the_processes_of_a_part_end_with_it(tmp_path, monkeypatch):
+    code = "import subprocess, sys; p = subprocess.Popen(['sleep', '60']); print(p.pid, flush=True); p.wait()"
+    monkeypatch.setattr(gpu, "PARTS", {"parent": gpu.Part("T", ("-c", code))})
+    assert gpu.do_part("parent", tmp_path, 2, [], quick=False).status == "cut off after 2 s"
+    child = Path("/proc", (tmp_path / "parent.log").read_text().strip(), "stat")
+    # A process that nobody waits for stays as a zombie.
+    assert not child.exists() or child.read_text().rsplit(")", 1)[1].split()[0] == "Z"
+
+
 def test_parts_take_their_turns_and_their_shares_of_the_time(tmp_path, monkeypatch):
     done = []
 
@@ -113,7 +151,7 @@ def test_parts_take_their_turns_and_their_shares_of_the_time(tmp_path, monkeypat
         return gpu.Outcome("done", 0.0, "", "2000-01-01")
 
     monkeypatch.setattr(gpu, "do_part", do_part)
-    given = ["training", "doctor", "--images", "A", "--real", "B", "--out", str(tmp_path)]
+    given = ["training", "doctor", "--images", "A", "--real", "B", "--out", str(tmp_path), "--software"]
     assert CliRunner().invoke(gpu.main, [*given, "--minutes", "10"], catch_exceptions=False).exit_code == 0
     (first, seconds, none), (last, left, words) = done
     assert (first, none, last, words) == ("doctor", [], "training", ["--images", "A", "--real", "B"])
@@ -131,7 +169,8 @@ def test_the_exit_code_tells_and_parts_of_before_are_kept(tmp_path, monkeypatch,
     (tmp_path / "parts.json").write_text(json.dumps({"reported": kept}))
     if failing:
         monkeypatch.setitem(gpu.PARTS, "doctor", gpu.PARTS["failing"])
-    done = CliRunner().invoke(gpu.main, ["doctor", "--out", str(tmp_path), "--minutes", "1"], catch_exceptions=False)
+    given = ["doctor", "--software", "--out", str(tmp_path), "--minutes", "1"]
+    done = CliRunner().invoke(gpu.main, given, catch_exceptions=False)
     assert done.exit_code == code
     page = (tmp_path / "README.md").read_text()
     assert "python before" in page

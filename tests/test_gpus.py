@@ -6,7 +6,7 @@ import pytest
 
 from semisynth_gl.errors import InputError
 from semisynth_gl.render import devices
-from semisynth_gl.render.devices import Device, egl_devices, egl_index_of_gpu
+from semisynth_gl.render.devices import Device, egl_devices, egl_index_of_gpu, egl_index_of_worker
 
 # EGL's order differs from CUDA's, and the last device is no GPU.
 DEVICES = [
@@ -69,6 +69,41 @@ def test_a_mask_is_lifted_where_devices_are_asked_for_their_numbers(monkeypatch)
     assert egl_devices() == masked
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "1")
     assert egl_devices() == DEVICES
+
+
+@pytest.mark.parametrize(
+    ("visible", "listed", "index"),
+    [("2", DEVICES, 0), ("0,2", DEVICES, 1), ("", DEVICES, 0), (None, DEVICES, 0), ("2", DEVICES[-1:], 0)],
+)
+def test_workers_draw_on_the_first_gpu_that_cuda_shows(monkeypatch, visible, listed, index):
+    monkeypatch.setattr(devices, "egl_devices", lambda: listed)
+    if visible is None:
+        monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+    else:
+        monkeypatch.setenv("CUDA_VISIBLE_DEVICES", visible)
+    assert [egl_index_of_worker((), worker) for worker in (0, 1)] == [index, index]
+    if len(listed) > 1 and visible != "":
+        assert egl_index_of_worker((0,), 5) == (1 if visible is None else index)
+
+
+def test_what_keeps_egl_from_a_gpu_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr(devices, "NVIDIA_CONTROL", tmp_path / "nvidiactl")
+    monkeypatch.setattr(devices, "_VENDOR_FOLDERS", f"{tmp_path / 'none'}:{tmp_path}")
+    for variable in ("FILENAMES", "DIRS"):
+        monkeypatch.delenv(f"__EGL_VENDOR_LIBRARY_{variable}", raising=False)
+    monkeypatch.setattr(devices, "_loads", lambda _: False)
+    mesa = DEVICES[-1:]
+    assert devices.nvidia_fault(mesa) is None
+    (tmp_path / "nvidiactl").touch()
+    assert devices.nvidia_fault(DEVICES) is None
+    assert "NVIDIA_DRIVER_CAPABILITIES" in devices.nvidia_fault(mesa)
+    monkeypatch.setattr(devices, "_loads", lambda _: True)
+    (tmp_path / "50_mesa.json").write_text('{"ICD": {"library_path": "libEGL_mesa.so.0"}}')
+    assert "no file tells EGL of it" in devices.nvidia_fault(mesa)
+    (tmp_path / "10_nvidia.json").write_text(devices.NVIDIA_VENDOR_FILE)
+    assert "MIG" in devices.nvidia_fault(mesa)
+    monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", str(tmp_path / "50_mesa.json"))
+    assert "no file tells EGL of it" in devices.nvidia_fault(mesa)
 
 
 def test_another_process_lists_the_same_devices(capsys):

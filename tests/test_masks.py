@@ -74,6 +74,16 @@ def test_bands_and_crops_do_not_change_masks(open_renderer, monkeypatch):
             np.testing.assert_array_equal(frame.view(eye).visibility, expected)
 
 
+@pytest.mark.parametrize("groups", [1, 2048])
+def test_masks_do_not_depend_on_how_many_work_at_a_time(open_renderer, monkeypatch, groups):
+    models, scene = cluttered()
+    expected = open_renderer(models, noise_layers(1, 16)).render(scene)
+    monkeypatch.setattr(listed_steps, "_GROUPS_ON_SOFTWARE", groups)
+    frame = open_renderer(models, noise_layers(1, 16)).render(scene)
+    for eye in ("left", "right"):
+        np.testing.assert_array_equal(frame.view(eye).visibility, expected.view(eye).visibility)
+
+
 @given(st.lists(st.tuples(*[st.integers(0, 9)] * 3), min_size=1, max_size=30))
 def test_triangles_have_the_number_of_their_last_corner(triangles):
     given_ = np.array(triangles, np.int64)

@@ -46,7 +46,7 @@ def doctor() -> None:
     """Show what this machine offers, say what is missing, and render one pair against its known disparity."""
     # Imported here, as below: completion needs no OpenGL.
     from semisynth_gl.render.context import INSTALL_COMMAND, INSTALL_COMMAND_OSMESA, as_root  # noqa: PLC0415
-    from semisynth_gl.render.devices import egl_devices, missing_libraries  # noqa: PLC0415
+    from semisynth_gl.render.devices import egl_devices, missing_libraries, nvidia_fault  # noqa: PLC0415
 
     click.echo(f"Python {platform.python_version()} on {platform.platform()}")
     for package in _PACKAGES:
@@ -60,6 +60,8 @@ def doctor() -> None:
         click.echo(f"  {device.index}: {device.name}{', software' if device.software else ''}{cuda}")
     if not egl_devices():
         click.echo("  none")
+    if fault := nvidia_fault(egl_devices()):
+        click.echo(f"  NVIDIA's GPU is not among them: {fault}")
     backends: tuple[Backend, ...] = ("egl", "osmesa")
     working = [backend for backend in backends if _try(backend)]
     missing = missing_libraries()

@@ -82,7 +82,8 @@ def generate(
             ``middlebury``, and ``webdataset`` from 10,000 pairs on.
         backend: "auto", "egl" or "osmesa".
         engine: runs the shards; by default in this process.
-        gpus: CUDA's numbers of the GPUs that workers take turns on; none for the first device of EGL.
+        gpus: CUDA's numbers of the GPUs that workers take turns on; none for the first that CUDA_VISIBLE_DEVICES shows,
+            or else the first device of EGL.
         shard_pairs: pairs in a shard; by default as in the unfinished dataset in ``out``, else about 1 GB of them.
         shards: numbers of the only shards to make; the dataset is complete once all shards were made, by any runs.
         overwrite: replace an earlier dataset of this program; an unfinished one of the same plan is resumed.

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from itertools import takewhile
+from pathlib import Path
 from typing import Any
 
 from semisynth_gl.errors import InputError
@@ -24,6 +25,12 @@ _EGL_RENDERER_EXT = 0x335F
 _MOST_DEVICES = 64
 _UUID_BYTES = 16
 _VISIBLE = "CUDA_VISIBLE_DEVICES"
+NVIDIA_CONTROL = Path("/dev/nvidiactl")
+"""Is there where the kernel has a GPU of NVIDIA's."""
+NVIDIA_LIBRARY = "libEGL_nvidia.so.0"
+NVIDIA_VENDOR_FILE = f'{{"file_format_version": "1.0.0", "ICD": {{"library_path": "{NVIDIA_LIBRARY}"}}}}'
+"""What tells EGL (libglvnd) of NVIDIA's driver."""
+_VENDOR_FOLDERS = "/etc/glvnd/egl_vendor.d:/usr/share/glvnd/egl_vendor.d"
 
 # Sonames rather than libGL.so: only development packages install the latter.
 LIBRARIES = {
@@ -76,6 +83,28 @@ def missing_libraries() -> dict[str, str]:
     return {library: package for library, package in LIBRARIES.items() if not _loads(library)}
 
 
+def nvidia_is_named() -> bool:
+    """Return whether a file tells EGL of NVIDIA's driver, where EGL looks for such files."""
+    chosen = os.environ.get("__EGL_VENDOR_LIBRARY_FILENAMES")
+    folders = os.environ.get("__EGL_VENDOR_LIBRARY_DIRS", _VENDOR_FOLDERS).split(":")
+    files = map(Path, chosen.split(":")) if chosen else (file for each in folders for file in Path(each).glob("*.json"))
+    return any(file.is_file() and NVIDIA_LIBRARY in file.read_text(errors="replace") for file in files)
+
+
+def nvidia_fault(devices: Sequence[Device]) -> str | None:
+    """Say why EGL does not list the GPU of NVIDIA's that the kernel has; None where it does, or there is none."""
+    if not NVIDIA_CONTROL.exists() or any(device.cuda is not None for device in devices):
+        return None
+    if not _loads(NVIDIA_LIBRARY):
+        return (
+            f"{NVIDIA_LIBRARY} cannot be loaded: install all of NVIDIA's driver, and let a container's "
+            "NVIDIA_DRIVER_CAPABILITIES hold graphics"
+        )
+    if not nvidia_is_named():
+        return f"no file tells EGL of it: write {NVIDIA_VENDOR_FILE} to /etc/glvnd/egl_vendor.d/10_nvidia.json"
+    return f"{NVIDIA_LIBRARY} finds none: a GPU in MIG mode has no OpenGL, and you must be allowed to open /dev/nvidia*"
+
+
 def egl_devices() -> list[Device]:
     """List EGL's devices, in EGL's order (which is not CUDA's); empty where EGL is missing or cannot tell.
 
@@ -92,15 +121,20 @@ def egl_index_of_worker(gpus: Sequence[int], worker: int) -> int:
     """Find the EGL device of a worker, by its number, where workers take turns on GPUs.
 
     Args:
-        gpus: CUDA's numbers of them; none for the first device of EGL.
+        gpus: CUDA's numbers of them; none for the first GPU that CUDA_VISIBLE_DEVICES shows, or for the first device of
+            EGL where that is not set or EGL has no GPU of CUDA's.
         worker: the worker's number, from 0.
 
     Raises:
         InputError: where there is no such GPU, or it cannot be told which one it is.
     """
-    if not gpus:
+    visible = os.environ.get(_VISIBLE)
+    if gpus:
+        return egl_index_of_gpu(gpus[worker % len(gpus)], egl_devices(), visible)
+    if not visible:
         return 0
-    return egl_index_of_gpu(gpus[worker % len(gpus)], egl_devices(), os.environ.get(_VISIBLE))
+    devices = egl_devices()
+    return egl_index_of_gpu(0, devices, visible) if any(device.cuda is not None for device in devices) else 0
 
 
 def egl_index_of_gpu(gpu: int, devices: Sequence[Device], visible: str | None) -> int:

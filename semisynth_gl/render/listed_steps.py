@@ -6,6 +6,7 @@ from math import ceil
 import numpy as np
 
 from semisynth_gl.camera import Crop
+from semisynth_gl.render.backends import is_software
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.programs import link_compute
 
@@ -14,8 +15,9 @@ _WORK = 5
 _COUNTERS = np.zeros(4, "<u4").tobytes()
 # Invocations of the first step that work together, in columns and rows of tiles.
 _GROUP_TILES = 16, 4
-# Steps that work on lists take turns through them, since only the driver knows how long they are.
-_MOST_GROUPS = 128
+# Steps that work on lists take turns through them, since only the driver knows how long they are. A GPU hides the time
+# that a fetch takes behind other groups, if it has them.
+_GROUPS_ON_SOFTWARE, _GROUPS_ON_GPU = 128, 2048
 # Larger images are judged band by band, which bounds the lists.
 _MOST_PIXELS = 1 << 21
 
@@ -52,7 +54,8 @@ class ListedSteps:
         # A step that only reads lists may leave the band out.
         self._banded = [step for step in self._steps if "band" in list(step)]
         self._tile_px, self._entries = tile_px, entries
-        self._work = context.gl.buffer(reserve=len(_COUNTERS), dynamic=True)
+        self._work = context.gl.buffer(reserve=len(_COUNTERS))
+        self._groups = _GROUPS_ON_SOFTWARE if is_software(context.renderer) else _GROUPS_ON_GPU
 
     def set(self, name: str, value: object) -> None:
         """Set a uniform of all steps that have it; the compiler removes it from others."""
@@ -81,5 +84,5 @@ class ListedSteps:
         first.run(ceil(band[2] / _GROUP_TILES[0]), ceil(band[3] / _GROUP_TILES[1]))
         for step in later:
             self._gl.memory_barrier()
-            step.run(_MOST_GROUPS)
+            step.run(self._groups)
         self._gl.memory_barrier()
