@@ -10,7 +10,8 @@ import pytest
 from backends import backend_fault
 from PIL import Image
 from planted_faults import all_findings, change_disparity, change_image, checks, findings, swap
-from tiny_datasets import lean, tiny
+from recorder import Recorder
+from tiny_datasets import cheap, lean, tiny
 
 from semisynth_gl.cli import main
 from semisynth_gl.codecs.pfm import PFM
@@ -257,6 +258,21 @@ def test_an_unfinished_dataset_is_found(dataset):
     found = findings(dataset)
     assert [finding.check for finding in found] == ["index"]
     assert "not finished" in found[0].message
+
+
+@pytest.mark.parametrize("layout", ["middlebury", "webdataset"])
+def test_of_an_unfinished_dataset_what_is_there_is_checked(tmp_path, layout):
+    listener = Recorder(stops_at=lambda pair: pair.index == 3)
+    generate(cheap(name="middlebury"), tmp_path / "set", 7, layout=layout, shard_pairs=3, listener=listener)
+    said = [str(finding) for finding in findings(tmp_path / "set")]
+    assert "not finished" in said[0]
+    if layout == "webdataset":
+        assert said[1:] == ["dataset: index: 4 of 7 pairs are not made yet"]
+        return
+    assert said[1] == "dataset: index: 3 of 7 pairs are not made yet"
+    assert all("shard is not finished" in line for line in said[2:])
+    shutil.rmtree(scene_of(tmp_path / "set", 1))
+    assert any(line.startswith("middlebury-000001: files: ") for line in map(str, findings(tmp_path / "set")))
 
 
 def test_lists_are_compared(dataset):

@@ -65,7 +65,7 @@ def main() -> NoReturn:
         error.show()
         sys.exit(error.exit_code)
     except (KeyboardInterrupt, click.Abort):
-        _fail("Stopped. Whole pairs stay on disk, nothing half-written does.")
+        _fail("Stopped. What is finished stays on disk, nothing half-written does.")
     except SemisynthError as error:
         _fail(f"Error: {error}")
     except MemoryError:

@@ -148,12 +148,13 @@ def surfaces_at(
     Returns:
         Angles in degrees between normals and rays, (R,) float64: 0 where a surface faces the camera, 90 where it is
         seen edge on. Sides in texels of squares with the area of patch that a pixel sees, (R,) float64. NaN for a ray
-        that hits nothing.
+        that hits nothing or the sky.
     """
     slant, texels = np.full(len(x_px), np.nan), np.full(len(x_px), np.nan)
     rays = scene.camera.rays("left", x_px, y_px)
-    for number in np.unique(hits.instance[hits.instance >= 0]):
-        on_instance = np.flatnonzero(hits.instance == number)
+    near = (hits.instance >= 0) & np.isfinite(hits.depth_m)
+    for number in np.unique(hits.instance[near]):
+        on_instance = np.flatnonzero(near & (hits.instance == number))
         mesh = models[int(scene.model[number])]
         view_from_model = (scene.camera_from_world @ scene.world_from_model[number])[:3]
         triangles = mesh.triangles[hits.triangle[on_instance]]

@@ -7,7 +7,14 @@ from semisynth_gl.dataset.reader import Index
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.splits import SplitName
 from semisynth_gl.verify.correspondence import check_correspondence, check_deviating_views
-from semisynth_gl.verify.files import StoredShard, check_index, check_origin, check_sizes, read_pair
+from semisynth_gl.verify.files import (
+    StoredShard,
+    check_index,
+    check_origin,
+    check_sizes,
+    read_pair,
+    unmade_pairs,
+)
 from semisynth_gl.verify.flow_consistency import check_flow_views, check_frames
 from semisynth_gl.verify.oracle_check import OracleCheck
 from semisynth_gl.verify.photometry import check_images
@@ -51,13 +58,18 @@ def verify_dataset(index: Index, oracle_pixels: int = 0) -> Iterator[Verdict]:
     if oracle_pixels:
         oracles = {split: OracleCheck(index, split) for split in index.pairs}
     verdict = Verdict(DATASET)
-    check_index(index, verdict)
+    present = frozenset(index.place.names())
+    check_index(index, present, verdict)
     yield verdict
     recent: dict[int, StoredFrame] = {}
-    for shard in (StoredShard(index, planned) for planned in index.shards):
+    for planned in index.shards:
+        shard, unmade = StoredShard(index, planned), unmade_pairs(index, planned, present)
         for number in shard.numbers:
             scene = index.key(shard.split, number).name
             verdict = Verdict(scene if len(index.pairs) == 1 else f"{shard.split} {scene}")
+            if number in unmade:
+                yield verdict
+                continue
             if number == shard.numbers.start:
                 shard.check(verdict)
             frame = read_pair(index, shard, number, verdict)

@@ -2,7 +2,7 @@
 
 import hashlib
 import tarfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from io import BufferedReader
 from pathlib import Path
 from typing import Any, cast
@@ -133,14 +133,28 @@ class StoredShard:
             raise ReadError(Path(name), f"cannot be read from its shard: {error.path} {error.reason}") from None
 
 
-def check_index(index: Index, verdict: Verdict) -> None:
-    """Check the index against itself, and the files in the dataset's folder against the index."""
+def unmade_pairs(index: Index, shard: Shard, present: Set[str]) -> range:
+    """Return the pairs of an unfinished dataset's shard that nothing is there of: no record, and none of their files."""
+    numbers = range(shard.first, shard.end)
+    if index.fault is None or record_path(shard.name) in present:
+        return numbers[:0]
+    if index.layout.packed:
+        return numbers[:0] if tar_path(shard.name) in present else numbers
+    made = [number for number in numbers if not present.isdisjoint(index.files(shard.split, number).values())]
+    # A worker makes the pairs of a shard in their order.
+    return range(made[-1] + 1 if made else shard.first, shard.end)
+
+
+def check_index(index: Index, present: Set[str], verdict: Verdict) -> None:
+    """Check the index against itself, and the names of the files in the dataset's folder against the index."""
     if index.fault is not None:
         verdict.add("index", index.fault)
+        unmade = sum(len(unmade_pairs(index, shard, present)) for shard in index.shards)
+        if unmade:
+            verdict.add("index", f"{unmade} of {sum(index.pairs.values())} pairs are not made yet")
     digest, recorded = digest_of(index.config), index.values.get("config_sha256")
     if digest != recorded:
         verdict.add("index", f"config_values have the digest {digest[:12]}, config_sha256 is {recorded!s:.12}")
-    present = set(index.place.names())
     lists, links = _lists_and_links(index)
     # Loaders take whatever files they meet for a pair.
     foreign = sorted(
