@@ -312,6 +312,29 @@ def test_a_rectified_twin_has_the_same_left_image_and_a_scene_of_its_own_rows(tm
                 np.testing.assert_array_equal(pairs[index].arrays()[role], array, err_msg=role)
 
 
+@pytest.mark.parametrize("kind", ["plane", "street", "cuboid", "room"])
+@pytest.mark.parametrize(
+    "rig",
+    [{"focal_ratio": 1.2, "twin": True}, {"right_pitch_deg": 5, "right_roll_deg": 5}, {"right_pitch_deg": -5}],
+    ids=["twin", "up", "down"],
+)
+def test_the_background_closes_the_views_of_both_twins(kind, rig):
+    shares = {name: float(name == kind) for name in ("plane", "street", "cuboid", "room")}
+    config = cheap(
+        rig=rig,
+        outputs=["depth"],
+        disparity={"min_px": 2, "max_px": 20, "target": {"form": "uniform"}},
+        particles={"layers": []},
+        background={**shares, "plane_disparity_px": 4, "wall_disparity_px": [8, 14]},
+        checks={"min_valid": 0},
+    )
+    with PairRenderer(config, 1) as pairs:
+        for index in range(6):
+            frame = pairs.render(index).frame
+            for eye in EYES:
+                assert np.isfinite(frame.view(eye).depth).all(), (index, eye)
+
+
 def test_a_twin_of_a_rectified_pair_is_refused():
     with pytest.raises(InputError, match="twin asks for the rectified pair beside one that deviates"):
         load_config("middlebury", ["rig.twin=true"])

@@ -1,13 +1,13 @@
 """The background that closes the view: the inside of a cuboid, or one far plane. Both consist of flat faces."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 import pyrr
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import EYES, StereoCamera
+from semisynth_gl.camera import EYES, RECTIFIED, StereoCamera
 from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection
 from semisynth_gl.errors import InputError
@@ -128,10 +128,12 @@ def _plane(
     corners = _corner_points(camera, depth)
     if sky:
         # Both eyes see it from the same place.
-        corners = np.concatenate([corners, corner_rays(camera) * depth])
+        rays = corner_rays(camera)
+        corners = np.concatenate([corners, rays / rays[:, 2:] * depth])
     low, high = corners.min(axis=0), corners.max(axis=0)
     if sway.moves:
-        widest = float(np.arctan(np.linalg.norm(corner_rays(camera)[:, :2], axis=1).max())) + sway.angle_rad
+        rays = corner_rays(camera)
+        widest = float(np.arctan2(np.linalg.norm(rays[:, :2], axis=1), rays[:, 2]).max()) + sway.angle_rad
         if widest >= _WIDEST_RAD:
             raise InputError(
                 f"camera.sway_deg turns views by up to {np.rad2deg(sway.angle_rad):.0f} degrees, and their corners to "
@@ -226,14 +228,19 @@ def smallest_offsets(camera: StereoCamera, normal: Floats, near_m: float, sway: 
 
 
 def corner_rays(camera: StereoCamera, *eyes: str) -> Floats:
-    """Return rays (4 E, 3) with Z = 1 through the corners of the named views, or of both."""
+    """Return rays (R, 3) through the corners of the named views, or of both, as `StereoCamera.rays` does.
+
+    Of a right camera that deviates, through those of its rectified twin too: pairs of both may show the scene.
+    """
     x, y = np.array([(0, 0), (1, 0), (0, 1), (1, 1)]).T * [[camera.width_px], [camera.height_px]] - 0.5
-    return np.concatenate([camera.rays(eye, x, y) for eye in EYES if not eyes or eye in eyes])
+    twins = (camera,) if camera.rectified else (camera, replace(camera, deviation=RECTIFIED))
+    return np.concatenate([twin.rays(eye, x, y) for eye in EYES if not eyes or eye in eyes for twin in twins])
 
 
 def _corner_points(camera: StereoCamera, depth_m: float) -> Floats:
-    """Corners of both views at one depth, (8, 3), in the left camera's frame."""
-    return np.concatenate([corner_rays(camera, eye) * depth_m + np.array([camera.offset_m(eye), 0, 0]) for eye in EYES])
+    """Corners of both views at one depth of the left camera, (R, 3), in its frame."""
+    at_one_m = {eye: (rays := corner_rays(camera, eye)) / rays[:, 2:] for eye in EYES}
+    return np.concatenate([at_one_m[eye] * depth_m + np.array([camera.offset_m(eye), 0, 0]) for eye in EYES])
 
 
 def lay_ground(camera: StereoCamera, depth_m: Range, across: Floats, along: Floats, offset_m: float) -> Floats:
