@@ -265,6 +265,21 @@ def test_pairs_are_expected_to_show_what_their_baselines_make_of_the_target(base
     assert one.across_baselines(wanted) is wanted
 
 
+def test_signed_disparities_of_shorter_baselines_are_counted_below_0():
+    signed = {"signed": True, "min_px": -8, "max_px": 10, "target": {"form": "uniform"}}
+    principal = {"cx_left_px": 30, "cx_right_px": 40}
+    others = {"disparity": signed, "background": {"wall_disparity_px": -8}, "particles": {}}
+    shown = several([0.4, 0.1], principal, **others).shown_histogram()
+    # A quarter of the baseline: (d + 10) / 4 - 10 for d from -8 to 10, which is -9.5 to -5.
+    assert shown.edges_px[0] == pytest.approx(-9.5, abs=0.5)
+    assert shown.cumulative(-8) == pytest.approx(1 / 6, abs=0.02)
+    assert shown.cumulative(-5) == pytest.approx(1 / 2 + 1 / 12, abs=0.02)
+    # All disparities are in proportion: -2 to 2.5.
+    shown = several([0.4, 0.1], {"doffs_px": 10}, **others).shown_histogram()
+    assert shown.edges_px[0] == pytest.approx(-8)
+    assert shown.cumulative(-2) == pytest.approx(1 / 6, abs=0.02)
+
+
 @pytest.mark.parametrize(
     ("keys", "said"),
     [

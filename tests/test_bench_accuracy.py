@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from backends import backend_fault
 from bench_reports import SMALL, rows
+from tiny_datasets import cheap
 
 from semisynth_gl import PairRenderer
 from semisynth_gl.bench.accuracy import Effort, measure, table
@@ -201,3 +202,21 @@ def test_wrong_arguments_are_refused_before_anything_is_measured(monkeypatch, ca
     captured = capsys.readouterr()
     assert expected in captured.err
     assert captured.out == ""
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"rig": {"focal_ratio": 1.02, "right_roll_deg": 0.5}},
+        {"truth": "left"},
+        {"disparity": {"signed": True, "min_px": -8, "max_px": 12, "target": {"form": "uniform"}},
+         "camera": {"doffs_px": 10}, "background": {"wall_disparity_px": [-7, -3]}},
+    ],
+    ids=["deviating", "left", "signed"],
+)  # fmt: skip
+def test_other_rigs_are_measured_as_exactly(settings):
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    measured = measure(cheap(**settings), 3, "auto", Effort(pairs=2, rays=500, repeats=1))
+    assert measured["disparity"]["worst_px"] < 1e-4
+    assert all(row["error"]["missing"] == 0 for row in rows(measured, "store").values())

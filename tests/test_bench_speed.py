@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from backends import backend_fault
 from recorder import Recorder
-from tiny_datasets import CLUTTER_ALONE
+from tiny_datasets import CLUTTER_ALONE, cheap
 
 from semisynth_gl.bench import scaling
 from semisynth_gl.bench.lifetime import line_slope
 from semisynth_gl.bench.passes import PASS_TEXTS, pass_rows
-from semisynth_gl.bench.scaling import ball, measure_stress
+from semisynth_gl.bench.scaling import ball, measure_scaling, measure_stress
 from semisynth_gl.bench.scenes import sample_scenes
 from semisynth_gl.bench.speed import Effort, limit_text, measure, table, usual_workers
 from semisynth_gl.bench.stages import STAGES, Costs, speed_limit, stage_rows
@@ -261,3 +261,11 @@ def test_wrong_arguments_are_refused_before_anything_is_measured(monkeypatch, ca
     captured = capsys.readouterr()
     assert expected in captured.err
     assert captured.out == ""
+
+
+def test_antialiasing_of_configs_with_flow_is_timed_without_it():
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    config = cheap(outputs=["visibility", "flow", "disparity_change"], sequence={"length": 2})
+    timed = measure_scaling(sample_scenes(config, 1, 1), 1, "auto", 1)["antialias"]
+    assert {row["name"] for row in timed["rows"]} >= {"none", "edges"}

@@ -203,6 +203,20 @@ MEANT = {
 }
 
 
+@pytest.mark.parametrize("overrides", [dict, lambda given: list(given.items())])
+def test_the_callers_values_stay_as_they_are(overrides):
+    given = {"disparity": {"min_px": 15, "max_px": 290}, "disparity.max_px": 300}
+    assert load_config("middlebury", overrides(given)).disparity.max_px == 300
+    assert given == {"disparity": {"min_px": 15, "max_px": 290}, "disparity.max_px": 300}
+
+
+def test_values_that_hold_themselves_are_refused():
+    endless = []
+    endless.append(endless)
+    with pytest.raises(InputError, match=r"overrides: camera.focal_px: its value is nested too deeply"):
+        load_config("middlebury", {"camera.focal_px": endless})
+
+
 @pytest.mark.parametrize("as_text", [True, False])
 def test_a_wrong_key_names_those_that_may_be_meant(tmp_path, as_text):
     said = {}
@@ -210,7 +224,7 @@ def test_a_wrong_key_names_those_that_may_be_meant(tmp_path, as_text):
         with pytest.raises(InputError) as caught:
             load_config("middlebury", [f"{key}=3"] if as_text else {key: 3})
         said[key] = str(caught.value)
-        assert said[key].startswith(f"--set {key}: ")
+        assert said[key].startswith(f"--set {key}: " if as_text else "overrides: ")
     assert {key: re.search(r"unknown key; did you mean (.*)\?$", text)[1] for key, text in said.items()} == MEANT
     path = written(
         tmp_path, "name: m\n" + CAMERA + "disparity: {min_px: 1, max_px: 9}\nwidth_px: 3\ncamra: {cy_px: 3}\n"

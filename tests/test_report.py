@@ -15,7 +15,7 @@ import pytest
 from backends import backend_fault
 from browser import open_browser, wait
 from scenes import facing
-from tiny_datasets import config_of
+from tiny_datasets import cheap, config_of
 
 from semisynth_gl import oracle
 from semisynth_gl.camera import StereoCamera
@@ -213,6 +213,26 @@ def test_rays_find_what_the_files_and_the_config_say(dataset, measured):
     assert low < np.median(rays.texels_per_pixel) < 2 * high
     camera = open_dataset(dataset)[0].camera
     assert measured.depth_m.min() > camera.focal_baseline / (config["disparity"]["max_px"] * 3 + camera.doffs_px)
+
+
+@pytest.mark.filterwarnings("error")
+def test_depths_are_those_of_the_rig_however_it_deviates(tmp_path):
+    """Of surfaces before a sky, which has none."""
+    config = cheap(
+        rig={"focal_ratio": 1.1, "right_roll_deg": 1},
+        outputs=["depth", "sky"],
+        camera={"doffs_px": 8},
+        disparity={"signed": True},
+        background={"plane": 1, "cuboid": 0, "sky": 1},
+    )
+    generate(config, tmp_path / "set", 3)
+    dataset = open_dataset(tmp_path / "set")
+    measured = measure(dataset, range(3), {})
+    assert measured.ray_faults == {}
+    stored = np.concatenate([pair.left.depth[np.isfinite(pair.left.depth)] for pair in dataset])
+    assert np.isfinite(measured.depth_m).all()
+    tenths = (0.1, 0.5, 0.9)
+    np.testing.assert_allclose(np.quantile(measured.depth_m, tenths), np.quantile(stored, tenths), rtol=0.2)
 
 
 def test_scenes_that_are_others_are_left_out_with_the_reason(changed):

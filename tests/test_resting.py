@@ -55,6 +55,13 @@ def test_models_at_rest_touch_what_was_below_them() -> None:
     assert touching > 20
 
 
+def test_before_nothing_but_a_sky_all_fall() -> None:
+    sky = "background.sky=1", "background.plane=1", "background.cuboid=0", "particles.density=sparse"
+    sampled = sampler_of("particles.resting=1", *sky).sample(0)
+    assert sampled.slot.max() > 5
+    assert not sampled.resting.any()
+
+
 def test_those_that_fall_are_those_that_fall_without_it() -> None:
     rested, fallen = (sampler_of(f"particles.resting={share}", *GROUND).sample(1) for share in (0.5, 0))
     assert not fallen.resting.any()

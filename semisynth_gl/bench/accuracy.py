@@ -64,7 +64,7 @@ def measure(
     listener = listener or Listener()
     listener.on_message(f"making {effort.pairs} scenes of {config.name}")
     bench = sample_scenes(config, seed, effort.pairs)
-    with bench.open_renderer(backend, outputs=("instances",)) as renderer:
+    with bench.open_renderer(backend, outputs=("instances",), truth="both") as renderer:
         frames, driver = [renderer.render(scene) for scene in bench.scenes], renderer.facts
     listener.on_message(f"casting {effort.rays} rays for each eye of each pair")
     truths, outlines = cast_truth(bench, frames, effort.rays, np.random.default_rng(seed))
@@ -72,7 +72,9 @@ def measure(
     error = error_stats(np.concatenate(drawn), np.concatenate([part.disparity_px for part in truths]))
     listener.on_message("encodings of disparities")
     views = [frame.view(eye) for frame in frames for eye in EYES]
-    disparity_encodings, _ = usable_encodings(DISPARITY_CODECS)
+    signed = config.disparity.signed
+    disparity_codecs = {name: Encodings.from_names(disparity=name, signed=signed) for name in DISPARITY_CODECS}
+    disparity_encodings, _ = usable_encodings({name: each.disparity for name, each in disparity_codecs.items()})
     stored = measure_encodings(
         [view.disparity for view in views], disparity_encodings, DEFAULT_DISPARITY_ENCODING, effort.repeats
     )

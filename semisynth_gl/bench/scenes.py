@@ -138,7 +138,8 @@ def cast_truth(
                 around.triangle.reshape(4, -1) != hits.triangle[seen]
             )
             kept[seen] = ~other.any(axis=0)
-            truth = oracle.disparity_px(scene.camera, hits, signed=bench.config.disparity.signed)
+            way = oracle.correspondence_px(scene.camera, eye, x, y, hits, signed=bench.config.disparity.signed)
+            truth = oracle.disparity_of(eye, way)
             truths.append(Truth(number, eye, row[kept], column[kept], truth[kept], int((~kept).sum())))
     return truths, outlines
 

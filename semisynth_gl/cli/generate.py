@@ -29,7 +29,7 @@ from semisynth_gl.dataset.begun import read_resumed
 from semisynth_gl.dataset.places import open_place
 from semisynth_gl.engines.local import LocalEngine, SerialEngine
 from semisynth_gl.engines.task import Engine, cores
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, did_you_mean, near, shown
 from semisynth_gl.frame import OUTPUTS, TRUTH_VIEWS, TruthViews, View
 from semisynth_gl.interrupts import interrupts_stop
 from semisynth_gl.layouts import layout_names
@@ -74,8 +74,15 @@ class _DatasetOptions:
 
     def settings(self) -> list[str]:
         """Return the options that override keys of the config, as --set takes them."""
-        outputs = [] if self.outputs is None else [f"outputs=[{'' if self.outputs == 'none' else self.outputs}]"]
-        return outputs + ([] if self.truth is None else [f"truth={self.truth}"])
+        settings = [] if self.truth is None else [f"truth={self.truth}"]
+        if self.outputs is None:
+            return settings
+        names = [] if self.outputs == "none" else [name.strip() for name in self.outputs.split(",")]
+        for name in names:
+            if name not in OUTPUTS:
+                hint = did_you_mean(near(name, OUTPUTS), f"expected some of {', '.join(OUTPUTS)}, or none")
+                raise InputError(f"--outputs: unknown output {shown(name)}; {hint}")
+        return [*settings, f"outputs=[{', '.join(names)}]"]
 
 
 def _lasting(_: click.Context, __: click.Parameter, address: str | None) -> str | None:

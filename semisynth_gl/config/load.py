@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from copy import deepcopy
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any, get_args, get_origin
@@ -29,7 +30,7 @@ _TARGET = ("disparity", "target")
 _TARGET_FILE = "file"
 _SCENES = "scenes"
 _SCALE = "scale"
-_OVERRIDE = "--set"
+_OVERRIDE, _OVERRIDES = "--set", "overrides"
 
 _MOST_TIMES = 64
 # Configs that extend each other, one the next.
@@ -154,8 +155,9 @@ def _read_target_file(document: Document, sections: dict[str, Any], at: Key) -> 
     if faults:
         raise InputError("\n".join(f"{_prefix(key, document)}: {fault}" for key, fault in faults))
     # A path in a config counts from the folder of the config, a path in an override from the working folder.
-    place = document.places.get((*at, "path"), _OVERRIDE)
-    folder = Path() if place.startswith(_OVERRIDE) else Path(place.rpartition(":")[0]).parent
+    place = document.places.get((*at, "path"), _OVERRIDES)
+    is_override = place == _OVERRIDES or place.startswith(f"{_OVERRIDE} ")
+    folder = Path() if is_override else Path(place.rpartition(":")[0]).parent
     try:
         disparity[_TARGET[1]] = read_histogram(folder / expanded(str(path)))
     except InputError as error:
@@ -218,11 +220,18 @@ def _parse_document(text: str, path: Path | Traversable, file: str, parents: tup
     return _over(_read_document(base_path, (*parents, file)), own)
 
 
-def _key_and_value(override: object) -> tuple[str, Any]:
+def _key_and_value(override: object) -> tuple[str, Any, str]:
+    """Return the dotted key and the value of an override, and what messages call it."""
     if isinstance(override, str):
-        return _parsed_override(override)
+        key, value = _parsed_override(override)
+        return key, value, f"{_OVERRIDE} {cut(key)}"
     if isinstance(override, tuple) and len(override) == 2 and isinstance(override[0], str):
-        return override
+        key, value = override
+        try:
+            # What overrides it goes into it, and not into the caller's.
+            return key, deepcopy(value), _OVERRIDES
+        except RecursionError:
+            raise InputError(f"{_OVERRIDES}: {cut(key)}: its value is nested too deeply") from None
     raise InputError(
         f"overrides: expected 'camera.width_px=640' or ('camera.width_px', 640) of each, got {shown(override)}"
     )
@@ -238,20 +247,24 @@ def _parsed_override(text: str) -> tuple[str, Any]:
         raise InputError(f"{_OVERRIDE} {cut(key)}: the value {shown(value)}: {error}") from None
 
 
-def _set(document: Document, dotted: str, value: Any) -> None:  # noqa: ANN401 - any YAML value
+def _set(document: Document, dotted: str, value: Any, place: str) -> None:  # noqa: ANN401 - any YAML value
     *sections, last = key = tuple(dotted.split("."))
+    named = place if place != _OVERRIDES else f"{place}: {cut(dotted)}"
     if len(sections) > DEEPEST:
-        raise InputError(f"{_OVERRIDE} {cut(dotted)}: expected a key of at most {DEEPEST} parts")
+        raise InputError(f"{named}: expected a key of at most {DEEPEST} parts")
     node = document.values
     for section in sections:
         node = node.setdefault(section, {})
         if not isinstance(node, dict):
-            raise InputError(f"{_OVERRIDE} {dotted}: {section} is no section with keys of its own")
+            raise InputError(f"{named}: {section} is no section with keys of its own")
     for below in keys_of(node.get(last), key):
         document.places.pop(below, None)
     node[last] = value
     # The override sets all keys of a mapping too.
-    document.places |= dict.fromkeys(keys_of(value, key), f"{_OVERRIDE} {dotted}")
+    try:
+        document.places |= dict.fromkeys(keys_of(value, key), place)
+    except RecursionError:
+        raise InputError(f"{named}: its value is nested too deeply") from None
 
 
 def _explain(fault: ErrorDetails, document: Document) -> str:

@@ -339,8 +339,10 @@ class Config(Section):
         # Otherwise it is in proportion to the baseline, as disparities are then; see `draw_views`.
         doffs_px = 0.0 if self.camera.cx_right_px is None else self.camera.mean_doffs_px
         parts = [(share, longest.seen_from(ratio, doffs_px)) for share, ratio in ratios]
-        # Below 0 there is no disparity.
-        lowest = max(0.0, min(part.edges_px[0] for _, part in parts))
+        lowest = float(min(part.edges_px[0] for _, part in parts))
+        if not self.disparity.signed:
+            # Below 0 there is no disparity.
+            lowest = max(0.0, lowest)
         width = longest.edges_px[1] - longest.edges_px[0]
         below = np.linspace(lowest, longest.edges_px[0], 1 + math.ceil((longest.edges_px[0] - lowest) / width))
         edges = np.concatenate([below[:-1], longest.edges_px])

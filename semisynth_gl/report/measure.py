@@ -177,7 +177,8 @@ def measure(
             columns, rows = (np.arange(spacing_px // 2, side, spacing_px) for side in (width, height))
             x, y = np.tile(columns, len(rows)), np.repeat(rows, len(columns))
             disparity = frame.left.disparity[y, x].astype(np.float64)
-            depths.append(_depth_m(frame, disparity[np.isfinite(disparity)]))
+            known = np.isfinite(disparity)
+            depths.append(_depth_m(frame, x[known], y[known], disparity[known]))
             if position in with_rays:
                 try:
                     rays.append(caster.cast(frame, x, y))
@@ -204,11 +205,17 @@ def measure(
     )
 
 
-def _depth_m(frame: StoredFrame, disparity_px: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the depths of disparities, but for those that may be of what is infinitely far away."""
-    doffs_px = frame.camera.doffs_px
-    beyond_px = frame.rounding_px(disparity_px) + _FLOAT32 * abs(doffs_px)
-    return frame.camera.depth_m(disparity_px[disparity_px + doffs_px > beyond_px])
+def _depth_m(
+    frame: StoredFrame, x_px: NDArray[np.int64], y_px: NDArray[np.int64], disparity_px: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the left view's depths at pixels (R,), but for those that may be of what is infinitely far away."""
+    beyond_px = frame.rounding_px(disparity_px) + _FLOAT32 * abs(frame.camera.doffs_px)
+    depth_m, farthest_m = (
+        frame.camera.depth_at("left", x_px.astype(np.float64), y_px.astype(np.float64), each)
+        for each in (disparity_px, disparity_px - beyond_px)
+    )
+    # A depth beyond infinity is negative.
+    return depth_m[(farthest_m > 0) & np.isfinite(farthest_m)]
 
 
 def _edges(index: Index, target: Histogram | None, frame: StoredFrame) -> NDArray[np.float64]:

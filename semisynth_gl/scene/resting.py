@@ -20,7 +20,7 @@ def triangles_of(models: Sequence[Mesh], model: NDArray[np.int64], world_from_mo
         (models[number].positions.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3])[models[number].triangles]
         for number, matrix in zip(model.tolist(), world_from_model, strict=True)
     ]
-    return np.concatenate(parts)
+    return np.concatenate([np.empty((0, 3, 3)), *parts])
 
 
 def come_to_rest(poses: Floats, meshes: Sequence[Mesh], corners: Floats, up: Floats) -> dict[int, Floats]:

@@ -2,7 +2,8 @@
 
 import hashlib
 import tarfile
-from collections.abc import Mapping, Set
+from collections.abc import Mapping
+from collections.abc import Set as AbstractSet
 from io import BufferedReader
 from pathlib import Path
 from typing import Any, cast
@@ -133,8 +134,8 @@ class StoredShard:
             raise ReadError(Path(name), f"cannot be read from its shard: {error.path} {error.reason}") from None
 
 
-def unmade_pairs(index: Index, shard: Shard, present: Set[str]) -> range:
-    """Return the pairs of an unfinished dataset's shard that nothing is there of: no record, and none of their files."""
+def unmade_pairs(index: Index, shard: Shard, present: AbstractSet[str]) -> range:
+    """Return the pairs of an unfinished dataset's shard of which nothing is there, nor a record of the shard."""
     numbers = range(shard.first, shard.end)
     if index.fault is None or record_path(shard.name) in present:
         return numbers[:0]
@@ -145,7 +146,7 @@ def unmade_pairs(index: Index, shard: Shard, present: Set[str]) -> range:
     return range(made[-1] + 1 if made else shard.first, shard.end)
 
 
-def check_index(index: Index, present: Set[str], verdict: Verdict) -> None:
+def check_index(index: Index, present: AbstractSet[str], verdict: Verdict) -> None:
     """Check the index against itself, and the names of the files in the dataset's folder against the index."""
     if index.fault is not None:
         verdict.add("index", index.fault)
