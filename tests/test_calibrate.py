@@ -509,7 +509,8 @@ def test_clutter_is_in_every_mix_and_photographs_say_nothing_of_weights():
     assert fitted_style(RECIPES, tried, side(jumps=(0.1, 0.1)), 1.0).weights == (0.95, 0.05)
     style = fitted_style(RECIPES, tried, side(gradient=(9, 1)), 1.0)
     assert style.weights == untried_style(RECIPES).weights == pytest.approx([1 / 3] * 3)
-    assert style.mix_origin == untried_style(RECIPES).mix_origin
+    assert style.mix_origin == "Equal weights: no disparity map says otherwise."
+    assert untried_style(RECIPES).mix_origin == "Equal weights: no pairs were tried."
 
 
 def test_a_mix_shows_no_more_than_is_wanted_of_a_disparity():
@@ -945,6 +946,15 @@ def test_plain_numbers_and_a_range_are_enough(call, tmp_path):
     assert config.camera.cx_left_px.low == 319.5
     assert config.background.plane == 1
     assert config.particles.size_px.low == 26
+
+
+@pytest.mark.parametrize(("baseline_m", "told"), [(0.001, True), (0.005, False), (4.5, False), (120, True)])
+def test_a_baseline_in_another_unit_is_noticed(call, tmp_path, baseline_m, told):
+    photographs(tmp_path / "photos", 1, (300, 300))
+    plain = ("calibrate", "--trials", 0, "--images", "photos", "--focal-px", 700, "--baseline-m", baseline_m)
+    code, _, err = call(*plain, "--size", "640x480", "--range-px", 2, 96, "--other-camera", "--out", "p.yaml")
+    assert code == 0
+    assert (f"note: the baseline is {baseline_m:g} m: ROS and KITTI state it in metres" in err) == told
 
 
 def test_comments_say_where_numbers_are_from(call, tmp_path):

@@ -208,6 +208,12 @@ def test_doctor_names_the_command_where_nothing_works():
     assert "apt-get install -y libegl1" in done.stdout
 
 
+def test_a_command_that_may_be_meant_is_named(call, tmp_path):
+    done = call("generat", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1] == "Did you mean generate?"
+
+
 @pytest.mark.parametrize("command", ["generate", "preview", "doctor"])
 def test_help_is_there(call, command, tmp_path):
     done = call(command, "--help", cwd=tmp_path)
@@ -219,6 +225,8 @@ def test_help_is_there(call, command, tmp_path):
     ("arguments", "words"),
     [
         (["--layout", "nuscenes"], ["layout: expected one of crestereo", "got 'nuscenes'"]),
+        (["--outputs", "visibility,normal"], ["--outputs: unknown output 'normal'; did you mean normals?"]),
+        (["photos/b.jpg"], ["unexpected extra argument", "Put a pattern such as 'photos/*.jpg' into quotes"]),
         (["--engine", "slurm"], ["--engine: expected one of serial, local, ray, got slurm"]),
         (["--engine", "serial", "--workers", "3"], ["works in this process alone: leave --workers 3 out"]),
         (["--engine", "serial", "--workers", "1", "--timeout", "9.5"], ["leave --timeout 9.5 out, or take local"]),

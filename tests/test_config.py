@@ -116,7 +116,7 @@ def test_errors_in_an_extended_file_name_that_file(tmp_path):
     ("text", "word"),
     [
         ("name: mine\n" + CAMERA, "disparity: missing"),
-        ("name: two words\n" + CAMERA + DISPARITY, "name: string should match pattern"),
+        ("name: two words\n" + CAMERA + DISPARITY, "name: expected a text of the form"),
         (
             "name: m\n" + CAMERA + DISPARITY + "particles:\n  layers:\n  - {disparity_px: 3}\n",
             "particles.layers.0.count: missing",

@@ -288,6 +288,12 @@ def test_advice_says_what_loaders_will_refuse():
     middlebury = find_layout("middlebury")
     assert middlebury.advice(1, config("middlebury"), "train") == []
     assert "multiples of 4" in middlebury.advice(1, config("middlebury", width_px=1502), "train")[0]
+    others = load_config("middlebury", ["files.disparity=tiff", "outputs=[depth]", "sequence.length=2"])
+    assert [each.split(":")[0] for each in middlebury.advice(3, others, "train")] == [
+        "The last sequence ends early",
+        "The loaders of this layout read PNG and PFM alone",
+        "RAFT-Stereo and HSM read masks too",
+    ]
     assert "in each of shapenet" in find_layout("crestereo").advice(3, config("middlebury"), "train")[0]
     left = config("middlebury").model_copy(update={"truth": "left"})
     advice = {name: find_layout(name).advice(200, left, "train") for name in layout_names()}

@@ -88,7 +88,7 @@ def test_disparities_that_no_depth_has_are_refused(library, kind):
     ],
 )
 def test_what_would_stand_nearer_than_allowed_is_refused(setting):
-    with pytest.raises(InputError, match=r"but disparity\.max_px, the limit, is 290"):
+    with pytest.raises(InputError, match=r"but disparity\.max_px, the limit, is 290: lower the first"):
         small(setting)
 
 

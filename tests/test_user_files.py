@@ -250,7 +250,7 @@ def test_paths_that_no_system_takes_are_told():
             with pytest.raises(InputError) as caught:
                 call()
             assert len(str(caught.value)) < 6000
-    with pytest.raises(InputError, match=r"textures\.images: .*zero byte"):
+    with pytest.raises(InputError, match=r"textures\.images\.0: .*zero byte"):
         load_config("kitti", {"textures.images": ["a\0b"]})
     with pytest.raises(ImageError):
         read_image(Path("x" * 300))

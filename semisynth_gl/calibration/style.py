@@ -45,7 +45,7 @@ _EVENNESS = 0.1
 _SURPLUS = 0.07
 # What a stop of exposure costs: darker images are to be worth their while.
 _DARK = 0.5
-_EQUAL = "Equal weights: no disparity map says otherwise."
+_EQUAL, _UNTRIED = "Equal weights: no disparity map says otherwise.", "Equal weights: no pairs were tried."
 # Of a mean: the deviation of a place that has one picture, and the least that counts.
 _UNKNOWN, _LEAST = 0.25, 0.05
 
@@ -92,7 +92,7 @@ class Style:
     blur_px: float = 0.0
     flat_share: float = 0.0
     exposure_stops: float = 0.0
-    mix_origin: str = _EQUAL
+    mix_origin: str = _UNTRIED
     look_origin: str = "As in the packaged configs: no pairs were tried."
     expected: Mapping[str, float] = field(default_factory=dict)
 

@@ -2,6 +2,7 @@
 
 import errno
 import logging
+import re
 import sys
 from importlib import import_module
 from typing import NoReturn
@@ -9,7 +10,7 @@ from typing import NoReturn
 import click
 
 from semisynth_gl.cli.loading import stopped_by_interrupts
-from semisynth_gl.errors import SemisynthError
+from semisynth_gl.errors import SemisynthError, did_you_mean, near
 
 # 2 also stands for a run that was stopped or found no room: nothing half-written is left, and it may be started again.
 _REFUSED = 2
@@ -44,6 +45,16 @@ def semisynth_gl() -> None:
     """Make stereo training pairs with exact disparity from ordinary photographs."""
 
 
+def _hint(error: click.ClickException) -> str:
+    """Return what to do about a wrong command line, where click does not say it."""
+    said = error.format_message()
+    if found := re.fullmatch(r"No such command '(.*)'\.", said):
+        return did_you_mean(near(found[1], _COMMANDS))
+    if re.match(r"Got unexpected extra argument", said):
+        return "Put a pattern such as 'photos/*.jpg' into quotes, or the shell makes many names of it."
+    return ""
+
+
 class _OnStderr(logging.Handler):
     """Shows what the library logs: work that takes seconds, before it begins."""
 
@@ -63,6 +74,8 @@ def main() -> NoReturn:
         code = semisynth_gl.main(standalone_mode=False)
     except click.ClickException as error:
         error.show()
+        if hint := _hint(error):
+            click.echo(hint[0].upper() + hint[1:], err=True)
         sys.exit(error.exit_code)
     except (KeyboardInterrupt, click.Abort):
         _fail("Stopped. What is finished stays on disk, nothing half-written does.")

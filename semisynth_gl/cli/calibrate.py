@@ -37,6 +37,8 @@ from semisynth_gl.textures.prepare import prepare_atlas
 
 _ANY_NUMBER = Number(min=-LARGEST, max=LARGEST)
 _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+# Baselines beyond these may be in another unit than they are taken for.
+_SHORTEST_M, _LONGEST_M = 0.002, 5.0
 
 
 @click.command()
@@ -125,6 +127,8 @@ def calibrate(
     output.write(text.encode())
     for line in (*_summary(facts, report), *_style_summary(style, place), *in_view):
         say(line)
+    if note := _baseline_note(facts.ranges["baseline_m"]):
+        click.echo(f"note: {note}", err=True)
     if passed_over := left_out(find_files(images, image_extensions()), found):
         click.echo(f"note: {passed_over}", err=True)
     for line in _next_steps(config.name, out, images, maps, png_scale):
@@ -210,6 +214,16 @@ def _rigs(
         missing = [name for name, value in (plain | {"--size": size}).items() if value is None]
         raise InputError(f"{', '.join(missing)} missing: give --calib, or --focal-px, --baseline-m and --size")
     return [plain_rig(focal_px, baseline_m, size)]
+
+
+def _baseline_note(ends_m: tuple[float, float]) -> str | None:
+    """Return what to look at where a baseline is as no rig's: most files do not say in which unit it is."""
+    if ends_m[0] >= _SHORTEST_M and ends_m[1] <= _LONGEST_M:
+        return None
+    return (
+        f"the baseline is {_shown_range(ends_m, 'm')}: ROS and KITTI state it in metres, Middlebury and ETH3D in "
+        "millimetres; is it so in your files?"
+    )
 
 
 def _size(text: str | None) -> Size | None:

@@ -3,7 +3,9 @@
 `compare` names the keys by it, and `calibrate` sets each key by the measures that it moves.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from semisynth_gl.comparison.measures import MEASURES, Measure
 
@@ -79,11 +81,19 @@ def moved_by(*keys: str) -> tuple[Measure, ...]:
     return tuple(measure for measure in MEASURES if measure.key in moved)
 
 
-def advice(measure: Measure, *, more: bool) -> str:
-    """Return what to change in a config for more of a measure, or for less; "" where no key moves it."""
+def advice(measure: Measure, config: Mapping[str, Any], *, more: bool) -> str:
+    """Return what to change in a config for more of a measure, or for less; "" where no key moves it.
+
+    Args:
+        measure: the measure.
+        config: the config's values in JSON's types; what they say already is not said.
+        more: whether more of it is wanted.
+    """
     raised = [change for change in CHANGES if measure.key in (change.up if more else change.down)]
     lowered = [change for change in CHANGES if measure.key in (change.down if more else change.up)]
+    in_force = {f"{key}: {value}" for key, value in config.items() if isinstance(value, str)}
     said = [text for text in (*(each.more for each in raised), *(each.less for each in lowered)) if text]
+    said = [text for text in said if text not in in_force]
     for verb, changes in (("raise", raised), ("lower", lowered)):
         keys = [each.key for each in changes if not each.more]
         if keys:

@@ -1,5 +1,6 @@
 """A dataset's pairs beside the place that they are made for: measured alike, and what to change in the config."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +26,7 @@ class Comparison:
         pairs: number of these.
         dataset_pairs: number of pairs that the dataset has, or its split.
         place: measures of the place.
+        config: the values of the dataset's config in JSON's types.
     """
 
     width_px: int
@@ -32,6 +34,7 @@ class Comparison:
     pairs: int
     dataset_pairs: int
     place: MeasuredPlace
+    config: Mapping[str, Any]
 
     def difference(self, measure: Measure) -> float | None:
         """Return the dataset's mean minus the place's, in standard deviations of the place's pictures; None for none.
@@ -56,7 +59,7 @@ class Comparison:
         """Return each measure that is off by more than one deviation, the farthest first, with what to change."""
         off = [(measure, by) for measure, by in self.compared() if abs(by) > _OFF]
         off.sort(key=lambda each: -abs(each[1]))
-        return [(measure, by, advice(measure, more=by < 0)) for measure, by in off]
+        return [(measure, by, advice(measure, self.config, more=by < 0)) for measure, by in off]
 
 
 def compare_with_place(
@@ -84,8 +87,8 @@ def compare_with_place(
         configured = dataset.about.number("camera", "width_px")
         width_px = WORKING_WIDTH if configured is None else working_width(round(configured))
     measured = measure_place(place, width_px)
-    pairs = min(sample, len(dataset))
-    return Comparison(width_px, measure_dataset(dataset, width_px, sample, listener), pairs, len(dataset), measured)
+    ours = measure_dataset(dataset, width_px, sample, listener)
+    return Comparison(width_px, ours, min(sample, len(dataset)), len(dataset), measured, dataset.about.config)
 
 
 def comparison_table(comparison: Comparison) -> list[str]:

@@ -88,6 +88,10 @@ class Range:
 
 def reason_of(fault: ErrorDetails) -> str:
     """Return the reason that pydantic, or a validator, gives for a fault, as a clause of a message."""
+    if fault["type"] in ("tuple_type", "list_type"):
+        return "expected a list, such as [a, b]"
+    if fault["type"] == "string_pattern_mismatch":
+        return f"expected a text of the form {fault['ctx']['pattern']}"
     reason = fault["msg"].removeprefix("Value error, ")
     return f"{reason[0].lower()}{reason[1:]}"
 

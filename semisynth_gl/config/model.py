@@ -222,7 +222,20 @@ class Config(Section):
         limit = self.disparity.max_px
         for key, values in self._stated_px().items():
             if values.high > limit:
-                raise ValueError(f"{key} goes up to {values.high:g} px, but disparity.max_px, the limit, is {limit:g}")
+                raise ValueError(
+                    f"{key} goes up to {values.high:g} px, but disparity.max_px, the limit, is {limit:g}: lower the "
+                    "first or raise the second"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _shorter_baselines_keep_the_limit(self) -> Self:
+        several = len(self.camera.baseline_ranges_m) > 1
+        if self.disparity.max_px < 0 and several and self.camera.cx_right_px is None:
+            raise ValueError(
+                f"disparity.max_px is {self.disparity.max_px:g} px, but shorter baselines have disparities nearer to "
+                "0: state camera.cx_left_px and cx_right_px, which hold for all baselines, or one baseline"
+            )
         return self
 
     @model_validator(mode="after")

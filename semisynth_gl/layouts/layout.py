@@ -115,8 +115,14 @@ class Layout(ABC):
 
     def advice(self, pairs: int, config: Config, split: SplitName) -> list[str]:
         """Return sentences on what will keep loaders of this layout from reading a split of so many pairs."""
-        del pairs, split
+        del split
         sentences = []
+        if pairs % config.sequence_pairs:
+            whole = "sequence" if config.sequence.length > 1 else "scene"
+            sentences.append(
+                f"The last {whole} ends early: {pairs} pairs are no multiple of {config.sequence_pairs}, which each "
+                f"{whole} has."
+            )
         if config.truth != "both" and self.right_truth_for:
             sentences.append(f"{self.right_truth_for} read the right view's truth too: set truth to both.")
         if config.disparity.signed and self.positive_for:

@@ -46,9 +46,15 @@ class Middlebury(Layout):
         return {"carla-highres/trainingF": f"../{SCENES}"}
 
     def advice(self, pairs: int, config: Config, split: SplitName) -> list[str]:
-        """Return what the base says, and that sizes should be halved twice without a rest."""
+        """Return what the base says, which files loaders want, and that sizes should be halved twice without a rest."""
         size = config.camera.width_px, config.camera.height_px
         sentences = super().advice(pairs, config, split)
+        if (config.files.image, config.files.disparity) != ("png", "pfm"):
+            sentences.append(
+                "The loaders of this layout read PNG and PFM alone: leave files.image and files.disparity out for them."
+            )
+        if "visibility" not in config.outputs:
+            sentences.append("RAFT-Stereo and HSM read masks too: add the output visibility for them.")
         if any(length % _SIZE_STEP for length in size):
             sentences.append(
                 f"Sizes in MiddEval3 are multiples of {_SIZE_STEP}, so that its H and Q are exactly half and quarter, "

@@ -138,7 +138,7 @@ def _plane(
             raise InputError(
                 f"camera.sway_deg turns views by up to {np.rad2deg(sway.angle_rad):.0f} degrees, and their corners to "
                 f"{np.rad2deg(widest):.0f} degrees off the far plane's normal, at most {np.rad2deg(_WIDEST_RAD):.0f} "
-                "can be filled: lower it, or set background.plane to 0"
+                "can be filled: lower it, take a narrower view, or set background.plane and background.street to 0"
             )
         aside = abs(camera.offset_m("right")) + sway.reach_m
         half = (depth + aside) * np.tan(widest) + aside
