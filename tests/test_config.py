@@ -210,6 +210,23 @@ def test_the_callers_values_stay_as_they_are(overrides):
     assert given == {"disparity": {"min_px": 15, "max_px": 290}, "disparity.max_px": 300}
 
 
+def test_keys_that_a_message_names_are_found_where_they_were_set(tmp_path):
+    path = written(tmp_path, "extends: middlebury\nname: lab\ndisparity:\n  max_px: 40\n")
+    with pytest.raises(InputError) as caught:
+        load_config(path)
+    assert str(caught.value).endswith(f"raise the second (with disparity.max_px of {path}:4)")
+    assert "middlebury.yaml:" in str(caught.value)
+    with pytest.raises(InputError, match=r"raise the second \(with --set disparity.max_px\)$"):
+        load_config("middlebury", ["disparity.max_px=40"])
+    with pytest.raises(InputError, match=r"config: disparity.target wants .* \(with .*, --set disparity.max_px\)$"):
+        load_config("kitti", ["disparity.max_px=40", "scenes=[]"])
+    with pytest.raises(InputError, match=r"models: expected a weight above 0 .* \(with --set models.complex\)$"):
+        load_config("ablation-geometry-complex", ["models.complex=0"])
+    # What stands in one place is not said twice.
+    with pytest.raises(InputError, match=r"got 50 and 40: the range is empty$"):
+        load_config("middlebury", ["disparity={min_px: 50, max_px: 40}"])
+
+
 def test_values_that_hold_themselves_are_refused():
     endless = []
     endless.append(endless)

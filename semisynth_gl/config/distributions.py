@@ -210,7 +210,8 @@ def check_target(target: TargetSection, min_px: float, max_px: float, low_px: fl
             first, last = max(low[outside > 0].min(), begin), min(high[outside > 0].max(), end)
             raise ValueError(
                 f"disparity.target wants {outside.sum():.1%} of the pixels at {first:g} to {last:g} px, {side} what "
-                f"this config can show, {low_px:g} to {max_px:g} px: change the target, or disparity.min_px and max_px"
+                f"this config can show, {low_px:g} to {max_px:g} px: change the target, or disparity.min_px and "
+                "disparity.max_px"
                 f"{note if side == 'below' else ''}"
             )
 

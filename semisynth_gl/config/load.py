@@ -1,6 +1,7 @@
 """Reading a config: YAML with ``extends``, overrides, and errors that name file, line and key."""
 
 import os
+import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from copy import deepcopy
 from importlib.resources.abc import Traversable
@@ -156,8 +157,7 @@ def _read_target_file(document: Document, sections: dict[str, Any], at: Key) -> 
         raise InputError("\n".join(f"{_prefix(key, document)}: {fault}" for key, fault in faults))
     # A path in a config counts from the folder of the config, a path in an override from the working folder.
     place = document.places.get((*at, "path"), _OVERRIDES)
-    is_override = place == _OVERRIDES or place.startswith(f"{_OVERRIDE} ")
-    folder = Path() if is_override else Path(place.rpartition(":")[0]).parent
+    folder = Path() if _is_override(place) else Path(place.rpartition(":")[0]).parent
     try:
         disparity[_TARGET[1]] = read_histogram(folder / expanded(str(path)))
     except InputError as error:
@@ -287,7 +287,24 @@ def _explain(fault: ErrorDetails, document: Document) -> str:
     if kind in ("model_type", "model_attributes_type"):
         return f"{prefix}: expected a section with keys of its own, got {shown(fault['input'])}"
     value = "" if isinstance(fault["input"], (dict, BaseModel)) else f", got {shown(fault['input'])}"
-    return f"{prefix}: {reason_of(fault)}{value}"
+    reason = reason_of(fault)
+    return f"{prefix}: {reason}{value}{_set_elsewhere(key, reason, document)}"
+
+
+def _set_elsewhere(key: Key, reason: str, document: Document) -> str:
+    """Return where keys that a reason names were set, if by an override or in another file than the fault's key."""
+    own = _place(key, document)
+    found = {}
+    for word in re.findall(r"\b[a-z]\w*(?:\.\w+)*", reason):
+        parts = tuple(word.split("."))
+        for whole in (parts, (*key, *parts)):
+            place = document.places.get(whole, "")
+            in_other_file = _is_override(place) or place.rpartition(":")[0] != own.rpartition(":")[0]
+            # A word alone may be any, but for one that names a key of this section.
+            if place and place != own and in_other_file and len(whole) > 1:
+                found[".".join(map(str, whole))] = place
+    said = [place if place.startswith(_OVERRIDE) else f"{dotted} of {place}" for dotted, place in found.items()]
+    return f" (with {', '.join(dict.fromkeys(said[:_KEYS_SHOWN]))})" if said else ""
 
 
 def _explain_form(key: Key, names: Iterable[str], fault: ErrorDetails, document: Document) -> str:
@@ -333,9 +350,18 @@ def _meant_keys(key: Key, siblings: Collection[str], value: object) -> list[str]
 
 def _prefix(key: Key, document: Document) -> str:
     """Return the place where a key was set, as far as it is known, and the key."""
-    place = next((document.places[key[:n]] for n in range(len(key), 0, -1) if key[:n] in document.places), "")
+    place = _place(key, document)
     dotted = ".".join(str(part) for part in key) or "config"
     return place if place == f"{_OVERRIDE} {dotted}" else ": ".join(part for part in (place, dotted) if part)
+
+
+def _place(key: Key, document: Document) -> str:
+    """Return where a key, or the nearest one above it that is known, was set; "" where none is known."""
+    return next((document.places[key[:n]] for n in range(len(key), 0, -1) if key[:n] in document.places), "")
+
+
+def _is_override(place: str) -> bool:
+    return place == _OVERRIDES or place.startswith(f"{_OVERRIDE} ")
 
 
 def _locate(location: tuple[int | str, ...]) -> tuple[Key, type[BaseModel]]:
