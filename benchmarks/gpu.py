@@ -26,6 +26,7 @@ from typing import Any
 import click
 import hard_cases
 import memory_rates
+import readback
 
 from semisynth_gl.bench import accuracy, speed
 from semisynth_gl.bench.summary import markdown
@@ -89,6 +90,13 @@ PARTS: Mapping[str, Part] = {
         ("--set", "scale=0.1", "--pairs", "1", "--rounds", "1", "--workers", "1"),
         at_most=0.3,
         report=(speed.headline, memory_rates.table),
+    ),
+    "readback": Part(
+        "Reading back, by components",
+        ("benchmarks/readback.py",),
+        ("--width", "64", "--height", "48", "--repeats", "1"),
+        at_most=0.1,
+        report=(readback.headline, readback.table),
     ),
     "speed": Part(
         "Stages and passes, workers to disk, what grows, memory",
