@@ -6,22 +6,28 @@ import os
 import subprocess
 import sys
 from contextlib import suppress
+from unittest.mock import Mock
 
 import moderngl
 import numpy as np
 import pytest
 from backends import backend_fault
 from scenes import facing, noise_layers
+from tiny_datasets import cheap
 
 from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.frame import FLOW_OUTPUTS, OUTPUTS
+from semisynth_gl.generation.generate import generate
 from semisynth_gl.geometry.mesh import make_mesh
+from semisynth_gl.pairs.pipeline import PairRenderer
+from semisynth_gl.render import devices
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.devices import context_facts, egl_devices
 from semisynth_gl.render.model_buffers import ModelBuffers
 from semisynth_gl.render.programs import shader_source
 from semisynth_gl.render.renderer import Renderer
+from semisynth_gl.scene import sources
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.scene import make_scene
 
@@ -299,6 +305,35 @@ def test_a_context_is_current_only_while_it_draws(square):
     context.release()
     with Renderer([square], noise_layers(1, 8), backend="egl"):
         assert current() is None
+
+
+@pytest.mark.parametrize("start", [PairRenderer, lambda *given: generate(given[0], "out", 1, backend=given[2])])
+@pytest.mark.parametrize("backend", ["auto", "egl", "osmesa"])
+def test_missing_libraries_are_told_before_anything_is_made(monkeypatch, tmp_path, start, backend):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(devices, "_loads", lambda _: False)
+    monkeypatch.setattr(devices, "open_context", Mock(side_effect=BackendError("none could be opened")))
+    monkeypatch.setattr(sources, "prepare_atlas", Mock(side_effect=AssertionError("it was begun")))
+    with pytest.raises(BackendError, match="none could be opened"):
+        start(cheap(), 0, backend)
+    devices.open_context.assert_called_once_with(backend)
+
+
+@pytest.mark.parametrize(
+    ("backend", "there", "enough"),
+    [
+        ("auto", {"libOSMesa.so.8"}, True),
+        ("auto", {"libEGL.so.1", "libGL.so.1"}, True),
+        ("egl", {"libEGL.so.1", "libOSMesa.so.8"}, False),
+        ("osmesa", {"libEGL.so.1", "libGL.so.1"}, False),
+        ("osmesa", {"libOSMesa.so.6"}, True),
+    ],
+)
+def test_the_libraries_of_one_backend_are_enough(monkeypatch, backend, there, enough):
+    monkeypatch.setattr(devices, "_loads", there.__contains__)
+    monkeypatch.setattr(devices, "open_context", opened := Mock())
+    devices.check_libraries(backend)
+    assert opened.called != enough
 
 
 def test_a_device_that_does_not_exist_is_refused():

@@ -22,12 +22,13 @@ from semisynth_gl.dataset.index import describe_dataset
 from semisynth_gl.dataset.places import Place, open_place
 from semisynth_gl.dataset.plan import Plan, Shard, make_plan
 from semisynth_gl.dataset.schema import CARD, CROISSANT
-from semisynth_gl.engines.local import SerialEngine
+from semisynth_gl.engines.local import LocalEngine, SerialEngine
 from semisynth_gl.engines.task import Engine
 from semisynth_gl.errors import InputError, shown
 from semisynth_gl.generation.shard_job import ShardJob
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
+from semisynth_gl.render.devices import check_libraries
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sources import Sources, prepare_sources
 from semisynth_gl.splits import SPLITS, SplitName
@@ -117,6 +118,8 @@ def generate(
     if place.local is not None:
         for advice in plan.layout.place_advice(str(place.local.absolute())):
             listener.on_message(f"note: {advice}")
+    if engine is None or isinstance(engine, SerialEngine | LocalEngine):
+        check_libraries(backend)
     sources = {split: prepare_sources(plan.config, seed, plan.split(split)) for split in plan.splits}
     digests = {split: split_sources.digests() for split, split_sources in sources.items()}
     job = ShardJob(plan, place, backend, digests, gpus)

@@ -29,6 +29,7 @@ from semisynth_gl.pairs.exposure import exposed, moments
 from semisynth_gl.pairs.imperfections import with_imperfections
 from semisynth_gl.plugins import plugin_records
 from semisynth_gl.render.backends import Backend
+from semisynth_gl.render.devices import check_libraries
 from semisynth_gl.render.pass_clock import PassClock
 from semisynth_gl.render.readers import Reader, read_array
 from semisynth_gl.render.renderer import Renderer
@@ -144,6 +145,7 @@ class PairRenderer:
         self.config = config
         self.seed = seed
         self.split = split
+        check_libraries(backend)
         self.sources = prepare_sources(config, seed, split)
         atlas = self.sources.atlas
         self.sampler = MixSampler(config, split.seed(seed), self.sources.libraries, atlas.patches)

@@ -16,6 +16,7 @@ from semisynth_gl.errors import InputError
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.load_order import load_before_driver
+from semisynth_gl.render.osmesa import OSMESA_LIBRARIES
 
 _EGL_EXTENSIONS = 0x3055
 _EGL_DRM_DEVICE_FILE_EXT = 0x3233
@@ -81,6 +82,20 @@ def missing_libraries() -> dict[str, str]:
     """Return the libraries that cannot be loaded, each with the Debian package that brings it."""
     load_before_driver()
     return {library: package for library, package in LIBRARIES.items() if not _loads(library)}
+
+
+def check_libraries(backend: Backend) -> None:
+    """Check that a backend's libraries are there, in no time: before patches and models are made for it.
+
+    Raises:
+        BackendError: where they are not; see `open_context`.
+    """
+    load_before_driver()
+    if backend in ("auto", "egl") and _loads("libEGL.so.1") and _loads("libGL.so.1"):
+        return
+    if backend in ("auto", "osmesa") and any(map(_loads, OSMESA_LIBRARIES)):
+        return
+    open_context(backend).release()
 
 
 def nvidia_is_named() -> bool:

@@ -21,14 +21,15 @@ _OSMESA_CONTEXT_MAJOR_VERSION = 0x36
 _OSMESA_CONTEXT_MINOR_VERSION = 0x37
 _GL_UNSIGNED_BYTE = 0x1401
 
-_LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
+# The first that is there is taken.
+OSMESA_LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
 
 
 def _load_library() -> ctypes.CDLL:
-    for name in _LIBRARIES:
+    for name in OSMESA_LIBRARIES:
         with suppress(OSError):
             return ctypes.CDLL(name)
-    raise BackendError(f"OSMesa is not installed: none of {', '.join(_LIBRARIES)} could be loaded")
+    raise BackendError(f"OSMesa is not installed: none of {', '.join(OSMESA_LIBRARIES)} could be loaded")
 
 
 class OSMesaContext:
