@@ -208,10 +208,17 @@ def test_doctor_names_the_command_where_nothing_works():
     assert "apt-get install -y libegl1" in done.stdout
 
 
+def test_quotes_are_advised_where_patterns_are_taken(call, tmp_path):
+    for command, advised in ((["textures", "--images"], True), (["report"], False)):
+        done = call(*command, "a.jpg", "b.jpg", "c.jpg", cwd=tmp_path)
+        assert "unexpected extra argument" in done.stderr
+        assert ("into quotes" in done.stderr) == advised
+
+
 def test_a_command_that_may_be_meant_is_named(call, tmp_path):
     done = call("generat", cwd=tmp_path)
     assert done.returncode == 2
-    assert done.stderr.splitlines()[-1] == "Did you mean generate?"
+    assert done.stderr.splitlines()[-1] == "Error: No such command 'generat'; did you mean generate?"
 
 
 @pytest.mark.parametrize("command", ["generate", "preview", "doctor"])

@@ -294,6 +294,21 @@ def test_an_error_of_its_opening_is_told_of_no_pair(backend, square, monkeypatch
         Renderer([square], noise_layers(1, 8), backend=backend)
 
 
+def test_an_error_of_asking_for_limits_is_told_of_no_renderer(backend, square, monkeypatch):
+    create = moderngl.create_context
+
+    def faulty(**options):
+        gl = create(**options)
+        with suppress(moderngl.Error):
+            gl.buffer(reserve=16).bind_to_uniform_block(1 << 20)
+        return gl
+
+    monkeypatch.setattr(moderngl, "create_context", faulty)
+    with Renderer([square], noise_layers(1, 8), backend=backend) as renderer:
+        camera = StereoCamera.centred(16, 12, 20.0, 0.1)
+        assert renderer.render(make_scene(camera, model=[], world_from_model=np.zeros((0, 4, 4)), layer=[])) is not None
+
+
 def test_a_context_is_current_only_while_it_draws(square):
     """A driver keeps all that a context holds while it is current, released or not."""
     if backend_fault("egl"):

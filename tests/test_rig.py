@@ -322,6 +322,7 @@ def test_the_background_closes_the_views_of_both_twins(kind, rig):
     shares = {name: float(name == kind) for name in ("plane", "street", "cuboid", "room")}
     config = cheap(
         rig=rig,
+        camera={"focal_px": 45},
         outputs=["depth"],
         disparity={"min_px": 2, "max_px": 20, "target": {"form": "uniform"}},
         particles={"layers": []},

@@ -43,7 +43,7 @@ _SIZES = (("image_width", "image_height"), ("width", "height"), ("LEFT.width", "
 _SIZE_PAIRS = ("image_size", "imageSize", "size")
 
 # A longer baseline in an OpenCV file without a unit is taken for one in millimetres.
-_LONGEST_M = 5.0
+LONGEST_M = 5.0
 _LARGEST_BYTES = 1 << 20
 _LARGEST_SIDE_PX = 99_999
 
@@ -197,7 +197,7 @@ def _opencv(path: Path, values: Mapping[str, Any], keys: tuple[str, str], unit_m
     left, right = (_matrix(path, key, values[key]) for key in keys)
     for matrix in (left, right):
         matrix[:, 3] *= 1.0 if unit_m is None else unit_m
-    if unit_m is None and right[0, 0] > 0 and abs(right[0, 3]) > _LONGEST_M * right[0, 0]:
+    if unit_m is None and right[0, 0] > 0 and abs(right[0, 3]) > LONGEST_M * right[0, 0]:
         raise ReadError(
             path,
             f"the baseline would be {abs(right[0, 3] / right[0, 0]):g} m: its unit is that of the board that was used "

@@ -2,7 +2,6 @@
 
 import errno
 import logging
-import re
 import sys
 from importlib import import_module
 from typing import NoReturn
@@ -34,6 +33,14 @@ class _LazyGroup(click.Group):
             command: click.Command = getattr(import_module(f"semisynth_gl.cli.{cmd_name}"), cmd_name)
         return command
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command; of an unknown one, name the one that may be meant."""
+        if args[0] not in _COMMANDS and (meant := near(args[0], _COMMANDS)):
+            ctx.fail(f"No such command {args[0]!r}; {did_you_mean(meant)}")
+        return super().resolve_command(ctx, args)
+
 
 @click.group(
     cls=_LazyGroup,
@@ -45,14 +52,10 @@ def semisynth_gl() -> None:
     """Make stereo training pairs with exact disparity from ordinary photographs."""
 
 
-def _hint(error: click.ClickException) -> str:
-    """Return what to do about a wrong command line, where click does not say it."""
-    said = error.format_message()
-    if found := re.fullmatch(r"No such command '(.*)'\.", said):
-        return did_you_mean(near(found[1], _COMMANDS))
-    if re.match(r"Got unexpected extra argument", said):
-        return "Put a pattern such as 'photos/*.jpg' into quotes, or the shell makes many names of it."
-    return ""
+def _lacks_quotes(error: click.UsageError) -> bool:
+    """Return whether a command that takes patterns was given names too many, as a shell makes of them."""
+    patterns = error.ctx is not None and any(param.metavar == "PATH_OR_GLOB" for param in error.ctx.command.params)
+    return patterns and "unexpected extra argument" in error.format_message()
 
 
 class _OnStderr(logging.Handler):
@@ -74,8 +77,8 @@ def main() -> NoReturn:
         code = semisynth_gl.main(standalone_mode=False)
     except click.ClickException as error:
         error.show()
-        if hint := _hint(error):
-            click.echo(hint[0].upper() + hint[1:], err=True)
+        if isinstance(error, click.UsageError) and _lacks_quotes(error):
+            click.echo("Put a pattern such as 'photos/*.jpg' into quotes: the shell makes many names of it.", err=True)
         sys.exit(error.exit_code)
     except (KeyboardInterrupt, click.Abort):
         _fail("Stopped. What is finished stays on disk, nothing half-written does.")

@@ -14,7 +14,7 @@ from semisynth_gl.calibration.matching import given_pairs, open_matcher, pairs_a
 from semisynth_gl.calibration.photographs import impossible_splits
 from semisynth_gl.calibration.rectification import fitting_pairs
 from semisynth_gl.calibration.rig import Rig, Size, plain_rig
-from semisynth_gl.calibration.rig_files import read_rigs
+from semisynth_gl.calibration.rig_files import LONGEST_M, read_rigs
 from semisynth_gl.calibration.style import Style, untried_style
 from semisynth_gl.cli.options import NATURAL, Number, Source, above_0, images_option, map_options, option
 from semisynth_gl.cli.outputs import CONFIG, Output, output_option
@@ -37,8 +37,8 @@ from semisynth_gl.textures.prepare import prepare_atlas
 
 _ANY_NUMBER = Number(min=-LARGEST, max=LARGEST)
 _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-# Baselines beyond these may be in another unit than they are taken for.
-_SHORTEST_M, _LONGEST_M = 0.002, 5.0
+# A shorter baseline, as a longer one than `LONGEST_M`, may be in another unit than it is taken for.
+_SHORTEST_M = 0.002
 
 
 @click.command()
@@ -218,7 +218,7 @@ def _rigs(
 
 def _baseline_note(ends_m: tuple[float, float]) -> str | None:
     """Return what to look at where a baseline is as no rig's: most files do not say in which unit it is."""
-    if ends_m[0] >= _SHORTEST_M and ends_m[1] <= _LONGEST_M:
+    if ends_m[0] >= _SHORTEST_M and ends_m[1] <= LONGEST_M:
         return None
     return (
         f"the baseline is {_shown_range(ends_m, 'm')}: ROS and KITTI state it in metres, Middlebury and ETH3D in "

@@ -226,12 +226,7 @@ def _key_and_value(override: object) -> tuple[str, Any, str]:
         key, value = _parsed_override(override)
         return key, value, f"{_OVERRIDE} {cut(key)}"
     if isinstance(override, tuple) and len(override) == 2 and isinstance(override[0], str):
-        key, value = override
-        try:
-            # What overrides it goes into it, and not into the caller's.
-            return key, deepcopy(value), _OVERRIDES
-        except RecursionError:
-            raise InputError(f"{_OVERRIDES}: {cut(key)}: its value is nested too deeply") from None
+        return *override, _OVERRIDES
     raise InputError(
         f"overrides: expected 'camera.width_px=640' or ('camera.width_px', 640) of each, got {shown(override)}"
     )
@@ -259,9 +254,10 @@ def _set(document: Document, dotted: str, value: Any, place: str) -> None:  # no
             raise InputError(f"{named}: {section} is no section with keys of its own")
     for below in keys_of(node.get(last), key):
         document.places.pop(below, None)
-    node[last] = value
-    # The override sets all keys of a mapping too.
     try:
+        # What overrides it goes into it, and not into the caller's.
+        node[last] = deepcopy(value)
+        # The override sets all keys of a mapping too.
         document.places |= dict.fromkeys(keys_of(value, key), place)
     except RecursionError:
         raise InputError(f"{named}: its value is nested too deeply") from None

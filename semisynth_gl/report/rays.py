@@ -152,9 +152,9 @@ def surfaces_at(
     """
     slant, texels = np.full(len(x_px), np.nan), np.full(len(x_px), np.nan)
     rays = scene.camera.rays("left", x_px, y_px)
-    near = (hits.instance >= 0) & np.isfinite(hits.depth_m)
-    for number in np.unique(hits.instance[near]):
-        on_instance = np.flatnonzero(near & (hits.instance == number))
+    solid = (hits.instance >= 0) & np.isfinite(hits.depth_m)
+    for number in np.unique(hits.instance[solid]):
+        on_instance = np.flatnonzero(solid & (hits.instance == number))
         mesh = models[int(scene.model[number])]
         view_from_model = (scene.camera_from_world @ scene.world_from_model[number])[:3]
         triangles = mesh.triangles[hits.triangle[on_instance]]

@@ -59,15 +59,16 @@ def verify_dataset(index: Index, oracle_pixels: int = 0) -> Iterator[Verdict]:
         oracles = {split: OracleCheck(index, split) for split in index.pairs}
     verdict = Verdict(DATASET)
     present = frozenset(index.place.names())
-    check_index(index, present, verdict)
+    unmade = [unmade_pairs(index, shard, present) for shard in index.shards]
+    check_index(index, present, sum(map(len, unmade)), verdict)
     yield verdict
     recent: dict[int, StoredFrame] = {}
-    for planned in index.shards:
-        shard, unmade = StoredShard(index, planned), unmade_pairs(index, planned, present)
+    for planned, still_unmade in zip(index.shards, unmade, strict=True):
+        shard = StoredShard(index, planned)
         for number in shard.numbers:
             scene = index.key(shard.split, number).name
             verdict = Verdict(scene if len(index.pairs) == 1 else f"{shard.split} {scene}")
-            if number in unmade:
+            if number in still_unmade:
                 yield verdict
                 continue
             if number == shard.numbers.start:

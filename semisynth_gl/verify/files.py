@@ -146,13 +146,19 @@ def unmade_pairs(index: Index, shard: Shard, present: AbstractSet[str]) -> range
     return range(made[-1] + 1 if made else shard.first, shard.end)
 
 
-def check_index(index: Index, present: AbstractSet[str], verdict: Verdict) -> None:
-    """Check the index against itself, and the names of the files in the dataset's folder against the index."""
+def check_index(index: Index, present: AbstractSet[str], unmade: int, verdict: Verdict) -> None:
+    """Check the index against itself, and the names of the files in the dataset's folder against the index.
+
+    Args:
+        index: the dataset.
+        present: the names of its files.
+        unmade: number of pairs that are not made yet.
+        verdict: takes the findings.
+    """
     if index.fault is not None:
         verdict.add("index", index.fault)
-        unmade = sum(len(unmade_pairs(index, shard, present)) for shard in index.shards)
-        if unmade:
-            verdict.add("index", f"{unmade} of {sum(index.pairs.values())} pairs are not made yet")
+    if unmade:
+        verdict.add("index", f"{unmade} of {sum(index.pairs.values())} pairs are not made yet")
     digest, recorded = digest_of(index.config), index.values.get("config_sha256")
     if digest != recorded:
         verdict.add("index", f"config_values have the digest {digest[:12]}, config_sha256 is {recorded!s:.12}")
