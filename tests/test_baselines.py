@@ -123,7 +123,7 @@ def test_one_pair_that_fails_its_checks_draws_its_scene_again_for_all(backend, m
     """Of the first frame alone, and all right views are judged."""
     judged = []
 
-    def faults(frame, _):
+    def faults(frame, _config, _closed):
         judged.append(frame.camera.baseline_m)
         return ["too short"] if judged.count(0.7) == 1 and frame.camera.baseline_m == 0.7 else []
 

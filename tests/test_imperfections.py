@@ -15,7 +15,7 @@ from semisynth_gl.config import Config, load_config
 from semisynth_gl.errors import InputError
 from semisynth_gl.frame import Frame
 from semisynth_gl.pairs import pipeline
-from semisynth_gl.pairs.checks import faults
+from semisynth_gl.pairs.checks import Closed, faults
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections, with_imperfections
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
 from semisynth_gl.seeds import Purpose, generator
@@ -290,7 +290,7 @@ def test_pairs_that_fail_are_drawn_again_from_sub_seeds(monkeypatch):
     assert all("redrawn" not in pair.provenance for pair in before)
     marked = before[2].frame.left.image
 
-    def fussy(frame, _config):
+    def fussy(frame, _config, _closed):
         return ["too something: 3 of 4"] if np.array_equal(frame.left.image, marked) else []
 
     monkeypatch.setattr(pipeline, "faults", fussy)
@@ -308,7 +308,7 @@ def test_frames_of_a_redrawn_sequence_belong_together(monkeypatch):
     config = cheap(sequence={"length": 3}, camera={"focal_px": [110.0, 140.0]})
     seen = []
 
-    def fussy(frame, _config):
+    def fussy(frame, _config, _closed):
         seen.append(frame)
         return ["no"] if len(seen) == 1 else []
 
@@ -325,7 +325,7 @@ def test_giving_up_says_why():
         pairs.render(0)
 
 
-def stated_faults(frame, config):
+def stated_faults(frame, config, closed):
     """The faults by the words of the section, from all pixels."""
     images, checks = (frame.left.image, frame.right.image), config.checks
     brightness = min(image.mean() for image in images)
@@ -340,6 +340,10 @@ def stated_faults(frame, config):
             yield f"too few pixels with truth: {share:.3f}, at least {checks.min_valid:g} wanted"
         elif len(valid) and valid.max() > config.disparity.max_px * (1 - 1e-5):
             yield f"cut by the near plane: disparity {valid.max():.3f} px of {config.disparity.max_px:g}"
+        elif closed.everywhere and len(valid) < view.disparity.size:
+            yield f"too deep: no disparity for {view.disparity.size - len(valid)} pixels in view"
+        elif len(valid) and valid.min() < closed.least_px:
+            yield f"too deep: disparity {valid.min():.3f} px in a room, at least {closed.least_px:.3f} wanted"
 
 
 def test_faults_are_those_of_all_pixels():
@@ -360,25 +364,31 @@ def test_faults_are_those_of_all_pixels():
             disparity[0, 0] = rng.choice([disparity[0, 0], config.disparity.max_px])
             arrays[f"disparity_{eye}"] = disparity
         frame = Frame.from_arrays(camera, arrays)
-        expected = list(dict.fromkeys(stated_faults(frame, config)))
-        assert faults(frame, config) == expected
+        closed = Closed(bool(rng.random() < 0.5), float(rng.choice([-np.inf, 1.5])))
+        expected = list(dict.fromkeys(stated_faults(frame, config, closed)))
+        assert faults(frame, config, closed) == expected
         kinds |= {" ".join(clause.split()[:3]) for clause in expected} or {"none"}
-    assert kinds == {"none", "too dark: mean", "too little texture:", "too few pixels", "cut by the"}
+    deep = {"too deep: no", "too deep: disparity"}
+    assert kinds == {"none", "too dark: mean", "too little texture:", "too few pixels", "cut by the"} | deep
 
 
 def test_faults_are_found():
     config = cheap()
     good = render_pair(config, 0)
-    assert faults(good, config) == []
+    closed = Closed(everywhere=True, least_px=0.0)
+    assert faults(good, config, closed) == []
 
     def with_arrays(**arrays):
-        return faults(Frame.from_arrays(good.camera, good.arrays() | arrays), config)
+        return faults(Frame.from_arrays(good.camera, good.arrays() | arrays), config, closed)
 
     assert "too dark" in with_arrays(left=good.left.image // 64)[0]
     assert "too little texture" in with_arrays(right=np.full_like(good.right.image, 128))[0]
     holes = good.left.disparity.copy()
     holes[:, : holes.shape[1] * 2 // 3] = np.inf
     assert "too few pixels with truth: 0.3" in with_arrays(disparity_left=holes)[0]
+    holes = good.left.disparity.copy()
+    holes[5, 6] = np.inf
+    assert with_arrays(disparity_left=holes) == ["too deep: no disparity for 1 pixels in view"]
     cut = good.right.disparity.copy()
     cut[3, 4] = config.disparity.max_px
     assert "cut by the near plane" in with_arrays(disparity_right=cut)[0]

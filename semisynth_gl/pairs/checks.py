@@ -1,10 +1,13 @@
 """Cheap checks of a rendered pair: one that fails is drawn again from another sub-seed."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.config.model import Config
 from semisynth_gl.frame import Frame, finite_range
+from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.textures.crops import least_texture, surely_has_texture
 
 # Rows of which one is looked at first: the others, however dark, leave the mean of a common image above the limit.
@@ -13,9 +16,43 @@ _ROWS = 8
 # Walls and models keep clear of the near plane, where the disparity is max_px: a surface there was cut open by it.
 _AT_NEAR_PLANE = 1e-5
 
+# Rooms that no wall can be brought in for are let pass down to this share of the smallest disparity that they aim for.
+_FAR_BELOW = 0.5
 
-def faults(frame: Frame, config: Config) -> list[str]:
-    """Return the faults of a pair, each a clause with its numbers."""
+
+@dataclass(frozen=True, slots=True)
+class Closed:
+    """What a scene promises of the disparities of all its pixels.
+
+    Attributes:
+        everywhere: whether each pixel has one.
+        least_px: none is smaller.
+    """
+
+    everywhere: bool
+    least_px: float
+
+    @classmethod
+    def of(cls, sampled: SampledScene, config: Config) -> "Closed":
+        """Return what the scene of a pair promises.
+
+        A sky has no disparity, nor has a point that a right camera's deviation shifts to the left. Signed disparities
+        may be as small as they are.
+        """
+        camera, signed = sampled.scene.camera, config.disparity.signed
+        if signed or not camera.rectified:
+            return cls(everywhere=False, least_px=-np.inf)
+        return cls(not sampled.scene.sky.any(), _FAR_BELOW * float(camera.disparity_px(sampled.farthest_m)))
+
+
+def faults(frame: Frame, config: Config, closed: Closed) -> list[str]:
+    """Return the faults of a pair, each a clause with its numbers.
+
+    Args:
+        frame: the pair.
+        config: its config.
+        closed: what its scene promises of all pixels.
+    """
     section, clauses, images = config.checks, [], (frame.left.image, frame.right.image)
     if not all(_surely_bright(image, section.min_brightness) for image in images):
         brightness = float(min(image.mean() for image in images))
@@ -27,16 +64,27 @@ def faults(frame: Frame, config: Config) -> list[str]:
             clauses.append(f"too little texture: {texture:.2f} levels, at least {section.min_texture:g} wanted")
     for view in (frame.left, frame.right):
         disparity = view.get("disparity")
-        if disparity is None:
-            continue
-        valid, _, largest = finite_range(disparity)
-        if valid < section.min_valid * disparity.size:
-            share = valid / disparity.size
-            clauses.append(f"too few pixels with truth: {share:.3f}, at least {section.min_valid:g} wanted")
-        elif valid and largest > _near_plane_px(frame, config):
-            limit = config.disparity.max_px
-            clauses.append(f"cut by the near plane: disparity {largest:.3f} px of {limit:g}")
+        if disparity is not None:
+            clauses += _disparity_faults(disparity, config, closed, _near_plane_px(frame, config))
     return list(dict.fromkeys(clauses))
+
+
+def _disparity_faults(
+    disparity: NDArray[np.float32], config: Config, closed: Closed, near_plane_px: float
+) -> list[str]:
+    """Return the first fault of a view's disparity, if any."""
+    valid, smallest, largest = finite_range(disparity)
+    missing = disparity.size - valid
+    if valid < config.checks.min_valid * disparity.size:
+        share, least = valid / disparity.size, config.checks.min_valid
+        return [f"too few pixels with truth: {share:.3f}, at least {least:g} wanted"]
+    if valid and largest > near_plane_px:
+        return [f"cut by the near plane: disparity {largest:.3f} px of {config.disparity.max_px:g}"]
+    if missing and closed.everywhere:
+        return [f"too deep: no disparity for {missing} pixels in view"]
+    if valid and smallest < closed.least_px:
+        return [f"too deep: disparity {smallest:.3f} px in a room, at least {closed.least_px:.3f} wanted"]
+    return []
 
 
 def _near_plane_px(frame: Frame, config: Config) -> float:

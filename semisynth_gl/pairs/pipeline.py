@@ -24,7 +24,7 @@ from semisynth_gl.errors import InputError
 from semisynth_gl.frame import FUTURE_OUTPUTS, PAST_OUTPUTS, Frame
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.listener import Listener
-from semisynth_gl.pairs.checks import faults
+from semisynth_gl.pairs.checks import Closed, faults
 from semisynth_gl.pairs.exposure import exposed, moments
 from semisynth_gl.pairs.imperfections import with_imperfections
 from semisynth_gl.plugins import plugin_records
@@ -296,7 +296,8 @@ class PairRenderer:
             clauses: list[str] = []
             for view in range(self.config.views):
                 shown.frames[view] = self._draw(shown, view)
-                clauses = faults(shown.frames[view], self.config)
+                closed = Closed.of(shown.sampled.seen_by(view), self.config)
+                clauses = faults(shown.frames[view], self.config, closed)
                 self._report("check")
                 if clauses:
                     break

@@ -131,6 +131,7 @@ class Arrangement:
         unit_m: (2,) each, length of one UV unit.
         wears: the number of the thing whose texture each wears: its own, or that of an earlier one.
         large: whether each wears a large patch, where there are any.
+        farthest_m: no view shows more than this depth, if the walls could be brought in so far.
     """
 
     view: View
@@ -140,6 +141,7 @@ class Arrangement:
     unit_m: list[tuple[float, float]] = field(default_factory=list)
     wears: list[int] = field(default_factory=list)
     large: list[bool] = field(default_factory=list)
+    farthest_m: float = np.inf
     _taken: list[tuple[float, float, float]] = field(default_factory=list)
     _raised: list[tuple[tuple[float, float], tuple[float, float], float]] = field(default_factory=list)
 

@@ -1,18 +1,26 @@
 """The background that closes the view: the inside of a cuboid, or one far plane. Both consist of flat faces."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 import pyrr
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import EYES, RECTIFIED, StereoCamera
+from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh, mesh_grid
-from semisynth_gl.scene.rig import BEYOND_NEAR, STILL, Sway, check_reachable, near_depth_m
+from semisynth_gl.scene.rig import STILL, Sway, check_reachable, near_depth_m
+from semisynth_gl.scene.view_volume import (
+    TURNED_BACK,
+    WIDEST_RAD,
+    box_normals,
+    corner_rays,
+    fitted_offsets,
+    smallest_offsets,
+)
 
 Floats = NDArray[np.float64]
 
@@ -45,8 +53,6 @@ _SIDE_WALL = Range(0.3, 1.1)
 # Walls continue behind each other by this share of their size: edges that only met would leave gaps in float32.
 OVERLAP = 1e-4
 GRID = (48, 32)
-# A far plane is filled up to this angle to its normal.
-_WIDEST_RAD = np.deg2rad(85)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,6 +129,11 @@ def _plane(
     depth = float(camera.depth_m(disparity_px))
     ahead = np.array([[0.0, 0.0, 1.0]])
     if sway.moves:
+        aside, widest = abs(camera.offset_m("right")) + sway.reach_m, _widest_rad(camera, sway)
+        if not sky and not disparity.signed:
+            # In no view its disparity falls below half of what was drawn: to turn away from it deepens it.
+            most, deepens = float(camera.depth_m(disparity_px / 2)), np.tan(widest) * np.sin(sway.angle_rad)
+            depth = min(depth, (most - sway.reach_m - aside * (deepens + np.sin(sway.angle_rad))) / (1 + deepens))
         # With a large doffs the plane is near, and the camera may sway towards it.
         depth = max(depth, float(smallest_offsets(camera, ahead, near_depth_m(camera, disparity), sway)[0]))
     corners = _corner_points(camera, depth)
@@ -132,15 +143,6 @@ def _plane(
         corners = np.concatenate([corners, rays / rays[:, 2:] * depth])
     low, high = corners.min(axis=0), corners.max(axis=0)
     if sway.moves:
-        rays = corner_rays(camera)
-        widest = float(np.arctan2(np.linalg.norm(rays[:, :2], axis=1), rays[:, 2]).max()) + sway.angle_rad
-        if widest >= _WIDEST_RAD:
-            raise InputError(
-                f"camera.sway_deg turns views by up to {np.rad2deg(sway.angle_rad):.0f} degrees, and their corners to "
-                f"{np.rad2deg(widest):.0f} degrees off the far plane's normal, at most {np.rad2deg(_WIDEST_RAD):.0f} "
-                "can be filled: lower it, take a narrower view, or set background.plane and background.street to 0"
-            )
-        aside = abs(camera.offset_m("right")) + sway.reach_m
         half = (depth + aside) * np.tan(widest) + aside
         low, high = np.minimum(low, -half), np.maximum(high, half)
     margin = 0.01 * (high - low)
@@ -151,12 +153,28 @@ def _plane(
     return Background(world_from_face[None], (high - low)[None, :2], ahead, distance, distance, sky)
 
 
+def _widest_rad(camera: StereoCamera, sway: Sway) -> float:
+    """Return the largest angle between a ray of any view and the far plane's normal.
+
+    Raises:
+        InputError: where a plane that fills such views would have to be endless.
+    """
+    rays = corner_rays(camera)
+    widest = float(np.arctan2(np.linalg.norm(rays[:, :2], axis=1), rays[:, 2]).max()) + sway.angle_rad
+    if widest >= WIDEST_RAD:
+        raise InputError(
+            f"camera.sway_deg turns views by up to {np.rad2deg(sway.angle_rad):.0f} degrees, and their corners to "
+            f"{np.rad2deg(widest):.0f} degrees off the far plane's normal, at most {np.rad2deg(WIDEST_RAD):.0f} "
+            "can be filled: lower it, take a narrower view, or set background.plane and background.street to 0"
+        )
+    return widest
+
+
 def _cuboid(
     section: BackgroundSection, disparity: DisparitySection, camera: StereoCamera, rng: np.random.Generator, sway: Sway
 ) -> Background:
     turn = np.deg2rad(section.wall_turn_deg)
-    # Columns are the room's axes in the camera frame.
-    axes = np.asarray(pyrr.matrix33.create_from_eulers(rng.uniform(-turn, turn, 3)), np.float64).T
+    angles = rng.uniform(-turn, turn, 3)
     wall_px = section.wall_disparity_px or Range(disparity.min_px, disparity.min_px)
     drawn_px = wall_px.draw(rng)
     check_reachable(camera, drawn_px, "background.wall_disparity_px")
@@ -164,20 +182,24 @@ def _cuboid(
     near = near_depth_m(camera, disparity)
     farthest = float(camera.depth_m(disparity.min_px))
     fraction = _SIDE_WALL.draw_many(rng, 4)
-
-    # Faces in the order +x, -x, +y, -y, +z (the back wall), -z (behind the cameras).
-    normal = np.concatenate([axes.T[k // 2][None] * (1 - 2 * (k % 2)) for k in range(6)])
-    smallest = smallest_offsets(camera, normal, near, sway)
-    offset = np.full(6, 0.5 * wall_depth)
-    reach = (_corner_points(camera, wall_depth) @ normal.T).max(axis=0)
-    offset[:4] = smallest[:4] + fraction * np.maximum(reach[:4] - smallest[:4], 0)
     centre_ray = camera.rays("left", np.array((camera.width_px - 1) / 2), np.array((camera.height_px - 1) / 2))
-    offset[4] = wall_depth * max(float(normal[4] @ centre_ray), 0.1)
-    # The back wall's far corner keeps to min_px where the turn allows it; side walls may cut it off before.
-    steepest = float((corner_rays(camera) @ normal[4]).min())
-    if steepest > 0:
-        offset[4] = min(offset[4], farthest * steepest)
-    offset = np.maximum(offset, smallest)
+    for share in TURNED_BACK:
+        # Columns are the room's axes in the camera frame.
+        axes = np.asarray(pyrr.matrix33.create_from_eulers(share * angles), np.float64).T
+        # Faces in the order +x, -x, +y, -y, +z (the back wall), -z (behind the cameras).
+        normal = box_normals(axes)
+        smallest = smallest_offsets(camera, normal, near, sway)
+        offset = np.full(6, 0.5 * wall_depth)
+        reach = (_corner_points(camera, wall_depth) @ normal.T).max(axis=0)
+        offset[:4] = smallest[:4] + fraction * np.maximum(reach[:4] - smallest[:4], 0)
+        offset[4] = wall_depth * max(float(normal[4] @ centre_ray), 0.1)
+        # The back wall's far corner keeps to min_px where the turn allows it; side walls may cut it off before.
+        steepest = float((corner_rays(camera) @ normal[4]).min())
+        if steepest > 0:
+            offset[4] = min(offset[4], farthest * steepest)
+        offset, fits = fitted_offsets(camera, normal, np.maximum(offset, smallest), smallest, farthest, sway)
+        if fits:
+            break
 
     world_from_face = np.tile(np.eye(4), (6, 1, 1))
     size = np.empty((6, 2))
@@ -193,48 +215,6 @@ def _cuboid(
     depth, hit = first_hit(normal, offset, camera.rays("left", *grid_px(camera)))
     visible_depth = np.array([np.median(depth[hit == k]) if (hit == k).any() else wall_depth for k in range(6)])
     return Background(world_from_face, size, normal, offset, visible_depth)
-
-
-def smallest_offsets(camera: StereoCamera, normal: Floats, near_m: float, sway: Sway = STILL) -> Floats:
-    """Return the smallest distances of walls at which both cameras are inside and all pixels are beyond the near plane.
-
-    Along a ray from an eye at e, a wall normal . p = offset has depth Z = (offset - normal . e) / (normal . ray), and
-    normal . ray is linear over the image: its largest value is at a corner. A sway moves the eyes by at most its reach,
-    and the right one by 2 B sin(angle / 2) more; and it turns a ray by at most its angle towards the normal.
-
-    Args:
-        camera: the camera.
-        normal: (F, 3) float64, unit normals of the walls, away from the camera.
-        near_m: depth of the near plane.
-        sway: the camera's sway.
-
-    Returns:
-        (F,) float64, metres from the left camera's centre.
-    """
-    smallest = np.zeros(len(normal))
-    for eye in EYES:
-        aside = abs(camera.offset_m(eye)) * 2 * np.sin(min(sway.angle_rad, np.pi) / 2)
-        shift = normal[:, 0] * camera.offset_m(eye) + (sway.reach_m + aside)
-        inside = shift + 0.05 * near_m
-        rays = corner_rays(camera, eye)
-        towards = rays @ normal.T
-        if sway.angle_rad > 0:
-            length = np.linalg.norm(rays, axis=1, keepdims=True)
-            between = np.arccos(np.clip(towards / length, -1, 1))
-            towards = length * np.cos(np.maximum(between - sway.angle_rad, 0))
-        beyond = shift + BEYOND_NEAR * near_m * towards.max(axis=0)
-        smallest = np.maximum(smallest, np.maximum(inside, beyond))
-    return smallest
-
-
-def corner_rays(camera: StereoCamera, *eyes: str) -> Floats:
-    """Return rays (R, 3) through the corners of the named views, or of both, as `StereoCamera.rays` does.
-
-    Of a right camera that deviates, through those of its rectified twin too: pairs of both may show the scene.
-    """
-    x, y = np.array([(0, 0), (1, 0), (0, 1), (1, 1)]).T * [[camera.width_px], [camera.height_px]] - 0.5
-    twins = (camera,) if camera.rectified else (camera, replace(camera, deviation=RECTIFIED))
-    return np.concatenate([twin.rays(eye, x, y) for eye in EYES if not eyes or eye in eyes for twin in twins])
 
 
 def _corner_points(camera: StereoCamera, depth_m: float) -> Floats:

@@ -1,5 +1,6 @@
 """A room: a box with floor, walls and ceiling, doorways and niches."""
 
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Final
 
@@ -11,9 +12,16 @@ from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection, RoomSection
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.scene.arrangement import Arrangement, Catalogue, View
-from semisynth_gl.scene.background import corner_rays, first_hit, grid_px, smallest_offsets
 from semisynth_gl.scene.furnishing import fill_niche, furnish
 from semisynth_gl.scene.rig import Sway, check_reachable, near_depth_m
+from semisynth_gl.scene.view_volume import (
+    TURNED_BACK,
+    box_normals,
+    corner_rays,
+    deepest_m,
+    fitted_offsets,
+    smallest_offsets,
+)
 from semisynth_gl.scene.wall import Wall
 
 Floats = NDArray[np.float64]
@@ -26,6 +34,14 @@ _HOLES: Final = ((0.12, 0.4), (0.37, 0.63), (0.6, 0.88))
 _DOORWAY_ROWS, _NICHE_ROWS = (0.2, 1.0), (0.3, 0.62)
 # By this share of a wall's edges, what lies behind a hole goes on behind the wall.
 _BEHIND = 1e-3
+# A second room is made smaller by these factors until it fits; it is at least so deep.
+_SMALLER = (1.0, 0.7, 0.5, 0.35, 0.25)
+_SHALLOWEST_M = 0.3
+
+_Rectangle = tuple[Floats, Floats, Floats]
+"""Corner at the top left, edge to the right and edge downwards, (3,) each; see `Arrangement.add_rectangle`."""
+_Fits = Callable[[list[_Rectangle]], bool]
+"""Whether no view shows rectangles beyond the farthest depth that a config wants."""
 
 
 def _pierced(low: tuple[float, float], high: tuple[float, float], name: str) -> Mesh:
@@ -89,27 +105,28 @@ def draw_room(
     pitch = float(np.clip(np.arctan2(height, wall_m) - np.arctan2(row - camera.cy_px, camera.focal_px), -0.35, 0.9))
     turn = np.deg2rad(background.wall_turn_deg)
     yaw, roll = rng.uniform(-2, 2) * turn, rng.normal() * np.deg2rad(section.roll_deg)
-    view = View.over_floor(camera, near_m, height, yaw, pitch, roll)
-    axes = view.camera_from_floor[:3, :3]
-    # Walls in the order right, left, ahead, behind, ceiling, floor; normals in the camera's frame.
-    normal = np.concatenate([axes.T[k // 2][None] * (1 - 2 * (k % 2)) for k in range(6)])
-    smallest = smallest_offsets(camera, normal, near_m, sway)
-    reach = (corner_rays(camera) * wall_m @ normal.T).max(axis=0)
-    offset = np.empty(6)
-    offset[:2] = smallest[:2] + rng.uniform(0.25, 1.15, 2) * np.maximum(reach[:2] - smallest[:2], 0.5 * metre)
-    offset[2] = wall_m * max(float(np.cos(yaw) * np.cos(pitch)), 0.2)
-    offset[3] = 0.5 * wall_m
-    offset[4] = max(_HEIGHT.draw(rng) * metre - height, 0.3 * metre)
-    offset[5] = height
-    offset = np.maximum(offset, smallest)
-    deepest = _deepest(camera, normal, offset)
-    if deepest > farthest_m:
-        offset[:4] = np.maximum(offset[:4] * farthest_m / deepest, smallest[:4])
+    aside = rng.uniform(0.25, 1.15, 2)
+    above = max(_HEIGHT.draw(rng) * metre - height, 0.3 * metre)
+    for share in TURNED_BACK:
+        angles = share * yaw, share * pitch, share * roll
+        view = View.over_floor(camera, near_m, height, *angles)
+        # Walls in the order right, left, ahead, behind, ceiling, floor; normals in the camera's frame.
+        normal = box_normals(view.camera_from_floor[:3, :3])
+        smallest = smallest_offsets(camera, normal, near_m, sway)
+        reach = (corner_rays(camera) * wall_m @ normal.T).max(axis=0)
+        offset = np.empty(6)
+        offset[:2] = smallest[:2] + aside * np.maximum(reach[:2] - smallest[:2], 0.5 * metre)
+        offset[2] = wall_m * max(float(np.cos(angles[0]) * np.cos(angles[1])), 0.2)
+        offset[3:] = 0.5 * wall_m, above, height
+        offset = np.maximum(offset, smallest)
+        offset, in_range = fitted_offsets(camera, normal, offset, smallest, farthest_m, sway, movable=4)
+        if in_range:
+            break
     if offset[5] > height:
-        view = View.over_floor(camera, near_m, float(offset[5]), yaw, pitch, roll)
+        view = View.over_floor(camera, near_m, float(offset[5]), *angles)
     right, left, ahead, behind, above, height = offset
     top = above + height
-    room = Arrangement(view, catalogue)
+    room = Arrangement(view, catalogue, farthest_m=farthest_m)
     walls = (
         Wall(np.array([-left, ahead, top]), np.array([left + right, 0, 0]), top),
         Wall(np.array([right, ahead, top]), np.array([0, -ahead - behind, 0]), top),
@@ -118,61 +135,72 @@ def draw_room(
     room.add_rectangle((-left, ahead, 0), (left + right, 0, 0), (0, -ahead - behind, 0))
     room.add_rectangle((-left, -behind, top), (left + right, 0, 0), (0, ahead + behind, 0))
     room.add_rectangle((right, -behind, top), (-left - right, 0, 0), (0, 0, -top))
+
+    def fits(behind: list[_Rectangle]) -> bool:
+        faces = np.array([[corner, corner + u, corner + u + v, corner + v] for corner, u, v in behind])
+        pose = view.camera_from_floor
+        return deepest_m(camera, faces @ pose[:3, :3].T + pose[:3, 3], sway) <= farthest_m
+
     for wall in walls:
         kind = rng.random()
         if kind < section.doorway:
-            _add_doorway(room, wall, farthest_m, metre, rng)
+            _add_doorway(room, wall, fits, metre, rng)
         elif kind < section.doorway + section.niche:
-            _add_niche(room, wall, metre, rng)
+            _add_niche(room, wall, fits, metre, rng)
         else:
             room.add_rectangle(wall.corner, wall.right, wall.down)
     furnish(room, section, walls, metre, rng)
     return room
 
 
-def _deepest(camera: StereoCamera, normal: Floats, offset: Floats) -> float:
-    """Largest depth of the bare room in the left view."""
-    rays = np.concatenate([corner_rays(camera, "left"), camera.rays("left", *grid_px(camera))])
-    return float(first_hit(normal, offset, rays)[0].max())
-
-
-def _add_doorway(room: Arrangement, wall: Wall, farthest_m: float, metre: float, rng: np.random.Generator) -> None:
-    """Add a wall with a doorway and the room behind it, as deep as the disparities allow."""
+def _add_doorway(room: Arrangement, wall: Wall, fits: _Fits, metre: float, rng: np.random.Generator) -> None:
+    """Add a wall with a doorway and a room behind it, as large as fits, or the wall alone where none does."""
     place = int(rng.integers(len(_HOLES)))
     deep = rng.uniform(0.8, 4) * metre
     aside = rng.uniform(0.3, 1.5) * metre / wall.length_m
-    low, high = _HOLES[place][0] - aside, _HOLES[place][1] + aside
-    corners = np.array([wall.at(u, v, deep) for u in (low, high) for v in (0, 1)])
-    over = float(room.view.depth_m(corners).max()) - farthest_m
-    deep -= max(over, 0.0) * 1.2
-    if deep < 0.3 * metre:
+    for share in _SMALLER:
+        low, high = _HOLES[place][0] - share * aside, _HOLES[place][1] + share * aside
+        behind = _behind(wall, (low, 0.0), (high, 1.0), share * deep)
+        if share * deep >= _SHALLOWEST_M * metre and fits(behind):
+            room.add_rectangle(wall.corner, wall.right, wall.down, model=DOORWAYS[place])
+            wall.take(*_hole(place, _DOORWAY_ROWS))
+            _add_behind(room, behind)
+            return
+    room.add_rectangle(wall.corner, wall.right, wall.down)
+
+
+def _add_niche(room: Arrangement, wall: Wall, fits: _Fits, metre: float, rng: np.random.Generator) -> None:
+    """Add a wall with a niche, and things in it, or the wall alone where the niche does not fit."""
+    place, deep = int(rng.integers(len(_HOLES))), rng.uniform(0.15, 0.4) * metre
+    low, high = _hole(place, _NICHE_ROWS)
+    behind = _behind(wall, low, high, deep)
+    if not fits(behind):
         room.add_rectangle(wall.corner, wall.right, wall.down)
         return
-    room.add_rectangle(wall.corner, wall.right, wall.down, model=DOORWAYS[place])
-    wall.take(*_hole(place, _DOORWAY_ROWS))
-    _add_box_behind(room, wall, (low, 0.0), (high, 1.0), deep)
-
-
-def _add_niche(room: Arrangement, wall: Wall, metre: float, rng: np.random.Generator) -> None:
-    """Add a wall with a niche, and things in it."""
-    place, deep = int(rng.integers(len(_HOLES))), rng.uniform(0.15, 0.4) * metre
     room.add_rectangle(wall.corner, wall.right, wall.down, model=NICHES[place])
-    low, high = _hole(place, _NICHE_ROWS)
     wall.take(low, high)
-    _add_box_behind(room, wall, low, high, deep)
+    _add_behind(room, behind)
     # On the niche's floor, which lies a little below its hole.
     fill_niche(room, wall, low, (high[0], high[1] + _BEHIND), deep, metre, rng)
 
 
-def _add_box_behind(
-    room: Arrangement, wall: Wall, low: tuple[float, float], high: tuple[float, float], deep: float
-) -> None:
-    """Add the inside of a box behind a wall: its far side, floor, ceiling and two sides."""
+def _behind(wall: Wall, low: tuple[float, float], high: tuple[float, float], deep: float) -> list[_Rectangle]:
+    """Return the inside of a box behind a wall: its far side, floor, ceiling and two sides."""
     # A little larger than its hole: edges that only met would leave gaps in float32.
     (left, top), (right, bottom) = (low[0] - _BEHIND, low[1] - _BEHIND), (high[0] + _BEHIND, high[1] + _BEHIND)
     across, down, out = (right - left) * wall.right, (bottom - top) * wall.down, deep * wall.out
-    room.add_rectangle(wall.at(left, top, deep), across, down)
-    room.add_rectangle(wall.at(left, bottom, deep), across, -out)
-    room.add_rectangle(wall.at(left, top), across, out)
-    side = room.add_rectangle(wall.at(left, top), out, down)
-    room.add_rectangle(wall.at(right, top, deep), -out, down, wears=side)
+    return [
+        (wall.at(left, top, deep), across, down),
+        (wall.at(left, bottom, deep), across, -out),
+        (wall.at(left, top), across, out),
+        (wall.at(left, top), out, down),
+        (wall.at(right, top, deep), -out, down),
+    ]
+
+
+def _add_behind(room: Arrangement, behind: list[_Rectangle]) -> None:
+    """Add what `_behind` returned; both sides wear one texture."""
+    *others, left, right = behind
+    for rectangle in others:
+        room.add_rectangle(*rectangle)
+    room.add_rectangle(*right, wears=room.add_rectangle(*left))

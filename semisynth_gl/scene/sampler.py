@@ -43,6 +43,7 @@ class SampledScene:
         view: number of the right view, whose camera is the scene's.
         recipe: name of the recipe that the scene is made by; None where the config has no recipes.
         background: its kind, such as "room".
+        farthest_m: depth that the views of a room keep within; inf for other backgrounds.
         sequence: number of the sequence.
         frame: number of the frame within the sequence.
         attempt: number of attempts of the sequence that failed before.
@@ -58,6 +59,7 @@ class SampledScene:
     view: int
     recipe: str | None
     background: str
+    farthest_m: float
     sequence: int
     frame: int
     attempt: int
@@ -310,6 +312,7 @@ class SceneSampler:
             view,
             self.recipe,
             stage.background,
+            stage.farthest_m,
             draw.sequence,
             frame,
             draw.attempt,

@@ -11,8 +11,9 @@ from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection, StreetSection
 from semisynth_gl.geometry.mesh import cross
 from semisynth_gl.scene.arrangement import Arrangement, Catalogue, View
-from semisynth_gl.scene.background import FACE, GROUND, draw_background, lay_ground, smallest_offsets
+from semisynth_gl.scene.background import FACE, GROUND, draw_background, lay_ground
 from semisynth_gl.scene.rig import Sway, near_depth_m
+from semisynth_gl.scene.view_volume import smallest_offsets
 
 Floats = NDArray[np.float64]
 

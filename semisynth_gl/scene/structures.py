@@ -21,7 +21,6 @@ from semisynth_gl.scene.background import (
     draw_background,
     draw_kind,
     lay_ground,
-    smallest_offsets,
 )
 from semisynth_gl.scene.glance import glance
 from semisynth_gl.scene.rig import (
@@ -38,6 +37,7 @@ from semisynth_gl.scene.rig import (
 from semisynth_gl.scene.room import DOORWAYS, NICHES, draw_room
 from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.scene.street import draw_street
+from semisynth_gl.scene.view_volume import smallest_offsets
 from semisynth_gl.seeds import Purpose
 
 Floats = NDArray[np.float64]
@@ -110,6 +110,7 @@ class Stage:
         background: its kind.
         still: background and structures.
         up: (3,) float64, unit, the direction upwards in the left camera's frame.
+        farthest_m: depth that the views of a room keep within; inf for other backgrounds.
     """
 
     camera: StereoCamera
@@ -118,6 +119,7 @@ class Stage:
     background: Kind
     still: Surroundings
     up: Floats
+    farthest_m: float = np.inf
 
 
 def take_stock(library: ModelLibrary) -> Catalogue:
@@ -157,7 +159,8 @@ def draw_stage(config: Config, catalogue: Catalogue, generator_for: Callable[[Pu
             config.structures, config.disparity, camera, background, generator_for(Purpose.STRUCTURES), sway
         )
         return Stage(camera, views, sway, kind, still, np.array([0.0, -1.0, 0.0]))
-    return Stage(camera, views, sway, kind, _surroundings(things, sky=sky), things.view.camera_from_floor[:3, 2])
+    up = things.view.camera_from_floor[:3, 2]
+    return Stage(camera, views, sway, kind, _surroundings(things, sky=sky), up, things.farthest_m)
 
 
 def _has_sky(section: BackgroundSection, generator_for: Callable[[Purpose], np.random.Generator]) -> bool:

@@ -1,0 +1,113 @@
+"""What the views of a scene show at the most: no pixel without a disparity, and no room beyond its range."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tiny_datasets import CLUTTER_ALONE
+
+from semisynth_gl import load_config, oracle, render_pair
+from semisynth_gl.camera import EYES, StereoCamera
+from semisynth_gl.config import Config
+from semisynth_gl.errors import InputError
+from semisynth_gl.geometry.model_library import build_library
+from semisynth_gl.scene.raycast import cast_rays
+from semisynth_gl.scene.rig import near_depth_m
+from semisynth_gl.scene.scene import make_scene
+from semisynth_gl.scene.structures import Stage, draw_stage, take_stock
+from semisynth_gl.seeds import generator
+
+KINDS = ("cuboid", "plane", "room", "street")
+# Every wall is pierced: openings show most.
+PIERCED = (
+    "room.doorway=0.6",
+    "room.niche=0.4",
+    "room.furniture=0",
+    "room.small=0",
+    "room.pictures=0",
+    "room.curtain=0",
+)
+
+
+@cache
+def catalogue():
+    config = load_config("middlebury", [*CLUTTER_ALONE, "models.variants=1"])
+    return take_stock(build_library(config.models, config.particles, 0))
+
+
+def stage_of(config: Config, seed: int) -> Stage:
+    return draw_stage(config, catalogue(), lambda purpose: generator(seed, purpose))
+
+
+def seen_px(stage: Stage, config: Config, camera: StereoCamera, time_s: float = 0.0) -> np.ndarray:
+    """Disparities of still things on a grid over both views that reaches to their borders."""
+    still, x_px, y_px = (
+        stage.still,
+        *np.meshgrid(
+            np.linspace(-0.4971, camera.width_px - 0.5013, 27), np.linspace(-0.4937, camera.height_px - 0.5029, 21)
+        ),
+    )
+    scene = make_scene(
+        camera,
+        model=still.model,
+        world_from_model=still.world_from_model,
+        layer=np.zeros(len(still), np.int64),
+        near_m=near_depth_m(stage.camera, config.disparity),
+        camera_from_world=stage.sway.camera_from_world(time_s),
+    )
+    hits = [cast_rays(scene, catalogue().models, eye, x_px.ravel(), y_px.ravel()) for eye in EYES]
+    return np.concatenate([oracle.disparity_px(camera, each) for each in hits])
+
+
+@st.composite
+def rigs(draw):
+    """Sizes, lenses, ranges, principal points that differ; some sway, as far as their range leaves room for it."""
+    width, height, sways = draw(st.integers(60, 400)), draw(st.integers(60, 300)), draw(st.booleans())
+    least, doffs = draw(st.floats(0.5, 20)), width * draw(st.floats(0, 0.05 if sways else 0.4))
+    most = least * draw(st.floats(2.5, 40)) + (2 * doffs if sways else 0)
+    return [
+        f"camera.width_px={width}",
+        f"camera.height_px={height}",
+        f"camera.focal_px={width * draw(st.floats(0.5, 2.2))}",
+        f"camera.doffs_px={doffs}",
+        f"disparity.min_px={least}",
+        f"disparity.max_px={most}",
+        f"background.wall_disparity_px=[{least},{least * 2}]",
+        f"background.plane_disparity_px=[{least * 0.05},{least * 0.5}]",
+        *(["camera.sway_m=[0,0.01]", "camera.sway_deg=[0,1]"] if sways else []),
+        *(["camera.baselines=3", "camera.baseline_m=[0.1,0.4]"] if draw(st.integers(0, 2)) == 0 else []),
+    ]
+
+
+@settings(max_examples=60)
+@given(rigs(), st.sampled_from(KINDS), st.integers(0, 10_000))
+def test_every_pixel_has_a_disparity_and_rooms_keep_to_their_range(rig, kind, seed):
+    weights = [f"background.{name}={int(name == kind)}" for name in KINDS]
+    config = load_config("middlebury", [*CLUTTER_ALONE, *PIERCED, *weights, "disparity.target={form: uniform}", *rig])
+    stage = stage_of(config, seed)
+    for time_s in (0.0, 0.6, 1.9) if stage.sway.moves else (0.0,):
+        for camera in stage.views:
+            px = seen_px(stage, config, camera, time_s)
+            assert np.isfinite(px).all()
+            assert px.min() > 0
+            if kind == "room":
+                farthest_m = stage.camera.depth_m(config.disparity.min_px)
+                assert px.min() >= camera.disparity_px(farthest_m) - 1e-6
+
+
+def test_a_pair_that_is_too_deep_is_drawn_again_and_refused_at_last():
+    # Where the longer baseline has 13 px left, the shorter one has none.
+    rig = ["camera.cx_left_px=20", "camera.cx_right_px=60", "camera.doffs_px=null", "camera.baselines=[0.3, 0.4]"]
+    rig += ["camera.baseline_m=null", "camera.width_px=96", "camera.height_px=64", "camera.focal_px=90"]
+    limits = ["disparity.min_px=2", "disparity.max_px=60", "disparity.target={form: uniform}", "checks.attempts=2"]
+    walls = [
+        "background.wall_disparity_px=2",
+        "particles.layers=[]",
+        "textures.source=procedural",
+        "textures.large_px=0",
+    ]
+    config = load_config("middlebury", [*CLUTTER_ALONE, *rig, *limits, *walls, "models.variants=1"])
+    with pytest.raises(InputError, match=r"all 2 attempts.* too deep: no disparity for \d+ pixels"):
+        render_pair(config, 0)
