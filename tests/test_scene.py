@@ -27,6 +27,7 @@ from semisynth_gl.scene.rig import draw_camera, near_depth_m, rotation_about_axi
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.scene.structures import STILL_MODELS, draw_surroundings
+from semisynth_gl.scene.view_volume import height_of_view
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 
@@ -234,10 +235,13 @@ def test_particles_fall_at_constant_speed_and_are_released_anew():
     )
     assert (np.diff(generation, axis=0) >= 0).all()
     assert generation.max() >= 3
-    # From just above the view to just below it, whatever the depth.
+    # From just above the view to just below it, whatever the depth: the sphere touches the view's side there.
     row = CAMERA.focal_px * y / slots.depth_m + CAMERA.cy_px
-    assert (row >= -0.5 - slots.radius_px - 1e-6).all()
-    assert (row <= CAMERA.height_px - 0.5 + slots.radius_px + 1e-6).all()
+    (above, below), height = height_of_view(CAMERA).secants, CAMERA.height_px
+    assert 1 < above == pytest.approx(np.hypot(1, (CAMERA.cy_px + 0.5) / CAMERA.focal_px))
+    assert (row >= -0.5 - above * slots.radius_px - 1e-6).all()
+    assert (row <= height - 0.5 + below * slots.radius_px + 1e-6).all()
+    assert row.min() < -0.5 - slots.radius_px.max()
 
 
 def test_rotation_at_a_time_needs_no_steps():

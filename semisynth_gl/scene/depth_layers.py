@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Range
 from semisynth_gl.histogram import Histogram
-from semisynth_gl.scene.particles import Sizes
+from semisynth_gl.scene.particles import Sizes, path_px
 
 Floats = NDArray[np.float64]
 
@@ -73,7 +73,7 @@ class DepthLayers:
             drift: speed of the particles in a horizontal direction, relative to the speed downwards.
             sizes: sizes of the particles.
             heights: mean relief of the models, see `Silhouette`.
-            near_m: depth of the near plane; particles that cross it are not drawn.
+            near_m: depth of the near plane; particles without room before it are not drawn.
         """
         where = _unit_points()
         disparity = self.low_px[:, None] + (self.high_px - self.low_px)[:, None] * where[:, 0]
@@ -81,17 +81,19 @@ class DepthLayers:
         height = heights[(where[:, 2] * len(heights)).astype(np.int64)]
         speed = drift.low + (drift.high - drift.low) * where[:, 3]
         # Half a turn of headings covers both directions of an axis; a particle is at the path's middle at half its age.
-        path = speed * (where[:, 5] - 0.5) * (camera.height_px + 2 * radius)
-        depth = 1 + path * np.cos(np.pi * where[:, 4]) / camera.focal_px
+        path, age = speed * path_px(camera, radius), where[:, 5] - 0.5
+        # In units of the depth of the path's middle, as all depths here.
+        room = 1 - radius / camera.focal_px - near_m / camera.depth_m(disparity)
+        nearest = 2 * np.maximum(room, 0.0)
+        depth = 1 + age * np.clip(path * np.cos(np.pi * where[:, 4]) / camera.focal_px, -nearest, nearest)
         # Particles that drift in are missing at the side they come from; on the right (on the left where disparity is
         # negative) the other view's margin has them.
-        sideways = path * np.sin(2 * np.pi * where[:, 4])
+        sideways = age * path * np.sin(2 * np.pi * where[:, 4])
         missing = np.maximum(sideways - np.maximum(-disparity, 0), 0)
         missing += np.maximum(-sideways - np.maximum(disparity, 0), 0)
         shown = (disparity + camera.doffs_px) / (depth - height * radius / camera.focal_px) - camera.doffs_px
-        kept = camera.depth_m(disparity) * (depth - radius / camera.focal_px) > near_m
         # A large particle covers more pixels. Particles that come nearer grow, but are as much farther apart.
-        weight = np.where(kept, radius**2 / (radius**2).sum(axis=1, keepdims=True), 0.0)
+        weight = np.where(room > 0, radius**2 / (radius**2).sum(axis=1, keepdims=True), 0.0)
         at_least = shown[:, :, None] >= edges_px
         return np.asarray(np.einsum("ks,ksj->kj", weight * np.maximum(1 - missing / camera.width_px, 0.0), at_least))
 

@@ -4,6 +4,10 @@ All positions are in closed form, so any moment can be computed alone. A slot is
 layer, depth, size and speed, and releases one model after the other. Model number g of a slot (its generation) leaves
 the emission plane when model g - 1 has fallen out of the view, so the number of particles per layer stays constant. A
 slot may rest: then it shows its first model, which stays where it lies.
+
+Nothing in view appears or disappears: a path begins and ends where its model is just out of both views, and its drift
+in depth is limited so that the model stays beyond the near plane. A slot whose depth leaves no room for that shows
+nothing.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,7 +21,8 @@ from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import DepthLayerSection, ParticlesSection
 from semisynth_gl.geometry.silhouette import draw_scales
 from semisynth_gl.histogram import Histogram
-from semisynth_gl.scene.rig import rotation_about_axis, rotation_from_quaternion
+from semisynth_gl.scene.rig import STILL, Sway, rotation_about_axis, rotation_from_quaternion
+from semisynth_gl.scene.view_volume import Height, clear_depth_m, height_of_view
 
 Floats = NDArray[np.float64]
 
@@ -34,6 +39,9 @@ class Slots:
         radius_px: (S,) radius of the bounding sphere on the screen.
         period_s: (S,) time from the emission plane to the end of the view.
         phase: (S,) age at time 0, in periods, in [0, 1).
+        path_m: (S,) length of a path that does not drift.
+        room_m: (S,) how much nearer than its path's middle a model may come; 0 or less where it is too near there.
+        view: where the views end above and below.
         resting: poses (4, 4) of the models of slots that rest, by the slot's number.
     """
 
@@ -42,10 +50,20 @@ class Slots:
     radius_px: Floats
     period_s: Floats
     phase: Floats
+    path_m: Floats
+    room_m: Floats
+    view: Height
     resting: Mapping[int, Floats] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.depth_m)
+
+    @property
+    def shown(self) -> NDArray[np.bool_]:
+        """(S,) bool, whether a slot shows its models: those that keep clear of the near plane, or rest."""
+        shown = self.room_m > 0
+        shown[list(self.resting)] = True
+        return shown
 
     def generation(self, time_s: float) -> NDArray[np.int64]:
         """Return the number of the model that each slot shows at a time, (S,); negative for releases before time 0."""
@@ -195,11 +213,22 @@ def _mean_secant(camera: StereoCamera) -> float:
 
 def _release_area_px(camera: StereoCamera, disparity_px: Floats, radius_px: Floats) -> tuple[Floats, Floats]:
     """Width and height, in the left image, of the region that particles pass through: both views and their margin."""
-    return camera.width_px + np.abs(disparity_px) + 2 * radius_px, camera.height_px + 2 * radius_px
+    return camera.width_px + np.abs(disparity_px) + 2 * radius_px, path_px(camera, radius_px)
+
+
+def path_px(camera: StereoCamera, radius_px: Floats) -> Floats:
+    """Return how many rows of the left image a particle passes on its way through both views of a rig at rest."""
+    view = height_of_view(camera)
+    return np.asarray((view.bottom - view.top) * camera.focal_px + sum(view.secants) * radius_px)
 
 
 def draw_slots(
-    camera: StereoCamera, section: ParticlesSection, batches: Sequence[Batch], rng: np.random.Generator
+    camera: StereoCamera,
+    section: ParticlesSection,
+    batches: Sequence[Batch],
+    rng: np.random.Generator,
+    near_m: float = 0.0,
+    sway: Sway = STILL,
 ) -> Slots:
     """Draw the slots of one sequence.
 
@@ -208,6 +237,8 @@ def draw_slots(
         section: speeds, and the upper limit of the number.
         batches: numbers and sizes.
         rng: randomness.
+        near_m: depth of the near plane.
+        sway: the camera's sway.
     """
     counts = np.array([batch.count for batch in batches], np.int64)
     if counts.sum() > section.most:
@@ -224,8 +255,12 @@ def draw_slots(
     speed = section.fall_m_s.draw_many(rng, total)
     phase = rng.random(total)
     depth = camera.depth_m(disparity)
-    _, height = _release_area_px(camera, disparity, radius)
-    return Slots(depth, disparity, radius, height * depth / camera.focal_px / speed, phase)
+    radius_m, view = radius * depth / camera.focal_px, height_of_view(camera, sway)
+    path = (view.bottom - view.top) * depth + sum(view.secants) * (radius_m + view.reach_m)
+    width, _ = _release_area_px(camera, disparity, radius)
+    aside = np.hypot(width * depth / camera.focal_px, path) * (1 + section.drift.high)
+    room = depth - clear_depth_m(near_m, radius_m, aside, sway)
+    return Slots(depth, disparity, radius, path / speed, phase, path, room, view)
 
 
 def draw_release(camera: StereoCamera, section: ParticlesSection, slots: Slots, rng: np.random.Generator) -> Release:
@@ -288,18 +323,22 @@ def particles_at(
     # Periods since the release: 0 to 1 for a model that its slot shows.
     age = time_s / slots.period_s + slots.phase - generation
     metre = slots.depth_m / camera.focal_px
-    height_px = camera.height_px + 2 * slots.radius_px
-    fallen_m = age * height_px * metre
-    from_middle_m = (age - 0.5) * height_px * metre
     matrix = np.tile(np.eye(4), (len(slots), 1, 1))
     centre = matrix[:, :3, 3]
     radius_m = slots.radius_px * metre
+    (above, below), apart_m = slots.view.secants, radius_m + slots.view.reach_m
+    nearest = np.maximum(slots.room_m, 0.0)
     for number in np.unique(generation):
         k = np.flatnonzero(generation == number)
         drawn = release(int(number))
-        centre[k, 0] = (drawn.start_px[k] - camera.cx_left_px) * metre[k] + drawn.drift[k, 0] * from_middle_m[k]
-        centre[k, 1] = (-0.5 - slots.radius_px[k] - camera.cy_px) * metre[k] + fallen_m[k]
-        centre[k, 2] = slots.depth_m[k] + drawn.drift[k, 1] * from_middle_m[k]
+        drift_m = drawn.drift[k] * slots.path_m[k, None]
+        away_m = np.clip(drift_m[:, 1], -2 * nearest[k], 2 * nearest[k])
+        first_m, last_m = slots.depth_m[k] - away_m / 2, slots.depth_m[k] + away_m / 2
+        begin = slots.view.top * first_m - above * apart_m[k]
+        end = slots.view.bottom * last_m + below * apart_m[k]
+        centre[k, 0] = (drawn.start_px[k] - camera.cx_left_px) * metre[k] + (age[k] - 0.5) * drift_m[:, 0]
+        centre[k, 1] = begin + age[k] * (end - begin)
+        centre[k, 2] = slots.depth_m[k] + (age[k] - 0.5) * away_m
         angle = drawn.spin_rad_s[k] * age[k] * slots.period_s[k]
         rotation = rotation_about_axis(drawn.axis[k], angle) @ rotation_from_quaternion(drawn.quaternion[k])
         matrix[k, :3, :3] = rotation * (drawn.scale[k] * radius_m[k, None])[:, None, :]

@@ -21,6 +21,7 @@ from semisynth_gl.scene.resting import come_to_rest, triangles_of
 from semisynth_gl.scene.rig import near_depth_m
 from semisynth_gl.scene.scene import Motion, Scene
 from semisynth_gl.scene.structures import STILL_MODELS, Stage, draw_stage, take_stock
+from semisynth_gl.scene.view_volume import clear_depth_m
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 from semisynth_gl.textures.shares import patch_chances
@@ -250,7 +251,8 @@ class SceneSampler:
             # A scene that is drawn again takes a number that no other scene has.
             number = draw.sequence + _REDRAWN * draw.attempt
             batches = self.population.draw(number, stage.camera, stage.still.disparity_px, rng)
-            slots = draw_slots(stage.camera, self._config.particles, batches, rng)
+            near_m = near_depth_m(stage.camera, self._config.disparity)
+            slots = draw_slots(stage.camera, self._config.particles, batches, rng, near_m, stage.sway)
             self._latest = draw, stage, self._resting(draw, stage, slots)
         return self._latest[1:]
 
@@ -271,9 +273,10 @@ class SceneSampler:
         resting = {}
         for number, pose in rested.items():
             slot = int(chosen[number])
-            _, y, z = pose[:3, 3]
+            x, y, z = pose[:3, 3]
             row = camera.cy_px + camera.focal_px * y / z
-            if z - particles.radius_m[slot] > near_m and -0.5 < row < camera.height_px - 0.5:
+            clear_m = clear_depth_m(near_m, particles.radius_m[slot], np.hypot(x, y), stage.sway)
+            if z > clear_m and -0.5 < row < camera.height_px - 0.5:
                 resting[slot] = pose
         return replace(slots, resting=resting)
 
@@ -284,10 +287,8 @@ class SceneSampler:
         particles = self._particles(draw, frame)
         camera_from_world = stage.sway.camera_from_world(frame * config.sequence.frame_s)
         near_m = near_depth_m(camera, config.disparity)
-        # A model that crosses the near plane is left out; the near plane is in front of both cameras, so no model can
-        # swallow a camera.
-        depth_m = particles.centre_m @ camera_from_world[2, :3] + camera_from_world[2, 3]
-        kept = np.flatnonzero(depth_m - particles.radius_m > near_m)
+        # The near plane is in front of both cameras, so no model can swallow a camera.
+        kept = np.flatnonzero(slots.shown)
         generations = particles.generation[kept]
         drawn = self._drawn_models(draw, generations, kept)
         patch, scale, offset = self._textures(draw, stage, slots, generations, kept, drawn, particles)

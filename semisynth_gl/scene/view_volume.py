@@ -1,7 +1,7 @@
 """The space that both views show, at any moment of the sway: how near walls may come in it, and how deep they are."""
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,12 @@ Floats = NDArray[np.float64]
 WIDEST_RAD = np.deg2rad(85).item()
 """Rays that may turn farther off the optical axis than this have no bounds."""
 
+_BOUNDS = (-WIDEST_RAD, WIDEST_RAD)
+
 # The corners of a view and of a face, in turn.
 _IN_TURN = (0, 1, 3, 2)
 _FITS = 16
+_LEAST_COSINE = 1e-3
 TURNED_BACK = (1.0, 0.5, 0.25, 0.0)
 """A box whose corner is too deep is turned by these shares of its angles: one that is not turned shows a wall ahead."""
 
@@ -157,6 +160,54 @@ def fitted_offsets(
         nearer = offset_m[:movable] * (farthest_m / deepest * (1 - _ROUNDING))
         offset_m[:movable] = np.maximum(nearer, smallest_m[:movable])
     return offset_m, False
+
+
+def clear_depth_m(near_m: float, radius_m: Floats | float, aside_m: Floats | float, sway: Sway) -> Floats:
+    """Return the least depth of a sphere's middle with which the sphere stays beyond the near plane in any sway.
+
+    Args:
+        near_m: depth of the near plane.
+        radius_m: the sphere's radius.
+        aside_m: its largest distance from the optical axis of the camera without its sway.
+        sway: the camera's sway. What is aside comes nearer where the camera turns towards it.
+    """
+    turn = np.sin(sway.angle_rad), max(float(np.cos(sway.angle_rad)), _LEAST_COSINE)
+    return np.asarray((near_m + radius_m + sway.reach_m + aside_m * turn[0]) / turn[1])
+
+
+@dataclass(frozen=True, slots=True)
+class Height:
+    """Where both views end above and below, at any moment of the sway.
+
+    Attributes:
+        top: y / z of the highest rays; y points down.
+        bottom: y / z of the lowest rays.
+        reach_m: so far the sway moves an eye.
+    """
+
+    top: float
+    bottom: float
+    reach_m: float
+
+    @property
+    def secants(self) -> tuple[float, float]:
+        """1 / cos of the angles of the highest and of the lowest rays, seen from the side."""
+        return (1 + self.top**2) ** 0.5, (1 + self.bottom**2) ** 0.5
+
+
+def height_of_view(camera: StereoCamera, sway: Sway = STILL) -> Height:
+    """Return where both views end above and below, at any moment of the sway."""
+    rays = corner_rays(camera)
+    angles = np.arctan2(rays[:, 1], rays[:, 2])
+    low, high = float(angles.min()), float(angles.max())
+    if sway.angle_rad > 0:
+        # As in `_inwards`; what turns away farther than any image reaches is not followed.
+        nearest = float((rays[:, 2] / np.linalg.norm(rays, axis=1)).min())
+        low, high = (
+            float(np.clip(end + sign * np.arcsin(min(np.sin(sway.angle_rad) * np.cos(end) / nearest, 1.0)), *_BOUNDS))
+            for end, sign in ((low, -1), (high, 1))
+        )
+    return Height(float(np.tan(low)), float(np.tan(high)), _reach_m(camera, "right", sway))
 
 
 def _reach_m(camera: StereoCamera, eye: Eye, sway: Sway) -> float:
