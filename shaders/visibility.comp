@@ -58,8 +58,6 @@ const float STEEPEST = 2.0;
 const float CLEARLY_PX = 0.5;
 // What stands out of a row by this has an edge there.
 const float EDGE_PX = 0.25;
-// What differs by this from the row beside may be another surface.
-const float OTHER_PX = 0.1;
 // Two pixels that differ by less leave no gap between them.
 const float GAP_PX = 1.0;
 
@@ -269,12 +267,9 @@ void main() {
         beside.x = beside.x && on_left != own;
         beside.y = beside.y && on_right != own && !(beside.x && on_left == on_right);
         bvec2 above = stands_out(disparity_px, upper.wz, lower.xy), below = stands_out(disparity_px, lower.xy, upper.wz);
-        // What goes on from the pixel beside the point is followed from there.
-        bvec2 other_above = greaterThan(abs(upper.wz - lower.wz), vec2(OTHER_PX));
-        bvec2 other_below = greaterThan(abs(lower.xy - lower.wz), vec2(OTHER_PX));
         uint open = (beside.x ? 1u : 0u) | (beside.y ? 2u : 0u);
-        open |= (above.x && other_above.x ? 4u : 0u) | (above.y && other_above.y ? 8u : 0u);
-        open |= (below.x && other_below.x ? 16u : 0u) | (below.y && other_below.y ? 32u : 0u);
+        open |= (above.x ? 4u : 0u) | (above.y ? 8u : 0u);
+        open |= (below.x ? 16u : 0u) | (below.y ? 32u : 0u);
         bool hidden = false;
         while (open != 0u && !hidden) {
             int k = findLSB(open);
