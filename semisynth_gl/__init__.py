@@ -5,11 +5,11 @@
 OpenGL; the names below are loaded when they are first used. They are public: docs/python.md says what may change.
 """
 
-from importlib import import_module
-from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
-
+# Nothing is imported here: until the program's first statement, which follows, Ctrl-C is a traceback.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
     from semisynth_gl.camera import Crop, StereoCamera
     from semisynth_gl.config import Config, load_config
     from semisynth_gl.dataset.reader import Dataset, open_dataset
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from semisynth_gl.pairs.pipeline import Pair, PairRenderer, render_pair
     from semisynth_gl.render.renderer import Renderer
     from semisynth_gl.scene.scene import Motion, Scene, make_scene, move
+
+    __version__: str
 
 _HOME = {
     "BackendError": "errors",
@@ -55,8 +57,6 @@ _HOME = {
     "render_pair": "pairs.pipeline",
     "score": "metrics.score",
 }
-
-__version__ = version("semisynth-gl")
 
 __all__ = [
     "BackendError",
@@ -94,7 +94,11 @@ def __dir__() -> list[str]:
     return [*__all__, "__version__", "__doc__"]
 
 
-def __getattr__(name: str) -> Any:  # noqa: ANN401 - any public name
+def __getattr__(name: str) -> "Any":  # noqa: ANN401 - any public name
+    from importlib import import_module, metadata  # noqa: PLC0415 - see above
+
+    if name == "__version__":
+        return metadata.version("semisynth-gl")
     if name not in _HOME:
         raise AttributeError(f"module {__name__} has no attribute {name}")
     return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

@@ -65,8 +65,18 @@ def shown(value: object, most: int = 100) -> str:
     """Return a value as a message shows it, cut where it is longer than so many characters."""
     try:
         return cut(repr(value), most)
-    except ValueError:  # Python writes no whole number of more than 4300 digits
-        return "a number of thousands of digits"
+    except Exception:  # noqa: BLE001 - a value's own method may raise anything; whole numbers of 4301 digits do
+        whole = isinstance(value, int)
+        return "a number of thousands of digits" if whole else f"a {type(value).__name__} that cannot be shown"
+
+
+def described(error: BaseException) -> str:
+    """Return the type and the text of an error of other people's code."""
+    try:
+        text = str(error)
+    except Exception:  # noqa: BLE001 - its own method may raise anything
+        text = "its text cannot be shown"
+    return f"{type(error).__name__}: {text}"
 
 
 def cut(text: str, most: int = 100) -> str:

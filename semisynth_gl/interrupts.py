@@ -6,11 +6,32 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
-from semisynth_gl.listener import Listener
+if TYPE_CHECKING:
+    from semisynth_gl.listener import Listener
 
 _ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+@contextmanager
+def interrupts_raise() -> Iterator[None]:
+    """Let Ctrl-C raise KeyboardInterrupt in the block, once: after that it ends the process itself.
+
+    An interrupt that comes while another one is dealt with could only become a traceback.
+    """
+    with _handlers(_raise_once, (signal.SIGINT,)):
+        yield
+
+
+@contextmanager
+def interrupts_end() -> Iterator[None]:
+    """Let Ctrl-C end the process itself in the block.
+
+    Some packages catch every exception while they are imported, an interrupt too.
+    """
+    with _handlers(signal.SIG_DFL, (signal.SIGINT,)):
+        yield
 
 
 @contextmanager
@@ -28,8 +49,8 @@ def interrupts_wait() -> Iterator[None]:
 
 
 @contextmanager
-def interrupts_stop(listener: Listener) -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM ask a long function to stop, in the block; a second Ctrl-C raises KeyboardInterrupt.
+def interrupts_stop(listener: "Listener") -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM ask a long function to stop, in the block; a second Ctrl-C raises KeyboardInterrupt once.
 
     Args:
         listener: asks for the stop, and hears a message about it.
@@ -38,7 +59,7 @@ def interrupts_stop(listener: Listener) -> Iterator[None]:
     def ask(number: int, _: FrameType | None) -> None:
         if listener.stopping:
             if number == signal.SIGINT:
-                raise KeyboardInterrupt
+                _raise_once(number, None)
             return
         listener.stop()
         again = "; Ctrl-C again stops at once" if number == signal.SIGINT else ""
@@ -67,9 +88,14 @@ def interrupts_kept() -> Iterator[None]:
         yield
 
 
+def _raise_once(_: int, __: FrameType | None) -> NoReturn:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    raise KeyboardInterrupt
+
+
 @contextmanager
 def _handlers(
-    handler: Callable[[int, FrameType | None], Any] | None, numbers: tuple[signal.Signals, ...]
+    handler: Callable[[int, FrameType | None], Any] | signal.Handlers | None, numbers: tuple[signal.Signals, ...]
 ) -> Iterator[None]:
     """Install a handler, if any, in the block, and restore the previous ones; only the main thread has handlers."""
     if threading.current_thread() is not threading.main_thread():

@@ -413,32 +413,6 @@ def test_what_is_refused_while_drawing_costs_no_earlier_dataset(call, tmp_path, 
         assert {path: path.read_bytes() for path in (tmp_path / "o").rglob("*") if path.is_file()} == before
 
 
-@pytest.mark.parametrize(
-    ("package", "words"),
-    [
-        ("numpy", ["doctor"]),
-        ("moderngl", ["generate", "--config", "eth3d"]),
-        ("moderngl", ["preview", "--config", "eth3d"]),
-    ],
-)
-def test_ctrl_c_while_loading_stops_at_once(package, words):
-    """Some packages swallow an interrupt while they are imported."""
-    script = (
-        "import os, signal, sys\n"
-        "class Interrupt:\n"
-        "    def find_spec(self, name, *rest):\n"
-        f"        if name == {package!r}:\n"
-        "            os.kill(os.getpid(), signal.SIGINT)\n"
-        "sys.meta_path.insert(0, Interrupt())\n"
-        "from semisynth_gl.__main__ import main\n"
-        f"sys.argv = ['semisynth-gl', *{words}]\n"
-        "main()\n"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
-    assert done.returncode == -signal.SIGINT
-    assert done.stdout == done.stderr == ""
-
-
 def test_a_read_only_folder_is_told(call, tmp_path, photographs):
     if os.geteuid() == 0:
         done = call(

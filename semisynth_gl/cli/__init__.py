@@ -4,12 +4,12 @@ import errno
 import logging
 import sys
 from importlib import import_module
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import click
 
-from semisynth_gl.cli.loading import stopped_by_interrupts
-from semisynth_gl.errors import SemisynthError, did_you_mean, near
+from semisynth_gl.errors import SemisynthError, described, did_you_mean, near
+from semisynth_gl.interrupts import interrupts_end, interrupts_raise
 
 # 2 also stands for a run that was stopped or found no room: nothing half-written is left, and it may be started again.
 _REFUSED = 2
@@ -29,9 +29,19 @@ class _LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002 - click's signature
         if cmd_name not in _COMMANDS:
             return None
-        with stopped_by_interrupts():
+        with interrupts_end():
             command: click.Command = getattr(import_module(f"semisynth_gl.cli.{cmd_name}"), cmd_name)
         return command
+
+    def invoke(self, ctx: click.Context) -> Any:  # noqa: ANN401 - click's signature
+        """Run the command; commands end by their context, so what ends the process is somebody else's code."""
+        try:
+            return super().invoke(ctx)
+        except SystemExit as error:
+            raise SemisynthError(
+                f"a package ended the command before it was done ({described(error)}): see whether it runs without the "
+                "plug-ins that `semisynth-gl doctor` lists"
+            ) from error
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -70,36 +80,55 @@ _ON_STDERR = _OnStderr()
 
 def main() -> NoReturn:
     """Run the command line and exit."""
+    try:
+        with interrupts_raise():
+            code = _run()
+    except KeyboardInterrupt:
+        code = _refuse("Stopped. What is finished stays on disk, nothing half-written does.")
+    sys.exit(code)
+
+
+def _run() -> int:
+    """Run the command line; return its exit code.
+
+    Raises:
+        KeyboardInterrupt: at Ctrl-C.
+    """
     logger = logging.getLogger("semisynth_gl")
     logger.addHandler(_ON_STDERR)
     logger.setLevel(logging.INFO)
     try:
-        code = semisynth_gl.main(standalone_mode=False)
+        return semisynth_gl.main(standalone_mode=False) or 0
     except click.ClickException as error:
         error.show()
         if isinstance(error, click.UsageError) and _lacks_quotes(error):
             click.echo("Put a pattern such as 'photos/*.jpg' into quotes: the shell makes many names of it.", err=True)
-        sys.exit(error.exit_code)
-    except (KeyboardInterrupt, click.Abort):
-        _fail("Stopped. What is finished stays on disk, nothing half-written does.")
-    except SemisynthError as error:
-        _fail(f"Error: {error}")
-    except MemoryError:
-        _fail(
-            "Error: the memory is full. Take fewer --workers, smaller images or patches, or fewer models and particles."
-        )
-    except RecursionError:
-        _fail("Error: an input is nested deeper than this program follows.")
-    except UnicodeEncodeError as error:
-        text = error.object[max(error.start - 40, 0) : error.end + 40]
-        _fail(f"Error: {text!r} holds characters that {error.encoding} cannot write: rename the file or folder.")
-    except OSError as error:
-        place = f"{error.filename}: " if error.filename else ""
-        advice = " Free some space, or choose another folder with --out." if error.errno == errno.ENOSPC else ""
-        _fail(f"Error: {place}{error.strerror or error}.{advice}")
-    sys.exit(code or 0)
+        return error.exit_code
+    except click.Abort:  # what click makes of KeyboardInterrupt
+        raise KeyboardInterrupt from None
+    except (SemisynthError, MemoryError, RecursionError, UnicodeEncodeError, OSError) as error:
+        return _refuse(f"Error: {_explained(error)}")
 
 
-def _fail(message: str) -> NoReturn:
+def _explained(error: Exception) -> str:
+    """Return what an error says to the user."""
+    match error:
+        case MemoryError():
+            return "the memory is full. Take fewer --workers, smaller images or patches, or fewer models and particles."
+        case RecursionError():
+            return "an input is nested deeper than this program follows."
+        case UnicodeEncodeError():
+            text = error.object[max(error.start - 40, 0) : error.end + 40]
+            return f"{text!r} holds characters that {error.encoding} cannot write: rename the file or folder."
+        case OSError():
+            place = f"{error.filename}: " if error.filename else ""
+            advice = " Free some space, or choose another folder with --out." if error.errno == errno.ENOSPC else ""
+            return f"{place}{error.strerror or error}.{advice}"
+        case _:
+            return str(error)
+
+
+def _refuse(message: str) -> int:
+    """Show a message; return the exit code that goes with it."""
     click.echo(message, err=True)
-    sys.exit(_REFUSED)
+    return _REFUSED

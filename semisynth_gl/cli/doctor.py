@@ -1,7 +1,6 @@
 """``semisynth-gl doctor``."""
 
 import platform
-import sys
 from collections.abc import Callable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 
@@ -75,7 +74,7 @@ def doctor() -> None:
             click.echo(f"  optional, install with: {as_root(INSTALL_COMMAND_OSMESA)}")
     if not working:
         click.echo("No backend works: nothing can be rendered here.")
-        sys.exit(1)
+        click.get_current_context().exit(1)
     click.echo(f"Ready: {', '.join(working)}")
 
 

@@ -2,14 +2,12 @@
 
 import re
 import shlex
-import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import click
 
 from semisynth_gl.cli.completion import one_of, some_of
-from semisynth_gl.cli.loading import stopped_by_interrupts
 from semisynth_gl.cli.options import (
     COUNT,
     MOST_WORKERS,
@@ -31,7 +29,7 @@ from semisynth_gl.engines.local import LocalEngine, SerialEngine
 from semisynth_gl.engines.task import Engine, cores
 from semisynth_gl.errors import InputError, did_you_mean, near, shown
 from semisynth_gl.frame import OUTPUTS, TRUTH_VIEWS, TruthViews, View
-from semisynth_gl.interrupts import interrupts_stop
+from semisynth_gl.interrupts import interrupts_end, interrupts_stop
 from semisynth_gl.layouts import layout_names
 from semisynth_gl.listener import FinishedPair
 from semisynth_gl.plugins import MissingPluginError
@@ -229,7 +227,7 @@ def generate(
     sequences, which the config's section sequence makes. The config's section files chooses other encodings.
     """
     # Imported here: help and completion need no renderer.
-    with stopped_by_interrupts():
+    with interrupts_end():
         from semisynth_gl.generation.generate import generate as generate_dataset  # noqa: PLC0415
 
     try:
@@ -308,7 +306,7 @@ def _conclude(result: "GenerationResult") -> None:
     plan, total = result.plan, sum(result.plan.pairs.values())
     if result.stopped:
         click.echo("Stopped. Whole pairs stay on disk; the same command goes on where it ended.", err=True)
-        sys.exit(_STOPPED)
+        click.get_current_context().exit(_STOPPED)
     if result.missing:
         click.echo(
             f"{result.missing} of {len(plan.shards)} shards are not there yet: the dataset is complete, and gets its "

@@ -7,7 +7,6 @@ from pathlib import Path
 import click
 import numpy as np
 
-from semisynth_gl.cli.loading import stopped_by_interrupts
 from semisynth_gl.cli.options import SceneOptions, UserPath, option, scene_options
 from semisynth_gl.cli.outputs import Output, ending_check, marked_ply, marked_png, output_option
 from semisynth_gl.cli.progress import Progress
@@ -15,6 +14,7 @@ from semisynth_gl.cli.streams import say
 from semisynth_gl.codecs.ply import encode_points
 from semisynth_gl.frame import as_rgb
 from semisynth_gl.histogram import total_variation, wasserstein_px
+from semisynth_gl.interrupts import interrupts_end
 
 _PLY = marked_ply("semisynth-gl preview")
 
@@ -34,7 +34,7 @@ _PLY = marked_ply("semisynth-gl preview")
 def preview(scene: SceneOptions, output: Output, ply_path: Path | None, pairs: int) -> None:
     """Draw a contact sheet: the first pairs of a dataset, and their histogram against the config's."""
     # Imported here: help and completion need no renderer, and matplotlib takes longer to load than a pair to render.
-    with stopped_by_interrupts():
+    with interrupts_end():
         from semisynth_gl.pairs.pipeline import PairRenderer  # noqa: PLC0415
         from semisynth_gl.report.contact_sheet import draw_sheet  # noqa: PLC0415
 

@@ -1,7 +1,6 @@
 """``semisynth-gl verify``."""
 
 import json
-import sys
 import time
 from collections.abc import Iterable
 from dataclasses import asdict
@@ -52,7 +51,7 @@ def verify(directory: str, oracle: bool, pixels: int, output: Output) -> None:
         faulty_pairs = sum(1 for verdict in verdicts[1:] if verdict.findings)
         suffix = " and in the dataset as a whole" if verdicts[0].findings else ""
         click.echo(f"{findings} findings in {faulty_pairs} of {pairs} pairs{suffix}", err=True)
-        sys.exit(1)
+        click.get_current_context().exit(1)
     click.echo(_summary(pairs, verdicts, seconds))
 
 
