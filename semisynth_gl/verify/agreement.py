@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.verify.shares import most_share
 from semisynth_gl.verify.verdict import Verdict, format_vector
 
 Floats = NDArray[np.floating]
@@ -20,7 +21,7 @@ _MEDIAN_SHARE = 0.002
 _MASK_SHARE = 0.01
 _CLASS_SHARE = 0.05
 MIN_PIXELS = 200
-"""Below this number of pixels a share or a median says nothing."""
+"""Below this number of pixels a median or a fit says nothing."""
 UNCERTAIN = 1
 """The value of an expected mask where either value of the mask may be right."""
 
@@ -119,7 +120,7 @@ class Agreement:
             surface: (N,) bool, where pixel and point lie on one surface; medians are taken over these.
             verdict: takes findings and measures.
         """
-        if judged.sum() < MIN_PIXELS:
+        if not judged.any():
             return
         vectors, name, reference_name = self.vectors[judged], *self._names
         low, high = self.corners.min(axis=0)[judged], self.corners.max(axis=0)[judged]
@@ -127,12 +128,13 @@ class Agreement:
         outlier = ~all_components(np.maximum(low - vectors, vectors - high) <= bound)
         share = float(outlier.mean())
         verdict.measures[f"{measure}_outside_share"] = share
-        if share > _OUTSIDE_SHARE:
+        most = most_share(_OUTSIDE_SHARE, len(outlier))
+        if share > most:
             first = np.flatnonzero(judged)[np.argmax(outlier)]
             verdict.add(
                 check,
                 f"{name}: {share:.2%} of {len(outlier)} visible pixels differ by more than {bound:.3g} px from "
-                f"{reference_name}, at most {_OUTSIDE_SHARE:.0%} may; the first, at ({self._targets.column[first]}, "
+                f"{reference_name}, at most {most:.2%} may; the first, at ({self._targets.column[first]}, "
                 f"{self._targets.row[first]}), has {format_vector(self.vectors[first])} px instead of "
                 f"{format_vector(self.references[first])} px",
             )
@@ -192,17 +194,20 @@ def check_mask_agreement(
     """
     certain = expected != UNCERTAIN
     wrong = certain & (mask != expected)
-    share = float(wrong.sum() / max(certain.sum(), 1))
-    verdict.measures[f"{measure}_disagree_share"] = share
-    shares = {"certain": (share, _MASK_SHARE)}
-    for label, value in (("outside", OUTSIDE), ("occluded", OCCLUDED), ("visible", VISIBLE)):
-        in_class = expected == value
-        if in_class.sum() >= MIN_PIXELS:
-            shares[label] = (float((wrong & in_class).sum() / in_class.sum()), _CLASS_SHARE)
-    for label, (measured, allowed) in shares.items():
-        if measured > allowed:
+    verdict.measures[f"{measure}_disagree_share"] = float(wrong.sum() / max(certain.sum(), 1))
+    classes = {"outside": OUTSIDE, "occluded": OCCLUDED, "visible": VISIBLE}
+    judged = {"certain": (certain, _MASK_SHARE)} | {
+        label: (expected == value, _CLASS_SHARE) for label, value in classes.items()
+    }
+    for label, (where, limit) in judged.items():
+        pixels = int(where.sum())
+        if not pixels:
+            continue
+        share, most = float((wrong & where).sum() / pixels), most_share(limit, pixels)
+        if share > most:
             verdict.add(
-                check, f"{name}: {measured:.2%} of the {label} pixels disagree with {source}; at most {allowed:.0%} may"
+                check,
+                f"{name}: {share:.2%} of {pixels} {label} pixels disagree with {source}; at most {most:.2%} may",
             )
             return
 

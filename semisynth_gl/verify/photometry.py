@@ -6,11 +6,13 @@ surface. What remains is the error of interpolating the other image between its 
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.verify.agreement import MIN_PIXELS, Targets, spread_evenly
+from semisynth_gl.verify.shares import DEVIATIONS, most_share
 from semisynth_gl.verify.verdict import Verdict
 from semisynth_gl.verify.view_consistency import ViewMatch
 
@@ -20,11 +22,14 @@ Image = NDArray[np.uint8]
 # Bounds; docs/verify.md derives them.
 _ROUNDING_LEVELS = 2.0
 _BEND = 0.25
-_EXPLAINED_SHARE = 0.9
+_UNEXPLAINED_SHARE = 0.1
 _SHIFT_PX = 0.02
 _SCALE = 0.001
-_DEVIATIONS = 5.0
 _TILE_PX = 16
+# Of the distance between two pixels, the steps that are told apart.
+_PHASES = 16
+# Interpolation moves what a facing wall shows by this at most.
+_PHASE_PX = 0.1
 # Enough to pin a shift to a thousandth of a pixel; more would only take time.
 _MAX_PIXELS = 200_000
 # Flow leads between rows too: sixteen pixels are read for each, many times over.
@@ -171,14 +176,15 @@ def _check_warp(
     """
     still = np.zeros((len(warp.levels), 2))
     share = float(np.mean(_explained(warp.levels, warp.samples(0, still)[0])))
+    least = 1 - most_share(_UNEXPLAINED_SHARE, len(warp.levels))
     median = float(np.median(np.abs(warp.levels - warp.interpolate(0, still)[0])))
     verdict.measures[f"{measure}residual_median_levels"] = median
     verdict.measures[f"{measure}residual_explained_share"] = share
-    if share < _EXPLAINED_SHARE:
+    if share < least:
         verdict.add(
             check,
             f"{name}: resampling explains the residual in {share:.1%} of {len(warp.levels)} visible pixels, at least "
-            f"{_EXPLAINED_SHARE:.0%} were expected; the median residual is {median:.1f} levels",
+            f"{least:.1%} were expected; the median residual is {median:.1f} levels",
         )
         return
     for key, (symbol, direction) in fits.items():
@@ -188,9 +194,9 @@ def _check_warp(
         step, deviation = best
         verdict.measures[f"{measure}best_{key}"] = step
         # A factor that moves pixels by no more than the allowed shift cannot be told from one.
-        length = float(np.sqrt(np.mean((direction**2).sum(axis=1))))
+        length = _length(direction)
         scaled = key == "scale_times"
-        bound = max(_SCALE if scaled else 0.0, _SHIFT_PX / max(length, _SHIFT_PX)) + _DEVIATIONS * deviation
+        bound = max(_SCALE if scaled else 0.0, _SHIFT_PX / max(length, _SHIFT_PX)) + DEVIATIONS * deviation
         if abs(step) > bound:
             place = f"{symbol} times {1 + step:.4f}" if scaled else f"{symbol} {step:+.3f} px"
             unit = "" if scaled else " px"
@@ -250,25 +256,49 @@ def _cubic(samples: Values, fraction: Values) -> tuple[Values, Values]:
 def _best_step(warp: _Warp, direction: Values) -> tuple[float, float] | None:
     """Find the step along a direction (N, 2) at which the images fit best, by Gauss-Newton.
 
-    Residuals of one surface resemble each other, so the deviation is taken from tiles of the image, not from pixels.
+    Residuals of one surface resemble each other, and so do those of pixels that are compared at one place between two
+    pixels of the other image: all of a wall that faces the camera. So the deviation is not taken from pixels, but from
+    tiles of the image and from such places, whichever gives more; of the second, no more than interpolation may cause.
 
     Returns:
         The step and its standard deviation, or None where there is no texture.
     """
     step = deviation = 0.0
     texture = _TEXTURE * (direction**2).sum()
-    across, down = warp.targets.column // _TILE_PX, warp.targets.row // _TILE_PX
+    targets, length = warp.targets, _length(direction)
+    across, down = targets.column // _TILE_PX, targets.row // _TILE_PX
     tile = down * (warp.other.shape[1] // _TILE_PX + 1) + across
+    right, below = (np.floor(_PHASES * (at - np.floor(at))).astype(np.int64) for at in (targets.x, targets.y))
+    phase = below * _PHASES + right
     for _ in range(_ITERATIONS):
         value, slope = warp.interpolate(step, direction)
         residual = warp.levels - value
         # Cauchy-like weights: pixels beside edges and under reduced texture do not decide.
         spread = 2 * (1.48 * float(np.median(np.abs(residual))) + 1)
         weight = (1 + (residual / spread) ** 2) ** -2
-        pull = np.bincount(tile, slope * weight * residual)
-        hold = np.bincount(tile, weight * slope**2)
+        pull, hold = slope * weight * residual, weight * slope**2
         if hold.sum() <= texture:
             return None
         step += float(pull.sum() / hold.sum())
-        deviation = float(np.sqrt(((pull - pull.sum() / hold.sum() * hold) ** 2).sum()) / hold.sum())
+        of_phases = min(_deviation(pull, hold, phase), _PHASE_PX / max(length, _PHASE_PX) / DEVIATIONS)
+        deviation = max(_deviation(pull, hold, tile), of_phases)
     return step, deviation
+
+
+def _length(direction: Values) -> float:
+    """Return the root mean square of the lengths of vectors (N, 2)."""
+    return float(np.sqrt(np.mean((direction**2).sum(axis=1))))
+
+
+def _deviation(pull: Values, hold: Values, cluster: NDArray[np.int64]) -> float:
+    """Return the standard deviation of the ratio of two sums (N,), by leaving out each cluster (N,) in turn.
+
+    It is inf where one cluster has all.
+    """
+    pulls, holds = np.bincount(cluster, pull), np.bincount(cluster, hold)
+    total = holds.sum()
+    rest = 1 - holds / total
+    if rest.min() <= 0:
+        return inf
+    without = (pulls - pulls.sum() / total * holds) / rest
+    return float(np.sqrt((without**2).sum()) / total)
