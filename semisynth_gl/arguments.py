@@ -1,14 +1,15 @@
 """Checks of what callers in Python hand in: a wrong type is an error at the call, and not far behind it."""
 
+from collections.abc import Iterable
 from math import isfinite
 from numbers import Integral, Real
 from types import NoneType, UnionType
-from typing import Any, get_args
+from typing import Any, cast, get_args
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from semisynth_gl.errors import InputError, shown
+from semisynth_gl.errors import InputError, described, shown
 
 
 def check_type(name: str, value: object, expected: type | UnionType, hint: str = "") -> None:
@@ -27,8 +28,19 @@ def check_type(name: str, value: object, expected: type | UnionType, hint: str =
         raise _wrong(name, f"a {_named(expected)}", value, hint)
 
 
-def to_whole(name: str, value: object, least: int | None = None) -> int:
-    """Convert a whole number, Python's or numpy's, of ``least`` or more.
+def check_one_of(name: str, value: object, expected: Iterable[str]) -> None:
+    """Check that an argument is one of several texts.
+
+    Raises:
+        InputError: where it is not.
+    """
+    names = tuple(expected)
+    if not (isinstance(value, str) and value in names):
+        raise InputError(f"{name}: expected one of {', '.join(names)}, got {shown(value)}")
+
+
+def to_whole(name: str, value: object, least: int | None = None, most: int | None = None) -> int:
+    """Convert a whole number, Python's or numpy's, of ``least`` or more and ``most`` or less.
 
     Raises:
         InputError: where it is none.
@@ -37,11 +49,13 @@ def to_whole(name: str, value: object, least: int | None = None) -> int:
         raise _wrong(name, "a whole number", value)
     if least is not None and int(value) < least:
         raise InputError(f"{name} must be {least} or more, got {shown(int(value))}")
+    if most is not None and int(value) > most:
+        raise InputError(f"{name} must be {most} or less, got {shown(int(value))}")
     return int(value)
 
 
-def check_real(name: str, value: object) -> None:
-    """Check that an argument is a finite number, Python's or numpy's.
+def to_real(name: str, value: object) -> float:
+    """Convert a finite number of any kind to Python's; float32's would lose digits of all that it meets.
 
     Raises:
         InputError: where it is not.
@@ -52,6 +66,7 @@ def check_real(name: str, value: object) -> None:
         finite = False
     if not finite:
         raise _wrong(name, "a finite number", value)
+    return value if isinstance(value, int) else float(cast("Real", value))
 
 
 def to_array(name: str, value: object, dtype: DTypeLike) -> NDArray[Any]:
@@ -68,8 +83,8 @@ def to_array(name: str, value: object, dtype: DTypeLike) -> NDArray[Any]:
     try:
         array = np.asarray(value)
         result = array.astype(dtype, copy=False)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise _wrong(name, f"an array of {np.dtype(dtype)}", value, str(error)) from None
+    except Exception as error:  # noqa: BLE001 - a value's own method may make the array
+        raise _wrong(name, f"an array of {np.dtype(dtype)}", value, described(error)) from None
     if array.dtype.kind in "USO" or (result.dtype.kind in "iu" and not np.array_equal(array, result)):
         raise _wrong(name, f"an array of {np.dtype(dtype)}", value)
     return result

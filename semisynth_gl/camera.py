@@ -11,7 +11,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.arguments import check_real, check_type, to_whole
+from semisynth_gl.arguments import check_type, to_real, to_whole
 from semisynth_gl.errors import InputError
 
 Eye = Literal["left", "right"]
@@ -37,7 +37,7 @@ class Crop:
 
     def __post_init__(self) -> None:
         for name in ("x_px", "y_px", "width_px", "height_px"):
-            to_whole(f"a crop's {name}", getattr(self, name))
+            object.__setattr__(self, name, to_whole(f"a crop's {name}", getattr(self, name)))
         if min(self.x_px, self.y_px) < 0 or min(self.width_px, self.height_px) < 1:
             raise InputError(f"a crop begins at 0 or more and holds at least 1 x 1 pixel, got {self}")
 
@@ -76,7 +76,7 @@ class Deviation:
 
     def __post_init__(self) -> None:
         for name in ("roll_rad", "pitch_rad", "y_px", "focal_ratio"):
-            check_real(name, getattr(self, name))
+            object.__setattr__(self, name, to_real(name, getattr(self, name)))
         if max(abs(self.roll_rad), abs(self.pitch_rad)) > MOST_TURN_RAD:
             degrees = np.rad2deg([MOST_TURN_RAD, self.roll_rad, self.pitch_rad])
             raise InputError(
@@ -98,6 +98,9 @@ class Deviation:
 
 
 RECTIFIED = Deviation()
+
+# OpenGL counts pixels in 32 bits.
+_MOST_PX = 2**31 - 1
 _DEVIATION = "deviation"
 
 
@@ -128,9 +131,9 @@ class StereoCamera:
     def __post_init__(self) -> None:
         check_type("deviation", self.deviation, Deviation)
         for name in ("width_px", "height_px"):
-            to_whole(name, getattr(self, name))
+            object.__setattr__(self, name, to_whole(name, getattr(self, name), most=_MOST_PX))
         for name in ("focal_px", "baseline_m", "cx_left_px", "cx_right_px", "cy_px"):
-            check_real(name, getattr(self, name))
+            object.__setattr__(self, name, to_real(name, getattr(self, name)))
         if self.width_px < 1 or self.height_px < 1:
             raise InputError(f"an image needs at least 1 x 1 pixel, got {self.width_px} x {self.height_px}")
         if self.focal_px <= 0:
@@ -143,6 +146,9 @@ class StereoCamera:
         cls, width_px: int, height_px: int, focal_px: float, baseline_m: float, doffs_px: float = 0.0
     ) -> "StereoCamera":
         """Build a camera whose principal points lie at the image centre, half of ``doffs_px`` to either side."""
+        width_px = to_whole("width_px", width_px, most=_MOST_PX)
+        height_px = to_whole("height_px", height_px, most=_MOST_PX)
+        doffs_px = to_real("doffs_px", doffs_px)
         cx, cy = (width_px - 1) / 2, (height_px - 1) / 2
         return cls(width_px, height_px, focal_px, baseline_m, cx - doffs_px / 2, cx + doffs_px / 2, cy)
 

@@ -8,8 +8,9 @@ from typing import Any, Generic, Literal, Self, TypeVar, get_args, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.arguments import check_one_of, check_type
 from semisynth_gl.camera import EYES, Crop, Eye, StereoCamera
-from semisynth_gl.errors import InputError, shown
+from semisynth_gl.errors import InputError
 
 VISIBLE = 255
 OCCLUDED = 128
@@ -249,6 +250,7 @@ class View(Mapping[str, NDArray[Any]]):
     )
 
     def __init__(self, channels: Mapping[str, NDArray[Any]]) -> None:
+        check_type("channels", channels, Mapping)
         self._arrays = dict(channels)
         for name, array in self._arrays.items():
             channel = CHANNELS.get(name)
@@ -358,8 +360,7 @@ class Frame:
         Raises:
             InputError: where there is no such view, or the view has no disparity.
         """
-        if eye not in EYES:
-            raise InputError(f"a view must be one of {', '.join(EYES)}, got {shown(eye)}")
+        check_one_of("a view", eye, EYES)
         disparity = self.view(eye).get("disparity")
         if disparity is None:
             raise InputError(f"points of the {eye} view: expected its disparity, got none: it was not made")
@@ -386,6 +387,7 @@ class Frame:
         Raises:
             InputError: where the crop reaches beyond the image.
         """
+        check_type("crop", crop, Crop)
         part = slice(crop.y_px, crop.bottom_px), slice(crop.x_px, crop.right_px)
         left, right = (
             View({name: array[part].copy() for name, array in view.items()}) for view in (self.left, self.right)

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, Literal, get_args
 
-from semisynth_gl.errors import InputError, SemisynthError, did_you_mean, near, shown
+from semisynth_gl.errors import InputError, SemisynthError, described, did_you_mean, near, shown
 
 Group = Literal["layouts", "textures", "models", "recipes"]
 """The sorts of plug-ins; entry points of the group `semisynth_gl.layouts` are layouts, and so on."""
@@ -101,19 +101,19 @@ class Plugin:
             what: what the plug-in did, such as ``"cannot be imported"``.
 
         Raises:
-            InputError: where the block raises anything but MemoryError.
+            InputError: where the block raises anything but MemoryError and KeyboardInterrupt.
         """
         try:
             yield
-        except MemoryError:
+        except (MemoryError, KeyboardInterrupt):
             raise
-        except Exception as error:
+        except BaseException as error:  # sys.exit() too
             if isinstance(error, SemisynthError):
                 raise self.fault(f"{what}: {error}") from error
             frames = traceback.extract_tb(error.__traceback__)[1:]
             own = [frame for frame in frames if frame.filename != __file__ and "importlib" not in frame.filename]
             where = f", in {own[-1].filename}, line {own[-1].lineno}" if own else ""
-            raise self.fault(f"{what}: {type(error).__name__}: {error}{where}") from error
+            raise self.fault(f"{what}: {described(error)}{where}") from error
 
 
 @cache

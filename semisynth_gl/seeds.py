@@ -5,6 +5,9 @@ from enum import IntEnum, unique
 
 import numpy as np
 
+LARGEST_NUMBER = 2**53
+"""The largest number of a pair: float64 counts no further."""
+
 
 @unique
 class Purpose(IntEnum):

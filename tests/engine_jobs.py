@@ -20,6 +20,14 @@ class StubbornError(Exception):
         super().__init__(f"{first} and {second}")
 
 
+RAISED = {
+    "lost": ContextLostError("the context is gone"),
+    "wrong": InputError("seven is not allowed"),
+    "stubborn": StubbornError("one", "two"),
+    "exits": SystemExit(0),
+}
+
+
 @dataclass(frozen=True)
 class Squares:
     """Squares numbers, and has a fault at one of them: as often as it says, counted by files in a folder."""
@@ -69,15 +77,11 @@ class Squares:
                 for _ in range(18):
                     time.sleep(0.25)
                     listener.on_stage("still here")
-            case "lost":
-                raise ContextLostError("the context is gone")
-            case "wrong":
-                raise InputError("seven is not allowed")
-            case "stubborn":
-                raise StubbornError("one", "two")
             case "signals":
                 os.kill(os.getpid(), signal.SIGINT)
                 os.kill(os.getpid(), signal.SIGTERM)
+            case name:
+                raise RAISED[name]
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """What callers in Python hand in: wrong types, closed renderers, other threads and processes."""
 
 import gc
+import json
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -22,6 +23,7 @@ from semisynth_gl import (
     generate,
     load_config,
     make_mesh,
+    make_model,
     make_scene,
     move,
     open_dataset,
@@ -48,6 +50,21 @@ SCENE = make_scene(CAMERA, model=[0], world_from_model=[facing(CAMERA, 0, 0, 40,
 TRUTH = np.ones((4, 5), np.float32)
 IMAGE = np.zeros((30, 40, 3), np.uint8)
 FRAME = Frame(CAMERA, View({"image": IMAGE, "disparity": np.ones((30, 40), np.float32)}), View({"image": IMAGE}))
+
+
+class Hostile:
+    """Of no use, and fails when it is shown or made an array."""
+
+    def __repr__(self):
+        raise RuntimeError("not shown")
+
+    def __array__(self, *_args, **_options):
+        raise RuntimeError("no array")
+
+
+def DATASET(out):  # noqa: N802 - as a constant of the cases
+    write_dataset(out.parent / "there", "middlebury", {"train": 1}, 1)
+    return open_dataset(out.parent / "there")
 
 
 def scene(**changed):
@@ -142,6 +159,21 @@ WRONG = {
     "predictions of a number": lambda out: evaluate(3, out),
     "truth of nothing": lambda out: evaluate(out, None),
     "masks of a number": lambda out: evaluate(out, out, masks=3),
+    "index that no float counts to": lambda _: render_pair(CONFIG, 10**30),
+    "backend as an array": lambda _: render_pair(CONFIG, 0, backend=np.arange(2)),
+    "image that no int32 counts": lambda _: StereoCamera.centred(10**400, 48, 40.0, 0.1),
+    "side as text": lambda _: StereoCamera.centred("64", 48, 40.0, 0.1),
+    "doffs as text": lambda _: StereoCamera.centred(64, 48, 40.0, 0.1, "0"),
+    "layer that makes no array": lambda _: scene(layer=Hostile()),
+    "mesh without a name": lambda _: make_mesh(Hostile(), [[0, 0, 0]], [[0, 0]], [[0, 0, 0]]),
+    "model without a name": lambda _: make_model(None, [[0, 0, 0]], [[0, 0, 0]]),
+    "output that is a list": lambda _: Renderer([SQUARE], LAYERS, outputs=[["depth"]]),
+    "crop of a frame of a tuple": lambda _: FRAME.cropped((0, 0, 4, 4)),
+    "points of an array": lambda _: FRAME.points(np.arange(2)),
+    "view of a number": lambda _: View(3),
+    "pair as text": lambda out: DATASET(out)["0"],
+    "pair of a half": lambda out: DATASET(out).pair(np.float32(0.5)),
+    "split that is a list": lambda out: open_dataset(DATASET(out).about.place.address, ["train"]),
     "folder without a name": lambda _: load_config("kitti", {"textures.images": [""]}),
 }  # fmt: skip
 
@@ -157,6 +189,12 @@ def test_a_wrong_argument_is_an_error_at_once(case, tmp_path):
 def test_numbers_of_numpy_are_numbers(backend):
     crop = Crop(np.int64(3), np.uint8(2), np.int32(12), np.int16(10))
     camera = StereoCamera.centred(np.int64(40), np.int32(30), np.float32(40), np.float64(0.1))
+    assert {type(value) for value in camera.values().values()} == {int, float}
+    assert json.loads(json.dumps(camera.values())) == camera.values()
+    assert StereoCamera.from_values(camera.values()) == camera
+    # Rounded to float32 once, when it is made, and never in what it works out.
+    assert camera.disparity_px(np.array([3.0]))[0] == float(np.float32(40)) * 0.1 / 3
+    assert {type(getattr(crop, name)) for name in ("x_px", "y_px", "width_px", "height_px")} == {int}
     with Renderer([SQUARE], LAYERS, backend=backend, device_index=np.int64(0)) as renderer:
         image = renderer.render(scene(camera=camera, model=np.uint8([0]), layer=np.float64([0])), crop).left.image
     assert image.shape == (10, 12, 3)
@@ -165,9 +203,9 @@ def test_numbers_of_numpy_are_numbers(backend):
 
 def test_a_renderer_refuses_what_is_no_scene_and_no_crop(open_renderer):
     renderer = open_renderer([SQUARE], LAYERS)
-    for arguments in ((None,), (CONFIG,), (SCENE, (0, 0, 4, 4)), (SCENE, 3)):
-        with pytest.raises(InputError, match=r"must be a (Scene|Crop or None), got"):
-            renderer.render(*arguments)
+    for arguments in ((None,), (CONFIG,), (SCENE, (0, 0, 4, 4)), (SCENE, 3), (SCENE, None, 3), (SCENE, None, SCENE)):
+        with pytest.raises(InputError, match=r"must be a (Scene|Crop or None|Motion or None), got"):
+            renderer.render(*arguments[:2], **dict(zip(["future"], arguments[2:], strict=False)))
     with (
         PairRenderer(CONFIG, 0, renderer.backend) as pairs,
         pytest.raises(InputError, match="must be a Crop or None, got"),

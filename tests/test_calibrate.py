@@ -1021,6 +1021,10 @@ def test_an_invalid_config_is_reported_under_its_own_name(call, tmp_path, monkey
         (["--calib", "calib.txt", "--out", "a.txt"], ["ends in .yaml"]),
         (["--calib", "calib.txt", "--out", "no/a.yaml"], ["does not exist"]),
         (["--calib", "calib.txt", "--range-px", "9", "4"], ["9 to 4 px"]),
+        (
+            ["--calib", "calib.txt", "--range-px", "1e-9", "2e-9"],
+            ["1e-09 to 2e-09 px: expected ends that differ by 2.2e-05"],
+        ),
         (["--calib", "calib.txt", "--range-px", "1", "4", "--disparity", "x.pfm"], ["give one of them"]),
         (
             ["--calib", "calib.txt", "--scale", "0.5"],

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from engine_jobs import FAULTY, Arrays, Squares
+from processes import PATIENCE_S, alive, wait_for
 from recorder import Recorder
 
 from semisynth_gl.engines import local
@@ -24,8 +25,6 @@ from semisynth_gl.listener import Listener
 
 ENGINES = {"serial": SerialEngine(), "local": LocalEngine(2, 60)}
 TASKS = range(12)
-# Reached only where something that must happen never does.
-PATIENCE_S = 120
 
 
 @dataclass
@@ -47,20 +46,6 @@ def run(engine, job, tasks=TASKS, recorder=None):
         results.extend(yielded)
     assert len(results) == len(dict(results))
     return Run(dict(results), recorder.messages, recorder.pairs)
-
-
-def alive(process):
-    try:
-        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
-
-
-def wait_for(condition):
-    until = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < until
-        time.sleep(0.02)
 
 
 def opened(folder):
@@ -231,6 +216,11 @@ def test_without_ray_the_message_says_what_to_install(tmp_path, monkeypatch):
 def test_an_error_that_does_not_pickle_arrives_as_text(tmp_path):
     with pytest.raises(WorkerError, match=r"worker [01] met StubbornError: one and two"):
         run(LocalEngine(2, 60), Squares(tmp_path, "stubborn"))
+
+
+def test_a_task_that_ends_its_process_by_exception_is_an_error_at_once(tmp_path):
+    with pytest.raises(WorkerError, match=r"^worker [01] met SystemExit: 0$"):
+        run(LocalEngine(2, 60), Squares(tmp_path, "exits"))
 
 
 def test_other_tasks_in_hand_are_finished_before_an_error_is_raised(tmp_path):

@@ -400,6 +400,22 @@ LAYOUT_FAULTS = [
 FAULTS["layout"] += [(f"{LAYOUT}thing.{line}", message) for line, message in LAYOUT_FAULTS]
 
 
+HOSTILE = {
+    "raise SystemExit(0)": "SystemExit: 0",
+    "raise BaseException('no')": "BaseException: no",
+    "raise type('Error', (Exception,), {'__str__': lambda self: 1 / 0})": "Error: its text cannot be shown",
+}
+for _code, _message in HOSTILE.items():
+    _function = f"def thing(*arguments):\n    {_code}"
+    for _noun, _what in (
+        ("texture source", "fails"),
+        ("family of models", "fails for model 0"),
+        ("scene recipe", "fails"),
+    ):
+        FAULTS[_noun].append((_function, f"{_what}: {_message}, in *other.py, line 2"))
+    FAULTS["layout"].append((_code, f"cannot be imported: {_message}, in *other.py, line 1"))
+
+
 @pytest.mark.parametrize("noun", USES)
 def test_a_plugin_that_cannot_be_used_is_named_with_its_fault(noun, install):
     group, use = USES[noun]
@@ -410,6 +426,13 @@ def test_a_plugin_that_cannot_be_used_is_named_with_its_fault(noun, install):
         assert text.startswith(f"{noun} 'thing' {OTHER}: "), code
         for part in message.split("*"):
             assert part in text, code
+
+
+def test_what_ends_the_program_from_within_is_an_error(install, tmp_path):
+    code = f"{LAYOUT}import sys\nthing.place_advice = lambda *_: sys.exit(0)"
+    with install({"layouts": ["thing = other:thing"]}, code):
+        message = said("generate", "--config", "middlebury", "--layout", "thing", "--out", tmp_path / "set")
+    assert message.startswith("a package ended the command before it was done (SystemExit: 0): see whether")
 
 
 def test_a_layout_without_a_fault_is_taken(install):

@@ -281,6 +281,16 @@ def test_a_stream_goes_on_after_what_a_state_had_yielded(backend):
     assert [sample["index"] for sample in other] == begun + left
 
 
+# States of wrong types, and keys of a state with wrong values.
+WRONG_STATES = [
+    *(None, 3, "yielded", [], ["yielded", "worker", "workers", "stream"], {}, {3: 4, "x": 5}),
+    *(("yielded", value) for value in (None, "3", 0.5, True, -1, 10**30, [3])),
+    *(("worker", value) for value in (None, "0", -1)),
+    *(("workers", value) for value in (None, 0, [1])),
+    *(("stream", value) for value in (None, [], "kitti", {"seed": {3}}, {"seed": np.arange(2)}, {(1, 2): 3})),
+]
+
+
 def test_a_state_of_another_stream_is_refused_with_what_differs():
     config = cheap()
     there = StereoStream(config, SEED)
@@ -301,6 +311,9 @@ def test_a_state_of_another_stream_is_refused_with_what_differs():
     StereoStream(config, SEED, Selection(pairs=9)).load_state_dict(state)
     with pytest.raises(InputError, match=r"expected what state_dict\(\) of a stream has returned"):
         there.load_state_dict({"_snapshot": {}})
+    for wrong in WRONG_STATES:
+        with pytest.raises(InputError, match=r"of a state must |expected what state_dict\(\) of a stream"):
+            there.load_state_dict(wrong if not isinstance(wrong, tuple) else state | dict([wrong]))
     there.load_state_dict(state | {"worker": 1, "workers": 2})
     with pytest.raises(InputError, match=r"of worker 1 of 2, and this is worker 0 of 1.*first="):
         iter(there)

@@ -309,9 +309,18 @@ def test_sources_that_cannot_be_mixed_are_refused(sources, message):
         StereoMix(sources)
 
 
+def test_shares_and_numbers_of_numpy_are_numbers():
+    three, five = Numbers("three", 3), Numbers("five", 5)
+    expected = StereoMix([(three, 0.5), (five, 2)], SEED, pairs=9)
+    mix = StereoMix([(three, np.float32(0.5)), (five, np.int64(2))], np.int64(SEED), pairs=np.int32(9))
+    assert list(mix) == list(expected)
+    assert json.loads(json.dumps(mix.state_dict())) == expected.state_dict()
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        ({"first": 10**30}, "first, the number of a sample, must be 9007199254740992 or less"),
         ({"seed": -1}, "seed must be 0 or more"),
         ({"first": -1}, "first, the number of a sample, must be 0 or more"),
         ({"pairs": 0}, "pairs .* must be 1 or more"),

@@ -21,6 +21,8 @@ _HEADROOM = 1.1
 # Objects are deep: their disparities cannot follow much narrower bins.
 _MOST_BINS = 22
 _STEPS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
+# A config's bins are 1e-6 px wide or wider.
+_LEAST_PX = _MOST_BINS * 1e-6
 # Of a chosen range without a lower end.
 _LOW_OF_HIGH = 0.02
 # A chosen histogram: one part even, the other a hump at a sixth of the range that falls off slowly.
@@ -197,7 +199,15 @@ def chosen_range(low_px: float | None, high_px: float, least_doffs_px: float = 0
 
 
 def _bins(low: float, high: float) -> tuple[NDArray[np.float64], float]:
-    """Return the edges and the round width of 15 to 22 bins from the lower end of a range to beyond its upper end."""
+    """Return the edges and the round width of 15 to 22 bins from the lower end of a range to beyond its upper end.
+
+    Raises:
+        InputError: where a config could not state bins as narrow as that.
+    """
+    if high - low < _LEAST_PX:
+        raise InputError(
+            f"the range of disparity is {low} to {high} px: expected ends that differ by {_LEAST_PX:g} px or more"
+        )
     least = (high - low) / (_MOST_BINS - 1)  # rounding the end may add a bin
     power = 10.0 ** math.floor(math.log10(least))
     bin_px = next(step * power for step in (*_STEPS, 10.0) if step * power >= least)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from os import PathLike
 from typing import Any, overload
 
-from semisynth_gl.arguments import check_type
+from semisynth_gl.arguments import check_type, to_whole
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.dataset.documents import CHANGED_INDEX, check_index, check_plan, check_record
@@ -211,8 +211,8 @@ class Dataset(Sequence[StoredFrame]):
     def __init__(self, index: Index, split: SplitName | None = None) -> None:
         if index.fault is not None:
             raise InputError(f"{index.place.address}: {index.fault}")
-        if split is not None and split not in index.pairs:
-            raise InputError(f"{index.place.address}: expected a split of {', '.join(index.pairs)}, got {split!r}")
+        if split is not None and not (isinstance(split, str) and split in index.pairs):
+            raise InputError(f"{index.place.address}: expected a split of {', '.join(index.pairs)}, got {shown(split)}")
         self.about = index
         self._counts = {name: count for name, count in index.pairs.items() if split in (None, name)}
         self._shards = {(shard.split, shard.first): shard for shard in index.shards}
@@ -233,7 +233,7 @@ class Dataset(Sequence[StoredFrame]):
         Raises:
             IndexError: where the dataset has fewer pairs.
             ReadError: where a file is missing, cut off or cannot be read, or a shard's record is not its own.
-            InputError: where a codec needs a package that is not installed.
+            InputError: where the number is no whole number, or a codec needs a package that is not installed.
         """
         if isinstance(number, slice):
             return [self[position] for position in range(*number.indices(len(self)))]
@@ -254,8 +254,9 @@ class Dataset(Sequence[StoredFrame]):
 
         Raises:
             IndexError: where the dataset has fewer pairs.
+            InputError: where the number is no whole number.
         """
-        position = range(len(self))[number]
+        position = range(len(self))[to_whole("the number of a pair", number)]
         for split, count in self._counts.items():
             if position < count:
                 return split, position

@@ -81,7 +81,7 @@ def do_task(job: bytes, number: int, post: Any) -> Finished | Skipped | Failed: 
         _answer(post.break_worker.remote(number, str(error)))
         # Ray does the task again in another process. To close the job would ask the broken context once more.
         os._exit(1)
-    except Exception as error:  # noqa: BLE001 - the driver raises it: as a result it keeps its type
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - the driver raises it: as a result it keeps its type
         return Failed(portable(error, f"a worker on {gethostname()}"))
     finally:
         # Calls of an actor arrive in order: after any answer, the post has the task's calls, and before its result.

@@ -19,7 +19,7 @@ from traceback import format_exc
 from typing import Any
 
 from semisynth_gl.engines.task import THREADS, Call, Job, Relay
-from semisynth_gl.errors import ContextLostError, WorkerError
+from semisynth_gl.errors import ContextLostError, WorkerError, described
 
 STOP = "stop"
 CLOSE = "close"
@@ -85,7 +85,7 @@ def work(job: Job[Any], worker: int, connection: Connection, threads: int) -> No
                 pipe.send(Finished(result))
     except ContextLostError as error:
         _give_up(pipe, error)
-    except Exception as error:  # noqa: BLE001 - whatever it is, the caller has to know
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever it is, the caller has to know
         pipe.send(Failed(portable(error, f"worker {worker}")))
 
 
@@ -101,7 +101,7 @@ def keep_freed_memory() -> None:
             set_option(option, size)
 
 
-def portable(error: Exception, where: str) -> Exception:
+def portable(error: BaseException, where: str) -> Exception:
     """Make an error fit to be raised in another process, with the traceback as a note.
 
     Args:
@@ -109,14 +109,17 @@ def portable(error: Exception, where: str) -> Exception:
         where: the process that met the error, for the note.
 
     Returns:
-        The error itself, or a `WorkerError` with its text where pickling would not keep it.
+        The error itself, or a `WorkerError` with its text where pickling would not keep it, or where it would end the
+        other process rather than fail there.
     """
+    if not isinstance(error, Exception):
+        return WorkerError(f"{where} met {described(error)}")
     error.add_note(f"In {where}:\n{format_exc().rstrip()}")
     try:
         kept = type(pickle.loads(pickle.dumps(error))) is type(error)  # noqa: S301 - its own bytes
     except Exception:  # noqa: BLE001 - an error's own methods take part in it
         kept = False
-    return error if kept else WorkerError(f"{where} met {type(error).__qualname__}: {error}")
+    return error if kept else WorkerError(f"{where} met {described(error)}")
 
 
 def _give_up(pipe: "_Pipe", error: ContextLostError) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.arguments import to_array
+from semisynth_gl.arguments import check_type, to_array
 from semisynth_gl.errors import InputError
 
 
@@ -67,6 +67,7 @@ def make_mesh(name: str, positions: object, uv: object, triangles: object) -> Me
     Raises:
         InputError: where shapes, indices or values are wrong.
     """
+    check_type("the name of a mesh", name, str)
     index = to_array(f"mesh {name}: triangles", triangles, np.int64)
     if index.size % 3:
         raise InputError(f"mesh {name}: triangles must be (T, 3), got {index.shape}")

@@ -17,7 +17,7 @@ import trimesh
 from trimesh.exchange import load as trimesh_load
 from trimesh.resolvers import Resolver, ZipResolver
 
-from semisynth_gl.errors import cut, shown
+from semisynth_gl.errors import cut, described, shown
 from semisynth_gl.geometry.model_parts import (
     MAX_BYTES,
     MAX_PARTS,
@@ -78,7 +78,7 @@ def read_parts(path: Path) -> PlacedParts:
         except (BrokenModelError, MemoryError):
             raise
         except Exception as error:  # a reader may throw anything at a hostile file
-            clause = cut(" ".join(f"{type(error).__name__}: {error}".split()), 120)
+            clause = cut(" ".join(described(error).split()), 120)
             raise BrokenModelError(f"cannot be read ({clause})") from error
 
 

@@ -5,7 +5,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.arguments import to_array
+from semisynth_gl.arguments import check_type, to_array
 from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh, make_mesh, merged, normalised, without_degenerate
 from semisynth_gl.geometry.model_parts import BrokenModelError
@@ -37,6 +37,7 @@ def make_model(name: str, positions: object, triangles: object, uv: object = Non
     Raises:
         InputError: where shapes, indices or values are wrong, or no triangle has an area.
     """
+    check_type("the name of a model", name, str)
     points = to_array(f"model {name}: positions", positions, np.float64)
     coordinates = None if uv is None else to_array(f"model {name}: uv", uv, np.float64)
     unmapped = np.zeros((len(points) if points.ndim else 0, 2))

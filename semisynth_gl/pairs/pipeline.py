@@ -38,7 +38,7 @@ from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.scene import Motion
 from semisynth_gl.scene.sources import prepare_sources
-from semisynth_gl.seeds import Purpose, generator
+from semisynth_gl.seeds import LARGEST_NUMBER, Purpose, generator
 from semisynth_gl.splits import WHOLE, Split
 
 PAIR_STAGES = ("sample", "draw", "visibility", "readback", "check")
@@ -230,8 +230,9 @@ class PairRenderer:
         Raises:
             InputError: where the index is negative, the config's ranges leave no scene for it, or no attempt passes.
         """
-        index = to_whole("a pair's index", index, least=0)
+        index = to_whole("a pair's index", index, 0, LARGEST_NUMBER)
         check_type("crop", crop, Crop | None)
+        check_type("checked", checked, bool)
         if crop == Crop(0, 0, self.config.camera.width_px, self.config.camera.height_px):
             crop = None
         number, view = divmod(index, self.config.views)
@@ -361,6 +362,6 @@ def render_pair(config: Config, index: int, seed: int = 0, backend: Backend = "a
         ``left`` and ``right`` (H, W, 3) uint8, (H, W) of monochrome cameras, ``disparity_left`` and ``disparity_right``
         (H, W) float32 px, and the visibilities; see `Frame`.
     """
-    index = to_whole("a pair's index", index, least=0)
+    index = to_whole("a pair's index", index, 0, LARGEST_NUMBER)
     with PairRenderer(config, seed, backend) as pairs:
         return pairs.render(index).frame

@@ -9,7 +9,8 @@ from typing import Any
 import moderngl
 from glcontext import egl
 
-from semisynth_gl.errors import BackendError, InputError
+from semisynth_gl.arguments import check_one_of
+from semisynth_gl.errors import BackendError
 from semisynth_gl.render.backends import BACKENDS, Backend, is_software
 from semisynth_gl.render.load_order import load_before_driver
 from semisynth_gl.render.osmesa import OSMesaContext
@@ -90,8 +91,7 @@ def open_context(backend: Backend = "auto", device_index: int = 0) -> GraphicsCo
     Raises:
         BackendError: where no such context can be had, with each reason and what to install.
     """
-    if backend not in BACKENDS:
-        raise InputError(f"backend: expected one of {', '.join(BACKENDS)}, got {backend}")
+    check_one_of("backend", backend, BACKENDS)
     openers: dict[Backend, Callable[[], Any]] = {
         "egl": lambda: _open_egl(device_index),
         "osmesa": lambda: OSMesaContext(4, 5),

@@ -12,8 +12,9 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
+from semisynth_gl.arguments import check_one_of
 from semisynth_gl.errors import InputError
-from semisynth_gl.render.backends import Backend
+from semisynth_gl.render.backends import BACKENDS, Backend
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.load_order import load_before_driver
 from semisynth_gl.render.osmesa import OSMESA_LIBRARIES
@@ -90,6 +91,7 @@ def check_libraries(backend: Backend) -> None:
     Raises:
         BackendError: where they are not; see `open_context`.
     """
+    check_one_of("backend", backend, BACKENDS)
     load_before_driver()
     if backend in ("auto", "egl") and _loads("libEGL.so.1") and _loads("libGL.so.1"):
         return

@@ -233,6 +233,8 @@ class Renderer:
         """Raise InputError where what shall be drawn is none, or lacks a motion that an output needs."""
         check_type("scene", scene, Scene)
         check_type("crop", crop, Crop | None)
+        for name, motion in motions.items():
+            check_type(name, motion, Motion | None, "move makes one")
         for shown in (scene, *(motion.scene for motion in motions.values() if motion is not None)):
             self._check(shown)
         for name, motion in motions.items():

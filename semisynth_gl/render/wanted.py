@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Self
 
-from semisynth_gl.arguments import check_type
+from semisynth_gl.arguments import check_one_of, check_type
 from semisynth_gl.camera import EYES, Eye
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, shown
 from semisynth_gl.frame import (
     CHANNELS,
     FLOW_OUTPUTS,
@@ -51,14 +51,15 @@ class Wanted:
         """
         check_type("antialias", antialias, str)
         check_type("signed", signed, bool)
-        if isinstance(outputs, str) or not isinstance(outputs, Collection) or not set(outputs) <= set(OUTPUTS):
-            raise InputError(f"outputs: expected some of {', '.join(OUTPUTS)}, got {outputs!r}")
+        if isinstance(outputs, str) or not isinstance(outputs, Collection):
+            raise InputError(f"outputs: expected some of {', '.join(OUTPUTS)}, got {shown(outputs)}")
+        for output in outputs:
+            check_one_of("an output", output, OUTPUTS)
         if not rectified and "disparity_change" in outputs:
             raise InputError(
                 "the output disparity_change is a rectified pair's: leave it out, or let no right camera deviate"
             )
-        if truth not in TRUTH_VIEWS:
-            raise InputError(f"truth: expected one of {', '.join(TRUTH_VIEWS)}, got {truth}")
+        check_one_of("truth", truth, TRUTH_VIEWS)
         eyes: tuple[Eye, ...] = EYES if truth == "both" else ("left",)
         return cls(frozenset(outputs), eyes, rectified, signed, parse_antialias(antialias))
 

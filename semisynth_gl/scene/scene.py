@@ -6,7 +6,7 @@ from types import EllipsisType
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.arguments import check_real, check_type, to_array
+from semisynth_gl.arguments import check_type, to_array, to_real
 from semisynth_gl.camera import Eye, StereoCamera
 from semisynth_gl.errors import InputError
 
@@ -43,7 +43,7 @@ class Scene:
 
     def __post_init__(self) -> None:
         check_type("camera", self.camera, StereoCamera)
-        check_real("near_m", self.near_m)
+        object.__setattr__(self, "near_m", to_real("near_m", self.near_m))
         if self.near_m <= 0:
             raise InputError(f"near_m must be positive, got {self.near_m}")
         n = len(self.model)

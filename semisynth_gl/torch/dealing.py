@@ -12,7 +12,8 @@ from typing import NamedTuple, Self
 import torch.distributed
 
 from semisynth_gl.arguments import check_type, to_whole
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, shown
+from semisynth_gl.seeds import LARGEST_NUMBER
 from semisynth_gl.splits import SPLITS, SplitName
 
 
@@ -40,18 +41,22 @@ class Selection:
 
     def __post_init__(self) -> None:
         check_type("splits", self.splits, Sequence)
-        if not self.splits or set(self.splits) - set(SPLITS) or self.split not in self.splits:
+        named = all(isinstance(split, str) and split in SPLITS for split in (self.split, *self.splits))
+        if not named or self.split not in self.splits:
             raise InputError(
                 f"split: expected one of splits, which name all that the dataset has of {', '.join(SPLITS)}, got "
-                f"split={self.split!r} and splits={self.splits!r}"
+                f"split={shown(self.split)} and splits={shown(self.splits)}"
             )
-        to_whole("first, the number of a sample,", self.first, least=0)
+        # A state has Python's own numbers.
+        first = to_whole("first, the number of a sample,", self.first, 0, LARGEST_NUMBER)
+        object.__setattr__(self, "first", first)
         if self.pairs is not None:
-            to_whole("pairs (None for a stream without end)", self.pairs, least=1)
+            pairs = to_whole("pairs (None for a stream without end)", self.pairs, 1, LARGEST_NUMBER)
+            object.__setattr__(self, "pairs", pairs)
         if self.frames is not None:
             check_type("frames", self.frames, Sequence)
-            for frame in self.frames:
-                to_whole("a number of frames", frame, least=0)
+            frames = tuple(to_whole("a number of frames", frame, least=0) for frame in self.frames)
+            object.__setattr__(self, "frames", frames)
 
     def frames_in(self, length: int) -> tuple[int, ...]:
         """Return the frames that the stream yields of each sequence of ``length`` frames.
@@ -85,7 +90,7 @@ class TrainingProcess:
 
     def __post_init__(self) -> None:
         for name in ("rank", "world_size"):
-            to_whole(name, getattr(self, name))
+            object.__setattr__(self, name, to_whole(name, getattr(self, name)))
         if not 0 <= self.rank < self.world_size:
             raise InputError(
                 f"rank: expected 0 to world_size - 1, got rank={self.rank} and world_size={self.world_size}: without a "

@@ -1,5 +1,6 @@
 """What `StereoStream` and `StereoMix` have in common: numbered samples, dealt out, iterated over and resumed."""
 
+import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from importlib.metadata import version
@@ -7,9 +8,11 @@ from typing import Any, Protocol
 
 from torch.utils.data import IterableDataset, get_worker_info
 
+from semisynth_gl.arguments import check_type, to_whole
 from semisynth_gl.dataset.plan import differences
 from semisynth_gl.dataset.schema import PROGRAM
-from semisynth_gl.errors import InputError, abbreviate
+from semisynth_gl.errors import InputError, abbreviate, shown
+from semisynth_gl.seeds import LARGEST_NUMBER
 from semisynth_gl.torch.dealing import Dealing, TrainingProcess, Worker
 
 _STATE = {"yielded", "worker", "workers", "stream"}
@@ -115,15 +118,14 @@ class DealtDataset(IterableDataset[Any]):
         Raises:
             InputError: where the state is no stream's, or of a stream that yields other samples.
         """
-        if not set(state) >= _STATE:
-            raise InputError(f"expected what state_dict() of a stream has returned, got the keys {sorted(state)}")
-        changed = differences(state["stream"], self._identity)
+        yielded, worker, identity = _position(state)
+        changed = differences(identity, self._identity)
         if changed:
             raise InputError(
                 f"the state is of a stream that yields other samples: {abbreviate(changed)}. Make the stream as it was"
             )
-        self._yielded = state["yielded"]
-        self._resumed = state["yielded"], Worker(state["worker"], state["workers"])
+        self._yielded = yielded
+        self._resumed = yielded, worker
 
     def _samples(self, worker: Worker, skipped: int) -> Iterator[Any]:
         with self.source.open(worker) as read:
@@ -131,6 +133,30 @@ class DealtDataset(IterableDataset[Any]):
                 sample = read(number)
                 self._yielded = yielded
                 yield sample
+
+
+def _position(state: object) -> tuple[int, Worker, Mapping[str, Any]]:
+    """Return how many samples a state has yielded, its worker, and its stream's identity.
+
+    Raises:
+        InputError: where it is no state of a stream.
+    """
+    if not isinstance(state, Mapping) or not set(state) >= _STATE:
+        raise InputError(
+            f"expected what state_dict() of a stream has returned, with the keys {', '.join(sorted(_STATE))}, got "
+            f"{shown(state)}"
+        )
+    numbers = [
+        to_whole(f"{name} of a state", state[name], least, LARGEST_NUMBER)
+        for name, least in (("yielded", 0), ("worker", 0), ("workers", 1))
+    ]
+    identity = state["stream"]
+    check_type("stream of a state", identity, Mapping)
+    try:
+        json.dumps(identity)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise InputError(f"stream of a state must have JSON's types alone, got {shown(identity)}: {error}") from None
+    return numbers[0], Worker(*numbers[1:]), identity
 
 
 def _this_worker() -> Worker:

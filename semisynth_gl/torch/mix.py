@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from torch.utils.data import Dataset, IterableDataset
 
-from semisynth_gl.arguments import check_real, check_type, to_whole
-from semisynth_gl.errors import InputError
-from semisynth_gl.seeds import Purpose, generator
+from semisynth_gl.arguments import check_type, to_real, to_whole
+from semisynth_gl.errors import InputError, shown
+from semisynth_gl.seeds import LARGEST_NUMBER, Purpose, generator
 from semisynth_gl.torch.dataset import StereoDataset
 from semisynth_gl.torch.dealing import Dealing, TrainingProcess, Worker
 from semisynth_gl.torch.iteration import DealtDataset, Source
@@ -62,9 +62,9 @@ class StereoMix(DealtDataset):
         process: TrainingProcess | None = None,
     ) -> None:
         seed = to_whole("a seed", seed, least=0)
-        first = to_whole("first, the number of a sample,", first, least=0)
+        first = to_whole("first, the number of a sample,", first, 0, LARGEST_NUMBER)
         if pairs is not None:
-            pairs = to_whole("pairs (None for a mix without end)", pairs, least=1)
+            pairs = to_whole("pairs (None for a mix without end)", pairs, 1, LARGEST_NUMBER)
         batch_size = to_whole("batch_size, the loader's,", batch_size, least=1)
         check_type("process", process, TrainingProcess | None)
         source = MixedSamples(sources, seed)
@@ -92,12 +92,9 @@ class MixedSamples:
             raise InputError("sources: expected at least one (source, share), got none")
         for pair in sources:
             if not isinstance(pair, tuple) or len(pair) != 2:
-                raise InputError(f"sources: expected pairs of (source, share), got {pair!r:.80}")
-            check_real("a share", pair[1])
-            if pair[1] <= 0:
-                raise InputError(f"a share must be above 0, got {pair[1]}: leave the source out")
-        total = sum(Fraction(share) for _, share in sources)
-        self._shares = [Fraction(share) / total for _, share in sources]
+                raise InputError(f"sources: expected pairs of (source, share), got {shown(pair, 80)}")
+        shares = [_exact(share) for _, share in sources]
+        self._shares = [share / sum(shares) for share in shares]
         self._parts = [_dealt(source, seed, place) for place, (source, _) in enumerate(sources)]
         self._seed = seed
         self.together = lcm(*(part.source.together for part in self._parts))
@@ -200,6 +197,13 @@ class _Passes:
         yield read
 
 
+def _exact(share: object) -> Fraction:
+    number = to_real("a share", share)
+    if number <= 0:
+        raise InputError(f"a share must be above 0, got {shown(share)}: leave the source out")
+    return share if isinstance(share, Fraction) else Fraction(number)
+
+
 def _dealt(source: object, seed: int, place: int) -> DealtDataset:
     """Return a stream or a mix as it is, and a map-style dataset as a stream of its passes."""
     if isinstance(source, DealtDataset):
@@ -207,10 +211,10 @@ def _dealt(source: object, seed: int, place: int) -> DealtDataset:
     if not isinstance(source, Dataset) or isinstance(source, IterableDataset) or not hasattr(source, "__len__"):
         raise InputError(
             "sources: expected a StereoStream, a StereoDataset, a StereoMix or another map-style dataset of "
-            f"PyTorch's with a length, got {source!r:.80}"
+            f"PyTorch's with a length, got {shown(source, 80)}"
         )
     length = len(source)
     if length < 1:
-        raise InputError(f"sources: expected a dataset with samples, got {source!r:.80}, which has none")
+        raise InputError(f"sources: expected a dataset with samples, got {shown(source, 80)}, which has none")
     passes: Source = _Passes(source, length, seed, place)
     return DealtDataset(passes, Dealing(0, None, 1, 1), TrainingProcess())

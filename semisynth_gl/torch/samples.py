@@ -11,7 +11,7 @@ from torch.utils.data import default_collate
 
 from semisynth_gl.arguments import check_type
 from semisynth_gl.camera import EYES, Crop
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, shown
 from semisynth_gl.frame import ROLES, Frame
 from semisynth_gl.seeds import Purpose, generator
 
@@ -78,7 +78,7 @@ def check_transform(transform: object) -> None:
         InputError: where it is not.
     """
     if transform is not None and not callable(transform):
-        raise InputError(f"transform must be a function of a sample, got {transform!r}")
+        raise InputError(f"transform must be a function of a sample, got {shown(transform)}")
 
 
 def check_crop(crop: Any, sides: tuple[int, int], whose: str) -> None:  # noqa: ANN401 - that is what it checks
@@ -96,7 +96,7 @@ def check_crop(crop: Any, sides: tuple[int, int], whose: str) -> None:  # noqa: 
     if not whole or not all(1 <= side <= most for side, most in zip(crop, sides, strict=True)):
         raise InputError(
             f"crop: expected (height, width), whole numbers of up to {sides} px, which is what {whose} has, got "
-            f"{crop!r}"
+            f"{shown(crop)}"
         )
 
 

@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args
 import torch
 from torch.utils.data import get_worker_info
 
-from semisynth_gl.arguments import check_type, to_whole
+from semisynth_gl.arguments import check_one_of, check_type, to_whole
 from semisynth_gl.config import Config
 from semisynth_gl.engines.task import THREADS, threads_each
 from semisynth_gl.errors import BackendError, InputError
@@ -50,10 +50,8 @@ class Hardware:
         check_type("gpus", self.gpus, Sequence)
         for number in self.gpus:
             to_whole("a number of gpus", number, least=0)
-        if self.backend not in BACKENDS:
-            raise InputError(f"backend: expected one of {', '.join(BACKENDS)}, got {self.backend!r}")
-        if self.device not in get_args(TensorDevice):
-            raise InputError(f"device: expected one of {', '.join(get_args(TensorDevice))}, got {self.device!r}")
+        check_one_of("backend", self.backend, BACKENDS)
+        check_one_of("device", self.device, get_args(TensorDevice))
 
 
 class StereoStream(DealtDataset):

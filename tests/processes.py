@@ -1,0 +1,22 @@
+"""Other processes, as tests see them."""
+
+import time
+from pathlib import Path
+
+PATIENCE_S = 120
+"""Whatever takes longer never happens, s."""
+
+
+def alive(process):
+    """Whether the process of a number runs, or could."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def wait_for(condition):
+    until = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < until
+        time.sleep(0.02)
