@@ -13,6 +13,9 @@ if TYPE_CHECKING:
 
 _ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
+GRACE_S = 5.0
+"""How long the pairs in hand may take after SIGTERM, s."""
+
 
 @contextmanager
 def interrupts_raise() -> Iterator[None]:
@@ -50,7 +53,10 @@ def interrupts_wait() -> Iterator[None]:
 
 @contextmanager
 def interrupts_stop(listener: "Listener") -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM ask a long function to stop, in the block; a second Ctrl-C raises KeyboardInterrupt once.
+    """Let Ctrl-C and SIGTERM ask a long function to stop, in the block.
+
+    A second Ctrl-C raises KeyboardInterrupt, once. So does SIGTERM after `GRACE_S`, for whoever sends it kills the
+    process before long.
 
     Args:
         listener: asks for the stop, and hears a message about it.
@@ -62,11 +68,18 @@ def interrupts_stop(listener: "Listener") -> Iterator[None]:
                 _raise_once(number, None)
             return
         listener.stop()
-        again = "; Ctrl-C again stops at once" if number == signal.SIGINT else ""
-        listener.on_message(f"Finishing the pairs in hand{again}.")
+        rest = f"what is not done in {GRACE_S:g} s is left undone"
+        if number == signal.SIGINT:
+            rest = "Ctrl-C again stops at once"
+        else:
+            signal.setitimer(signal.ITIMER_REAL, GRACE_S)
+        listener.on_message(f"Finishing the pairs in hand; {rest}.")
 
-    with _handlers(ask, _ENDING_SIGNALS):
-        yield
+    with _handlers(ask, _ENDING_SIGNALS), _handlers(_raise_once, (signal.SIGALRM,)):
+        try:
+            yield
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0)
 
 
 @contextmanager

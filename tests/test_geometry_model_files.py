@@ -1,17 +1,21 @@
 import json
+import logging
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 from geometry_measures import areas, jacobians, stretch, volume
 
+from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection
 from semisynth_gl.errors import InputError
-from semisynth_gl.geometry import model_files
+from semisynth_gl.geometry import model_files, model_library
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_files import load_models
 from semisynth_gl.geometry.model_process import ModelReader
+from semisynth_gl.geometry.silhouette import Silhouette, mean_silhouette
 from semisynth_gl.geometry.surfaces import box
 from semisynth_gl.geometry.unwrap import STRETCH_BOUND
 
@@ -286,3 +290,30 @@ def test_real_models_load_the_same_here_and_in_a_process(monkeypatch: pytest.Mon
         assert first.positions.tobytes() == second.positions.tobytes()
         assert first.uv.tobytes() == second.uv.tobytes()
         assert first.triangles.tobytes() == second.triangles.tobytes()
+
+
+def test_a_large_model_is_told_with_its_cost_before_it_is_read_and_measured(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    (folder / "large.obj").write_text((folder / "good.obj").read_text() + "f 2 3 4\n")
+    for module, name, value in (
+        (model_files, "_LARGE_BYTES", (folder / "large.obj").stat().st_size),
+        (model_library, "_MANY_TRIANGLES", 3),
+        (model_library, "_MINUTES", 3 * 225),
+    ):
+        monkeypatch.setattr(module, name, value)
+    told = []
+
+    def measured(*arguments: Any) -> Silhouette:
+        told.extend(caplog.messages)
+        return mean_silhouette(*arguments)
+
+    monkeypatch.setattr(model_library, "mean_silhouette", measured)
+    section = ModelsSection(folders=(str(folder),), simple=0, complex=0)
+    with caplog.at_level(logging.INFO, "semisynth_gl"):
+        library = model_library.build_library(section, ParticlesSection(), 0)
+    assert [len(mesh.triangles) for mesh in library.models] == [2, 3]
+    making, reading, cost = told
+    assert making.startswith("making models")
+    assert reading == "reading large.obj, 0 MB"
+    assert cost.startswith("large.obj has 3 triangles: to measure it from 225 sides takes minutes now, and to draw it")

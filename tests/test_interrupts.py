@@ -5,7 +5,10 @@ import subprocess
 import sys
 
 import pytest
+from processes import alive, wait_for
+from recorder import Recorder
 
+from semisynth_gl import interrupts
 from semisynth_gl.interrupts import interrupts_end, interrupts_raise, interrupts_stop
 from semisynth_gl.listener import Listener
 
@@ -116,6 +119,48 @@ def test_handlers_are_put_back():
     with pytest.raises(KeyboardInterrupt), interrupts_raise():
         signal.raise_signal(signal.SIGINT)
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
+
+
+def test_sigterm_leaves_a_pair_undone_that_takes_long(monkeypatch):
+    """Such as one of a model of millions of triangles; who sends SIGTERM kills the process before long."""
+    monkeypatch.setattr(interrupts, "GRACE_S", 0.01)
+    recorder = Recorder()
+
+    def terminated():
+        with interrupts_stop(recorder):
+            signal.raise_signal(signal.SIGTERM)
+            signal.pause()
+
+    with pytest.raises(KeyboardInterrupt):
+        terminated()
+    assert recorder.stopping
+    assert recorder.messages == ["Finishing the pairs in hand; what is not done in 0.01 s is left undone."]
+    # A run that ends by then is left alone.
+    monkeypatch.setattr(interrupts, "GRACE_S", 1000)
+    with interrupts_stop(Recorder()):
+        signal.raise_signal(signal.SIGTERM)
+        assert signal.getitimer(signal.ITIMER_REAL)[0] > 0
+    assert signal.getitimer(signal.ITIMER_REAL) == (0, 0)
+    assert signal.getsignal(signal.SIGALRM) is signal.SIG_DFL
+
+
+READER = """
+import os, signal, time
+from semisynth_gl.geometry.model_process import ModelReader
+with ModelReader() as reader:
+    # Busy, as with a large model, it would not see that nobody asks any more.
+    os.kill(reader._process.pid, signal.SIGSTOP)
+    print(reader._process.pid, flush=True)
+    time.sleep(1000)
+"""
+
+
+def test_the_process_that_reads_models_ends_with_the_program():
+    with subprocess.Popen([sys.executable, "-c", READER], stdout=subprocess.PIPE, text=True) as program:
+        reader = int(program.stdout.readline())
+        assert alive(reader)
+        program.terminate()
+    wait_for(lambda: not alive(reader))
 
 
 def test_the_second_interrupt_of_a_long_run_is_the_last_that_python_hears_of():

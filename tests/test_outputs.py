@@ -185,6 +185,15 @@ def test_inputs_are_kept_whatever_is_forced(call, home, tmp_path):
     assert {path.name for path, data in files(tmp_path).items() if before.get(path, data) != data} == {"a.png"}
 
 
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    ("folder", "words"), [("/proc", "the folder /proc cannot be written to"), ("photos/0.png", "0.png is a file; name")]
+)
+def test_a_folder_that_takes_no_file_is_told_before_anything_is_computed(call, monkeypatch, command, folder, words):
+    monkeypatch.setattr(Output, "write", lambda *_: pytest.fail("came to the end of its work"))
+    assert refused(call(command, f"{folder}/a{COMMANDS[command]}"), f"{folder}/a{COMMANDS[command]}: ", words)
+
+
 def test_a_point_cloud_replaces_none_but_its_own_kind(call, tmp_path):
     command = f"preview --config sceneflow --images photos --pairs 1 {SMALL} --out"
     foreign, sheet = tmp_path / "a.ply", tmp_path / "a.png"

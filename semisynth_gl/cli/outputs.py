@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 import click
@@ -120,7 +121,7 @@ class Output:
         return replace(self, path=path)
 
     def check(self, inputs: Sequence[str] = (), photographs: Sequence[str] = (), *, makes_folder: bool = False) -> None:
-        """Refuse a file that must not be written or replaced; call it before anything is computed.
+        """Refuse a file that cannot or must not be written or replaced; call it before anything is computed.
 
         Args:
             inputs: files, folders and globs that the command reads.
@@ -133,10 +134,13 @@ class Output:
         if self.path is None:
             return
         path, shown = Path(os.path.realpath(self.path)), f"{self.option} {self.path}"
-        if not (makes_folder or path.parent.is_dir()):
+        if not (makes_folder or path.parent.exists()):
             raise InputError(f"{shown}: the folder {path.parent} does not exist")
         if path.is_dir():
             raise InputError(f"{shown}: is a folder; name a file")
+        # Pipes and devices, such as /dev/stdout, are written as they are, and hold nothing that could be lost.
+        if path.is_file() or not path.exists():
+            _check_room(next(above for above in path.parents if above.exists()), shown)
         dataset = next((above for above in path.parents if _is_dataset(above)), None)
         if dataset is not None:
             raise InputError(
@@ -148,7 +152,6 @@ class Output:
             raise InputError(
                 f"{shown}: lies where photographs are sought ({source}), and would become one; name a file elsewhere"
             )
-        # Pipes and devices, such as /dev/stdout, hold nothing that could be lost.
         if not path.is_file() or self.kind.recognises(_head(path)):
             return
         source = reaching_source(path, inputs)
@@ -179,6 +182,17 @@ class Output:
             partial.replace(path)
         finally:
             partial.unlink(missing_ok=True)
+
+
+def _check_room(folder: Path, shown: str) -> None:
+    """Refuse a folder that takes no new file: permissions do not tell, of a full disk or of the kernel's files."""
+    if not folder.is_dir():
+        raise InputError(f"{shown}: {folder} is a file; name a folder")
+    try:
+        with TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise InputError(f"{shown}: the folder {folder} cannot be written to: {error.strerror or error}") from None
 
 
 def ending_check(name: str, *endings: str) -> Callable[..., Path | None]:

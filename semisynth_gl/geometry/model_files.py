@@ -4,7 +4,9 @@ Only surfaces count: positions, triangles, UV maps. Materials, colours and textu
 not finite, while a single position that is not finite breaks the model.
 """
 
+import logging
 from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,11 @@ from semisynth_gl.geometry.model_parts import BrokenModelError, PlacedParts
 from semisynth_gl.geometry.model_process import ModelReader
 from semisynth_gl.geometry.model_units import Surface, join_surfaces
 from semisynth_gl.user_files import files_below, of_kernel
+
+# To read a smaller file takes a second or two.
+_LARGE_BYTES = 10_000_000
+
+_LOG = logging.getLogger(__name__)
 
 
 def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
@@ -43,6 +50,7 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
         meshes: list[Mesh] = []
         skipped: list[Skipped] = []
         for path, name in _files(folders, reader.formats):
+            _tell_size(path, name)
             try:
                 with np.errstate(all="ignore"):
                     meshes.append(join_surfaces(name, list(_placed(reader.read(path)))))
@@ -53,6 +61,13 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
         reasons = "".join(f"\n  {broken}" for broken in skipped)
         raise InputError(f"models: expected at least one usable model in {where}, found none{reasons}")
     return meshes, skipped
+
+
+def _tell_size(path: Path, name: str) -> None:
+    with suppress(OSError):  # what cannot be read is told when it is read
+        size = path.stat().st_size
+        if size >= _LARGE_BYTES:
+            _LOG.info("reading %s, %d MB", name, size // 1_000_000)
 
 
 def _files(folders: Sequence[Path], formats: Collection[str]) -> Iterator[tuple[Path, str]]:

@@ -1,6 +1,7 @@
 """The models that a dataset draws from: built or read once from (config, seed), then loaded from the cache."""
 
 import hashlib
+import logging
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +20,7 @@ from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS, kind_weight
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_files import load_models
 from semisynth_gl.geometry.model_process import PASSING
-from semisynth_gl.geometry.silhouette import Silhouette, mean_silhouette
+from semisynth_gl.geometry.silhouette import Silhouette, mean_silhouette, views_each
 from semisynth_gl.geometry.topology import marked_solid
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.splits import WHOLE, Split
@@ -35,6 +36,12 @@ built-in families have about as many kinds each, so a model of the user's is wor
 # `Split.share`'s purpose for the user's models; the purposes of the two families of kinds are 0 and 1.
 _USER = 2
 _ARRAYS = ("positions", "uv", "triangles")
+# A model of fewer takes less than a second, in a pair as well.
+_MANY_TRIANGLES = 300_000
+# A processor measures a few million triangles in a second.
+_MINUTES = 100_000_000
+
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -223,5 +230,19 @@ def _build(section: ModelsSection, particles: ParticlesSection, seed: int, split
     chances = np.concatenate([weight * np.array(shares) / max(sum(shares), 1e-300) for weight, _, shares in families])
     chances /= chances.sum()
     rng = generator(seed, Purpose.MODELS, len(families))
+    _tell_costs(user, views_each(len(library)))
     silhouette = mean_silhouette(library, chances, particles, rng)
     return ModelLibrary(tuple(library), np.arange(len(library)), chances, silhouette, tuple(skipped), len(user))
+
+
+def _tell_costs(models: Sequence[Mesh], views: int) -> None:
+    """Say what models of the user's cost that have very many triangles, before they are measured."""
+    for mesh in models:
+        triangles = len(mesh.triangles)
+        if triangles >= _MANY_TRIANGLES:
+            once = "minutes" if views * triangles >= _MINUTES else "seconds"
+            _LOG.info(
+                "%s has %s triangles: to measure it from %d sides takes %s now, and to draw it takes seconds in each "
+                "pair that shows it. To be faster, decimate it, for example in MeshLab or Blender",
+                *(mesh.name, f"{triangles:,}", views, once),
+            )

@@ -4,6 +4,7 @@ What a reader takes for a file cannot be told before it has run: trimesh has som
 packages, and a few bytes may stand for parts without end. The system's limits hold for all of them.
 """
 
+import ctypes
 import json
 import os
 import resource
@@ -36,6 +37,7 @@ _CRASHED = "crashes its reader"
 PASSING = (_TOO_MUCH_MEMORY, _TOO_MUCH_TIME, _CRASHED)
 """Starts of the reasons for leaving a model out that may not hold the next time."""
 
+_PR_SET_PDEATHSIG = 1
 _FLOAT, _INDEX = np.dtype(np.float64), np.dtype(np.int64)
 
 
@@ -131,6 +133,8 @@ def serve(max_memory: int, max_cpu_s: int) -> None:
     """
     from semisynth_gl.geometry.model_reader import FORMATS, read_parts  # noqa: PLC0415  # trimesh loads in this process alone
 
+    # While a model is read, nothing else tells this process that the other one was killed.
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL))
     answers = os.fdopen(os.dup(1), "wb")
     with open(os.devnull, "wb") as nowhere:  # noqa: PTH123 - a device
         for stream in (1, 2):  # readers may print

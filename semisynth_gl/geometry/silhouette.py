@@ -47,7 +47,7 @@ def mean_silhouette(
     """
     fill = 0.0
     heights, weights = [], []
-    views = max(_LEAST_VIEWS, -(-_VIEWS // len(models)))
+    views = views_each(len(models))
     for mesh, chance in zip(models, chances, strict=True):
         for scale in draw_scales(section, views, rng):
             axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
@@ -63,6 +63,11 @@ def mean_silhouette(
     wanted = (np.arange(_QUANTILES) + 0.5) / _QUANTILES * below[-1]
     # Rounded, since machines may sum in different order and digests of models are compared.
     return Silhouette(round(float(fill), 9), np.round(height[order][np.searchsorted(below, wanted)], 9))
+
+
+def views_each(models: int) -> int:
+    """Return from how many sides `mean_silhouette` measures each of so many models."""
+    return max(_LEAST_VIEWS, -(-_VIEWS // models))
 
 
 def draw_scales(section: ParticlesSection, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
