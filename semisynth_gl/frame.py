@@ -322,6 +322,7 @@ class Frame:
     @classmethod
     def from_arrays(cls, camera: StereoCamera, arrays: Mapping[str, NDArray[Any]]) -> "Frame":
         """Build a frame from arrays by role, as `arrays` returns them."""
+        check_type("arrays", arrays, Mapping)
         left, right = (
             View({name: arrays[row.role(eye)] for name, row in CHANNELS.items() if row.role(eye) in arrays})
             for eye in EYES
@@ -387,12 +388,10 @@ class Frame:
         Raises:
             InputError: where the crop reaches beyond the image.
         """
-        check_type("crop", crop, Crop)
+        camera = self.camera.cropped(crop)
         part = slice(crop.y_px, crop.bottom_px), slice(crop.x_px, crop.right_px)
-        left, right = (
-            View({name: array[part].copy() for name, array in view.items()}) for view in (self.left, self.right)
-        )
-        return Frame(self.camera.cropped(crop), left, right)
+        views = (View({name: array[part].copy() for name, array in view.items()}) for view in (self.left, self.right))
+        return Frame(camera, *views)
 
 
 ROLES: Mapping[str, tuple[Eye, Channel[Any]]] = {

@@ -171,6 +171,7 @@ WRONG = {
     "crop of a frame of a tuple": lambda _: FRAME.cropped((0, 0, 4, 4)),
     "points of an array": lambda _: FRAME.points(np.arange(2)),
     "view of a number": lambda _: View(3),
+    "frame of a list": lambda _: Frame.from_arrays(CAMERA, [IMAGE, IMAGE]),
     "pair as text": lambda out: DATASET(out)["0"],
     "pair of a half": lambda out: DATASET(out).pair(np.float32(0.5)),
     "split that is a list": lambda out: open_dataset(DATASET(out).about.place.address, ["train"]),

@@ -268,5 +268,8 @@ def test_what_is_no_dataset_pair_or_sample_is_refused(hand_made, tmp_path):
             dataset[number]
     with pytest.raises(InputError, match="epoch must be 0 or more"):
         dataset.at_epoch(-1)
+    for none, message in (([], "expected one or more"), (None, "samples must be a Sequence")):
+        with pytest.raises(InputError, match=message):
+            collate(none)
     with pytest.raises(InputError, match=r"a sample must be a dict, got \(.*default_collate"):
         collate([(1, 2)])

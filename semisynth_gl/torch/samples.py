@@ -60,8 +60,11 @@ def collate(samples: Sequence[Sample]) -> Sample:
         ``left`` (B, 3, H, W), ``disparity_left`` (B, H, W) and so on, with the largest H and W of the batch.
 
     Raises:
-        InputError: where a sample is no dictionary, as after a transform that returns something else.
+        InputError: where there is no sample, or one is no dictionary, as after a transform that returns something else.
     """
+    check_type("samples", samples, Sequence)
+    if not samples:
+        raise InputError("samples: expected one or more, got none")
     for sample in samples:
         check_type("a sample", sample, dict, "default_collate batches what is none")
     return {
