@@ -26,7 +26,7 @@ def mask_findings(label, pixels, wrong):
 
 
 @pytest.mark.parametrize("label", LIMITS)
-@pytest.mark.parametrize("pixels", [1, 20, 100, 220, 3000, 200_000])
+@pytest.mark.parametrize("pixels", [1, 20, 100, 220, 3000, 100_000])
 def test_a_share_of_few_pixels_is_judged_by_more_than_its_limit(label, pixels):
     most = int(most_share(0.05, pixels) * pixels)
     assert mask_findings(label, pixels, min(most, pixels)) == []
@@ -43,9 +43,9 @@ def test_the_limit_is_the_share_of_many_pixels_and_all_of_very_few_may_be_wrong(
     assert mask_findings("occluded", 300_000, 17_000) != []
 
 
-def test_of_all_certain_pixels_one_in_a_hundred_may_be_wrong():
+def test_of_all_certain_pixels_one_in_two_hundred_may_be_wrong():
     expected = np.repeat(np.uint8([VISIBLE, OCCLUDED, UNCERTAIN]), 50_000)
-    for wrong, found in ((1000, 0), (1600, 1)):
+    for wrong, found in ((500, 0), (800, 0), (900, 1)):
         mask = expected.copy()
         mask[50_000 - wrong // 2 : 50_000 + wrong // 2] ^= VISIBLE ^ OCCLUDED
         mask[100_000:] = OUTSIDE

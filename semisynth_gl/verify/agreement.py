@@ -18,7 +18,7 @@ _OUTSIDE_PX = 0.2
 _OUTSIDE_SHARE = 0.02
 _MEDIAN_PX = 0.01
 _MEDIAN_SHARE = 0.002
-_MASK_SHARE = 0.01
+_MASK_SHARE = 0.005
 _CLASS_SHARE = 0.05
 MIN_PIXELS = 200
 """Below this number of pixels a median or a fit says nothing."""
