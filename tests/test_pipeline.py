@@ -1,11 +1,12 @@
 """From a config to files: determinism, real material, flat memory."""
 
+import weakref
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tiny_datasets import lean, tiny
+from tiny_datasets import cheap, lean, tiny
 
 import semisynth_gl
 from semisynth_gl.config import load_config, packaged_configs
@@ -88,6 +89,21 @@ def test_real_photographs_and_models_go_through(shared_data, backend):
         used = pairs.render(0).provenance
         assert "Duck.glb" in {mesh.name for mesh in pairs.sources.models}
     assert any("harbour" in name or "Djembe" in name or ".png" in name for name in used["images"])
+
+
+def test_pixels_that_the_driver_has_may_be_forgotten(backend):
+    textures = {"source": "procedural", "max_patches": 16}
+    with PairRenderer(cheap(textures=textures), 0, backend) as pairs:
+        before, digests = pairs.render(0), pairs.sources.digests()
+        layers = weakref.ref(pairs.sources.atlas.layers)
+        assert len(layers()) == 16
+        pairs.forget_pixels()
+        assert layers() is None
+        after = pairs.render(0)
+        assert pairs.sources.digests()["models"] == digests["models"]
+    assert after.provenance == before.provenance
+    for role, array in before.frame.arrays().items():
+        np.testing.assert_array_equal(after.frame.arrays()[role], array)
 
 
 def resident_kib():

@@ -60,7 +60,8 @@ def cached(
     name = f"{kind}-{hashlib.sha256(text.encode()).hexdigest()[:32]}"
     entry = read_entry(name)
     if entry is not None:
-        with suppress(LookupError, TypeError, ValueError, OSError, SemisynthError):  # an unfit entry is built again
+        # An unfit entry is built again.
+        with suppress(LookupError, TypeError, ValueError, AttributeError, OverflowError, OSError, SemisynthError):
             known = {int(index): FileFingerprint(*values) for index, values in entry.values["files"].items()}
             current = {index: revalidated(files[index], fingerprint) for index, fingerprint in known.items()}
             if None not in current.values():

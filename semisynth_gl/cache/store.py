@@ -2,16 +2,18 @@
 
 The cache may be emptied, damaged, full, forbidden or shared by several processes at any time. Whatever goes wrong, an
 entry counts as absent, and the run goes on without it. An entry is one file, which is written under a temporary name
-and renamed once. It holds checksums of all its content. NumPy's .npz would do, could its arrays be mapped into memory.
+and renamed once. It holds checksums of all its content, and is read into memory before they are compared: a mapped file
+could change, or be cut off, while a run uses it. NumPy's .npz would do, had it checksums of all its bytes.
 """
 
 import json
-import mmap
 import os
 import shutil
 import tempfile
 from contextlib import suppress
 from dataclasses import dataclass
+from io import BufferedReader
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +31,9 @@ LIMIT_SHARE = 0.1
 
 SUFFIX, PARTIAL_SUFFIX = ".prepared", ".prepared-partial"
 _VARIABLE = "SEMISYNTH_GL_CACHE"
-_MAGIC = b"semisynth-gl prepared 1\n"
-_ALIGNMENT = 64
+_MAGIC = b"semisynth-gl prepared 2\n"
+_LENGTH, _CHECKSUM = 8, 4
+_DTYPES = frozenset(np.dtype(code).str for code in (*np.typecodes["AllInteger"], *"efd?"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +75,7 @@ def cache_summary() -> str:
 def read_entry(name: str) -> Entry | None:
     """Return the entry of a name, or None where it is absent or damaged.
 
-    The arrays are mapped into memory, not copied; the file may be replaced or removed meanwhile.
+    All of it is in memory: whatever becomes of the file later changes nothing.
     """
     folder = cache_folder()
     if folder is None:
@@ -80,9 +83,8 @@ def read_entry(name: str) -> Entry | None:
     path = folder / (name + SUFFIX)
     try:
         with open_file(path) as file:
-            data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)
-        entry = _decoded(data)
-    except (OSError, ValueError, LookupError, TypeError, OverflowError, RecursionError):
+            entry = _read(file)
+    except (OSError, ValueError, LookupError, TypeError, OverflowError, RecursionError, MemoryError):
         return None
     with suppress(OSError):
         os.utime(path)  # the entries that were unused for longest are removed first
@@ -94,57 +96,64 @@ def write_entry(name: str, entry: Entry) -> None:
     folder = cache_folder()
     if folder is None:
         return
-    head, arrays = _head(entry)
+    head, arrays = _encoded(entry)
     with suppress(OSError):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if not _make_room(folder, max([len(head), *(offset + array.nbytes for offset, array in arrays)])):
+        if not _make_room(folder, len(head) + sum(array.nbytes for array in arrays)):
             return
         handle, partial = tempfile.mkstemp(suffix=PARTIAL_SUFFIX, dir=folder)
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(head)
-                for offset, array in arrays:
-                    file.write(bytes(offset - file.tell()))
+                for array in arrays:
                     file.write(array.data)
             Path(partial).replace(folder / (name + SUFFIX))
         finally:
             Path(partial).unlink(missing_ok=True)
 
 
-def _head(entry: Entry) -> tuple[bytes, list[tuple[int, NDArray[Any]]]]:
-    """Return the first bytes of an entry's file, and the offset of each array with the array, contiguous.
-
-    The head itself has offsets from its own end, since the length of the head depends on them.
-    """
-    descriptions, arrays, offset = [], [], 0
-    for name, array in entry.arrays.items():
-        arrays.append((offset, contiguous := np.ascontiguousarray(array)))
-        descriptions.append((name, contiguous.dtype.str, array.shape, offset, isal_zlib.crc32(contiguous)))
-        offset = _aligned(offset + contiguous.nbytes)
+def _encoded(entry: Entry) -> tuple[bytes, list[NDArray[Any]]]:
+    """Return the first bytes of an entry's file, and the arrays that follow them one after the other, contiguous."""
+    arrays = [np.ascontiguousarray(array) for array in entry.arrays.values()]
+    descriptions = [
+        [name, array.dtype.str, array.shape, _checksum(name, array)]
+        for name, array in zip(entry.arrays, arrays, strict=True)
+    ]
     text = json.dumps({"values": entry.values, "arrays": descriptions}).encode()
-    head = _MAGIC + len(text).to_bytes(8, "little") + isal_zlib.crc32(text).to_bytes(4, "little") + text
-    return head, [(_aligned(len(head)) + offset, array) for offset, array in arrays]
+    length, checksum = len(text).to_bytes(_LENGTH, "little"), isal_zlib.crc32(text).to_bytes(_CHECKSUM, "little")
+    return b"".join((_MAGIC, length, checksum, text)), arrays
 
 
-def _decoded(data: mmap.mmap) -> Entry:
-    """Return the entry of a file; ValueError, LookupError or TypeError where any byte is not as it was written."""
-    start = len(_MAGIC) + 12
-    length = int.from_bytes(data[start - 12 : start - 4], "little")
-    text = data[start : start + length] if length < len(data) else b""
-    if data[: len(_MAGIC)] != _MAGIC or isal_zlib.crc32(text) != int.from_bytes(data[start - 4 : start], "little"):
+def _read(file: BufferedReader) -> Entry:
+    """Read an entry's file.
+
+    Raises:
+        ValueError: where any byte is not as it was written; LookupError, TypeError, OverflowError, RecursionError or
+            MemoryError, too, where the head is somebody else's.
+    """
+    left = os.fstat(file.fileno()).st_size
+    magic, length, checksum = (file.read(size) for size in (len(_MAGIC), _LENGTH, _CHECKSUM))
+    # Nothing is asked for that the file cannot have: a wrong length must not take memory.
+    text = file.read(min(left, int.from_bytes(length, "little")))
+    if magic != _MAGIC or isal_zlib.crc32(text) != int.from_bytes(checksum, "little"):
         raise ValueError("the head of the entry is damaged")
     head = json.loads(text)
-    arrays = {}
-    for name, dtype, shape, offset, checksum in head["arrays"]:
-        array: NDArray[Any] = np.ndarray(shape, dtype, data, _aligned(start + length) + offset)
-        if isal_zlib.crc32(array) != checksum:
+    arrays: dict[str, NDArray[Any]] = {}
+    for name, dtype, shape, expected in head["arrays"]:
+        if dtype not in _DTYPES or not 0 <= prod(shape) * np.dtype(dtype).itemsize <= left:
+            raise ValueError(f"the entry has no array {name} of {shape} {dtype}")
+        arrays[name] = array = np.empty(shape, dtype)
+        read = file.readinto(array.reshape(-1).view(np.uint8).data)
+        if read != array.nbytes or _checksum(name, array) != expected:
             raise ValueError(f"the array {name} of the entry is damaged")
-        arrays[name] = array
+    if file.read(1):
+        raise ValueError("the entry goes on behind its last array")
     return Entry(head["values"], arrays)
 
 
-def _aligned(offset: int) -> int:
-    return -(-offset // _ALIGNMENT) * _ALIGNMENT
+def _checksum(name: str, array: NDArray[Any]) -> int:
+    """Return a checksum of an array's values, and of what says how to read them."""
+    return isal_zlib.crc32(array, isal_zlib.crc32(json.dumps([name, array.dtype.str, array.shape]).encode()))
 
 
 def _entry_files(folder: Path) -> list[tuple[int, int, Path]]:

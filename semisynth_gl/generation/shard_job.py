@@ -78,6 +78,7 @@ class ShardJob:
                             f"this process finds other photographs or models than the one that began the dataset: "
                             f"{abbreviate(changes)}. Give all machines the same files and the same versions of packages"
                         )
+                    renderer.forget_pixels()
                     listener.on_renderer(renderer.renderer_name)
                 return renderer
 

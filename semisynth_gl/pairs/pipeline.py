@@ -122,7 +122,7 @@ class PairRenderer:
         read: takes the drawn pixels; other readers than `read_array` need ``checked=False``.
 
     Attributes:
-        sources: patches and models.
+        sources: patches and models; see `forget_pixels`.
         sampler: makes the scenes of the pairs.
 
     Raises:
@@ -182,6 +182,10 @@ class PairRenderer:
     def release(self) -> None:
         """Free the renderer; a second call does nothing."""
         self._renderer.release()
+
+    def forget_pixels(self) -> None:
+        """Let go of the patches' pixels in ``sources``, which the driver has: each worker would hold its own copy."""
+        self.sources = self.sources.without_pixels()
 
     @property
     def listener(self) -> Listener | None:

@@ -1,7 +1,7 @@
 """The sources of a split's pairs: the patch atlas and the model library."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -44,6 +44,12 @@ class Sources:
     def skipped_models(self) -> tuple[Skipped, ...]:
         """The user's models that could not be used."""
         return tuple(dict.fromkeys(skipped for library in self.libraries for skipped in library.skipped))
+
+    def without_pixels(self) -> "Sources":
+        """Return the sources without the pixels of the patches, of which a full atlas has hundreds of MB."""
+        atlas = self.atlas
+        empty, large = (np.zeros((0, *layers.shape[1:]), np.uint8) for layers in (atlas.layers, atlas.large_layers))
+        return replace(self, atlas=replace(atlas, layers=empty, large_layers=large))
 
     def digests(self) -> dict[str, str]:
         """Return a checksum of the patches and one of the models, in JSON's types.

@@ -181,6 +181,7 @@ class RenderedPairs:
             renderer = PairRenderer(self._config, self._seed, backend, self._split, device_index, reader or read_array)
         except BackendError as error:
             raise BackendError(f"{name} cannot render: {error}") from error
+        renderer.forget_pixels()
         with renderer, nullcontext() if reader is None else closing(reader):
             yield lambda number: self._render(renderer, number)
 
