@@ -19,7 +19,7 @@ def make_view(rng, index, side):
     """Every channel of one eye; image and disparity are marked with the pair's number at (4, 4)."""
     height, width = CAMERA.height_px, CAMERA.width_px
     image = rng.integers(0, 256, (height, width, 3), np.uint8)
-    image[:8, :8] = index * 8, 0 if side == "left" else 255, 128
+    image[:8, :8] = index % 32 * 8, 0 if side == "left" else 255, 128
     # Never where rounding decides whether a point leaves the image.
     disparity = (rng.integers(1, 30, (height, width)) + rng.uniform(0.2, 0.3, (height, width))).astype(np.float32)
     disparity[rng.random((height, width)) < 0.1] = np.inf

@@ -10,8 +10,9 @@ from heavy import heavy
 from tiny_datasets import cheap
 
 from semisynth_gl.camera import Crop
+from semisynth_gl.codecs.png import RGB8
 from semisynth_gl.dataset.reader import open_dataset
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.frame import OUTPUTS, ROLES
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts import find_layout, layout_names
@@ -273,3 +274,13 @@ def test_what_is_no_dataset_pair_or_sample_is_refused(hand_made, tmp_path):
             collate(none)
     with pytest.raises(InputError, match=r"a sample must be a dict, got \(.*default_collate"):
         collate([(1, 2)])
+
+
+def test_an_image_of_another_size_is_refused(tmp_path):
+    write_dataset(tmp_path / "set", "middlebury", {"train": 2}, 2)
+    path = tmp_path / "set/MiddEval3/trainingF/lab-000001/im0.png"
+    path.write_bytes(RGB8.encode(np.zeros((16, 24, 3), np.uint8)))
+    dataset = StereoDataset(tmp_path / "set")
+    assert dataset[0]["left"].shape == (3, 32, 48)
+    with pytest.raises(ReadError, match=r"im0\.png: expected shape \(32, 48, 3\), .* got \(16, 24, 3\)"):
+        dataset[1]

@@ -11,7 +11,7 @@ from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.dataset.documents import CHANGED_INDEX, check_index, check_plan, check_record
 from semisynth_gl.dataset.places import Place, open_place
 from semisynth_gl.dataset.plan import Shard, list_shards
-from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file
+from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, camera_size, decode_file, wrong_sizes
 from semisynth_gl.dataset.schema import INDEX, PLAN, PROGRAM, record_path, tar_path
 from semisynth_gl.dataset.tar import HEADER, header_fault
 from semisynth_gl.errors import InputError, ReadError, shown
@@ -58,6 +58,12 @@ class Index:
         names = (self.value("files", key) or getattr(default, key).name for key in keys)
         chosen = Encodings.from_names(*names, signed=self.signed)
         return self.layout.encodings_of(chosen, self.value("camera", "colour", "rgb"))
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """Height and width of the images, px; None where the config has no numbers there."""
+        height, width = self.number("camera", "height_px"), self.number("camera", "width_px")
+        return None if height is None or width is None else (int(height), int(width))
 
     @property
     def signed(self) -> bool:
@@ -232,7 +238,8 @@ class Dataset(Sequence[StoredFrame]):
 
         Raises:
             IndexError: where the dataset has fewer pairs.
-            ReadError: where a file is missing, cut off or cannot be read, or a shard's record is not its own.
+            ReadError: where a file is missing, cut off, of another size than the dataset's images or cannot be read,
+                or a shard's record is not its own.
             InputError: where the number is no whole number, or a codec needs a package that is not installed.
         """
         if isinstance(number, slice):
@@ -247,6 +254,9 @@ class Dataset(Sequence[StoredFrame]):
         values = {
             role: decode_file(layout, role, files[name], place.path(name), encodings) for role, name in names.items()
         }
+        size = index.size or camera_size(values["provenance"])
+        for role, fault in wrong_sizes(values, size) if size is not None else ():
+            raise ReadError(place.path(names[role]), fault)
         return assemble_frame(index.key(split, pair), values, encodings)
 
     def pair(self, number: int) -> tuple[SplitName, int]:

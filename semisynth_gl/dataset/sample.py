@@ -1,6 +1,6 @@
 """A pair as files in memory, encoded by the roles of a layout, and read back under the same names from any layout."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
@@ -164,6 +164,33 @@ def decode_file(layout: Layout, role: str, data: bytes, path: Path, encodings: E
         ReadError: where the file is cut off, or is no file of its role.
     """
     return layout.role(role).unwrap(layout.role(role).codec(encodings).decode(data, path), path)
+
+
+def wrong_sizes(values: Mapping[str, Any], size: tuple[int, int]) -> Iterator[tuple[str, str]]:
+    """Yield the role of each file of a pair that goes with images of another size, and what is wrong with it.
+
+    Args:
+        values: values by role; of arrays the size counts, and of all that describes a camera the camera's.
+        size: height and width that the dataset's images have, px.
+    """
+    for role, value in values.items():
+        if isinstance(value, np.ndarray):
+            expected = (*size, *value.shape[2:])
+            if value.shape != expected:
+                yield role, f"expected shape {expected}, as the dataset's images have it, got {value.shape}"
+        elif (found := camera_size(value)) is not None and found != size:
+            height, width = found
+            yield role, f"expected a camera of the dataset's images, {size[1]} x {size[0]} px, got {width} x {height}"
+
+
+def camera_size(value: object) -> tuple[Any, Any] | None:
+    """Return height and width in a camera, a calibration or a provenance, px; None of anything else."""
+    if isinstance(value, Calibration):
+        value = value.camera
+    if isinstance(value, StereoCamera):
+        return value.height_px, value.width_px
+    camera = value.get("camera") if isinstance(value, Mapping) else None
+    return (camera.get("height_px"), camera.get("width_px")) if isinstance(camera, Mapping) else None
 
 
 def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) -> StoredFrame:

@@ -11,7 +11,7 @@ from semisynth_gl.verify.files import (
     StoredShard,
     check_index,
     check_origin,
-    check_sizes,
+    is_of_one_size,
     read_pair,
     unmade_pairs,
 )
@@ -128,7 +128,7 @@ def _check_frame(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
     """Check a pair by itself; return whether all its arrays are of one size."""
     check_origin(frame, index, verdict)
     check_calibration(frame, verdict)
-    if not check_sizes(frame, index, verdict):
+    if not is_of_one_size(frame):
         # The checks that follow compare pixel with pixel.
         return False
     largest_px = index.number("disparity", "max_px")

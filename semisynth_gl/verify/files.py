@@ -8,11 +8,10 @@ from io import BufferedReader
 from pathlib import Path
 from typing import Any, cast
 
-from semisynth_gl.camera import EYES
 from semisynth_gl.config.model import digest_of
 from semisynth_gl.dataset.plan import Shard
 from semisynth_gl.dataset.reader import Index, read_members, read_record, read_whole
-from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, decode_file
+from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, camera_size, decode_file, wrong_sizes
 from semisynth_gl.dataset.schema import CARD, CROISSANT, INDEX, PARTIAL, PLAN, log_path, record_path, tar_path
 from semisynth_gl.errors import ReadError
 from semisynth_gl.verify.verdict import Verdict
@@ -251,6 +250,9 @@ def read_pair(index: Index, shard: StoredShard, number: int, verdict: Verdict) -
             verdict.add("files", f"{error.path} {error.reason}")
     if not values.keys() >= _NEEDED:
         return None
+    size = index.size or camera_size(values["provenance"])
+    for role, fault in wrong_sizes(values, size) if size is not None else ():
+        verdict.add("size", f"{expected[role]} {fault}")
     try:
         return assemble_frame(index.key(shard.split, number), values, index.encodings)
     except ReadError as error:
@@ -258,21 +260,9 @@ def read_pair(index: Index, shard: StoredShard, number: int, verdict: Verdict) -
         return None
 
 
-def check_sizes(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
-    """Compare the sizes of all arrays with the camera's and the config's; return whether all arrays are of one size."""
-    camera = frame.camera
-    size = (camera.height_px, camera.width_px)
-    configured = (index.number("camera", "height_px"), index.number("camera", "width_px"))
-    if configured != size:
-        verdict.add("size", f"the camera has {size[1]} x {size[0]}, the config {configured[1]} x {configured[0]}")
-    fits = True
-    for eye in EYES:
-        for channel, array in frame.view(eye).items():
-            height, width = array.shape[:2]
-            if (height, width) != size:
-                fits = False
-                verdict.add("size", f"{channel}_{eye} is {width} x {height}, the camera has {size[1]} x {size[0]}")
-    return fits
+def is_of_one_size(frame: StoredFrame) -> bool:
+    """Return whether all arrays of a pair have the size of its camera."""
+    return not any(wrong_sizes(frame.arrays(), (frame.camera.height_px, frame.camera.width_px)))
 
 
 def check_origin(frame: StoredFrame, index: Index, verdict: Verdict) -> None:

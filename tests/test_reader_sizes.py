@@ -1,0 +1,174 @@
+"""Files of another size or kind than the dataset's images have: every file of every layout is refused by name."""
+
+import json
+import os
+from dataclasses import replace
+from itertools import cycle
+
+import hand_made_datasets
+import numpy as np
+import pytest
+from hand_made_datasets import config_of, write_dataset
+from hand_made_pairs import CAMERA
+
+from semisynth_gl.camera import StereoCamera
+from semisynth_gl.codecs import Encodings
+from semisynth_gl.codecs.jpeg import Jpeg
+from semisynth_gl.codecs.pfm import PFM, PFM3
+from semisynth_gl.codecs.png import GREY8, GREY16, RGB8, RGB16
+from semisynth_gl.dataset.reader import open_dataset, read_index
+from semisynth_gl.dataset.sample import EncodedPair, encode_pair
+from semisynth_gl.errors import ReadError
+from semisynth_gl.frame import OUTPUTS
+from semisynth_gl.layouts import Key, find_layout, layout_names
+from semisynth_gl.verify.dataset import verify_dataset
+
+SIZE = CAMERA.height_px, CAMERA.width_px
+
+
+def doubled(array):
+    return array.repeat(2, axis=0).repeat(2, axis=1)
+
+
+OTHER_SIZES = cycle((lambda array: array[:-1], lambda array: array[:, :-1], doubled))
+
+
+@pytest.fixture(autouse=True)
+def _quick_disk(monkeypatch):
+    """The tests kill no kernel, so nothing has to wait for the disk."""
+    monkeypatch.setattr(os, "fsync", lambda _: None)
+
+
+def other_size(data, path, codec):
+    """A file as it would be of other images, and the shape, or size of the camera, in it."""
+    value = codec.decode(data, path)
+    if isinstance(value, np.ndarray):
+        changed = np.ascontiguousarray(next(OTHER_SIZES)(value))
+        return codec.encode(changed), changed.shape
+    if isinstance(value, dict):
+        values = json.loads(value["provenance"]) if "provenance" in value else value
+        values["camera"]["width_px"] = 50
+        return codec.encode(value | {"provenance": json.dumps(values)} if "provenance" in value else values), "50 x 32"
+    camera = value if isinstance(value, StereoCamera) else value.camera
+    wider = replace(camera, width_px=50)
+    return codec.encode(wider if value is camera else replace(value, camera=wider)), "50 x 32"
+
+
+def roles_of(layout):
+    """The roles of a layout's files, with all outputs that it has files for."""
+    return list(layout.files(Key("lab", "train", 0), layout.encodings or Encodings()))
+
+
+def written(out, name, monkeypatch, change):
+    """Write a dataset in which pair k has the k-th role's file changed, and one more pair, which is as it should be.
+
+    Returns:
+        By number of the pair, what ``change`` returned beside the file.
+    """
+    layout = find_layout(name)
+    roles, made = roles_of(layout), {}
+
+    def encode(layout, key, frame, provenance, ndisp, encodings):
+        files = encode_pair(layout, key, frame, provenance, ndisp, encodings).files
+        if key.index < len(roles):
+            role = roles[key.index]
+            path = layout.files(key, encodings)[role]
+            files[path], made[key.index] = change(files[path], path, layout.role(role).codec(encodings))
+        return EncodedPair(files, 0.0)
+
+    monkeypatch.setattr(hand_made_datasets, "encode_pair", encode)
+    config = config_of(outputs=[output for output in OUTPUTS if output not in layout.lacks])
+    write_dataset(out, name, {"train": len(roles) + 1}, 100, config)
+    return made
+
+
+@pytest.mark.parametrize("name", layout_names())
+def test_a_file_of_another_size_is_refused(tmp_path, monkeypatch, name):
+    made = written(tmp_path / "set", name, monkeypatch, other_size)
+    roles = roles_of(find_layout(name))
+    assert {"left", "right", "disparity_left", "provenance"} <= set(roles)
+    assert len(made) == len(roles)
+    dataset = open_dataset(tmp_path / "set")
+    for number, role in enumerate(roles):
+        path = dataset.about.files("train", number)[role]
+        with pytest.raises(ReadError) as refused:
+            dataset[number]
+        assert str(refused.value).startswith(f"{tmp_path}/set/{path}: expected "), role
+        if isinstance(made[number], tuple):
+            shape = (*SIZE, *made[number][2:])
+            assert (
+                refused.value.reason == f"expected shape {shape}, as the dataset's images have it, got {made[number]}"
+            )
+        else:
+            expected = "expected a camera of the dataset's images, 48 x 32 px, got 50 x 32"
+            assert refused.value.reason == expected
+    assert dataset[len(roles)].left.image.shape == (*SIZE, 3)
+    verdicts = list(verify_dataset(read_index(tmp_path / "set")))[1:]
+    for number, role in enumerate(roles):
+        path = dataset.about.files("train", number)[role]
+        sizes = [finding.message for finding in verdicts[number].findings if finding.check == "size"]
+        assert len(sizes) == 1, role
+        assert sizes[0].startswith(f"{path} expected ")
+    assert not [finding for finding in verdicts[-1].findings if finding.check == "size"]
+
+
+def other_kind(data, path, codec):
+    """A file of the right size and another number of channels or bits; files without pixels as they were, and None."""
+    ending = path.rpartition(".")[2]
+    if ending in ("txt", "json"):
+        return data, None
+    height, width = SIZE
+    if ending == "png":
+        others = {
+            RGB8: np.zeros((height, width, 3), np.uint8),
+            GREY8: np.zeros((height, width), np.uint8),
+            RGB16: np.zeros((height, width, 3), np.uint16),
+            GREY16: np.zeros((height, width), np.uint16),
+        }
+        other, value = next((png, value) for png, value in others.items() if not png.is_kind_of(data))
+    elif ending == "jpg":
+        other, value = Jpeg(grey=True), np.zeros((height, width), np.uint8)
+    elif data.startswith(b"PF"):
+        other, value = PFM, np.zeros((height, width), np.float32)
+    else:
+        other, value = PFM3, np.zeros((height, width, 3), np.float32)
+    del codec
+    return other.encode(value), True
+
+
+@pytest.mark.parametrize("name", layout_names())
+def test_a_file_of_another_kind_is_refused(tmp_path, monkeypatch, name):
+    made = written(tmp_path / "set", name, monkeypatch, other_kind)
+    dataset = open_dataset(tmp_path / "set")
+    roles = roles_of(find_layout(name))
+    assert sum(map(bool, made.values())) >= len(roles) - 3
+    for number, role in enumerate(roles):
+        if made[number]:
+            path = dataset.about.files("train", number)[role]
+            with pytest.raises(ReadError, match="expected") as refused:
+                dataset[number]
+            assert str(refused.value).startswith(f"{tmp_path}/set/{path}: "), role
+
+
+def test_without_a_size_in_the_index_that_of_the_provenance_counts(tmp_path):
+    """As another version may have written it."""
+    write_dataset(tmp_path / "set", "middlebury", {"train": 2}, 2)
+    index = json.loads((tmp_path / "set/index.json").read_text())
+    del index["config_values"]["camera"]["width_px"]
+    (tmp_path / "set/index.json").write_text(json.dumps(index))
+    dataset = open_dataset(tmp_path / "set")
+    assert dataset[1].left.image.shape == (*SIZE, 3)
+    path = tmp_path / "set" / dataset.about.files("train", 0)["right"]
+    path.write_bytes(RGB8.encode(np.zeros((16, 24, 3), np.uint8)))
+    with pytest.raises(ReadError, match=r"im1\.png: expected shape \(32, 48, 3\), .* got \(16, 24, 3\)"):
+        dataset[0]
+
+
+def test_a_pair_of_another_dataset_is_refused(tmp_path):
+    """All of its files are of one size, and of another one than the dataset's."""
+    write_dataset(tmp_path / "set", "eth3d", {"train": 1}, 1)
+    index = json.loads((tmp_path / "set/index.json").read_text())
+    index["config_values"]["camera"]["height_px"] = 64
+    (tmp_path / "set/index.json").write_text(json.dumps(index))
+    with pytest.raises(ReadError, match=r"im0\.png: expected shape \(64, 48, 3\)"):
+        open_dataset(tmp_path / "set")[0]
