@@ -40,16 +40,20 @@ def config_of(**values):
     return Config.model_validate(base | values)
 
 
-def write_dataset(out, layout, pairs, shard_pairs, config=None):
-    """Write a dataset of `make_frame`'s pairs, and return its plan."""
+def write_dataset(out, layout, pairs, shard_pairs, config=None, *, overwrite=False):
+    """Write a dataset of `make_frame`'s pairs, or what it lacks, and return its plan."""
     plan = make_plan(config or config_of(), SEED, layout, pairs, shard_pairs)
     place, encodings = open_place(out), plan.layout.encodings_for(plan.config)
     sources = sources_of(plan)
-    files = DatasetFiles(place, plan, overwrite=False)
+    files = DatasetFiles(place, plan, overwrite=overwrite)
+    if files.complete:
+        return plan
     files.open({split: split_sources.digests() for split, split_sources in sources.items()})
     for shard in plan.shards:
         with ShardWriter(place, shard, packed=plan.layout.packed, folder=plan.folder(shard.split)) as writer:
-            for number in range(shard.first, shard.end):
+            if writer.complete:
+                continue
+            for number in range(shard.first + len(writer.samples), shard.end):
                 key, facts = plan.key(shard.split, number), {"redrawn": [], "share_beyond": 0.0, "renderer": "none"}
                 made = {name: plan.values()[name] for name in ("version", "config", "config_sha256", "seed")}
                 provenance = make_provenance(number) | made | {"split": shard.split}

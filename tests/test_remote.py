@@ -7,7 +7,7 @@ import time
 import pytest
 from tiny_datasets import PAIRS, SEED, command, digests, findings, tiny
 
-from semisynth_gl.dataset.places import Remote
+from semisynth_gl.dataset.remote import Remote
 from semisynth_gl.errors import InputError
 from semisynth_gl.generation.generate import generate
 

@@ -1,6 +1,6 @@
 """A dataset's files as a run writes them: the plan first, shards in any order, the index last."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
@@ -14,8 +14,6 @@ from semisynth_gl.dataset.locks import lock, open_locked
 from semisynth_gl.dataset.places import Place, entries_below
 from semisynth_gl.dataset.plan import Plan, Shard, differences
 from semisynth_gl.dataset.schema import (
-    CARD,
-    CROISSANT,
     INDEX,
     JOURNAL_SUFFIX,
     LOCK,
@@ -25,10 +23,17 @@ from semisynth_gl.dataset.schema import (
     REPLACED,
     UNLOCKED,
     is_unfinished_file,
-    log_path,
-    record_path,
-    tar_path,
     unfinished_path,
+)
+from semisynth_gl.dataset.whole import (
+    check_ways,
+    folders_of,
+    links_of,
+    lists_of,
+    lost_files,
+    own_folders,
+    own_names,
+    plan_document,
 )
 from semisynth_gl.errors import InputError, abbreviate
 from semisynth_gl.splits import SplitName
@@ -47,11 +52,12 @@ class DatasetFiles:
 
     Attributes:
         begun: whether there is a dataset already.
+        lost: which files, links and folders about the whole dataset a finished one lacks; see `lost_files`.
         complete: whether the dataset is complete already.
 
     Raises:
         InputError: where the place is a file, holds other people's files, or holds a dataset of another plan; the
-            message names the keys that differ.
+            message names the keys that differ. Also where a link would lead writes out of the folder.
     """
 
     def __init__(self, place: Place, plan: Plan, *, overwrite: bool) -> None:
@@ -77,12 +83,12 @@ class DatasetFiles:
         else:
             self._check_same(self._beginning)
         self.begun = self._beginning is not None
-        self.complete = (
-            not overwrite
-            and place.size(INDEX) is not None
-            and not (read_object(place, PLAN) or {}).get(REPLACED)
-            and not self.missing(plan.shards, quick=True)
-        )
+        same = self._beginning is not None and self._beginning.get("pairs") == dict(plan.pairs)
+        finished = same and not overwrite and place.size(INDEX) is not None
+        self.lost = lost_files(place, plan) if finished else []
+        self.complete = finished and not self.lost and not self.missing(plan.shards, quick=True)
+        if not self.complete:
+            check_ways(place, plan)
 
     def replaces(self, sources: Mapping[SplitName, Mapping[str, str]]) -> bool:
         """Return whether `open` will delete an earlier dataset.
@@ -120,8 +126,10 @@ class DatasetFiles:
                         f"{place.address}: photographs or models are not those that the dataset was begun with: "
                         f"{abbreviate(changed)}. Give the same again, or choose another folder with --out"
                     )
-            # The index goes first: from here on the folder does not claim to be finished.
+            # The index goes first: from here on the folder does not claim to be finished. It never goes without a plan.
             if place.size(INDEX) is not None:
+                if self._beginning is not None and read_object(place, PLAN) is None:
+                    place.write(PLAN, JSON_OBJECT.encode(plan_document(self._plan, self._beginning)))
                 place.remove(INDEX)
             if self._beginning is None or self._beginning != values:
                 place.write(PLAN, JSON_OBJECT.encode(values))
@@ -161,22 +169,12 @@ class DatasetFiles:
         Raises:
             OSError: where the disk refuses.
         """
-        local, layout = self._place.local, self._plan.layout
-        for split in self._plan.splits:
-            folder, keys = self._plan.folder(split), self._plan.keys(split)
-            for path, data in layout.lists(keys, layout.encodings_for(self._plan.config)).items():
-                self._place.write(f"{folder}{path}", data)
-            if local is None:
-                continue  # stores have neither links nor empty folders
-            for path in layout.folders():
-                (local / folder / path).mkdir(parents=True, exist_ok=True)
-            for path, target in layout.links(keys).items():
-                link = local / folder / path
-                link.parent.mkdir(parents=True, exist_ok=True)
-                if not link.is_symlink():
-                    link.symlink_to(target)
-        for path, data in files.items():
-            self._place.write(path, data)
+        for name, data in (lists_of(self._plan) | dict(files)).items():
+            self._place.write(name, data)
+        for name in folders_of(self._plan):
+            self._place.make_folder(name)
+        for name, target in links_of(self._plan).items():
+            self._place.link(name, target)
         self._place.write(INDEX, JSON_OBJECT.encode(index))
         if self._is_alone():
             self._remove_unfinished()
@@ -233,7 +231,7 @@ class DatasetFiles:
         """Return the names of the files there; raise InputError where one is not a dataset's, or unfinished."""
         files = self._place.names()
         foreign = {name for name in files if not is_unfinished_file(name)}
-        for name in _own_names(plan):
+        for name in own_names(plan):
             # A dataset that was hardly begun need not be gone through to its end.
             if not foreign:
                 break
@@ -252,8 +250,7 @@ class DatasetFiles:
         """
         place, plan = self._place, plan_from_values(beginning)
         names = self._own_files(plan)
-        marked = plan.values() | {key: beginning[key] for key in ("version", "sources") if key in beginning}
-        place.write(PLAN, JSON_OBJECT.encode(marked | {REPLACED: True}))
+        place.write(PLAN, JSON_OBJECT.encode(plan_document(plan, beginning) | {REPLACED: True}))
         for name in (INDEX, *names):
             if name not in (PLAN, LOCK):
                 place.remove(name)
@@ -266,7 +263,7 @@ class DatasetFiles:
         """Remove the folders of a dataset's files in which nothing is left."""
         there = {folder for folder in self._place.folders() if folder.partition("/")[0] != PARTIAL}
         own: set[str] = set()
-        for folder in _own_folders(plan):
+        for folder in own_folders(plan):
             if own == there:
                 break
             own.update({folder, *map(str, PurePosixPath(folder).parents)} & there)
@@ -296,9 +293,8 @@ class DatasetFiles:
         place = self._place
         if place.local is None:
             return
-        self._lock = open_locked(
-            place.local / LOCK, lambda: not alone and read_beginning(place) is not None, patient=not alone
-        )
+        path = place.own_path(LOCK, in_place=True)
+        self._lock = open_locked(path, lambda: not alone and read_beginning(place) is not None, patient=not alone)
 
     def _is_alone(self) -> bool:
         """Return whether it is known that no other run works on the dataset; if so, no other run will until `close`."""
@@ -308,29 +304,6 @@ class DatasetFiles:
             return lock(self._lock.fileno(), shared=False)
         except BlockingIOError:
             return False
-
-
-def _own_names(plan: Plan) -> Iterator[str]:
-    """Yield the names of all files that a dataset may have, those of its pairs last."""
-    layout = plan.layout
-    yield from (INDEX, CARD, CROISSANT, PLAN)
-    for split in plan.splits:
-        folder, keys = plan.folder(split), [plan.key(split, 0)]
-        for path in (*layout.lists(keys, layout.encodings_for(plan.config)), *layout.links(keys)):
-            yield f"{folder}{path}"
-    for shard in plan.shards:
-        yield from (record_path(shard.name), log_path(shard.name), tar_path(shard.name))
-    if not layout.packed:
-        for split in plan.splits:
-            for index in range(plan.pairs[split]):
-                yield from plan.files(split, index).values()
-
-
-def _own_folders(plan: Plan) -> Iterator[str]:
-    """Yield the folders that a dataset may have, some more than once."""
-    for split in plan.splits:
-        yield from (f"{plan.folder(split)}{path}" for path in plan.layout.folders())
-    yield from (str(PurePosixPath(name).parent) for name in _own_names(plan))
 
 
 def _foreign_names(place: Place) -> list[str]:

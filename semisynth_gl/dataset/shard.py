@@ -50,6 +50,7 @@ class ShardWriter:
 
     Raises:
         ShardBusyError: where another run is making the shard.
+        InputError: where a link would lead what is written out of the place; `add` and `finish` raise it too.
         OSError: where the disk refuses.
     """
 
@@ -69,10 +70,11 @@ class ShardWriter:
                 return
             self._tar_path = self._work / f"{name}.tar"
             if packed:
-                kept = self._work.name == PARTIAL
-                if kept and not self._tar_path.exists() and place.size(tar_path(name)) is not None:
-                    # The shard has no record: its tar is not complete, though it was renamed already.
-                    place.path(tar_path(name)).replace(self._tar_path)
+                if self._work.name == PARTIAL:
+                    place.own_path(f"{PARTIAL}/{name}.tar", in_place=True)
+                    if not self._tar_path.exists() and place.size(tar_path(name)) is not None:
+                        # The shard has no record: its tar is not complete, though it was renamed already.
+                        place.own_path(tar_path(name)).replace(self._tar_path)
                 self._tar_path.touch()
                 # On a full disk, closing the tar fails again.
                 self._resources.enter_context(suppress(OSError))
@@ -133,8 +135,8 @@ class ShardWriter:
         """Return a folder in which no other run works on the shard, and the journal in it."""
         name, partial = journal_name(self._name), None
         if self._place.local is not None:
-            partial = self._place.local / PARTIAL
-            journal = self._resources.enter_context(_open_journal(partial / name))
+            path = self._place.own_path(f"{PARTIAL}/{name}", in_place=True)
+            partial, journal = path.parent, self._resources.enter_context(_open_journal(path))
             if lock(journal.fileno(), shared=False):
                 return partial, journal
         # A store shows complete files only, and without locks another run may be making the shard: unfinished files
@@ -144,7 +146,7 @@ class ShardWriter:
         return work, self._resources.enter_context((work / name).open("a+b"))
 
     def _add_files(self, files: Mapping[str, bytes]) -> dict[str, Any]:
-        written: list[tuple[Path, str]] = []
+        written: list[tuple[Path, Path]] = []
         described: dict[str, Any] = {}
         local = self._place.local
         try:
@@ -155,10 +157,11 @@ class ShardWriter:
                     self._place.write(name, data)
                     continue
                 partial = self._work / f"{self._name}.{len(written)}"
-                written.append((partial, name))
+                written.append((partial, self._place.own_path(name)))
+                # What stands there is a killed run's, or may lead to a file of somebody else's.
+                partial.unlink(missing_ok=True)
                 partial.write_bytes(data)
-            for partial, name in written:
-                destination = self._place.path(name)
+            for partial, destination in written:
                 destination.parent.mkdir(parents=True, exist_ok=True)
                 partial.replace(destination)
         except BaseException:

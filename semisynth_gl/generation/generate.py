@@ -7,7 +7,7 @@ plan     `Plan`: the pairs, their shards and their names
 
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
@@ -24,7 +24,7 @@ from semisynth_gl.dataset.plan import Plan, Shard, make_plan
 from semisynth_gl.dataset.schema import CARD, CROISSANT
 from semisynth_gl.engines.local import LocalEngine, SerialEngine
 from semisynth_gl.engines.task import Engine
-from semisynth_gl.errors import InputError, shown
+from semisynth_gl.errors import InputError, abbreviate, shown
 from semisynth_gl.generation.shard_job import ShardJob
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
@@ -115,9 +115,8 @@ def generate(
     files = DatasetFiles(place, plan, overwrite=overwrite)
     if files.complete:
         return GenerationResult(place, plan, 0)
-    if place.local is not None:
-        for advice in plan.layout.place_advice(str(place.local.absolute())):
-            listener.on_message(f"note: {advice}")
+    for message in _notes(place, plan, files):
+        listener.on_message(message)
     if engine is None or isinstance(engine, SerialEngine | LocalEngine):
         check_libraries(backend)
     sources = {split: prepare_sources(plan.config, seed, plan.split(split)) for split in plan.splits}
@@ -144,6 +143,15 @@ def generate(
         files.close()
     stopped = listener.stopping and bool(files.missing(chosen, quick=True))
     return GenerationResult(place, plan, missing_count, stopped)
+
+
+def _notes(place: Place, plan: Plan, files: DatasetFiles) -> Iterator[str]:
+    """Yield what a run says of its folder before it writes there."""
+    if files.lost:
+        yield f"{place.address}: the dataset lacks {abbreviate(files.lost, 3)}: writing it again"
+    if place.local is not None:
+        for advice in plan.layout.place_advice(str(place.local.absolute())):
+            yield f"note: {advice}"
 
 
 def _describe(plan: Plan, sources: Mapping[SplitName, Sources], listener: Listener) -> None:

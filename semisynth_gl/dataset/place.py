@@ -1,0 +1,107 @@
+"""The root of a dataset, wherever it is: what can be asked of it and done to it.
+
+A file appears when it is complete. Names are paths below the place, with slashes. Files are read without any state that
+processes or threads could share: each reading opens what it needs.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from pathlib import Path
+from typing import BinaryIO
+
+
+class Place(ABC):
+    """A dataset's root.
+
+    Attributes:
+        address: the place as the user named it.
+        local: the folder, or None for a place that is not on this machine.
+    """
+
+    address: str
+    local: Path | None
+
+    @abstractmethod
+    def read(self, name: str) -> bytes:
+        """Read a file.
+
+        Raises:
+            FileNotFoundError: where the file is missing.
+            ReadError: where the name, or a link, leads out of the place, or is no plain file.
+            OSError: where the file cannot be read.
+        """
+
+    @abstractmethod
+    def read_part(self, name: str, offset: int, length: int) -> bytes:
+        """Read ``length`` bytes from ``offset`` on, fewer where the file ends before; raises like `read`."""
+
+    @abstractmethod
+    def open(self, name: str) -> BinaryIO:
+        """Open a file for reading anywhere in it; raises like `read`."""
+
+    @abstractmethod
+    def size(self, name: str) -> int | None:
+        """Return a file's size in bytes, or None where the file is missing; else raises like `read`."""
+
+    @abstractmethod
+    def names(self, folder: str = "") -> list[str]:
+        """Return the names of all files in a folder and below it, sorted; none where the folder is missing."""
+
+    @abstractmethod
+    def write(self, name: str, data: bytes) -> None:
+        """Write or replace a file atomically.
+
+        Raises:
+            InputError: see `own_path`.
+            OSError: where the file cannot be written.
+        """
+
+    @abstractmethod
+    def put(self, name: str, file: Path) -> None:
+        """Move a file of this machine to the place atomically; raises like `write`."""
+
+    @abstractmethod
+    def remove(self, name: str) -> None:
+        """Remove a file; nothing happens where it is missing. Raises InputError, see `own_path`."""
+
+    @abstractmethod
+    def folders(self) -> list[str]:
+        """Return the names of all folders below; none where there are no folders."""
+
+    @abstractmethod
+    def remove_empty(self, folders: Iterable[str]) -> None:
+        """Remove those of the folders, and of the folders above them, in which nothing is left."""
+
+    @abstractmethod
+    def make_folder(self, name: str) -> None:
+        """Make a folder; nothing happens where there are no folders. Raises like `write`."""
+
+    @abstractmethod
+    def link(self, name: str, target: str) -> None:
+        """Make or replace a symbolic link; nothing happens where there are no links.
+
+        Args:
+            name: the link.
+            target: relative to the link's folder.
+
+        Raises:
+            InputError, OSError: like `write`.
+        """
+
+    def path(self, name: str) -> Path:
+        """Return a file's path, for messages and where the place is local."""
+        return Path(self.address) / name
+
+    def own_path(self, name: str, *, in_place: bool = False) -> Path:
+        """Return the path of a file that is to be written, renamed or removed.
+
+        Args:
+            name: the file.
+            in_place: whether the file itself is opened for writing, and not replaced or removed.
+
+        Raises:
+            InputError: where a link, which may lead out of the place, or anything else stands where a folder on the way
+                should be, or the file that is opened.
+        """
+        del in_place
+        return self.path(name)
