@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from semisynth_gl.camera import Eye
 from semisynth_gl.errors import BackendError
-from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.mesh import Mesh, centred
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.model_buffers import ModelBuffers, refill
+from semisynth_gl.render.placing import Placing
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.projection import clip_from_view
 from semisynth_gl.render.structs import BLOCKS, Block
@@ -78,7 +79,9 @@ class DisparityVariants:
         self._gl = self._context.gl
         self._constants = ConstantsBuffer(self._gl)
         self._camera_64 = self._gl.buffer(reserve=CAMERA_64.itemsize)
-        self._models = ModelBuffers(self._gl, models, np.array([_ANY_PATCH]), traced=True)
+        drawn = [centred(model) for model in models]
+        self._placing = Placing(drawn)
+        self._models = ModelBuffers(self._gl, [each.mesh for each in drawn], np.array([_ANY_PATCH]), traced=True)
         self._poses = self._gl.buffer(reserve=1)
         self._targets: EyeTargets | None = None
         self._depth_m: EyeTargets | None = None
@@ -146,13 +149,13 @@ class DisparityVariants:
             self._from_depth_vao.render(moderngl.TRIANGLES, 3)
             return np.asarray(targets.read("disparity"))
         if variant == "plane64":
-            refill(self._poses, self._models.place(scene).rows(eye))
+            refill(self._poses, self._placing.place(scene).rows(eye))
             self._poses.bind_to_storage_buffer(_POSES)
             constants = (camera.cx_px(eye), camera.cy_px), camera.focal_px, camera.focal_baseline, camera.doffs_px, 0.0
             self._camera_64.write(np.array(constants, CAMERA_64))
             self._camera_64.bind_to_uniform_block(BLOCKS["Camera64"].binding)
         if variant in ("plane", "plane64"):
-            self._models.bind_triangles(self._models.place(scene), eye)
+            self._models.bind_triangles(self._placing.place(scene), eye)
         targets.clear()
         self._draw(scene, eye, program)
         return np.asarray(targets.read("disparity"))
@@ -184,7 +187,7 @@ class DisparityVariants:
         self, scene: Scene, eye: Eye, program: moderngl.Program, *, projection: NDArray[np.float64] | None = None
     ) -> None:
         """Draw one eye into the framebuffer in use; with a projection that is handed in, depth grows with distance."""
-        filled = self._models.fill(self._models.place(scene), eye)
+        filled = self._models.fill(self._placing.place(scene), eye)
         self._gl.enable_only(moderngl.DEPTH_TEST)
         self._gl.depth_func = ">" if projection is None else "<"
         self._constants.write(scene.camera, eye, scene.near_m, projection=projection)

@@ -36,7 +36,8 @@ from semisynth_gl.bench.scenes import sample_scenes
 from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.config import load_config
 from semisynth_gl.render import programs
-from semisynth_gl.render.model_buffers import Filled, Placed
+from semisynth_gl.render.model_buffers import Filled
+from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.scene import Scene
 
@@ -79,7 +80,7 @@ class Parts:
         with self._gl:
             self._renderer._resize((scene.camera.width_px, scene.camera.height_px), shared=False)
             for eye in EYES:
-                self._draw_eye(self._models.place(scene), eye)
+                self._draw_eye(self._placing.place(scene), eye)
                 for name, work in self._works(scene, eye):
                     self._gl.finish()
                     start = time.process_time()

@@ -11,6 +11,18 @@ from numpy.typing import DTypeLike, NDArray
 
 from semisynth_gl.errors import InputError, described, shown
 
+LEAST, MOST = 1e-9, 1e9
+"""Smallest magnitude beside 0, and largest one, of the numbers that are drawn.
+
+Drawing multiplies up to four lengths, focal lengths and inverses of them in float32, which holds 1e-38 to 3e38.
+"""
+
+MOST_PX = 1e6
+"""Largest magnitude of a place in the image, and of a focal length: float32's steps are 1/16 px there."""
+
+OTHER_UNITS = "float32 does not hold what is worked out of it: choose other units"
+"""What messages about magnitudes end with."""
+
 
 def check_type(name: str, value: object, expected: type | UnionType, hint: str = "") -> None:
     """Check that an argument is an instance of a class, or of one of several.
@@ -67,6 +79,35 @@ def to_real(name: str, value: object) -> float:
     if not finite:
         raise _wrong(name, "a finite number", value)
     return value if isinstance(value, int) else float(cast("Real", value))
+
+
+def to_magnitude(name: str, value: object, *, least: float = 0.0, most: float = MOST) -> float:
+    """Convert 0, or a number from ``least`` to ``most`` in magnitude, to Python's.
+
+    Raises:
+        InputError: where it is not.
+    """
+    number = to_real(name, value)
+    magnitude = abs(number)
+    if magnitude > most or 0 < magnitude < least:
+        expected = f"0 or {least:g} to {most:g}" if least else f"at most {most:g}"
+        raise InputError(f"{name} must be {expected} in magnitude, got {shown(value)}: {OTHER_UNITS}")
+    return number
+
+
+def check_magnitudes(name: str, array: NDArray[Any]) -> None:
+    """Check that the numbers of an array are finite, and at most `MOST` in magnitude.
+
+    Raises:
+        InputError: where they are not.
+    """
+    low, high = float(array.min(initial=0)), float(array.max(initial=0))
+    if low >= -MOST and high <= MOST:
+        return
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} has values that are not finite")
+    worst = low if -low > high else high
+    raise InputError(f"{name} must be at most {MOST:g} in magnitude, got {worst:g}: {OTHER_UNITS}")
 
 
 def to_array(name: str, value: object, dtype: DTypeLike) -> NDArray[Any]:

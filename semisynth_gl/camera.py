@@ -11,7 +11,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.arguments import check_type, to_real, to_whole
+from semisynth_gl.arguments import LEAST, MOST_PX, check_type, to_magnitude, to_real, to_whole
 from semisynth_gl.errors import InputError
 
 Eye = Literal["left", "right"]
@@ -75,8 +75,9 @@ class Deviation:
     focal_ratio: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("roll_rad", "pitch_rad", "y_px", "focal_ratio"):
+        for name in ("roll_rad", "pitch_rad", "focal_ratio"):
             object.__setattr__(self, name, to_real(name, getattr(self, name)))
+        object.__setattr__(self, "y_px", to_magnitude("y_px", self.y_px, most=MOST_PX))
         if max(abs(self.roll_rad), abs(self.pitch_rad)) > MOST_TURN_RAD:
             degrees = np.rad2deg([MOST_TURN_RAD, self.roll_rad, self.pitch_rad])
             raise InputError(
@@ -111,9 +112,10 @@ class StereoCamera:
     Attributes:
         width_px: image width.
         height_px: image height.
-        focal_px: focal length, equal in x and y.
-        baseline_m: distance between the two centres; 0 is allowed.
-        cx_left_px: x of the left principal point; the image centre is (width - 1) / 2.
+        focal_px: focal length, equal in x and y; 1e-9 to 1e6.
+        baseline_m: distance between the two centres; 0, or 1e-9 to 1e9.
+        cx_left_px: x of the left principal point; the image centre is (width - 1) / 2. Principal points lie within 1e6
+            px of pixel 0.
         cx_right_px: x of the right principal point.
         cy_px: y of both principal points.
         deviation: how the right camera deviates from the rectified one, of which all else here speaks.
@@ -132,8 +134,10 @@ class StereoCamera:
         check_type("deviation", self.deviation, Deviation)
         for name in ("width_px", "height_px"):
             object.__setattr__(self, name, to_whole(name, getattr(self, name), most=_MOST_PX))
-        for name in ("focal_px", "baseline_m", "cx_left_px", "cx_right_px", "cy_px"):
-            object.__setattr__(self, name, to_real(name, getattr(self, name)))
+        object.__setattr__(self, "focal_px", to_magnitude("focal_px", self.focal_px, least=LEAST, most=MOST_PX))
+        object.__setattr__(self, "baseline_m", to_magnitude("baseline_m", self.baseline_m, least=LEAST))
+        for name in ("cx_left_px", "cx_right_px", "cy_px"):
+            object.__setattr__(self, name, to_magnitude(name, getattr(self, name), most=MOST_PX))
         if self.width_px < 1 or self.height_px < 1:
             raise InputError(f"an image needs at least 1 x 1 pixel, got {self.width_px} x {self.height_px}")
         if self.focal_px <= 0:

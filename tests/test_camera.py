@@ -13,7 +13,7 @@ cameras = st.builds(
     st.integers(1, 4000),
     st.integers(1, 4000),
     positive,
-    st.floats(0, 10),
+    st.just(0.0) | st.floats(1e-9, 10),
     st.floats(-2000, 2000),
     st.floats(-2000, 2000),
     st.floats(-2000, 2000),

@@ -705,7 +705,7 @@ def test_real_scenes_are_calm_soft_and_mostly_visible():
         known = np.isfinite(truth)
         # The masks come from both maps; the measure has one.
         assert found["occluded"][-1] == pytest.approx(100 * (known & (mask != 255)).sum() / known.sum(), abs=2)
-    # Seven of the eight scenes are still lifes; Pipes, whose thin tubes cross everywhere, is at the far end of each range.
+    # Pipes, whose thin tubes cross everywhere, is at the far end of most ranges.
     ranges = {"jumps": (0, 5), "runs": (60, 500), "near_jumps": (5, 55), "border_hardness": (0.4, 0.8)}
     ranges |= {"occluded": (5, 20), "regions": (5, 80)}
     for key, (low, high) in ranges.items():

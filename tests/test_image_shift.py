@@ -8,11 +8,14 @@ import pytest
 from semisynth_gl.bench.antialias import MODES
 from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.errors import BackendError
+from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.pairs.exposure import exposed, moments
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.scene import make_scene
+from semisynth_gl.textures.image_files import builtin_photographs
+from semisynth_gl.textures.images import read_image
 
 # Patch of the scene that shifts are measured on: waves, (cycles along u, along v) of red, green and blue.
 PATCH_PX = 256
@@ -23,6 +26,8 @@ NORMAL = np.array([0.2, -0.15, 1.0])
 DISTANCE_M = 2.0
 SIDE_M = 8.0
 REPEATS = 8.0
+# Direction of a model's origin from the plane.
+SITE = np.array([0.6, -0.5, 0.62])
 CAMERA = StereoCamera(480, 320, 500.0, 0.1, 236.0, 247.0, 158.3)
 
 
@@ -36,18 +41,26 @@ def shift_px(image, expected, along_x, along_y):
     return float(-x / contrast), float(-y / contrast)
 
 
-def drawn(mode, backend, poses=()):
-    """Draw a slanted plane with a picture of waves; the image is exposed while the camera takes poses, where given."""
+def drawn(mode, backend, poses=(), away=0.0, uv_away=0.0):
+    """Draw a slanted plane with a picture of waves; the image is exposed while the camera takes poses, where given.
+
+    The plane's vertices lie so far from their origin, which its pose makes good, and so does its UV.
+    """
     corner = np.array([-SIDE_M / 2, -SIDE_M / 2])
     matrix = np.eye(4)
     for column, edge in enumerate(np.eye(2) * SIDE_M):
         matrix[:3, column] = *edge, -(NORMAL[:2] @ edge) / NORMAL[2]
     matrix[:3, 3] = *corner, (DISTANCE_M - NORMAL[:2] @ corner) / NORMAL[2]
+    model_from_plane = np.eye(4)
+    model_from_plane[:3] = np.c_[np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0], away * SITE]
+    vertices = np.c_[FACE.positions, np.ones(len(FACE.positions))] @ model_from_plane[:3].T
+    plane = make_mesh("plane", vertices, FACE.uv.astype(float) + uv_away, FACE.triangles) if away or uv_away else FACE
+    matrix = matrix @ np.linalg.inv(model_from_plane) if away or uv_away else matrix
     scene = make_scene(CAMERA, model=[0], world_from_model=[matrix], layer=[0], uv_scale=REPEATS)
     texel = (np.arange(PATCH_PX) + 0.5) / PATCH_PX
     layer = np.full((1, PATCH_PX, PATCH_PX, 4), 255, np.uint8)
     layer[0, ..., :3] = np.rint(waves(*np.meshgrid(texel, texel)))
-    with Renderer([FACE], layer, wrap="repeat", outputs=(), antialias=mode, backend=backend) as renderer:
+    with Renderer([plane], layer, wrap="repeat", outputs=(), antialias=mode, backend=backend) as renderer:
         frame = renderer.render(scene)
         return exposed(renderer, frame, scene, [replace(scene, camera_from_world=pose) for pose in poses])
 
@@ -111,6 +124,15 @@ def test_images_lie_on_their_truth(backend, mode):
     assert shift < (0.001 if mode == "none" else 0.01)
 
 
+@pytest.mark.parametrize(("away", "uv_away"), [(8e3, 0), (1.049e6, 0), (1e7, 0), (40.0, 40.0), (0, 1e3), (0, 1e6)])
+def test_images_lie_on_their_truth_however_far_a_model_stands_from_its_origin(backend, away, uv_away):
+    frame = drawn("none", backend, away=away, uv_away=uv_away)
+    near = drawn("none", backend)
+    assert truth_shift_px(frame) < 0.001
+    for eye in EYES:
+        np.testing.assert_allclose(frame.view(eye).disparity, near.view(eye).disparity, atol=3e-5)
+
+
 @pytest.fixture(scope="module")
 def plane():
     try:
@@ -159,6 +181,23 @@ def test_imperfections_leave_images_on_their_truth(plane, values):
         return total / len(places)
 
     assert truth_shift_px(plane, change, levels) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("quality", "worst_px", "median_px"), [(10, 0.04, 0.012), (30, 0.03, 0.006), (75, 0.03, 0.003), (95, 0.03, 0.002)]
+)
+def test_jpeg_moves_photographs_by_no_more_than_is_said(quality, worst_px, median_px):
+    shifts = []
+    for path in builtin_photographs():
+        image = np.ascontiguousarray(read_image(path)[:320, :480, :3])
+        for right, down in PLACES:
+            sharp = np.roll(image, (down, right), axis=(0, 1))
+            made = apply_imperfections(sharp, Imperfections(jpeg_quality=quality), np.random.default_rng(0))
+            downwards, along = (np.gradient(sharp.astype(float), axis=axis)[2:-2, 2:-2].ravel() for axis in (0, 1))
+            sharp, made = (pixels[2:-2, 2:-2].ravel().astype(float) for pixels in (sharp, made))
+            shifts.append(np.hypot(*shift_px(made, sharp, along, downwards)))
+    assert max(shifts) < worst_px
+    assert np.median(shifts) < median_px
 
 
 def test_motion_blur_leaves_images_on_their_truth():

@@ -1,13 +1,22 @@
 """The mesh type that all builders, the loader and the renderer share, and operations on meshes and vectors."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.arguments import check_type, to_array
+from semisynth_gl.arguments import check_magnitudes, check_type, to_array
 from semisynth_gl.errors import InputError
+
+# float32 holds a number in steps of 2^-24 of it, so those of vertices grow with their distance from the origin. So many
+# times a mesh's size away they are 2^-20 of it, a thousandth of a pixel where it is 2000 px wide.
+_FAR = 16
+# Beyond, float64 holds it no better than float32 does there: 53 bits less 24.
+_FARTHEST = 2.0**29
+
+Vertices = NDArray[np.float32] | NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -20,24 +29,25 @@ class Mesh:
 
     Attributes:
         name: the model's name in the provenance of a sample.
-        positions: (V, 3) float32, model units.
-        uv: (V, 2) float32; u to the right and v downwards in the patch, as in its pixel rows.
+        positions: (V, 3) float32 or float64, model units, up to 1e9; float64 is for meshes far from their origin.
+        uv: (V, 2) float32 or float64; u to the right and v downwards in the patch, as in its pixel rows.
         triangles: (T, 3) uint32 indices into ``positions``.
         solid: whether the mesh is solid (see `is_solid`): only the fronts of its triangles are drawn. Of other meshes
             both sides are drawn.
     """
 
     name: str
-    positions: NDArray[np.float32]
-    uv: NDArray[np.float32]
+    positions: Vertices
+    uv: Vertices
     triangles: NDArray[np.uint32]
     solid: bool = False
 
     def __post_init__(self) -> None:
-        for label, width, dtype in (("positions", 3, "float32"), ("uv", 2, "float32"), ("triangles", 3, "uint32")):
+        floats = ("float32", "float64")
+        for label, width, dtypes in (("positions", 3, floats), ("uv", 2, floats), ("triangles", 3, ("uint32",))):
             array, rows = getattr(self, label), "T" if label == "triangles" else "V"
-            if array.ndim != 2 or array.shape[1] != width or array.dtype != dtype:
-                expected = f"{label} must be ({rows}, {width}) {dtype}"
+            if array.ndim != 2 or array.shape[1] != width or array.dtype not in dtypes:
+                expected = f"{label} must be ({rows}, {width}) {' or '.join(dtypes)}"
                 raise InputError(f"mesh {self.name}: {expected}, got {array.shape} {array.dtype}")
         if len(self.uv) != len(self.positions):
             raise InputError(f"mesh {self.name}: {len(self.positions)} positions but {len(self.uv)} uv")
@@ -46,8 +56,8 @@ class Mesh:
         largest, count = int(self.triangles.max()), len(self.positions)
         if largest >= count:
             raise InputError(f"mesh {self.name}: triangle index {largest} is out of range, there are {count} vertices")
-        if not (np.isfinite(self.positions).all() and np.isfinite(self.uv).all()):
-            raise InputError(f"mesh {self.name}: has vertices or uv that are not finite")
+        check_magnitudes(f"mesh {self.name}: positions", self.positions)
+        check_magnitudes(f"mesh {self.name}: uv", self.uv)
 
     @property
     def radius(self) -> float:
@@ -58,15 +68,41 @@ class Mesh:
 def make_mesh(name: str, positions: object, uv: object, triangles: object) -> Mesh:
     """Build a `Mesh` from anything array-like, converting to its dtypes.
 
+    Positions and UV become float32, but stay float64 where they lie more than 16 times as far from their origin as they
+    reach about their middle: such are maps' and sites' coordinates.
+
     Args:
         name: see `Mesh`.
-        positions: (V, 3), model units.
-        uv: (V, 2).
+        positions: (V, 3), model units, up to 1e9.
+        uv: (V, 2), up to 1e9.
         triangles: (T, 3) indices.
 
     Raises:
         InputError: where shapes, indices or values are wrong.
     """
+    index = _indices(name, triangles)
+    vertices, coordinates = _held(name, positions, uv)
+    return Mesh(name, _rounded_near(vertices), _rounded_near(coordinates), index)
+
+
+def make_part(name: str, positions: object, uv: object, triangles: object) -> Mesh:
+    """Build a `Mesh` of float32 wherever it lies: a part of a model, whose origin is the model's.
+
+    Args:
+        name: see `make_mesh`, as for the others.
+        positions: see there.
+        uv: see there.
+        triangles: see there.
+
+    Raises:
+        InputError: see there.
+    """
+    index = _indices(name, triangles)
+    vertices, coordinates = (points.astype(np.float32, order="C") for points in _held(name, positions, uv))
+    return Mesh(name, vertices, coordinates, index)
+
+
+def _indices(name: str, triangles: object) -> NDArray[np.uint32]:
     check_type("the name of a mesh", name, str)
     index = to_array(f"mesh {name}: triangles", triangles, np.int64)
     if index.size % 3:
@@ -74,9 +110,76 @@ def make_mesh(name: str, positions: object, uv: object, triangles: object) -> Me
     index = index.reshape(-1, 3)
     if len(index) and int(index.min()) < 0:
         raise InputError(f"mesh {name}: triangle index {int(index.min())} is negative")
-    vertices = np.ascontiguousarray(to_array(f"mesh {name}: positions", positions, np.float32))
-    coordinates = np.ascontiguousarray(to_array(f"mesh {name}: uv", uv, np.float32))
-    return Mesh(name, vertices, coordinates, np.ascontiguousarray(index, np.uint32))
+    return np.ascontiguousarray(index, np.uint32)
+
+
+def _held(name: str, positions: object, uv: object) -> Iterator[NDArray[np.float64]]:
+    """Yield what is array-like as arrays; numbers that are too large for float32 are refused before it rounds them."""
+    for what, values in (("positions", positions), ("uv", uv)):
+        array = to_array(f"mesh {name}: {what}", values, np.float64)
+        check_magnitudes(f"mesh {name}: {what}", array)
+        yield array
+
+
+def _rounded_near(points: NDArray[np.float64]) -> Vertices:
+    """Round points to float32 where they do not lie far from 0."""
+    if points.ndim == 2 and _is_far(points):
+        return np.ascontiguousarray(points)
+    return points.astype(np.float32, order="C")
+
+
+def _is_far(points: Vertices) -> bool:
+    """Return whether points (N, D) lie far from 0, by their reach about their middle."""
+    return _times_away(points) > _FAR
+
+
+def _times_away(points: Vertices) -> float:
+    """Return how far points (N, D) lie from 0, in units of their reach about their middle; inf where they coincide."""
+    if not len(points):
+        return 0.0
+    low, high = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
+    away, reach = max(-low.min(), high.max()), lengths(high - low) / 2
+    return float(away / reach) if reach > 0 else inf
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Centred:
+    """A mesh as it is drawn: in float32, and not far from its origin.
+
+    Attributes:
+        mesh: the mesh.
+        origin: (3,) float64, where its origin lies in the coordinates of the mesh that was given.
+        uv_origin: (2,) float64, likewise of its UV.
+    """
+
+    mesh: Mesh
+    origin: NDArray[np.float64]
+    uv_origin: NDArray[np.float64]
+
+
+def centred(mesh: Mesh) -> Centred:
+    """Move a mesh that lies far from its origin there, and its UV likewise; others stay where they are.
+
+    Raises:
+        InputError: where it lies so far away that float64 does not hold its shape.
+    """
+    for what, points in (("positions", mesh.positions), ("uv", mesh.uv)):
+        if _FARTHEST < (times := _times_away(points)) < inf:
+            raise InputError(
+                f"mesh {mesh.name}: {what} must lie within {_FARTHEST:.2g} times their size of 0, got {times:.2g}: "
+                "float64 does not hold their shape there"
+            )
+    (positions, origin), (uv, uv_origin) = _moved(mesh.positions), _moved(mesh.uv)
+    return Centred(replace(mesh, positions=positions, uv=uv), origin, uv_origin)
+
+
+def _moved(points: Vertices) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """Return points (N, D) about their middle where they are far away, and that middle, (D,)."""
+    origin = np.zeros(points.shape[1])
+    if _is_far(points):
+        origin = (points.min(axis=0).astype(np.float64) + points.max(axis=0)) / 2
+        points = points - origin
+    return points.astype(np.float32, copy=False), origin
 
 
 def mesh_grid(rows: int, columns: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
@@ -122,7 +225,7 @@ def merged(name: str, parts: Sequence[Mesh]) -> Mesh:
     offsets = np.cumsum([0] + [len(part.positions) for part in parts[:-1]])
     triangles = [part.triangles.astype(np.int64) + offset for part, offset in zip(parts, offsets, strict=True)]
     positions, uv = [part.positions for part in parts], [part.uv for part in parts]
-    return make_mesh(name, np.concatenate(positions), np.concatenate(uv), np.concatenate(triangles))
+    return make_part(name, np.concatenate(positions), np.concatenate(uv), np.concatenate(triangles))
 
 
 def normalised(mesh: Mesh) -> Mesh:
@@ -136,7 +239,7 @@ def normalised(mesh: Mesh) -> Mesh:
     radius = float(np.sqrt((centred**2).sum(axis=1).max()))
     if not radius > 0:
         raise InputError(f"mesh {mesh.name}: has no extent")
-    return make_mesh(mesh.name, centred / radius, mesh.uv.astype(np.float64) / radius, mesh.triangles)
+    return make_part(mesh.name, centred / radius, mesh.uv.astype(np.float64) / radius, mesh.triangles)
 
 
 def without_degenerate(mesh: Mesh) -> Mesh:
@@ -157,4 +260,4 @@ def without_degenerate(mesh: Mesh) -> Mesh:
     used[kept] = True
     if sound.all() and used.all():
         return mesh
-    return make_mesh(mesh.name, mesh.positions[used], mesh.uv[used], (np.cumsum(used) - 1)[kept])
+    return make_part(mesh.name, mesh.positions[used], mesh.uv[used], (np.cumsum(used) - 1)[kept])

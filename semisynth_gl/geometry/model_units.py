@@ -5,9 +5,9 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.arguments import check_type, to_array
+from semisynth_gl.arguments import MOST, check_type, to_array
 from semisynth_gl.errors import InputError
-from semisynth_gl.geometry.mesh import Mesh, make_mesh, merged, normalised, without_degenerate
+from semisynth_gl.geometry.mesh import Mesh, make_part, merged, normalised, without_degenerate
 from semisynth_gl.geometry.model_parts import BrokenModelError
 from semisynth_gl.geometry.unwrap import project_uv
 
@@ -16,6 +16,10 @@ UV_LOSS = 0.5
 
 PULL_LIMIT = 16
 """UV of a triangle is unusable where the texture is stretched this many times as much as on the rest of its part."""
+
+# A UV map that lies so many times its size away from 0 is moved there, since float32 would move its texels. A patch may
+# lie anywhere on a model.
+_FAR_UV = 1024
 
 Surface = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64] | None]
 """Positions (V, 3), triangles (T, 3), and UV (V, 2) with v downwards where there is a UV map."""
@@ -41,7 +45,7 @@ def make_model(name: str, positions: object, triangles: object, uv: object = Non
     points = to_array(f"model {name}: positions", positions, np.float64)
     coordinates = None if uv is None else to_array(f"model {name}: uv", uv, np.float64)
     unmapped = np.zeros((len(points) if points.ndim else 0, 2))
-    given = make_mesh(name, points, unmapped if coordinates is None else coordinates, triangles)
+    given = make_part(name, _scaled(points), unmapped if coordinates is None else _scaled(coordinates), triangles)
     # Others would count in the size of the model.
     used, renumbered = np.unique(given.triangles, return_inverse=True)
     surface = points[used], renumbered.reshape(-1, 3), None if coordinates is None else coordinates[used]
@@ -50,6 +54,12 @@ def make_model(name: str, positions: object, triangles: object, uv: object = Non
             return join_surfaces(name, [surface])
     except BrokenModelError as error:
         raise InputError(f"model {name}: {error}") from None
+
+
+def _scaled(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Scale numbers of any size to 1."""
+    largest = float(np.abs(values).max(initial=0))
+    return values / largest if 0 < largest < np.inf else values
 
 
 def join_surfaces(name: str, parts: list[Surface]) -> Mesh:
@@ -81,6 +91,9 @@ def _unwrapped(
     """Return a part with its UV map in model units where the map is usable, and projected UV elsewhere."""
     if uv is None:
         return [project_uv(name, positions, triangles)]
+    finite = uv[np.isfinite(uv).all(axis=1)]
+    if len(finite) and np.abs(finite).max() > _FAR_UV * np.ptp(finite, axis=0).max():
+        uv = uv - finite[0]
     area, uv_area, pull = _texture_pull(positions[triangles], uv[triangles])
     mapped = (area > 0) & np.isfinite(pull)
     if area[mapped].sum() <= UV_LOSS * area.sum():
@@ -94,7 +107,9 @@ def _unwrapped(
     usable = (area == 0) | (mapped & (pull < PULL_LIMIT * scale))
     if area[usable].sum() <= UV_LOSS * area.sum():
         return [project_uv(name, positions, triangles)]
-    kept = make_mesh(name, positions, np.where(np.isfinite(uv), uv, 0) * scale, triangles[usable])
+    # Larger ones are those of triangles that are left out.
+    held = np.clip(np.where(np.isfinite(uv), uv, 0) * scale, -MOST, MOST)
+    kept = make_part(name, positions, held, triangles[usable])
     return [kept] if usable.all() else [kept, project_uv(name, positions, triangles[~usable])]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pyrr
 from numpy.typing import ArrayLike, NDArray
 
-from semisynth_gl.geometry.mesh import Mesh, cross, least_axis, make_mesh
+from semisynth_gl.geometry.mesh import Mesh, cross, least_axis, make_part
 from semisynth_gl.geometry.surfaces import lathe, sweep
 
 
@@ -131,7 +131,7 @@ def placed(mesh: Mesh, at: ArrayLike = (0.0, 0.0, 0.0), *, rotation: NDArray[np.
     if rotation is not None:
         # Not by BLAS, which rounds equal points of a seam differently, and differently on every machine.
         positions = np.einsum("ij,vj->vi", rotation, positions)
-    return make_mesh(mesh.name, positions + np.asarray(at), mesh.uv, mesh.triangles)
+    return make_part(mesh.name, positions + np.asarray(at), mesh.uv, mesh.triangles)
 
 
 def around(count: int, start_rad: float = 0.0) -> Iterable[NDArray[np.float64]]:

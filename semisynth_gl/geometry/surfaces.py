@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from semisynth_gl.errors import InputError
-from semisynth_gl.geometry.mesh import Mesh, cross, least_axis, lengths, make_mesh, merged, without_degenerate
+from semisynth_gl.geometry.mesh import Mesh, cross, least_axis, lengths, make_part, merged, without_degenerate
 from semisynth_gl.geometry.unwrap import facing_axes
 
 BAND_STRETCH = 1.1
@@ -38,7 +38,7 @@ def grid_surface(points: ArrayLike, uv: ArrayLike | None = None) -> Mesh:
     first = np.arange(rows * columns).reshape(rows, columns)[:-1, :-1].ravel()
     corner = first[:, None] + np.array([0, 1, columns + 1, columns])
     triangles = np.concatenate([corner[:, [0, 1, 2]], corner[:, [0, 2, 3]]])
-    mesh = make_mesh("grid", grid.reshape(-1, 3), np.asarray(uv, np.float64).reshape(-1, 2), triangles)
+    mesh = make_part("grid", grid.reshape(-1, 3), np.asarray(uv, np.float64).reshape(-1, 2), triangles)
     return without_degenerate(mesh)
 
 
@@ -196,7 +196,7 @@ def _cap(ring: NDArray[np.float64], normal: NDArray[np.float64], centre: NDArray
     points = np.concatenate([ring, centre[None]])
     first = np.arange(len(ring))
     fan = np.stack([first, np.roll(first, -1), np.full(len(ring), len(ring))], axis=1)
-    return without_degenerate(make_mesh("cap", points, _planar_uv(points, normal), fan))
+    return without_degenerate(make_part("cap", points, _planar_uv(points, normal), fan))
 
 
 def _planar_uv(points: NDArray[np.float64], normal: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -224,7 +224,7 @@ def box(size: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
     normals /= lengths(normals)[:, None]
     uv = np.concatenate([_planar_uv(side, normal) for side, normal in zip(sides, normals, strict=True)])
     first = np.arange(0, 24, 4)[:, None, None]
-    return make_mesh("box", sides.reshape(-1, 3), uv, first + np.array([[0, 1, 2], [0, 2, 3]]))
+    return make_part("box", sides.reshape(-1, 3), uv, first + np.array([[0, 1, 2], [0, 2, 3]]))
 
 
 def extruded(outline: ArrayLike, height: float, hole: ArrayLike | None = None) -> Mesh:
@@ -307,7 +307,7 @@ def extruded_cells(solid: ArrayLike, x: ArrayLike, y: ArrayLike, height: float) 
     points = np.concatenate(quads)
     first = np.arange(0, len(points), 4)[:, None]
     triangles = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
-    return make_mesh("cells", points, np.concatenate(uv), triangles)
+    return make_part("cells", points, np.concatenate(uv), triangles)
 
 
 def _cumulative(steps: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.geometry.mesh import Mesh, cross
+from semisynth_gl.geometry.mesh import Mesh, centred, cross
 
 NO_NEIGHBOUR = 0xFFFFFFFF
 """Stands for a neighbour where a triangle has none."""
@@ -21,7 +21,7 @@ def neighbours(mesh: Mesh) -> NDArray[np.uint32]:
         (T, 3) uint32; entry k is the triangle across the edge from corner k to corner k + 1, or `NO_NEIGHBOUR` at a
         border and where more than two triangles meet.
     """
-    start, stop, count = _edges(mesh)
+    start, stop, count = _edges(centred(mesh).mesh)
     edge = np.minimum(start, stop) * count + np.maximum(start, stop)
     by_edge = np.argsort(edge, kind="stable")
     first = np.flatnonzero(np.r_[True, np.diff(edge[by_edge]) != 0])
@@ -38,6 +38,7 @@ def is_solid(mesh: Mesh) -> bool:
     Every edge must be passed as often in one direction as in the other, and every part must enclose a positive volume.
     Where no part turns inside out by crossing itself, a ray from outside then meets the front of a triangle first.
     """
+    mesh = centred(mesh).mesh
     start, stop, count = _edges(mesh)
     if not np.array_equal(np.sort(start * count + stop), np.sort(stop * count + start)):
         return False
@@ -55,7 +56,7 @@ def marked_solid(mesh: Mesh) -> Mesh:
 def _edges(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
     """Return start and stop of the three edges of each triangle in turn, (3 T,) each, and the number of vertices.
 
-    Equal positions share a number, since UV seams do not cut a surface.
+    Equal positions share a number, since UV seams do not cut a surface. Positions are float32.
     """
     # Adding 0 turns -0.0 into 0.0, whose bits differ.
     bits = np.ascontiguousarray(mesh.positions + np.float32(0)).view(np.uint32).astype(np.uint64)

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from semisynth_gl.geometry.mesh import Mesh, cross, lengths, make_mesh
+from semisynth_gl.geometry.mesh import Mesh, cross, lengths, make_part
 
 
 def facing_axes(normals: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -64,4 +64,4 @@ def project_uv(name: str, positions: ArrayLike, triangles: ArrayLike) -> Mesh:
     vertex, chart = np.divmod(unique, len(DIRECTIONS))
     u, v = facing_axes(DIRECTIONS)
     uv = np.stack([(points[vertex] * u[chart]).sum(axis=1), (points[vertex] * v[chart]).sum(axis=1)], axis=1)
-    return make_mesh(name, points[vertex], uv, renumbered.reshape(-1, 3))
+    return make_part(name, points[vertex], uv, renumbered.reshape(-1, 3))

@@ -6,7 +6,8 @@ from semisynth_gl.camera import OTHER_EYE, Crop, Eye, StereoCamera
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.listed_steps import ListedSteps
-from semisynth_gl.render.model_buffers import ModelBuffers, Placed
+from semisynth_gl.render.model_buffers import ModelBuffers
+from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.readers import Reader
 from semisynth_gl.render.targets import CORRESPONDENCE, EyeTargets, Targets
 

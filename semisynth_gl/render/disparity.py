@@ -5,7 +5,7 @@ import moderngl
 from semisynth_gl.camera import Crop
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import GraphicsContext
-from semisynth_gl.render.model_buffers import Placed
+from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.targets import EyeTargets
 

@@ -17,9 +17,10 @@ from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.disparity import DisparityPass
 from semisynth_gl.render.edges import EdgePass
-from semisynth_gl.render.model_buffers import Filled, ModelBuffers, Placed
+from semisynth_gl.render.model_buffers import Filled, ModelBuffers
 from semisynth_gl.render.occlusion import Occlusion
 from semisynth_gl.render.patches import PatchTextures
+from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.readers import Reader
 from semisynth_gl.render.shared_left import SharedLeft

@@ -10,9 +10,10 @@ from semisynth_gl.camera import Crop, Eye
 from semisynth_gl.errors import BackendError
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.context import GraphicsContext
-from semisynth_gl.render.model_buffers import ModelBuffers, Placed, refill
+from semisynth_gl.render.model_buffers import ModelBuffers, refill
 from semisynth_gl.render.outlines import Outlines
 from semisynth_gl.render.patches import PatchTextures
+from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.structs import BLOCKS, WEARER
 from semisynth_gl.render.targets import EyeTargets
@@ -88,8 +89,7 @@ class EdgePass:
         scene, ends = placed.scene, self._patches.ends
         wearers = np.zeros(len(scene), WEARER)
         wearers["view_from_model"] = placed.rows(eye)
-        wearers["patch_from_uv"][:, :2] = scene.uv_scale
-        wearers["patch_from_uv"][:, 2:] = scene.uv_offset
+        wearers["patch_from_uv"] = placed.patch_from_uv
         atlas = np.searchsorted(ends, scene.layer, side="right")
         wearers["worn"][:, 0] = scene.layer - np.concatenate([[0], ends])[atlas]
         wearers["worn"][:, 1] = atlas

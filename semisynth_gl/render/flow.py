@@ -11,7 +11,8 @@ from semisynth_gl.errors import InputError
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.listed_steps import ListedSteps
-from semisynth_gl.render.model_buffers import ModelBuffers, Placed, refill
+from semisynth_gl.render.model_buffers import ModelBuffers, refill
+from semisynth_gl.render.placing import Placed, Placing
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.readers import Reader
 from semisynth_gl.render.structs import BLOCKS, MOVE
@@ -19,6 +20,8 @@ from semisynth_gl.render.targets import FLOW, EyeTargets, Targets
 from semisynth_gl.scene.scene import Motion
 
 _FEWEST_MOVES = 256
+# float32 holds it; what is turned and scaled by more was too small to be seen.
+_LARGEST_TURN = 1e30
 # Texture units of flow.comp, and its image units.
 _OWN_DEPTH, _OWN_SURFACE, _THEN_DEPTH, _THEN_SURFACE = range(4)
 _IMAGES = {"flow": 0, "disparity_change": 1, "flow_visibility": 2}
@@ -62,7 +65,7 @@ class FlowPass:
                 outgrown.release()
         self._then, self._targets = then, targets
 
-    def place(self, placed: Placed, motion: Motion, models: ModelBuffers) -> tuple[Placed, NDArray[np.void]]:
+    def place(self, placed: Placed, motion: Motion, placing: Placing) -> tuple[Placed, NDArray[np.void]]:
         """Place the other moment's instances, and compose how each instance moves: (N,) of `MOVE`, for the left eye.
 
         Raises:
@@ -73,9 +76,9 @@ class FlowPass:
             raise InputError(f"motion: expected {len(now)} instances, those of the scene, got {len(motion.instance)}")
         if then.camera != now.camera:
             raise InputError(f"motion: expected the scene's camera, {now.camera}, got {then.camera}")
-        view_from_model = replace(
-            now, camera_from_world=then.camera_from_world, world_from_model=motion.world_from_model
-        ).view_from_model()
+        view_from_model = placing.view_from_model(
+            replace(now, camera_from_world=then.camera_from_world, world_from_model=motion.world_from_model)
+        )
         moves = np.zeros(len(now), MOVE)
         # The pseudo-inverse, since a flat model may be placed by a matrix that flattens it.
         turn = view_from_model[:, :3, :3] @ np.linalg.pinv(placed.view_from_model[:, :3, :3]) - np.eye(3)
@@ -87,11 +90,11 @@ class FlowPass:
             still = (before == after).all(axis=(1, 2))[:, None, None]
             turn[now.sky] = np.where(still, 0.0, after @ np.linalg.pinv(before) - np.eye(3))
         centre = placed.view_from_model[:, :3, 3]
-        moves["turn_and_shift"][:, :, :3] = turn
+        moves["turn_and_shift"][:, :, :3] = np.clip(turn, -_LARGEST_TURN, _LARGEST_TURN)
         moves["turn_and_shift"][:, :, 3] = view_from_model[:, :3, 3] - centre
         moves["centre"] = centre
         moves["then"] = motion.instance.astype(np.uint32)  # -1 becomes GONE
-        return models.place(then), moves
+        return placing.place(then), moves
 
     def draw(
         self,

@@ -13,39 +13,15 @@ from semisynth_gl.camera import Crop, Eye
 from semisynth_gl.errors import BackendError
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.topology import NO_NEIGHBOUR, neighbours
+from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.projection import in_view
 from semisynth_gl.render.structs import COMMAND, DRAWN_INSTANCE, VERTEX, check_attributes, members
-from semisynth_gl.scene.scene import Scene
 
 _FEWEST_INSTANCES = 256
 # Texture units of common_triangles.glsl, and how many triangles or instances stand in a row there.
 _TRIANGLES, _TRACED = 4, 5
 _PER_ROW = 1024
 _TEXELS = {_TRIANGLES: 3, _TRACED: 3}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Placed:
-    """A scene's instances as both eyes see them.
-
-    Attributes:
-        scene: the scene.
-        view_from_model: (N, 4, 4) float64, relative to the left eye.
-        radius_m: (N,) float64, bounds how far an instance reaches from its centre.
-        solid: (N,) bool, whether only fronts can be seen from outside.
-    """
-
-    scene: Scene
-    view_from_model: NDArray[np.float64]
-    radius_m: NDArray[np.float64]
-    solid: NDArray[np.bool_]
-
-    def rows(self, eye: Eye) -> NDArray[np.float64]:
-        """Return the first three rows of view_from_model relative to one eye, (N, 3, 4) float64."""
-        rows = self.view_from_model[:, :3].copy()
-        rows[:, 0, 3] -= self.scene.offset_m(eye)
-        turn = self.scene.camera.turn(eye)
-        return rows if turn is None else turn @ rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +50,7 @@ class ModelBuffers:
 
     Args:
         gl: the context.
-        models: at least one.
+        models: at least one, as they are drawn: see `centred`.
         atlas_ends: (A,) int64, see `PatchTextures.ends`.
         traced: whether shaders will look up triangles (`bind_triangles`).
 
@@ -104,12 +80,10 @@ class ModelBuffers:
         self._indices = gl.buffer(triangles.astype("<u4", order="C"))
         self._triangles = self._texture(_TRIANGLES, _corners(models)) if traced else None
         self._traced: moderngl.Texture | None = None
-        self._radius = np.array([mesh.radius for mesh in models])
         self._model_commands = np.zeros(len(models), COMMAND)
         self._model_commands["count"] = index_counts
         self._model_commands["first_index"] = np.cumsum(index_counts) - index_counts
         self._model_commands["base_vertex"] = base_vertex
-        self._solid = np.array([mesh.solid for mesh in models])
         self._vaos: dict[int, moderngl.VertexArray] = {}
         self.filled = np.zeros(0, np.int64)
         self._filled_commands = np.zeros(0, COMMAND)
@@ -118,18 +92,6 @@ class ModelBuffers:
 
     def __len__(self) -> int:
         return len(self._model_commands)
-
-    def place(self, scene: Scene) -> Placed:
-        """Compose the poses of a scene's instances, for both eyes."""
-        view_from_model = scene.view_from_model()
-        linear = view_from_model[:, :3, :3]
-        # The largest row sum of |A^T A| bounds the squared largest singular value from above, and is equal to it where
-        # the instance is scaled along its own axes and then rotated.
-        stretch = np.sqrt(np.abs(linear.transpose(0, 2, 1) @ linear).sum(axis=2).max(axis=1, initial=0.0))
-        # A mirrored instance turns its backs outwards.
-        solid = self._solid[scene.model]
-        solid[solid] = np.linalg.det(linear[solid]) > 0
-        return Placed(scene, view_from_model, self._radius[scene.model] * stretch, solid)
 
     def fill(self, placed: Placed, eye: Eye, part: Crop | None = None) -> list[Filled]:
         """Upload the instances that one eye may see, atlas by atlas.
@@ -158,8 +120,7 @@ class ModelBuffers:
         begin = np.concatenate([[0], self._atlas_ends])[atlas]
         instances = np.zeros(len(seen), DRAWN_INSTANCE)
         instances["view_from_model"] = view_from_model[seen]
-        instances["patch_from_uv"][:, :2] = scene.uv_scale[seen]
-        instances["patch_from_uv"][:, 2:] = scene.uv_offset[seen]
+        instances["patch_from_uv"] = placed.patch_from_uv[seen]
         instances["layer"] = scene.layer[seen] - begin
         instances["instance"] = seen
         instances["sky"] = scene.sky[seen]

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from semisynth_gl.camera import Crop, Eye
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.context import GraphicsContext
-from semisynth_gl.render.model_buffers import Filled, ModelBuffers, Placed
+from semisynth_gl.render.model_buffers import Filled, ModelBuffers
+from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.targets import EyeTargets
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from semisynth_gl.camera import Eye
 from semisynth_gl.geometry.edges import MeshEdges, find_edges
 from semisynth_gl.geometry.mesh import Mesh
-from semisynth_gl.render.model_buffers import Placed
+from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.projection import in_view
 
 # Edges of instances that are looked at together, for the memory that it takes.

@@ -9,7 +9,8 @@ from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.correspondence import CorrespondencePass
 from semisynth_gl.render.flow import FlowPass
-from semisynth_gl.render.model_buffers import ModelBuffers, Placed
+from semisynth_gl.render.model_buffers import ModelBuffers
+from semisynth_gl.render.placing import Placed, Placing
 from semisynth_gl.render.readers import Reader
 from semisynth_gl.render.targets import CORRESPONDENCE, EyeTargets
 from semisynth_gl.render.visibility import VisibilityPass
@@ -23,6 +24,7 @@ class Reading:
     Args:
         context: the open context.
         models: the models on the GPU.
+        placing: places their instances.
         constants: the context's buffer of constants.
         wanted: what to read.
         read: what takes pixels.
@@ -32,9 +34,15 @@ class Reading:
     """
 
     def __init__(
-        self, context: GraphicsContext, models: ModelBuffers, constants: ConstantsBuffer, wanted: Wanted, read: Reader
+        self,
+        context: GraphicsContext,
+        models: ModelBuffers,
+        placing: Placing,
+        constants: ConstantsBuffer,
+        wanted: Wanted,
+        read: Reader,
     ) -> None:
-        self._clock, self._models, self._wanted = context.clock, models, wanted
+        self._clock, self._models, self._placing, self._wanted = context.clock, models, placing, wanted
         self._visibility = VisibilityPass(context, constants) if wanted.visibility else None
         self._correspondence = CorrespondencePass(context, constants, read) if wanted.corresponds else None
         self._flow = FlowPass(context, constants, read) if wanted.flow else None
@@ -128,7 +136,7 @@ class Reading:
         views: dict[Eye, dict[str, Any]],
     ) -> None:
         """Draw the flow to one other moment, and copy out its channels, but for those that the views have already."""
-        moved = flow_pass.place(placed, motion, self._models)
+        moved = flow_pass.place(placed, motion, self._placing)
         of_moment = [row for row in self._wanted.drawn_by("flow") if row.moment == moment]
         for eye in self._wanted.truth_eyes:
             channels = [row for row in of_moment if row.name not in views[eye]]

@@ -21,7 +21,7 @@ from semisynth_gl.arguments import check_type, to_whole
 from semisynth_gl.camera import EYES, Crop, Eye, StereoCamera
 from semisynth_gl.errors import BackendError, ContextLostError, InputError
 from semisynth_gl.frame import DEFAULT_OUTPUTS, Frame, TruthViews, View
-from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.mesh import Mesh, centred
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.constants import ConstantsBuffer
@@ -30,6 +30,7 @@ from semisynth_gl.render.drawing import Drawing
 from semisynth_gl.render.model_buffers import ModelBuffers
 from semisynth_gl.render.pass_clock import PassClock
 from semisynth_gl.render.patches import PatchTextures
+from semisynth_gl.render.placing import Placing
 from semisynth_gl.render.readers import Reader, read_array
 from semisynth_gl.render.reading import Reading
 from semisynth_gl.render.shared_left import SharedLeft
@@ -71,7 +72,8 @@ class Renderer:
 
     Raises:
         BackendError: where no context can be opened, or the driver cannot hold the atlas.
-        InputError: where models or layers are empty or of a wrong shape, or an option is unknown.
+        InputError: where models or layers are empty or of a wrong shape, a model is too small or too large for float32
+            (1e-9 to 1e9), or an option is unknown.
     """
 
     def __init__(
@@ -111,13 +113,16 @@ class Renderer:
             # Current from its opening on, which would keep what it holds alive after its release.
             with self._gl:
                 self._patches = PatchTextures(self._context, tuple(atlases.values()), mirrored=wrap == "mirror")
-                self._models = ModelBuffers(self._gl, models, self._patches.ends, traced=self._wanted.reads_triangles)
+                drawn = [centred(model) for model in models]
+                self._placing = Placing(drawn)
+                meshes = [model.mesh for model in drawn]
+                self._models = ModelBuffers(self._gl, meshes, self._patches.ends, traced=self._wanted.reads_triangles)
                 constants = ConstantsBuffer(self._gl, signed=signed)
                 anisotropies = (anisotropy, large_anisotropy)[: len(atlases)]
                 self._drawing = Drawing(
-                    self._context, models, self._models, self._patches, anisotropies, constants, self._wanted, read
+                    self._context, meshes, self._models, self._patches, anisotropies, constants, self._wanted, read
                 )
-                self._reading = Reading(self._context, self._models, constants, self._wanted, read)
+                self._reading = Reading(self._context, self._models, self._placing, constants, self._wanted, read)
                 reported = self._gl.error
         except BaseException:
             self._context.release()
@@ -176,8 +181,8 @@ class Renderer:
             Both images, both disparities and the outputs that were asked for, in new arrays.
 
         Raises:
-            InputError: where an index or the crop is out of range, there are more instances than ids, or an output
-                needs a motion that is not there or not the scene's.
+            InputError: where an index or the crop is out of range, there are more instances than ids, an output needs
+                a motion that is not there or not the scene's, or float32 cannot hold an instance as the camera sees it.
             BackendError: where the image is larger than the driver allows, or drawing failed.
             ContextLostError: where the driver took the context away; another renderer may still be opened.
         """
@@ -261,7 +266,7 @@ class Renderer:
             raise InputError(f"eyes: expected some of {', '.join(EYES)}, got {eyes!r}")
         with self._current():
             self._resize((scene.camera.width_px, scene.camera.height_px), shared=False)
-            placed = self._models.place(scene)
+            placed = self._placing.place(scene)
             return {eye: self._drawing.draw_image(placed, eye) for eye in eyes}
 
     def _draw_pair(
@@ -319,7 +324,7 @@ class Renderer:
 
         camera = scene.camera if crop is None else scene.camera.cropped(crop)
         self._resize((scene.camera.width_px, scene.camera.height_px), shared=shared is not None)
-        placed = self._models.place(scene)
+        placed = self._placing.place(scene)
         targets, views = self._drawing.draw(placed, crop, shared)
         finish("draw")
         self._reading.find_visibility(placed, crop, targets)

@@ -5,7 +5,8 @@ from semisynth_gl.frame import VISIBLE
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.listed_steps import ListedSteps
-from semisynth_gl.render.model_buffers import ModelBuffers, Placed
+from semisynth_gl.render.model_buffers import ModelBuffers
+from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.targets import EyeTargets
 
 # Texture units of visibility.comp, and its image unit.

@@ -100,7 +100,9 @@ def _boxes(
     corners = triangles.T
     *middle, focal = camera.lens_px(eye)
     for axis, centre in enumerate(middle):
-        one, two, three = (focal * vertices[:, axis] / safe + centre)[corners]
+        # A corner beside the camera's plane may be infinitely far away on the image.
+        with np.errstate(over="ignore"):
+            one, two, three = (focal * vertices[:, axis] / safe + centre)[corners]
         boxes[2 * axis] = np.minimum(np.minimum(one, two), three) - _BOX_MARGIN_PX
         boxes[2 * axis + 1] = np.maximum(np.maximum(one, two), three) + _BOX_MARGIN_PX
     one, two, three = (depth < near_m)[corners]

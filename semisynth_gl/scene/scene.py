@@ -6,7 +6,7 @@ from types import EllipsisType
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.arguments import check_type, to_array, to_real
+from semisynth_gl.arguments import LEAST, check_magnitudes, check_type, to_array, to_magnitude
 from semisynth_gl.camera import Eye, StereoCamera
 from semisynth_gl.errors import InputError
 
@@ -18,9 +18,11 @@ _DEVIATING_NEAR = 0.5
 class Scene:
     """A camera and N instances of models, each wearing one layer of the patch atlas.
 
+    Numbers are up to 1e9 in magnitude: poses are composed in float64, but what is drawn of them is float32.
+
     Attributes:
         camera: the stereo camera.
-        near_m: depth of the near plane, positive; nearer surfaces are not drawn.
+        near_m: depth of the near plane, 1e-9 to 1e9; nearer surfaces are not drawn.
         camera_from_world: (4, 4) float64, the left camera's pose; the identity places instances in the camera frame.
         model: (N,) int64, index into the renderer's models.
         world_from_model: (N, 4, 4) float64, affine.
@@ -43,7 +45,7 @@ class Scene:
 
     def __post_init__(self) -> None:
         check_type("camera", self.camera, StereoCamera)
-        object.__setattr__(self, "near_m", to_real("near_m", self.near_m))
+        object.__setattr__(self, "near_m", to_magnitude("near_m", self.near_m, least=LEAST))
         if self.near_m <= 0:
             raise InputError(f"near_m must be positive, got {self.near_m}")
         n = len(self.model)
@@ -56,8 +58,7 @@ class Scene:
             array = getattr(self, name)
             if array.shape != shape:
                 raise InputError(f"scene: {name} must have shape {shape} for {n} instances, got {array.shape}")
-            if not np.isfinite(array).all():
-                raise InputError(f"scene: {name} has values that are not finite")
+            check_magnitudes(f"scene: {name}", array)
 
     def __len__(self) -> int:
         return len(self.model)
@@ -106,8 +107,7 @@ class Motion:
         low, high = (int(self.instance.min()), int(self.instance.max())) if n else (-1, -1)
         if low < -1 or high >= then:
             raise InputError(f"motion: instance must be -1 to {then - 1}, got {low} to {high}")
-        if not np.isfinite(self.world_from_model).all():
-            raise InputError("motion: world_from_model has values that are not finite")
+        check_magnitudes("motion: world_from_model", self.world_from_model)
 
 
 def move(scene: Scene, *, world_from_model: object = None, camera_from_world: object = None) -> Motion:

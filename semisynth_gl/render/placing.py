@@ -1,0 +1,120 @@
+"""A scene's instances as the eyes see them: poses composed in float64, of models that are drawn about their middle.
+
+float32 holds a number in steps of 2^-24 of it, so the numbers that go to the GPU must be small: of vertices about their
+model's middle, of models about the eye, and of UV about 0.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.arguments import LEAST, MOST, OTHER_UNITS
+from semisynth_gl.camera import Eye
+from semisynth_gl.errors import InputError
+from semisynth_gl.geometry.mesh import Centred, Mesh
+from semisynth_gl.scene.scene import Scene
+
+# A patch goes on in the same way after two of them, mirrored or not. Offsets of up to 16 stay as they are: their steps
+# are 1/2000 of a texel where patches have 512.
+_PERIOD, _NEAR_PATCHES = 2.0, 16.0
+# An instance that is not seen may be smaller than one that is.
+_LEAST_M = LEAST**2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placed:
+    """A scene's instances as both eyes see them.
+
+    Attributes:
+        scene: the scene.
+        view_from_model: (N, 4, 4) float64, of the models that are drawn, relative to the left eye.
+        radius_m: (N,) float64, bounds how far an instance reaches from its centre.
+        solid: (N,) bool, whether only fronts can be seen from outside.
+        patch_from_uv: (N, 4) float64, scale and offset of the UV that is drawn.
+    """
+
+    scene: Scene
+    view_from_model: NDArray[np.float64]
+    radius_m: NDArray[np.float64]
+    solid: NDArray[np.bool_]
+    patch_from_uv: NDArray[np.float64]
+
+    def rows(self, eye: Eye) -> NDArray[np.float64]:
+        """Return the first three rows of view_from_model relative to one eye, (N, 3, 4) float64."""
+        rows = self.view_from_model[:, :3].copy()
+        rows[:, 0, 3] -= self.scene.offset_m(eye)
+        turn = self.scene.camera.turn(eye)
+        return rows if turn is None else turn @ rows
+
+
+class Placing:
+    """Places the instances of scenes.
+
+    Args:
+        models: the models that `Scene.model` counts, as they are drawn.
+
+    Raises:
+        InputError: where a model is too small or too large for float32.
+    """
+
+    def __init__(self, models: Sequence[Centred]) -> None:
+        self._origin = np.array([model.origin for model in models])
+        self._uv_origin = np.array([model.uv_origin for model in models])
+        self._moved = np.abs(self._origin).max(axis=1) > 0
+        self._radius = np.array([model.mesh.radius for model in models])
+        self._solid = np.array([model.mesh.solid for model in models])
+        for model, radius in zip(models, self._radius, strict=True):
+            _check_size(model.mesh, radius)
+
+    def place(self, scene: Scene) -> Placed:
+        """Compose the poses of a scene's instances, for both eyes.
+
+        Raises:
+            InputError: where an instance is too small, too large or too far away for float32.
+        """
+        view_from_model = self.view_from_model(scene)
+        linear = view_from_model[:, :3, :3]
+        # The largest row sum of |A^T A| bounds the squared largest singular value from above, and is equal to it where
+        # the instance is scaled along its own axes and then rotated.
+        stretch = np.sqrt(np.abs(linear.transpose(0, 2, 1) @ linear).sum(axis=2).max(axis=1, initial=0.0))
+        # A mirrored instance turns its backs outwards.
+        solid = self._solid[scene.model]
+        solid[solid] = np.linalg.det(linear[solid]) > 0
+        radius_m = self._radius[scene.model] * stretch
+        reach_m = np.abs(view_from_model[:, :3, 3]).max(axis=1, initial=0.0) + radius_m
+        _refuse(reach_m, reach_m > MOST, "reaches farther from the camera")
+        # Squares of small numbers may be 0.
+        extended = (np.abs(linear).max(axis=(1, 2), initial=0.0) > 0) & (self._radius[scene.model] > 0)
+        _refuse(radius_m, extended & (radius_m < _LEAST_M), "is smaller")
+        return Placed(scene, view_from_model, radius_m, solid, self._patch_from_uv(scene))
+
+    def view_from_model(self, scene: Scene) -> NDArray[np.float64]:
+        """Return the poses of a scene's instances relative to the left eye, (N, 4, 4), of the models that are drawn."""
+        poses = scene.view_from_model()
+        moved = np.flatnonzero(self._moved[scene.model])
+        if len(moved):
+            origin = self._origin[scene.model[moved], :, None]
+            poses[moved, :3, 3] += (poses[moved, :3, :3] @ origin)[..., 0]
+        return poses
+
+    def _patch_from_uv(self, scene: Scene) -> NDArray[np.float64]:
+        offset = scene.uv_offset + self._uv_origin[scene.model] * scene.uv_scale
+        offset = np.where(np.abs(offset) > _NEAR_PATCHES, offset % _PERIOD, offset)
+        return np.concatenate([scene.uv_scale, offset], axis=1)
+
+
+def _check_size(mesh: Mesh, radius: float) -> None:
+    if not (radius == 0 or LEAST <= radius <= MOST):
+        raise InputError(
+            f"mesh {mesh.name}: must reach {LEAST:g} to {MOST:g} from its middle, got {radius:g}: {OTHER_UNITS}"
+        )
+
+
+def _refuse(metres: NDArray[np.float64], wrong: NDArray[np.bool_], what: str) -> None:
+    for number in np.flatnonzero(wrong)[:1]:
+        raise InputError(
+            f"scene: expected instances of {_LEAST_M:g} to {MOST:g} m, but instance {number} {what}, "
+            f"{metres[number]:g} m: {OTHER_UNITS}"
+        )

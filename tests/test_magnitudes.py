@@ -1,0 +1,228 @@
+"""Numbers of any magnitude: float32 draws them as the rays say, or they are refused."""
+
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from scenes import noise_layers
+
+from semisynth_gl.arguments import MOST_PX
+from semisynth_gl.camera import EYES, Deviation, StereoCamera
+from semisynth_gl.errors import BackendError, InputError
+from semisynth_gl.frame import OUTPUTS
+from semisynth_gl.geometry.mesh import make_mesh
+from semisynth_gl.geometry.model_units import make_model
+from semisynth_gl.oracle import disparity_px
+from semisynth_gl.render.renderer import Renderer
+from semisynth_gl.scene.raycast import cast_rays
+from semisynth_gl.scene.scene import make_scene, move
+
+# A slanted wall of 4 x 4 m, 2 m away, and the numbers that a caller hands in; the pose makes the model's scale good.
+CORNERS = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.2], [1.0, 1.0, 0.4], [-1.0, 1.0, 0.2]])
+TRIANGLES = [[0, 1, 2], [0, 2, 3]]
+WIDTH, HEIGHT = 24, 16
+ORDINARY = {
+    "focal_px": 20.0,
+    "baseline_m": 0.1,
+    "cx_left_px": 11.0,
+    "cx_right_px": 12.5,
+    "cy_px": 7.0,
+    "near_m": 0.1,
+    "model_scale": 1.0,
+    "model_at": 0.0,
+    "instance_scale": 2.0,
+    "instance_at": 0.0,
+    "depth_m": 2.0,
+    "world_at": 0.0,
+    "uv_of_model": 1.0,
+    "uv_at": 0.0,
+    "uv_scale": 2.0,
+    "uv_offset": 0.25,
+    "moved_m": 0.01,
+}
+LENGTHS = ("baseline_m", "near_m", "instance_scale", "depth_m", "moved_m")
+
+
+def placed(scale, at):
+    pose = np.eye(4)
+    pose[:3, :3] *= scale
+    pose[:3, 3] = at
+    return pose
+
+
+def drawn(antialias="none", **numbers):
+    """Render the wall; return the frame, and what the oracle needs."""
+    n = ORDINARY | numbers
+    camera = StereoCamera(WIDTH, HEIGHT, n["focal_px"], n["baseline_m"], n["cx_left_px"], n["cx_right_px"], n["cy_px"])
+    # Python's own floats: numbers that are too large become inf there without a warning.
+    scale, at = n["model_scale"], n["model_at"]
+    wall = make_mesh(
+        "wall",
+        [[x * scale + at for x in corner] for corner in CORNERS.tolist()],
+        [[x * n["uv_of_model"] + n["uv_at"] for x in corner[:2]] for corner in CORNERS.tolist()],
+        TRIANGLES,
+    )
+    size = n["instance_scale"] / scale
+    shift = [n["instance_at"] - at * size + n["world_at"], -at * size, n["depth_m"] - at * size]
+    pose = [[size, 0, 0, shift[0]], [0, size, 0, shift[1]], [0, 0, size, shift[2]], [0, 0, 0, 1.0]]
+    scene = make_scene(
+        camera,
+        model=[0],
+        world_from_model=[pose],
+        layer=[0],
+        uv_scale=n["uv_scale"],
+        uv_offset=n["uv_offset"],
+        camera_from_world=placed(1, [-n["world_at"], 0, 0]),
+        near_m=n["near_m"],
+    )
+    then = np.array(pose)
+    then[0, 3] += n["moved_m"]
+    motion = move(scene, world_from_model=[then])
+    with Renderer([wall], noise_layers(1, 16), outputs=OUTPUTS, signed=True, antialias=antialias) as renderer:
+        return renderer.render(scene, future=motion, past=motion), scene, wall
+
+
+def check(numbers, antialias="none"):
+    """Return whether the numbers were drawn; what was drawn must be what rays say, and what was not, refused."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            frame, scene, wall = drawn(antialias, **numbers)
+        except InputError as error:
+            assert str(error)  # noqa: PT017 - any message will do here
+            return False
+    camera = scene.camera
+    y, x = (each.ravel() for each in np.mgrid[:HEIGHT, :WIDTH].astype(float))
+    corners = (wall.positions.astype(float) @ scene.view_from_model(0)[:3, :3].T) + scene.view_from_model(0)[:3, 3]
+    size_m = np.ptp(corners, axis=0).max()
+    for eye in EYES:
+        view = frame.view(eye)
+        for name, array in view.items():
+            assert not np.isnan(array).any(), name
+            if array.dtype.kind == "f":
+                assert (array != -np.inf).all(), name
+        # A rasteriser moves vertices by up to 1/256 px, and float32 rounds their places in the image.
+        across_px = (
+            camera.focal_px
+            * (np.abs(corners[:, :2]).max() + camera.baseline_m)
+            / np.maximum(np.abs(corners[:, 2]).min(), scene.near_m)
+        )
+        aside = 1 / 16 + 2.0**-22 * (abs(camera.cx_px(eye)) + abs(camera.cy_px) + across_px)
+        around = []
+        for right, down in ((0, 0), (aside, 0), (-aside, 0), (0, aside), (0, -aside)):
+            hits = cast_rays(scene, [wall], eye, x + right, y + down)
+            around.append(disparity_px(camera, hits, signed=True))
+        expected, found = np.array(around), view.disparity.ravel().astype(float)
+        finite = np.isfinite(found)
+        known = np.isfinite(expected)
+        assert known[:, finite].any(axis=0).all()
+        assert (~known[:, ~finite]).any(axis=0).all()
+        low = np.where(known, expected, np.inf).min(axis=0)[finite]
+        high = np.where(known, expected, -np.inf).max(axis=0)[finite]
+        parallax = np.maximum(np.abs(low), np.abs(high)) + 2 * abs(camera.doffs_px)
+        # By the wall's size in units of its distance.
+        away_m = camera.focal_baseline / np.maximum(np.abs(low + camera.doffs_px), 1e-300)
+        steps = 16 + 4 * size_m / away_m
+        # Beside the wall's border there may be rays to one side alone.
+        allowed = 2.0**-24 * steps * parallax + (high - low).max(initial=0)
+        assert (found[finite] >= low - allowed).all()
+        assert (found[finite] <= high + allowed).all()
+    return True
+
+
+def any_size(low=-320.0, high=308.0):
+    return st.builds(lambda sign, power: sign * 10.0**power, st.sampled_from([1, 1, 1, -1]), st.floats(low, high))
+
+
+SCALED = st.builds(
+    lambda scale, model: {name: ORDINARY[name] * scale for name in LENGTHS} | model,
+    any_size(-11, 11),
+    st.dictionaries(st.sampled_from(["model_scale", "model_at", "world_at"]), any_size(-12, 12), max_size=2),
+)
+SINGLE = st.dictionaries(st.sampled_from(sorted(ORDINARY)), any_size(), min_size=1, max_size=1)
+SEVERAL = st.dictionaries(st.sampled_from(sorted(ORDINARY)), any_size(-10, 10), min_size=1, max_size=3)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _drawing_works():
+    try:
+        assert check({})
+        assert check({}, "edges")
+    except BackendError as error:
+        pytest.skip(str(error))
+
+
+@settings(max_examples=90)
+@given(st.one_of(SINGLE, SEVERAL, SCALED), st.sampled_from(["none", "edges"]))
+@example({name: ORDINARY[name] * 1e18 for name in LENGTHS}, "none")
+@example({name: ORDINARY[name] * 1e-30 for name in LENGTHS}, "none")
+@example({"instance_scale": 1e300}, "none")
+@example({"instance_scale": 7.6e-315}, "none")
+@example({"world_at": 1e300}, "none")
+@example({"uv_offset": 1e300}, "none")
+def test_numbers_of_any_magnitude_are_drawn_as_rays_say_or_refused(numbers, antialias):
+    check(numbers, antialias)
+
+
+@pytest.mark.parametrize("scale", [1e-8, 1e-4, 1e4, 1e8])
+def test_scenes_of_any_unit_that_float32_holds_are_drawn(scale):
+    assert check({name: ORDINARY[name] * scale for name in LENGTHS})
+
+
+@pytest.mark.parametrize(
+    ("numbers", "said"),
+    [
+        ({"focal_px": 1e30}, "focal_px must be 0 or 1e-09 to 1e\\+06 in magnitude, got 1e\\+30: float32"),
+        ({"focal_px": 1e-30}, "focal_px must be"),
+        ({"baseline_m": 1e30}, "baseline_m must be 0 or 1e-09 to 1e\\+09 in magnitude, got 1e\\+30: float32"),
+        ({"baseline_m": 1e-30}, "baseline_m must be"),
+        ({"cx_right_px": -1e30}, "cx_right_px must be at most 1e\\+06 in magnitude, got -1e\\+30"),
+        ({"near_m": 1e-30}, "near_m must be"),
+        ({"near_m": 1e30}, "near_m must be"),
+        ({"instance_scale": 1e300}, "scene: world_from_model must be at most 1e\\+09 in magnitude, got 1e\\+300"),
+        ({"moved_m": -1e300}, "world_from_model must be at most 1e\\+09 in magnitude, got -1e\\+300"),
+        ({"instance_scale": 1e-30}, "instance 0 is smaller, .*e-30 m: float32 does not hold"),
+        ({"depth_m": 9.99e8, "instance_scale": 9e8}, "instance 0 reaches farther from the camera"),
+        ({"world_at": 1e18}, "must be at most 1e\\+09"),
+        ({"uv_scale": 1e18}, "scene: uv_scale must be at most"),
+        ({"uv_offset": 1e18}, "scene: uv_offset must be at most"),
+        ({"model_scale": 1e18}, "mesh wall: positions must be at most 1e\\+09 in magnitude, got .*1e\\+18: float32"),
+        (
+            {"model_scale": 1e-30, "instance_scale": 1e-30},
+            "mesh wall: must reach 1e-09 to 1e\\+09 from its middle",
+        ),
+        (
+            {"model_scale": 1e-6, "instance_scale": 1e-6, "model_at": 1e7},
+            "mesh wall: positions must lie within 5.4e\\+08 times",
+        ),
+        ({"uv_of_model": 1e18}, "mesh wall: uv must be at most"),
+        ({"uv_of_model": 1e-4, "uv_at": 1e8}, "mesh wall: uv must lie within"),
+    ],
+    ids=str,
+)
+def test_what_float32_cannot_hold_is_refused_with_what_came(numbers, said):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(InputError, match=said):
+            drawn(**numbers)
+
+
+def test_deviations_are_as_large_as_float32_holds():
+    assert Deviation(y_px=MOST_PX).y_px == MOST_PX
+    with pytest.raises(InputError, match="y_px must be at most"):
+        Deviation(y_px=2 * MOST_PX)
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-30, 1e18, 1e150])
+def test_models_of_any_size_are_made(size):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found, expected = (
+            make_model("wall", CORNERS * scale, TRIANGLES, CORNERS[:, :2] * scale) for scale in (size, 1.0)
+        )
+    np.testing.assert_allclose(found.positions, expected.positions, atol=1e-6)
+    # Areas of larger and smaller UV maps are beyond float64: such maps are not used.
+    if 1e-100 < size < 1e100:
+        np.testing.assert_allclose(found.uv, expected.uv, atol=1e-6)
