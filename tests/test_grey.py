@@ -126,6 +126,27 @@ def test_grey_images_are_the_luminance_of_coloured_ones_and_truth_is_the_same(op
     assert_equal(renderer.render(scene, crop), grey, crop)
 
 
+def test_grey_keeps_the_level_of_patches_that_processors_brighten_in_colour(open_renderer, square):
+    layers = noise_layers(1, 256) // 2 + 60
+    camera = StereoCamera.centred(256, 256, 400.0, 0.1)
+    wall = facing(camera, 0, 0, 256, 256, 2.0)
+    renderers = [open_renderer([square], given, wrap="repeat", outputs=()) for given in (grey_layers(layers), layers)]
+    grey, colour = (
+        np.array(
+            [
+                renderer.render(
+                    make_scene(camera, model=[0], world_from_model=[wall], layer=[0], uv_scale=repeats)
+                ).left.image.mean()
+                for repeats in (1, 2, 4, 8, 16)
+            ]
+        )
+        for renderer in renderers
+    )
+    assert np.abs(grey - grey[0]).max() < 0.2
+    # Levels of coloured patches are whole: llvmpipe rounds the mean of four texels up, by half a level in the mean.
+    assert (np.abs(np.diff(colour)) < 0.6).all()
+
+
 def test_large_patches_are_grey_too(open_renderer, square):
     layers, large = noise_layers(2, ODD)[..., 0], noise_layers(1, 100, seed=1)[..., 0]
     camera = StereoCamera.centred(60, 50, 400.0, 0.1)

@@ -263,6 +263,28 @@ def test_planes_seen_at_a_grazing_angle(open_renderer, square, turn):
         assert found.seen_alike.mean() >= 0.998
 
 
+@pytest.mark.one_backend
+@pytest.mark.parametrize("across_m", [2.0, 20.0, 200.0, 1000.0])
+def test_the_error_grows_with_the_size_of_a_triangle_over_its_distance(open_renderer, square, across_m):
+    camera = StereoCamera.centred(160, 120, 1500.0, 0.2)
+    renderer = open_renderer([square], noise_layers(1, 16), outputs=())
+    rng, error = np.random.default_rng(0), []
+    y, x = (values.astype(float) for values in np.mgrid[: camera.height_px, : camera.width_px])
+    for _ in range(6):
+        # About 1.5 m away and at 200 px, a wall that is seen anywhere in its middle half.
+        matrix = placed(np.eye(3), across_m, [*(-across_m * rng.uniform(0.25, 0.75, 2)), 1.5])
+        matrix[2, :2] = rng.uniform(-0.2, 0.2, 2) * across_m
+        matrix[2, 3] -= matrix[2, :2] @ (-matrix[:2, 3] / across_m)
+        frame = renderer.render(one(0, matrix, camera=camera))
+        normal = np.cross(matrix[:3, 0], matrix[:3, 1])
+        for eye in EYES:
+            at = matrix[:3, 3] - [camera.offset_m(eye), 0, 0]
+            expected = camera.disparity_px((normal @ at) / (camera.rays(eye, x, y) @ normal))
+            error.append(np.abs(frame.view(eye).disparity - expected))
+    # In steps of float32 at the disparity.
+    assert np.max(error) <= 200 * 2.0**-24 * (4 + 0.5 * across_m / 1.5)
+
+
 def test_triangles_through_and_behind_the_camera_plane(open_renderer):
     rng = np.random.default_rng(2)
     positions = rng.uniform(-3, 3, (60, 3))
