@@ -90,6 +90,13 @@ def abbreviate(names: Sequence[str], most: int = 8) -> str:
     return ", ".join(names[:most]) + more
 
 
+def counted(number: int, noun: str) -> str:
+    """Return a number with its noun, such as ``"1 pair"``, ``"2 patches"`` or ``"3 kinds of model"``."""
+    head, of, rest = noun.partition(" of ")
+    plural = "" if number == 1 else "es" if head.endswith(("ch", "s", "x")) else "s"
+    return f"{number} {head}{plural}{of}{rest}"
+
+
 def near(name: str, known: Iterable[str], most: int = 1, least_ratio: float = 0.7) -> list[str]:
     """Return the known names that a wrong one may have been meant for, the likeliest first.
 

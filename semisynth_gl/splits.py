@@ -56,8 +56,8 @@ class Split:
         if rest < 1:
             shares = ", ".join(f"{count} for {name}" for name, count in counts.items())
             raise InputError(
-                f"{len(items)} {what} are too few to hold some out: {shares}, which leaves {max(rest, 0)} for train; "
-                "give more, make fewer splits, or lower the shares in the config's section splits"
+                f"too few {what} to hold some out, {len(items)} in all: {shares}, which leaves {max(rest, 0)} for "
+                "train; give more, make fewer splits, or lower the shares in the config's section splits"
             )
         if names is None:
             order = generator(seed, Purpose.SPLIT, len(SPLITS), purpose).permutation(len(items))

@@ -206,7 +206,7 @@ def test_pairs_are_told_by_name(tmp_path):
     files = [save(tmp_path / name, np.zeros((4, 5), np.uint8)) for name in names]
     assert pairs_among(files) == [(files[0], files[1]), (files[3], files[4])]
     assert given_pairs(str(tmp_path / "a/im0*"), str(tmp_path / "x")) == [(files[0], files[6])]
-    with pytest.raises(InputError, match="2 left images and 1 right ones"):
+    with pytest.raises(InputError, match="2 left images and 1 right image"):
         given_pairs(str(tmp_path / "image_2"), str(tmp_path / "image_3"))
     with pytest.raises(InputError, match="is on both sides"):
         given_pairs(str(tmp_path / "a"), str(tmp_path / "a"))
@@ -252,7 +252,7 @@ def test_pairs_of_another_resolution_count_and_of_another_shape_do_not(monkeypat
         measure_rectification([(Path("a"), Path("b"))], [plain_rig(700, 0.1, Size(640, 480))])
     few = Matches(matches.left[:20], matches.right[:20])
     monkeypatch.setattr(rectification, "match_pair", lambda *_: (few, (741, 500)))
-    assert "none of 1 pairs has 40 points" in measure_rectification([(Path("a"), Path("b"))], [large]).summary()
+    assert "none of 1 pair has 40 points" in measure_rectification([(Path("a"), Path("b"))], [large]).summary()
     # Two photographs that are no pair have matches too.
     rng = np.random.default_rng(0)
     unrelated = Matches(*(rng.uniform(0, (740, 499), (400, 2)) for _ in range(2)))
@@ -273,7 +273,7 @@ def test_the_command_matches_pairs_that_lie_beside_each_other(tmp_path, monkeypa
     given = ("--images", tmp_path / "photos", *rig, "--out", tmp_path / "a.yaml")
     done = run(*given)
     assert done.exit_code == 0, done.output
-    assert "rectification    1 of 1 pairs matched: as good as matches can tell, 0.2 px" in done.output
+    assert "rectification    1 of 1 pair matched: as good as matches can tell, 0.2 px" in done.output
     assert "rig:" not in (tmp_path / "a.yaml").read_text()
     done = run(
         *given, "--overwrite", "--other-camera", "--pairs", tmp_path / "photos/im0.png", tmp_path / "photos/im1.png"
@@ -283,7 +283,7 @@ def test_the_command_matches_pairs_that_lie_beside_each_other(tmp_path, monkeypa
     monkeypatch.setitem(sys.modules, "cv2", None)
     done = run(*given, "--overwrite")
     assert done.exit_code == 0
-    assert "note: not measured how far 1 pairs are off rectified" in done.output
+    assert "note: not measured in 1 pair how far rows are off rectified" in done.output
     assert "rectification " not in done.output
     done = run(*given, "--overwrite", "--pairs", tmp_path / "photos/im0.png", tmp_path / "photos/im1.png")
     assert "semisynth-gl[matching]" in str(done.exception)

@@ -565,7 +565,7 @@ def test_what_is_left_out_is_said(dataset, photographs, tmp_path):
     write(tmp_path / "lidar.pfm", PFM.encode(sparse))
     code, out, err = run(dataset, "--images", photographs, "--images", broken, "--disparity", tmp_path, "--width", 100)
     assert code == 0
-    assert "3 photographs, 1 disparity maps (0 with their image)" in out
+    assert "3 photographs, 1 disparity map (0 with their image)" in out
     assert f"note: left out: {broken}: " in err
     assert "note: of the photographs, 3 are narrower than 100 px" in err
     assert "note: of the maps, 1 have a disparity in fewer than half" in err
@@ -577,7 +577,7 @@ def test_what_is_left_out_is_said(dataset, photographs, tmp_path):
         (("{set}",), "--images"),
         (("{set}", "--images", "{empty}"), "no image matches"),
         (("{set}", "--images", "{empty}/none.png"), "no image matches"),
-        (("{set}", "--images", "{broken}"), "none of 1 photographs can be read"),
+        (("{set}", "--images", "{broken}"), "none of 1 photograph can be read"),
         (("{set}", "--images", "{photos}", "--disparity", "{photos}"), "no disparity map there"),
         (("{photos}", "--images", "{photos}"), "not a dataset"),
         (("{set}", "--images", "{photos}", "--split", "test"), "expected a split"),

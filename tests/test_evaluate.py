@@ -405,7 +405,7 @@ def test_missing_predictions_are_named_and_may_be_passed_over(three):
     code, out, err = run("--pred", pred, "--gt", gt, "--partial", "--json", pred / "j.json")
     assert code == 0
     assert out.startswith("2 of 3 pairs")
-    assert "No prediction for 1 pairs: b" in err
+    assert "No prediction for 1 pair: b" in err
     assert json.loads((pred / "j.json").read_text())["missing"] == ["b"]
     for name in "ac":
         (pred / f"{name}.pfm").unlink()

@@ -373,7 +373,7 @@ def test_splits_share_neither_photographs_nor_scenes(config, tmp_path):
 
     noise = np.random.default_rng(0).integers(0, 256, (99, 99, 3), dtype=np.uint8)
     Image.fromarray(noise).save(tmp_path / "one.png")
-    with pytest.raises(InputError, match="1 photographs are too few"):
+    with pytest.raises(InputError, match="too few photographs to hold some out, 1 in all"):
         generate(few, tmp_path / "p", {"train": 1, "test": 1}, SEED)
 
 

@@ -384,7 +384,7 @@ def test_numbers_in_texts_of_options_have_limits(tmp_path):
 
 
 def test_a_plan_of_too_many_shards_is_refused():
-    with pytest.raises(InputError, match="10000000 shards of 1 pairs: expected at most 1000000"):
+    with pytest.raises(InputError, match="10000000 shards of 1 pair: expected at most 1000000"):
         make_plan(load_config("kitti"), 0, "middlebury", {"train": 10_000_000}, 1)
 
 

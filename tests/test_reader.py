@@ -130,7 +130,7 @@ def test_a_dataset_beyond_256_px_is_reported_and_verifies_clean(drawn, tmp_path,
     with pytest.raises(SystemExit) as stopped:
         main()
     assert stopped.value.code == 0
-    assert "in 1 pairs more than 1% of the pixels have a disparity that png16 cannot hold" in capsys.readouterr().err
+    assert "in 1 pair more than 1% of the pixels have a disparity that png16 cannot hold" in capsys.readouterr().err
     assert findings(out) == []
     path = out / SCENES / "middlebury-000000" / "pair.json"
     pair = json.loads(path.read_text())

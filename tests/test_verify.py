@@ -267,9 +267,9 @@ def test_of_an_unfinished_dataset_what_is_there_is_checked(tmp_path, layout):
     said = [str(finding) for finding in findings(tmp_path / "set")]
     assert "not finished" in said[0]
     if layout == "webdataset":
-        assert said[1:] == ["dataset: index: 4 of 7 pairs are not made yet"]
+        assert said[1:] == ["dataset: index: 4 of 7 pairs not made yet"]
         return
-    assert said[1] == "dataset: index: 3 of 7 pairs are not made yet"
+    assert said[1] == "dataset: index: 3 of 7 pairs not made yet"
     assert all("shard is not finished" in line for line in said[2:])
     shutil.rmtree(scene_of(tmp_path / "set", 1))
     assert any(line.startswith("middlebury-000001: files: ") for line in map(str, findings(tmp_path / "set")))

@@ -22,6 +22,7 @@ from semisynth_gl.bench.summary import error_stats, machine_facts, markdown
 from semisynth_gl.camera import EYES
 from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS, Encodings
 from semisynth_gl.config import Config
+from semisynth_gl.errors import counted
 from semisynth_gl.frame import Frame
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
@@ -62,11 +63,11 @@ def measure(
         SemisynthError: where the config or OpenGL cannot be used.
     """
     listener = listener or Listener()
-    listener.on_message(f"making {effort.pairs} scenes of {config.name}")
+    listener.on_message(f"making {counted(effort.pairs, 'scene')} of {config.name}")
     bench = sample_scenes(config, seed, effort.pairs)
     with bench.open_renderer(backend, outputs=("instances",), truth="both") as renderer:
         frames, driver = [renderer.render(scene) for scene in bench.scenes], renderer.facts
-    listener.on_message(f"casting {effort.rays} rays for each eye of each pair")
+    listener.on_message(f"casting {counted(effort.rays, 'ray')} for each eye of each pair")
     truths, outlines = cast_truth(bench, frames, effort.rays, np.random.default_rng(seed))
     drawn = [frames[part.scene].view(part.eye).disparity[part.row, part.column] for part in truths]
     error = error_stats(np.concatenate(drawn), np.concatenate([part.disparity_px for part in truths]))
@@ -140,8 +141,8 @@ def headline(report: Mapping[str, Any]) -> str:
     """Name the scenes and the machine of a report."""
     machine, (width, height) = report["machine"], report["sizes_px"][0]
     return (
-        f"{report['config']}, {width} x {height} px, {report['pairs']} pairs; {machine['renderer']}, "
-        f"{machine['opengl']}; {machine['processor']}, {machine['cores']} cores; {machine['date']}"
+        f"{report['config']}, {width} x {height} px, {counted(report['pairs'], 'pair')}; {machine['renderer']}, "
+        f"{machine['opengl']}; {machine['processor']}, {counted(machine['cores'], 'core')}; {machine['date']}"
     )
 
 

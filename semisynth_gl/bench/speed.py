@@ -15,6 +15,7 @@ from semisynth_gl.bench.summary import machine_facts, markdown
 from semisynth_gl.bench.workers import measure_workers
 from semisynth_gl.config import Config
 from semisynth_gl.engines.task import cores
+from semisynth_gl.errors import counted
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
 
@@ -71,7 +72,7 @@ def measure(
     counts = effort.workers or usual_workers()
     listener.on_message(f"scenes of {config.name}")
     bench = sample_scenes(config, seed, _SCENES)
-    listener.on_message(f"stages, and {', '.join(map(str, counts))} workers, in {rounds} rounds")
+    listener.on_message(f"stages, and {', '.join(map(str, counts))} workers, in {counted(rounds, 'round')}")
     sections, facts = measure_workers(config, seed, backend, counts, effort.pairs, rounds)
     listener.on_message("instances, triangles, pixels, antialiasing, outputs")
     scaling = measure_scaling(bench, seed, backend, effort.repeats)
@@ -79,7 +80,7 @@ def measure(
     if effort.stress:
         listener.on_message("many instances and triangles")
         stress = measure_stress(bench, seed, backend)
-    listener.on_message(f"memory over {effort.memory_pairs} pairs")
+    listener.on_message(f"memory over {counted(effort.memory_pairs, 'pair')}")
     memory = measure_memory(config, seed, backend, effort.memory_pairs)
     listener.on_message("start")
     start = measure_start(config, seed, backend, rounds)
@@ -106,7 +107,8 @@ def headline(report: Mapping[str, Any]) -> str:
     machine, (width, height) = report["machine"], report["size_px"]
     return (
         f"{report['config']}, {width} x {height} px; {machine['renderer']}, {machine['opengl']}; "
-        f"{machine['processor']}, {machine['usable_cores']} cores; Python {machine['python']}; {machine['date']}"
+        f"{machine['processor']}, {counted(machine['usable_cores'], 'core')}; Python {machine['python']}; "
+        f"{machine['date']}"
     )
 
 
@@ -163,7 +165,7 @@ def limit_text(report: Mapping[str, Any]) -> str:
     limit = report["limit"]
     workers = f"{limit['workers']} workers make" if limit["workers"] > 1 else "1 worker makes"
     text = (
-        f"The narrowest stage is {limit['narrowest_stage']}: alone, {limit['cores']} cores would do it for "
+        f"The narrowest stage is {limit['narrowest_stage']}: alone, {counted(limit['cores'], 'core')} would do it for "
         f"{limit['narrowest_allows_per_second']:.3g} pairs/s. The limit is set by the {limit['by']}: "
         f"{limit['allows_per_second']:.3g} pairs/s. {workers} {limit['reached_per_second']:.3g} pairs/s from start to "
         f"end"
@@ -192,8 +194,8 @@ def _stress_text(row: Mapping[str, Any]) -> str:
 def _memory_text(memory: Mapping[str, Any]) -> str:
     constant = "as many" if memory["objects_constant"] else "not as many"
     return (
-        f"Memory over {memory['pairs']} pairs: {memory['rss_bytes'] / 1e6:.0f} MB resident at the end, at most "
-        f"{memory['peak_bytes'] / 1e6:.0f} MB, changing by {memory['slope_bytes_per_pair'] / 1e3:.1f} +- "
+        f"Memory over {counted(memory['pairs'], 'pair')}: {memory['rss_bytes'] / 1e6:.0f} MB resident at the end, "
+        f"at most {memory['peak_bytes'] / 1e6:.0f} MB, changing by {memory['slope_bytes_per_pair'] / 1e3:.1f} +- "
         f"{memory['slope_error_bytes_per_pair'] / 1e3:.1f} kB a pair; "
         f"{sum(memory['objects'].values())} OpenGL objects, {constant} as after the first quarter of them."
     )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from semisynth_gl.calibration.disparity_maps import measure_maps
 from semisynth_gl.calibration.rig import Rig, Size, median_size
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
-from semisynth_gl.errors import InputError, abbreviate
+from semisynth_gl.errors import InputError, abbreviate, counted
 from semisynth_gl.histogram import Histogram
 
 # Predictions and lidar have a few values that are far off.
@@ -88,7 +88,7 @@ def disparity_range(source: DisparitySource, rigs: Sequence[Rig]) -> DisparityRa
         names = abbreviate([str(path) for path in source.maps], _NAMED)
         low, high = (measured.histogram.quantile(share) for share in (_LOWEST, _HIGHEST))
         origin = (
-            f"Measured from {count} disparity {'map' if count == 1 else 'maps'}, each counting the same: "
+            f"Measured from {counted(count, 'disparity map')}, each counting the same: "
             f"{names}; {measured.pixels} pixels, {measured.valid / measured.pixels:.1%} with a disparity, all but a "
             f"thousandth of them above {low:.4g} px and below {high:.4g} px. max_px leaves a tenth of room above that."
             f"{_scaled_maps(measured.scaled, median_size(rigs))}"
@@ -132,7 +132,10 @@ def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[floa
     low_px = min(least) if len(least) == len(rigs) else None
     upper, lower = f"{name} of the calibration", "vmin of the calibration"
     if len(rigs) > 1:
-        upper, lower = f"the largest of {len(largest)} calibrations, {name} of {source}", "the least vmin of all"
+        upper, lower = (
+            f"the largest of {counted(len(largest), 'calibration')}, {name} of {source}",
+            "the least vmin of all",
+        )
     if low_px is None:
         lower = "a fiftieth of "
         lower += f"the way there from -doffs, {-least_doffs_px:g} px" if least_doffs_px < 0 else "that"

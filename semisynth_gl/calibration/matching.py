@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.calibration.vertical import Matches
-from semisynth_gl.errors import InputError, how_to_install
+from semisynth_gl.errors import InputError, counted, how_to_install
 from semisynth_gl.textures.atlas import to_grey
 from semisynth_gl.textures.image_files import find_images
 from semisynth_gl.textures.images import read_image
@@ -49,8 +49,8 @@ def given_pairs(left: str, right: str) -> list[tuple[Path, Path]]:
     lefts, rights = find_images([left]), find_images([right])
     if len(lefts) != len(rights):
         raise InputError(
-            f"--pairs {left} {right}: {len(lefts)} left images and {len(rights)} right ones: expected one of each, in "
-            "the same order by name"
+            f"--pairs {left} {right}: {counted(len(lefts), 'left image')} and {counted(len(rights), 'right image')}: "
+            "expected one of each, in the same order by name"
         )
     same = [path for path in lefts if path in set(rights)]
     if same:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from semisynth_gl.calibration.rig import Size
 from semisynth_gl.config.dataset_sections import SplitsSection
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, counted
 from semisynth_gl.splits import SplitName
 from semisynth_gl.textures.images import ImageError, read_image, stored_size
 from semisynth_gl.textures.prepare import share_photographs
@@ -76,9 +76,9 @@ def check_sizes(photographs: Sequence[Size], calibrated: Sequence[Size], scale: 
         )
     of_scale = "" if scale is None else f" with --scale {scale:g}"
     raise InputError(
-        f"the calibration is for images of {_listed(Counter(wanted))}{of_scale}, but of {sizes.total()} photographs "
-        f"none has that size: they have {_listed(sizes)}; {advice} they were taken with another camera, say so "
-        "with --other-camera"
+        f"the calibration is for images of {_listed(Counter(wanted))}{of_scale}, but of "
+        f"{counted(sizes.total(), 'photograph')} none has that size: they have {_listed(sizes)}; {advice} "
+        "they were taken with another camera, say so with --other-camera"
     )
 
 
@@ -124,5 +124,5 @@ def _scale_that_fits(sizes: Counter[Size], calibrated: Sequence[Size]) -> float 
 
 def _listed(sizes: Counter[Size]) -> str:
     shown = [str(size) for size, _ in sizes.most_common(_SIZES_SHOWN)]
-    more = f" and {len(sizes) - len(shown)} other sizes" if len(sizes) > len(shown) else ""
+    more = f" and {counted(len(sizes) - len(shown), 'other size')}" if len(sizes) > len(shown) else ""
     return ", ".join(shown) + more

@@ -9,7 +9,7 @@ from semisynth_gl.calibration.matching import MOST_PAIRS, match_pair
 from semisynth_gl.calibration.rig import Rig, Size, median_size
 from semisynth_gl.calibration.vertical import FEWEST, MATCHING_PX, FittedDeviation, agree, deviation_ranges
 from semisynth_gl.camera import StereoCamera
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, counted
 from semisynth_gl.spread import spread
 from semisynth_gl.textures.images import stored_size
 
@@ -37,19 +37,20 @@ class Rectification:
     @property
     def origin(self) -> str:
         """A sentence on where the ranges are from."""
-        count, used = self.pairs, len(self.deviations)
+        used = len(self.deviations)
         residuals = sorted(each.residual_px for each in self.deviations)
         return (
-            f"From {self.points} points that both views of {used} of {count} pairs show: rows then differ by "
-            f"{residuals[len(residuals) // 2]:.2f} px (standard deviation, the median pair). Of several pairs the "
-            f"least and the largest of each value; what moves no row by more than {MATCHING_PX:g} px is left out."
+            f"From {self.points} points that both views of {used} of {counted(self.pairs, 'pair')} show: rows then "
+            f"differ by {residuals[len(residuals) // 2]:.2f} px (standard deviation, the median pair). Of several "
+            "pairs the least and the largest of each value; what moves no row by more than "
+            f"{MATCHING_PX:g} px is left out."
         )
 
     def summary(self) -> str:
         """Return what was found, in a line."""
-        used = f"{len(self.deviations)} of {self.pairs} pairs matched"
+        used = f"{len(self.deviations)} of {counted(self.pairs, 'pair')} matched"
         if not self.deviations:
-            return f"unknown: none of {self.pairs} pairs has {FEWEST} points whose rows agree"
+            return f"unknown: none of {counted(self.pairs, 'pair')} has {FEWEST} points whose rows agree"
         if not self.ranges:
             return f"{used}: as good as matches can tell, {MATCHING_PX:g} px"
         shown = [

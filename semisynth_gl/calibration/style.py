@@ -15,6 +15,7 @@ from semisynth_gl.calibration.recipes import SceneRecipe
 from semisynth_gl.comparison.changes import moved_by
 from semisynth_gl.comparison.measures import MEASURES, Measure
 from semisynth_gl.comparison.sides import Side
+from semisynth_gl.errors import counted
 
 TEXELS = ((0.8, 1.5), (0.4, 0.75))
 """The values of ``textures.texels_per_pixel`` that are tried."""
@@ -145,7 +146,7 @@ def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Side, blur
     far = _far((looks[..., rows] - wanted[rows]) / unit[rows]) - _DARK * _FINE_EXPOSURES
     texels, flat, blur, exposure = map(int, np.unravel_index(np.argmin(far), far.shape))
     expected = looks[texels, flat, blur, exposure]
-    tried = f"of {trial.pairs} pairs that were rendered and measured"
+    tried = f"of {counted(trial.pairs, 'pair')} that were rendered and measured"
     kept = np.flatnonzero(weights).tolist()
     return Style(
         tuple(recipes[number] for number in kept),

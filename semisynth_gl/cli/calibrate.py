@@ -28,7 +28,7 @@ from semisynth_gl.comparison.sides import MeasuredPlace, measure_place
 from semisynth_gl.config import Config
 from semisynth_gl.config.fields import LARGEST
 from semisynth_gl.config.load import parse_config
-from semisynth_gl.errors import BackendError, InputError
+from semisynth_gl.errors import BackendError, InputError, counted
 from semisynth_gl.histogram import total_variation
 from semisynth_gl.textures.crop_report import TextureReport
 from semisynth_gl.textures.image_files import find_files, find_images
@@ -149,7 +149,8 @@ def _pairs(
         try:
             open_matcher()
         except InputError as error:
-            click.echo(f"note: not measured how far {len(found)} pairs are off rectified: {error}", err=True)
+            pairs_there = counted(len(found), "pair")
+            click.echo(f"note: not measured in {pairs_there} how far rows are off rectified: {error}", err=True)
             return []
     return found
 
@@ -196,7 +197,8 @@ def _style_summary(style: Style, place: MeasuredPlace | None) -> list[str]:
     # A single picture has no deviation.
     if compared:
         lines.append(
-            f"place            {near} of {compared} measures expected within one standard deviation of its pictures"
+            f"place            {near} of {counted(compared, 'measure')} expected within one standard deviation of its "
+            "pictures"
         )
     return lines
 
@@ -245,7 +247,7 @@ def _summary(facts: ConfigFacts, report: TextureReport) -> list[str]:
         f"disparity        {disparity.min_px:g} to {disparity.max_px:g} px, mean {disparity.target.mean_px:.2f} px",
         f"                 {disparity.origin}",
         f"scenes           {' and '.join(facts.scenes)} ({facts.far_share:.1%} of the pixels beyond 20 m)",
-        f"photographs      {count}{', all grey' * facts.grey}, which give {report.total('kept')} patches",
+        f"photographs      {count}{', all grey' * facts.grey}, which give {counted(report.total('kept'), 'patch')}",
     ]
     if facts.rectification is not None:
         lines.append(f"rectification    {facts.rectification.summary()}")

@@ -14,6 +14,7 @@ from semisynth_gl.comparison.picture import WORKING_WIDTH
 from semisynth_gl.comparison.place import find_place, left_out
 from semisynth_gl.comparison.sides import SAMPLE
 from semisynth_gl.dataset.reader import open_dataset
+from semisynth_gl.errors import counted
 from semisynth_gl.splits import SPLITS, SplitName
 from semisynth_gl.textures.image_files import find_files, find_images
 from semisynth_gl.textures.images import image_extensions
@@ -90,9 +91,9 @@ def compare(
 
 def _counts(comparison: Comparison) -> str:
     parts = [
-        f"{comparison.pairs} of {comparison.dataset_pairs} pairs",
-        f"{comparison.place.photographs} photographs",
-        f"{comparison.place.maps} disparity maps ({comparison.place.maps_with_image} with their image)",
+        f"{comparison.pairs} of {counted(comparison.dataset_pairs, 'pair')}",
+        f"{counted(comparison.place.photographs, 'photograph')}",
+        f"{counted(comparison.place.maps, 'disparity map')} ({comparison.place.maps_with_image} with their image)",
     ]
     return f"{', '.join(parts)}; all at a width of {comparison.width_px} px"
 
@@ -102,7 +103,7 @@ def _summary(comparison: Comparison) -> list[str]:
     near, compared = len(comparison.near()), len(comparison.compared())
     if not compared:
         return ["The place has no standard deviations to compare by: that takes two different pictures or more"]
-    lines = [f"{near} of {compared} measures within one standard deviation (sd) of the place's pictures"]
+    lines = [f"{near} of {counted(compared, 'measure')} within one standard deviation (sd) of the place's pictures"]
     advice = comparison.advice()
     if advice:
         lines.append("The others, the farthest first, with the keys of the config that move them:")

@@ -11,7 +11,7 @@ from semisynth_gl.cli.options import Source, UserPath, option
 from semisynth_gl.cli.outputs import Output, json_report, marked_png, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.codecs.png import RGB8
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, counted
 from semisynth_gl.metrics.evaluate import REGIONS, SIGN_HINT, Evaluation, evaluate_pair, report_json, report_table
 from semisynth_gl.metrics.predictions import find_predictions
 from semisynth_gl.metrics.protocol import PROTOCOL_NAMES, PROTOCOLS, ProtocolName
@@ -77,7 +77,7 @@ def evaluate(
     if output.path is not None:
         text = json.dumps(report_json(evaluations, protocol, predictions), indent=1, allow_nan=False)
         output.write(f"{text}\n".encode())
-    click.echo(f"{len(evaluations)} of {len(truth_set.pairs)} pairs by the definitions of {protocol.source}")
+    click.echo(f"{len(evaluations)} of {counted(len(truth_set.pairs), 'pair')} by the definitions of {protocol.source}")
     for region in REGIONS:
         if any((region,) in evaluation.scores for evaluation in evaluations):
             click.echo()
@@ -91,7 +91,7 @@ def _say_what_is_odd(negative: Sequence[Path], missing: Sequence[str]) -> None:
     if negative:
         click.echo(f"note: {len(negative)} of the predictions, such as {negative[0]}: {SIGN_HINT}", err=True)
     if missing:
-        click.echo(f"No prediction for {len(missing)} pairs: {', '.join(missing)}", err=True)
+        click.echo(f"No prediction for {counted(len(missing), 'pair')}: {', '.join(missing)}", err=True)
 
 
 def _error_maps(maps: Path | None, truth_set: TrueSet, inputs: Mapping[str, str], output: Output) -> dict[str, Output]:

@@ -27,7 +27,7 @@ from semisynth_gl.dataset.begun import read_resumed
 from semisynth_gl.dataset.places import open_place
 from semisynth_gl.engines.local import LocalEngine, SerialEngine
 from semisynth_gl.engines.task import Engine, cores
-from semisynth_gl.errors import InputError, did_you_mean, near, shown
+from semisynth_gl.errors import InputError, counted, did_you_mean, near, shown
 from semisynth_gl.frame import OUTPUTS, TRUTH_VIEWS, TruthViews, View
 from semisynth_gl.interrupts import interrupts_end, interrupts_stop
 from semisynth_gl.layouts import layout_names
@@ -285,10 +285,10 @@ class _GenerationProgress(Progress):
         if self._shares_beyond:
             encoding = result.plan.layout.encodings_for(config).disparity.name
             self.on_message(
-                f"in {len(self._shares_beyond)} pairs more than {_LARGE_SHARE_BEYOND:.0%} of the pixels have a "
-                f"disparity that {encoding} cannot hold, at worst {max(self._shares_beyond):.1%}: they are invalid "
-                f"({View.disparity.beyond_key} counts them); files.disparity=pfm or tiff holds them, in a layout "
-                "that lets you choose"
+                f"in {counted(len(self._shares_beyond), 'pair')} more than {_LARGE_SHARE_BEYOND:.0%} of the pixels "
+                f"have a disparity that {encoding} cannot hold, at worst {max(self._shares_beyond):.1%}: they are "
+                f"invalid ({View.disparity.beyond_key} counts them); files.disparity=pfm or tiff holds them, in a "
+                "layout that lets you choose"
             )
 
 
@@ -309,8 +309,8 @@ def _conclude(result: "GenerationResult") -> None:
         click.get_current_context().exit(_STOPPED)
     if result.missing:
         click.echo(
-            f"{result.missing} of {len(plan.shards)} shards are not there yet: the dataset is complete, and gets its "
-            "index, with the run that makes the last one",
+            f"{result.missing} of {counted(len(plan.shards), 'shard')} not there yet: the dataset is complete, and "
+            "gets its index, with the run that makes the last one",
             err=True,
         )
         say(f"the shards asked for are in {result.place.address}")
@@ -319,7 +319,7 @@ def _conclude(result: "GenerationResult") -> None:
         for advice in plan.layout.advice(plan.pairs[split], plan.config, split):
             click.echo(f"note: {advice}", err=True)
     address, (_, loaders) = result.place.address, plan.layout.title
-    say(f"{total} pairs in {address}")
+    say(f"{counted(total, 'pair')} in {address}")
     images = f"{address}/{plan.images_folder()}".rstrip("/")
     click.echo(
         f"The images are in {images}, for {loaders or 'loaders'}. To look at them: "

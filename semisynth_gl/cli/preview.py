@@ -12,6 +12,7 @@ from semisynth_gl.cli.outputs import Output, ending_check, marked_ply, marked_pn
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.codecs.ply import encode_points
+from semisynth_gl.errors import counted
 from semisynth_gl.frame import as_rgb
 from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.interrupts import interrupts_end
@@ -60,7 +61,7 @@ def preview(scene: SceneOptions, output: Output, ply_path: Path | None, pairs: i
         names = [f"{pair.provenance['recipe']}, pair {pair.index}" for pair in shown]
     draw_sheet([pair.frame for pair in shown], target, title, names).savefig(png, format="png")
     output.write(png.getvalue())
-    say(f"{pairs} pairs in {output.file}")
+    say(f"{counted(pairs, 'pair')} in {output.file}")
     if cloud.path is not None:
         points = first.points()
         seen = np.isfinite(points[..., 2])

@@ -8,6 +8,7 @@ from typing import Self
 import click
 from tqdm import tqdm
 
+from semisynth_gl.errors import counted
 from semisynth_gl.listener import FinishedPair, Listener
 
 _SECONDS_BETWEEN_LINES = 10.0
@@ -67,4 +68,6 @@ class Progress(Listener):
             self._shown_at = now
             rate = self._count / max(now - self._start, 1e-9)
             remaining_s = (self._total - self._count) / rate
-            self.on_message(f"{self._count} of {self._total} pairs, {rate:.2f} pairs/s, {remaining_s:.0f} s left")
+            self.on_message(
+                f"{self._count} of {counted(self._total, 'pair')}, {rate:.2f} pairs/s, {remaining_s:.0f} s left"
+            )

@@ -10,6 +10,7 @@ from semisynth_gl.cli.outputs import Output, marked_html, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.dataset.reader import Index, read_index
+from semisynth_gl.errors import counted
 from semisynth_gl.splits import SPLITS, SplitName
 
 _MEGA = 1e6
@@ -52,7 +53,7 @@ def report(directory: str, output: Output, pairs: int, sample: int, split: Split
     measured, total = len(built.measurement.pairs), built.measurement.dataset_pairs
     size = f" at 1/{built.step} of their size" if built.step > 1 else ""
     say(
-        f"{output.path}: {measured} of {total} pairs measured, {built.shown} shown{size}, "
+        f"{output.path}: {measured} of {counted(total, 'pair')} measured, {built.shown} shown{size}, "
         f"{len(data) / _MEGA:.1f} MB, {time.monotonic() - start:.0f} s"
     )
 

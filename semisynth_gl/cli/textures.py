@@ -8,6 +8,7 @@ from semisynth_gl.cli.options import SEED, ConfigName, images_option, option, re
 from semisynth_gl.cli.outputs import Output, marked_png, output_option
 from semisynth_gl.cli.streams import say
 from semisynth_gl.config import packaged_configs
+from semisynth_gl.errors import counted
 from semisynth_gl.textures.crop_report import REJECTIONS, TextureReport, count_crops
 from semisynth_gl.textures.image_files import printable
 from semisynth_gl.textures.prepare import named_images, prepare_atlas
@@ -38,14 +39,14 @@ def textures(config_name: str, images: tuple[str, ...], seed: int, settings: tup
     report = atlas.report
     kept = report.total("kept")
     shown = ", ".join(section.images) if section.source == "images" else section.source
-    title = f"{kept} patches of {report.patch_px} x {report.patch_px} pixels: {shown}"
+    title = f"{counted(kept, 'patch')} of {report.patch_px} x {report.patch_px} pixels: {shown}"
     png = io.BytesIO()
     draw_texture_sheet(atlas, named_images(section, seed, report.named_images), title).save(png, format="png")
     output.write(png.getvalue())
     for line in _table(report):
         say(line)
     say(report.summary())
-    say(f"{kept} patches in {output.file}")
+    say(f"{counted(kept, 'patch')} in {output.file}")
 
 
 def _table(report: TextureReport) -> list[str]:

@@ -11,6 +11,7 @@ from semisynth_gl.cli.options import COUNT, Source, option
 from semisynth_gl.cli.outputs import Output, json_report, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.dataset.reader import DamagedIndexError, read_index
+from semisynth_gl.errors import counted
 from semisynth_gl.verify.dataset import damaged_index, verify_dataset
 from semisynth_gl.verify.verdict import Verdict
 
@@ -50,7 +51,7 @@ def verify(directory: str, oracle: bool, pixels: int, output: Output) -> None:
     if findings:
         faulty_pairs = sum(1 for verdict in verdicts[1:] if verdict.findings)
         suffix = " and in the dataset as a whole" if verdicts[0].findings else ""
-        click.echo(f"{findings} findings in {faulty_pairs} of {pairs} pairs{suffix}", err=True)
+        click.echo(f"{counted(findings, 'finding')} in {faulty_pairs} of {counted(pairs, 'pair')}{suffix}", err=True)
         click.get_current_context().exit(1)
     click.echo(_summary(pairs, verdicts, seconds))
 
@@ -78,4 +79,5 @@ def _summary(count: int, verdicts: list[Verdict], seconds: float) -> str:
         values = [abs(verdict.measures[name]) for verdict in verdicts if name in verdict.measures]
         if values:
             parts.append(text.format(max(values)))
-    return f"{count} pairs, nothing found; at worst: {', '.join(parts)} ({seconds / max(count, 1):.2f} s a pair)"
+    speed = f"{seconds / max(count, 1):.2f} s a pair"
+    return f"{counted(count, 'pair')}, nothing found; at worst: {', '.join(parts)} ({speed})"

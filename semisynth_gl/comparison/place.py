@@ -9,7 +9,7 @@ import numpy as np
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.maps import image_beside, is_of_right_view, one_of_each_scene, read_map
 from semisynth_gl.comparison.picture import WORKING_WIDTH, Picture, make_picture
-from semisynth_gl.errors import InputError, Skipped
+from semisynth_gl.errors import InputError, Skipped, counted
 from semisynth_gl.textures.image_files import beside_photographs
 from semisynth_gl.textures.images import ImageError, read_image
 
@@ -54,11 +54,11 @@ def left_out(images: Sequence[Path], maps: Sequence[Path]) -> str:
         images: images, with those `beside_photographs`.
         maps: disparity maps, see `map_files`.
     """
-    counted = set(one_of_each_scene(maps))
+    taken = set(one_of_each_scene(maps))
     beside = [path for path in images if beside_photographs(path)]
-    files = list(dict.fromkeys([*beside, *(path for path in maps if path not in counted)]))
+    files = list(dict.fromkeys([*beside, *(path for path in maps if path not in taken)]))
     reason = "masks and maps among photographs, and maps of a scene that has another"
-    return f"left out {len(files)} files, such as {files[0]}: {reason}" if files else ""
+    return f"left out {counted(len(files), 'file')}, such as {files[0]}: {reason}" if files else ""
 
 
 def photograph_pictures(place: Place, skipped: list[Skipped], width_px: int = WORKING_WIDTH) -> Iterator[Picture]:

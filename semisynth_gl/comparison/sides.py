@@ -11,7 +11,7 @@ from semisynth_gl.comparison.picture import WORKING_WIDTH, Picture, make_picture
 from semisynth_gl.comparison.place import Place, map_pictures, photograph_pictures
 from semisynth_gl.dataset.reader import Dataset
 from semisynth_gl.dataset.sample import StoredFrame
-from semisynth_gl.errors import InputError, Skipped
+from semisynth_gl.errors import InputError, Skipped, counted
 from semisynth_gl.listener import FinishedPair, Listener
 from semisynth_gl.spread import spread
 
@@ -144,7 +144,7 @@ def measure_place(place: Place, width_px: int = WORKING_WIDTH) -> MeasuredPlace:
         for pictures, images in ((photographs(), True), (maps(), False))
     )
     if not narrow:
-        raise InputError(f"none of {len(skipped)} photographs can be read; the first: {skipped[0]}")
+        raise InputError(f"none of {counted(len(skipped), 'photograph')} can be read; the first: {skipped[0]}")
     side = Side(of_images.values | of_maps.values, of_images.profiles | of_maps.profiles)
     return MeasuredPlace(side, len(narrow), sum(narrow), len(sparse), sum(with_image), sum(sparse), tuple(skipped))
 

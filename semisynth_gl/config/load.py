@@ -21,7 +21,7 @@ from semisynth_gl.config.model import Config
 from semisynth_gl.config.plugin_recipes import plugin_recipe
 from semisynth_gl.config.scene_sections import TEXTURE_SOURCES
 from semisynth_gl.config.yaml_values import DEEPEST, MOST_BYTES, Key, YamlError, read_yaml
-from semisynth_gl.errors import InputError, cut, did_you_mean, near, shown
+from semisynth_gl.errors import InputError, counted, cut, did_you_mean, near, shown
 from semisynth_gl.plugins import find_plugin
 from semisynth_gl.resources import data_root
 from semisynth_gl.user_files import expanded, read_file
@@ -95,7 +95,7 @@ def _validated(document: Document, overrides: Overrides = ()) -> Config:
     except ValidationError as error:
         faults = error.errors(include_url=False)
         lines = [_explain(fault, document) for fault in faults[:_FAULTS_SHOWN]]
-        more = [f"and {len(faults) - _FAULTS_SHOWN} more faults"] if len(faults) > _FAULTS_SHOWN else []
+        more = [f"and {counted(len(faults) - _FAULTS_SHOWN, 'more fault')}"] if len(faults) > _FAULTS_SHOWN else []
         raise InputError("\n".join([*dict.fromkeys(lines), *more])) from None
     for key, (group, name) in config.used_plugins().items():
         try:

@@ -14,6 +14,7 @@ from semisynth_gl.config.yaml_values import write_yaml
 from semisynth_gl.dataset.begun import plan_from_values
 from semisynth_gl.dataset.file_sets import FileSet, list_file_sets
 from semisynth_gl.dataset.plan import Plan
+from semisynth_gl.errors import counted
 from semisynth_gl.frame import FLOW_OUTPUTS
 from semisynth_gl.plugins import NOUNS
 from semisynth_gl.splits import SplitName
@@ -153,7 +154,7 @@ def _introduction(plan: Plan) -> str:
     scenes = f"\n- Recipes of scenes, by their shares: {', '.join(named)}" if named else ""
     return (
         f"# {config.name}\n\n"
-        f"{_count(sum(plan.pairs.values()), f'{plan.kind} pair')} with exact disparity, rendered with "
+        f"{counted(sum(plan.pairs.values()), f'{plan.kind} pair')} with exact disparity, rendered with "
         "OpenGL. "
         f"Scenes are made of models that wear {patches}, so truth is computed and not measured.\n\n"
         f"- Images: {camera.width_px} x {camera.height_px} pixels\n"
@@ -302,7 +303,7 @@ def _origin(plan: Plan, index: Mapping[str, Any]) -> str:
         ("layout", plan.layout_name),
         *_plugins(plan),
         ("renderer", _escaped(", ".join(index["renderers"]))),
-        ("redrawn", _count(index["redraws"], "attempt")),
+        ("redrawn", counted(index["redraws"], "attempt")),
     ]
     return (
         "## What made it\n\n"
@@ -328,7 +329,7 @@ def _rights(plan: Plan, index: Mapping[str, Any]) -> str:
     ):
         named = {(item["name"], item["licence"]) for split in index["splits"].values() for item in split[key]}
         counts = Counter(licence for _, licence in named)
-        rows += [(_count(count, source), _escaped(licence)) for licence, count in sorted(counts.items())]
+        rows += [(counted(count, source), _escaped(licence)) for licence, count in sorted(counts.items())]
     return (
         f"## Rights\n\nThe dataset as a whole: {_escaped(plan.config.licences.dataset)}. It was made of:\n\n"
         + _table(("what", "licence"), rows)
@@ -374,11 +375,6 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 def _escaped(text: str) -> str:
     """Return a text on one line without Markdown's meaning of its characters."""
     return re.sub(r"([\\`*_\[\]<>|#~$])", r"\\\1", " ".join(text.split()))
-
-
-def _count(number: int, noun: str) -> str:
-    head, preposition, rest = noun.partition(" of ")
-    return f"{number} {head}{'' if number == 1 else 's'}{preposition}{rest}"
 
 
 def _bytes(count: int) -> str:

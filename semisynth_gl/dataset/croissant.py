@@ -18,6 +18,7 @@ from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.codecs.png import RGB8
 from semisynth_gl.dataset.begun import plan_from_values
 from semisynth_gl.dataset.file_sets import FileSet, list_file_sets
+from semisynth_gl.errors import counted
 from semisynth_gl.splits import SplitName
 
 _VERSION = "http://mlcommons.org/croissant/1.1"
@@ -77,7 +78,7 @@ def encode_croissant(index: Mapping[str, Any]) -> bytes:
         "@type": "sc:Dataset",
         "name": plan.config.name,
         "description": (
-            f"{sum(plan.pairs.values())} {plan.kind} pairs of {width} x {height} pixels with exact "
+            f"{counted(sum(plan.pairs.values()), f'{plan.kind} pair')} of {width} x {height} pixels with exact "
             "disparity, rendered: models textured with patches of images fall through a scene. Disparity is x_left - "
             f"x_right in pixels, {sign}. Record sets hold one file of each pair; records of one key belong together. "
             "File sets without a record set are for other readers, such as semisynth_gl.open_dataset."

@@ -27,7 +27,7 @@ from semisynth_gl.config.model import Config
 from semisynth_gl.dataset.plan import Shard, list_shards
 from semisynth_gl.dataset.schema import FORMAT, INDEX, PLAN, PROGRAM, tar_path
 from semisynth_gl.dataset.tar import content_offsets
-from semisynth_gl.errors import InputError, ReadError, abbreviate, shown
+from semisynth_gl.errors import InputError, ReadError, abbreviate, counted, shown
 from semisynth_gl.frame import Colour, TruthViews
 from semisynth_gl.layouts import layout_names
 from semisynth_gl.plugins import MissingPluginError, require_plugins
@@ -309,8 +309,8 @@ def check_record(values: Mapping[str, Any], shard: Shard, path: Path, *, packed:
     expected, came = list(range(shard.first, shard.end)), [sample["pair"] for sample in values["samples"]]
     if came != expected:
         raise ReadError(
-            path, f"samples: expected the pairs {shard.first} to {shard.end - 1}, its record lists {len(came)} pairs"
-            f" ({shown(came)})"
+            path, f"samples: expected the pairs {shard.first} to {shard.end - 1}, its record lists "
+            f"{counted(len(came), 'pair')} ({shown(came)})"
         )  # fmt: skip
     if not packed:
         return

@@ -21,7 +21,7 @@ from semisynth_gl.dataset.schema import (
     RECORDS,
     shard_name,
 )
-from semisynth_gl.errors import InputError, shown
+from semisynth_gl.errors import InputError, counted, shown
 from semisynth_gl.frame import CHANNELS
 from semisynth_gl.layouts import Key, Layout, built_in_layouts, find_layout
 from semisynth_gl.layouts.key import sequence_length
@@ -223,8 +223,8 @@ def make_plan(
     shards = sum(ceil(count / shard_pairs) for count in counts.values())
     if shards > _MOST_SHARDS:
         raise InputError(
-            f"{shards} shards of {shard_pairs} pairs: expected at most {_MOST_SHARDS}; give a larger --shard-pairs, or "
-            "make several datasets"
+            f"{counted(shards, 'shard')} of {counted(shard_pairs, 'pair')}: expected at most {_MOST_SHARDS}; give a "
+            "larger --shard-pairs, or make several datasets"
         )
     plan = Plan(config, seed, layout_name, counts, shard_pairs, used_plugins(config, layout_name))
     _check_names(plan)

@@ -24,7 +24,7 @@ from semisynth_gl.dataset.plan import Plan, Shard, make_plan
 from semisynth_gl.dataset.schema import CARD, CROISSANT
 from semisynth_gl.engines.local import LocalEngine, SerialEngine
 from semisynth_gl.engines.task import Engine
-from semisynth_gl.errors import InputError, abbreviate, shown
+from semisynth_gl.errors import InputError, abbreviate, counted, shown
 from semisynth_gl.generation.shard_job import ShardJob
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
@@ -161,7 +161,7 @@ def _describe(plan: Plan, sources: Mapping[SplitName, Sources], listener: Listen
         listener.on_message(prefix + split_sources.atlas.report.summary())
         for reason in split_sources.skipped_models:
             listener.on_message(f"model left out: {reason}")
-        listener.on_message(f"{prefix}{len(split_sources.models)} models{_of_the_user(split_sources)}")
+        listener.on_message(f"{prefix}{counted(len(split_sources.models), 'model')}{_of_the_user(split_sources)}")
     first = plan.splits[0]
     seed, patches = plan.split(first).seed(plan.seed), sources[first].atlas.patches
     listener.on_message(MixSampler(plan.config, seed, sources[first].libraries, patches).in_view_text())
@@ -188,7 +188,7 @@ def _make(job: ShardJob, missing: list[Shard], engine: Engine, files: DatasetFil
         if missing and not listener.stopping:
             if not busy:
                 raise InputError(
-                    f"{job.place.address}: {len(missing)} shards were made and are not complete, "
+                    f"{job.place.address}: {counted(len(missing), 'shard')} made and still not complete, "
                     f"{missing[0].name} is the first: does something else write there?"
                 )
             if not waiting:
@@ -203,6 +203,6 @@ def _chosen(shards: list[Shard], numbers: range | None) -> list[Shard]:
     if not numbers or numbers.start < 0 or numbers.stop > len(shards):
         raise InputError(
             f"--shards {numbers.start}-{numbers.stop - 1}: the dataset has the shards 0-{len(shards) - 1} "
-            f"({len(shards)} of up to {max(shard.end - shard.first for shard in shards)} pairs)"
+            f"({len(shards)} of up to {counted(max(shard.end - shard.first for shard in shards), 'pair')})"
         )
     return [shards[number] for number in numbers]

@@ -11,6 +11,7 @@ from typing import ClassVar
 from semisynth_gl.camera import EYES
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config
+from semisynth_gl.errors import counted
 from semisynth_gl.frame import CHANNELS, Colour, TruthViews
 from semisynth_gl.frame import ROLES as FRAME_ROLES
 from semisynth_gl.layouts.key import Key
@@ -120,8 +121,8 @@ class Layout(ABC):
         if pairs % config.sequence_pairs:
             whole = "sequence" if config.sequence.length > 1 else "scene"
             sentences.append(
-                f"The last {whole} ends early: {pairs} pairs are no multiple of {config.sequence_pairs}, which each "
-                f"{whole} has."
+                f"The last {whole} ends early: {counted(pairs, 'pair')}, no multiple of {config.sequence_pairs}, which "
+                f"each {whole} has."
             )
         if config.truth != "both" and self.right_truth_for:
             sentences.append(f"{self.right_truth_for} read the right view's truth too: set truth to both.")

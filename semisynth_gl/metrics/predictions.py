@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, is_disparity_map
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, counted
 from semisynth_gl.metrics.truth import SCENE_STEMS, TruePair
 
 _SHOWN = 8
@@ -76,8 +76,8 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) 
         expected = " or ".join(str(folder / f"{stem}.pfm") for stem in list(missing[0].stems)[:2])
         advice = "; --partial evaluates the others" if found else ""
         raise InputError(
-            f"--pred {folder}: no prediction for {len(missing)} of {len(pairs)} pairs: {names}: expected {expected} "
-            f"(or .npy, .png), for example{advice}"
+            f"--pred {folder}: no prediction for {len(missing)} of {counted(len(pairs), 'pair')}: {names}: expected "
+            f"{expected} (or .npy, .png), for example{advice}"
         )
     return Predictions(found, [pair.name for pair in missing])
 

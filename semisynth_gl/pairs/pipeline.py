@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from semisynth_gl.arguments import check_type, to_whole
 from semisynth_gl.camera import EYES, Crop, Eye
 from semisynth_gl.config import Config
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, counted
 from semisynth_gl.frame import FUTURE_OUTPUTS, PAST_OUTPUTS, Frame
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.listener import Listener
@@ -311,7 +311,7 @@ class PairRenderer:
                 return self._settled
             redrawn.append("; ".join(clauses))
         raise InputError(
-            f"sequence {sequence} fails its checks in all {len(redrawn)} attempts, the last one because it is "
+            f"sequence {sequence} fails its checks in {counted(len(redrawn), 'attempt')}, the last one because it is "
             f"{redrawn[-1]}. Change images or scene, or lower the key of the section checks"
         )
 

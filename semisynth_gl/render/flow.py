@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.camera import Crop, Eye
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, counted
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.listed_steps import ListedSteps
@@ -73,7 +73,9 @@ class FlowPass:
         """
         now, then = placed.scene, motion.scene
         if len(motion.instance) != len(now):
-            raise InputError(f"motion: expected {len(now)} instances, those of the scene, got {len(motion.instance)}")
+            raise InputError(
+                f"motion: expected {counted(len(now), 'instance')}, those of the scene, got {len(motion.instance)}"
+            )
         if then.camera != now.camera:
             raise InputError(f"motion: expected the scene's camera, {now.camera}, got {then.camera}")
         view_from_model = placing.view_from_model(

@@ -6,7 +6,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.errors import BackendError
+from semisynth_gl.errors import BackendError, counted
 from semisynth_gl.render.backends import is_software
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.programs import link_program
@@ -51,7 +51,7 @@ def _upload(context: GraphicsContext, layers: NDArray[np.uint8], *, mirrored: bo
     widest = int(context.gl.info["GL_MAX_TEXTURE_SIZE"])
     if count > most or side > widest:
         raise BackendError(
-            f"the patch atlas has {count} patches of {side} px, but {context.renderer} holds {most} of up to "
+            f"the patch atlas has {counted(count, 'patch')} of {side} px, but {context.renderer} holds {most} of up to "
             f"{widest} px: lower textures.max_patches, textures.patch_px or textures.large_px"
         )
     # moderngl, which has no room for levels, is only asked for a texture.

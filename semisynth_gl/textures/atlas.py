@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, counted
 from semisynth_gl.textures.crop_report import CropCount, TextureReport
 from semisynth_gl.textures.crops import texture_measure
 
@@ -113,7 +113,7 @@ def atlas_from_arrays(patches: Sequence[NDArray[Any]], sources: Sequence[str] | 
     if sources is None:
         sources = [f"array/{i:05d}" for i in range(len(patches))]
     if len(sources) != len(patches):
-        raise InputError(f"expected one source for each patch, got {len(sources)} sources for {len(patches)} patches")
+        raise InputError(f"expected one source for each patch, got {len(sources)} for {counted(len(patches), 'patch')}")
     side = patches[0].shape[0] if patches[0].ndim else 0
     for i, patch in enumerate(patches):
         if side < 1 or patch.shape != (side, side, 3) or patch.dtype != np.uint8:

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from semisynth_gl.errors import Skipped, abbreviate
+from semisynth_gl.errors import Skipped, abbreviate, counted
 from semisynth_gl.textures.crops import Square
 from semisynth_gl.textures.shares import patch_chances
 
@@ -155,8 +155,8 @@ class TextureReport:
         kept, kept_flat = self.total("kept"), self.total("kept_flat")
         frames = f" of up to {self.longest_clip} frames" if self.longest_clip > 1 else ""
         text = (
-            f"{_counted(kept, 'patch')} of {self.patch_px} x {self.patch_px} pixels{frames} from "
-            f"{_counted(self.images_used, 'image')}; {_counted(self.total('flat'), 'crop')} left out as flat (median "
+            f"{counted(kept, 'patch')} of {self.patch_px} x {self.patch_px} pixels{frames} from "
+            f"{counted(self.images_used, 'image')}; {counted(self.total('flat'), 'crop')} left out as flat (median "
             f"over 8 x 8 cells of the standard deviation of luminance below {self.min_texture:g} levels), "
             f"{self.total('blurred')} as blurred, {self.total('duplicate')} as duplicates, "
             f"{self.total('surplus')} as more than wanted"
@@ -164,7 +164,7 @@ class TextureReport:
         lines = [text]
         if self.flat_share:
             lines.append(
-                f"{_counted(kept_flat, 'patch')} nearly without texture, on {self.flat_share:.1%} of the surfaces; "
+                f"{counted(kept_flat, 'patch')} nearly without texture, on {self.flat_share:.1%} of the surfaces; "
                 f"{self.total('lowered')} of them by lowering the contrast of others"
             )
         lines += self._uneven()
@@ -184,7 +184,7 @@ class TextureReport:
         equal, lines = 1 / max(len(shares), 1), list[str]()
         if 0 < len(shares) < _FEW:
             lines.append(
-                f"note: {_counted(len(shares), 'image')} alone, each on about {equal:.0%} of the surfaces: give a few "
+                f"note: {counted(len(shares), 'image')} alone, each on about {equal:.0%} of the surfaces: give a few "
                 "dozen photographs"
             )
         # An image of flat crops alone is not to have an equal say.
@@ -193,7 +193,7 @@ class TextureReport:
         if few:
             named = abbreviate([f"{source} {share:.1%}" for share, source in few], _MOST_NAMED)
             lines.append(
-                f"note: {_counted(len(few), 'image')} with few patches, on less than half of an equal share of the "
+                f"note: {counted(len(few), 'image')} with few patches, on less than half of an equal share of the "
                 f"surfaces ({equal:.1%}): {named}; lower textures.patch_px, or give larger photographs"
             )
         return lines
@@ -254,8 +254,3 @@ def count_crops(counts: Collection[CropCount], outcome: Outcome, side_px: int | 
 def patch_group(source: str) -> str:
     """Return the group that a patch is shown in: its image, or the kind of a procedural patch."""
     return source.rsplit("/", 1)[0] if source.startswith("procedural/") else source
-
-
-def _counted(number: int, noun: str) -> str:
-    plural = noun + ("es" if noun.endswith("ch") else "s")
-    return f"{number} {noun if number == 1 else plural}"

@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from semisynth_gl.config.scene_sections import TexturesSection
-from semisynth_gl.errors import InputError
+from semisynth_gl.errors import InputError, counted
 from semisynth_gl.textures.atlas import Atlas, Patch, opaque_layers
 from semisynth_gl.textures.clips import (
     AtlasLimits,
@@ -269,11 +269,11 @@ def _no_patch_message(images_given: int, report: TextureReport) -> str:
         f"without a sharp crop: {blurred} are blurred, {flat} flat (below {report.min_texture:g} levels; try smaller "
         "min_sharpness and min_texture, or other images)"
         if blurred
-        else f"without texture: none of {flat} crops reaches {report.min_texture:g} levels (try a smaller min_texture, "
-        "or other images)"
+        else f"without texture: none of {counted(flat, 'crop')} reaches {report.min_texture:g} levels (try a smaller "
+        "min_texture, or other images)"
     )
     reasons += Counter({small: len(report.too_small), unused: report.images_unused})
     shown = [f"{count} {reason}" for reason, count in reasons.most_common(_REASONS_SHOWN)]
-    more = f"; and {len(reasons) - len(shown)} more reasons" if len(reasons) > len(shown) else ""
+    more = f"; and {counted(len(reasons) - len(shown), 'more reason')}" if len(reasons) > len(shown) else ""
     unreadable = "".join(f"\n  {skipped}" for skipped in report.images_skipped[:_REASONS_SHOWN])
-    return f"no patch can be cut from {images_given} images: {'; '.join(shown)}{more}{unreadable}"
+    return f"no patch can be cut from {counted(images_given, 'image')}: {'; '.join(shown)}{more}{unreadable}"

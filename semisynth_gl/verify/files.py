@@ -13,7 +13,7 @@ from semisynth_gl.dataset.plan import Shard
 from semisynth_gl.dataset.reader import Index, read_members, read_record, read_whole
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, camera_size, decode_file, wrong_sizes
 from semisynth_gl.dataset.schema import CARD, CROISSANT, INDEX, PARTIAL, PLAN, log_path, record_path, tar_path
-from semisynth_gl.errors import ReadError
+from semisynth_gl.errors import ReadError, counted
 from semisynth_gl.verify.verdict import Verdict
 
 _ABOUT = frozenset({INDEX, PLAN, CARD, CROISSANT})
@@ -92,7 +92,7 @@ class StoredShard:
         ]
         if members != expected:
             first = min((file for file, *_ in set(members) ^ set(expected)), default="their order")
-            counts = f"{name} has {len(members)} files, its record lists {len(expected)}"
+            counts = f"{name} has {counted(len(members), 'file')}, its record lists {len(expected)}"
             verdict.add("shard", f"{counts}; the first difference is {first}")
 
     def listed(self, number: int) -> set[str] | None:
@@ -157,7 +157,7 @@ def check_index(index: Index, present: AbstractSet[str], unmade: int, verdict: V
     if index.fault is not None:
         verdict.add("index", index.fault)
     if unmade:
-        verdict.add("index", f"{unmade} of {sum(index.pairs.values())} pairs are not made yet")
+        verdict.add("index", f"{unmade} of {counted(sum(index.pairs.values()), 'pair')} not made yet")
     digest, recorded = digest_of(index.config), index.values.get("config_sha256")
     if digest != recorded:
         verdict.add("index", f"config_values have the digest {digest[:12]}, config_sha256 is {recorded!s:.12}")
@@ -171,7 +171,7 @@ def check_index(index: Index, present: AbstractSet[str], unmade: int, verdict: V
     for name in foreign[:_SHOWN]:
         verdict.add("files", f"{name} does not belong here: the index lists no such file")
     if len(foreign) > _SHOWN:
-        verdict.add("files", f"{len(foreign) - _SHOWN} more files do not belong here")
+        verdict.add("files", f"{counted(len(foreign) - _SHOWN, 'more file')} that the index does not list")
     if index.fault is not None:
         return  # the remaining files are written last
     for name in sorted(_ABOUT - present):
@@ -190,7 +190,9 @@ def _check_list(index: Index, name: str, expected: bytes, verdict: Verdict) -> N
         lines, expected_lines = data.decode("utf-8", "replace").splitlines(), expected.decode().splitlines()
         missing = sorted(set(expected_lines) - set(lines))
         example = f"; it lacks {missing[0]}" if missing else ""
-        verdict.add("files", f"{name} has {len(lines)} lines, not the {len(expected_lines)} of its layout{example}")
+        verdict.add(
+            "files", f"{name} has {counted(len(lines), 'line')}, not the {len(expected_lines)} of its layout{example}"
+        )
 
 
 def _lists_and_links(index: Index) -> tuple[dict[str, bytes], set[str]]:

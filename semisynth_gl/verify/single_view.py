@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.dataset.sample import StoredFrame
+from semisynth_gl.errors import counted
 from semisynth_gl.frame import CHANNELS, OUTSIDE, SKY, Channel, View
 from semisynth_gl.verify.agreement import all_components, check_mask_values, dot
 from semisynth_gl.verify.verdict import Verdict, count_pixels
@@ -235,7 +236,9 @@ def check_instances(frame: StoredFrame, verdict: Verdict) -> None:
         if not isinstance(rows, list):
             verdict.add("instances", f"{name}: there are ids, but the pair's provenance has no list of instances")
         elif int(ids.max()) > len(rows):
-            verdict.add("instances", f"{name} reaches {ids.max()}, the provenance lists {len(rows)} instances")
+            verdict.add(
+                "instances", f"{name} reaches {ids.max()}, the provenance lists {counted(len(rows), 'instance')}"
+            )
         verdict.add_pixels("instances", name, "is 0 in spite of a disparity", (ids == 0) & np.isfinite(disparity))
 
 
