@@ -26,7 +26,7 @@ from PIL import Image
 
 from semisynth_gl.config.load import packaged_configs
 from semisynth_gl.frame import OUTPUTS
-from semisynth_gl.layouts import built_in_layouts
+from semisynth_gl.layouts import LAYOUTS
 
 REAL_RIG = Path(__file__).resolve().parents[1] / "examples" / "real-rig.yaml"
 # Layouts in which the config chooses the encodings.
@@ -34,6 +34,8 @@ FREE_LAYOUTS = ("middlebury", "webdataset")
 ENCODINGS = (("png", "pfm", "flo"), ("qoi", "png16", "pfm"), ("jxl", "tiff", "png16"))
 DESCRIPTIONS = ("index.json", "README.md", "croissant.json")
 SMALL = ("--set", "camera.width_px=226", "--set", "camera.height_px=141", "--set", "textures.max_patches=64")
+# Small images, in a layout that has every output.
+ETH3D = ("--config", "eth3d", "--pairs", "2", "--layout", "middlebury")
 # What loaders of some layouts do not know has cases of its own.
 OF_RIGS = ("correspondence", "sky")
 MOVING = (
@@ -55,7 +57,7 @@ def cases() -> Iterator[tuple[str, tuple[str, ...]]]:
     """Name each dataset, with the options of `semisynth-gl generate` that make it."""
     for config in packaged_configs():
         yield f"config/{config}", ("--config", config, "--pairs", "2")
-    for layout in built_in_layouts():
+    for layout in LAYOUTS:
         moving = ("--config", "sceneflow", "--pairs", "4", "--layout", layout, *MOVING)
         yield f"layout/{layout}", moving
         splits = ("--validation", "1", "--test", "1", "--set", "splits.models=true")
@@ -68,21 +70,21 @@ def cases() -> Iterator[tuple[str, tuple[str, ...]]]:
             moving = ("--config", "middlebury", "--pairs", "2", "--layout", layout, *MOVING)
             yield f"encoding/{layout}/{image}-{disparity}-{flow}", (*moving, *options)
     for output in ("none", *OUTPUTS):
-        sequence = ("--config", "eth3d", "--pairs", "2", "--set", "sequence.length=2")
+        sequence = (*ETH3D, "--set", "sequence.length=2")
         yield f"output/{output}", (*sequence, "--outputs", output)
     for layout in (*FREE_LAYOUTS, "middlebury-2014"):
         rig = ("--config", "sceneflow", "--pairs", "2", "--layout", layout, "--outputs", "visibility,correspondence")
         yield f"rig/{layout}", (*rig, *DEVIATING)
     sky = [option for value in SKY for option in ("--set", value)]
     yield "sky", ("--config", "eth3d", "--pairs", "2", "--layout", "webdataset", *MOVING, *sky)
-    left = ("--config", "eth3d", "--pairs", "2", "--truth", "left")
+    left = (*ETH3D, "--truth", "left")
     yield "truth/left", (*left, "--outputs", "visibility,instances,depth")
     for antialias in ("edges", "msaa4", "ssaa2"):
-        yield f"antialias/{antialias}", ("--config", "eth3d", "--pairs", "2", "--set", f"antialias={antialias}")
-    yield "anisotropy", ("--config", "eth3d", "--pairs", "2", "--set", "textures.anisotropy=4")
-    yield "imperfections", ("--config", "eth3d", "--pairs", "2", *NOISE)
+        yield f"antialias/{antialias}", (*ETH3D, "--set", f"antialias={antialias}")
+    yield "anisotropy", (*ETH3D, "--set", "textures.anisotropy=4")
+    yield "imperfections", (*ETH3D, *NOISE)
     dense = ("--set", "particles.density=dense", "--set", "textures.flat_share=0.2", "--set", "textures.wrap=repeat")
-    yield "dense", ("--config", "kitti", "--pairs", "2", *dense)
+    yield "dense", ("--config", "kitti", "--pairs", "2", "--layout", "middlebury", *dense)
     yield "real-rig", ("--config", str(REAL_RIG), "--pairs", "8")
 
 

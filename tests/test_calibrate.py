@@ -7,6 +7,7 @@ import struct
 import subprocess
 import sys
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from PIL import Image
 from skimage.data import stereo_motorcycle
 
 from semisynth_gl.calibration import calibrate
-from semisynth_gl.calibration.calibrate import ConfigFacts, config_facts, config_name, config_text
+from semisynth_gl.calibration.calibrate import PROPOSED_PAIRS, ConfigFacts, config_facts, config_name, config_text
 from semisynth_gl.calibration.disparity_maps import measure_maps
 from semisynth_gl.calibration.disparity_range import DisparitySource, chosen_range, disparity_range, measured_range
 from semisynth_gl.calibration.photographs import check_sizes, impossible_splits, photograph_sizes
@@ -45,6 +46,7 @@ from semisynth_gl.config import Range, load_config
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.errors import InputError, ReadError, SemisynthError
 from semisynth_gl.histogram import Histogram, PixelCount, total_variation
+from semisynth_gl.layouts import find_layout
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 SMALL = plain_rig(30, 0.1, Size(40, 30))
@@ -946,6 +948,40 @@ def test_plain_numbers_and_a_range_are_enough(call, tmp_path):
     assert config.camera.cx_left_px.low == 319.5
     assert config.background.plane == 1
     assert config.particles.size_px.low == 26
+
+
+KITTI_CAMERA = StereoCamera(1242, 375, 721.5377, 0.54, 609.5593, 609.5593, 172.854)
+
+
+@pytest.mark.parametrize(
+    ("files", "options", "layout"),
+    [
+        ({"calib.txt": KITTI}, (), "kitti"),
+        ({"calib.txt": kitti(replace(KITTI_CAMERA, width_px=1226, height_px=370))}, (), "kitti"),
+        ({"calib.txt": KITTI}, ("--range-px", 2, 400), None),  # above what 16-bit PNG holds
+        ({"calib.txt": KITTI}, ("--scale", 0.5), None),  # too small for KITTI's loaders
+        ({"calib.txt": kitti(replace(KITTI_CAMERA, cx_right_px=640))}, ("--range-px", -20, 90), None),  # signed
+        ({"two_view_training/hall/calib.txt": middlebury()}, (), "eth3d"),
+        ({"calib.txt": MIDDLEBURY}, (), "middlebury"),
+        ({"a/calib.txt": middlebury(), "two_view_training/b/calib.txt": middlebury()}, (), None),
+        ({"rig.yaml": opencv()}, (), None),
+        ({"rig.yaml": ros()}, (), None),
+    ],
+)
+def test_the_layout_is_that_of_the_rigs_benchmark_and_says_nothing_against_the_dataset(
+    call, tmp_path, files, options, layout
+):
+    photographs(tmp_path / "photos", 1, (300, 300))
+    given = [option for name, text in files.items() for option in ("--calib", write(tmp_path, name, text))]
+    given += options if "--range-px" in options else ("--range-px", 2, 90, *options)
+    code, out, err = call("calibrate", "--trials", 0, "--images", "photos", *given, "--other-camera", "--out", "p.yaml")
+    assert (code, err) == (0, "")
+    config = load_config(tmp_path / "p.yaml")
+    assert config.layout == layout
+    assert f"layout           {layout or 'middlebury, and webdataset from 10,000 pairs on'}\n" in out
+    assert f"--pairs {PROPOSED_PAIRS}" in out
+    notes = find_layout(layout or "middlebury").advice(PROPOSED_PAIRS, config, "train")
+    assert [note for note in notes if "0 and below" not in note] == []
 
 
 @pytest.mark.parametrize(("baseline_m", "told"), [(0.001, True), (0.005, False), (4.5, False), (120, True)])

@@ -34,6 +34,7 @@ PAGES = [page for folder in FOLDERS_OF_PAGES for page in sorted((ROOT / folder).
 
 # Defaults that follow from other keys, as the page says them; the model has None.
 DERIVED = {
+    "layout": "by the number of pairs",
     "camera.focal_px": "",
     "camera.focal_mm": "",
     "camera.sensor_width_mm": "",

@@ -343,7 +343,7 @@ def test_advice_tells_of_sequences():
         assert words in told
         assert "set sequence.length to 2 or more" in told
         assert "sequence.length" not in " ".join(layout.advice(400, config(2), "train"))
-    assert "200 sequences, here are 199" in " ".join(find_layout("kitti").advice(398, config(2), "train"))
+    assert "200 sequences, this dataset 199" in " ".join(find_layout("kitti").advice(398, config(2), "train"))
     assert "200" not in " ".join(find_layout("kitti").advice(400, config(2), "train"))
 
 

@@ -16,6 +16,7 @@ from backends import backend_fault
 from recorder import Recorder
 from tiny_datasets import PAIRS, SEED, command, digests, findings, tiny
 
+from semisynth_gl.config import load_config
 from semisynth_gl.dataset.files import DatasetFiles
 from semisynth_gl.dataset.places import Folder
 from semisynth_gl.dataset.plan import make_plan
@@ -53,6 +54,38 @@ def resumed(config, out, layout):
     recorder = Recorder()
     generate(config, out, PAIRS, SEED, layout=layout, shard_pairs=3, listener=recorder)
     return {pair.index for pair in recorder.pairs if not pair.kept}
+
+
+@pytest.mark.parametrize("name", ["kitti", "eth3d", "sceneflow"])
+def test_a_benchmarks_config_has_the_benchmarks_layout(config, tmp_path, name):
+    own = config.model_copy(update={"layout": load_config(name).layout})
+    assert (own.layout, own.digest()) == (name, config.digest())  # a layout changes no pair
+    assert generate(own, tmp_path / "own", 1, SEED).plan.layout_name == name
+    assert generate(own, tmp_path / "chosen", 1, SEED, layout="middlebury").plan.layout_name == "middlebury"
+    # A dataset grows in the layout that it was begun with.
+    assert generate(own, tmp_path / "chosen", 2, SEED).plan.layout_name == "middlebury"
+    assert findings(tmp_path / "own") == []
+
+
+def test_without_a_layout_the_number_of_pairs_decides(config, tmp_path):
+    kitti = config.model_copy(update={"layout": "kitti"})
+    first = {"shard_pairs": 1, "shards": range(1)}
+    for name, chosen, pairs in (("few", config, 9_999), ("many", config, 10_000), ("own", kitti, 10_000)):
+        result = generate(chosen, tmp_path / name, pairs, SEED, **first)
+        assert result.plan.layout_name == {"few": "middlebury", "many": "webdataset", "own": "kitti"}[name]
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        (["files.disparity=tiff"], "choose another with --layout: middlebury, webdataset"),
+        (["outputs=[correspondence]"], "choose another with --layout: middlebury, middlebury-2014, webdataset"),
+        (["disparity.signed=true"], "choose another with --layout: eth3d, middlebury, middlebury-2014, sceneflow, "),
+    ],
+)
+def test_what_a_configs_layout_cannot_hold_is_refused_with_those_that_can(tmp_path, settings, said):
+    with pytest.raises(InputError, match=f"the layout kitti .*{said}"):
+        generate(load_config("kitti", settings), tmp_path / "out", 1)
 
 
 @pytest.mark.parametrize("layout", layout_names())

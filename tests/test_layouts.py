@@ -20,13 +20,15 @@ from hypothesis import strategies as st
 from PIL import Image
 from pydantic import ValidationError
 
+from semisynth_gl import layouts
 from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.calib import KITTI_CALIB
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY8, GREY16, RGB8
-from semisynth_gl.config import load_config
-from semisynth_gl.config.dataset_sections import FilesSection
+from semisynth_gl.config import load_config, packaged_configs
+from semisynth_gl.config.dataset_sections import LAYOUTS, FilesSection
+from semisynth_gl.config.load import parse_config
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.sample import decode_file
 from semisynth_gl.errors import InputError, ReadError
@@ -274,6 +276,14 @@ def test_an_encoding_of_a_layout_is_no_choice_of_a_config():
         find_layout("layout")
 
 
+def test_configs_know_the_names_of_all_layouts():
+    modules = {path.stem.replace("_", "-") for path in Path(layouts.__file__).parent.glob("*.py")}
+    assert {*LAYOUTS} == modules - {"--init--", "foreign", "key", "layout", "roles"}
+    assert {config.layout for config in map(load_config, packaged_configs())} <= {None, *LAYOUTS}
+    with pytest.raises(InputError, match=r"lab.yaml:2: layout: layout: expected one of .*did you mean kitti\?"):
+        parse_config("extends: kitti\nlayout: kiti\n", "lab.yaml")
+
+
 def test_advice_says_what_loaders_will_refuse():
     def config(name, **camera):
         loaded = load_config(name)
@@ -281,13 +291,14 @@ def test_advice_says_what_loaders_will_refuse():
 
     kitti = find_layout("kitti")
     assert kitti.advice(200, config("kitti"), "train") == []
-    assert "200 pairs, here are 199" in kitti.advice(199, config("kitti"), "train")[0]
-    assert "PSMNet crops" in kitti.advice(200, config("kitti", width_px=1231), "train")[0]
+    assert "200 pairs, this dataset 199" in kitti.advice(199, config("kitti"), "train")[0]
+    assert kitti.advice(200, config("kitti", width_px=1224, height_px=370), "train") == []  # a size of KITTI's
+    assert "PSMNet crops" in kitti.advice(200, config("kitti", width_px=1223), "train")[0]
     assert "less than that" in kitti.advice(200, config("kitti", height_px=384), "train")[0]
     assert "training alone" in kitti.advice(200, config("kitti"), "test")[0]
     middlebury = find_layout("middlebury")
     assert middlebury.advice(1, config("middlebury"), "train") == []
-    assert "multiples of 4" in middlebury.advice(1, config("middlebury", width_px=1502), "train")[0]
+    assert middlebury.advice(1, config("middlebury", width_px=1501, height_px=997), "train") == []
     others = load_config("middlebury", ["files.disparity=tiff", "outputs=[depth]", "sequence.length=2"])
     assert [each.split(":")[0] for each in middlebury.advice(3, others, "train")] == [
         "The last sequence ends early",

@@ -552,7 +552,7 @@ def test_a_dataset_without_plugins_has_no_key_of_theirs():
     config = load_config("kitti")
     assert "families" not in config.model_dump(mode="json")["models"]
     assert "plugins" not in make_plan(config, 0, "kitti", {"train": 1}).values()
-    assert Config.model_validate(config.model_dump(mode="json")) == config
+    assert Config.model_validate(config.model_dump(mode="json")) == config.model_copy(update={"layout": None})
     assert load_config("kitti", {"models.families": {}}).digest() == config.digest()
 
 
@@ -582,7 +582,7 @@ def test_splits_have_models_and_pictures_of_their_own():
         assert tuple(map(len, families)) == counts
         positions = [mesh.positions.tobytes() for family in families for mesh in family]
         assert len(set(positions)) == len(positions)
-    with pytest.raises(InputError, match=r"2 models of the family knots \(models.variants\) are too few"):
+    with pytest.raises(InputError, match=r"too few models of the family knots .* 2 in all"):
         build_family("knots", 2, 4, split("train", models=True))
     atlases = [prepare_atlas(CONFIG.textures, 4, split(name, models=False)) for name in ("train", "test")]
     assert not set(atlases[0].pictures.values()) & set(atlases[1].pictures.values())

@@ -19,7 +19,7 @@ from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, SKY, VISIBLE
 from semisynth_gl.generation.generate import generate
-from semisynth_gl.layouts import built_in_layouts
+from semisynth_gl.layouts import LAYOUTS
 from semisynth_gl.metrics.evaluate import evaluate
 from semisynth_gl.metrics.protocol import find_protocol
 from semisynth_gl.pairs.pipeline import PairRenderer
@@ -464,10 +464,10 @@ def test_a_sky_without_a_disparity_is_no_finding(tmp_path):
 
 def test_layouts_whose_files_have_no_negative_disparities_are_refused():
     config, able = open_scenes(4.0), []
-    for name in built_in_layouts():
+    for name in LAYOUTS:
         if name in ("kitti", "crestereo"):
             with pytest.raises(
-                InputError, match=rf"{name} stores .* choose one of .*middlebury.*webdataset with --layout"
+                InputError, match=rf"{name} stores .* choose another with --layout: .*middlebury.*webdataset"
             ):
                 make_plan(config, 0, name, {"train": 1})
         else:

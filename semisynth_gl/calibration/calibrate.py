@@ -16,10 +16,15 @@ from semisynth_gl.calibration.recipes import SceneRecipe, suitable_recipes
 from semisynth_gl.calibration.rectification import Rectification, measure_rectification
 from semisynth_gl.calibration.rig import Rig, Size, median_size, rig_ranges
 from semisynth_gl.calibration.style import Style
+from semisynth_gl.config import Config
 from semisynth_gl.config.scene_sections import BackgroundSection
 from semisynth_gl.errors import abbreviate
+from semisynth_gl.layouts import find_layout
 from semisynth_gl.textures.image_files import find_images, printable
 from semisynth_gl.user_files import expanded
+
+PROPOSED_PAIRS = 1000
+"""Number of pairs that `calibrate` proposes to generate."""
 
 _WIDTH = 100
 # Of the image's width, as in the packaged configs: 60 and 420 px of 1500.
@@ -48,6 +53,7 @@ class ConfigFacts:
         grey: whether all photographs are grey.
         rectification: how far pairs of photographs are off rectified; None where there are none to match.
         fitting_count: number of photographs with the size of a calibration; 0 where sizes were not compared.
+        layout: layout of the config's datasets, see `suited_layout`.
     """
 
     rigs: Sequence[Rig]
@@ -59,6 +65,7 @@ class ConfigFacts:
     grey: bool = False
     rectification: Rectification | None = None
     fitting_count: int = 0
+    layout: str | None = None
 
     @property
     def size(self) -> Size:
@@ -131,6 +138,25 @@ def config_facts(
     )
 
 
+def suited_layout(config: Config, rigs: Sequence[Rig]) -> str | None:
+    """Return the layout of the benchmark that calibrations are of; None for those of none, or of several.
+
+    Nor is it taken where it cannot hold the disparities of a config, or its loaders refuse what `generate` makes of it.
+
+    Args:
+        config: the config for the rigs.
+        rigs: at least one.
+    """
+    names = {rig.layout for rig in rigs}
+    name = names.pop() if len(names) == 1 else None
+    if name is None:
+        return None
+    layout = find_layout(name)
+    codec = layout.encodings_for(config).disparity
+    holds = config.disparity.max_px <= codec.limit_px and (codec.signed or not config.disparity.signed)
+    return name if holds and not layout.advice(PROPOSED_PAIRS, config, "train") else None
+
+
 def config_text(name: str, facts: ConfigFacts, style: Style) -> str:
     """Write the config as YAML, with comments that say where its numbers came from.
 
@@ -143,7 +169,10 @@ def config_text(name: str, facts: ConfigFacts, style: Style) -> str:
     width_px, height_px = facts.size
     camera = {key: _range(ends) for key, ends in ranges.items()}
     camera["doffs_px"] = f"{camera['doffs_px']:<20} # cx of the right camera minus cx of the left one"
-    lines = [*_comment(f"{name}: written by semisynth-gl calibrate."), f"name: {_quoted(name)}", ""]
+    lines = [*_comment(f"{name}: written by semisynth-gl calibrate."), f"name: {_quoted(name)}"]
+    if facts.layout is not None:
+        lines.append(f"layout: {facts.layout:<19} # as the calibration's; without, the number of pairs decides")
+    lines.append("")
     lines += _comment(_camera_origin(facts))
     lines += [
         "camera:",

@@ -61,6 +61,7 @@ class Projections:
         size: size of the images; None where the file has none.
         source: name of the file, or of both files, for messages.
         bounds: bounds of the disparities.
+        layout: layout of the benchmark whose form the file has; None for files of no benchmark.
     """
 
     left: NDArray[np.float64]
@@ -68,6 +69,7 @@ class Projections:
     size: Size | None
     source: str
     bounds: DisparityBounds = NO_BOUNDS
+    layout: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,11 +80,13 @@ class Rig:
         camera: both cameras.
         source: name of the calibration, for messages and comments.
         bounds: bounds of the disparities.
+        layout: layout of the benchmark whose form the calibration has; None for one of no benchmark.
     """
 
     camera: StereoCamera
     source: str
     bounds: DisparityBounds = NO_BOUNDS
+    layout: str | None = None
 
     def __post_init__(self) -> None:
         camera = self.camera
@@ -112,6 +116,7 @@ class Rig:
             StereoCamera(*self.size.scaled(scale), camera.focal_px * scale, camera.baseline_m, left, right, cy),
             self.source,
             DisparityBounds(*(None if bound is None else bound * scale for bound in self.bounds)),
+            self.layout,
         )
 
 
@@ -182,7 +187,7 @@ def rectified(projections: Projections, size: Size | None) -> Rig:
     if size is None:
         raise InputError(f"{source}: does not say how large the images are: give --size WIDTHxHEIGHT")
     camera = StereoCamera(*size, focal_px, baseline_m, float(left[0, 2]), float(right[0, 2]), cy_px)
-    return Rig(camera, source, projections.bounds)
+    return Rig(camera, source, projections.bounds, projections.layout)
 
 
 def median_size(rigs: Sequence[Rig]) -> Size:

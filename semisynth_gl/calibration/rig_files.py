@@ -33,6 +33,7 @@ _KITTI = re.compile(
     rf"^(P_rect_0[0-3]|P[0-3]|S_rect_0[0-3])[ \t]*:[ \t]*({_NUMBER}(?:[ \t]+{_NUMBER})*)[ \t\r]*$", re.MULTILINE
 )
 _KITTI_PAIRS = (("P_rect_02", "P_rect_03"), ("P_rect_00", "P_rect_01"), ("P2", "P3"), ("P0", "P1"))
+_ETH3D = "two_view_"
 _OPENCV_PAIRS = (("P1", "P2"), ("LEFT.P", "RIGHT.P"))
 # ROS's calibration files, messages of ROS 2, and messages of ROS 1.
 _ROS_MATRICES = ("projection_matrix", "p", "P")
@@ -164,7 +165,9 @@ def _middlebury(path: Path, values: Mapping[str, str]) -> Projections:
         )
     size = (number("width"), number("height")) if "width" in values and "height" in values else None
     ndisp, vmin, vmax = (number(key) if key in values else None for key in ("ndisp", "vmin", "vmax"))
-    return Projections(left, right, _checked_size(path, size), str(path), DisparityBounds(ndisp, vmin, vmax))
+    # Both have one form: ETH3D's archives are told by their folders, two_view_training and two_view_test.
+    layout = "eth3d" if any(part.startswith(_ETH3D) for part in path.absolute().parts) else "middlebury"
+    return Projections(left, right, _checked_size(path, size), str(path), DisparityBounds(ndisp, vmin, vmax), layout)
 
 
 def _middlebury_matrix(path: Path, key: str, text: str) -> NDArray[np.float64]:
@@ -190,7 +193,7 @@ def _kitti(path: Path, text: str) -> Projections:
     if sizes[0] != sizes[1] or (sizes[0] is not None and len(sizes[0]) != 2):
         raise ReadError(path, f"the rectified sizes are {sizes[0]} and {sizes[1]}: expected one width and height")
     left, right = (np.reshape(values[key], (3, 4)) for key in pair)
-    return Projections(left, right, _checked_size(path, sizes[0]), str(path))
+    return Projections(left, right, _checked_size(path, sizes[0]), str(path), layout="kitti")
 
 
 def _opencv(path: Path, values: Mapping[str, Any], keys: tuple[str, str], unit_m: float | None) -> Projections:

@@ -104,7 +104,8 @@ _dataset_options = option_group(
         "--layout",
         shell_complete=one_of(layout_names()),
         metavar="NAME",
-        help=f"Names of files: {', '.join(layout_names())}.  [default: middlebury; webdataset from 10,000 pairs on]",
+        help=f"Names of files: {', '.join(layout_names())}.  [default: the config's, else middlebury; "
+        "webdataset from 10,000 pairs on]",
     ),
     option(
         "--outputs",

@@ -32,6 +32,9 @@ _SUB_FRAMES = 7
 # Characters.
 _LONGEST_LICENCE = 1000
 
+LAYOUTS = ("crestereo", "eth3d", "kitti", "middlebury", "middlebury-2014", "sceneflow", "webdataset")
+"""The names of the program's own layouts: the modules of `semisynth_gl.layouts`."""
+
 _Licence = Annotated[str, Field(max_length=_LONGEST_LICENCE)]
 
 

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from semisynth_gl.arguments import check_type
+from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.config.distributions import read_histogram
 from semisynth_gl.config.fields import is_number, reason_of
 from semisynth_gl.config.image_size import recentred, scaled
@@ -22,7 +23,7 @@ from semisynth_gl.config.plugin_recipes import plugin_recipe
 from semisynth_gl.config.scene_sections import TEXTURE_SOURCES
 from semisynth_gl.config.yaml_values import DEEPEST, MOST_BYTES, Key, YamlError, read_yaml
 from semisynth_gl.errors import InputError, counted, cut, did_you_mean, near, shown
-from semisynth_gl.plugins import find_plugin
+from semisynth_gl.plugins import Group, find_plugin
 from semisynth_gl.resources import data_root
 from semisynth_gl.user_files import expanded, read_file
 
@@ -32,6 +33,8 @@ _TARGET_FILE = "file"
 _SCENES = "scenes"
 _SCALE = "scale"
 _OVERRIDE, _OVERRIDES = "--set", "overrides"
+
+_BUILT_IN: Mapping[Group, Sequence[str]] = {"layouts": LAYOUTS, "textures": TEXTURE_SOURCES}
 
 _MOST_TIMES = 64
 # Configs that extend each other, one the next.
@@ -97,9 +100,12 @@ def _validated(document: Document, overrides: Overrides = ()) -> Config:
         lines = [_explain(fault, document) for fault in faults[:_FAULTS_SHOWN]]
         more = [f"and {counted(len(faults) - _FAULTS_SHOWN, 'more fault')}"] if len(faults) > _FAULTS_SHOWN else []
         raise InputError("\n".join([*dict.fromkeys(lines), *more])) from None
-    for key, (group, name) in config.used_plugins().items():
+    used = config.used_plugins()
+    if config.layout is not None and config.layout not in LAYOUTS:
+        used[("layout",)] = ("layouts", config.layout)
+    for key, (group, name) in used.items():
         try:
-            find_plugin(group, name, TEXTURE_SOURCES if group == "textures" else ())
+            find_plugin(group, name, _BUILT_IN.get(group, ()))
         except InputError as error:
             raise type(error)(f"{_prefix(key, document)}: {error}") from None
     return config

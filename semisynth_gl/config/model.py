@@ -130,6 +130,8 @@ class Config(Section):
 
     Attributes:
         name: first part of the name of every sample; letters, digits and hyphens.
+        layout: layout of a dataset that is asked for without one, see docs/layouts.md. By default ``middlebury``, and
+            ``webdataset`` from 10,000 pairs on.
         scenes: recipes, of which each sequence takes one, by their weights. Their keys go over the sections above; by
             default all sequences follow these sections.
         outputs: further outputs beside images and disparities: ``visibility``, ``correspondence``, ``instances``,
@@ -140,6 +142,8 @@ class Config(Section):
     """
 
     name: Name
+    # Left out of the values: it changes no pair.
+    layout: Annotated[PluginName | None, Field(exclude=True)] = None
     camera: CameraSection
     disparity: DisparitySection
     background: BackgroundSection = BackgroundSection()

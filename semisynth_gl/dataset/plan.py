@@ -23,7 +23,7 @@ from semisynth_gl.dataset.schema import (
 )
 from semisynth_gl.errors import InputError, counted, shown
 from semisynth_gl.frame import CHANNELS
-from semisynth_gl.layouts import Key, Layout, built_in_layouts, find_layout
+from semisynth_gl.layouts import LAYOUTS, Key, Layout, find_layout
 from semisynth_gl.layouts.key import sequence_length
 from semisynth_gl.plugins import Records, plugin_records
 from semisynth_gl.splits import SPLITS, Split, SplitName
@@ -194,7 +194,7 @@ def make_plan(
         raise InputError(
             f"the layout {layout_name} has encodings of its own ({layout.encodings.image.name}, "
             f"{layout.encodings.disparity.name}, {layout.encodings.flow.name}): leave files.image, files.disparity and "
-            "files.flow out of the config"
+            f"files.flow out of the config, or choose another with --layout: {', '.join(_free_layouts())}"
         )
     length = sequence_length(config.outputs, config.sequence.length)
     if length is not None and layout.most_frames is not None and length > layout.most_frames:
@@ -203,17 +203,17 @@ def make_plan(
             f"sequence.length {length}: set it to {layout.most_frames} or less, or choose another with --layout"
         )
     if unsaid := sorted(layout.lacks.intersection(config.outputs)):
-        able = ", ".join(name for name in built_in_layouts() if unsaid[0] not in find_layout(name).lacks)
+        able = ", ".join(name for name in LAYOUTS if unsaid[0] not in find_layout(name).lacks)
         raise InputError(
             f"the layout {layout_name} has no files for the output {unsaid[0]}, which its loaders do not know: leave "
             f"it out of outputs, or choose another with --layout: {able}"
         )
     encodings = layout.encodings_for(config)
     if encodings.signed and not encodings.disparity.signed:
-        others = [each for each in built_in_layouts() if find_layout(each).own_encodings(signed=True).disparity.signed]
+        others = [each for each in LAYOUTS if find_layout(each).own_encodings(signed=True).disparity.signed]
         raise InputError(
             f"the layout {layout_name} stores disparities as {encodings.disparity.description}, which has no values of "
-            f"0 and below, but disparity.signed makes these valid: choose one of {', '.join(others)} with --layout"
+            f"0 and below, but disparity.signed makes these valid: choose another with --layout: {', '.join(others)}"
         )
     encodings.check_installed()
     if lacking := sorted(layout.needs.difference(config.outputs)):
@@ -238,9 +238,14 @@ def used_plugins(config: Config, layout_name: str) -> Records:
         InputError: where one is not installed.
     """
     used = [*config.used_plugins().values()]
-    if layout_name not in built_in_layouts():
+    if layout_name not in LAYOUTS:
         used.append(("layouts", layout_name))
     return plugin_records(used)
+
+
+def _free_layouts() -> list[str]:
+    """Return the names of the layouts whose encodings a config chooses."""
+    return [name for name in LAYOUTS if find_layout(name).encodings is None]
 
 
 def _check_names(plan: Plan) -> None:

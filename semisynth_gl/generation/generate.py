@@ -80,7 +80,7 @@ def generate(
         pairs: number of pairs to train on, or of each split.
         seed: 0 or more.
         layout: see `semisynth_gl.layouts`; by default the layout of the unfinished dataset in ``out``, else
-            ``middlebury``, and ``webdataset`` from 10,000 pairs on.
+            the config's, else ``middlebury``, and ``webdataset`` from 10,000 pairs on.
         backend: "auto", "egl" or "osmesa".
         engine: runs the shards; by default in this process.
         gpus: CUDA's numbers of the GPUs that workers take turns on; none for the first that CUDA_VISIBLE_DEVICES shows,
@@ -108,7 +108,8 @@ def generate(
     listener = listener or Listener()
     place = open_place(out)
     earlier = {} if overwrite else read_resumed(place)
-    layout = layout or earlier.get("layout") or ("middlebury" if sum(counts.values()) < _MANY_PAIRS else "webdataset")
+    by_number = "middlebury" if sum(counts.values()) < _MANY_PAIRS else "webdataset"
+    layout = layout or earlier.get("layout") or config.layout or by_number
     plan = make_plan(config, seed, layout, counts, earlier.get("shard_pairs") if shard_pairs is None else shard_pairs)
     chosen = _chosen(plan.shards, shards)
     check_apart(place, plan)
@@ -155,7 +156,7 @@ def _notes(place: Place, plan: Plan, files: DatasetFiles) -> Iterator[str]:
 
 
 def _describe(plan: Plan, sources: Mapping[SplitName, Sources], listener: Listener) -> None:
-    """Report the patches and models of each split, and what the scenes of the first one will show."""
+    """Report the patches and models of each split; refuse a target that the scenes cannot meet."""
     for split, split_sources in sources.items():
         prefix = f"{split}: " if len(sources) > 1 else ""
         listener.on_message(prefix + split_sources.atlas.report.summary())
@@ -164,7 +165,8 @@ def _describe(plan: Plan, sources: Mapping[SplitName, Sources], listener: Listen
         listener.on_message(f"{prefix}{counted(len(split_sources.models), 'model')}{_of_the_user(split_sources)}")
     first = plan.splits[0]
     seed, patches = plan.split(first).seed(plan.seed), sources[first].atlas.patches
-    listener.on_message(MixSampler(plan.config, seed, sources[first].libraries, patches).in_view_text())
+    # Before any worker starts; all of them find in the cache what is worked out here.
+    MixSampler(plan.config, seed, sources[first].libraries, patches).expected()
 
 
 def _of_the_user(sources: Sources) -> str:

@@ -39,7 +39,8 @@ _FIRST_FRAME = 10
 
 # HSM's, the evaluation kit's and every repository's own lists count on that many.
 _FEWEST = 200
-_PSMNET_SIZE = 1232, 368
+# Rectified, KITTI's images have between this size and 1242 x 376.
+_SMALLEST_SIZE = 1224, 370
 _PADDED_SIZE = 1248, 384
 
 # Folders that are not named by their channel, in the order in which a pair's files are listed.
@@ -114,12 +115,13 @@ class Kitti(Layout):
         width, height = config.camera.width_px, config.camera.height_px
         if pairs < _FEWEST:
             sentences.append(
-                f"KITTI 2015 has {_FEWEST} {what}, here are {pairs}: HSM, the evaluation kit and the lists that "
+                f"KITTI 2015 has {_FEWEST} {what}, this dataset {pairs}: HSM, the evaluation kit and the lists that "
                 f"repositories bring along fail with fewer than {_FEWEST}."
             )
-        if width < _PSMNET_SIZE[0] or height < _PSMNET_SIZE[1]:
+        if width < _SMALLEST_SIZE[0] or height < _SMALLEST_SIZE[1]:
             sentences.append(
-                f"PSMNet crops {_PSMNET_SIZE[0]} x {_PSMNET_SIZE[1]} from KITTI, but images are {width} x {height}."
+                f"PSMNet crops 1232 x 368 from KITTI, whose images have {_SMALLEST_SIZE[0]} x {_SMALLEST_SIZE[1]} or "
+                f"more, but images are {width} x {height}."
             )
         if width >= _PADDED_SIZE[0] or height >= _PADDED_SIZE[1]:
             sentences.append(

@@ -17,9 +17,6 @@ from semisynth_gl.splits import SplitName
 SCENES = "MiddEval3/trainingF"
 SCENE_LIST = "MiddEval3/official_train.txt"
 
-# Half and quarter size are exact then.
-_SIZE_STEP = 4
-
 
 class Middlebury(Layout):
     """MiddEval3: RAFT-Stereo, HSM, torchvision's CarlaStereo, the evaluation kit."""
@@ -46,8 +43,7 @@ class Middlebury(Layout):
         return {"carla-highres/trainingF": f"../{SCENES}"}
 
     def advice(self, pairs: int, config: Config, split: SplitName) -> list[str]:
-        """Return what the base says, which files loaders want, and that sizes should be halved twice without a rest."""
-        size = config.camera.width_px, config.camera.height_px
+        """Return what the base says, and which files loaders want."""
         sentences = super().advice(pairs, config, split)
         if (config.files.image, config.files.disparity) != ("png", "pfm"):
             sentences.append(
@@ -55,11 +51,6 @@ class Middlebury(Layout):
             )
         if "visibility" not in config.outputs:
             sentences.append("RAFT-Stereo and HSM read masks too: add the output visibility for them.")
-        if any(length % _SIZE_STEP for length in size):
-            sentences.append(
-                f"Sizes in MiddEval3 are multiples of {_SIZE_STEP}, so that its H and Q are exactly half and quarter, "
-                f"but images are {size[0]} x {size[1]}: change camera.width_px or camera.height_px."
-            )
         return sentences
 
 
