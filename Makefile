@@ -24,13 +24,13 @@ $(error BACKEND must be auto, egl or osmesa, not $(BACKEND))
 endif
 scene_options = --seed $(SEED) --backend $(backend) $(if $(MODELS),--models "$(MODELS)")
 with_images = $(if $(IMAGES),--images "$(IMAGES)")
-# A sheet shows the first four pairs, and none that the dataset lacks.
-shown = $$(( $(PAIRS) < 4 ? $(PAIRS) : 4 ))
+# A sheet shows a pair of each recipe, four at least, but no more pairs than a small dataset has.
+shown = $(if $(filter 1 2 3,$(PAIRS)),--pairs $(PAIRS))
 
-# $(call render,CONFIG,IMAGE OPTIONS): a dataset, and the contact sheet of its first pairs beside it.
+# $(call render,CONFIG,IMAGE OPTIONS): a dataset, and a contact sheet beside it.
 define render
 $(VENV)/bin/semisynth-gl generate --config $(1) --out $(OUT)/$(1) --pairs $(PAIRS) --overwrite $(scene_options) $(2)
-$(VENV)/bin/semisynth-gl preview --config $(1) --out $(OUT)/$(1).png --pairs $(shown) $(scene_options) $(2)
+$(VENV)/bin/semisynth-gl preview --config $(1) --out $(OUT)/$(1).png $(shown) $(scene_options) $(2)
 
 endef
 
@@ -41,7 +41,7 @@ help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z].*## / { printf "  %-44s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
 
 .PHONY: $(CONFIGS)
-middlebury kitti eth3d sceneflow zero-shot: setup  ## render PAIRS pairs to OUT/<name>, with a contact sheet
+middlebury kitti eth3d sceneflow zero-shot: setup  ## render PAIRS pairs to OUT/<name>, in the layout of that benchmark, with a contact sheet
 	$(call render,$@,$(with_images))
 
 .PHONY: ablation-geometry

@@ -175,6 +175,9 @@ def test_preview_draws_a_sheet(call, tmp_path, photographs):
     np.testing.assert_array_equal(np.float32(cloud.vertices), frame.points().reshape(-1, 3))
     np.testing.assert_array_equal(cloud.colors[:, :3], frame.left.image.reshape(-1, 3))
     assert re.search(r"total variation of 0\.0\d\d from the target, [\d.]+ px", done.stdout)
+    assert re.search(
+        r"^on average \d+ floating objects in view, covering \d+% of the image$", done.stdout, re.MULTILINE
+    )
     sheet = np.asarray(Image.open(tmp_path / "sheet.png").convert("RGB"))
     assert sheet.shape[1] == 1600
     assert len(np.unique(sheet.reshape(-1, 3), axis=0)) > 1000

@@ -1,19 +1,24 @@
 """Recipes of scenes: which sequence takes which, what their scenes are, and the datasets that are made of several."""
 
+import json
 import pickle
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from backends import backend_fault
+from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 from tiny_datasets import CLUTTER_ALONE, cheap, findings
 
 from semisynth_gl.camera import Crop
+from semisynth_gl.cli import semisynth_gl
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.config.explain import explain
 from semisynth_gl.config.load import parse_config
+from semisynth_gl.config.model import Recipe
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.errors import InputError
 from semisynth_gl.generation.generate import generate
@@ -79,6 +84,49 @@ def test_successive_sequences_have_each_recipe_as_often_as_its_share_says(weight
     for recipe, share in enumerate(given_shares):
         # Independent draws would be off by more than 20 now and then.
         assert np.abs(np.cumsum(drawn == recipe) - share * so_far).max() < 4.5
+
+
+@given(
+    st.lists(st.floats(0.5, 10), min_size=1, max_size=6),
+    st.integers(0, 2**32),
+    st.integers(1, 12),
+    st.sampled_from([1, 2, 6]),
+)
+def test_an_overview_shows_the_first_pair_of_each_recipe(weights, seed, pairs, together):
+    sampler = object.__new__(MixSampler)
+    shares = [weight / sum(weights) for weight in weights]
+    sampler.recipes = tuple(Recipe(str(number), share, None) for number, share in enumerate(shares))
+    sampler._shares, sampler._sequence_pairs = Shares(shares, seed), together
+    shown = sampler.overview(pairs)
+    assert shown == sorted(set(shown))
+    assert len(shown) == pairs
+    seen = {sampler._shares.recipe(index // together) for index in shown}
+    most = sorted(range(len(shares)), key=lambda number: -shares[number])[:pairs]
+    # Of equal shares any may come first.
+    assert sorted(shares[number] for number in seen)[-len(most) :] == sorted(shares[number] for number in most)
+    firsts = {sampler._shares.recipe(sequence): sequence for sequence in range(5000, -1, -1)}
+    others = [index for index in shown if index not in {firsts[number] * together for number in seen}]
+    assert others == [index for index in range(pairs) if index in others]
+
+
+def test_a_preview_shows_each_recipe_and_says_what_it_is(tmp_path):
+    if backend_fault("auto"):
+        pytest.skip("no OpenGL here")
+    path, sheet = tmp_path / "mix.yaml", str(tmp_path / "sheet.png")
+    path.write_text(json.dumps(mixed(small()).model_dump(mode="json", exclude_none=True)))
+    done = CliRunner().invoke(semisynth_gl, ["preview", "--config", str(path), "--out", sheet])
+    assert done.exit_code == 0, done.output
+    assert f"4 pairs in {sheet}\n" in done.stdout
+    said = re.findall(
+        r"^(\w+), (\d+)% of the scenes: pairs? ([\d, ]+); on average \d+ floating objects? in view, covering \d+% of ",
+        done.stdout,
+        re.MULTILINE,
+    )
+    assert [(name, share) for name, share, _ in said] == [("plain", "33"), ("walls", "33"), ("solids", "33")]
+    shown = sorted(int(index) for *_, indices in said for index in indices.split(", "))
+    assert shown == sampler_of(mixed(small()), seed=0).overview(4)
+    one = CliRunner().invoke(semisynth_gl, ["preview", "--config", str(path), "--out", sheet, "--pairs", "1"])
+    assert one.stdout.count("no pair shown; on average") == 2
 
 
 def test_seeds_begin_at_other_recipes():

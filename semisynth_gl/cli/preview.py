@@ -1,7 +1,7 @@
 """``semisynth-gl preview``."""
 
 import io
-from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -12,12 +12,14 @@ from semisynth_gl.cli.outputs import Output, ending_check, marked_ply, marked_pn
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.codecs.ply import encode_points
+from semisynth_gl.config.model import Recipe
 from semisynth_gl.errors import counted
 from semisynth_gl.frame import as_rgb
 from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.interrupts import interrupts_end
 
 _PLY = marked_ply("semisynth-gl preview")
+_FEWEST = 4
 
 
 @click.command()
@@ -29,11 +31,18 @@ _PLY = marked_ply("semisynth-gl preview")
     type=UserPath(),
     callback=ending_check("--ply", ".ply"),
     metavar="FILE",
-    help="Also write the first pair's left view as a point cloud, in metres and with colours, to this PLY.",
+    help="Also write the left view of the first pair shown as a point cloud, in metres and with colours, to this PLY.",
 )
-@option("--pairs", type=click.IntRange(min=1, max=64), default=4, help="How many pairs to show.")
-def preview(scene: SceneOptions, output: Output, ply_path: Path | None, pairs: int) -> None:
-    """Draw a contact sheet: the first pairs of a dataset, and their histogram against the config's."""
+@option(
+    "--pairs",
+    type=click.IntRange(min=1, max=64),
+    help=f"How many pairs to show.  [default: {_FEWEST}, or one of each recipe where there are more]",
+)
+def preview(scene: SceneOptions, output: Output, ply_path: Path | None, pairs: int | None) -> None:
+    """Draw a contact sheet: a pair of each recipe, the dataset's first pairs, and their histogram against the config's.
+
+    In the histogram each recipe counts by its share of the scenes.
+    """
     # Imported here: help and completion need no renderer, and matplotlib takes longer to load than a pair to render.
     with interrupts_end():
         from semisynth_gl.pairs.pipeline import PairRenderer  # noqa: PLC0415
@@ -43,36 +52,53 @@ def preview(scene: SceneOptions, output: Output, ply_path: Path | None, pairs: i
     cloud = Output("--ply", _PLY, ply_path, output.overwrite)
     for file in (output, cloud):
         file.check_beside(scene.config_name, config)
+    recipes = config.recipes()
     with PairRenderer(config, scene.seed, scene.backend) as renderer, Progress() as progress:
-        progress.on_total(pairs)
+        indices = renderer.sampler.overview(pairs or max(_FEWEST, len(recipes)))
+        progress.on_total(len(indices))
         shown = []
-        for index in range(pairs):
+        for index in indices:
             shown.append(renderer.render(index))
             progress.advance()
-        expected, in_view = renderer.expected_histogram(), renderer.sampler.in_view_text()
-        title = f"{config.name}, seed {scene.seed}, pairs 0 to {pairs - 1}, {renderer.renderer_name}"
-    first = shown[0].frame
-    png = io.BytesIO()
+        expected, in_view = renderer.expected_histogram(), renderer.sampler.in_view()
+        title = f"{config.name}, seed {scene.seed}, {counted(len(shown), 'pair')}, {renderer.renderer_name}"
+    first = shown[0]
+    of_recipe = {
+        recipe.name: [pair for pair in shown if pair.provenance.get("recipe") == recipe.name] for recipe in recipes
+    }
+    grouped = [(recipe, pair) for recipe in recipes for pair in of_recipe[recipe.name]]
+    names = [f"{'' if recipe.name is None else f'{recipe.name}, '}pair {pair.index}" for recipe, pair in grouped]
+    weights = [recipe.share / len(of_recipe[recipe.name]) for recipe, _ in grouped]
     target = config.shown_histogram()
-    recipes = [recipe.name for recipe in config.recipes() if recipe.name is not None]
-    names = []
-    if recipes:
-        shown.sort(key=lambda pair: recipes.index(pair.provenance["recipe"]))
-        names = [f"{pair.provenance['recipe']}, pair {pair.index}" for pair in shown]
-    draw_sheet([pair.frame for pair in shown], target, title, names).savefig(png, format="png")
+    png = io.BytesIO()
+    draw_sheet([pair.frame for _, pair in grouped], target, title, names, weights).savefig(png, format="png")
     output.write(png.getvalue())
-    say(f"{counted(pairs, 'pair')} in {output.file}")
+    say(f"{counted(len(shown), 'pair')} in {output.file}")
     if cloud.path is not None:
-        points = first.points()
+        points = first.frame.points()
         seen = np.isfinite(points[..., 2])
-        cloud.write(encode_points(points[seen], as_rgb(first.left.image)[seen]))
-        say(f"the points of pair 0 in {cloud.path}")
-    if recipes:
-        counts = Counter(pair.provenance["recipe"] for pair in shown)
-        say("of each recipe: " + ", ".join(f"{name} {counts[name]}" for name in recipes))
-    say(in_view)
+        cloud.write(encode_points(points[seen], as_rgb(first.frame.left.image)[seen]))
+        say(f"the points of pair {first.index} in {cloud.path}")
+    for recipe, (objects, still) in zip(recipes, in_view, strict=True):
+        say(_about(recipe, [pair.index for pair in of_recipe[recipe.name]], objects, 1 - still))
     say(
         f"over many pairs, disparities are expected to come to a total variation of "
         f"{total_variation(expected, target):.3f} from the target, {wasserstein_px(target, expected):.2g} px "
         "(Wasserstein-1)"
     )
+
+
+def _about(recipe: Recipe, indices: Sequence[int], objects: float, covered: float) -> str:
+    """Return a line about a recipe: its share, the pairs that show it, and what is expected to float in a view.
+
+    Args:
+        recipe: the recipe.
+        indices: numbers of the pairs on the sheet that show it.
+        objects: mean number of floating objects in a left view.
+        covered: mean share of the view that these cover, 0 to 1.
+    """
+    view = f"on average {counted(round(objects), 'floating object')} in view, covering {covered:.0%} of the image"
+    if recipe.name is None:
+        return view
+    pairs = f"pair{'s' * (len(indices) > 1)} {', '.join(map(str, indices))}" if indices else "no pair shown"
+    return f"{recipe.name}, {recipe.share:.0%} of the scenes: {pairs}; {view}"

@@ -16,7 +16,13 @@ _INVALID = "#4060c0"
 _WIDTH_IN = 16.0
 
 
-def draw_sheet(frames: Sequence[Frame], target: Histogram, title: str, names: Sequence[str] = ()) -> Figure:
+def draw_sheet(
+    frames: Sequence[Frame],
+    target: Histogram,
+    title: str,
+    names: Sequence[str] = (),
+    weights: Sequence[float] | None = None,
+) -> Figure:
     """Draw a row for each pair (left, right, left disparity with its scale in px) above the histogram of all pairs.
 
     Args:
@@ -24,6 +30,7 @@ def draw_sheet(frames: Sequence[Frame], target: Histogram, title: str, names: Se
         target: distribution that the config asks for.
         title: title of the sheet.
         names: a name for each pair, which stands under its left image; none by default.
+        weights: how much each pair counts in the histogram; all alike by default.
     """
     first = frames[0].camera
     row_in = (_WIDTH_IN / 3.15) * first.height_px / first.width_px
@@ -56,18 +63,27 @@ def draw_sheet(frames: Sequence[Frame], target: Histogram, title: str, names: Se
                 axis.set_title(label, fontsize=9)
         if names:
             axes[0].set_xlabel(names[row], fontsize=9)
-    _draw_histogram(figure, grid[len(frames), :], np.concatenate(valid), target)
+    _draw_histogram(figure, grid[len(frames), :], valid, [1.0] * len(frames) if weights is None else weights, target)
     return figure
 
 
-def _draw_histogram(figure: Figure, place: SubplotSpec, disparity_px: NDArray[np.float32], target: Histogram) -> None:
+def _draw_histogram(
+    figure: Figure,
+    place: SubplotSpec,
+    disparities_px: Sequence[NDArray[np.float32]],
+    weights: Sequence[float],
+    target: Histogram,
+) -> None:
     axis = figure.add_subplot(place)
-    count = PixelCount(target.edges_px)
-    count.add(disparity_px)
-    if not count.counts.any():
+    counts = np.zeros(len(target.shares))
+    for disparity_px, weight in zip(disparities_px, weights, strict=True):
+        count = PixelCount(target.edges_px)
+        count.add(disparity_px)
+        counts += weight * count.counts
+    if not counts.any():
         axis.set_title("no pixel has a disparity", fontsize=9)
         return
-    achieved = count.histogram
+    achieved = Histogram.from_counts(target.edges_px, counts)
     axis.stairs(achieved.shares, achieved.edges_px, fill=True, color="#d98a3d", label="achieved")
     axis.stairs(target.shares, target.edges_px, color="black", linewidth=1.5, label="wanted by the config")
     distance = total_variation(target, achieved)

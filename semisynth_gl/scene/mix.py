@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from semisynth_gl.config.model import Config
 from semisynth_gl.errors import InputError
@@ -12,11 +13,14 @@ from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.histogram import Histogram, mix_histograms
 from semisynth_gl.scene.depth_layers import merge_bins
+from semisynth_gl.scene.population import InView
 from semisynth_gl.scene.sampler import SampledScene, SceneSampler
 from semisynth_gl.scene.scene import Motion, Scene
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 
+# Sequences among which the first one of a recipe is sought.
+_SOUGHT = 100_000
 # Multiples of this number spread over [0, 1) almost as evenly as those of the golden ratio, and its root is unrelated
 # to the roots that share out the numbers of particles: 221 is 13 times 17, and those are of primes.
 _STEP = (221**0.5 - 11) / 10
@@ -36,7 +40,16 @@ class Shares:
 
     def recipe(self, sequence: int) -> int:
         """Return the number of a sequence's recipe."""
-        return int(np.searchsorted(self._ends, (self._first + sequence * _STEP) % 1.0, side="right"))
+        return int(self._recipes(np.array(sequence)))
+
+    def firsts(self) -> dict[int, int]:
+        """Return the first sequence of each recipe by the recipe's number; recipes of a tiny share are left out."""
+        numbers, sequences = np.unique(self._recipes(np.arange(_SOUGHT)), return_index=True)
+        return dict(zip(numbers.tolist(), sequences.tolist(), strict=True))
+
+    def _recipes(self, sequences: NDArray[np.int64]) -> NDArray[np.int64]:
+        places: NDArray[np.int64] = np.searchsorted(self._ends, (self._first + sequences * _STEP) % 1.0, side="right")
+        return places
 
 
 class MixSampler:
@@ -113,15 +126,27 @@ class MixSampler:
             return parts[0][1]
         return mix_histograms(parts, merge_bins(self._config.shown_histogram()).edges_px)
 
-    def in_view_text(self) -> str:
-        """Return a line that says what each recipe shows on average; see `Population.in_view`."""
-        parts = []
+    def overview(self, pairs: int) -> list[int]:
+        """Return the numbers of so many pairs that show each recipe, in their order.
+
+        They are the first pair of each recipe, the more frequent recipes before the others, and then the first pairs of
+        the dataset that are not among these.
+
+        Args:
+            pairs: how many, at least 1.
+        """
+        firsts = self._shares.firsts()
+        frequent = sorted(firsts, key=lambda number: (-self.recipes[number].share, firsts[number]))
+        chosen = [firsts[number] * self._sequence_pairs for number in frequent]
+        return sorted(list(dict.fromkeys([*chosen, *range(pairs)]))[:pairs])
+
+    def in_view(self) -> list[InView]:
+        """Return what the pairs of each recipe show on average; see `Population.in_view`."""
+        seen = []
         for sampler in self.samplers:
             with _named(sampler.recipe):
-                objects, still = sampler.population.in_view()
-            name = "" if sampler.recipe is None else f"{sampler.recipe} "
-            parts.append(f"{name}{objects:.0f} floating objects before {still:.0%} background")
-        return f"expected in view: {'; '.join(parts)}"
+                seen.append(sampler.population.in_view())
+        return seen
 
     def _expected(self, sampler: SceneSampler) -> Histogram:
         with _named(sampler.recipe):
