@@ -464,10 +464,10 @@ def test_far_pixels_make_a_scene_an_outdoor_one(disparities, scenes):
 
 
 def side(**values):
-    """A place: two pictures for each measure, a deviation to both sides of its mean."""
+    """A place: six pictures for each measure, half of them to each side of its mean."""
     found = {measure.key: np.zeros(0) for measure in MEASURES}
     for key, (mean, deviation) in values.items():
-        found[key] = mean + deviation / np.sqrt(2) * np.array([-1.0, 1.0])
+        found[key] = mean + deviation * np.sqrt(5 / 6) * np.array([-1.0, 1.0] * 3)
     return Side(found, {})
 
 
@@ -923,7 +923,8 @@ def test_trial_pairs_set_what_the_place_shows(call, tmp_path):
         "--disparity", "scene", "--other-camera", "--out", "a.yaml",
     )  # fmt: skip
     assert code == 0
-    assert re.search(r"^place +\d+ of \d+ measures expected", out, re.MULTILINE)
+    # Two pictures are too few to say how near their measures are.
+    assert not re.search("^place ", out, re.MULTILINE)
     config, text = load_config(tmp_path / "a.yaml"), (tmp_path / "a.yaml").read_text()
     # Two surfaces and one jump a row are next to nothing floating.
     shares = {recipe.name: recipe.share for recipe in config.recipes()}

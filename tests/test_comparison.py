@@ -39,8 +39,8 @@ from semisynth_gl.comparison.quantities import (
     run_lengths,
     slants,
 )
-from semisynth_gl.comparison.sides import frame_picture
-from semisynth_gl.config import Config
+from semisynth_gl.comparison.sides import FEWEST, frame_picture
+from semisynth_gl.config import Config, load_config
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.pairs.pipeline import PairRenderer
@@ -448,7 +448,7 @@ def dataset(tmp_path_factory):
 @pytest.fixture(scope="module")
 def photographs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("photographs")
-    for seed in range(3):
+    for seed in range(FEWEST):
         write(folder / f"{seed}.png", RGB8.encode(pixels(seed)))
     return folder
 
@@ -504,7 +504,7 @@ def test_figures_are_means_and_deviations_and_advice_follows_them(dataset, photo
             continue
         difference = (np.mean(values) - theirs.mean()) / np.std(theirs, ddof=1)
         assert each["difference"] == pytest.approx(difference)
-        expected = None if abs(difference) <= 1 else advice(measure, read_index(dataset).config, more=difference < 0)
+        expected = None if abs(difference) <= 1 else advice(measure, [read_index(dataset).config], more=difference < 0)
         assert each["advice"] == expected
         assert expected is None or f"  {measure.name}, {difference:+.1f} sd: {expected}" in out
         off += expected is not None
@@ -526,12 +526,34 @@ def test_a_sample_is_spread_over_the_dataset(dataset, photographs):
     assert part.dataset.values["luminance"] == pytest.approx(whole.dataset.values["luminance"][[0, 2, 4]])
 
 
-def test_one_photograph_has_no_deviation(dataset, photographs, tmp_path):
-    twice = [write(tmp_path / f"{number}.png", (photographs / "0.png").read_bytes()) for number in range(2)]
-    for images in (twice[:1], twice):
-        code, out, _ = run(dataset, *(word for image in images for word in ("--images", image)), "--width", 48)
-        assert code == 0
-        assert out.splitlines()[-1].startswith("The place has no standard deviations")
+def test_few_pictures_of_a_place_are_said_to_tell_nothing(dataset, photographs, tmp_path):
+    few = sorted(photographs.iterdir())[:2]
+    figures = tmp_path / "figures.json"
+    given = [word for image in few for word in ("--images", image)]
+    code, out, _ = run(dataset, *given, "--width", 48, "--json", figures)
+    said = json.loads(figures.read_text())
+    assert (code, said["compared"], said["near"]) == (0, 0, 0)
+    assert " of 0 measures" not in out
+    assert re.search(r"^gradient, mean .* too few$", out, re.MULTILINE)
+    assert out.splitlines()[-1] == (
+        f"Too few pictures of the place to tell how far {out.count('too few')} measures may be off: that takes "
+        f"{FEWEST} pictures, better a few dozen, and there are 2 photographs, 0 maps"
+    )
+    # Of alike pictures there are enough, but no deviation.
+    alike = [write(tmp_path / f"{number}.png", few[0].read_bytes()) for number in range(FEWEST)]
+    _, out, _ = run(dataset, *(word for image in alike for word in ("--images", image)), "--width", 48)
+    assert out.splitlines()[-1].startswith("The place has no standard deviations")
+
+
+def test_enough_pictures_seldom_take_what_is_alike_for_different():
+    rng = np.random.default_rng(0)
+
+    def off(pictures):
+        drawn = rng.normal(size=(20_000, pictures))
+        return (np.abs(drawn.mean(axis=1)) > drawn.std(axis=1, ddof=1)).mean()
+
+    assert off(2) > 0.35
+    assert off(FEWEST - 1) > 0.2 > 1 / 6 > off(FEWEST) > 1 / 8
 
 
 def test_background_is_what_stands_still(dataset):
@@ -565,10 +587,10 @@ def test_what_is_left_out_is_said(dataset, photographs, tmp_path):
     write(tmp_path / "lidar.pfm", PFM.encode(sparse))
     code, out, err = run(dataset, "--images", photographs, "--images", broken, "--disparity", tmp_path, "--width", 100)
     assert code == 0
-    assert "3 photographs, 1 disparity map (0 with their image)" in out
+    assert f"{FEWEST} photographs, 1 disparity map (0 with their image)" in out
     assert f"note: left out: {broken}: " in err
-    assert "note: of the photographs, 3 are narrower than 100 px" in err
-    assert "note: of the maps, 1 have a disparity in fewer than half" in err
+    assert f"note: {FEWEST} photographs narrower than 100 px, " in err
+    assert "note: 1 map with a disparity in fewer than half of its pixels, " in err
 
 
 @pytest.mark.parametrize(
@@ -619,10 +641,53 @@ def test_advice_names_keys_that_a_config_has():
         assert not {*change.up} & {*change.down}, change.key
     for measure in MEASURES:
         # The background is for information.
-        texts = [advice(measure, {}, more=more) for more in (True, False)]
+        texts = [advice(measure, [recipe_with("cuboid")] * 2, more=more) for more in (True, False)]
         assert all(texts) == any(texts) == (measure.key != "background")
-    assert "scenes" in advice(BY_KEY["jumps"], {}, more=False)
+    assert "scenes" in advice(BY_KEY["jumps"], [recipe_with("cuboid")] * 2, more=False)
     assert moved_by("imperfections.blur_px") == tuple(BY_KEY[key] for key in ("border_hardness", "octaves", "gradient"))
+
+
+def recipe_with(*kinds, **sections):
+    """Values of a config whose scenes have these kinds of background."""
+    weights = {kind: float(kind in kinds) for kind in ("cuboid", "plane", "room", "street")}
+    return load_config("middlebury", {"scenes": [], "background": weights, **sections}).model_dump(mode="json")
+
+
+def named_keys(*recipes):
+    """Keys that the advice on any measure names."""
+    texts = [advice(measure, recipes, more=more) for measure in MEASURES for more in (True, False)]
+    return {change.key for change in CHANGES for text in texts if re.search(rf"\b{change.key}\b", text)}
+
+
+@pytest.mark.parametrize(
+    ("kinds", "sections"),
+    [
+        ({"cuboid"}, {"structures"}),
+        ({"plane"}, {"structures"}),
+        ({"room"}, {"room"}),
+        ({"street"}, {"street"}),
+        ({"room", "street"}, {"room", "street", "background"}),
+        ({"cuboid", "room"}, {"structures", "room", "background"}),
+    ],
+)
+def test_advice_names_no_key_that_moves_nothing_in_the_scenes(kinds, sections):
+    named = {key.partition(".")[0] for key in named_keys(recipe_with(*kinds))}
+    assert named & {"room", "street", "structures", "background"} == sections
+    # Scenes have the sections of any of their recipes.
+    both = {key.partition(".")[0] for key in named_keys(recipe_with(*kinds), recipe_with("street"))}
+    assert both & {"room", "street", "structures", "background", "scenes"} == sections | {"street", "scenes"}
+    if "background" in sections:
+        assert {f"background.{kind}" for kind in kinds - {"cuboid"}} == {
+            key for key in named_keys(recipe_with(*kinds)) if key.startswith("background.")
+        }
+
+
+def test_advice_names_no_key_that_another_takes_the_place_of():
+    free = {"particles.density", "particles.size_px"}
+    assert free <= named_keys(recipe_with("cuboid"))
+    assert not named_keys(recipe_with("cuboid", particles={"layers": [{"count": 3}], "size_m": [0.1, 0.3]})) & free
+    assert "structures.panel_slant_deg" not in named_keys(recipe_with("cuboid"))
+    assert "structures.panel_slant_deg" in named_keys(recipe_with("cuboid", structures={"panels": [0, 2]}))
 
 
 @pytest.fixture(scope="module")
@@ -656,16 +721,16 @@ CALM = ("jumps", "near_jumps", "occluded")
 
 def test_what_a_config_says_already_is_not_advised():
     measure = BY_KEY["border_hardness"]
-    assert "antialias: edges" in advice(measure, {"antialias": "none"}, more=False)
-    assert "antialias" not in advice(measure, {"antialias": "edges"}, more=False)
-    assert "antialias: none" in advice(measure, {"antialias": "edges"}, more=True)
-    assert "antialias" not in advice(measure, {"antialias": "none"}, more=True)
+    assert "antialias: edges" in advice(measure, [{"antialias": "none"}], more=False)
+    assert "antialias" not in advice(measure, [{"antialias": "edges"}], more=False)
+    assert "antialias: none" in advice(measure, [{"antialias": "edges"}], more=True)
+    assert "antialias" not in advice(measure, [{"antialias": "none"}], more=True)
 
 
 def told(measure, change, *, more):
     """Whether an advice says "lower KEY", where a verb holds for all keys of its clause, or "KEY: VALUE"."""
     verb, _, key = change.rpartition(" ")
-    clauses = advice(BY_KEY[measure], {}, more=more).split("; ")
+    clauses = advice(BY_KEY[measure], [{}], more=more).split("; ")
     return any(clause.startswith(verb) and re.search(rf"\b{re.escape(key)}\b", clause) for clause in clauses)
 
 

@@ -104,7 +104,7 @@ class Style:
             for measure in MEASURES
             if (expected := self.expected.get(measure.key)) is not None
             and (mean := place.mean(measure)) is not None
-            and (deviation := place.deviation(measure))
+            and (deviation := place.unit(measure)) is not None
         ]
         return sum(off <= deviation for off, deviation in both), len(both)
 

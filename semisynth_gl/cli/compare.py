@@ -12,7 +12,7 @@ from semisynth_gl.comparison.compare import Comparison, compare_with_place, comp
 from semisynth_gl.comparison.maps import map_files
 from semisynth_gl.comparison.picture import WORKING_WIDTH
 from semisynth_gl.comparison.place import find_place, left_out
-from semisynth_gl.comparison.sides import SAMPLE
+from semisynth_gl.comparison.sides import FEWEST, SAMPLE
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.errors import counted
 from semisynth_gl.splits import SPLITS, SplitName
@@ -101,13 +101,20 @@ def _counts(comparison: Comparison) -> str:
 def _summary(comparison: Comparison) -> list[str]:
     """Return how many measures are near, and a line for each that is not."""
     near, compared = len(comparison.near()), len(comparison.compared())
+    few, lines = len(comparison.too_few()), list[str]()
+    if few:
+        place = f"{counted(comparison.place.photographs, 'photograph')}, {counted(comparison.place.maps, 'map')}"
+        lines.append(
+            f"Too few pictures of the place to tell how far {counted(few, 'measure')} may be off: that takes {FEWEST} "
+            f"pictures, better a few dozen, and there are {place}"
+        )
     if not compared:
-        return ["The place has no standard deviations to compare by: that takes two different pictures or more"]
-    lines = [f"{near} of {counted(compared, 'measure')} within one standard deviation (sd) of the place's pictures"]
+        return lines or ["The place has no standard deviations to compare by: its pictures are all alike"]
+    lines += [f"{near} of {counted(compared, 'measure')} within one standard deviation (sd) of the place's pictures"]
     advice = comparison.advice()
     if advice:
         lines.append("The others, the farthest first, with the keys of the config that move them:")
-        lines += [f"  {measure.name}, {by:+.1f} sd: {change}" for measure, by, change in advice]
+        lines += [f"  {measure.name}, {by:+.1f} sd: {change or 'no key'}" for measure, by, change in advice]
     return lines
 
 
@@ -115,12 +122,12 @@ def _notes(comparison: Comparison) -> list[str]:
     notes = [f"left out: {skipped}" for skipped in comparison.place.skipped]
     if comparison.place.narrow:
         notes.append(
-            f"of the photographs, {comparison.place.narrow} are narrower than {comparison.width_px} px and count for "
+            f"{counted(comparison.place.narrow, 'photograph')} narrower than {comparison.width_px} px, used for "
             "luminance alone; --width takes a smaller width for all"
         )
     if comparison.place.sparse_maps:
         notes.append(
-            f"of the maps, {comparison.place.sparse_maps} have a disparity in fewer than half of their pixels and "
-            "count for disparity alone"
+            f"{counted(comparison.place.sparse_maps, 'map')} with a disparity in fewer than half of its pixels, used "
+            "for disparity alone"
         )
     return notes

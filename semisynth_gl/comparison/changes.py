@@ -3,7 +3,7 @@
 `compare` names the keys by it, and `calibrate` sets each key by the measures that it moves.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ from semisynth_gl.comparison.measures import MEASURES, Measure
 _BUSY = ("jumps", "near_jumps", "occluded")
 _CALM = ("runs", "regions")
 _SHARP = ("octaves", "gradient")
+_KINDS = ("cuboid", "plane", "room", "street")
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +23,8 @@ class Change:
         key: section and name; of keys of the top level the name alone.
         up: keys of the `Measure` that more of it raises.
         down: those that more of it lowers.
+        kinds: weights of the section ``background``; the key counts in scenes that have one of these alone. Empty for
+            keys of all scenes.
         more: how to have more of it, where "raise KEY" does not say it.
         less: how to have less of it, where "lower KEY" does not say it.
     """
@@ -29,6 +32,7 @@ class Change:
     key: str
     up: tuple[str, ...] = ()
     down: tuple[str, ...] = ()
+    kinds: tuple[str, ...] = ()
     more: str = ""
     less: str = ""
 
@@ -41,21 +45,21 @@ CHANGES: tuple[Change, ...] = (
         more="in scenes, give more weight to recipes with many objects",
         less="in scenes, give more weight to recipes with few objects",
     ),
-    Change("background.room", up=(*_CALM, "flat"), down=(*_BUSY, *_SHARP)),
-    Change("background.street", up=(*_CALM, "flat", "slant", "steep"), down=(*_BUSY, *_SHARP)),
-    Change("room.furniture", up=(*_BUSY, *_SHARP), down=_CALM),
-    Change("room.small", up=(*_BUSY, *_SHARP), down=(*_CALM, "flat")),
-    Change("room.pillars", up=("occluded", "disparity", "largest_disparity"), down=_CALM),
-    Change("street.tall", up=_BUSY, down=_CALM),
-    Change("street.low", up=_BUSY, down=_CALM),
-    Change("street.vehicles", up=("near_jumps", "occluded", "disparity"), down=("slant", "steep")),
-    Change("street.houses", up=_CALM, down=_BUSY),
+    Change("background.room", up=(*_CALM, "flat"), down=(*_BUSY, *_SHARP), kinds=("room",)),
+    Change("background.street", up=(*_CALM, "flat", "slant", "steep"), down=(*_BUSY, *_SHARP), kinds=("street",)),
+    Change("room.furniture", up=(*_BUSY, *_SHARP), down=_CALM, kinds=("room",)),
+    Change("room.small", up=(*_BUSY, *_SHARP), down=(*_CALM, "flat"), kinds=("room",)),
+    Change("room.pillars", up=("occluded", "disparity", "largest_disparity"), down=_CALM, kinds=("room",)),
+    Change("street.tall", up=_BUSY, down=_CALM, kinds=("street",)),
+    Change("street.low", up=_BUSY, down=_CALM, kinds=("street",)),
+    Change("street.vehicles", up=("near_jumps", "occluded", "disparity"), down=("slant", "steep"), kinds=("street",)),
+    Change("street.houses", up=_CALM, down=_BUSY, kinds=("street",)),
     Change("particles.density", up=(*_BUSY, *_SHARP), down=(*_CALM, "flat")),
     Change("models.complex", up=(*_BUSY, *_SHARP), down=(*_CALM, "flat")),
     Change("particles.size_px", up=(*_CALM, "flat"), down=(*_BUSY, *_SHARP)),
     Change("particles.thinness", down=("jumps", "near_jumps", "slant", "steep")),
-    Change("structures.panels", up=_CALM, down=("jumps", "near_jumps", "slant", "steep")),
-    Change("structures.panel_slant_deg", up=("slant", "steep")),
+    Change("structures.panels", up=_CALM, down=("jumps", "near_jumps", "slant", "steep"), kinds=("cuboid", "plane")),
+    Change("structures.panel_slant_deg", up=("slant", "steep"), kinds=("cuboid", "plane")),
     Change("disparity.target", up=("disparity", "largest_disparity")),
     Change("disparity.max_px", up=("largest_disparity",)),
     Change(
@@ -81,17 +85,19 @@ def moved_by(*keys: str) -> tuple[Measure, ...]:
     return tuple(measure for measure in MEASURES if measure.key in moved)
 
 
-def advice(measure: Measure, config: Mapping[str, Any], *, more: bool) -> str:
+def advice(measure: Measure, recipes: Sequence[Mapping[str, Any]], *, more: bool) -> str:
     """Return what to change in a config for more of a measure, or for less; "" where no key moves it.
 
     Args:
         measure: the measure.
-        config: the config's values in JSON's types; what they say already is not said.
+        recipes: the values of each recipe's config in JSON's types, at least one. Keys that move nothing in the scenes
+            of any recipe are not named, nor what the values say already.
         more: whether more of it is wanted.
     """
-    raised = [change for change in CHANGES if measure.key in (change.up if more else change.down)]
-    lowered = [change for change in CHANGES if measure.key in (change.down if more else change.up)]
-    in_force = {f"{key}: {value}" for key, value in config.items() if isinstance(value, str)}
+    changes = [change for change in CHANGES if _counts(change, recipes)]
+    raised = [change for change in changes if measure.key in (change.up if more else change.down)]
+    lowered = [change for change in changes if measure.key in (change.down if more else change.up)]
+    in_force = {f"{key}: {value}" for key, value in recipes[0].items() if isinstance(value, str)}
     said = [text for text in (*(each.more for each in raised), *(each.less for each in lowered)) if text]
     said = [text for text in said if text not in in_force]
     for verb, changes in (("raise", raised), ("lower", lowered)):
@@ -99,6 +105,30 @@ def advice(measure: Measure, config: Mapping[str, Any], *, more: bool) -> str:
         if keys:
             said.append(f"{verb} {_either(keys)}")
     return "; ".join(said)
+
+
+def _counts(change: Change, recipes: Sequence[Mapping[str, Any]]) -> bool:
+    """Return whether a key moves anything in the scenes of a recipe."""
+    if change.key == "scenes":
+        return len(recipes) > 1
+    return any(_counts_in(change, values) for values in recipes)
+
+
+def _counts_in(change: Change, values: Mapping[str, Any]) -> bool:
+    section, _, key = change.key.rpartition(".")
+    weights, particles = values.get("background", {}), values.get("particles", {})
+    kinds = {kind for kind in _KINDS if weights.get(kind, 0) > 0}
+    if change.kinds and not kinds.intersection(change.kinds):
+        return False
+    if section == "background":
+        return len(kinds) > 1  # the only weight above 0 is 1, whatever its value
+    if change.key == "particles.density":
+        return particles.get("layers") is None
+    if change.key == "particles.size_px":
+        return particles.get("size_m") is None
+    if key == "panel_slant_deg":
+        return values.get("structures", {}).get("panels", 0) not in (0, [0, 0])
+    return True
 
 
 def _either(words: list[str]) -> str:

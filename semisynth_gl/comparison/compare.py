@@ -1,6 +1,6 @@
 """A dataset's pairs beside the place that they are made for: measured alike, and what to change in the config."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,12 +8,12 @@ from semisynth_gl.comparison.changes import advice
 from semisynth_gl.comparison.measures import MEASURES, PROFILES, Measure, Profile
 from semisynth_gl.comparison.picture import WORKING_WIDTH, working_width
 from semisynth_gl.comparison.place import Place
-from semisynth_gl.comparison.sides import SAMPLE, MeasuredPlace, Side, measure_dataset, measure_place
+from semisynth_gl.comparison.sides import FEWEST, SAMPLE, MeasuredPlace, Side, measure_dataset, measure_place
+from semisynth_gl.dataset.configs import recipe_values
 from semisynth_gl.dataset.reader import Dataset
 from semisynth_gl.listener import Listener
 
 _OFF = 1.0
-_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,7 +26,7 @@ class Comparison:
         pairs: number of these.
         dataset_pairs: number of pairs that the dataset has, or its split.
         place: measures of the place.
-        config: the values of the dataset's config in JSON's types.
+        recipes: the values of each recipe's config in JSON's types; those of the config where it has no recipes.
     """
 
     width_px: int
@@ -34,22 +34,24 @@ class Comparison:
     pairs: int
     dataset_pairs: int
     place: MeasuredPlace
-    config: Mapping[str, Any]
+    recipes: Sequence[Mapping[str, Any]]
 
     def difference(self, measure: Measure) -> float | None:
-        """Return the dataset's mean minus the place's, in standard deviations of the place's pictures; None for none.
-
-        Where the pictures of the place all have one value, there is no such unit.
-        """
+        """Return the dataset's mean minus the place's in the place's `Side.unit`; None for none."""
         place = self.place.side
-        ours, theirs, deviation = self.dataset.mean(measure), place.mean(measure), place.deviation(measure)
-        if ours is None or theirs is None or deviation is None or deviation <= _ROUNDING * abs(theirs):
+        ours, theirs, unit = self.dataset.mean(measure), place.mean(measure), place.unit(measure)
+        if ours is None or theirs is None or unit is None:
             return None
-        return (ours - theirs) / deviation
+        return (ours - theirs) / unit
 
     def compared(self) -> list[tuple[Measure, float]]:
         """Return each measure that both sides have, with its `difference`, in the order of the table."""
         return [(measure, by) for measure in MEASURES if (by := self.difference(measure)) is not None]
+
+    def too_few(self) -> list[Measure]:
+        """Return the measures that both sides have, but fewer than `FEWEST` pictures of the place."""
+        theirs = self.place.side.values
+        return [each for each in MEASURES if len(self.dataset.values[each.key]) and 0 < len(theirs[each.key]) < FEWEST]
 
     def near(self) -> list[Measure]:
         """Return the measures by which the dataset is within one standard deviation of its place."""
@@ -59,7 +61,7 @@ class Comparison:
         """Return each measure that is off by more than one deviation, the farthest first, with what to change."""
         off = [(measure, by) for measure, by in self.compared() if abs(by) > _OFF]
         off.sort(key=lambda each: -abs(each[1]))
-        return [(measure, by, advice(measure, self.config, more=by < 0)) for measure, by in off]
+        return [(measure, by, advice(measure, self.recipes, more=by < 0)) for measure, by in off]
 
 
 def compare_with_place(
@@ -88,18 +90,20 @@ def compare_with_place(
         width_px = WORKING_WIDTH if configured is None else working_width(round(configured))
     measured = measure_place(place, width_px)
     ours = measure_dataset(dataset, width_px, sample, listener)
-    return Comparison(width_px, ours, min(sample, len(dataset)), len(dataset), measured, dataset.about.config)
+    return Comparison(width_px, ours, min(sample, len(dataset)), len(dataset), measured, recipe_values(dataset.about))
 
 
 def comparison_table(comparison: Comparison) -> list[str]:
     """Return the lines of a table: each measure's mean and deviation on both sides, and their difference."""
+    few = comparison.too_few()
     rows: list[tuple[str, ...]] = [("", "unit", "dataset", "place", "off by")]
     for measure in MEASURES:
         if comparison.dataset.mean(measure) is None and comparison.place.side.mean(measure) is None:
             continue
         by = comparison.difference(measure)
         sides = (_shown(side, measure) for side in (comparison.dataset, comparison.place.side))
-        rows.append((measure.name, measure.unit, *sides, "" if by is None else f"{by:+.1f} sd"))
+        off = "too few" if measure in few else "" if by is None else f"{by:+.1f} sd"
+        rows.append((measure.name, measure.unit, *sides, off))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join(

@@ -18,6 +18,12 @@ from semisynth_gl.spread import spread
 SAMPLE = 100
 """Pairs of a dataset that are measured, unless the caller wants another number."""
 
+FEWEST = 4
+"""Pictures of a place whose standard deviation is a unit. Were dataset and place alike, one measure in seven would be
+off by more than one unit by chance; with two pictures, two measures in five would be."""
+
+_ROUNDING = 1e-9
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Side:
@@ -40,6 +46,13 @@ class Side:
         """Return the standard deviation over pictures, with Bessel's correction; None with fewer than two."""
         values = self.values[measure.key]
         return float(values.std(ddof=1)) if len(values) > 1 else None
+
+    def unit(self, measure: Measure) -> float | None:
+        """Return the standard deviation as a unit; None with fewer than `FEWEST` pictures, or where all are alike."""
+        mean, deviation = self.mean(measure), self.deviation(measure)
+        if mean is None or deviation is None or len(self.values[measure.key]) < FEWEST:
+            return None
+        return deviation if deviation > _ROUNDING * abs(mean) else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,9 +8,8 @@ from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
-from semisynth_gl.config import Config
+from semisynth_gl.dataset.configs import read_config
 from semisynth_gl.dataset.reader import Dataset, Index
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.errors import InputError, SemisynthError
@@ -115,19 +114,6 @@ class Measurement:
     depth_m: NDArray[np.float64]
     rays: Rays
     ray_faults: Mapping[str, int]
-
-
-def read_config(index: Index) -> Config:
-    """Return a dataset's config.
-
-    Raises:
-        InputError: where the config in the index is not a config of this version.
-    """
-    try:
-        return Config.model_validate(index.config)
-    except ValidationError as error:
-        reason = "; ".join(str(error).splitlines()[:3])
-        raise InputError(f"the config in the index is not a config of this version: {reason}") from None
 
 
 def measure(

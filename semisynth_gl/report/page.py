@@ -11,10 +11,10 @@ from jinja2 import Environment, StrictUndefined
 from matplotlib import colormaps
 from numpy.typing import NDArray
 
+from semisynth_gl.dataset.configs import recipe_values
 from semisynth_gl.dataset.reader import Index
-from semisynth_gl.errors import InputError
 from semisynth_gl.histogram import Histogram, total_variation, wasserstein_px
-from semisynth_gl.report.measure import QUANTITIES, RAYS, Measurement, Outlier, PairMeasures, read_config
+from semisynth_gl.report.measure import QUANTITIES, RAYS, Measurement, Outlier, PairMeasures
 from semisynth_gl.report.pictures import JPEG_QUALITY, Picture
 from semisynth_gl.report.plots import COLOUR_MAP, Bars, count_bars, draw_histogram
 from semisynth_gl.report.redraws import PairKey, Redraws
@@ -81,7 +81,7 @@ def render_page(
     disparity, target = measurement.disparity, measurement.target
     medians = _finite(pair.median_px for pair in measurement.pairs)
     sources = index.values.get("splits", {})
-    configs = _recipe_configs(index)
+    configs = recipe_values(index)
     return environment.from_string(assets.joinpath("report.html").read_text("utf-8")).render(
         index=index,
         values=index.values,
@@ -195,14 +195,6 @@ def _disparity_chart(achieved: Histogram, target: Histogram | None) -> Chart:
     outline = None if target is None else target.rebinned(edges).shares
     svg = draw_histogram("disparity", bars, "disparity, px", outline=outline)
     return Chart(svg, *(achieved.quantile(share) for share in (0.05, 0.5, 0.95)))
-
-
-def _recipe_configs(index: Index) -> list[Values]:
-    """Return the config of each recipe, in JSON's types; the config itself where it has no recipes."""
-    try:
-        return [recipe.config.model_dump(mode="json") for recipe in read_config(index).recipes()]
-    except InputError:  # a config of another version
-        return [index.config]
 
 
 def _config_range(configs: Sequence[Values], section: str, key: str) -> list[float]:

@@ -1,0 +1,31 @@
+"""The config that a dataset was made with, as this version of the program reads it."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import ValidationError
+
+from semisynth_gl.config import Config
+from semisynth_gl.dataset.reader import Index
+from semisynth_gl.errors import InputError
+
+
+def read_config(index: Index) -> Config:
+    """Return a dataset's config.
+
+    Raises:
+        InputError: where the config in the index is not a config of this version.
+    """
+    try:
+        return Config.model_validate(index.config)
+    except ValidationError as error:
+        reason = "; ".join(str(error).splitlines()[:3])
+        raise InputError(f"the config in the index is not a config of this version: {reason}") from None
+
+
+def recipe_values(index: Index) -> list[Mapping[str, Any]]:
+    """Return the values of each recipe's config in JSON's types; those of the config where it has no recipes."""
+    try:
+        return [recipe.config.model_dump(mode="json") for recipe in read_config(index).recipes()]
+    except InputError:  # a config of another version
+        return [index.config]
