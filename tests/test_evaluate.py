@@ -468,3 +468,54 @@ def test_wrong_options_are_refused(tmp_path, monkeypatch, arguments, words):
     code, _, err = run(*arguments)
     assert code == 2
     assert words in err
+
+
+# --- many pairs ---
+
+
+@pytest.fixture
+def many(tmp_path):
+    """Twelve pairs whose predictions are off at 10, 20 ... 120 pixels; and the names, the worst first."""
+    truth = np.full(SHAPE, 9, np.float32)
+    for number in range(12):
+        prediction = truth.copy()
+        prediction.ravel()[: 10 * (number + 1)] += 15
+        for folder, values in (("gt", truth), ("pred", prediction)):
+            (tmp_path / folder).mkdir(exist_ok=True)
+            # Not in the order of their errors.
+            (tmp_path / folder / f"pair-{number * 5 % 12:02d}.pfm").write_bytes(PFM.encode(values))
+    return tmp_path, [f"pair-{number * 5 % 12:02d}" for number in reversed(range(12))]
+
+
+def rows_of(out):
+    """The names of the rows of a table, but for its head."""
+    return [line.split()[0] for line in out.splitlines() if re.match(r"(pair-|mean|pooled)", line)]
+
+
+@pytest.mark.parametrize(
+    ("protocol", "figure", "last"),
+    [("middlebury", "bad-2", "mean"), ("eth3d", "bad-1", "mean"), ("kitti", "D1-all", "pooled")],
+)
+def test_of_many_pairs_the_ten_worst_have_a_row(many, protocol, figure, last):
+    folder, worst = many
+    given = ("--pred", folder / "pred", "--gt", folder / "gt", "--protocol", protocol)
+    code, out, _ = run(*given)
+    assert (code, rows_of(out)) == (0, [*worst[:10], last])
+    assert f"; the 10 worst of 12 pairs by {figure}\n" in out
+    assert out.endswith("\n--all prints a row for every pair, and --json writes all figures\n")
+    code, every, _ = run(*given, "--all")
+    assert (code, rows_of(every)) == (0, [*sorted(worst), last])
+    assert "worst" not in every
+    # The means are of all pairs in both.
+    assert [line for line in out.splitlines() if line.startswith(last)] == [
+        line for line in every.splitlines() if line.startswith(last)
+    ]
+
+
+def test_ten_pairs_have_a_row_each_in_their_order(many):
+    folder, worst = many
+    for name in worst[10:]:
+        (folder / "gt" / f"{name}.pfm").unlink()
+    code, out, _ = run("--pred", folder / "pred", "--gt", folder / "gt")
+    assert (code, rows_of(out)) == (0, [*sorted(worst[:10]), "mean"])
+    assert "worst" not in out

@@ -11,7 +11,7 @@ from semisynth_gl.cli.options import Source, UserPath, option
 from semisynth_gl.cli.outputs import Output, json_report, marked_png, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.codecs.png import RGB8
-from semisynth_gl.errors import InputError, counted
+from semisynth_gl.errors import InputError, abbreviate, counted
 from semisynth_gl.metrics.evaluate import REGIONS, SIGN_HINT, Evaluation, evaluate_pair, report_json, report_table
 from semisynth_gl.metrics.predictions import find_predictions
 from semisynth_gl.metrics.protocol import PROTOCOL_NAMES, PROTOCOLS, ProtocolName
@@ -19,6 +19,8 @@ from semisynth_gl.metrics.truth import TrueSet, find_truth
 from semisynth_gl.splits import SPLITS, SplitName
 
 _PATH = UserPath()
+# Pairs with a row in a table.
+_WORST = 10
 _FIGURES = json_report("semisynth-gl evaluate", protocol=str, source=str, unit=str, average=str, pairs=int)
 _ERROR_MAP = marked_png("semisynth-gl evaluate")
 
@@ -43,6 +45,7 @@ _ERROR_MAP = marked_png("semisynth-gl evaluate")
 @option("--split", type=click.Choice(SPLITS), help="Of this split of --gt alone.")
 @option("--partial", is_flag=True, help="Evaluate what is there, though predictions are missing.")
 @output_option("--json", _FIGURES, help="Also write all figures here, unrounded.")
+@option("--all", "show_all", is_flag=True, help=f"Print a row for every pair, and not for the {_WORST} worst alone.")
 @option("--maps", type=_PATH, help="Also write an error map per pair into this folder.")
 def evaluate(
     pred: Path,
@@ -52,9 +55,12 @@ def evaluate(
     split: SplitName | None,
     partial: bool,
     output: Output,
+    show_all: bool,
     maps: Path | None,
 ) -> None:
     """Compare predicted disparities with the truth, as a benchmark does.
+
+    Prints the figures of all pairs together, and of each pair or, where there are many, of the worst.
 
     Predictions are .pfm, .npy or 16-bit .png, under the pair's name or under the truth's.
     """
@@ -81,8 +87,10 @@ def evaluate(
     for region in REGIONS:
         if any((region,) in evaluation.scores for evaluation in evaluations):
             click.echo()
-            for line in report_table(evaluations, region, protocol):
+            for line in report_table(evaluations, region, protocol, None if show_all else _WORST):
                 click.echo(line)
+    if len(evaluations) > _WORST and not show_all:
+        click.echo("\n--all prints a row for every pair, and --json writes all figures")
     odd = [file.path for (_, file), each in zip(predictions.found, evaluations, strict=True) if each.negative]
     _say_what_is_odd(odd, predictions.missing)
 
@@ -91,7 +99,7 @@ def _say_what_is_odd(negative: Sequence[Path], missing: Sequence[str]) -> None:
     if negative:
         click.echo(f"note: {len(negative)} of the predictions, such as {negative[0]}: {SIGN_HINT}", err=True)
     if missing:
-        click.echo(f"No prediction for {counted(len(missing), 'pair')}: {', '.join(missing)}", err=True)
+        click.echo(f"No prediction for {counted(len(missing), 'pair')}: {abbreviate(missing)}", err=True)
 
 
 def _error_maps(maps: Path | None, truth_set: TrueSet, inputs: Mapping[str, str], output: Output) -> dict[str, Output]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.arguments import check_type
 from semisynth_gl.codecs.disparity_map import read_disparity_map
-from semisynth_gl.errors import InputError, ReadError
+from semisynth_gl.errors import InputError, ReadError, counted
 from semisynth_gl.metrics.error_map import draw_error_map
 from semisynth_gl.metrics.predictions import Prediction, Predictions, find_predictions
 from semisynth_gl.metrics.protocol import Protocol, ProtocolName, find_protocol, shown_size
@@ -190,13 +190,17 @@ def report_json(evaluations: Sequence[Evaluation], protocol: Protocol, predictio
     }
 
 
-def report_table(evaluations: Sequence[Evaluation], region: str, protocol: Protocol) -> list[str]:
+def report_table(
+    evaluations: Sequence[Evaluation], region: str, protocol: Protocol, most: int | None = None
+) -> list[str]:
     """Return the lines of a table with the benchmark's own decimals: a row for each pair, and one for all together.
 
     Args:
         evaluations: at least one.
         region: one of `REGIONS` that a pair has.
         protocol: the benchmark's definitions.
+        most: the number of pairs with a row; of more pairs, the worst by `Protocol.headline` have one, the worst first.
+            None for all pairs.
     """
 
     def cell(value: float | None) -> str:
@@ -208,11 +212,17 @@ def report_table(evaluations: Sequence[Evaluation], region: str, protocol: Proto
     mean = region_figures(evaluations, region)
     columns = [name for name in _COLUMNS if name in mean and (name in _COMMON or name in protocol.columns)]
     figures = [(pair.name, region_figures([pair], region)) for pair in evaluations]
+    head = f"{region} pixels; shares in {'%' if protocol.percent else 'fractions'}, errors in px"
+    if most is not None and len(figures) > most:
+        head += f"; the {most} worst of {counted(len(figures), 'pair')} by {protocol.headline}"
+        # What has no figure is worse than all others.
+        figures.sort(key=lambda each: -np.nan_to_num(each[1].get(protocol.headline, np.nan), nan=np.inf))
+        del figures[most:]
     figures.append(("pooled" if protocol.pooled else "mean", mean))
     rows = [["", *(protocol.columns.get(name, name) for name in columns)]]
     rows += [[name, *(cell(values.get(column)) for column in columns)] for name, values in figures]
     first, *others = (max(map(len, cells)) for cells in zip(*rows, strict=True))
-    lines = [f"{region} pixels; shares in {'%' if protocol.percent else 'fractions'}, errors in px"]
+    lines = [head]
     for name, *cells in rows:
         lines.append("  ".join([name.ljust(first), *(text.rjust(n) for text, n in zip(cells, others, strict=True))]))
     return lines

@@ -96,6 +96,11 @@ class Protocol:
     weights: Mapping[str, float] = field(default_factory=dict)
 
     @property
+    def headline(self) -> str:
+        """The name of the figure that pairs are ranked by: of bad pixels where error maps have a bound, else D1-all."""
+        return "D1-all" if self.map_px is None else f"bad-{self.map_px:g}"
+
+    @property
     def full_share(self) -> float:
         """The share of all pixels in the protocol's unit: 100 percent, or a fraction of 1."""
         return 100.0 if self.percent else 1.0
