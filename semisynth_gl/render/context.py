@@ -16,6 +16,7 @@ from semisynth_gl.render.load_order import load_before_driver
 from semisynth_gl.render.osmesa import OSMesaContext
 from semisynth_gl.render.pass_clock import PassClock
 from semisynth_gl.render.unbound import UnboundCalls
+from semisynth_gl.render.vector_width import separate_compiled_shaders
 
 # 4.5 is where glClipControl, needed for reversed Z, became core; llvmpipe has offered it since Mesa 20.2.
 REQUIRED_VERSION = 450
@@ -99,6 +100,7 @@ def open_context(backend: Backend = "auto", device_index: int = 0) -> GraphicsCo
     if _opened_in - {os.getpid()}:
         # Its threads did not come along, and the driver waits for them for ever.
         raise BackendError(f"this process was forked from one that had opened OpenGL: {_AFTER_FORK}")
+    separate_compiled_shaders()
     load_before_driver()
     reasons = []
     for name, opener in openers.items():
