@@ -1,3 +1,4 @@
+import json
 import re
 from pathlib import Path
 
@@ -210,18 +211,61 @@ def test_the_callers_values_stay_as_they_are(overrides):
     assert given == {"disparity": {"min_px": 15, "max_px": 290}, "disparity.max_px": 300}
 
 
+PACKAGED = r"\S*/configs/[a-z-]+\.yaml:\d+"
+
+
+@pytest.mark.parametrize(
+    ("keys", "blamed", "also"),
+    [
+        # The section of a packaged config, in which a key was replaced.
+        ({"disparity.max_px": 1}, r"disparity\.max_px: expected min_px < max_px", "disparity.min_px"),
+        ({"background.plane": 0}, r"background\.plane: expected a weight above 0", "background.cuboid"),
+        # The config as a whole.
+        ({"disparity.max_px": 40}, r"disparity\.max_px: disparity.target wants", "disparity.target"),
+        ({"background.plane_disparity_px": 300}, r"background.plane_disparity_px:? goes up", "disparity.max_px"),
+        # A recipe of the packaged config.
+        ({"disparity.max_px": 30, "disparity.target": {"form": "gamma", "mean_px": 9, "spread_px": 5}, "scenes": [
+            {"recipe": "near", "structures": {"panel_disparity_px": 90}}]},
+         r"scenes\.0: structures.panel_disparity_px goes up", "disparity.max_px"),
+    ],
+)  # fmt: skip
+def test_a_fault_is_of_the_users_file_or_option_and_not_of_the_config_below(tmp_path, keys, blamed, also):
+    sections = {}
+    for key, value in keys.items():
+        section, _, name = key.rpartition(".")
+        (sections.setdefault(section, {}) if section else sections)[name] = value
+    lines = ["extends: kitti", "name: lab", *(f"{name}: {json.dumps(each)}" for name, each in sections.items())]
+    path = written(tmp_path, "\n".join(lines))
+    faults = {}
+    for place, name, overrides in ((rf"{path}:\d+: ", path, {}), (r"overrides: ", "kitti", keys)):
+        with pytest.raises(InputError) as caught:
+            load_config(name, overrides)
+        faults[place] = str(caught.value)
+        # In a file, a section on one line is one place.
+        begin = rf"{place}({blamed}|{blamed.partition('.')[0]}: |{blamed.partition(':')[0]}: )"
+        assert re.match(begin, faults[place]), faults[place]
+        assert not re.match(PACKAGED, faults[place])
+    if "scenes" not in keys:
+        assert all(re.search(rf"\(with .*{also} of {PACKAGED}", fault) for fault in faults.values()), faults
+
+
 def test_keys_that_a_message_names_are_found_where_they_were_set(tmp_path):
     path = written(tmp_path, "extends: middlebury\nname: lab\ndisparity:\n  max_px: 40\n")
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=rf"^{path}:4: disparity.max_px: .* raise the second \(with .*{PACKAGED}\)$"):
         load_config(path)
-    assert str(caught.value).endswith(f"raise the second (with disparity.max_px of {path}:4)")
-    assert "middlebury.yaml:" in str(caught.value)
-    with pytest.raises(InputError, match=r"raise the second \(with --set disparity.max_px\)$"):
+    with pytest.raises(InputError, match=rf"^--set disparity.max_px: .* raise the second \(with .*{PACKAGED}\)$"):
         load_config("middlebury", ["disparity.max_px=40"])
-    with pytest.raises(InputError, match=r"config: disparity.target wants .* \(with .*, --set disparity.max_px\)$"):
+    with pytest.raises(InputError, match=r"^--set disparity.max_px: disparity.target wants .* \(with .*\)$"):
         load_config("kitti", ["disparity.max_px=40", "scenes=[]"])
-    with pytest.raises(InputError, match=r"models: expected a weight above 0 .* \(with --set models.complex\)$"):
+    with pytest.raises(InputError, match=rf"^--set models.complex: .* \(with models.simple of {PACKAGED}"):
         load_config("ablation-geometry-complex", ["models.complex=0"])
+    # A recipe that an option makes impossible is named, after the option.
+    with pytest.raises(InputError, match=rf"^--set disparity.max_px: scenes.1: structures.ground_.* of {PACKAGED}"):
+        load_config("middlebury", ["disparity.max_px=100"])
+    # What is of the config as a whole is the user's.
+    path = written(tmp_path, "extends: middlebury\nname: lab\noutputs: [disparity_change]\nrig: {right_y_px: 1}\n")
+    with pytest.raises(InputError, match=rf"^{path}: the output disparity_change"):
+        load_config(path)
     # What stands in one place is not said twice.
     with pytest.raises(InputError, match=r"got 50 and 40: the range is empty$"):
         load_config("middlebury", ["disparity={min_px: 50, max_px: 40}"])

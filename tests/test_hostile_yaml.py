@@ -287,7 +287,7 @@ def test_every_list_of_a_config_has_a_limit():
     ("overrides", "said"),
     [
         (["camera.width_px=16385"], "camera.width_px: input should be less than or equal to 16384"),
-        (["camera.width_px=16384", "camera.height_px=16384"], "camera: expected width_px x height_px of at most"),
+        (["camera.width_px=16384", "camera.height_px=16384"], "expected width_px x height_px of at most"),
         (["textures.patch_px=8192"], "512 patches of 8192 x 8192 pixels would take 137 GB"),
         (["textures.patch_px=8192", "textures.max_patches=33"], "expected max_patches of at most 32"),
         (["structures.panels=1001"], "structures.panels: expected at most 1000"),

@@ -20,10 +20,17 @@ _REPLACES = {
 
 @dataclass(slots=True)
 class Document:
-    """Plain values of one file or several merged files, and where keys were set, as far as that is known."""
+    """Plain values of one file or several merged files, and where keys were set, as far as that is known.
+
+    Attributes:
+        values: the values.
+        places: the place of each key, a file and line or an override.
+        files: the files, each before the one that extends it.
+    """
 
     values: dict[str, Any] = field(default_factory=dict)
     places: dict[Key, str] = field(default_factory=dict)
+    files: tuple[str, ...] = ()
 
 
 def merged(base: Document, own: Document) -> Document:
@@ -56,7 +63,7 @@ def merged(base: Document, own: Document) -> Document:
         return result
 
     values = merge(base.values, own.values, ())
-    return Document(values, places | own.places)
+    return Document(values, places | own.places, base.files + own.files)
 
 
 def keys_of(value: Any, key: Key) -> list[Key]:  # noqa: ANN401 - any YAML value
