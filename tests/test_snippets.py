@@ -20,12 +20,15 @@ from tiny_datasets import cheap
 from semisynth_gl.cli import semisynth_gl
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.config import load_config, packaged_configs
+from semisynth_gl.config.load import parse_config
+from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.generation.generate import generate
 
 LANGUAGES = {"python", "sh", "bash", "console", "text", "toml", "yaml"}
 RUN = {"python", "sh", "bash"}
 PROGRAM = "semisynth-gl"
 ALL_BLOCKS = [block for page in PAGES for block in blocks(page)]
+CONFIGS = [block for block in ALL_BLOCKS if block.language == "yaml"]
 
 # --- what pages presume: the user's photographs, calibration and predictions, and datasets made before ---
 
@@ -177,7 +180,8 @@ def test_every_block_says_what_it_is():
 
 def test_every_block_that_could_run_runs_or_says_why_not():
     assert [block.place for block in ALL_BLOCKS if block.language in RUN and not block.mark] == []
-    assert [block.place for block in ALL_BLOCKS if block.language not in RUN and block.mark] == []
+    assert [block.place for block in ALL_BLOCKS if block.language not in {*RUN, "yaml"} and block.mark] == []
+    assert {block.mark.partition(":")[0] for block in CONFIGS} == {"", "not run"}
     heavy_ones = [block for block in ALL_BLOCKS if "heavy" in block.mark]
     assert {block.language for block in heavy_ones} == {"python"}
     comments = [
@@ -193,6 +197,15 @@ def test_what_is_presumed_is_of_a_page_that_runs_something():
         PRESUMED.keys() - {page for page in PAGES if any(block.mark.startswith("run") for block in blocks(page))}
         == set()
     )
+
+
+@pytest.mark.parametrize("place", [block.place for block in CONFIGS if not block.mark])
+def test_blocks_of_yaml_are_configs_that_generate_takes(place):
+    [block] = [block for block in CONFIGS if block.place == place]
+    config = parse_config(block.text, place)
+    assert re.search(rf"^name: {config.name}$", block.text, re.MULTILINE), "it has the name of what it extends"
+    plan = make_plan(config, 0, config.layout or "middlebury", {"train": 1})
+    assert plan.pairs == {"train": 1}
 
 
 @pytest.mark.parametrize("place", [block.place for block in ALL_BLOCKS if block.language == "python"])
