@@ -155,7 +155,7 @@ def measure(
     failed: dict[str, str] = {}
     for kind, config in configs.items():
         with tempfile.TemporaryDirectory() as scratch:
-            generate(config, scratch, _COMPARED, seed, engine=LocalEngine(1, _TIMEOUT_S))
+            generate(config, scratch, _COMPARED, seed, layout="middlebury", engine=LocalEngine(1, _TIMEOUT_S))
             files = {number: frame.arrays() for number, frame in enumerate(open_dataset(scratch))}
         for way in chosen:
             row: dict[str, Any] = {"way": way.name, "kind": kind, "workers": way.workers, "rates": []}
