@@ -15,6 +15,7 @@ from semisynth_gl.bench.lifetime import line_slope
 from semisynth_gl.bench.passes import PASS_TEXTS, pass_rows
 from semisynth_gl.bench.scaling import ball, measure_scaling, measure_stress
 from semisynth_gl.bench.scenes import sample_scenes
+from semisynth_gl.bench.shards import LAYOUT
 from semisynth_gl.bench.speed import Effort, limit_text, measure, table, usual_workers
 from semisynth_gl.bench.stages import STAGES, Costs, speed_limit, stage_rows
 from semisynth_gl.bench.workers import worker_threads
@@ -105,7 +106,7 @@ def test_what_is_said_to_grow_grows_alone(report):
 
 def test_bytes_are_those_of_the_files(report, config, tmp_path):
     pairs = 1 + PAIRS
-    generate(config, tmp_path, pairs, 3)
+    generate(config, tmp_path, pairs, 3, layout=LAYOUT)
     scenes = sorted((tmp_path / SCENES).iterdir())
     sizes = [sum(path.stat().st_size for path in scene.iterdir()) for scene in scenes]
     rows = {row["name"]: row for row in report["stages"]["rows"]}

@@ -412,7 +412,7 @@ def test_the_card_knows_the_flow() -> None:
     for text in (
         "Pairs 2 i to 2 i + 1", "0.04 s apart", "64 u + 32768", "0 in the third channel says that there is none",
         "0.0078125 px", "511.984", "training/flow_noc/000000_10.png", "flow of the left view's pixels to the next",
-        "has 200 sequences, here are 2",
+        "has 200 sequences, this dataset 2",
     ):  # fmt: skip
         assert text in body, text
     _, body = front_of(encode_card(write(plan_for("webdataset", {"train": 4}, **FLOW))))

@@ -269,7 +269,7 @@ def test_renderers_and_motions_that_do_not_fit_are_refused(open_renderer, square
         with pytest.raises(InputError, match=rf"the output {output} needs the scene's motion.*{name}="):
             renderer.render(scene)
         two = make_scene(CAMERA, model=[0, 0], world_from_model=[wall, wall], layer=[0, 0])
-        with pytest.raises(InputError, match="expected 1 instances, those of the scene, got 2"):
+        with pytest.raises(InputError, match="expected 1 instance, those of the scene, got 2"):
             renderer.render(scene, **{name: move(two)})
         other = replace(scene, camera=StereoCamera(200, 150, 221.0, 0.2, 95.0, 103.0, 70.0))
         with pytest.raises(InputError, match="expected the scene's camera"):

@@ -321,7 +321,7 @@ def test_frames_of_a_redrawn_sequence_belong_together(monkeypatch):
 
 def test_giving_up_says_why():
     config = cheap(checks={"min_brightness": 250.0, "attempts": 3})
-    with PairRenderer(config, 0) as pairs, pytest.raises(InputError, match=r"all 3 attempts.* too dark: mean"):
+    with PairRenderer(config, 0) as pairs, pytest.raises(InputError, match=r"in 3 attempts.* too dark: mean"):
         pairs.render(0)
 
 

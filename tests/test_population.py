@@ -359,8 +359,7 @@ def test_a_mix_says_how_many_objects_and_how_much_background_it_shows(background
     expected = sampler.population.in_view()
     assert expected.objects == pytest.approx(np.mean(counts), rel=0.15)
     assert expected.still == pytest.approx(np.mean(still), abs=0.07)
-    line = f"expected in view: {expected.objects:.0f} floating objects before {expected.still:.0%} background"
-    assert MixSampler(config, 0, [library], PATCH).in_view_text() == line
+    assert MixSampler(config, 0, [library], PATCH).in_view() == [expected]
 
 
 @pytest.mark.parametrize("density", ["sparse", "dense", 100.0])

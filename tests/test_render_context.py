@@ -201,7 +201,7 @@ def test_more_instances_than_ids_are_refused(open_renderer, square):
     )
     with pytest.raises(InputError, match="16-bit ids"):
         open_renderer([square], noise_layers(1, 16), outputs=["instances"]).render(many)
-    with pytest.raises(InputError, match="outputs: expected some of"):
+    with pytest.raises(InputError, match="an output: expected one of"):
         open_renderer([square], noise_layers(1, 16), outputs=["albedo"])
 
 

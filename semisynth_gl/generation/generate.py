@@ -94,6 +94,7 @@ def generate(
         SemisynthError: where the input cannot be used, the place holds something else, or workers keep dying.
         OSError: where the disk is full or refuses. Complete pairs stay, nothing half-written does.
     """
+    check_type("config", config, Config, "load_config(NAME_OR_PATH) reads one")
     check_type("out", out, str | os.PathLike)
     check_type("engine", engine, Engine | None)
     check_type("shards", shards, range | None)
