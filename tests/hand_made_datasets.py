@@ -25,9 +25,10 @@ from semisynth_gl.textures.atlas import atlas_from_arrays
 SEED = 3
 
 
-def sources_of(plan):
+def sources_of(plan, level=0):
+    """One model, and two patches of one grey level."""
     mesh = make_mesh("solid", np.eye(3, dtype=np.float32), np.zeros((3, 2), np.float32), np.array([[0, 1, 2]]))
-    atlas = atlas_from_arrays([np.zeros((4, 4, 3), np.uint8)] * 2, ["a.png", "b.png"])
+    atlas = atlas_from_arrays([np.full((4, 4, 3), level, np.uint8)] * 2, ["a.png", "b.png"])
     library = ModelLibrary((mesh,), np.arange(1), np.ones(1), Silhouette(0.5, np.zeros(16)), (), 0)
     return {split: Sources(atlas, (library,)) for split in plan.splits}
 
@@ -40,11 +41,11 @@ def config_of(**values):
     return Config.model_validate(base | values)
 
 
-def write_dataset(out, layout, pairs, shard_pairs, config=None, *, overwrite=False):
-    """Write a dataset of `make_frame`'s pairs, or what it lacks, and return its plan."""
+def write_dataset(out, layout, pairs, shard_pairs, config=None, *, overwrite=False, level=0):
+    """Write a dataset of `make_frame`'s pairs, or what it lacks, whose patches have a grey level; return its plan."""
     plan = make_plan(config or config_of(), SEED, layout, pairs, shard_pairs)
     place, encodings = open_place(out), plan.layout.encodings_for(plan.config)
-    sources = sources_of(plan)
+    sources = sources_of(plan, level)
     files = DatasetFiles(place, plan, overwrite=overwrite)
     if files.complete:
         return plan

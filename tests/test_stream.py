@@ -4,6 +4,7 @@ import copy
 import gc
 import json
 import os
+import pickle
 import subprocess
 import sys
 from importlib import import_module
@@ -15,6 +16,8 @@ import numpy as np
 import pytest
 from backends import backend_fault
 from heavy import heavy
+from installed_plugins import find_anew, write_package
+from PIL import Image
 from tiny_datasets import cheap
 
 from semisynth_gl.camera import Crop, StereoCamera
@@ -317,6 +320,97 @@ def test_a_state_of_another_stream_is_refused_with_what_differs():
     there.load_state_dict(state | {"worker": 1, "workers": 2})
     with pytest.raises(InputError, match=r"of worker 1 of 2, and this is worker 0 of 1.*first="):
         iter(there)
+
+
+def photograph(path, seed):
+    """Write a photograph of a seed: all of one size."""
+    path.parent.mkdir(exist_ok=True)
+    Image.fromarray(np.random.default_rng(seed).integers(0, 256, (99, 99, 3), dtype=np.uint8)).save(path)
+
+
+def solid(path, height):
+    """Write a model file: a tetrahedron of a height."""
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 {height}\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+
+
+def test_a_state_of_other_photographs_or_models_is_refused(tmp_path):
+    config = cheap(
+        textures={"source": "images", "images": [str(tmp_path / "photos")]},
+        models={"folders": [str(tmp_path / "models")]},
+    )
+    first, second = tmp_path / "photos/one.png", tmp_path / "models/one.obj"
+
+    def state():
+        there = StereoStream(config, SEED)
+        iter(there)
+        return json.loads(json.dumps(there.state_dict()))
+
+    photograph(first, 0)
+    solid(second, 1)
+    begun = state()
+    photograph(first, 1)
+    with pytest.raises(InputError, match=r"yields other samples: sources\.patches \('\w{8}' there.* same photographs"):
+        StereoStream(config, SEED).load_state_dict(begun)
+    photograph(first, 0)
+    StereoStream(config, SEED).load_state_dict(begun)
+    solid(second, 2)
+    with pytest.raises(InputError, match=r"yields other samples: sources\.models \("):
+        StereoStream(config, SEED).load_state_dict(begun)
+
+
+def test_a_state_of_another_plug_in_is_refused(tmp_path):
+    code = """import numpy
+
+def thing(rng):
+    yield numpy.random.default_rng({}).integers(0, 256, (99, 99, 3), "uint8")
+"""
+
+    def stream_with(version, seed):
+        """A stream of a plug-in's picture, as a process finds it."""
+        folder = tmp_path / f"{version}-{seed}"
+        write_package(folder, {"textures": ["thing = other:thing"]}, code.format(seed), version=version)
+        patch.syspath_prepend(str(folder))
+        find_anew()
+        made = StereoStream(cheap(textures={"source": "thing"}), SEED)
+        iter(made)
+        return made
+
+    with pytest.MonkeyPatch.context() as patch:
+        state = stream_with("1", 0).state_dict()
+        with pytest.raises(InputError, match=r"samples: plugins\.textures\.thing\.version \('1' there, '2' now\)\."):
+            stream_with("2", 0).load_state_dict(state)
+        with pytest.raises(InputError, match=r"samples: sources\.patches"):
+            stream_with("1", 1).load_state_dict(state)
+    find_anew()
+
+
+@pytest.mark.one_backend
+def test_patches_and_models_are_prepared_once_an_iteration(backend, monkeypatch):
+    prepared, prepare = [], stream.prepare_sources
+
+    def counted(*arguments):
+        prepared.append(arguments)
+        return prepare(*arguments)
+
+    monkeypatch.setattr(stream, "prepare_sources", counted)
+    options = {"selection": Selection(pairs=3), "hardware": Hardware(backend)}
+    first, second = (StereoStream(cheap(), SEED, **options) for _ in range(2))
+    assert not prepared
+    iterator = iter(first)
+    states = [first.state_dict()]
+    states += [first.state_dict() for _ in iterator]
+    assert len(prepared) == 1
+    assert [state["yielded"] for state in states] == [0, 1, 2, 3]
+    # A worker gets neither an atlas nor its digest, and finds both in the cache.
+    sent = pickle.dumps(first)
+    assert len(sent) < 10_000
+    second.load_state_dict(states[2])
+    assert [sample["index"] for sample in second] == [2]
+    assert len(prepared) == 2
+    again = pickle.loads(sent)  # noqa: S301 - pickled here
+    again.load_state_dict(states[2])
+    assert len(prepared) == 3
 
 
 def test_a_process_that_has_yielded_nothing_has_no_state():

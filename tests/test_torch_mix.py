@@ -13,6 +13,7 @@ from hand_made_datasets import config_of, write_dataset
 from heavy import heavy
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
 from tiny_datasets import cheap
 
 from semisynth_gl.errors import InputError
@@ -219,6 +220,32 @@ def test_the_state_of_another_mix_is_refused(folders):
         mixed(folders, batch_size=2).load_state_dict(state)
     # The ratios count, the length does not.
     StereoMix([(lab, 2), (numbers, 4), (hall, 1)], SEED, pairs=9).load_state_dict(state)
+
+
+def test_the_state_of_a_mix_of_other_photographs_is_refused(folders, tmp_path):
+    moved, other = tmp_path / "moved", tmp_path / "other"
+    for folder, level in ((moved, 0), (other, 90)):
+        write_dataset(folder, "webdataset", {"train": 7}, 3, config_of(name="lab"), level)
+    there = StereoMix([(StereoDataset(folders["lab"]), 1)], SEED)
+    iter(there)
+    state = json.loads(json.dumps(there.state_dict()))
+    StereoMix([(StereoDataset(moved), 1)], SEED).load_state_dict(state)
+    with pytest.raises(InputError, match=r"sources\.0\.dataset\.sources\.train\.patches .*of the same photographs"):
+        StereoMix([(StereoDataset(other), 1)], SEED).load_state_dict(state)
+    config = cheap(textures={"source": "images", "images": [str(tmp_path / "photos")]})
+    (tmp_path / "photos").mkdir()
+
+    def of_photograph(number):
+        pixels = np.random.default_rng(number).integers(0, 256, (99, 99, 3), dtype=np.uint8)
+        Image.fromarray(pixels).save(tmp_path / "photos/one.png")
+        return StereoMix([(StereoStream(config, SEED), 1), (StereoDataset(moved), 1)], SEED)
+
+    there = of_photograph(0)
+    iter(there)
+    state = json.loads(json.dumps(there.state_dict()))
+    of_photograph(0).load_state_dict(state)
+    with pytest.raises(InputError, match=r"samples: sources\.0\.sources\.patches"):
+        of_photograph(1).load_state_dict(state)
 
 
 def test_mixes_are_mixed():

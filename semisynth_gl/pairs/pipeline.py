@@ -37,7 +37,7 @@ from semisynth_gl.render.shared_left import SharedLeft
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.scene import Motion
-from semisynth_gl.scene.sources import prepare_sources
+from semisynth_gl.scene.sources import Sources, prepare_sources
 from semisynth_gl.seeds import LARGEST_NUMBER, Purpose, generator
 from semisynth_gl.splits import WHOLE, Split
 
@@ -120,6 +120,7 @@ class PairRenderer:
         split: the split of the pairs.
         device_index: EGL's number of the device.
         read: takes the drawn pixels; other readers than `read_array` need ``checked=False``.
+        sources: patches and models of this config, seed and split, where they are there already.
 
     Attributes:
         sources: patches and models; see `forget_pixels`.
@@ -138,6 +139,7 @@ class PairRenderer:
         split: Split = WHOLE,
         device_index: int = 0,
         read: Reader = read_array,
+        sources: Sources | None = None,
     ) -> None:
         check_type("config", config, Config, "load_config(NAME_OR_PATH) reads one")
         seed = to_whole("a seed", seed, least=0)
@@ -146,7 +148,7 @@ class PairRenderer:
         self.seed = seed
         self.split = split
         check_libraries(backend)
-        self.sources = prepare_sources(config, seed, split)
+        self.sources = sources or prepare_sources(config, seed, split)
         atlas = self.sources.atlas
         self.sampler = MixSampler(config, split.seed(seed), self.sources.libraries, atlas.patches)
         self._renderer = Renderer(

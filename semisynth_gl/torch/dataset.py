@@ -57,9 +57,10 @@ class StereoDataset(Dataset[Any]):
             camera = self.pairs[0].camera
             self._sides = camera.height_px, camera.width_px
             check_crop(crop, self._sides, f"{about.place.address}")
-        made = ("version", "config", "config_sha256", "seed", "layout", "pairs")
+        made = ("version", "config", "config_sha256", "seed", "layout", "pairs", "sources", "plugins")
         self.identity: Mapping[str, Any] = {
-            "dataset": {name: about.values[name] for name in made},
+            # Without plug-ins there is no such key.
+            "dataset": {name: about.values[name] for name in made if name in about.values},
             "split": split,
             "crop": crop and [int(side) for side in crop],
             "crop_seed": self._seed,

@@ -30,7 +30,7 @@ class Source(Protocol):
 
     @property
     def identity(self) -> Mapping[str, Any]:
-        """All that decides what the samples are, in JSON's types."""
+        """All that decides what the samples are, in JSON's types; asked for where a state is saved or loaded."""
 
     def open(self, worker: Worker) -> AbstractContextManager[Callable[[int], Any]]:
         """Open the resources in a worker; give a function from a sample's number to the sample."""
@@ -53,15 +53,6 @@ class DealtDataset(IterableDataset[Any]):
         self.source = source
         self.dealing = dealing
         self._process = process or TrainingProcess.current()
-        # All that decides which samples come; the number of samples decides only where they end.
-        self._identity = {
-            "version": version(PROGRAM),
-            **source.identity,
-            "first": dealing.first,
-            "batch_size": dealing.batch,
-            "rank": self._process.rank,
-            "world_size": self._process.world_size,
-        }
         self._resumed: tuple[int, Worker] | None = None
         self._yielded: int | None = None
 
@@ -94,12 +85,13 @@ class DealtDataset(IterableDataset[Any]):
         return self._samples(worker, self._yielded)
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the position of this process in the stream, and the stream's arguments, in JSON's types.
+        """Return the position of this process in the stream, and what decides the samples, in JSON's types.
 
         A worker's stream has a state of its own: torchdata's StatefulDataLoader gathers them.
 
         Raises:
-            InputError: where this process has yielded nothing, since the loader's workers do.
+            InputError: where this process has yielded nothing, since the loader's workers do, or photographs or models
+                cannot be used.
         """
         if self._yielded is None:
             raise InputError(
@@ -116,16 +108,30 @@ class DealtDataset(IterableDataset[Any]):
             state: the result of `state_dict`.
 
         Raises:
-            InputError: where the state is no stream's, or of a stream that yields other samples.
+            InputError: where the state is no stream's, or of a stream that yields other samples, such as those of other
+                photographs; or where photographs or models cannot be used.
         """
         yielded, worker, identity = _position(state)
         changed = differences(identity, self._identity)
         if changed:
             raise InputError(
-                f"the state is of a stream that yields other samples: {abbreviate(changed)}. Make the stream as it was"
+                f"the state is of a stream that yields other samples: {abbreviate(changed)}. Make the stream "
+                "as it was, of the same photographs and models"
             )
         self._yielded = yielded
         self._resumed = yielded, worker
+
+    @property
+    def _identity(self) -> dict[str, Any]:
+        """All that decides which samples come; the number of samples decides only where they end."""
+        return {
+            "version": version(PROGRAM),
+            **self.source.identity,
+            "first": self.dealing.first,
+            "batch_size": self.dealing.batch,
+            "rank": self._process.rank,
+            "world_size": self._process.world_size,
+        }
 
     def _samples(self, worker: Worker, skipped: int) -> Iterator[Any]:
         with self.source.open(worker) as read:

@@ -80,7 +80,6 @@ class MixedSamples:
 
     Attributes:
         together: how many successive samples come from one source: as many as keep each source's together.
-        identity: all that decides what the samples are.
 
     Raises:
         InputError: where an argument cannot be used.
@@ -98,8 +97,16 @@ class MixedSamples:
         self._parts = [_dealt(source, seed, place) for place, (source, _) in enumerate(sources)]
         self._seed = seed
         self.together = lcm(*(part.source.together for part in self._parts))
-        self.identity = {
-            "seed": seed,
+
+    @property
+    def identity(self) -> Mapping[str, Any]:
+        """All that decides what the samples are.
+
+        Raises:
+            InputError: where photographs, models or plug-ins of a stream cannot be used.
+        """
+        return {
+            "seed": self._seed,
             "sources": {
                 str(place): {
                     **part.source.identity,

@@ -5,7 +5,7 @@ Sample n of the stream is a pair of the dataset that the same config and seed gi
 """
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
@@ -18,9 +18,11 @@ from semisynth_gl.config import Config
 from semisynth_gl.engines.task import THREADS, threads_each
 from semisynth_gl.errors import BackendError, InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
+from semisynth_gl.plugins import plugin_records
 from semisynth_gl.render.backends import BACKENDS, Backend
 from semisynth_gl.render.devices import egl_index_of_worker
 from semisynth_gl.render.readers import read_array
+from semisynth_gl.scene.sources import Sources, prepare_sources
 from semisynth_gl.torch.dealing import Dealing, Selection, TrainingProcess, Worker
 from semisynth_gl.torch.interop import CudaReader
 from semisynth_gl.torch.iteration import DealtDataset
@@ -121,7 +123,6 @@ class RenderedPairs:
 
     Attributes:
         together: number of pairs of each sequence.
-        identity: all that decides what the samples are.
 
     Raises:
         InputError: where an argument cannot be used.
@@ -144,7 +145,7 @@ class RenderedPairs:
         self._crop, self._checked, self._transform, self._hardware = crop, checked, transform, hardware
         self._check()
         self.together = len(self._frames) * config.views
-        self.identity = {
+        self._settings = {
             "config": config.name,
             "config_sha256": config.digest(),
             "seed": seed,
@@ -154,6 +155,24 @@ class RenderedPairs:
             "crop": crop and [int(side) for side in crop],
             "checked": checked,
         }
+        self._sources: Sources | None = None
+        self._digests: Mapping[str, str] | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Each worker takes patches and models from the cache: an atlas has up to 134 MB.
+        return self.__dict__ | {"_sources": None, "_digests": None}
+
+    @property
+    def identity(self) -> Mapping[str, Any]:
+        """All that decides what the samples are: arguments, digests of patches and models, versions of plug-ins.
+
+        Raises:
+            InputError: where photographs, models or plug-ins cannot be used.
+        """
+        if self._digests is None:
+            self._digests = self._prepared().digests()
+        plugins = plugin_records(self._config.used_plugins().values())
+        return {**self._settings, "sources": self._digests, "plugins": plugins}
 
     @contextmanager
     def open(self, worker: Worker) -> Iterator[Callable[[int], Any]]:
@@ -178,12 +197,26 @@ class RenderedPairs:
             reader = CudaReader(torch.device("cuda", gpus[0]))
         device_index = egl_index_of_worker(tuple(gpus), worker.number)
         try:
-            renderer = PairRenderer(self._config, self._seed, backend, self._split, device_index, reader or read_array)
+            renderer = PairRenderer(
+                self._config, self._seed, backend, self._split, device_index, reader or read_array, self._prepared()
+            )
         except BackendError as error:
             raise BackendError(f"{name} cannot render: {error}") from error
         renderer.forget_pixels()
-        with renderer, nullcontext() if reader is None else closing(reader):
-            yield lambda number: self._render(renderer, number)
+        if get_worker_info() is not None:
+            self._sources = None  # of many workers, each would hold its own copy of the pixels
+        try:
+            with renderer, nullcontext() if reader is None else closing(reader):
+                yield lambda number: self._render(renderer, number)
+        finally:
+            self._sources = None
+
+    def _prepared(self) -> Sources:
+        """Return patches and models, which stay from the first question for them to the end of an iteration."""
+        if self._sources is None:
+            self._sources = prepare_sources(self._config, self._seed, self._split)
+            self._digests = None  # files may have changed since
+        return self._sources
 
     def _render(self, renderer: PairRenderer, number: int) -> Any:  # noqa: ANN401 - what the transform returns
         sequence, rest = divmod(number, self.together)
