@@ -21,7 +21,7 @@ class Split:
 
     Attributes:
         name: name of the split.
-        held_out: share of the photographs that validation and test take, where the dataset has these splits.
+        held_out: share of the photographs' subjects that validation and test take, where the dataset has these splits.
         models: whether models are held out in the same shares.
     """
 

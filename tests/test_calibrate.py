@@ -178,7 +178,7 @@ def photographs(folder, count=1, size=(741, 500), start=0):
 
 
 def facts(rigs, disparity):
-    return ConfigFacts(rigs, None, disparity, ["a"], 1, 256)
+    return ConfigFacts(rigs, None, disparity, ["a"], 1, 1, 256)
 
 
 def refused(error, *words):
@@ -935,6 +935,19 @@ def test_trial_pairs_set_what_the_place_shows(call, tmp_path):
     assert re.search(
         r"^ +disparities expected at a total variation of 0\.\d{3} from the wanted ones$", out, re.MULTILINE
     )
+
+
+def test_both_views_of_a_pair_are_one_subject(call, tmp_path):
+    for number in range(2):
+        folder = photographs(tmp_path / f"photos/scene{number}", 2, (300, 300), 2 * number)
+        for eye in (0, 1):
+            (folder / f"photo{2 * number + eye}.png").rename(folder / f"im{eye}.png")
+    plain = ("calibrate", "--trials", 0, "--images", "photos", "--focal-px", 700, "--baseline-m", 0.12)
+    code, out, _ = call(*plain, "--size", "640x480", "--range-px", 2, 96, "--other-camera", "--out", "p.yaml")
+    assert code == 0
+    assert "photographs      4 of 2 subjects, which give" in out
+    assert "too few to hold some out for both validation and test" in out
+    assert "# Photographs: 4 of 2 subjects when this was written." in (tmp_path / "p.yaml").read_text()
 
 
 def test_plain_numbers_and_a_range_are_enough(call, tmp_path):

@@ -483,6 +483,28 @@ def test_a_dataset_beside_its_own_files_is_without_difference(dataset, tmp_path)
         assert each["dataset"] == pytest.approx(each["place"])
 
 
+def test_both_views_of_a_pair_are_one_picture_of_a_place(dataset, tmp_path):
+    for number in range(3):
+        for eye in (0, 1):
+            write(tmp_path / f"scene{number}/im{eye}.png", RGB8.encode(pixels(10 * number + eye)))
+    code, out, err = run(dataset, "--images", tmp_path, "--width", 48, "--json", tmp_path / "figures.json")
+    assert (code, err.splitlines()[1:]) == (0, []), err
+    assert "6 photographs of 3 subjects, 0 disparity maps" in out
+    said = json.loads((tmp_path / "figures.json").read_text())
+    assert (said["photographs"], said["subjects"]) == (6, 3)
+    views = [make_picture("", 48, image=pixels(10 * number + eye)) for number in range(3) for eye in (0, 1)]
+    for each in said["measures"]:
+        measure = BY_KEY[each["name"]]
+        if measure.of_images:
+            means = (
+                np.mean([measure.measure(view) for view in views], dtype=float),
+                [np.mean([measure.measure(view) for view in views[at : at + 2]]) for at in (0, 2, 4)],
+            )
+            assert each["place"]["values"] == pytest.approx(means[1])
+            assert each["place"]["mean"] == pytest.approx(means[0])
+            assert each["place"]["deviation"] == pytest.approx(np.std(means[1], ddof=1))
+
+
 def test_figures_are_means_and_deviations_and_advice_follows_them(dataset, photographs, tmp_path):
     code, out, _ = run(dataset, "--images", photographs, "--width", 48, "--json", tmp_path / "figures.json")
     assert code == 0

@@ -16,7 +16,7 @@ from semisynth_gl.textures.clips import AtlasLimits, cut_clips, natural_key
 from semisynth_gl.textures.crops import CropBox, cut_crop, texture_measure
 from semisynth_gl.textures.image_files import find_images
 from semisynth_gl.textures.images import read_image
-from semisynth_gl.textures.selection import PATCHES_PER_IMAGE, build_atlas
+from semisynth_gl.textures.selection import PATCHES_PER_SUBJECT, build_atlas
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 FLAT = np.full((64, 64, 3), 90, dtype=np.uint8)
@@ -164,7 +164,7 @@ def test_no_more_images_are_opened_than_needed(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(clips, "read_image", read_and_note)
     atlas = build(paths, max_patches=20)
     check_consistent(atlas, 30)
-    assert len(opened) == 20 / PATCHES_PER_IMAGE
+    assert len(opened) == 20 / PATCHES_PER_SUBJECT
     assert atlas.report.images_not_opened == 25
     assert "25 not opened" in atlas.report.summary()
     assert len({patch.source for patch in atlas.patches}) == 5

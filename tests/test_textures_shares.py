@@ -104,6 +104,18 @@ def test_surfaces_wear_photographs_equally_often_and_flat_patches_as_wanted():
     assert all(patches[number].texture > 1 for number in without)
 
 
+def test_surfaces_wear_a_subject_as_often_as_a_photograph_alone():
+    patches = [Patch(name, 0, 0, 64, 0, 1, 9.0, subject="a") for name in "abc" for _ in range(15)]
+    patches += [Patch("alone", 0, 0, 64, 0, 1, 9.0) for _ in range(15)]
+    config = cheap(particles={"layers": [{"disparity_px": [2, 12], "count": 150}]})
+    numbered = tuple(replace(patch, first_layer=layer) for layer, patch in enumerate(patches))
+    seen, _ = worn(config, numbered, 12)
+    assert np.mean([patches[number].source == "alone" for number in seen]) == pytest.approx(
+        0.5, abs=2 / len(seen) ** 0.5
+    )
+    assert len(seen) > 1000
+
+
 def test_contrast_is_lowered_and_nothing_else():
     frames = np.stack([octaves(1, 64), octaves(2, 64)])
     for limit in (0.01, 0.5, 4.0):

@@ -21,6 +21,7 @@ from semisynth_gl.config.scene_sections import BackgroundSection
 from semisynth_gl.errors import abbreviate
 from semisynth_gl.layouts import find_layout
 from semisynth_gl.textures.image_files import find_images, printable
+from semisynth_gl.textures.subjects import of_subjects, photographed_subjects
 from semisynth_gl.user_files import expanded
 
 PROPOSED_PAIRS = 1000
@@ -49,6 +50,7 @@ class ConfigFacts:
         disparity: range and histogram of the disparities.
         images: files, folders and globs of the photographs, absolute.
         photograph_count: number of photographs.
+        subject_count: number of subjects that they show.
         large_px: side of large patches.
         grey: whether all photographs are grey.
         rectification: how far pairs of photographs are off rectified; None where there are none to match.
@@ -61,11 +63,17 @@ class ConfigFacts:
     disparity: DisparityRange
     images: Sequence[str]
     photograph_count: int
+    subject_count: int
     large_px: int
     grey: bool = False
     rectification: Rectification | None = None
     fitting_count: int = 0
     layout: str | None = None
+
+    @property
+    def photographs(self) -> str:
+        """How many photographs there are and, where it is not the same number, of how many subjects."""
+        return f"{self.photograph_count}{of_subjects(self.photograph_count, self.subject_count)}"
 
     @property
     def size(self) -> Size:
@@ -131,6 +139,7 @@ def config_facts(
         disparity_range(disparity, rigs),
         [str(expanded(path).absolute()) for path in images],
         len(photographs),
+        len(photographed_subjects(photographs)),
         large_side(sizes, median_size(rigs).width_px),
         are_grey(photographs),
         measure_rectification(pairs, rigs) if pairs else None,
@@ -235,7 +244,7 @@ def config_text(name: str, facts: ConfigFacts, style: Style) -> str:
         "scenes:",
         *chain.from_iterable(map(_recipe, style.recipes, style.weights)),
         "",
-        *_comment(f"Photographs: {facts.photograph_count} when this was written. {style.look_origin}"),
+        *_comment(f"Photographs: {facts.photographs} when this was written. {style.look_origin}"),
         "textures:",
         f"  texels_per_pixel: {_range(style.texels_per_pixel)}",
         f"  flat_share: {_number(style.flat_share)}",

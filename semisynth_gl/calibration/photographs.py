@@ -94,12 +94,12 @@ def large_side(photographs: Sequence[Size], width_px: int) -> int:
     return max(min(median, width_px, _LARGEST_SIDE), _SMALLEST_SIDE)
 
 
-def impossible_splits(images: int) -> list[str]:
-    """Return the splits that a number of photographs is too small for, such as ``["both validation and test"]``."""
+def impossible_splits(subjects: int) -> list[str]:
+    """Return the splits that a number of subjects is too small for, such as ``["both validation and test"]``."""
 
     def enough(*splits: SplitName) -> bool:
         try:
-            share_photographs(SplitsSection().split("train", splits), range(images), 0)
+            share_photographs(SplitsSection().split("train", splits), [()] * subjects, 0, "photographs")
         except InputError:
             return False
         return True

@@ -255,13 +255,14 @@ def _summary(facts: ConfigFacts, report: TextureReport) -> list[str]:
         f"disparity        {disparity.min_px:g} to {disparity.max_px:g} px, mean {disparity.target.mean_px:.2f} px",
         f"                 {disparity.origin}",
         f"scenes           {' and '.join(facts.scenes)} ({facts.far_share:.1%} of the pixels beyond 20 m)",
-        f"photographs      {count}{', all grey' * facts.grey}, which give {counted(report.total('kept'), 'patch')}",
+        f"photographs      {facts.photographs}{', all grey' * facts.grey}, which give "
+        f"{counted(report.total('kept'), 'patch')}",
     ]
     if facts.rectification is not None:
         lines.append(f"rectification    {facts.rectification.summary()}")
     if 0 < facts.fitting_count < count:
         lines.append(f"                 {count - facts.fitting_count} have another size than the rig's images")
-    splits = impossible_splits(count)
+    splits = impossible_splits(facts.subject_count)
     if splits:
         lines.append(f"                 too few to hold some out for {' or '.join(splits)}")
     return lines

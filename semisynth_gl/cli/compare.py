@@ -18,6 +18,7 @@ from semisynth_gl.errors import counted
 from semisynth_gl.splits import SPLITS, SplitName
 from semisynth_gl.textures.image_files import find_files, find_images
 from semisynth_gl.textures.images import image_extensions
+from semisynth_gl.textures.subjects import of_subjects
 
 _FIGURES = json_report("semisynth-gl compare", width_px=int, measures=list, profiles=list)
 _PLOTS = marked_png("semisynth-gl compare")
@@ -90,10 +91,11 @@ def compare(
 
 
 def _counts(comparison: Comparison) -> str:
+    place = comparison.place
     parts = [
         f"{comparison.pairs} of {counted(comparison.dataset_pairs, 'pair')}",
-        f"{counted(comparison.place.photographs, 'photograph')}",
-        f"{counted(comparison.place.maps, 'disparity map')} ({comparison.place.maps_with_image} with their image)",
+        f"{counted(place.photographs, 'photograph')}{of_subjects(place.photographs, place.subjects)}",
+        f"{counted(place.maps, 'disparity map')} ({place.maps_with_image} with their image)",
     ]
     return f"{', '.join(parts)}; all at a width of {comparison.width_px} px"
 

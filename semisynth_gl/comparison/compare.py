@@ -133,6 +133,7 @@ def comparison_json(comparison: Comparison) -> dict[str, Any]:
         "width_px": comparison.width_px,
         "pairs": comparison.pairs,
         "photographs": comparison.place.photographs,
+        "subjects": comparison.place.subjects,
         "maps": comparison.place.maps,
         "compared": len(comparison.compared()),
         "near": len(comparison.near()),

@@ -61,15 +61,17 @@ def left_out(images: Sequence[Path], maps: Sequence[Path]) -> str:
     return f"left out {counted(len(files), 'file')}, such as {files[0]}: {reason}" if files else ""
 
 
-def photograph_pictures(place: Place, skipped: list[Skipped], width_px: int = WORKING_WIDTH) -> Iterator[Picture]:
-    """Yield the photographs.
+def photograph_pictures(
+    photographs: Sequence[Path], skipped: list[Skipped], width_px: int = WORKING_WIDTH
+) -> Iterator[Picture]:
+    """Yield photographs of a place.
 
     Args:
-        place: the place.
+        photographs: the files.
         skipped: a list that receives the files that cannot be read.
         width_px: the working width.
     """
-    for path in place.photographs:
+    for path in photographs:
         try:
             image = read_image(path)
         except ImageError as error:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.errors import InputError, Skipped, counted
 from semisynth_gl.listener import FinishedPair, Listener
 from semisynth_gl.spread import spread
+from semisynth_gl.textures.subjects import photographed_subjects
 
 SAMPLE = 100
 """Pairs of a dataset that are measured, unless the caller wants another number."""
@@ -30,7 +32,8 @@ class Side:
     """The measures of one side's pictures.
 
     Attributes:
-        values: by the key of each `Measure`, (N,) float64 of the N pictures that have it.
+        values: by the key of each `Measure`, (N,) float64 of the N pictures that have it; of several photographs of one
+            subject the mean.
         profiles: by the key of each `Profile`, (N, K) float64 likewise.
     """
 
@@ -62,6 +65,7 @@ class MeasuredPlace:
     Attributes:
         side: measures of images alone from the photographs, all others from the maps.
         photographs: number of measured photographs.
+        subjects: number of subjects that they show; each counts once.
         narrow: number of these that are narrower than the working width.
         maps: number of measured maps.
         maps_with_image: number of these with an image beside them.
@@ -71,6 +75,7 @@ class MeasuredPlace:
 
     side: Side
     photographs: int
+    subjects: int
     narrow: int
     maps: int
     maps_with_image: int
@@ -125,8 +130,20 @@ def measure_dataset(
     return measure_pictures(pictures())
 
 
+def _one_sample_each(sides: Sequence[Side]) -> Side:
+    """Return the means of each side as those of one picture each."""
+
+    def means(arrays: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
+        return np.array([array.mean(axis=0) for array in arrays if len(array)], np.float64)
+
+    return Side(
+        {key: means(side.values[key] for side in sides) for key in sides[0].values},
+        {key: means(side.profiles[key] for side in sides) for key in sides[0].profiles},
+    )
+
+
 def measure_place(place: Place, width_px: int = WORKING_WIDTH) -> MeasuredPlace:
-    """Measure a place's photographs and maps.
+    """Measure a place's photographs, as many samples as they have subjects, and its maps.
 
     Raises:
         InputError: where no photograph can be read, or a map does not fit its image or has no disparity.
@@ -137,8 +154,8 @@ def measure_place(place: Place, width_px: int = WORKING_WIDTH) -> MeasuredPlace:
     with_image: list[bool] = []
     sparse: list[bool] = []
 
-    def photographs() -> Iterator[Picture]:
-        for picture in photograph_pictures(place, skipped, width_px):
+    def views(subject: Sequence[Path]) -> Iterator[Picture]:
+        for picture in photograph_pictures(subject, skipped, width_px):
             narrow.append(picture.enlarged)
             yield picture
 
@@ -148,18 +165,25 @@ def measure_place(place: Place, width_px: int = WORKING_WIDTH) -> MeasuredPlace:
             sparse.append(picture.surfaces is None)
             yield picture
 
-    of_images, of_maps = (
-        measure_pictures(
+    def measured(pictures: Iterable[Picture], *, images: bool) -> Side:
+        return measure_pictures(
             pictures,
             [each for each in MEASURES if each.of_images == images],
             [each for each in PROFILES if each.of_images == images],
         )
-        for pictures, images in ((photographs(), True), (maps(), False))
-    )
+
+    sides, subjects = list[Side](), 0
+    for subject in photographed_subjects(place.photographs):
+        before = len(narrow)
+        sides.append(measured(views(subject), images=True))
+        subjects += len(narrow) > before
+    of_images, of_maps = _one_sample_each(sides), measured(maps(), images=False)
     if not narrow:
         raise InputError(f"none of {counted(len(skipped), 'photograph')} can be read; the first: {skipped[0]}")
     side = Side(of_images.values | of_maps.values, of_images.profiles | of_maps.profiles)
-    return MeasuredPlace(side, len(narrow), sum(narrow), len(sparse), sum(with_image), sum(sparse), tuple(skipped))
+    return MeasuredPlace(
+        side, len(narrow), subjects, sum(narrow), len(sparse), sum(with_image), sum(sparse), tuple(skipped)
+    )
 
 
 def frame_picture(frame: StoredFrame, width_px: int = WORKING_WIDTH) -> Picture:

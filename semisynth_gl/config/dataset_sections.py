@@ -171,8 +171,8 @@ class SplitsSection(Section):
     """Photographs and models that are held out of training, where a dataset has validation or test pairs.
 
     Attributes:
-        validation: share of the photographs that only validation pairs show, at least one photograph.
-        test: share of the photographs that only test pairs show, at least one photograph.
+        validation: share of the photographs' subjects that only validation pairs show, at least one subject.
+        test: share of the photographs' subjects that only test pairs show, at least one subject.
         models: hold out the same shares of each family of models too.
     """
 

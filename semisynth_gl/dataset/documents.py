@@ -174,6 +174,7 @@ class _Patch(_Facts):
     texture: float
     large: bool = False
     contrast: float = 1.0
+    subject: _Text = ""
     sha256: _Sha256 | None = None
 
 

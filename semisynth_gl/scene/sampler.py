@@ -114,7 +114,7 @@ def _generation_key(generation: int) -> int:
 
 def _ends(patches: Sequence[Patch], section: TexturesSection) -> NDArray[np.float64]:
     flat = np.array([patch.texture < section.min_texture for patch in patches], np.bool_)
-    return np.cumsum(patch_chances([patch.source for patch in patches], flat, section.flat_share))
+    return np.cumsum(patch_chances([patch.shown for patch in patches], flat, section.flat_share))
 
 
 def _drawn(ends: NDArray[np.float64], chance: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -27,6 +27,7 @@ class Patch:
         texture: its `texture_measure` in 8-bit levels; of several frames the least.
         large: whether it is a large patch, for walls and grounds; these stand behind the others.
         contrast: the part of the image's contrast that it has; below 1 where it was lowered to make a flat patch.
+        subject: of several photographs of one subject in the atlas, the name of the first; empty of all other images.
     """
 
     source: str
@@ -38,10 +39,16 @@ class Patch:
     texture: float
     large: bool = False
     contrast: float = 1.0
+    subject: str = ""
+
+    @property
+    def shown(self) -> str:
+        """The name of what the patch shows a part of: its subject, or the image alone."""
+        return self.subject or self.source
 
     def described(self) -> dict[str, Any]:
-        """Return all that is known of the patch, in JSON's types; ``large`` and ``contrast`` only where they matter."""
-        usual = {"large": False, "contrast": 1.0}
+        """Return all that is known of the patch, in JSON's types; the last three only where they matter."""
+        usual = {"large": False, "contrast": 1.0, "subject": ""}
         return {key: value for key, value in asdict(self).items() if usual.get(key) != value}
 
 

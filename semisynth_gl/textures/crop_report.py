@@ -1,8 +1,8 @@
 """The fate of every image and crop: counts of kept and rejected crops, and a few rejected ones to look at."""
 
 from collections import Counter, defaultdict
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import chain, zip_longest
 from typing import Literal, NamedTuple, get_args
 
@@ -11,6 +11,7 @@ import numpy as np
 from semisynth_gl.errors import Skipped, abbreviate, counted
 from semisynth_gl.textures.crops import Square
 from semisynth_gl.textures.shares import patch_chances
+from semisynth_gl.textures.subjects import of_subjects
 
 Reason = Literal["flat", "blurred", "duplicate"]
 Outcome = Literal[Reason, "surplus", "kept", "kept_flat", "lowered"]
@@ -18,7 +19,7 @@ REASONS: tuple[Reason, ...] = get_args(Reason)
 REJECTIONS: tuple[Outcome, ...] = (*REASONS, "surplus")
 
 _EXAMPLES = 12
-# Fewer images than this are a note worth, and so is an image with less than this part of an equal say.
+# Fewer subjects than this are a note worth, and so is a subject with less than this part of an equal say.
 _FEW, _UNEVEN = 4, 0.5
 _MOST_NAMED = 5
 
@@ -96,6 +97,7 @@ class TextureReport:
         images_skipped: images that could not be read, and why.
         images_not_opened: images that were not needed, because there were enough patches.
         counts: by image and side of the squares, in this order; an image without a square has none.
+        subjects: of images with patches that show one subject, the subject's name by the image's; see `Patch`.
         examples: a few rejected crops, of different images where possible.
         patch_px: side of a patch, pixels.
         min_texture: least texture of a crop that is not flat, 8-bit levels of `texture_measure`.
@@ -109,6 +111,7 @@ class TextureReport:
     images_skipped: tuple[Skipped, ...] = ()
     images_not_opened: int = 0
     counts: tuple[CropCount, ...]
+    subjects: Mapping[str, str] = field(default_factory=dict)
     examples: tuple[JudgedCrop, ...] = ()
     patch_px: int
     min_texture: float = 0.0
@@ -120,11 +123,21 @@ class TextureReport:
         """The share of the surfaces that wear patches of each image, sum 1; large patches are not counted."""
         kept = [(count.source, number < count.kept_flat) for count in self.counts for number in range(count.kept)]
         chances = patch_chances(
-            [source for source, _ in kept], np.array([flat for _, flat in kept], np.bool_), self.flat_share
+            [self.subjects.get(source, source) for source, _ in kept],
+            np.array([flat for _, flat in kept], np.bool_),
+            self.flat_share,
         )
         shares: dict[str, float] = defaultdict(float)
         for (source, _), chance in zip(kept, chances.tolist(), strict=True):
             shares[source] += chance
+        return dict(shares)
+
+    @property
+    def subject_shares(self) -> dict[str, float]:
+        """The same by subject, which is an image or several."""
+        shares: dict[str, float] = defaultdict(float)
+        for source, share in self.surface_shares.items():
+            shares[self.subjects.get(source, source)] += share
         return dict(shares)
 
     def total(self, outcome: Outcome) -> int:
@@ -154,10 +167,12 @@ class TextureReport:
         """Return a few lines: patches, rejected crops with the measures, images with an uneven say or none at all."""
         kept, kept_flat = self.total("kept"), self.total("kept_flat")
         frames = f" of up to {self.longest_clip} frames" if self.longest_clip > 1 else ""
+        shared = of_subjects(self.images_used, len(self.subject_shares)) if self.subjects else ""
         text = (
             f"{counted(kept, 'patch')} of {self.patch_px} x {self.patch_px} pixels{frames} from "
-            f"{counted(self.images_used, 'image')}; {counted(self.total('flat'), 'crop')} left out as flat (median "
-            f"over 8 x 8 cells of the standard deviation of luminance below {self.min_texture:g} levels), "
+            f"{counted(self.images_used, 'image')}{shared}; "
+            f"{counted(self.total('flat'), 'crop')} left out as flat (median over 8 x 8 cells of the standard "
+            f"deviation of luminance below {self.min_texture:g} levels), "
             f"{self.total('blurred')} as blurred, {self.total('duplicate')} as duplicates, "
             f"{self.total('surplus')} as more than wanted"
         )
@@ -179,21 +194,23 @@ class TextureReport:
         return "\n".join([*lines, *(f"not readable: {skipped}" for skipped in self.images_skipped)])
 
     def _uneven(self) -> list[str]:
-        """Return a line for what keeps images from an equal and small say, if anything does."""
-        shares = self.surface_shares
+        """Return a line for what keeps subjects from an equal and small say, if anything does."""
+        shares, noun = self.subject_shares, "subject" if self.subjects else "image"
         equal, lines = 1 / max(len(shares), 1), list[str]()
         if 0 < len(shares) < _FEW:
             lines.append(
-                f"note: {counted(len(shares), 'image')} alone, each on about {equal:.0%} of the surfaces: give a few "
+                f"note: {counted(len(shares), noun)} alone, each on about {equal:.0%} of the surfaces: give a few "
                 "dozen photographs"
             )
         # An image of flat crops alone is not to have an equal say.
-        textured = {count.source for count in self.counts if count.kept > count.kept_flat}
-        few = sorted((shares[source], source) for source in textured if shares[source] < _UNEVEN * equal)
+        textured = {
+            self.subjects.get(count.source, count.source) for count in self.counts if count.kept > count.kept_flat
+        }
+        few = sorted((shares[subject], subject) for subject in textured if shares[subject] < _UNEVEN * equal)
         if few:
-            named = abbreviate([f"{source} {share:.1%}" for share, source in few], _MOST_NAMED)
+            named = abbreviate([f"{subject} {share:.1%}" for share, subject in few], _MOST_NAMED)
             lines.append(
-                f"note: {counted(len(few), 'image')} with few patches, on less than half of an equal share of the "
+                f"note: {counted(len(few), noun)} with few patches, on less than half of an equal share of the "
                 f"surfaces ({equal:.1%}): {named}; lower textures.patch_px, or give larger photographs"
             )
         return lines

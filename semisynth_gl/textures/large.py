@@ -1,5 +1,6 @@
 """Large patches: the largest square of an image, whole, for all on which a small patch would repeat."""
 
+from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping
 
 import numpy as np
@@ -22,11 +23,12 @@ def with_large_patches(
     section: TexturesSection,
     rng: np.random.Generator,
 ) -> Atlas:
-    """Add large patches to an atlas, one of each image that its patches come from, until there are enough.
+    """Add large patches to an atlas, one of each subject that its patches show, until there are enough.
 
     The square is as high or as wide as its image; it is averaged, or enlarged where the image is smaller: near walls
     are blurred in photographs too. With ``flat_share``, that share of as many patches is added with their contrast
-    lowered: of other images where there are more than enough, else of the same ones.
+    lowered: of other subjects where there are more than enough, else of the same ones. Of several images of a subject
+    one is drawn.
 
     Args:
         atlas: patches of one size.
@@ -34,15 +36,24 @@ def with_large_patches(
         section: the config's section, with the side of a large patch.
         rng: draws the images and the places of the squares.
     """
-    sources = sorted({patch.source for patch in atlas.patches})
-    order = [sources[int(number)] for number in rng.permutation(len(sources))[:MOST_LARGE]]
+    subjects = {patch.source: patch.subject for patch in atlas.patches}
+    sources: dict[str, list[str]] = defaultdict(list)
+    for source in sorted(subjects):
+        sources[subjects[source] or source].append(source)
+    drawn = [sorted(sources)[int(number)] for number in rng.permutation(len(sources))[:MOST_LARGE]]
+    order = [
+        of_one[0] if len(of_one) == 1 else of_one[int(rng.integers(len(of_one)))]
+        for of_one in (sources[subject] for subject in drawn)
+    ]
     flat = flat_count(section.flat_share, min(len(order) + 1, MOST_LARGE))
     textured, lowered = order[: MOST_LARGE - flat], order[len(order) - flat :]
     images = find(order)
     stacks, patches = list[NDArray[np.uint8]](), list(atlas.patches)
 
     def add(name: str, box: CropBox, layer: NDArray[np.uint8], texture: float, contrast: float) -> None:
-        patches.append(Patch(name, *box, len(atlas.layers) + len(stacks), 1, texture, large=True, contrast=contrast))
+        number = len(atlas.layers) + len(stacks)
+        subject = subjects[name]
+        patches.append(Patch(name, *box, number, 1, texture, large=True, contrast=contrast, subject=subject))
         stacks.append(layer)
 
     for name in order:

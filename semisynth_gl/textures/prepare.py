@@ -2,8 +2,9 @@
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import asdict
+from itertools import chain
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from semisynth_gl.cache.lookup import cached, installed_packages, package_versions, source_digest
 from semisynth_gl.cache.store import Entry
@@ -12,7 +13,7 @@ from semisynth_gl.errors import Skipped
 from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.splits import WHOLE, Split
 from semisynth_gl.textures.atlas import Atlas, Patch
-from semisynth_gl.textures.clips import AtlasLimits
+from semisynth_gl.textures.clips import AtlasLimits, natural_key
 from semisynth_gl.textures.crop_report import CropCount, JudgedCrop, TextureReport
 from semisynth_gl.textures.crops import Square
 from semisynth_gl.textures.image_files import relative_names
@@ -22,11 +23,11 @@ from semisynth_gl.textures.pictures import Picture, TextureImage
 from semisynth_gl.textures.procedural import procedural_atlas
 from semisynth_gl.textures.selection import build_atlas
 from semisynth_gl.textures.sources import TextureSource, describe_source, open_source
+from semisynth_gl.textures.subjects import photographed_subjects
+from semisynth_gl.textures.view_names import groups_by_name
 
 SOURCES = ("textures", "seeds.py", "splits.py")
 """The program's sources that decide an atlas: a change of any of them makes the cache build it anew."""
-
-Item = TypeVar("Item")
 
 # Of pictures that large patches are cut from too. The program's own take 42 MB; a plug-in's may be of any number and
 # size, and those beyond are drawn again.
@@ -43,8 +44,8 @@ def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> 
     Args:
         section: the config's section.
         seed: the dataset's seed.
-        split: the split that the photographs are for; of image sequences whole folders are held out, since their frames
-            show the same. Pictures are drawn anew for each split.
+        split: the split that the photographs are for; photographs of one subject, and folders of image sequences, are
+            held out together, since they show the same. Pictures are drawn anew for each split.
 
     Raises:
         InputError: where no image is found, none is usable, or there are too few to hold some out, or where a plug-in
@@ -78,6 +79,8 @@ def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> 
             "section": section.model_dump(mode="json", exclude=_NOT_DECISIVE),
             "seed": split_seed,
             "images": list(relative_names(images).values()),
+            # Names of folders above the images' own tell subjects apart, too.
+            "subjects": groups_by_name(images),
             "versions": package_versions("numpy", "Pillow"),
             "program": source_digest(SOURCES),
             # A plug-in may use any other package.
@@ -111,9 +114,13 @@ def split_images(section: TexturesSection, seed: int, split: Split = WHOLE) -> l
     if not images or not split.held_out:
         return images
     if not section.sequence:
-        return share_photographs(split, images, seed)
-    folders = share_photographs(split, sorted({path.parent for path in images}), seed, "folders of frames")
-    return [path for path in images if path.parent in folders]
+        own = share_photographs(split, photographed_subjects(images), seed, "photographs")
+        return [path for path in images if path in own]
+    # Successive frames show much the same: of a folder the first tells what it shows.
+    first = {path.parent: path for path in sorted(images, key=natural_key, reverse=True)}
+    subjects = photographed_subjects([first[folder] for folder in sorted(first)])
+    own = share_photographs(split, subjects, seed, "folders of frames")
+    return [path for path in images if first[path.parent] in own]
 
 
 def split_pictures(section: TexturesSection, seed: int, split: Split = WHOLE) -> Iterable[Picture] | None:
@@ -164,9 +171,22 @@ def named_images(
     return images
 
 
-def share_photographs(split: Split, items: Sequence[Item], seed: int, what: str = "photographs") -> list[Item]:
-    """Return those of photographs, or of what stands for them, that a split takes; see `Split.share`."""
-    return split.share(items, seed, what, _PHOTOGRAPHS)
+def share_photographs(split: Split, subjects: Sequence[Sequence[Path]], seed: int, what: str) -> set[Path]:
+    """Return the photographs that a split takes: of each subject all or none; see `Split.share`.
+
+    Args:
+        split: the split.
+        subjects: the photographs of each subject.
+        seed: the dataset's seed.
+        what: plural noun for the photographs, for the message.
+
+    Raises:
+        InputError: where there are too few subjects for each split to take one.
+    """
+    count = sum(map(len, subjects))
+    if count > len(subjects):
+        what = f"{what} of different subjects ({count} in all)"
+    return set(chain.from_iterable(split.share(subjects, seed, what, _PHOTOGRAPHS)))
 
 
 def pack_atlas(atlas: Atlas, images: Sequence[Path]) -> Entry | None:

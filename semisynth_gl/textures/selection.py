@@ -1,8 +1,8 @@
 """From images to an atlas: the choice of the crops that become patches."""
 
 import hashlib
-from collections import Counter, deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import Counter, defaultdict, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import accumulate, chain, cycle, islice, zip_longest
 from pathlib import Path
 from typing import TypeVar
@@ -27,9 +27,10 @@ from semisynth_gl.textures.crops import DuplicateFinder, Square
 from semisynth_gl.textures.flat import flat_count, lower_contrast
 from semisynth_gl.textures.image_files import relative_names
 from semisynth_gl.textures.pictures import Picture
+from semisynth_gl.textures.subjects import SubjectFinder
 
-PATCHES_PER_IMAGE = 4
-"""Once the atlas is full and no image holds more patches than this, no further image is opened. Fewer would make an
+PATCHES_PER_SUBJECT = 4
+"""Once the atlas is full and no subject has more patches than this, no further image is opened. Fewer would make an
 atlas of more different photographs, but decoding is what takes the time: 512 patches from 512 photographs take four
 times as long as from 128."""
 
@@ -49,10 +50,11 @@ def build_atlas(
 
     Images are opened one at a time in random order. Each offers its good crops in random order, scales taking turns; a
     crop that hardly differs from a good one before it, of any image, is rejected as a duplicate. Whenever there are
-    more than wanted, the image with most gives one up; so no image and no scale crowds out the others, and the rest
-    makes up for an image with few crops. Once the atlas is full and no image has more than `PATCHES_PER_IMAGE`, the
-    remaining images are not opened. In memory are one decoded image, those of its crops that may be kept, and the
-    patches of the atlas.
+    more than wanted, the subject with most gives one up, and of its images the one with most; so no subject and no
+    scale crowds out the others, and the rest makes up for a subject with few crops. Which files show one subject, a
+    `SubjectFinder` tells. Once the atlas is full and no subject has more than `PATCHES_PER_SUBJECT`, the remaining
+    images are not opened. In memory are one decoded image, those of its crops that may be kept, and the patches of the
+    atlas.
 
     Pictures are judged by the same measures. Files and pictures take turns, as long as there are both; pictures come in
     their own order, and are asked for one at a time.
@@ -61,12 +63,12 @@ def build_atlas(
     same square from each frame of its clip, and a crop counts as flat or blurred if it is so in any frame. No crops are
     duplicates then: successive clips of one video show much the same. Ask for fewer patches to get longer clips. A
     frame that cannot be read is left out of its clip. Frames are read twice, to measure and to cut, so that one is in
-    memory at a time.
+    memory at a time. Each clip is a subject.
 
     With ``section.flat_share``, that share of the patches is set aside for flat ones, at least one. They are crops
-    without texture, chosen in the same way; images that have too few of them for their part give patches once more with
-    their contrast lowered. Where there are too few others, flat ones are given up until the share is right. All images
-    are opened as long as flat crops are missing.
+    without texture, chosen in the same way; subjects that have too few of them for their part give patches once more
+    with their contrast lowered. Where there are too few others, flat ones are given up until the share is right. All
+    images are opened as long as flat crops are missing.
 
     Args:
         images: files, as from `find_images`; their order does not matter.
@@ -92,7 +94,8 @@ def build_atlas(
     )
     patch_limit = min(section.max_patches, limits.layers)
     flat_limit = flat_count(section.flat_share, patch_limit)
-    textured, flat = _Quota(patch_limit - flat_limit), _Quota(flat_limit)
+    finder = SubjectFinder(() if section.sequence else images)
+    textured, flat = (_Quota(limit, finder.subject) for limit in (patch_limit - flat_limit, flat_limit))
     duplicate_finder = DuplicateFinder(section.min_difference)
     judged: dict[int, JudgedClip] = {}
     too_small: list[str] = []
@@ -101,12 +104,12 @@ def build_atlas(
     numbered = enumerate(pictures or (), start=len(clips))
     for index, image in _in_turn(list(pending.items()), numbered):
         if isinstance(image, Picture):
-            if image.name in drawn:
-                raise InputError(f"expected pictures with a name each, got two with the name {image.name!r}")
-            drawn[image.name] = hashlib.sha256(image.pixels.tobytes()).hexdigest()
+            _note_digest(image, drawn)
             survey = survey_picture(image, section)
         else:
             survey = survey_clip(pending.pop(index), names, section)
+            if survey.still is not None and not section.sequence:
+                finder.add(index, survey.still)
         skipped += survey.skipped
         if survey.too_small:
             too_small += [frame.name if isinstance(frame, Picture) else names[frame] for frame in survey.frames]
@@ -127,19 +130,21 @@ def build_atlas(
     # The number that makes the share of all patches what it is to be.
     wanted = min(flat_limit, max(1, round(textured.total * section.flat_share / (1 - section.flat_share))))
     without = _flat_patches(textured, flat, section.min_texture, rng, wanted) if textured.total and wanted else {}
-
     chosen = [
         patch
         for index in sorted(judged)
         # By side, row and column; what was made of a patch stands behind it.
         for patch in sorted(
-            [*textured.patches[index], *without.get(index, [])],
+            [*textured.patches[index], *without.get(judged[index].source, [])],
             key=lambda patch: (patch.square.box[::-1], -patch.contrast),
         )
     ]
     kept = {patch.square for patch in chosen}
     sources = {square.source for square in kept}
     all_judged = [judged[index] for index in sorted(judged)]
+    subjects = _shared_subjects(
+        {index: clip.source for index, clip in judged.items() if clip.source in sources}, finder
+    )
     used = sum(clip.frame_count for clip in all_judged if clip.source in sources)
     report = TextureReport(
         images_used=used,
@@ -148,6 +153,7 @@ def build_atlas(
         images_skipped=tuple(sorted(skipped, key=lambda skipped: skipped.path.as_posix())),
         images_not_opened=sum(map(len, pending.values())),
         counts=crop_counts(all_judged, kept, [patch.square for patch in chosen if patch.contrast < 1]),
+        subjects=subjects,
         examples=rejected_examples(all_judged, kept),
         patch_px=section.patch_px,
         min_texture=section.min_texture,
@@ -158,76 +164,134 @@ def build_atlas(
         raise InputError(_no_patch_message(len(images) + len(drawn), report))
     # The headers of all successive frames are read.
     unopened = set() if section.sequence else set(chain.from_iterable(pending.values()))
-    shown = {name: digest for name, digest in drawn.items() if name in sources}
-    atlas = Atlas(opaque_layers([patch.frames for patch in chosen]), _described(chosen), report, shown)
+    atlas = Atlas(
+        opaque_layers([patch.frames for patch in chosen]),
+        _described(chosen, subjects),
+        report,
+        {name: digest for name, digest in drawn.items() if name in sources},
+    )
     return atlas, [path for path in images if path not in unopened]
 
 
-def _described(chosen: Sequence[PatchFrames]) -> tuple[Patch, ...]:
+def _note_digest(picture: Picture, drawn: dict[str, str]) -> None:
+    """Add a picture's SHA-256 to those by name; raise InputError where another one has its name."""
+    if picture.name in drawn:
+        raise InputError(f"expected pictures with a name each, got two with the name {picture.name!r}")
+    drawn[picture.name] = hashlib.sha256(picture.pixels.tobytes()).hexdigest()
+
+
+def _shared_subjects(sources: Mapping[int, str], finder: SubjectFinder) -> dict[str, str]:
+    """Return the subject, by the name of its first image, of each image that shares one with another.
+
+    Args:
+        sources: names of the images that have patches, by their numbers.
+        finder: knows the subjects.
+    """
+    by_subject: dict[int, list[str]] = defaultdict(list)
+    for index in sorted(sources):
+        by_subject[finder.subject(index)].append(sources[index])
+    return {source: names[0] for names in by_subject.values() if len(names) > 1 for source in names}
+
+
+def _described(chosen: Sequence[PatchFrames], subjects: Mapping[str, str]) -> tuple[Patch, ...]:
     first_layers = accumulate((len(patch.frames) for patch in chosen), initial=0)
     return tuple(
-        Patch(*patch.square, layer, len(patch.frames), patch.texture, contrast=patch.contrast)
+        Patch(
+            *patch.square,
+            layer,
+            len(patch.frames),
+            patch.texture,
+            contrast=patch.contrast,
+            subject=subjects.get(patch.square.source, ""),
+        )
         for patch, layer in zip(chosen, first_layers, strict=False)
     )
 
 
 def _flat_patches(
     textured: "_Quota", flat: "_Quota", min_texture: float, rng: np.random.Generator, wanted: int
-) -> dict[int, list[PatchFrames]]:
-    """Choose flat patches by clip: flat crops, evenly over the clips, and patches made flat for clips with too few."""
+) -> dict[str, list[PatchFrames]]:
+    """Choose flat patches, by image.
+
+    They are flat crops, evenly over the subjects, and patches made flat for subjects with too few crops.
+    """
 
     def made(patches: Sequence[PatchFrames]) -> Iterator[PatchFrames]:
         for patch in cycle(patches):
             frames, contrast, texture = lower_contrast(patch.frames, min_texture, rng)
             yield PatchFrames(patch.square, texture, frames, contrast)
 
-    order = [sorted(textured.patches)[place] for place in rng.permutation(len(textured.patches))]
+    whole, crops = textured.by_subject(), flat.by_subject()
+    order = [sorted(whole)[place] for place in rng.permutation(len(whole))]
     most = -(-wanted // len(order))
-    own = ([(index, patch) for patch in flat.patches[index][:most]] for index in order)
-    chosen = {index: list[PatchFrames]() for index in order}
-    for index, patch in islice(_in_turn(*own), wanted):
-        chosen[index].append(patch)
-    rest = {index: chain(flat.patches[index][most:], made(textured.patches[index])) for index in order}
+    own = ([(subject, patch) for patch in crops[subject][:most]] for subject in order)
+    chosen = {subject: list[PatchFrames]() for subject in order}
+    for subject, patch in islice(_in_turn(*own), wanted):
+        chosen[subject].append(patch)
+    rest = {subject: chain(crops[subject][most:], made(whole[subject])) for subject in order}
     while sum(map(len, chosen.values())) < wanted:
-        index = min(rest, key=lambda index: len(chosen[index]))
-        following = next(rest[index], None)
+        subject = min(rest, key=lambda subject: len(chosen[subject]))
+        following = next(rest[subject], None)
         if following is None:
-            del rest[index]
+            del rest[subject]
         else:
-            chosen[index].append(following)
-    return chosen
+            chosen[subject].append(following)
+    by_image: dict[str, list[PatchFrames]] = defaultdict(list)
+    for patch in chain.from_iterable(chosen.values()):
+        by_image[patch.square.source].append(patch)
+    return by_image
 
 
 class _Quota:
-    """Patches by clip, never more than a limit; the clip with most patches gives up its last one first.
+    """Patches by clip, never more than a limit; the subject with most patches gives up one first.
 
-    A patch that is given up would not come back whatever followed, because the largest share only ever shrinks: so
-    giving up early has the same result as collecting everything and giving up at the end.
+    Of its clips the one with most gives up its last one. A patch that is given up would not come back whatever
+    followed, because the largest share only ever shrinks: so giving up early has the same result as collecting
+    everything and giving up at the end. Only where two subjects turn out to be one, it has more than its share then.
+
+    Args:
+        limit: the most patches.
+        subject: returns the subject of a clip.
     """
 
-    def __init__(self, limit: int) -> None:
+    def __init__(self, limit: int, subject: Callable[[int], int]) -> None:
         self._limit = limit
+        self._subject = subject
         self.patches: dict[int, list[PatchFrames]] = {}
         self.total = 0
 
     @property
+    def _clips(self) -> dict[int, list[list[PatchFrames]]]:
+        """The patches of each clip, by subject."""
+        clips: dict[int, list[list[PatchFrames]]] = defaultdict(list)
+        for clip, patches in self.patches.items():
+            clips[self._subject(clip)].append(patches)
+        return clips
+
+    @property
     def _largest(self) -> int:
-        return max(map(len, self.patches.values()), default=0)
+        return max((sum(map(len, clips)) for clips in self._clips.values()), default=0)
 
     @property
     def settled(self) -> bool:
-        return self.total == self._limit and self._largest <= PATCHES_PER_IMAGE
+        return self.total == self._limit and self._largest <= PATCHES_PER_SUBJECT
 
     @property
     def room(self) -> int:
         """The most patches that a further clip can end up with."""
         return self._limit if self.total < self._limit else self._largest
 
+    def by_subject(self) -> dict[int, list[PatchFrames]]:
+        """Return the patches by subject, clips taking turns."""
+        return {subject: list(_in_turn(*clips)) for subject, clips in self._clips.items()}
+
     def add(self, clip: int, patches: list[PatchFrames]) -> None:
         self.patches[clip] = patches
         self.total += len(patches)
+        of_subjects = self._clips if self.total > self._limit else {}
         while self.total > self._limit:
-            max(self.patches.values(), key=len).pop()
+            most = max(of_subjects.values(), key=lambda clips: sum(map(len, clips)))
+            max(most, key=len).pop()
             self.total -= 1
 
 

@@ -1,0 +1,192 @@
+"""Subjects: photographs that show one thing, such as both views of a stereo pair, told by their names and content.
+
+Content is compared at 32 x 24 cells, each by how it stands out from its surroundings, so that exposure, compression and
+size do not count; nor do stripes, which look alike wherever they are. Views are shifted against each other, what is
+near more than what is far, so the best shift is looked for in the upper and in the lower half by itself.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from semisynth_gl.cache.lookup import cached, package_versions, source_digest
+from semisynth_gl.cache.store import Entry
+from semisynth_gl.errors import counted
+from semisynth_gl.textures.image_files import relative_names
+from semisynth_gl.textures.images import OUT_OF_MEMORY, ImageError, read_reduced
+from semisynth_gl.textures.view_names import groups_by_name
+
+SOURCES = ("textures/subjects.py", "textures/view_names.py", "textures/images.py")
+"""The program's sources that decide which photographs are of one subject."""
+
+ALIKE = 0.6
+"""Mean correlation of both halves above which two photographs are of one subject.
+
+Nine stereo pairs, from 450 to 741 pixels wide, have 0.74 or more, and 0.7 or more with one view three stops darker, at
+a fifth of its size or as JPEG of quality 10; where 1.5 stops more clip much of it, 0.51. Of different photographs and
+drawn pictures, cloths among them, 7,000 pairs have at most 0.43; of 122,000 pairs of ninths of them two more than 0.6.
+"""
+
+_HALVES, _ROWS, _COLUMNS = 2, 12, 32
+# The surroundings of a cell, as the standard deviation of a Gaussian in cells.
+_AROUND = 3.0
+# Contrast that counts for nothing, 8-bit levels; and the sum of squares of half a signature with little else.
+_NOISE_LEVELS, _NOISE_SQUARES = 2.0, 5.0
+# Near things shift by up to a fifth of the width from one view to the other, and views may not be quite rectified.
+_ACROSS, _ALONG = 6, 1
+_SHIFTS = [(down, right) for down in range(-_ALONG, _ALONG + 1) for right in range(-_ACROSS, _ACROSS + 1)]
+# Sides of a reduced JPEG, pixels: several to a cell.
+_LEAST_SIDES = (4 * _COLUMNS, 4 * _COLUMNS)
+# More photographs than this take seconds.
+_MANY = 100
+
+_Signature = NDArray[np.float32]
+"""(2, 12, 32), how each cell of the upper and of the lower half stands out from its surroundings, row and column."""
+
+
+class SubjectFinder:
+    """Finds out which photographs show one subject: by their names, and by content as their pixels are added.
+
+    Args:
+        photographs: the files, none of which is opened. They have the numbers from 0 on.
+    """
+
+    def __init__(self, photographs: Sequence[Path] = ()) -> None:
+        self._first: dict[int, int] = {}
+        for group in groups_by_name(photographs):
+            for number in group[1:]:
+                self._join(group[0], number)
+        self._added: list[int] = []
+        self._signatures = np.empty((_HALVES, 0, _ROWS * _COLUMNS), np.float32)
+        self._squares = np.empty((_HALVES, 0, len(_SHIFTS)), np.float32)
+
+    def subject(self, number: int) -> int:
+        """Return the subject of a photograph: the least number of all that are known to show it."""
+        first = self._first.get(number, number)
+        while first != (before := self._first.get(first, first)):
+            first = before
+        return first
+
+    def add(self, number: int, pixels: NDArray[np.uint8]) -> None:
+        """Compare a photograph with all that were added before it.
+
+        Args:
+            number: its number.
+            pixels: (H, W, 3) uint8 RGB, or (H, W) grey.
+        """
+        signature = _signature(pixels)
+        known = len(self._added)
+        if known == self._signatures.shape[1]:
+            # Room is doubled: growing by one would copy all rows for every photograph.
+            self._signatures, self._squares = (
+                np.concatenate([array, np.empty((_HALVES, known + 1, array.shape[2]), np.float32)], axis=1)
+                for array in (self._signatures, self._squares)
+            )
+        # What overlaps with the others at each shift, (2, S, cells): zero elsewhere.
+        ours = np.stack([_shifted(signature, down, right) for down, right in _SHIFTS], axis=1)
+        ours = ours.reshape(_HALVES, len(_SHIFTS), -1)
+        products = self._signatures[:, :known] @ ours.transpose(0, 2, 1)
+        squares = (self._squares[:, :known] + _NOISE_SQUARES) * (np.square(ours).sum(axis=2) + _NOISE_SQUARES)[:, None]
+        correlations = (products / np.sqrt(squares)).max(axis=2).mean(axis=0)
+        for place in np.flatnonzero(correlations > ALIKE).tolist():
+            self._join(self._added[place], number)
+        self._added.append(number)
+        self._signatures[:, known] = signature.reshape(_HALVES, -1)
+        for at, (down, right) in enumerate(_SHIFTS):
+            self._squares[:, known, at] = np.square(_shifted(signature, -down, -right)).sum(axis=(1, 2))
+
+    def _join(self, one: int, other: int) -> None:
+        first, second = sorted((self.subject(one), self.subject(other)))
+        if first != second:
+            self._first[second] = first
+
+
+def photographed_subjects(photographs: Sequence[Path]) -> list[list[Path]]:
+    """Return photographs by subject: in a list each those that show one thing, by their names or their content.
+
+    All are read, for which the cache keeps the result. A photograph that cannot be read is known by its name alone.
+
+    Args:
+        photographs: the files, each once.
+
+    Returns:
+        The subjects, in the order of their first photographs; within one in the order given.
+    """
+
+    def build() -> tuple[tuple[list[int], bool], Sequence[Path]]:
+        finder, whole = SubjectFinder(photographs), True
+        for number, path in enumerate(photographs if len(photographs) > 1 else ()):
+            try:
+                finder.add(number, read_reduced(path, _LEAST_SIDES))
+            except ImageError as error:
+                whole &= error.reason != OUT_OF_MEMORY
+        return ([finder.subject(number) for number in range(len(photographs))], whole), photographs
+
+    def key() -> dict[str, Any]:
+        return {
+            "names": list(relative_names(photographs).values()),
+            # Names of folders above the photographs' own count, too.
+            "groups": groups_by_name(photographs),
+            "versions": package_versions("numpy", "Pillow"),
+            "program": source_digest(SOURCES),
+        }
+
+    subjects, _ = cached(
+        "subjects",
+        key,
+        work=f"comparing {len(photographs):,} photographs" if len(photographs) > _MANY else None,
+        files=photographs,
+        build=build,
+        pack=lambda found: Entry({"subjects": found[0]}, {}) if found[1] else None,
+        unpack=lambda entry: ([int(subject) for subject in entry.values["subjects"]], True),
+    )
+    groups: dict[int, list[Path]] = defaultdict(list)
+    for path, subject in zip(photographs, subjects, strict=True):
+        groups[subject].append(path)
+    return list(groups.values())
+
+
+def of_subjects(photographs: int, subjects: int) -> str:
+    """Return what stands behind a number of photographs, such as `` of 12 subjects``; nothing where all differ."""
+    if photographs == subjects:
+        return ""
+    return f" of {counted(subjects, 'subject')}"
+
+
+def _signature(pixels: NDArray[np.uint8]) -> _Signature:
+    grey = Image.fromarray(pixels).convert("L").resize((_COLUMNS, _HALVES * _ROWS), Image.Resampling.BOX)
+    cells = np.asarray(grey, np.float64)
+    standing_out = cells - _around(cells)
+    contrast = np.sqrt(_around(standing_out**2))
+    halves = (standing_out / (contrast + _NOISE_LEVELS)).reshape(_HALVES, _ROWS, _COLUMNS)
+    halves -= halves.mean(axis=1, keepdims=True)
+    halves -= halves.mean(axis=2, keepdims=True)
+    return halves.astype(np.float32)
+
+
+def _around(cells: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean around each cell, weighted by a Gaussian."""
+    down, right = (_weights(extent) for extent in cells.shape)
+    means: NDArray[np.float64] = down @ cells @ right.T
+    return means
+
+
+def _weights(extent: int) -> NDArray[np.float64]:
+    away = np.subtract.outer(np.arange(extent), np.arange(extent))
+    bell = np.exp(-0.5 * (away / _AROUND) ** 2)
+    weights: NDArray[np.float64] = bell / bell.sum(axis=1, keepdims=True)
+    return weights
+
+
+def _shifted(signature: _Signature, down: int, right: int) -> _Signature:
+    """Return a signature with each half moved down and to the right, zero where it has nothing."""
+    moved = np.zeros_like(signature)
+    moved[:, max(down, 0) : _ROWS + min(down, 0), max(right, 0) : _COLUMNS + min(right, 0)] = signature[
+        :, max(-down, 0) : _ROWS + min(-down, 0), max(-right, 0) : _COLUMNS + min(-right, 0)
+    ]
+    return moved

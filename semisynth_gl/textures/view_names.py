@@ -1,0 +1,97 @@
+"""Names of views: the parts of files' and folders' names that tell photographs of one subject apart.
+
+They are the words of stereo datasets, ``left`` and ``right`` among them. Two names of one subject differ in such parts
+alone, and a part counts for nothing where no other photograph has the rest of the name.
+"""
+
+import re
+from collections import defaultdict
+from collections.abc import Collection, Sequence
+from itertools import chain
+from pathlib import Path
+
+_MARK = "\0"  # in the place of what tells views apart: no name holds it
+
+# A word of a name such as scene_left, 0001R or imageLeft; no part of a word, as in bright.
+_SIDE = re.compile(
+    r"(?:(?<![^\W\d_])|(?<=[a-z])(?=[A-Z]))(?:(?:left|right|Left|Right|LEFT|RIGHT)(?![a-z])|[lrLR](?![^\W\d_]))"
+)
+# ETH3D: delivery_area_1l and delivery_area_1s are one moment, seen by wide and by narrow lenses.
+_LENS = re.compile(r"(_\d+)[ls]$")
+# Middlebury: im0, im1E, im0e3, view5; behind the name of a scene, too.
+_VIEW = re.compile(r"(?<![^\W_])(im|view)(\d+)(?:[EL]|e\d)?$", re.IGNORECASE)
+_LAST_VIEW = 8
+_CAMERA = re.compile(r"(?<![^\W\d_])cam(?:era)?[ _-]?\d{1,2}(?!\d)", re.IGNORECASE)
+# KITTI's folders, in which 000017_10 and 000017_11 are a tenth of a second apart.
+_KITTI_FOLDER = re.compile(r"image_0?[0-3]|colored_[01]")
+_FRAME = re.compile(r"(\d{6})_\d\d")
+# Middlebury: folders of one scene under other light.
+_LIGHT = re.compile(r"/(?:Illum\d|Exp\d|ambient/[FLT]\d)(?=/)")
+
+# Folders of the same names, with a few photographs each, are a folder for each scene.
+_FEWEST_FOLDERS, _MOST_IN_FOLDER = 3, 8
+
+
+def groups_by_name(photographs: Sequence[Path]) -> list[list[int]]:
+    """Return the numbers of photographs that show one subject by their names; groups of one are left out.
+
+    Known are the names of Middlebury, ETH3D, KITTI, EuRoC, SceneFlow and Cityscapes, ``left`` and ``right`` or ``l``
+    and ``r`` as words of a file's or folder's name, and folders of a few photographs each whose files have the same
+    names. All photographs in one folder are no group.
+
+    Args:
+        photographs: the files; none is opened.
+    """
+    # Photographs that are numbered on beyond the views of a scene: their numbers are names.
+    series = {place for path in photographs for place, number in [_view(path)] if number > _LAST_VIEW}
+    by_key: dict[tuple[str, str], list[int]] = defaultdict(list)
+    for number, path in enumerate(photographs):
+        by_key[_key(path, series)].append(number)
+    return [group for group in chain(by_key.values(), _folders_of_scenes(photographs)) if len(group) > 1]
+
+
+def _view(path: Path) -> tuple[tuple[Path, str] | None, int]:
+    """Return the folder and name of numbered views, and the number: None and 0 of a name without one."""
+    found = _VIEW.search(path.stem)
+    return (None, 0) if found is None else ((path.parent, path.stem[: found.start(2)]), int(found[2]))
+
+
+def _key(path: Path, series: Collection[tuple[Path, str] | None]) -> tuple[str, str]:
+    """Return a photograph's folder and name without what tells views apart.
+
+    Args:
+        path: the photograph.
+        series: folders and names of views whose numbers tell no views apart.
+    """
+    stem = path.stem
+    if _view(path)[0] not in series:
+        stem = _VIEW.sub(_MARK, stem)
+    frame = _FRAME.fullmatch(stem)
+    if frame is not None and _KITTI_FOLDER.fullmatch(path.parent.name):
+        stem = frame[1]
+    camera = _CAMERA.sub(_MARK, stem)
+    # A name that holds nothing else is that of one of a camera's photographs.
+    if re.search(r"[^\W_]", camera):
+        stem = camera
+    folders = (
+        _MARK if _is_of_camera(folder) else _SIDE.sub(_MARK, _LENS.sub(rf"\1{_MARK}", folder))
+        for folder in _LIGHT.sub("", f"{path.parent.as_posix()}/").split("/")
+    )
+    return "/".join(folders), _SIDE.sub(_MARK, _LENS.sub(rf"\1{_MARK}", stem)) + path.suffix
+
+
+def _is_of_camera(folder: str) -> bool:
+    return bool(_CAMERA.fullmatch(folder) or _KITTI_FOLDER.fullmatch(folder))
+
+
+def _folders_of_scenes(photographs: Sequence[Path]) -> list[list[int]]:
+    """Return the numbers of photographs in folders of a scene each, told by their equal content of files."""
+    inside: dict[Path, list[int]] = defaultdict(list)
+    for number, path in enumerate(photographs):
+        inside[path.parent].append(number)
+    alike: dict[tuple[Path, frozenset[str]], list[list[int]]] = defaultdict(list)
+    for folder, numbers in inside.items():
+        if len(numbers) <= _MOST_IN_FOLDER and not (_is_of_camera(folder.name) or _SIDE.search(folder.name)):
+            names = frozenset(photographs[number].name for number in numbers)
+            alike[folder.parent, names].append(numbers)
+    return list(chain.from_iterable(folders for folders in alike.values() if len(folders) >= _FEWEST_FOLDERS))

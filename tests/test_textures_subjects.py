@@ -1,0 +1,314 @@
+"""Photographs of one subject: told by name and content, in one split, with one say."""
+
+import io
+from collections import Counter
+from itertools import chain, combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from semisynth_gl.cache import file_fingerprint
+from semisynth_gl.config.dataset_sections import SplitsSection
+from semisynth_gl.config.scene_sections import TexturesSection
+from semisynth_gl.errors import InputError
+from semisynth_gl.splits import SPLITS, Split
+from semisynth_gl.textures import cloths, images, subjects
+from semisynth_gl.textures.image_files import builtin_photographs, find_images
+from semisynth_gl.textures.prepare import prepare_atlas, share_photographs, split_images
+from semisynth_gl.textures.subjects import SubjectFinder, of_subjects, photographed_subjects
+from semisynth_gl.textures.view_names import groups_by_name
+
+SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+CLOTHS = (cloths.flowered, cloths.knitting, cloths.quilt, cloths.rug, cloths.tartan, cloths.weave)
+HELD_OUT = {"validation": 0.1, "test": 0.1}
+
+
+def scene(seed, height=240, width=320):
+    """Like a photograph: blobs of every size, the same contrast at each."""
+    rng = np.random.default_rng(seed)
+    octaves = [
+        np.asarray(
+            Image.fromarray(rng.integers(0, 256, (-(-height // n), -(-width // n), 3), dtype=np.uint8)).resize(
+                (width, height), Image.Resampling.BICUBIC
+            ),
+            np.float64,
+        )
+        for n in (1, 4, 16, 64)
+    ]
+    return np.mean(octaves, axis=0).astype(np.uint8)
+
+
+def views(seed, near_px=40, far_px=12):
+    """Both views of a scene: its lower half is nearer than the upper one."""
+    wide = scene(seed, width=320 + near_px)
+    halves = [wide[:120, near_px - far_px : 320 + near_px - far_px], wide[120:, :320]]
+    return wide[:, near_px:], np.concatenate(halves)
+
+
+def save(folder, **pixels):
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, each in pixels.items():
+        Image.fromarray(each).save(folder / f"{name}.png")
+    return folder
+
+
+def grouped(*pixels):
+    """The subjects of photographs whose names tell nothing."""
+    finder = SubjectFinder()
+    for number, each in enumerate(pixels):
+        finder.add(number, each)
+    return [finder.subject(number) for number in range(len(pixels))]
+
+
+ONE_SUBJECT = [
+    ["Australia/im0.png", "Australia/im1.png", "Australia/im1E.png", "Australia/im1L.png"],
+    ["Piano_im0.png", "Piano_im1.png"],
+    ["Art/view0.png", "Art/view3.png", "Art/view6.png", "Art/Illum1/Exp0/view1.png", "Art/Illum3/Exp2/view5.png"],
+    ["room/im0.png", "room/ambient/L1/im0e0.png", "room/ambient/F0/im1e4.png"],
+    ["lab/left.png", "lab/right.png"],
+    ["a/left_0001.jpg", "a/right_0001.jpg"],
+    ["a/0001-Left.jpg", "a/0001-Right.jpg"],
+    ["a/imageLeft7.jpg", "a/imageRight7.jpg"],
+    ["a/hall_l.jpg", "a/hall_r.jpg"],
+    ["a/0017L.jpg", "a/0017R.jpg"],
+    ["left/0001.png", "right/0001.png"],
+    ["leftImg8bit/x/x_1_leftImg8bit.png", "rightImg8bit/x/x_1_rightImg8bit.png"],
+    ["kitti/image_2/000017_10.png", "kitti/image_3/000017_10.png", "kitti/image_2/000017_11.png"],
+    ["kitti/colored_0/000003_10.png", "kitti/colored_1/000003_11.png"],
+    ["drive/image_02/data/0000000005.png", "drive/image_03/data/0000000005.png"],
+    ["mav0/cam0/data/14036365.png", "mav0/cam1/data/14036365.png"],
+    ["a/cam1_0004.png", "a/cam2_0004.png", "a/cam3_0004.png"],
+    ["eth3d/delivery_area_1l/im0.png", "eth3d/delivery_area_1s/im1.png"],
+    ["eth3d/delivery_area_2l.png", "eth3d/delivery_area_2s.png"],
+]
+OTHERS = [
+    # Frames, moments and scenes of one kind.
+    ["left/0001.png", "right/0002.png"],
+    ["image_2/000017_10.png", "image_3/000018_10.png"],
+    ["eth3d/delivery_area_1l.png", "eth3d/delivery_area_2l.png", "eth3d/delivery_area_3l.png"],
+    ["Australia/im0.png", "Chess/im0.png", "Chess_2/im1.png"],
+    # Numbers and words of other kinds.
+    ["a/im0.png", "a/im1.png", "a/im2.png", "a/im12.png"],
+    ["a/view1.png", "a/view9.png"],
+    ["a/camera_01.jpg", "a/camera_02.jpg"],
+    ["a/202401_05.jpg", "a/202401_06.jpg"],
+    ["a/bright.png", "a/blight.png", "a/cleft.png", "a/cright.png"],
+    ["a/hall.png", "a/hall_l.png", "a/hallway_r.png"],
+    ["a/IMG_0001.jpg", "a/IMG_0002.jpg", "a/IMG_0003.jpg"],
+    ["a/left.png", "b/right.png"],
+    # Folders: of all photographs, of too many, of different files, and too few of them.
+    [f"place/{number}.png" for number in range(5)],
+    [f"{folder}/{number}.png" for folder in "abc" for number in range(9)],
+    ["a/1.png", "a/2.png", "b/3.png", "b/4.png", "c/5.png", "c/6.png"],
+    ["a/1.png", "a/2.png", "b/1.png", "b/2.png"],
+]
+
+
+@pytest.mark.parametrize("names", ONE_SUBJECT, ids=lambda names: names[0])
+def test_names_tell_views_of_one_subject(names):
+    photographs = [Path("place") / name for name in [*names, "other/IMG_7.png"]]
+    assert [sorted(group) for group in groups_by_name(photographs)] == [list(range(len(names)))]
+
+
+@pytest.mark.parametrize("names", OTHERS, ids=lambda names: names[0])
+def test_names_that_tell_nothing_make_no_subject(names):
+    assert groups_by_name(list(map(Path, names))) == []
+
+
+def test_a_folder_for_each_scene_is_told_by_equal_names():
+    names = [f"scenes/{scene}/{name}.jpg" for scene in ("hall", "lab", "yard") for name in ("front", "back")]
+    assert groups_by_name([Path(name) for name in (*names, "scenes/door/front.jpg")]) == [[0, 1], [2, 3], [4, 5]]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_content_tells_views_of_one_subject(seed):
+    left, right = views(seed)
+    other = scene(seed + 100)
+    assert grouped(left, other, right) == [0, 1, 0]
+    darker, brighter = left // 6, np.minimum(right * 1.6, 255).astype(np.uint8)
+    small = np.asarray(Image.fromarray(right).resize((80, 60), Image.Resampling.BICUBIC))
+    packed = io.BytesIO()
+    Image.fromarray(left).save(packed, "JPEG", quality=8)
+    noisy = np.clip(left + np.random.default_rng(0).normal(0, 30, left.shape), 0, 255).astype(np.uint8)
+    for changed in (darker, brighter, small, np.asarray(Image.open(packed)), noisy, left[..., 1]):
+        assert grouped(left, other, changed) == [0, 1, 0]
+
+
+def test_content_tells_similar_things_apart():
+    drawn = [draw(np.random.default_rng(seed)) for draw in CLOTHS for seed in (0, 1)]
+    down, right = np.mgrid[-1 : 1 : drawn[0].shape[0] * 1j, -1 : 1 : drawn[0].shape[1] * 1j]
+    light = (1.2 - 0.4 * (down**2 + right**2) - 0.3 * right)[..., None]
+    lit = [np.clip(each * light, 0, 255).astype(np.uint8) for each in drawn]
+    for each in (drawn, lit):
+        assert grouped(*each) == list(range(len(each)))
+    # Without any structure there is nothing to tell by.
+    plain = np.full((90, 90, 3), 128, np.uint8)
+    assert grouped(plain, plain, plain // 2) == [0, 1, 2]
+
+
+def test_the_photographs_that_come_with_the_program_are_of_different_subjects():
+    files = builtin_photographs()
+    assert photographed_subjects(files) == [[path] for path in files]
+
+
+@pytest.mark.skipif(not (SHARED / "real").is_dir(), reason="no real pairs in ../shared")
+def test_content_tells_real_pairs_from_other_photographs(tmp_path):
+    found = find_images([SHARED / "real", SHARED / "textures"])
+    for number, path in enumerate(found):
+        (tmp_path / f"{number:03d}{path.suffix}").symlink_to(path)
+    of_one = [
+        [int(path.stem) for path in each] for each in photographed_subjects(find_images([tmp_path])) if len(each) > 1
+    ]
+    wanted = [[found.index(path), found.index(path.with_name("im1.png"))] for path in found if path.name == "im0.png"]
+    assert len(wanted) >= 8
+    assert of_one == wanted
+
+
+def test_subjects_are_joined_by_names_and_content(tmp_path):
+    (left, right), (hall, _) = views(0), views(1)
+    save(tmp_path / "day", im0=left, im1=hall)  # two views by their names
+    save(tmp_path / "copies", im_a=right, other=scene(2))
+    (tmp_path / "copies/broken.png").write_bytes(b"")
+    photographs = find_images([tmp_path])
+    names = [[path.relative_to(tmp_path).as_posix() for path in each] for each in photographed_subjects(photographs)]
+    assert names == [["copies/broken.png"], ["copies/im_a.png", "day/im0.png", "day/im1.png"], ["copies/other.png"]]
+    finder = SubjectFinder(photographs)
+    for number in (4, 3, 1, 2):  # in any order
+        finder.add(number, images.read_image(photographs[number]))
+    assert [finder.subject(number) for number in range(5)] == [0, 1, 2, 1, 1]
+
+
+def test_photographs_are_compared_once(tmp_path, monkeypatch):
+    monkeypatch.setenv("SEMISYNTH_GL_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(file_fingerprint, "_YOUNG_NS", -(10**15))
+    opened, read = [], subjects.read_reduced
+    monkeypatch.setattr(subjects, "read_reduced", lambda *arguments: opened.append(arguments) or read(*arguments))
+    left, right = views(0)
+    folder = save(tmp_path / "photos", a=left, b=right, c=scene(1))
+    photographs = find_images([folder])
+    for _ in range(2):
+        assert list(map(len, photographed_subjects(photographs))) == [2, 1]
+    assert len(opened) == 3
+    save(folder, b=scene(2))
+    assert list(map(len, photographed_subjects(photographs))) == [1, 1, 1]
+    assert len(opened) == 6
+
+
+def test_a_jpeg_is_read_reduced_and_upright(tmp_path):
+    turned = Image.Exif()
+    turned[0x0112] = 6
+    Image.fromarray(scene(0, 960, 1280)).save(tmp_path / "a.jpg", exif=turned)
+    reduced, whole = images.read_reduced(tmp_path / "a.jpg", (128, 128)), images.read_image(tmp_path / "a.jpg")
+    assert whole.shape == (1280, 960, 3)
+    assert 128 <= min(reduced.shape) < 960
+    assert reduced.shape[0] / reduced.shape[1] == pytest.approx(4 / 3)
+    assert grouped(whole, reduced) == [0, 0]
+    with pytest.raises(images.ImageError, match="does not exist"):
+        images.read_reduced(tmp_path / "b.jpg", (128, 128))
+
+
+@given(st.lists(st.integers(1, 5), min_size=3, max_size=40), st.integers(0, 2**32), st.booleans())
+def test_no_subject_is_in_two_splits(sizes, seed, both):
+    numbers = iter(range(sum(sizes)))
+    groups = [[Path(f"{next(numbers):03d}.png") for _ in range(size)] for size in sizes]
+    held_out = HELD_OUT if both else {"test": 0.3}
+    names = [name for name in SPLITS if name == "train" or name in held_out]
+    taken = {name: share_photographs(Split(name, held_out), groups, seed, "photographs") for name in names}
+    assert sum(map(len, taken.values())) == sum(sizes)
+    assert set.union(*taken.values()) == {*chain.from_iterable(groups)}
+    for group in groups:
+        assert [bool(taken[name].intersection(group)) for name in names].count(True) == 1
+    # A further photograph of a subject moves none.
+    groups[0].append(Path("more.png"))
+    again = {name: share_photographs(Split(name, held_out), groups, seed, "photographs") for name in names}
+    assert {name: again[name] - {Path("more.png")} for name in names} == taken
+
+
+def pairs_in(folder, scenes):
+    for number in range(scenes):
+        left, right = views(number)
+        save(folder / f"scene{number}", im0=left, im1=right)
+    return folder
+
+
+def test_both_views_of_a_pair_are_in_one_split(tmp_path):
+    pairs_in(tmp_path / "named", 6)
+    for number in range(6):
+        left, right = views(number)
+        save(tmp_path / "unnamed", **{f"{number}-a": left, f"b{number}": right})
+    for folder, key in (("named", lambda path: path.parent.name), ("unnamed", lambda path: path.stem.strip("-ab"))):
+        section = TexturesSection(source="images", images=(str(tmp_path / folder),))
+        for seed in range(8):
+            taken = [split_images(section, seed, SplitsSection().split(name, SPLITS)) for name in SPLITS]
+            assert list(map(len, taken)) == [8, 2, 2]
+            for one, other in combinations(taken, 2):
+                assert {*map(key, one)}.isdisjoint(map(key, other))
+
+
+def test_both_views_of_image_sequences_are_in_one_split(tmp_path):
+    for take in range(3):
+        left, right = views(take)
+        save(tmp_path / f"take{take}/left", **{f"{frame}": left // (frame + 1) for frame in range(3)})
+        save(tmp_path / f"take{take}/right", **{f"{frame}": right // (frame + 1) for frame in range(3)})
+    section = TexturesSection(source="images", images=(str(tmp_path),), sequence=True)
+    taken = [split_images(section, 1, SplitsSection().split(name, SPLITS)) for name in SPLITS]
+    assert [len({path.parent.parent for path in each}) for each in taken] == [1, 1, 1]
+    assert list(map(len, taken)) == [6, 6, 6]
+
+
+def test_one_subject_is_too_few_for_splits(tmp_path):
+    section = TexturesSection(source="images", images=(str(pairs_in(tmp_path, 1)),), patch_px=64)
+    message = r"^1 photographs of different subjects \(2 in all\) are too few to hold some out: 1 for validation"
+    with pytest.raises(InputError, match=message):
+        prepare_atlas(section, 0, SplitsSection().split("validation", ("train", "validation")))
+    assert prepare_atlas(section, 0).report.images_used == 2
+
+
+def built(folder, **keys):
+    keys = {"patch_px": 64, "scales": (1.0,), **keys}
+    return prepare_atlas(TexturesSection(source="images", images=(str(folder),), **keys), 0)
+
+
+def test_a_subject_has_one_say_however_many_photographs_show_it(tmp_path):
+    many = {f"im{number}": np.roll(scene(0), 7 * number, axis=1) for number in range(8)}
+    save(tmp_path / "many", **many)
+    for number in range(1, 5):
+        save(tmp_path / "single", **{f"s{number}": scene(number)})
+    full = built(tmp_path, max_patches=80)  # of 12 photographs with 20 squares each
+    assert set(full.report.subjects.values()) == {"many/im0.png"}
+    kept = Counter(patch.shown for patch in full.patches)
+    assert kept == {"many/im0.png": 16, **{f"single/s{number}.png": 16 for number in range(1, 5)}}
+    assert len({patch.source for patch in full.patches}) == 12
+    shares = full.report.surface_shares
+    assert full.report.subject_shares == pytest.approx(dict.fromkeys(kept, 0.2))
+    assert sum(shares[f"many/{name}.png"] for name in many) == pytest.approx(0.2)
+    assert "from 12 images of 5 subjects;" in full.report.summary()
+    described = [patch.described().get("subject") for patch in full.patches]
+    assert Counter(described) == {"many/im0.png": 16, None: 64}
+    # Fewer opened photographs do with fewer patches: no subject has more than another.
+    assert set(Counter(patch.shown for patch in built(tmp_path, max_patches=20).patches).values()) == {4}
+
+
+def test_flat_and_large_patches_are_of_subjects(tmp_path):
+    pairs_in(tmp_path / "pairs", 2)
+    save(tmp_path / "single", **{f"s{number}": scene(number) for number in range(2, 4)})
+    atlas = built(tmp_path, max_patches=60, flat_share=0.2, large_px=96)
+    large = [patch for patch in atlas.patches if patch.large and patch.contrast == 1]
+    assert Counter(patch.shown for patch in large) == {patch.shown: 1 for patch in atlas.patches}
+    assert len(large) == 4
+    flat = Counter(patch.shown for patch in atlas.patches if not patch.large and patch.contrast < 1)
+    assert (len(flat), max(flat.values()) - min(flat.values()) <= 1) == (4, True)
+    assert atlas.report.subject_shares == pytest.approx({patch.shown: 0.25 for patch in atlas.patches})
+    again = built(tmp_path, max_patches=60, flat_share=0.2, large_px=96)  # from the cache
+    assert (again.patches, again.report) == (atlas.patches, atlas.report)
+
+
+def test_notes_name_subjects(tmp_path):
+    summary = built(pairs_in(tmp_path, 2)).report.summary()
+    assert "4 images of 2 subjects" in summary
+    assert "note: 2 subjects alone, each on about 50% of the surfaces" in summary
+    assert (of_subjects(30, 12), of_subjects(2, 1), of_subjects(3, 3)) == (" of 12 subjects", " of 1 subject", "")
