@@ -246,6 +246,7 @@ def _size(text: str | None) -> Size | None:
 
 def _summary(facts: ConfigFacts, report: TextureReport) -> list[str]:
     ranges, disparity, count = facts.ranges, facts.disparity, facts.photograph_count
+    patches = counted(report.total("kept"), "patch")
     lines = [
         f"layout           {facts.layout or 'middlebury, and webdataset from 10,000 pairs on'}",
         f"image size       {facts.size}",
@@ -255,8 +256,7 @@ def _summary(facts: ConfigFacts, report: TextureReport) -> list[str]:
         f"disparity        {disparity.min_px:g} to {disparity.max_px:g} px, mean {disparity.target.mean_px:.2f} px",
         f"                 {disparity.origin}",
         f"scenes           {' and '.join(facts.scenes)} ({facts.far_share:.1%} of the pixels beyond 20 m)",
-        f"photographs      {facts.photographs}{', all grey' * facts.grey}, which give "
-        f"{counted(report.total('kept'), 'patch')}",
+        f"photographs      {facts.photographs}{', all grey' * facts.grey}, which give {patches}",
     ]
     if facts.rectification is not None:
         lines.append(f"rectification    {facts.rectification.summary()}")
