@@ -2,6 +2,7 @@
 
     python benchmarks/masks.py cost --turns 5
     python benchmarks/masks.py agreement
+    python benchmarks/masks.py agreement --scale 0.5
 
 `cost` draws pairs of a config with both disparities alone, and with both masks too, in turns, and prints the ratio of
 their user and system seconds: these hardly feel what else the machine does. `agreement` casts rays to random pixels of
@@ -60,12 +61,13 @@ def cost(config: str, pairs: int, turns: int) -> None:
 @main.command()
 @click.option("--rays", default=100_000, show_default=True, help="Rays to each view.")
 @click.option("--scenes", default=2, show_default=True, help="Scenes of each config.")
+@click.option("--scale", default=1.0, show_default=True, help="Size of the images, as the key `scale` has it.")
 @click.argument("configs", nargs=-1)
-def agreement(configs: tuple[str, ...], rays: int, scenes: int) -> None:
+def agreement(configs: tuple[str, ...], rays: int, scenes: int, scale: float) -> None:
     """Compare masks with rays."""
     rng = np.random.default_rng(5)
     for name in configs or ("middlebury", "kitti", "eth3d", "sceneflow", "zero-shot"):
-        bench = sample_scenes(load_config(name), 0, scenes)
+        bench = sample_scenes(load_config(name, {"scale": scale}), 0, scenes)
         total = wrong = elsewhere = seen = 0
         with bench.open_renderer("auto", outputs=("visibility", "instances")) as renderer:
             for scene in bench.scenes:

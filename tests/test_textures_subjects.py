@@ -262,7 +262,7 @@ def test_both_views_of_image_sequences_are_in_one_split(tmp_path):
 
 def test_one_subject_is_too_few_for_splits(tmp_path):
     section = TexturesSection(source="images", images=(str(pairs_in(tmp_path, 1)),), patch_px=64)
-    message = r"^1 photographs of different subjects \(2 in all\) are too few to hold some out: 1 for validation"
+    message = "^too few photographs of different subjects to hold some out, 1 in all: 1 for validation"
     with pytest.raises(InputError, match=message):
         prepare_atlas(section, 0, SplitsSection().split("validation", ("train", "validation")))
     assert prepare_atlas(section, 0).report.images_used == 2

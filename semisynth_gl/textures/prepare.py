@@ -183,9 +183,8 @@ def share_photographs(split: Split, subjects: Sequence[Sequence[Path]], seed: in
     Raises:
         InputError: where there are too few subjects for each split to take one.
     """
-    count = sum(map(len, subjects))
-    if count > len(subjects):
-        what = f"{what} of different subjects ({count} in all)"
+    if sum(map(len, subjects)) > len(subjects):
+        what = f"{what} of different subjects"
     return set(chain.from_iterable(split.share(subjects, seed, what, _PHOTOGRAPHS)))
 
 
