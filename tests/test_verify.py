@@ -369,7 +369,7 @@ def test_the_command_tells_what_it_found(call, dataset, tmp_path):
     code, out, err = call(dataset, "--json", tmp_path / "report.json")
     assert code == 1
     assert out == f"middlebury-000001: files: {SCENES}/middlebury-000001/im0.png is missing\n"
-    assert "1 findings in 1 of 3 pairs" in err
+    assert "1 finding in 1 of 3 pairs" in err
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["findings"] == [
         {"scene": "middlebury-000001", "check": "files", "message": out.split(": ")[2].strip()}
