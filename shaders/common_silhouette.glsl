@@ -9,8 +9,19 @@
 const uint NO_NEIGHBOUR = 0xFFFFFFFFu;
 const int MOST_STEPS = 512;  // triangles across a pixel; a finer mesh may be given up too early
 const float NOT_COVERED = -1.0;
+// How far a target may be off: float32 rounds columns of some thousand by 1e-4, and disparities too.
+const float OFF_PX = 3e-4;
 
-// 1 / Z of the surface at the target position, or NOT_COVERED where it ends before.
+// The least 1 / Z of a triangle's plane so near a pixel position. A surface that is seen at a grazing angle changes by
+// tens of disparities from pixel to pixel, and would hide its own points.
+float least_inverse_depth_at(vec3 a, vec3 b, vec3 c, vec2 pixel) {
+    vec3 normal = cross(b - a, c - a);
+    vec2 per_pixel = abs(normal.xy / (focal_px * dot(normal, a)));
+    return inverse_depth_at(a, b, c, pixel) - OFF_PX * (per_pixel.x + per_pixel.y);
+}
+
+// 1 / Z of the surface at the target position, less what the position's rounding may add, or NOT_COVERED where it ends
+// before.
 float surface_at(uvec2 surface, vec2 start, vec2 target) {
     Instance instance = instance_at(surface.x);
     uint triangle = surface.y;
@@ -33,7 +44,7 @@ float surface_at(uvec2 surface, vec2 start, vec2 target) {
         }
         // A triangle that crosses the near plane has no outline on the image. Such are walls: they go on.
         if (!in_front || way_squared == 0.0) {
-            return inverse_depth_at(corner[0], corner[1], corner[2], target);
+            return least_inverse_depth_at(corner[0], corner[1], corner[2], target);
         }
         // Two of the three edges cross the way's line; leave by the one that is farther on, and not the way in.
         float exit = -1e30;
@@ -51,7 +62,7 @@ float surface_at(uvec2 surface, vec2 start, vec2 target) {
             }
         }
         if (exit >= 1.0) {
-            return inverse_depth_at(corner[0], corner[1], corner[2], target);
+            return least_inverse_depth_at(corner[0], corner[1], corner[2], target);
         }
         // Behind the silhouette the next triangle lies back under this one.
         if (next == NO_NEIGHBOUR || (step > 0 && exit < reached)) {

@@ -590,3 +590,24 @@ def test_the_peers_scene_is_as_exact_as_asked(open_renderer, shared_data):
     assert error[smooth].max() <= 1e-3
     assert (frame.left.instances[row, column] == hits.instance + 1).mean() >= 0.9995
     assert OCCLUDED in frame.left.visibility
+
+
+@pytest.mark.one_backend
+def test_a_face_that_the_other_eye_sees_edge_on_does_not_hide_itself(open_renderer, square):
+    """Its disparity changes by 9 px within a pixel of the right view; the left view shows it 12 px wide."""
+    camera = StereoCamera.centred(1500, 300, 1500.0, 0.2)
+    # The front of a box at 2 m, and its left side, which a ray of the right eye nearly runs along.
+    places = [(0.3, 2.0), (-0.3, 2.0), (0.2 - 1.5015 / 2, 3.0)]
+    positions = [(x, y, z) for x, z in places for y in (-0.2, 0.2)]
+    triangles = [(0, 1, 3), (0, 3, 2), (2, 3, 5), (2, 5, 4)]
+    box = make_mesh("box", positions, [(0.0, 0.0)] * 6, triangles)
+    matrices = [np.eye(4), facing(camera, -400, -400, 2300, 1100, 5.0)]
+    scene = make_scene(camera, model=[1, 0], world_from_model=matrices, layer=[0, 0])
+    models = [square, box]
+    frame = open_renderer(models, noise_layers(1, 16)).render(scene)
+    y, x = (values.ravel().astype(float) for values in np.mgrid[100:200, 400:620])
+    hits = cast_rays(scene, models, "left", x, y)
+    side = (hits.instance == 0) & (hits.triangle >= 2)
+    assert side.sum() > 1000
+    assert (oracle.visibility(scene, models, "left", x, y, hits)[side] == VISIBLE).all()
+    assert (frame.left.visibility[100:200, 400:620].ravel()[side] == VISIBLE).all()
