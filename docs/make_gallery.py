@@ -179,7 +179,7 @@ SHOWN: dict[str, Callable[[NDArray[np.generic]], Floats | Picture]] = {
     "flow_visibility": lambda mask: np.repeat(mask[..., None], 3, axis=2),
     "flow_backward": show_flow,
     "flow_backward_visibility": lambda mask: np.repeat(mask[..., None], 3, axis=2),
-    "disparity_change": lambda change: colours(change, "coolwarm", -3, 3),
+    "disparity_change": lambda change: colours(change, "coolwarm", -1.5, 1.5),
 }
 
 

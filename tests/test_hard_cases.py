@@ -42,6 +42,9 @@ EXACT_PX = 1e-3
 # Two of float32's steps at 1500 px: a surface that is so far from where it should be is where it should be.
 STEP_PX = 2.5e-4
 EDGE_PX = 1 / 16
+# Rasterisers move vertices by 1/256 px, which turns the plane of a triangle 250 px long and 0.1 px wide: llvmpipe is
+# off by as much there.
+SLIVER_PX = 4e-3
 
 
 @dataclass
@@ -132,7 +135,9 @@ def assert_like_the_oracle(
         assert np.quantile(found.error[carried], 0.999) <= 1e-4
         assert np.median(found.error[found.smooth]) <= 2e-5
         # None is mixed: what is not exact lies exactly on a surface seen within 1/16 px.
-        assert (exact | found.displaced).mean() >= on_surface
+        known = exact | found.displaced
+        assert known.mean() >= on_surface
+        assert found.error[~known].max(initial=0) <= SLIVER_PX
         assert exact[found.smooth].mean() >= smooth_exact
         assert exact.mean() >= exact_share
         assert found.seen_alike.mean() >= seen
@@ -503,8 +508,8 @@ def test_packaged_configs_at_full_size_agree_with_the_oracle(backend, name, reci
     scene = sampler.sample(5).scene
     with Renderer(sampler.models, noise_layers(4, 64), backend=backend, outputs=STILL) as renderer:
         frame = renderer.render(scene)
-    # The documented share. The more outlines a scene has, the more pixels lie on one.
-    assert_like_the_oracle(frame, scene, sampler.models, sample=10_000, seen=0.9992)
+    # The documented share. The more outlines a scene has, the more pixels lie on one, and one in 10,000 on a sliver.
+    assert_like_the_oracle(frame, scene, sampler.models, sample=10_000, seen=0.9992, on_surface=0.9999)
 
 
 @pytest.mark.parametrize("index", [9, 113])

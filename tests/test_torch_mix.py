@@ -225,7 +225,7 @@ def test_the_state_of_another_mix_is_refused(folders):
 def test_the_state_of_a_mix_of_other_photographs_is_refused(folders, tmp_path):
     moved, other = tmp_path / "moved", tmp_path / "other"
     for folder, level in ((moved, 0), (other, 90)):
-        write_dataset(folder, "webdataset", {"train": 7}, 3, config_of(name="lab"), level)
+        write_dataset(folder, "webdataset", {"train": 7}, 3, config_of(name="lab"), level=level)
     there = StereoMix([(StereoDataset(folders["lab"]), 1)], SEED)
     iter(there)
     state = json.loads(json.dumps(there.state_dict()))

@@ -12,7 +12,7 @@ from semisynth_gl.comparison.compare import Comparison, compare_with_place, comp
 from semisynth_gl.comparison.maps import map_files
 from semisynth_gl.comparison.picture import WORKING_WIDTH
 from semisynth_gl.comparison.place import find_place, left_out
-from semisynth_gl.comparison.sides import FEWEST, SAMPLE
+from semisynth_gl.comparison.sides import FEWEST, SAMPLE, MeasuredPlace
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.errors import counted
 from semisynth_gl.splits import SPLITS, SplitName
@@ -94,10 +94,14 @@ def _counts(comparison: Comparison) -> str:
     place = comparison.place
     parts = [
         f"{comparison.pairs} of {counted(comparison.dataset_pairs, 'pair')}",
-        f"{counted(place.photographs, 'photograph')}{of_subjects(place.photographs, place.subjects)}",
+        _photographs(place),
         f"{counted(place.maps, 'disparity map')} ({place.maps_with_image} with their image)",
     ]
     return f"{', '.join(parts)}; all at a width of {comparison.width_px} px"
+
+
+def _photographs(place: MeasuredPlace) -> str:
+    return f"{counted(place.photographs, 'photograph')}{of_subjects(place.photographs, place.subjects)}"
 
 
 def _summary(comparison: Comparison) -> list[str]:
@@ -105,7 +109,7 @@ def _summary(comparison: Comparison) -> list[str]:
     near, compared = len(comparison.near()), len(comparison.compared())
     few, lines = len(comparison.too_few()), list[str]()
     if few:
-        place = f"{counted(comparison.place.photographs, 'photograph')}, {counted(comparison.place.maps, 'map')}"
+        place = f"{_photographs(comparison.place)}, {counted(comparison.place.maps, 'map')}"
         lines.append(
             f"Too few pictures of the place to tell how far {counted(few, 'measure')} may be off: that takes {FEWEST} "
             f"pictures, better a few dozen, and there are {place}"

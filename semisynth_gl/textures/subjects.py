@@ -139,7 +139,7 @@ def photographed_subjects(photographs: Sequence[Path]) -> list[list[Path]]:
     subjects, _ = cached(
         "subjects",
         key,
-        work=f"comparing {len(photographs):,} photographs" if len(photographs) > _MANY else None,
+        work=f"comparing {counted(len(photographs), 'photograph')}" if len(photographs) > _MANY else None,
         files=photographs,
         build=build,
         pack=lambda found: Entry({"subjects": found[0]}, {}) if found[1] else None,
