@@ -217,7 +217,7 @@ def _reach_m(camera: StereoCamera, eye: Eye, sway: Sway) -> float:
 
 
 def _inwards(rays: Floats, angle_rad: float) -> Floats:
-    """Return the unit normals (4, 3) of the sides of a view, inwards; none, (0, 3), where its rays have no bounds.
+    """Return the unit normals (4, 3) of the sides of a view, inwards; (0, 3) where its rays have no bounds.
 
     Args:
         rays: (4, 3) rays through the view's corners.
