@@ -148,7 +148,7 @@ def config_facts(
 
 
 def suited_layout(config: Config, rigs: Sequence[Rig]) -> str | None:
-    """Return the layout of the benchmark that calibrations are of; None for those of none, or of several.
+    """Return the layout of the calibrations' benchmark; None where they have no benchmark, or several.
 
     Nor is it taken where it cannot hold the disparities of a config, or its loaders refuse what `generate` makes of it.
 
