@@ -26,7 +26,7 @@ class Comparison:
         pairs: number of these.
         dataset_pairs: number of pairs that the dataset has, or its split.
         place: measures of the place.
-        recipes: the values of each recipe's config in JSON's types; those of the config where it has no recipes.
+        recipes: the values of each recipe's config in JSON's types; the config's own where it has no recipes.
     """
 
     width_px: int

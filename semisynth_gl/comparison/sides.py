@@ -131,7 +131,7 @@ def measure_dataset(
 
 
 def _one_sample_each(sides: Sequence[Side]) -> Side:
-    """Return the means of each side as those of one picture each."""
+    """Return a side that has one picture for each of these, with the means of its pictures."""
 
     def means(arrays: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
         return np.array([array.mean(axis=0) for array in arrays if len(array)], np.float64)

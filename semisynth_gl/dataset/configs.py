@@ -24,7 +24,7 @@ def read_config(index: Index) -> Config:
 
 
 def recipe_values(index: Index) -> list[Mapping[str, Any]]:
-    """Return the values of each recipe's config in JSON's types; those of the config where it has no recipes."""
+    """Return the values of each recipe's config in JSON's types; the config's own where it has no recipes."""
     try:
         return [recipe.config.model_dump(mode="json") for recipe in read_config(index).recipes()]
     except InputError:  # a config of another version

@@ -70,7 +70,7 @@ class Place(ABC):
 
     @abstractmethod
     def remove_empty(self, folders: Iterable[str]) -> None:
-        """Remove those of the folders, and of the folders above them, in which nothing is left."""
+        """Remove the folders, and the folders above them, that are empty."""
 
     @abstractmethod
     def make_folder(self, name: str) -> None:
