@@ -3,11 +3,12 @@
 //
 // Four steps, each for what the one before leaves open. TILES judges 4 x 4 pixels at a time by the two disparity maps, and
 // lists the tiles whose pixels are not all visible: FILL writes those that are alike, PIXELS judges the others one by one
-// and lists the pixels that the disparity maps leave open. TRACE follows the surfaces around such a point to it. What no
-// step writes is VISIBLE. Lists keep the costly steps dense: llvmpipe runs eight invocations at a time through both sides
-// of every branch.
+// and lists the pixels that the disparity maps leave open. TRACE follows the surfaces beside such a point to it. What no
+// step writes is VISIBLE, but for what slivers.comp finds. Lists keep the costly steps dense: llvmpipe runs eight
+// invocations at a time through both sides of every branch.
 
 #include "common_constants.glsl"
+#include "common_masks.glsl"
 
 #define TILES 0
 #define FILL 1
@@ -49,63 +50,26 @@ uvec2 unlisted(uint number) {
     return uvec2(number & 0x7FFFu, number >> 16);
 }
 
-// How far the other view's surface may be from the point's disparity between two pixels of one smooth surface.
-const float BEND_PX = 0.02;
-const float BEND_RELATIVE = 0.01;
-// Change of disparity from pixel to pixel that passes for one surface without a look at its triangles.
-const float STEEPEST = 2.0;
-// What is nearer by this hides, where it is so all around.
-const float CLEARLY_PX = 0.5;
 // What stands out of a row by this has an edge there.
 const float EDGE_PX = 0.25;
+// What is nearer by this hides, where it is so all around.
+const float CLEARLY_PX = 0.5;
 // Two pixels that differ by less leave no gap between them.
-const float GAP_PX = 1.0;
-
-// Where the other eye would see a point, in its columns.
-float target_of(float column, float disparity_px) {
-    precise float target = column + other_from_own * disparity_px;
-    return target;
-}
+const float GAP_PX = 0.25;
 
 bool is_outside(float disparity_px, float target, float last) {
     return disparity_px > LARGEST || target < -0.5 || target >= last + 0.5;
-}
-
-// No disparity is smaller: that of what is infinitely far away, or the end of the valid ones.
-float far_px() {
-    return max(least_px, -doffs_px);
-}
-
-float or_far(float disparity_px) {
-    return disparity_px > LARGEST ? far_px() : disparity_px;
-}
-
-// Which of two pixels, of the row above or below, are nearer than a surface that goes on from row to row, which is as
-// much nearer on one side as it is farther on the other.
-bvec2 stands_out(float disparity_px, vec2 side, vec2 opposite) {
-    precise vec2 edge = disparity_px + EDGE_PX + clamp(vec2(disparity_px) - opposite, 0.0, STEEPEST);
-    return greaterThan(side, edge);
-}
-
-// Whether one surface with the point on it goes from a pixel to the next: along the row of a plane, disparity is linear.
-bool goes_on(float disparity_px, float between, vec2 beside) {
-    precise float off = abs(mix(beside.x, beside.y, between) - disparity_px), step = abs(beside.y - beside.x);
-    precise float most = BEND_PX + BEND_RELATIVE * step;
-    return off < most && step < STEEPEST;
 }
 
 // By the disparities of the other view's two pixels beside the point, and of those above and below. All steps come to the
 // same, whichever pixels they judge together.
 uint judge(float disparity_px, float between, vec2 above, vec2 beside, vec2 below) {
     vec2 farthest = min(min(above, below), beside);
-    // What stands out in both columns has its edge between the rows; in one of them, it may be thin and pass between them.
-    bvec2 over = stands_out(disparity_px, above, below), under = stands_out(disparity_px, below, above);
-    bool thin = over.x != over.y || under.x != under.y;
     precise float clearly = disparity_px + CLEARLY_PX;
     if (min(farthest.x, farthest.y) > clearly && abs(beside.y - beside.x) < GAP_PX) {
         return OCCLUDED;
     }
-    return goes_on(disparity_px, between, beside) && !thin ? VISIBLE : UNDECIDED;
+    return goes_on(disparity_px, between, beside) ? VISIBLE : UNDECIDED;
 }
 
 // The four pixels around a corner of pixels: beside each other in the row above (w, z) and below (x, y) the corner.
@@ -235,17 +199,16 @@ void main() {
 layout(binding = 2) uniform usampler2D own_surface;
 layout(binding = 3) uniform usampler2D other_surface;
 
-// How much nearer a surface must be to hide a point: what float32 leaves uncertain.
-const float ROUNDING_PX = 1e-3;
-const float ROUNDING_RELATIVE = 2e-6;
+// Points that stay open for slivers.comp, by the column on their left in the other view: the last one listed there, as its
+// own column and 1, for each pixel of this view the one listed before it, and which columns have any, 32 in a pixel.
+layout(binding = 1, r32ui) uniform uimage2D open_first;
+layout(binding = 2, r32ui) writeonly uniform uimage2D open_next;
+layout(binding = 3, r32ui) uniform uimage2D open_columns;
 
-bool hides(uvec2 surface, uvec2 own, vec2 start, vec2 target, float disparity_px) {
-    if (surface == own) {
-        return false;
-    }
-    float inverse_depth = surface_at(surface, start, target);
-    float rounding_px = ROUNDING_PX + ROUNDING_RELATIVE * focal_baseline * abs(inverse_depth);
-    return inverse_depth > 0.0 && focal_baseline * inverse_depth - doffs_px > disparity_px + rounding_px;
+void leave_open(ivec2 pixel, int left) {
+    uint before = imageAtomicExchange(open_first, ivec2(left, pixel.y), uint(pixel.x) + 1u);
+    imageStore(open_next, pixel, uvec4(before));
+    imageAtomicOr(open_columns, ivec2(left / 32, pixel.y), 1u << uint(left % 32));
 }
 
 void main() {
@@ -255,30 +218,29 @@ void main() {
         float disparity_px = texelFetch(own_disparity, pixel, 0).r;
         uvec2 own = texelFetch(own_surface, pixel, 0).rg;
         vec2 target = vec2(target_of(float(pixel.x), disparity_px), pixel.y);
-        int left = int(floor(target.x));
-        vec4 lower = around_far(vec2(left + 1, pixel.y + 1)), upper = around_far(vec2(left + 1, pixel.y));
-        float between = target.x - float(left);
-        // What is farther by more than a surface rises within a pixel hides nothing.
-        float farthest = goes_on(disparity_px, between, lower.wz) ? LARGEST : max(disparity_px - STEEPEST, far_px());
-        bvec2 beside = greaterThan(lower.wz, vec2(farthest));
-        // A surface does not hide itself, and is followed once.
-        uvec2 on_left = texelFetch(other_surface, clamp(ivec2(left, pixel.y), ivec2(0), last), 0).rg;
-        uvec2 on_right = texelFetch(other_surface, clamp(ivec2(left + 1, pixel.y), ivec2(0), last), 0).rg;
-        beside.x = beside.x && on_left != own;
-        beside.y = beside.y && on_right != own && !(beside.x && on_left == on_right);
-        bvec2 above = stands_out(disparity_px, upper.wz, lower.xy), below = stands_out(disparity_px, lower.xy, upper.wz);
-        uint open = (beside.x ? 1u : 0u) | (beside.y ? 2u : 0u);
-        open |= (above.x ? 4u : 0u) | (above.y ? 8u : 0u);
-        open |= (below.x ? 16u : 0u) | (below.y ? 32u : 0u);
-        bool hidden = false;
-        while (open != 0u && !hidden) {
-            int k = findLSB(open);
-            open &= open - 1u;
-            ivec2 start = clamp(ivec2(left + (k & 1), pixel.y + (k < 2 ? 0 : k < 4 ? -1 : 1)), ivec2(0), last);
-            hidden = hides(texelFetch(other_surface, start, 0).rg, own, vec2(start), target, disparity_px);
+        float left = floor(target.x);
+        vec4 lower = around_far(vec2(left + 1.0, pixel.y + 1)), upper = around_far(vec2(left + 1.0, pixel.y));
+        vec2 beside = lower.wz;
+        float around[6] = {beside.x, beside.y, upper.w, upper.z, lower.x, lower.y};
+        // What is farther by more than a surface rises within a pixel hides nothing, and in the rows above and below, what
+        // is not nearer.
+        float farthest = goes_on(disparity_px, target.x - left, beside) ? LARGEST : max(disparity_px - STEEPEST, far_px());
+        bool hidden = false, is_open = false;
+        uvec2 followed = own;  // a surface does not hide itself, and is followed once
+        for (int k = 0; k < 6; ++k) {
+            ivec2 start = clamp(ivec2(int(left) + (k & 1), pixel.y + (k < 2 ? 0 : k < 4 ? -1 : 1)), ivec2(0), last);
+            uvec2 surface = texelFetch(other_surface, start, 0).rg;
+            bool is_other = surface != own && surface != followed;
+            is_open = is_open || (k < 2 && surface != own && beside[k] > disparity_px + BEND_PX);
+            if (!hidden && is_other && around[k] > (k < 2 ? farthest : disparity_px + EDGE_PX)) {
+                hidden = is_before(surface_at(surface, vec2(start), target), disparity_px);
+                followed = surface;
+            }
         }
         if (hidden) {
             imageStore(visibility, pixel, uvec4(OCCLUDED));
+        } else if (is_open) {
+            leave_open(pixel, clamp(int(left), 0, last.x));
         }
     }
 }

@@ -48,11 +48,6 @@ class FlowPass:
         self._then: EyeTargets | None = None
         self._targets: Targets | None = None
 
-    @property
-    def size(self) -> tuple[int, int] | None:
-        """The image size that there is room for; None before the first."""
-        return None if self._targets is None else self._targets.framebuffer.size
-
     def resize(self, size: tuple[int, int]) -> None:
         """Make room for another image size; a size that the driver refuses leaves the pass as it was."""
         then = EyeTargets(self._context, size, ("depth", "surface"), visibility=False)

@@ -22,6 +22,11 @@ _GROUPS_ON_SOFTWARE, _GROUPS_ON_GPU = 128, 2048
 _MOST_PIXELS = 1 << 21
 
 
+def groups_of(context: GraphicsContext) -> int:
+    """Return how many groups of invocations take turns through a list."""
+    return _GROUPS_ON_SOFTWARE if is_software(context.renderer) else _GROUPS_ON_GPU
+
+
 class ListedSteps:
     """A compute shader in steps: the first judges tiles of the image, later ones what the lists have.
 
@@ -55,7 +60,7 @@ class ListedSteps:
         self._banded = [step for step in self._steps if "band" in list(step)]
         self._tile_px, self._entries = tile_px, entries
         self._work = context.gl.buffer(reserve=len(_COUNTERS))
-        self._groups = _GROUPS_ON_SOFTWARE if is_software(context.renderer) else _GROUPS_ON_GPU
+        self._groups = groups_of(context)
 
     def set(self, name: str, value: object) -> None:
         """Set a uniform of all steps that have it; the compiler removes it from others."""

@@ -180,6 +180,11 @@ class ModelBuffers:
                 self._commands, moderngl.TRIANGLES, filled.both_sides, first=filled.first + filled.fronts
             )
 
+    def triangles_of(self, model: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the first triangle of models, as `bind_triangles` counts them, and how many each has, (N,) int64."""
+        commands = self._model_commands[model]
+        return commands["first_index"].astype(np.int64) // 3, commands["count"].astype(np.int64) // 3
+
     def bind_triangles(self, placed: Placed, eye: Eye) -> None:
         """Bind the textures of common_triangles.glsl, with all instances relative to one eye."""
         if self._triangles is None:

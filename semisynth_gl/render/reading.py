@@ -43,29 +43,33 @@ class Reading:
         read: Reader,
     ) -> None:
         self._clock, self._models, self._placing, self._wanted = context.clock, models, placing, wanted
-        self._visibility = VisibilityPass(context, constants) if wanted.visibility else None
+        self._visibility = VisibilityPass(context, models, constants) if wanted.visibility else None
         self._correspondence = CorrespondencePass(context, constants, read) if wanted.corresponds else None
         self._flow = FlowPass(context, constants, read) if wanted.flow else None
+        self._size: tuple[int, int] | None = None
 
     def fits(self, size: tuple[int, int]) -> bool:
         """Return whether there is room for an image size already."""
-        return self._flow is None or self._flow.size == size
+        return self._size == size
 
     def resize(self, size: tuple[int, int]) -> None:
-        """Make room for an image size; where that fails, all stays as it was.
+        """Make room for an image size; after a failure, there is room for none.
 
         Raises:
             BackendError: where the driver refuses the size.
         """
-        if self._flow is not None:
-            self._flow.resize(size)
+        self._size = None
+        for sized in (self._visibility, self._flow):
+            if sized is not None:
+                sized.resize(size)
+        self._size = size
 
     def find_visibility(self, placed: Placed, crop: Crop | None, targets: dict[Eye, EyeTargets]) -> None:
         """Mark what the other eye sees, of a rectified pair; of others the correspondences tell."""
         if self._visibility is None or not placed.scene.camera.rectified:
             return
         for eye in self._wanted.truth_eyes:
-            self._visibility.draw(placed, eye, targets, self._models, crop)
+            self._visibility.draw(placed, eye, targets, crop)
 
     def read(
         self,

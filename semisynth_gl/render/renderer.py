@@ -361,8 +361,8 @@ class Renderer:
         # All or nothing: a size that the driver refuses leaves the renderer as it was.
         self._gl.gc_mode = "auto"
         try:
-            self._reading.resize(size)
             self._drawing.resize(size, shared=shared)
+            self._reading.resize(size)
         except BaseException as error:
             # What was made so far goes with the frames that made it, as long as this context is current.
             clear_frames(error.__traceback__)

@@ -44,6 +44,9 @@ DRAWN_INSTANCE = np.dtype(
 )
 """The attributes of an instance in mesh.vert."""
 
+RUN = np.dtype([("instance", "<u4"), ("first_triangle", "<u4"), ("triangles", "<u4"), ("fronts_only", "<u4")])
+"""Triangles of an instance that slivers.comp takes together."""
+
 COMMAND = np.dtype(
     [("count", "<u4"), ("instances", "<u4"), ("first_index", "<u4"), ("base_vertex", "<i4"), ("base_instance", "<u4")]
 )
@@ -68,6 +71,7 @@ class Block:
 BLOCKS: dict[str, Block] = {
     "Constants": Block(0, CONSTANTS),
     "Moves": Block(4, MOVE, "moves"),
+    "Runs": Block(4, RUN, "runs"),
     "Wearers": Block(5, WEARER, "wearers"),
 }
 """The blocks that `link_program` checks, by their names in GLSL."""

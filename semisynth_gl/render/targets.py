@@ -123,8 +123,8 @@ class Targets:
         self._textures[name].use(unit)
 
     def bind_to_image(self, name: str, unit: int) -> None:
-        """Bind an attachment's texture to an image unit, for a compute shader to write."""
-        self._textures[name].bind_to_image(unit, read=False, write=True)
+        """Bind an attachment's texture to an image unit, for a compute shader to write and to read."""
+        self._textures[name].bind_to_image(unit, read=True, write=True)
 
     def read(self, name: str, crop: Crop | None = None) -> Any:  # noqa: ANN401 - whatever the reader returns
         """Let the reader take an attachment, or a crop of it: by default an array (H, W[, C]), top row first."""

@@ -1,0 +1,150 @@
+"""The sliver pass: hides points of one eye's view behind what is narrower than a pixel of the other eye's."""
+
+from math import ceil
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from semisynth_gl.camera import Eye
+from semisynth_gl.errors import BackendError
+from semisynth_gl.render.context import GraphicsContext
+from semisynth_gl.render.listed_steps import groups_of
+from semisynth_gl.render.model_buffers import ModelBuffers, refill
+from semisynth_gl.render.placing import Placed
+from semisynth_gl.render.programs import link_compute
+from semisynth_gl.render.projection import in_view
+from semisynth_gl.render.structs import BLOCKS, RUN
+
+# Triangles of a run. A group of invocations takes one after the other, and they share the instance.
+_RUN_TRIANGLES = 512
+# Bindings of the lists; before its entries, each has their number in four words.
+_NARROW, _CUTS = 6, 7
+_ENTRY = _HEADER = 16
+_FEWEST_ENTRIES = 1 << 16
+# Units of what visibility.comp leaves open, as images there and as textures here.
+_OPEN_IMAGES = 1, 2, 3
+_OPEN_TEXTURES = 7, 8, 6
+
+
+class OpenPoints:
+    """The points of one eye's view that the surfaces beside them leave open, by where the other eye would see them.
+
+    Args:
+        context: the open context.
+        size: width and height, px.
+
+    Raises:
+        BackendError: where the driver has no textures of that size.
+    """
+
+    def __init__(self, context: GraphicsContext, size: tuple[int, int]) -> None:
+        self._unbound = context.unbound
+        width, height = size
+        try:
+            self._textures = [
+                context.gl.texture((columns, height), 1, dtype="u4") for columns in (width, width, ceil(width / 32))
+            ]
+            first, _, columns = self._textures
+            self._cleared = [context.gl.framebuffer([texture]) for texture in (first, columns)]
+        except moderngl.Error as error:
+            raise BackendError(f"{context.renderer} cannot list points of {width} x {height} px: {error}") from error
+        for texture in self._textures:
+            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+
+    def collect(self) -> None:
+        """Forget all points, and let visibility.comp list others."""
+        for framebuffer in self._cleared:
+            framebuffer.use()
+            self._unbound.clear_unsigned(0, 0)
+        for texture, unit in zip(self._textures, _OPEN_IMAGES, strict=True):
+            texture.bind_to_image(unit, read=True, write=True)
+
+    def bind(self) -> None:
+        """Let slivers.comp look the points up."""
+        for texture, unit in zip(self._textures, _OPEN_TEXTURES, strict=True):
+            texture.use(unit)
+
+    def release(self) -> None:
+        """Free everything."""
+        for framebuffer in self._cleared:
+            framebuffer.release()
+        for texture in self._textures:
+            texture.release()
+
+
+class SliverPass:
+    """Three compute steps that cut the narrow triangles of the other eye's view along rows; see slivers.comp.
+
+    Args:
+        context: the open context.
+        models: the models on the GPU.
+
+    Raises:
+        BackendError: where the driver refuses the shader.
+    """
+
+    def __init__(self, context: GraphicsContext, models: ModelBuffers) -> None:
+        self._gl, self._models = context.gl, models
+        self._steps = [link_compute(context, "slivers.comp", {"STEP": step}) for step in range(3)]
+        self._runs = context.gl.buffer(reserve=RUN.itemsize, dynamic=True)
+        self._lists = {
+            binding: context.gl.buffer(reserve=_HEADER + _ENTRY * _FEWEST_ENTRIES) for binding in (_NARROW, _CUTS)
+        }
+        self._groups = groups_of(context)
+
+    def draw(self, placed: Placed, other: Eye, points: OpenPoints) -> None:
+        """Hide points of an eye's view.
+
+        Both eyes' disparities, the visibility to complete, the triangles and the constants are bound as for
+        visibility.comp.
+
+        Args:
+            placed: the instances.
+            other: the other eye.
+            points: what visibility.comp left open.
+        """
+        runs = self._runs_of(placed, other)
+        if not len(runs):
+            return
+        refill(self._runs, runs)
+        self._runs.bind_to_storage_buffer(BLOCKS["Runs"].binding)
+        points.bind()
+        self._steps[0]["run_count"] = len(runs)
+        # Which entries a full list has depends on chance; what was hidden already is hidden again.
+        while not self._run():
+            pass
+
+    def _run(self) -> bool:
+        """Run all steps; return whether the lists were long enough, and make them longer where not."""
+        for binding, entries in self._lists.items():
+            entries.write(bytes(_HEADER))
+            entries.bind_to_storage_buffer(binding)
+        for step in self._steps:
+            step.run(self._groups)
+            self._gl.memory_barrier()
+        enough = True
+        for entries in self._lists.values():
+            size = _HEADER + _ENTRY * int(np.frombuffer(entries.read(4), "<u4")[0])
+            if size > entries.size:
+                entries.orphan(size + size // 2)
+                enough = False
+        return enough
+
+    def _runs_of(self, placed: Placed, eye: Eye) -> NDArray[np.void]:
+        """Return the triangles of the instances that an eye may see, run by run: (R,) of `RUN`."""
+        scene, rows, near_m = placed.scene, placed.rows(eye), placed.scene.near_of(eye)
+        centre_m, radius_m = rows[:, :, 3], placed.radius_m
+        # The sky hides nothing.
+        shown = np.flatnonzero(in_view(scene.camera, eye, near_m, centre_m, radius_m) & ~scene.sky)
+        first, triangles = self._models.triangles_of(scene.model[shown])
+        count = -(-triangles // _RUN_TRIANGLES)
+        number = np.arange(len(shown)).repeat(count)
+        begin = _RUN_TRIANGLES * (np.arange(len(number)) - (np.cumsum(count) - count).repeat(count))
+        runs = np.zeros(len(number), RUN)
+        runs["instance"] = shown[number]
+        runs["first_triangle"] = first[number] + begin
+        runs["triangles"] = np.minimum(triangles[number] - begin, _RUN_TRIANGLES)
+        # As in the drawing: what the near plane cuts open shows its backs.
+        runs["fronts_only"] = (placed.solid[shown] & (centre_m[shown, 2] - radius_m[shown] > near_m))[number]
+        return runs
