@@ -111,25 +111,31 @@ class SliverPass:
         self._runs.bind_to_storage_buffer(BLOCKS["Runs"].binding)
         points.bind()
         self._steps[0]["run_count"] = len(runs)
+        # More than most scenes need.
+        self._make_room({binding: int(runs["triangles"].sum()) // 2 for binding in self._lists})
         # Which entries a full list has depends on chance; what was hidden already is hidden again.
-        while not self._run():
+        while self._make_room(self._run()):
             pass
 
-    def _run(self) -> bool:
-        """Run all steps; return whether the lists were long enough, and make them longer where not."""
+    def _run(self) -> dict[int, int]:
+        """Run all steps; return how many entries each list has, or would have if it were longer."""
         for binding, entries in self._lists.items():
             entries.write(bytes(_HEADER))
             entries.bind_to_storage_buffer(binding)
         for step in self._steps:
             step.run(self._groups)
             self._gl.memory_barrier()
-        enough = True
-        for entries in self._lists.values():
-            size = _HEADER + _ENTRY * int(np.frombuffer(entries.read(4), "<u4")[0])
-            if size > entries.size:
-                entries.orphan(size + size // 2)
-                enough = False
-        return enough
+        return {binding: int(np.frombuffer(entries.read(4), "<u4")[0]) for binding, entries in self._lists.items()}
+
+    def _make_room(self, counts: dict[int, int]) -> bool:
+        """Make lists that are shorter than these numbers of entries longer; return whether one was."""
+        grown = False
+        for binding, count in counts.items():
+            size = _HEADER + _ENTRY * count
+            if size > self._lists[binding].size:
+                self._lists[binding].orphan(size + size // 4)
+                grown = True
+        return grown
 
     def _runs_of(self, placed: Placed, eye: Eye) -> NDArray[np.void]:
         """Return the triangles of the instances that an eye may see, run by run: (R,) of `RUN`."""
