@@ -18,9 +18,9 @@ def items():
 
 
 def found(name, folder=None):
-    """Return the files that a name of a list stands for: NAME and * stand for any; a bare name is in the folder before."""
+    """Return the files of a name, in which NAME and * stand for any; a bare name is in the folder of the one before."""
     pattern = name.replace("NAME", "*")
-    bases = [ROOT / "semisynth_gl", ROOT] + ([folder] if folder else [])
+    bases = [ROOT / "semisynth_gl", ROOT, *([folder] if folder else [])]
     return [path for base in bases for path in base.glob(pattern)]
 
 

@@ -242,9 +242,9 @@ def test_measures_of_grey_images_are_those_of_three_equal_channels():
     assert np.abs(blurred.astype(int) - image).max() > 10
 
 
-def test_the_key_is_left_out_where_cameras_see_colours():
+def test_cameras_see_colours_unless_the_key_says_grey():
     values = cheap().model_dump(mode="json")
-    assert "colour" not in values["camera"]
+    assert values["camera"]["colour"] == "rgb"
     assert cheap(camera={"colour": "rgb"}).digest() == cheap().digest()
     assert cheap(camera={"colour": "grey"}).digest() != cheap().digest()
     with pytest.raises(InputError, match=r"camera.colour: (.|\n)*'rgb' or 'grey'"):

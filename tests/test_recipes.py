@@ -173,9 +173,9 @@ def test_a_recipe_goes_over_its_config_as_a_file_over_the_one_it_extends(tmp_pat
     assert load_config(tmp_path / "mix.yaml", {"scenes": []}).digest() == base.digest()
 
 
-def test_a_config_without_recipes_has_no_value_for_them():
+def test_a_config_without_recipes_is_its_only_recipe():
     config = load_config("middlebury", CLUTTER_ALONE)
-    assert "scenes" not in config.model_dump(mode="json")
+    assert config.model_dump(mode="json")["scenes"] == []
     [only] = config.recipes()
     assert (only.name, only.share, only.config) == (None, 1.0, config)
 

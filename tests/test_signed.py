@@ -13,7 +13,6 @@ from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.codecs.png16 import SIGNED_DISPARITY
 from semisynth_gl.config import load_config
-from semisynth_gl.config.distributions import GammaTarget
 from semisynth_gl.config.scene_sections import ParticlesSection
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import read_index
@@ -291,15 +290,6 @@ def test_what_has_no_place_is_refused_by_its_key(signed, keys, message):
         load_config("kitti", [*values, *keys.items()])
 
 
-def test_keys_that_are_not_used_are_left_out():
-    values = load_config("kitti").model_dump(mode="json")
-    assert "signed" not in values["disparity"]
-    assert "sky" not in values["background"]
-    assert "origin_px" not in GammaTarget(form="gamma", mean_px=3.0, spread_px=1.0).model_dump()
-    used = open_scenes(4.0, 0.5).model_dump(mode="json")
-    assert (used["disparity"]["signed"], used["background"]["sky"]) == (True, 0.5)
-
-
 TARGETS = [
     {"form": "uniform"},
     {"form": "uniform-depth"},
@@ -389,7 +379,7 @@ def test_signed_png16_keeps_all_but_what_is_too_large(values):
 def check_read_back(data, config, made):
     """Compare a dataset with its pairs as they were rendered, and let verify and evaluate judge it."""
     index = read_index(data)
-    assert (index.signed, index.values["format"]) == (True, 2)
+    assert (index.signed, index.values["format"]) == (True, 1)
     assert [each for verdict in verify_dataset(index, oracle_pixels=50) for each in verdict.findings] == []
     exact_px = SIGNED_DISPARITY.error_px if config.files.disparity == "png16" else 0.0
     results = data.parent / f"{data.name}-results"
@@ -472,7 +462,7 @@ def test_layouts_whose_files_have_no_negative_disparities_are_refused():
                 make_plan(config, 0, name, {"train": 1})
         else:
             able.append(name)
-            assert make_plan(config, 0, name, {"train": 1}).values()["format"] == 2
+            assert make_plan(config, 0, name, {"train": 1}).values()["format"] == 1
     assert len(able) == 5
     assert make_plan(load_config("kitti"), 0, "kitti", {"train": 1}).values()["format"] == 1
 

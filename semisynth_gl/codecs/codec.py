@@ -98,7 +98,7 @@ def read_bytes(path: Path, most_bytes: int | None = None) -> bytes:
         most_bytes: the most that the file may have.
 
     Raises:
-        ReadError: where the file is missing, is no file of a disk or larger, or the disk refuses.
+        ReadError: where the file is missing, not a regular file or too large, or where the disk refuses to read.
     """
     try:
         return read_file(path, most_bytes)

@@ -26,7 +26,6 @@ from semisynth_gl.splits import Split, SplitName
 
 _ZERO = Range(0.0, 0.0)
 _MOST_TURN_DEG = round(degrees(MOST_TURN_RAD))
-_UNLESS_ZERO = Field(exclude_if=lambda values: values == _ZERO)
 _SUB_FRAMES = 7
 
 # Characters.
@@ -91,15 +90,12 @@ class ImperfectionsSection(Section):
     gamma: Annotated[PositiveRange, at_most(100)] = Range(1.0, 1.0)
     noise: Annotated[NotNegativeRange, at_most(255)] = _ZERO
     blur_px: Annotated[NotNegativeRange, at_most(1000)] = _ZERO
-    # These are left out of the values where they say nothing: those of configs without them are the same as ever.
-    motion_blur: Annotated[NotNegativeRange, at_most(1), _UNLESS_ZERO] = _ZERO
-    sub_frames: Annotated[int, Field(ge=2, le=64, exclude_if=lambda count: count == _SUB_FRAMES)] = _SUB_FRAMES
-    vignetting: Annotated[NotNegativeRange, at_most(0.95), _UNLESS_ZERO] = _ZERO
-    white_balance: Annotated[RangeField, at_most(4), at_least(-4), _UNLESS_ZERO] = _ZERO
-    sharpening: Annotated[NotNegativeRange, at_most(10), _UNLESS_ZERO] = _ZERO
-    jpeg_quality: Annotated[
-        Annotated[RangeField, at_least(1), at_most(100)] | None, Field(exclude_if=lambda quality: quality is None)
-    ] = None
+    motion_blur: Annotated[NotNegativeRange, at_most(1)] = _ZERO
+    sub_frames: Annotated[int, Field(ge=2, le=64)] = _SUB_FRAMES
+    vignetting: Annotated[NotNegativeRange, at_most(0.95)] = _ZERO
+    white_balance: Annotated[RangeField, at_most(4), at_least(-4)] = _ZERO
+    sharpening: Annotated[NotNegativeRange, at_most(10)] = _ZERO
+    jpeg_quality: Annotated[RangeField, at_least(1), at_most(100)] | None = None
 
     @model_validator(mode="before")
     @classmethod

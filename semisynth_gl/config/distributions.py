@@ -68,8 +68,7 @@ class GammaTarget(Section):
     """
 
     form: Literal["gamma"]
-    # Left out of the values where it is 0: those of a config without this key are the same as ever.
-    origin_px: Annotated[Finite, Field(exclude_if=lambda origin: origin == 0)] = 0.0
+    origin_px: Finite = 0.0
     mean_px: Finite
     spread_px: Positive
 

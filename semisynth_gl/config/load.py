@@ -174,7 +174,7 @@ def _read_target_file(document: Document, sections: dict[str, Any], at: Key) -> 
 
 def _find_config(name: str) -> Path | Traversable:
     path = expanded(name)
-    # What is no file of a disk is refused when it is opened; a name that no file can have is none.
+    # Only regular files are opened later. A name that is not a valid path counts as missing.
     if os.path.exists(path) and not os.path.isdir(path):  # noqa: PTH110, PTH112 - those raise at such names
         return path
     stem, names = path.name.removesuffix(".yaml"), packaged_configs()

@@ -153,12 +153,8 @@ class Config(Section):
     particles: ParticlesSection = ParticlesSection()
     models: ModelsSection = ModelsSection()
     textures: TexturesSection = TexturesSection()
-    # Left out of the values where there are none: those of a config without recipes are the same as ever.
-    scenes: Annotated[
-        tuple[RecipeSection, ...], FROM_LIST, Field(max_length=_MOST_RECIPES, exclude_if=lambda scenes: not scenes)
-    ] = ()
-    # Left out of the values where pairs are rectified: those of such a config are the same as ever.
-    rig: Annotated[RigSection, Field(exclude_if=RigSection.none)] = RigSection()
+    scenes: Annotated[tuple[RecipeSection, ...], FROM_LIST, Field(max_length=_MOST_RECIPES)] = ()
+    rig: RigSection = RigSection()
     sequence: SequenceSection = SequenceSection()
     imperfections: ImperfectionsSection = ImperfectionsSection()
     checks: ChecksSection = ChecksSection()

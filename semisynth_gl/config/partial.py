@@ -4,7 +4,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, ClassVar, get_type_hints
 
-from pydantic import Field, SerializerFunctionWrapHandler, create_model, model_serializer
+from pydantic import SerializerFunctionWrapHandler, create_model, model_serializer
 
 from semisynth_gl.config.fields import Section
 
@@ -42,9 +42,7 @@ def partial_section(section: type[Section], without: tuple[str, ...] = ()) -> ty
     for key, field in section.model_fields.items():
         if key not in without:
             default = None if field.is_required() else field.get_default(call_default_factory=True)
-            # A key that was given is a change, also where the section itself would leave its value out.
-            given = Field(default=default, exclude_if=None)
-            fields[key] = (types[key] | None if field.is_required() else types[key], given)
+            fields[key] = (types[key] | None if field.is_required() else types[key], default)
     made = create_model(f"Partial{section.__name__}", __base__=Partial, __doc__=section.__doc__, **fields)
     made.source = section, without
     return made

@@ -89,9 +89,8 @@ class CameraSection(Section):
     focal_px: PositiveRange | None = None
     focal_mm: PositiveRange | None = None
     sensor_width_mm: Positive | None = None
-    # Both are left out of the values where they say nothing: those of a rig of one baseline are the same as ever.
-    baseline_m: Annotated[PositiveRange | None, Field(exclude_if=lambda baseline: baseline is None)] = None
-    baselines: Annotated[Baselines, Field(exclude_if=lambda baselines: baselines == 1)] = 1
+    baseline_m: PositiveRange | None = None
+    baselines: Baselines = 1
     cx_left_px: RangeField | None = None
     cx_right_px: RangeField | None = None
     cy_px: RangeField | None = None
@@ -99,7 +98,7 @@ class CameraSection(Section):
     sway_m: NotNegativeRange = _ZERO
     sway_deg: NotNegativeRange = _ZERO
     sway_s: PositiveRange = Range(1.0, 3.0)
-    colour: Annotated[Colour, Field(exclude_if=lambda colour: colour == "rgb")] = "rgb"
+    colour: Colour = "rgb"
 
     @model_validator(mode="after")
     def _not_too_large(self) -> Self:
@@ -190,8 +189,7 @@ class DisparitySection(Section):
             config is read.
     """
 
-    # Left out of the values where it is false: those of a config without this key are the same as ever.
-    signed: Annotated[bool, Field(exclude_if=lambda signed: not signed)] = False
+    signed: bool = False
     min_px: Finite
     max_px: Finite
     target: TargetSection = UniformTarget()
@@ -242,8 +240,7 @@ class BackgroundSection(Section):
     wall_disparity_px: RangeField | None = None
     wall_turn_deg: Annotated[float, Field(ge=0, le=40)] = 15.0
     plane_disparity_px: RangeField = Range(0.2, 1.0)
-    # Left out of the values where it is 0: those of a config without this key are the same as ever.
-    sky: Annotated[float, Field(ge=0, le=1, exclude_if=lambda share: share == 0)] = 0.0
+    sky: Share = 0.0
 
     @model_validator(mode="after")
     def _some_kind(self) -> Self:
@@ -345,8 +342,7 @@ class StructuresSection(Section):
 
     ground: Share = 0.0
     ground_height_m: PositiveRange = Range(1.2, 2.0)
-    # Left out of the values where there is none: those of a config without this key are the same as ever.
-    ground_disparity_px: Annotated[RangeField | None, Field(exclude_if=lambda disparity: disparity is None)] = None
+    ground_disparity_px: RangeField | None = None
     ground_tilt_deg: Annotated[float, Field(ge=0, le=30)] = 2.0
     panels: Annotated[NotNegativeRange, at_most(1000)] = _ZERO
     panel_disparity_px: RangeField | None = None
@@ -414,8 +410,7 @@ class ParticlesSection(Section):
     fall_m_s: PositiveRange = Range(0.5, 2.0)
     drift: NotNegativeRange = Range(0.0, 0.3)
     spin_deg_s: NotNegativeRange = Range(0.0, 180.0)
-    # Left out of the values where it is 0: those of a dataset without models at rest are the same as ever.
-    resting: Annotated[float, Field(ge=0, le=1, exclude_if=lambda share: share == 0)] = 0.0
+    resting: Share = 0.0
     most: Annotated[int, count(_MOST_PARTICLES)] = 2000
 
     @model_validator(mode="after")
@@ -446,10 +441,7 @@ class ModelsSection(Section):
     kinds: Annotated[dict[str, Weight], Field(max_length=_MOST_ITEMS)] = Field(default_factory=dict)
     folders: _Paths = ()
     variants: Annotated[int, count(100)] = 3
-    # Left out of the values where there are none: those of a dataset without plug-ins are the same as ever.
-    families: Annotated[
-        dict[_FamilyName, Weight], Field(max_length=_MOST_ITEMS, exclude_if=lambda families: not families)
-    ] = Field(default_factory=dict)
+    families: Annotated[dict[_FamilyName, Weight], Field(max_length=_MOST_ITEMS)] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _some_family(self) -> Self:

@@ -13,7 +13,6 @@ from semisynth_gl.config import Config
 from semisynth_gl.dataset.schema import (
     CARD,
     CROISSANT,
-    FIRST_FORMAT,
     FORMAT,
     INDEX,
     PARTIAL,
@@ -138,7 +137,7 @@ class Plan:
         return {
             "program": PROGRAM,
             "version": version(PROGRAM),
-            "format": FORMAT if self.config.disparity.signed else FIRST_FORMAT,
+            "format": FORMAT,
             "config": self.config.name,
             "config_sha256": self.config.digest(),
             "config_values": self.config.model_dump(mode="json"),

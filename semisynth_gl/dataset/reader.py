@@ -5,9 +5,12 @@ from dataclasses import dataclass
 from os import PathLike
 from typing import Any, overload
 
+from pydantic import ValidationError
+
 from semisynth_gl.arguments import check_type, to_whole
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.json_object import JSON_OBJECT
+from semisynth_gl.config.dataset_sections import ImperfectionsSection
 from semisynth_gl.dataset.documents import CHANGED_INDEX, check_index, check_plan, check_record
 from semisynth_gl.dataset.places import Place, open_place
 from semisynth_gl.dataset.plan import Shard, list_shards
@@ -90,15 +93,11 @@ class Index:
     @property
     def imperfect(self) -> bool:
         """Whether the config puts imperfections of a rig on the images, differently in each view."""
-        section = self.config.get("imperfections")
-        neutral = {"gamma": 1.0}
-        # How many moments of an exposure are drawn says nothing of its length.
-        return isinstance(section, dict) and any(
-            end != neutral.get(key, 0.0)
-            for key, ends in section.items()
-            if key != "sub_frames"
-            for end in (ends if isinstance(ends, list) else [ends])
-        )
+        section = self.config.get("imperfections", {})
+        try:
+            return not ImperfectionsSection.model_validate(section).none()
+        except ValidationError:  # a config of another version
+            return True
 
     @property
     def sequence_length(self) -> int:

@@ -7,15 +7,11 @@ from semisynth_gl.splits import SPLITS, SplitName
 PROGRAM = "semisynth-gl"
 """Value of the key ``program`` in index and plan."""
 
-FORMAT = 2
-"""Value of the key ``format`` in index and plan: the newest format of a dataset that this program reads.
+FORMAT = 1
+"""Value of the key ``format`` in index, plan and records: the newest format of a dataset that this program reads.
 
-What an older program would misread takes the next number. What it passes over, such as a further key, takes none: a
-dataset has the lowest format that says all of it. Of format 2 are datasets of signed disparities, which format 1 has
-not.
+A change that an older program would misread takes the next number. A further key, which it passes over, takes none.
 """
-FIRST_FORMAT = 1
-"""Of documents without the key, and of all records."""
 
 INDEX = "index.json"
 """Written last: it says that the dataset is complete."""

@@ -22,7 +22,7 @@ from semisynth_gl.dataset.documents import JournalEntry, check_document
 from semisynth_gl.dataset.locks import lock, open_locked
 from semisynth_gl.dataset.places import Place, sync
 from semisynth_gl.dataset.plan import Shard
-from semisynth_gl.dataset.schema import FIRST_FORMAT, PARTIAL, UNLOCKED, journal_name, log_path, record_path, tar_path
+from semisynth_gl.dataset.schema import FORMAT, PARTIAL, UNLOCKED, journal_name, log_path, record_path, tar_path
 from semisynth_gl.dataset.tar import tar_end, tar_member
 from semisynth_gl.errors import ReadError
 
@@ -121,7 +121,7 @@ class ShardWriter:
         Returns:
             The record.
         """
-        record: dict[str, Any] = {"shard": self._name, "format": FIRST_FORMAT} | dict(facts)
+        record: dict[str, Any] = {"shard": self._name, "format": FORMAT} | dict(facts)
         record |= self._finish_files() if self._tar is None else self._finish_tar(self._tar)
         record["samples"] = [
             {key: value for key, value in entry.items() if key not in _ONLY_IN_JOURNAL} for entry in self.samples

@@ -129,7 +129,7 @@ def restore_outside(
 
     It is outside where its position in the other image is. The renderer decides so too, in float32; a disparity that
     its codec has rounded may fall on the other side of the image's border. Where a file has 0
-    though there is truth, as datasets of early versions do, 0 stays.
+    though there is truth, 0 stays.
 
     Args:
         mask: (H, W) uint8, as `stored_mask` returns it.

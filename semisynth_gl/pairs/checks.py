@@ -89,7 +89,7 @@ def _disparity_faults(
 
 def _near_plane_px(frame: Frame, config: Config) -> float:
     """Return the disparity from which a surface is cut by the near plane."""
-    # Of signed disparities, what is about 0 is not near by itself.
+    # Signed disparities have no smallest depth at 0: nearness is measured from -doffs.
     doffs_px = frame.camera.doffs_px if config.disparity.signed else 0.0
     return (config.disparity.max_px + doffs_px) * (1 - _AT_NEAR_PLANE) - doffs_px
 

@@ -30,7 +30,7 @@ _NEAR, _FAR, _ALL = np.float32(4 / 6), np.float32(1 / 6), np.float32(16 / 6)
 
 # Drawn from one generator, in this order.
 _FIRST = ("blur_px", "exposure_stops", "noise", "gamma")
-# How keys are drawn that came later than the others, each from a generator of its own and only where it is given.
+# How further keys are drawn, each with its own generator, and only where it is not the default.
 _FURTHER: Mapping[str, Callable[[Range, np.random.Generator], Any]] = {
     "vignetting": Range.draw,
     "white_balance": lambda values, rng: (values.draw(rng), values.draw(rng)),
@@ -209,9 +209,9 @@ def with_imperfections(
         left_image: with a ``right_rng``, the left image of another pair of the scene, which this pair has too.
 
     Returns:
-        The frame, and the imperfections of each eye in JSON's types; of the other keys those that the section gives.
+        The frame, and the imperfections of each eye in JSON's types, without further keys that have their default.
     """
-    given = section.model_dump(include=set(_FURTHER))
+    given = section.model_dump(include=set(_FURTHER), exclude_defaults=True)
 
     def draw(eye: Eye, of_first: np.random.Generator) -> Imperfections:
         values: dict[str, Any] = {key: getattr(section, key).draw(of_first) for key in _FIRST}

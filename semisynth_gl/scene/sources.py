@@ -80,9 +80,9 @@ class Sources:
 
 
 def _rounded(values: NDArray[Any], step: float) -> NDArray[np.int64]:
-    """Round values to whole steps, and not those to different ones that differ by their last bits.
+    """Round values to whole steps, so that values that differ in their last bits alone come out equal.
 
-    Zero and round numbers, of which there are many, are far from where rounding changes.
+    The rounding changes from one step to the next far from zero and from round numbers, which are frequent.
     """
     return np.floor(np.ascontiguousarray(values, np.float64) / step + _OFF_ROUND_NUMBERS).astype(np.int64)
 

@@ -66,7 +66,7 @@ def collate(samples: Sequence[Sample]) -> Sample:
     if not samples:
         raise InputError("samples: expected one or more, got none")
     for sample in samples:
-        check_type("a sample", sample, dict, "default_collate batches what is none")
+        check_type("a sample", sample, dict, "torch's default_collate batches other types")
     return {
         name: default_collate(_of_one_size(name, [sample[name] for sample in samples]))
         for name in samples[0]
