@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined
 from matplotlib import colormaps
 from numpy.typing import NDArray
 
@@ -19,6 +18,7 @@ from semisynth_gl.report.pictures import JPEG_QUALITY, Picture
 from semisynth_gl.report.plots import COLOUR_MAP, Bars, count_bars, draw_histogram
 from semisynth_gl.report.redraws import PairKey, Redraws
 from semisynth_gl.resources import data_root
+from semisynth_gl.templates import template_environment
 
 Values = Mapping[str, Any]
 
@@ -75,14 +75,13 @@ def render_page(
         shown: pairs to show.
     """
     assets = data_root("assets")
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["spec"] = format
+    environment = template_environment()
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
     disparity, target = measurement.disparity, measurement.target
     medians = _finite(pair.median_px for pair in measurement.pairs)
     sources = index.values.get("splits", {})
     configs = recipe_values(index)
-    return environment.from_string(assets.joinpath("report.html").read_text("utf-8")).render(
+    return environment.get_template("report.html").render(
         index=index,
         values=index.values,
         width_px=index.number("camera", "width_px"),
