@@ -1,4 +1,7 @@
-"""From a rig's calibration and photographs to a config that `generate` takes as it is, with comments on its numbers."""
+"""From a rig's calibration and photographs to a config that `generate` takes as it is, with comments on its numbers.
+
+The template of its text is assets/calibrated.yaml.jinja.
+"""
 
 import json
 import math
@@ -6,7 +9,6 @@ import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,7 @@ from semisynth_gl.config import Config
 from semisynth_gl.config.scene_sections import BackgroundSection
 from semisynth_gl.errors import abbreviate
 from semisynth_gl.layouts import find_layout
+from semisynth_gl.templates import template_environment
 from semisynth_gl.textures.image_files import find_images, printable
 from semisynth_gl.textures.subjects import of_subjects, photographed_subjects
 from semisynth_gl.user_files import expanded
@@ -174,93 +177,24 @@ def config_text(name: str, facts: ConfigFacts, style: Style) -> str:
         facts: rigs, disparities and photographs.
         style: mix of the recipes, and look of the surfaces.
     """
-    ranges, disparity = facts.ranges, facts.disparity
-    width_px, height_px = facts.size
-    camera = {key: _range(ends) for key, ends in ranges.items()}
-    camera["doffs_px"] = f"{camera['doffs_px']:<20} # cx of the right camera minus cx of the left one"
-    lines = [*_comment(f"{name}: written by semisynth-gl calibrate."), f"name: {_quoted(name)}"]
-    if facts.layout is not None:
-        lines.append(f"layout: {facts.layout:<19} # as the calibration's; without, the number of pairs decides")
-    lines.append("")
-    lines += _comment(_camera_origin(facts))
-    lines += [
-        "camera:",
-        f"  width_px: {width_px}",
-        f"  height_px: {height_px}",
-        *(f"  {key}: {text}" for key, text in camera.items()),
-    ]
-    if facts.grey:
-        lines.append("  colour: grey              # as all photographs are")
-    lines.append("")
-    if facts.rectification is not None and facts.rectification.ranges:
-        lines += _comment(facts.rectification.origin)
-        lines += ["rig:", *(f"  {key}: {_range(ends)}" for key, ends in facts.rectification.ranges.items()), ""]
-    lines += _comment(disparity.origin)
-    shares = [f"{max(share, 0.0):.4f}".rstrip("0").rstrip(".") for share in disparity.target.shares]
-    listed = textwrap.wrap(", ".join(shares), _WIDTH - 14)
-    lines += [
-        "disparity:",
-        *(["  signed: true              # 0 and below are disparities"] if disparity.signed else []),
-        f"  min_px: {_number(disparity.min_px)}",
-        f"  max_px: {_number(disparity.max_px):<20} # hard limit: sets the near plane",
-        f"  target: # mean {disparity.target.mean_px:.2f} px",
-        "    form: histogram",
-        f"    bin_px: {_number(disparity.bin_px)}",
-        f"    first_px: {_number(float(disparity.target.edges_px[0]))}",
-        "    shares: [" + ("\n" + 13 * " ").join(listed) + "]",
-        "",
-    ]
-    lines += _comment(
-        f"{facts.far_share:.1%} of the wanted pixels are farther than {_INDOOR_M:g} m: {' and '.join(facts.scenes)} "
-        "scenes."
+    environment = template_environment()
+    environment.filters |= {"comment": _comment, "flow": _flow, "number": _number, "quoted": _quoted, "range": _range}
+    shares = [f"{max(share, 0.0):.4f}".rstrip("0").rstrip(".") for share in facts.disparity.target.shares]
+    smallest, largest = (round(part * facts.size.width_px) for part in (_SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH))
+    return environment.get_template("calibrated.yaml.jinja").render(
+        name=name,
+        facts=facts,
+        style=style,
+        camera_origin=_camera_origin(facts),
+        shares=textwrap.fill(", ".join(shares), _WIDTH - 14),
+        indoor_m=_INDOOR_M,
+        wall_px=_wall_px(facts),
+        wall_share=_WALL_UP_TO,
+        turn_deg=_turn_deg(facts),
+        usual_turn_deg=BackgroundSection().wall_turn_deg,
+        plane_px=_plane_px(facts),
+        size_px=(max(smallest, 1), max(largest, 2)),
     )
-    indoor, outdoor = "indoor" in facts.scenes, "outdoor" in facts.scenes
-    lines += ["background:", f"  cuboid: {indoor:d}", f"  plane: {outdoor:d}"]
-    if indoor:
-        deep_px = float(f"{disparity.target.quantile(_WALL_UP_TO) - disparity.min_px:.2g}")
-        walls = _range((disparity.min_px, disparity.min_px + deep_px))
-        lines.append(f"  wall_disparity_px: {walls:<11} # the back wall: the farthest {_WALL_UP_TO:.0%} of the pixels")
-        # Turned by a, a wall at the disparity d has (d + doffs) (1 + tan(a) x / f) at x from the middle of the image.
-        # At this turn its disparity at the side of the image differs from that in the middle by a bin.
-        steepest = width_px / 2 / ranges["focal_px"][0]
-        far_px = max(disparity.min_px + sum(ranges["doffs_px"]) / 2, disparity.bin_px)
-        turn = float(f"{math.degrees(math.atan(disparity.bin_px / far_px / steepest)):.2g}")
-        if turn < BackgroundSection().wall_turn_deg:
-            lines.append(f"  wall_turn_deg: {turn:<15g} # more would spread a wall over several bins of the target")
-    if outdoor:
-        # Below min_px, and above the disparity of infinity for the least doffs.
-        farthest = farthest_px(ranges["doffs_px"][0], signed=disparity.signed)
-        low, high = (farthest + float(f"{part * (disparity.min_px - farthest):.2g}") for part in _PLANE_OF_MIN)
-        planes = _range((low, high))
-        lines.append(f"  plane_disparity_px: {planes:<10} # the far plane: between infinity and min_px")
-    sizes = (round(_SMALLEST_OF_WIDTH * width_px), round(_LARGEST_OF_WIDTH * width_px))
-    lines += [
-        "",
-        *_comment(f"In proportion to the width of {width_px} px, as in the packaged configs."),
-        "particles:",
-        f"  size_px: {_range((float(max(sizes[0], 1)), float(max(sizes[1], 2))))}",
-        "",
-        *_comment(style.mix_origin),
-        "scenes:",
-        *chain.from_iterable(map(_recipe, style.recipes, style.weights)),
-        "",
-        *_comment(f"Photographs: {facts.photographs} when this was written. {style.look_origin}"),
-        "textures:",
-        f"  texels_per_pixel: {_range(style.texels_per_pixel)}",
-        f"  flat_share: {_number(style.flat_share)}",
-        f"  large_px: {facts.large_px:<15} # the largest squares of photographs, whole, where a patch would repeat",
-        "  source: images",
-        "  images:",
-        *(f"    - {_quoted(path)}" for path in facts.images),
-        "",
-        "# As soft as the photographs are, see textures.",
-        "imperfections:",
-        f"  blur_px: {_number(style.blur_px)}",
-    ]
-    if style.exposure_stops:
-        stops = _number(style.exposure_stops)
-        lines.append(f"  exposure_stops: {stops:<9} # surfaces of photographs of several exposures meet in one image")
-    return "\n".join(lines) + "\n"
 
 
 def config_name(stem: str) -> str:
@@ -285,9 +219,29 @@ def _camera_origin(facts: ConfigFacts) -> str:
     return text + "."
 
 
-def _recipe(recipe: SceneRecipe, weight: float) -> list[str]:
-    lines = [f"  - recipe: {recipe.name:<15} # {recipe.meaning}", f"    weight: {_number(weight)}"]
-    return lines + [f"    {section}: {_flow(keys)}" for section, keys in recipe.keys.items()]
+def _wall_px(facts: ConfigFacts) -> tuple[float, float]:
+    disparity = facts.disparity
+    deep_px = float(f"{disparity.target.quantile(_WALL_UP_TO) - disparity.min_px:.2g}")
+    return disparity.min_px, disparity.min_px + deep_px
+
+
+def _turn_deg(facts: ConfigFacts) -> float:
+    """Return the turn at which a wall's disparity at the side of the image differs from that in the middle by a bin.
+
+    Turned by a, a wall at the disparity d has (d + doffs) (1 + tan(a) x / f) at x from the middle of the image.
+    """
+    disparity, ranges = facts.disparity, facts.ranges
+    steepest = facts.size.width_px / 2 / ranges["focal_px"][0]
+    far_px = max(disparity.min_px + sum(ranges["doffs_px"]) / 2, disparity.bin_px)
+    return float(f"{math.degrees(math.atan(disparity.bin_px / far_px / steepest)):.2g}")
+
+
+def _plane_px(facts: ConfigFacts) -> tuple[float, float]:
+    """Return disparities below min_px, and above that of infinity for the least doffs."""
+    min_px = facts.disparity.min_px
+    farthest = farthest_px(facts.ranges["doffs_px"][0], signed=facts.disparity.signed)
+    low, high = (farthest + float(f"{part * (min_px - farthest):.2g}") for part in _PLANE_OF_MIN)
+    return low, high
 
 
 def _flow(value: Any) -> str:  # noqa: ANN401 - whatever a recipe sets
@@ -299,9 +253,9 @@ def _flow(value: Any) -> str:  # noqa: ANN401 - whatever a recipe sets
     return value if isinstance(value, str) else _number(value)
 
 
-def _comment(text: str) -> list[str]:
+def _comment(text: str) -> str:
     lines = textwrap.wrap(printable(text), _WIDTH - 2, break_long_words=False, break_on_hyphens=False)
-    return [f"# {line}" for line in lines]
+    return "".join(f"# {line}\n" for line in lines)
 
 
 def _range(ends: tuple[float, float]) -> str:
