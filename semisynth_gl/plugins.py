@@ -4,6 +4,7 @@ A package names them as entry points, one group for each sort. Names are found w
 is imported when it is asked for. Processes find the plug-ins by themselves, wherever the packages are installed.
 """
 
+import hashlib
 import traceback
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -78,12 +79,21 @@ class Plugin:
         return {"package": self.package, "version": self.version}
 
     @property
-    def code(self) -> Path:
-        """Folder of the package, or file of the module, that the entry point refers to."""
+    def code_sha256(self) -> str:
+        """SHA-256 of the module that the entry point refers to, or of the modules of the package around it.
+
+        Raises:
+            OSError: where they are not files on disk.
+        """
         spec = find_spec(self.entry.module.partition(".")[0])
         if spec is None or (spec.origin is None and not spec.submodule_search_locations):
             raise FileNotFoundError(self.entry.module)
-        return Path(next(iter(spec.submodule_search_locations or (spec.origin or "",))))
+        path = Path(next(iter(spec.submodule_search_locations or (spec.origin or "",))))
+        digest = hashlib.sha256()
+        for module in sorted(path.rglob("*.py")) or [path]:
+            content = module.read_bytes()
+            digest.update(f"{module.relative_to(path.parent).as_posix()} {len(content)}\n".encode() + content)
+        return digest.hexdigest()
 
     def fault(self, fault: str) -> InputError:
         """Return the error of a plug-in that does not keep to what its group asks for.

@@ -1,7 +1,7 @@
 """What is kept between runs: the same as what was built, never stale, and never in the way."""
 
-import ast
 import hashlib
+import json
 import logging
 import os
 import shutil
@@ -11,6 +11,7 @@ import sys
 from dataclasses import fields
 from pathlib import Path
 
+import built as fixed
 import numpy as np
 import pytest
 from PIL import Image
@@ -28,6 +29,7 @@ from semisynth_gl.scene import pilots
 from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.scene.structures import take_stock
 from semisynth_gl.textures import clips, prepare
+from semisynth_gl.textures.drawn import KINDS
 from semisynth_gl.textures.images import OUT_OF_MEMORY, ImageError, read_image
 from semisynth_gl.textures.prepare import prepare_atlas
 
@@ -314,65 +316,46 @@ def test_keys_that_do_not_decide_the_patches_do_not_count(photographs, built):
     assert len(built) == 1
 
 
-def test_another_program_finds_nothing(photographs, built, tmp_path, monkeypatch):
-    section = models(tmp_path / "m")
+def test_another_version_of_a_builder_finds_nothing(photographs, built, tmp_path, monkeypatch):
     (tmp_path / "m").mkdir()
     (tmp_path / "m/one.obj").write_text(TRIANGLE)
-    package = tmp_path / "package"
-    (package / "textures").mkdir(parents=True)
-    (package / "config").mkdir()
-    shutil.copytree(package / "textures", package / "geometry")
-    for name in ("textures/a.py", "geometry/b.py", "seeds.py", "splits.py", "config/fields.py"):
-        (package / name).write_text("")
-    monkeypatch.setattr(lookup, "_PACKAGE", package)
-    for change, expected in (
-        ("", ["build_atlas", "_build"]),
-        ("", []),
-        ("textures/a.py", ["build_atlas"]),
-        ("geometry/b.py", ["_build"]),
-        ("seeds.py", ["build_atlas", "_build"]),
-        ("splits.py", ["build_atlas", "_build"]),
-        ("geometry/c.py", ["_build"]),
-        ("config/fields.py", ["_build"]),
+    for changed, expected in (
+        (None, ["build_atlas", "_build"]),
+        (prepare, ["build_atlas"]),
+        (model_library, ["_build"]),
     ):
         built.clear()
-        if change:
-            with (package / change).open("a") as file:
-                file.write("# another\n")
-        prepare_atlas(textures(photographs), 0)
-        build_library(section, PARTICLES, 0)
-        assert built == expected, change
-    shutil.rmtree(package)  # a program without sources keeps nothing
-    prepare_atlas(textures(photographs), 0)
-    assert built[-1] == "build_atlas"
+        if changed:
+            monkeypatch.setattr(changed, "VERSION", 999)
+        for _ in range(2):
+            prepare_atlas(textures(photographs), 0)
+            build_library(models(tmp_path / "m"), PARTICLES, 0)
+        assert built == expected
 
 
-# Sources that may be absent from a key, since they decide no value of a result.
-UNDECIDING = {
-    "cache",  # entries of another format are not found
-    "config/scene_sections.py",  # the key has the sections' values; config/fields.py, which draws, is in the key
-    "codecs",  # the files that are written
-    "frame.py",  # the pixels that are drawn
-    "errors.py",  # the texts of messages
-    "interrupts.py",  # the time of Ctrl-C
-    "resources.py",  # paths of files, whose content counts
-    "plugins.py",  # which package has a plug-in; the key has its version and code
-    "arguments.py",  # refuses what callers hand in
-    "user_files.py",  # which paths are opened; the content of files counts
-}
-
-
-@pytest.mark.parametrize("sources", [prepare.SOURCES, model_library.SOURCES, pilots.SOURCES])
-def test_a_key_has_all_sources_that_decide(sources):
+def test_every_user_of_the_cache_has_a_version():
     package = Path(lookup.__file__).parents[1]
-    paths = [path for name in sources for path in (sorted((package / name).rglob("*.py")) or [package / name])]
-    imports = [
-        node for path in paths for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom)
+    users = {path for path in package.rglob("*.py") if "cache.lookup import cached" in path.read_text("utf-8")}
+    assert users == {Path(builder.__file__) for builder in fixed.BUILDERS.values()}
+
+
+def test_what_is_kept_of_fixed_inputs_is_another_only_with_another_version(tmp_path, monkeypatch):
+    results = fixed.built(tmp_path)
+    assert not fixed.faults(results)
+    recorded = json.loads(fixed.RECORDED.read_text("utf-8"))
+    pictures = {f"atlas/{kind.__name__}" for kind in KINDS}  # tests/test_textures_drawn.py draws them
+    assert {"versions", *results, *pictures} == set(recorded)
+    assert {name.partition("/")[0] for name in results} == set(fixed.BUILDERS)
+    # A vertex a hundredth of a radius away, and another kind of drawn picture.
+    positions = results["models/user"]["positions"] + 1e-2 / 30_000
+    others = {"models/user": results["models/user"] | {"positions": positions}, "atlas/batik": {"pixels": 1.0}}
+    assert fixed.faults(others) == [
+        f"{name} is not what it was: raise VERSION in {module}, then record again with `python tests/built.py`"
+        for name, module in (("models/user", model_library.__name__), ("atlas/batik", prepare.__name__))
     ]
-    modules = {Path(*node.module.split(".")[1:]) for node in imports if node.module.startswith("semisynth_gl.")}
-    assert Path("splits") in modules
-    known = [Path(name).with_suffix("") for name in (*sources, *UNDECIDING)]
-    assert {module for module in modules if not any(module.is_relative_to(name) for name in known)} == set()
+    monkeypatch.setattr(prepare, "VERSION", 999)
+    [fault] = fixed.faults({"atlas/flat": results["atlas/flat"]})
+    assert fault.startswith(f"{prepare.__name__}.VERSION is 999, recorded is {recorded['versions']['atlas']}: record")
 
 
 def test_other_packages_find_nothing(photographs, built, tmp_path, monkeypatch):

@@ -179,6 +179,7 @@ def test_an_entry_whose_values_make_no_sense_is_made_again(tmp_path_factory, val
     def ask():
         return cached(
             "number",
+            1,
             dict,
             files=[source],
             build=lambda: (built.append(1) or 5, [source]),

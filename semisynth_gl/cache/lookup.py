@@ -1,7 +1,10 @@
 """Cache lookup: a result is built once, and loaded as long as its key and its files are the same.
 
-The key of a result holds all that decides it: values, versions of packages, the program's own sources. The files that
-went into a result are compared by their fingerprints; files that the build did not open do not count.
+The key of a result holds all that decides it: the builder's version, values, versions of packages. The files that went
+into a result are compared by their fingerprints; files that the build did not open do not count.
+
+The code of a builder is not part of the key. Its module has a `VERSION`, which is raised with each change of what it
+makes of the same inputs, and of how it packs that; tests/built.py finds changes that were made without.
 """
 
 import hashlib
@@ -20,11 +23,11 @@ from semisynth_gl.errors import SemisynthError
 
 _LOG = logging.getLogger(__name__)
 _Result = TypeVar("_Result")
-_PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def cached(
     kind: str,
+    version: int,
     key: Callable[[], Mapping[str, Any]],
     *,
     work: str | None = None,
@@ -37,6 +40,7 @@ def cached(
 
     Args:
         kind: the first part of the entry's name.
+        version: the builder's, the second part.
         work: what ``build`` does, where it takes seconds: logged as INFO before it begins.
         key: returns, in JSON's types, all that decides the result except the content of files. Where it raises OSError
             or ImportError, the cache is not used.
@@ -57,7 +61,7 @@ def cached(
         if work is not None:
             _LOG.info("%s", work)
         return build()[0]
-    name = f"{kind}-{hashlib.sha256(text.encode()).hexdigest()[:32]}"
+    name = f"{kind}-{version}-{hashlib.sha256(text.encode()).hexdigest()[:32]}"
     entry = read_entry(name)
     if entry is not None:
         # An unfit entry is built again.
@@ -81,24 +85,6 @@ def cached(
         if None not in fingerprints.values():
             write_entry(name, _with_fingerprints(packed, fingerprints))
     return result
-
-
-def source_digest(sources: Sequence[str | Path]) -> str:
-    """Return the SHA-256 of modules and folders of this package or of others, so that a changed program builds anew.
-
-    Args:
-        sources: paths relative to this package, such as ``"geometry"`` or ``"seeds.py"``; absolute ones of others.
-
-    Raises:
-        OSError: where a source is not a file on disk.
-    """
-    digest = hashlib.sha256()
-    for name in sources:
-        path = _PACKAGE / name
-        for source in sorted(path.rglob("*.py")) or [path]:
-            content = source.read_bytes()
-            digest.update(f"{source.relative_to(path.parent).as_posix()} {len(content)}\n".encode() + content)
-    return digest.hexdigest()
 
 
 def package_versions(*packages: str) -> dict[str, str]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.cache.lookup import cached, installed_packages, package_versions, source_digest
+from semisynth_gl.cache.lookup import cached, installed_packages, package_versions
 from semisynth_gl.cache.store import Entry
 from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection
 from semisynth_gl.errors import InputError, Skipped
@@ -26,8 +26,8 @@ from semisynth_gl.seeds import Purpose, generator
 from semisynth_gl.splits import WHOLE, Split
 from semisynth_gl.user_files import expanded, files_below
 
-SOURCES = ("geometry", "seeds.py", "splits.py", "config/fields.py")
-"""The program's sources that decide the models: a change of any of them makes the cache build them anew."""
+VERSION = 1
+"""Raised when models come out otherwise; see `semisynth_gl.cache.lookup`."""
 
 FULL_FAMILY = 25
 """So many models of the user's have the weight of their family in full, and fewer a part of it in proportion. The two
@@ -97,15 +97,15 @@ def build_library(section: ModelsSection, particles: ParticlesSection, seed: int
             "split": [split.name, sorted(split.held_out.items()) if split.models else []],
             "files": [[str(path.absolute()) for path in group] for group in files],
             "versions": package_versions("numpy", "pyrr"),
-            "families": {plugin.name: [plugin.record, source_digest([plugin.code])] for plugin in families},
+            "families": {plugin.name: [plugin.record, plugin.code_sha256] for plugin in families},
             # A reader, and a family, may be of any package.
             "readers": installed_packages() if folders or families else [],
-            "program": source_digest(SOURCES),
         }
 
     flat = [path for group in files for path in group]
     return cached(
         "models",
+        VERSION,
         key,
         work="making models",
         files=flat,

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.cache.lookup import cached, package_versions, source_digest
+from semisynth_gl.cache.lookup import cached, package_versions
 from semisynth_gl.cache.store import Entry
 from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config.model import Config
@@ -23,8 +23,8 @@ _PILOTS = 32
 _KEYS = (Purpose.CAMERA, Purpose.BACKGROUND, Purpose.STRUCTURES, Purpose.SWAY, Purpose.RIG, Purpose.SKY)
 # The sections that `draw_stage` reads.
 _SECTIONS = {"camera", "rig", "disparity", "background", "room", "street", "structures"}
-SOURCES = ("scene", "geometry", "textures", "config", "camera.py", "histogram.py", "seeds.py", "splits.py")
-"""The program's sources that decide the pilot scenes: a change of any of them makes the cache draw them anew."""
+VERSION = 1
+"""Raised when pilot scenes come out otherwise; see `semisynth_gl.cache.lookup`."""
 
 
 class Pilot(NamedTuple):
@@ -56,14 +56,13 @@ def draw_pilots(config: Config, seed: int, catalogue: Catalogue) -> list[Pilot]:
             "sections": config.model_dump(mode="json", include=_SECTIONS),
             "seed": seed,
             "models": _digest(catalogue),
-            "versions": package_versions("numpy"),
-            "program": source_digest(SOURCES),
+            "versions": package_versions("numpy", "pyrr"),
         }
 
     def build() -> tuple[list[Pilot], Sequence[Any]]:
         return [_draw_pilot(config, seed, number, catalogue) for number in range(_PILOTS)], ()
 
-    return cached("pilots", key, build=build, pack=_packed, unpack=_unpacked)
+    return cached("pilots", VERSION, key, build=build, pack=_packed, unpack=_unpacked)
 
 
 def _draw_pilot(config: Config, seed: int, number: int, catalogue: Catalogue) -> Pilot:

@@ -6,7 +6,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from semisynth_gl.cache.lookup import cached, installed_packages, package_versions, source_digest
+from semisynth_gl.cache.lookup import cached, installed_packages, package_versions
 from semisynth_gl.cache.store import Entry
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.errors import Skipped
@@ -26,8 +26,8 @@ from semisynth_gl.textures.sources import TextureSource, describe_source, open_s
 from semisynth_gl.textures.subjects import photographed_subjects
 from semisynth_gl.textures.view_names import groups_by_name
 
-SOURCES = ("textures", "seeds.py", "splits.py")
-"""The program's sources that decide an atlas: a change of any of them makes the cache build it anew."""
+VERSION = 1
+"""Raised when patches or pictures come out otherwise; see `semisynth_gl.cache.lookup`."""
 
 # Of pictures that large patches are cut from too. The program's own take 42 MB; a plug-in's may be of any number and
 # size, and those beyond are drawn again.
@@ -82,14 +82,13 @@ def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> 
             # Names of folders above the images' own tell subjects apart, too.
             "subjects": groups_by_name(images),
             "versions": package_versions("numpy", "Pillow"),
-            "program": source_digest(SOURCES),
             # A plug-in may use any other package.
-            "plugin": source.plugin
-            and [source.plugin.record, source_digest([source.plugin.code]), installed_packages()],
+            "plugin": source.plugin and [source.plugin.record, source.plugin.code_sha256, installed_packages()],
         }
 
     return cached(
         "atlas",
+        VERSION,
         key,
         work=f"making {source.patches}" + (f" (images: {len(images):,})" if source.noun == "photograph" else ""),
         files=images,

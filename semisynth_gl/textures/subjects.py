@@ -14,15 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from semisynth_gl.cache.lookup import cached, package_versions, source_digest
+from semisynth_gl.cache.lookup import cached, package_versions
 from semisynth_gl.cache.store import Entry
 from semisynth_gl.errors import counted
 from semisynth_gl.textures.image_files import relative_names
 from semisynth_gl.textures.images import OUT_OF_MEMORY, ImageError, read_reduced
 from semisynth_gl.textures.view_names import groups_by_name
 
-SOURCES = ("textures/subjects.py", "textures/view_names.py", "textures/images.py")
-"""The program's sources that decide which photographs are of one subject."""
+VERSION = 1
+"""Raised when other photographs are of one subject; see `semisynth_gl.cache.lookup`."""
 
 ALIKE = 0.6
 """Mean correlation of both halves above which two photographs are of one subject.
@@ -133,11 +133,11 @@ def photographed_subjects(photographs: Sequence[Path]) -> list[list[Path]]:
             # Names of folders above the photographs' own count, too.
             "groups": groups_by_name(photographs),
             "versions": package_versions("numpy", "Pillow"),
-            "program": source_digest(SOURCES),
         }
 
     subjects, _ = cached(
         "subjects",
+        VERSION,
         key,
         work=f"comparing {counted(len(photographs), 'photograph')}" if len(photographs) > _MANY else None,
         files=photographs,
