@@ -31,7 +31,7 @@ from semisynth_gl.bench.encodings import (
     measure_encodings,
     usable_encodings,
 )
-from semisynth_gl.bench.scenes import BenchScenes, Truth, cast_truth, sample_scenes
+from semisynth_gl.bench.scenes import BenchScenes, SampledTruth, cast_truth, sample_scenes
 from semisynth_gl.bench.summary import error_stats, front, machine_facts
 from semisynth_gl.bench.timing import alternated, compare_times
 from semisynth_gl.camera import EYES
@@ -82,7 +82,7 @@ def measure(config: Config, seed: int, backend: Backend, effort: Effort) -> dict
 
 
 def measure_variants(
-    bench: BenchScenes, variants: DisparityVariants, truths: Sequence[Truth], repeats: int
+    bench: BenchScenes, variants: DisparityVariants, truths: Sequence[SampledTruth], repeats: int
 ) -> list[dict[str, Any]]:
     """Measure every variant that the driver can do; each draws all scenes ``repeats`` times, in turns.
 

@@ -16,7 +16,7 @@ from semisynth_gl.config import Config
 from semisynth_gl.config.scene_sections import RoomSection, StreetSection
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_library import build_library
-from semisynth_gl.scene.arrangement import Arrangement, View
+from semisynth_gl.scene.arrangement import Arrangement, FloorView
 from semisynth_gl.scene.background import FACE, GROUND, grid_px
 from semisynth_gl.scene.glance import glance
 from semisynth_gl.scene.mix import MixSampler
@@ -452,7 +452,7 @@ def test_any_frame_of_a_furnished_sequence_can_be_sampled_first() -> None:
     ("yaw", "pitch", "roll"), [(0.0, 0.0, 0.0), (0.4, 0.0, 0.0), (0.0, 0.3, 0.0), (-0.7, 0.5, 0.2)]
 )
 def test_a_view_over_a_floor_looks_where_it_is_told(yaw: float, pitch: float, roll: float) -> None:
-    view = View.over_floor(CAMERAS["kitti"], 1.0, 1.6, yaw, pitch, roll)
+    view = FloorView.over_floor(CAMERAS["kitti"], 1.0, 1.6, yaw, pitch, roll)
     turn = view.camera_from_floor[:3, :3]
     np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(turn) == pytest.approx(1)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
-from semisynth_gl.verify.agreement import UNCERTAIN, Agreement, Targets, check_mask_agreement
+from semisynth_gl.verify.agreement import UNCERTAIN, Agreement, Points, check_mask_agreement
 from semisynth_gl.verify.photometry import check_images
 from semisynth_gl.verify.shares import most_share
 from semisynth_gl.verify.verdict import Verdict
@@ -58,7 +58,7 @@ def test_of_all_certain_pixels_one_in_two_hundred_may_be_wrong():
 @pytest.mark.parametrize(("pixels", "most"), [(30, 12), (150, 26), (100_000, 2600)])
 def test_outliers_are_judged_in_any_number_of_pixels(pixels, most):
     own = np.zeros((1, pixels, 1))
-    targets = Targets(np.zeros(pixels, np.int64), np.arange(pixels), np.arange(pixels) * 1.0, np.zeros(pixels), True)  # noqa: FBT003
+    targets = Points(np.zeros(pixels, np.int64), np.arange(pixels), np.arange(pixels) * 1.0, np.zeros(pixels), True)  # noqa: FBT003
     for outliers, found in ((most - most // 10, 0), (most + most // 10 + 1, 1)):
         own[0, :outliers] = 3.0
         verdict = Verdict("a")

@@ -17,7 +17,7 @@ from semisynth_gl.bench.encodings import (
     measure_encodings,
     usable_encodings,
 )
-from semisynth_gl.bench.scenes import BenchScenes, Truth, cast_truth, sample_scenes
+from semisynth_gl.bench.scenes import BenchScenes, SampledTruth, cast_truth, sample_scenes
 from semisynth_gl.bench.summary import error_stats, machine_facts, markdown
 from semisynth_gl.camera import EYES
 from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS, Encodings
@@ -99,7 +99,7 @@ def measure(
 
 
 def scene_facts(
-    bench: BenchScenes, seed: int, effort: Effort, frames: Sequence[Frame], truths: Sequence[Truth]
+    bench: BenchScenes, seed: int, effort: Effort, frames: Sequence[Frame], truths: Sequence[SampledTruth]
 ) -> dict[str, Any]:
     """Describe what was measured: the scenes, their sizes and disparities, the pixels compared with the oracle."""
     disparity = np.concatenate([frame.view(eye).disparity.ravel() for frame in frames for eye in EYES])

@@ -65,7 +65,7 @@ class BenchScenes:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Truth:
+class SampledTruth:
     """True disparity at N pixels of one eye of one pair.
 
     Attributes:
@@ -100,7 +100,7 @@ def sample_scenes(config: Config, seed: int, pairs: int) -> BenchScenes:
 
 def cast_truth(
     bench: BenchScenes, frames: Sequence[Frame], rays: int, rng: np.random.Generator
-) -> tuple[list[Truth], list[NDArray[np.bool_]]]:
+) -> tuple[list[SampledTruth], list[NDArray[np.bool_]]]:
     """Cast float64 rays at randomly chosen pixels of both eyes of each scene.
 
     Pixels within 2 px of a depth edge, and those where another triangle is seen within 1/16 px, are left out: an error
@@ -140,7 +140,7 @@ def cast_truth(
             kept[seen] = ~other.any(axis=0)
             way = oracle.correspondence_px(scene.camera, eye, x, y, hits, signed=bench.config.disparity.signed)
             truth = oracle.disparity_of(eye, way)
-            truths.append(Truth(number, eye, row[kept], column[kept], truth[kept], int((~kept).sum())))
+            truths.append(SampledTruth(number, eye, row[kept], column[kept], truth[kept], int((~kept).sum())))
     return truths, outlines
 
 

@@ -9,7 +9,7 @@ from semisynth_gl.calibration.calibrate import ConfigFacts, config_text
 from semisynth_gl.calibration.recipes import SceneRecipe
 from semisynth_gl.calibration.style import BLURS, EXPOSURES, FLATS, TEXELS, Style, Trial, fitted_style, untried_style
 from semisynth_gl.comparison.measures import MEASURES
-from semisynth_gl.comparison.picture import Picture, make_picture, working_width
+from semisynth_gl.comparison.picture import MeasuredView, make_picture, working_width
 from semisynth_gl.comparison.sides import Side
 from semisynth_gl.config import Config
 from semisynth_gl.config.load import parse_config
@@ -94,7 +94,7 @@ def _looks(pair: Pair, width_px: int) -> NDArray[np.float64]:
     return values
 
 
-def _measured(picture: Picture, chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _measured(picture: MeasuredView, chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return some of the measures of a picture, nan where it does not have them."""
     # As float64, None is nan.
     return np.array([MEASURES[m].measure(picture) for m in np.flatnonzero(chosen).tolist()], np.float64)

@@ -24,7 +24,7 @@ from semisynth_gl.calibration.rectification import fitting_pairs
 from semisynth_gl.calibration.rig import Rig, Size, plain_rig
 from semisynth_gl.calibration.rig_files import LONGEST_M, read_rigs
 from semisynth_gl.calibration.style import Style, untried_style
-from semisynth_gl.cli.options import NATURAL, Number, Source, above_0, images_option, map_options, option
+from semisynth_gl.cli.options import NATURAL, FilesType, Number, above_0, images_option, map_options, option
 from semisynth_gl.cli.outputs import CONFIG, Output, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
@@ -53,7 +53,7 @@ _SHORTEST_M = 0.002
 @images_option(required=True)
 @option(
     "--calib",
-    type=Source(),
+    type=FilesType(),
     multiple=True,
     metavar="FILE_OR_GLOB",
     help="Calibration of the rectified rig: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, stereo "
@@ -74,7 +74,7 @@ _SHORTEST_M = 0.002
 )
 @option(
     "--pairs",
-    type=(Source(), Source()),
+    type=(FilesType(), FilesType()),
     multiple=True,
     metavar="LEFT RIGHT",
     help="Left and right photographs of pairs of the rig, two files, folders or globs, to measure how far they are off "

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import COUNT, Source, UserPath, images_option, map_options, option
+from semisynth_gl.cli.options import COUNT, FilesType, UserPath, images_option, map_options, option
 from semisynth_gl.cli.outputs import Output, ending_check, json_report, marked_png, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.comparison.compare import Comparison, compare_with_place, comparison_json, comparison_table
@@ -25,7 +25,7 @@ _PLOTS = marked_png("semisynth-gl compare")
 
 
 @click.command()
-@click.argument("directory", type=Source(), metavar="DIR_OR_ADDRESS")
+@click.argument("directory", type=FilesType(), metavar="DIR_OR_ADDRESS")
 @images_option(
     required=True,
     help="Photographs of the place that the dataset is made for: a file, folder or glob. May be repeated.",

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import Source, UserPath, option
+from semisynth_gl.cli.options import FilesType, UserPath, option
 from semisynth_gl.cli.outputs import Output, json_report, marked_png, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.codecs.png import RGB8
@@ -30,7 +30,7 @@ _ERROR_MAP = marked_png("semisynth-gl evaluate")
 @option(
     "--gt",
     "truth",
-    type=Source(home=True),
+    type=FilesType(home=True),
     required=True,
     metavar="DIR_OR_ADDRESS",
     help="Their truth: a dataset of this program, or a folder of Middlebury, ETH3D or KITTI.",

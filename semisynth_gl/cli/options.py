@@ -60,7 +60,7 @@ class UserPath(click.Path):
         return _at_home(os.fsdecode(super().convert(named, param, ctx)), param)
 
 
-class Source(click.types.StringParamType):
+class FilesType(click.types.StringParamType):
     """The type of an option that names files, folders, globs or an address; what they name is found later.
 
     Args:
@@ -80,7 +80,7 @@ class Source(click.types.StringParamType):
         return str(_at_home(named, param)) if self._home and "://" not in named else named
 
 
-class ConfigName(Source):
+class ConfigName(FilesType):
     """The type of an option that names a config."""
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -141,7 +141,7 @@ def option_group(name: str, group: type, *options: Callable[[Command], Command])
 images_option = partial(
     option,
     "--images",
-    type=Source(),
+    type=FilesType(),
     multiple=True,
     metavar="PATH_OR_GLOB",
     help="Photographs to cut patches from: a file, folder or glob. May be repeated.",
@@ -169,7 +169,7 @@ def map_options(use: str, note: str = "") -> Callable[[Command], Command]:
     files = option(
         "--disparity",
         "maps",
-        type=Source(),
+        type=FilesType(),
         multiple=True,
         metavar="PATH_OR_GLOB",
         help=" ".join(
@@ -232,7 +232,7 @@ scene_options = option_group(
     images_option(),
     option(
         "--models",
-        type=Source(),
+        type=FilesType(),
         multiple=True,
         metavar="DIR",
         help="A folder of 3D models to add to those that are built in. May be repeated.",

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from semisynth_gl.cli.options import COUNT, Source, option
+from semisynth_gl.cli.options import COUNT, FilesType, option
 from semisynth_gl.cli.outputs import Output, marked_html, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
@@ -17,7 +17,7 @@ _MEGA = 1e6
 
 
 @click.command()
-@click.argument("directory", type=Source(), metavar="DIR_OR_ADDRESS")
+@click.argument("directory", type=FilesType(), metavar="DIR_OR_ADDRESS")
 @output_option(
     "--out",
     marked_html("semisynth-gl report"),

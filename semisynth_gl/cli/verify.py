@@ -7,7 +7,7 @@ from dataclasses import asdict
 
 import click
 
-from semisynth_gl.cli.options import COUNT, Source, option
+from semisynth_gl.cli.options import COUNT, FilesType, option
 from semisynth_gl.cli.outputs import Output, json_report, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.dataset.reader import DamagedIndexError, read_index
@@ -19,7 +19,7 @@ _REPORT = json_report("semisynth-gl verify", pairs=int, findings=list, measures=
 
 
 @click.command()
-@click.argument("directory", type=Source(), metavar="DIR_OR_ADDRESS")
+@click.argument("directory", type=FilesType(), metavar="DIR_OR_ADDRESS")
 @option("--oracle", is_flag=True, help="Also make each scene again and compare with float64 rays.")
 @option("--pixels", type=COUNT, default=500, help="Rays per pair, with --oracle.")
 @output_option("--json", _REPORT, help="Also write findings and measures here.")

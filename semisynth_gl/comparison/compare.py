@@ -7,7 +7,7 @@ from typing import Any
 from semisynth_gl.comparison.changes import advice
 from semisynth_gl.comparison.measures import MEASURES, PROFILES, Measure, Profile
 from semisynth_gl.comparison.picture import WORKING_WIDTH, working_width
-from semisynth_gl.comparison.place import Place
+from semisynth_gl.comparison.place import PlaceFiles
 from semisynth_gl.comparison.sides import FEWEST, SAMPLE, MeasuredPlace, Side, measure_dataset, measure_place
 from semisynth_gl.dataset.configs import recipe_values
 from semisynth_gl.dataset.reader import Dataset
@@ -66,7 +66,7 @@ class Comparison:
 
 def compare_with_place(
     dataset: Dataset,
-    place: Place,
+    place: PlaceFiles,
     *,
     width_px: int | None = None,
     sample: int = SAMPLE,

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.comparison.picture import Picture
+from semisynth_gl.comparison.picture import MeasuredView
 from semisynth_gl.comparison.quantities import border_hardness, hidden, jumps, near_jumps
 
 _FLAT_LEVELS = 4.0
@@ -26,7 +26,7 @@ class _Quantity:
     Attributes:
         key: its name in JSON.
         name: its name in tables and plots.
-        of: the arrays and properties of a `Picture` that it is computed from, by name.
+        of: the arrays and properties of a `MeasuredView` that it is computed from, by name.
         fine: whether it depends on the finest detail, which images narrower than the working width lack.
     """
 
@@ -46,7 +46,7 @@ class _Quantity:
         """Whether a disparity map is enough for it, without an image."""
         return _OF_IMAGES.isdisjoint(self.of)
 
-    def arrays(self, picture: Picture) -> list[NDArray[Any]] | None:
+    def arrays(self, picture: MeasuredView) -> list[NDArray[Any]] | None:
         """Return what it is computed from, or None where the picture lacks some of that."""
         arrays = [getattr(picture, name) for name in self.of]
         return None if (self.fine and picture.enlarged) or any(array is None for array in arrays) else arrays
@@ -64,7 +64,7 @@ class Measure(_Quantity):
     unit: str
     value: Callable[..., float]
 
-    def measure(self, picture: Picture) -> float | None:
+    def measure(self, picture: MeasuredView) -> float | None:
         """Return the number of a picture, or None where the picture does not have it."""
         arrays = self.arrays(picture)
         value = float("nan") if arrays is None else float(self.value(*arrays))
@@ -88,7 +88,7 @@ class Profile(_Quantity):
     values: Callable[..., NDArray[np.float64]]
     log: bool = False
 
-    def measure(self, picture: Picture) -> NDArray[np.float64] | None:
+    def measure(self, picture: MeasuredView) -> NDArray[np.float64] | None:
         """Return the values of a picture, (K,), or None where the picture does not have them."""
         arrays = self.arrays(picture)
         values = None if arrays is None else self.values(*arrays, self.edges)

@@ -23,7 +23,7 @@ _Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class MeasuredView:
     """What is known of one view, at the working width.
 
     The properties are the `quantities` of its arrays, each worked out once; None where the picture lacks the array.
@@ -46,7 +46,7 @@ class Picture:
     background: NDArray[np.bool_] | None = None
     enlarged: bool = False
 
-    def with_image(self, image: NDArray[np.uint8]) -> "Picture":
+    def with_image(self, image: NDArray[np.uint8]) -> "MeasuredView":
         """Return the picture with another image of the same view, (H, W, 3) uint8 RGB or (H, W) grey in any size.
 
         Raises:
@@ -56,7 +56,7 @@ class Picture:
             raise InputError(f"{self.name}: expected a picture with an image, got one without")
         return replace(self, luminance=mean_luminance(image, self.luminance.shape))
 
-    def exposed(self, stops: float) -> "Picture":
+    def exposed(self, stops: float) -> "MeasuredView":
         """Return the picture with its luminance multiplied by 2 to this power."""
         factor = np.float32(2.0**stops)
         exposed = replace(self, luminance=None if self.luminance is None else self.luminance * factor)
@@ -117,7 +117,7 @@ def make_picture(
     disparity: NDArray[np.float32] | None = None,
     background: NDArray[np.bool_] | None = None,
     signed: bool = False,
-) -> Picture:
+) -> MeasuredView:
     """Bring the arrays of a view to the working width.
 
     Images are averaged over areas. Of the others each pixel takes one value, that at its centre: a mean of two
@@ -147,7 +147,7 @@ def make_picture(
         known = np.isfinite(values) & (signed | (values > 0))
         scaled = np.where(known, values * np.float32(width_px / width), np.float32(np.nan))
         surfaces = fill_holes(scaled) if known.mean() >= _DENSE else None
-    return Picture(
+    return MeasuredView(
         name,
         None if image is None else mean_luminance(image, size),
         scaled,

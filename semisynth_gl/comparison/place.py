@@ -8,14 +8,14 @@ import numpy as np
 
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.maps import image_beside, is_of_right_view, one_of_each_scene, read_map
-from semisynth_gl.comparison.picture import WORKING_WIDTH, Picture, make_picture
+from semisynth_gl.comparison.picture import WORKING_WIDTH, MeasuredView, make_picture
 from semisynth_gl.errors import InputError, Skipped, counted
 from semisynth_gl.textures.image_files import beside_photographs
 from semisynth_gl.textures.images import ImageError, read_image
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class PlaceFiles:
     """Files that show the place that a dataset is made for.
 
     Attributes:
@@ -30,13 +30,15 @@ class Place:
     png_scale: float = KITTI_DISPARITY.steps
 
 
-def find_place(photographs: Sequence[Path], maps: Sequence[Path], png_scale: float = KITTI_DISPARITY.steps) -> Place:
+def find_place(
+    photographs: Sequence[Path], maps: Sequence[Path], png_scale: float = KITTI_DISPARITY.steps
+) -> PlaceFiles:
     """Return a place of files as folders hold them: without masks, and with one map of each scene.
 
     Args:
         photographs: images; those that are no photographs are left out, see `beside_photographs`.
         maps: disparity maps; all but one of a scene are left out, see `one_of_each_scene`.
-        png_scale: see `Place`.
+        png_scale: see `PlaceFiles`.
 
     Raises:
         InputError: where there is no photograph.
@@ -44,7 +46,7 @@ def find_place(photographs: Sequence[Path], maps: Sequence[Path], png_scale: flo
     images = [path for path in photographs if not beside_photographs(path)]
     if not images:
         raise InputError("no photographs to compare with: expected at least one image that is no mask")
-    return Place(images, one_of_each_scene(maps), png_scale)
+    return PlaceFiles(images, one_of_each_scene(maps), png_scale)
 
 
 def left_out(images: Sequence[Path], maps: Sequence[Path]) -> str:
@@ -63,7 +65,7 @@ def left_out(images: Sequence[Path], maps: Sequence[Path]) -> str:
 
 def photograph_pictures(
     photographs: Sequence[Path], skipped: list[Skipped], width_px: int = WORKING_WIDTH
-) -> Iterator[Picture]:
+) -> Iterator[MeasuredView]:
     """Yield photographs of a place.
 
     Args:
@@ -80,7 +82,7 @@ def photograph_pictures(
             yield make_picture(str(path), width_px, image=image)
 
 
-def map_pictures(place: Place, width_px: int = WORKING_WIDTH) -> Iterator[Picture]:
+def map_pictures(place: PlaceFiles, width_px: int = WORKING_WIDTH) -> Iterator[MeasuredView]:
     """Yield the maps, each with its image where there is one.
 
     Args:

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.comparison.measures import MEASURES, PROFILES, Measure, Profile
-from semisynth_gl.comparison.picture import WORKING_WIDTH, Picture, make_picture
-from semisynth_gl.comparison.place import Place, map_pictures, photograph_pictures
+from semisynth_gl.comparison.picture import WORKING_WIDTH, MeasuredView, make_picture
+from semisynth_gl.comparison.place import PlaceFiles, map_pictures, photograph_pictures
 from semisynth_gl.dataset.reader import Dataset
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.errors import InputError, Skipped, counted
@@ -84,7 +84,7 @@ class MeasuredPlace:
 
 
 def measure_pictures(
-    pictures: Iterable[Picture], measures: Sequence[Measure] = MEASURES, profiles: Sequence[Profile] = PROFILES
+    pictures: Iterable[MeasuredView], measures: Sequence[Measure] = MEASURES, profiles: Sequence[Profile] = PROFILES
 ) -> Side:
     """Measure pictures one by one; none is kept."""
     values: dict[str, list[float]] = {measure.key: [] for measure in measures}
@@ -122,7 +122,7 @@ def measure_dataset(
     count = min(sample, len(dataset))
     listener.on_total(count)
 
-    def pictures() -> Iterator[Picture]:
+    def pictures() -> Iterator[MeasuredView]:
         for number in spread(len(dataset), count):
             yield frame_picture(dataset[number], width_px)
             listener.on_pair(FinishedPair(*dataset.pair(number)))
@@ -142,7 +142,7 @@ def _one_sample_each(sides: Sequence[Side]) -> Side:
     )
 
 
-def measure_place(place: Place, width_px: int = WORKING_WIDTH) -> MeasuredPlace:
+def measure_place(place: PlaceFiles, width_px: int = WORKING_WIDTH) -> MeasuredPlace:
     """Measure a place's photographs, as many samples as they have subjects, and its maps.
 
     Raises:
@@ -154,18 +154,18 @@ def measure_place(place: Place, width_px: int = WORKING_WIDTH) -> MeasuredPlace:
     with_image: list[bool] = []
     sparse: list[bool] = []
 
-    def views(subject: Sequence[Path]) -> Iterator[Picture]:
+    def views(subject: Sequence[Path]) -> Iterator[MeasuredView]:
         for picture in photograph_pictures(subject, skipped, width_px):
             narrow.append(picture.enlarged)
             yield picture
 
-    def maps() -> Iterator[Picture]:
+    def maps() -> Iterator[MeasuredView]:
         for picture in map_pictures(place, width_px):
             with_image.append(picture.luminance is not None)
             sparse.append(picture.surfaces is None)
             yield picture
 
-    def measured(pictures: Iterable[Picture], *, images: bool) -> Side:
+    def measured(pictures: Iterable[MeasuredView], *, images: bool) -> Side:
         return measure_pictures(
             pictures,
             [each for each in MEASURES if each.of_images == images],
@@ -186,7 +186,7 @@ def measure_place(place: Place, width_px: int = WORKING_WIDTH) -> MeasuredPlace:
     )
 
 
-def frame_picture(frame: StoredFrame, width_px: int = WORKING_WIDTH) -> Picture:
+def frame_picture(frame: StoredFrame, width_px: int = WORKING_WIDTH) -> MeasuredView:
     """Return the left view of a pair as it is measured; with the output ``instances`` it has its background too."""
     instances, background = frame.left.get("instances"), None
     listed = frame.provenance.get("instances")

@@ -12,7 +12,7 @@ from time import monotonic
 from typing import Any
 
 from semisynth_gl.engines.task import Call, Job, Relay, Task
-from semisynth_gl.engines.worker import Failed, Finished, Skipped, portable
+from semisynth_gl.engines.worker import Failed, Finished, NotBegun, portable
 from semisynth_gl.errors import ContextLostError
 
 # How old the answer to "is a stop asked for?" may be.
@@ -65,7 +65,7 @@ class Post:
         return self._reasons.get(number)
 
 
-def do_task(job: bytes, number: int, post: Any) -> Finished | Skipped | Failed:  # noqa: ANN401 - an actor's handle has no type
+def do_task(job: bytes, number: int, post: Any) -> Finished | NotBegun | Failed:  # noqa: ANN401 - an actor's handle has no type
     """Do one task in a Ray worker process.
 
     Args:
@@ -74,7 +74,7 @@ def do_task(job: bytes, number: int, post: Any) -> Finished | Skipped | Failed: 
         post: the actor.
     """
     if not _answer(post.begin.remote(number)):
-        return Skipped()
+        return NotBegun()
     try:
         return Finished(_open(job)(number, _PostRelay(post)))
     except ContextLostError as error:

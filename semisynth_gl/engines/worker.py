@@ -1,7 +1,7 @@
 """The inside of a worker process: it opens the job, does the tasks that come through its pipe, and sends the results.
 
 The process that started the worker may send a task's number, `STOP` or, last of all, `CLOSE`. The worker answers each
-number with `Finished` or `Skipped`, unless the worker ends: with `Broken`, with `Failed`, or without a word. Before its
+number with `Finished` or `NotBegun`, unless the worker ends: with `Broken`, with `Failed`, or without a word. Before an
 answer a task may send any number of `Call`.
 """
 
@@ -37,7 +37,7 @@ class Finished:
 
 
 @dataclass(frozen=True, slots=True)
-class Skipped:
+class NotBegun:
     """The task was not begun, because of a stop."""
 
 
@@ -76,7 +76,7 @@ def work(job: Job[Any], worker: int, connection: Connection, threads: int) -> No
         with job.open(worker) as task:
             for number in pipe.tasks():
                 if pipe.stopping:
-                    pipe.send(Skipped())
+                    pipe.send(NotBegun())
                     continue
                 try:
                     result = task(number, pipe)
@@ -138,7 +138,7 @@ class _Pipe(Relay):
         self._tasks: SimpleQueue[int | None] = SimpleQueue()
         threading.Thread(target=self._receive, daemon=True).start()
 
-    def send(self, message: Call | Finished | Skipped | Broken | Failed) -> None:
+    def send(self, message: Call | Finished | NotBegun | Broken | Failed) -> None:
         with self._sending:
             self._connection.send(message)
 

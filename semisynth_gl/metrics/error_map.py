@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.metrics.protocol import Comparison, Protocol
+from semisynth_gl.metrics.protocol import PixelComparison, Protocol
 
 _KITTI_BOUNDS = np.array([1 / 16, 1 / 8, 1 / 4, 1 / 2, 1, 2, 4, 8, 16], np.float32)
 _KITTI_COLOURS = np.array(
@@ -19,7 +19,7 @@ _GOOD, _BAD, _OCCLUDED, _UNKNOWN = (255, 255, 255), (0, 0, 0), (128, 128, 128), 
 
 
 def draw_error_map(
-    comparison: Comparison, protocol: Protocol, visible: NDArray[np.bool_] | None = None
+    comparison: PixelComparison, protocol: Protocol, visible: NDArray[np.bool_] | None = None
 ) -> NDArray[np.uint8]:
     """Draw the errors of a prediction: with a ``map_px`` of the protocol bad pixels as ETH3D does, else as KITTI does.
 
@@ -36,7 +36,7 @@ def draw_error_map(
     return _bad_pixel_map(comparison, protocol.map_px, visible, invalid_is_bad=protocol.invalid_is_bad)
 
 
-def _kitti_error_map(comparison: Comparison, visible: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
+def _kitti_error_map(comparison: PixelComparison, visible: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
     """Draw KITTI's map of errors: ten colours from blue to red, each for errors twice as large as the one before.
 
     Source: ``errorImage`` in io_disp.h and log_colormap.h of KITTI's development kit. The colour is that of the smaller
@@ -64,7 +64,7 @@ def _kitti_error_map(comparison: Comparison, visible: NDArray[np.bool_] | None) 
 
 
 def _bad_pixel_map(
-    comparison: Comparison, threshold_px: float, visible: NDArray[np.bool_] | None, *, invalid_is_bad: bool
+    comparison: PixelComparison, threshold_px: float, visible: NDArray[np.bool_] | None, *, invalid_is_bad: bool
 ) -> NDArray[np.uint8]:
     """Draw bad pixels black, or grey where occluded; good ones white, and those that no figure counts blue.
 

@@ -46,7 +46,7 @@ UNLIMITED = Limits()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Comparison:
+class PixelComparison:
     """A prediction against the truth, pixel by pixel.
 
     Attributes:
@@ -85,7 +85,7 @@ class Protocol:
 
     name: ProtocolName
     source: str
-    compare: Callable[[Disparity, Disparity, Limits], Comparison]
+    compare: Callable[[Disparity, Disparity, Limits], PixelComparison]
     columns: Mapping[str, str]
     decimals: str
     percent: bool = False
@@ -106,7 +106,7 @@ class Protocol:
         return 100.0 if self.percent else 1.0
 
 
-def _compare_middlebury(prediction: Disparity, truth: Disparity, limits: Limits) -> Comparison:
+def _compare_middlebury(prediction: Disparity, truth: Disparity, limits: Limits) -> PixelComparison:
     """Compare as Middlebury does.
 
     Source: evaldisp.cpp, version 1.6, of the MiddEval3 SDK. Judged is where the truth is not +inf. A prediction of half
@@ -128,10 +128,10 @@ def _compare_middlebury(prediction: Disparity, truth: Disparity, limits: Limits)
         # In float64: 0.5 added to the float32 below 0.5 is 1.
         values = np.floor(values.astype(np.float64) + 0.5).astype(np.float32)
     judged = truth != np.inf
-    return Comparison(truth, _error(values, truth), judged, valid, judged & valid)
+    return PixelComparison(truth, _error(values, truth), judged, valid, judged & valid)
 
 
-def _compare_eth3d(prediction: Disparity, truth: Disparity, _: Limits) -> Comparison:
+def _compare_eth3d(prediction: Disparity, truth: Disparity, _: Limits) -> PixelComparison:
     """Compare as ETH3D's two-view benchmark does.
 
     Source: src/main.cc of github.com/ETH3D/two-view-evaluation. Judged is where the truth is finite. A prediction that
@@ -140,10 +140,10 @@ def _compare_eth3d(prediction: Disparity, truth: Disparity, _: Limits) -> Compar
     _require_same_size(prediction, truth)
     judged = np.isfinite(truth)
     estimated = np.isfinite(prediction) & (np.abs(prediction) <= truth.shape[1])
-    return Comparison(truth, _error(prediction, truth), judged, estimated, judged & estimated)
+    return PixelComparison(truth, _error(prediction, truth), judged, estimated, judged & estimated)
 
 
-def _compare_kitti(prediction: Disparity, truth: Disparity, limits: Limits) -> Comparison:
+def _compare_kitti(prediction: Disparity, truth: Disparity, limits: Limits) -> PixelComparison:
     """Compare as KITTI 2015 does.
 
     Source: evaluate_scene_flow.cpp and io_disp.h of its development kit. Judged is where the truth has a value (in its
@@ -155,10 +155,10 @@ def _compare_kitti(prediction: Disparity, truth: Disparity, limits: Limits) -> C
     _require_same_size(prediction, truth)
     judged = np.isfinite(truth) & (limits.signed | (truth > 0))
     estimated = np.isfinite(prediction) & (limits.signed | (prediction > 0))
-    return Comparison(truth, _error(fill_holes(prediction, estimated), truth), judged, estimated, judged)
+    return PixelComparison(truth, _error(fill_holes(prediction, estimated), truth), judged, estimated, judged)
 
 
-def _compare_paper(prediction: Disparity, truth: Disparity, limits: Limits) -> Comparison:
+def _compare_paper(prediction: Disparity, truth: Disparity, limits: Limits) -> PixelComparison:
     """Compare as the paper of this method does, with the script of HSM.
 
     Source: eval_mb.py of github.com/gengshan-y/high-res-stereo. Judged is where the truth is not +inf. A prediction is
@@ -168,7 +168,7 @@ def _compare_paper(prediction: Disparity, truth: Disparity, limits: Limits) -> C
     _require_same_size(prediction, truth)
     values = prediction if limits.ndisp is None else np.minimum(prediction, np.float32(limits.ndisp))
     judged = truth != np.inf
-    return Comparison(truth, _error(values, truth), judged, np.ones_like(judged), judged)
+    return PixelComparison(truth, _error(values, truth), judged, np.ones_like(judged), judged)
 
 
 def fill_holes(disparity: Disparity, valid: Where) -> Disparity:

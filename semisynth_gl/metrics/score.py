@@ -12,8 +12,8 @@ from semisynth_gl.arguments import check_type, to_array
 from semisynth_gl.errors import InputError
 from semisynth_gl.metrics.protocol import (
     UNLIMITED,
-    Comparison,
     Limits,
+    PixelComparison,
     Protocol,
     ProtocolName,
     find_protocol,
@@ -127,7 +127,7 @@ def score(
     return tally(protocol.compare(*maps, limits), protocol, None if mask is None else mask.astype(np.bool_))
 
 
-def tally(comparison: Comparison, protocol: Protocol, mask: NDArray[np.bool_] | None = None) -> Score:
+def tally(comparison: PixelComparison, protocol: Protocol, mask: NDArray[np.bool_] | None = None) -> Score:
     """Count the pixels of a comparison.
 
     Args:

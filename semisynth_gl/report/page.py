@@ -14,7 +14,7 @@ from semisynth_gl.dataset.configs import recipe_values
 from semisynth_gl.dataset.reader import Index
 from semisynth_gl.histogram import Histogram, total_variation, wasserstein_px
 from semisynth_gl.report.measure import QUANTITIES, RAYS, Measurement, Outlier, PairMeasures
-from semisynth_gl.report.pictures import JPEG_QUALITY, Picture
+from semisynth_gl.report.pictures import JPEG_QUALITY, EncodedPair
 from semisynth_gl.report.plots import COLOUR_MAP, Bars, count_bars, draw_histogram
 from semisynth_gl.report.redraws import PairKey, Redraws
 from semisynth_gl.resources import data_root
@@ -44,7 +44,7 @@ class ShownPair:
 
     measures: PairMeasures
     label: str
-    picture: Picture
+    picture: EncodedPair
     reason: str | None
 
 

@@ -24,7 +24,7 @@ _THUMBNAIL_QUALITY = 80
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class EncodedPair:
     """The images and arrays of one pair, in base64.
 
     Attributes:
@@ -64,7 +64,7 @@ class Picture:
         return sum(map(len, (self.left, self.right, self.thumbnail, self.disparity, self.visibility or "")))
 
 
-def make_pictures(positions: Sequence[int], read: Callable[[int], StoredFrame]) -> list[Picture]:
+def make_pictures(positions: Sequence[int], read: Callable[[int], StoredFrame]) -> list[EncodedPair]:
     """Make pictures of pairs, all with the smallest step that fits them into `MOST_BYTES`.
 
     Args:
@@ -73,7 +73,7 @@ def make_pictures(positions: Sequence[int], read: Callable[[int], StoredFrame]) 
     """
     step = 1
     while True:
-        pictures: list[Picture] = []
+        pictures: list[EncodedPair] = []
         for position in positions:
             picture = make_picture(read(position), step)
             pictures.append(picture)
@@ -86,7 +86,7 @@ def make_pictures(positions: Sequence[int], read: Callable[[int], StoredFrame]) 
         step += 1
 
 
-def make_picture(frame: StoredFrame, step: int) -> Picture:
+def make_picture(frame: StoredFrame, step: int) -> EncodedPair:
     """Make a picture of every ``step``-th pixel of a pair."""
     grid = np.s_[step // 2 :: step, step // 2 :: step]
     disparity = frame.left.disparity[grid]
@@ -99,7 +99,7 @@ def make_picture(frame: StoredFrame, step: int) -> Picture:
     # The last rows and columns average incomplete squares; they go where the square lacks its middle.
     left, right = (image if step == 1 else image.reduce(step).crop((0, 0, width, height)) for image in images)
     mask = frame.left.get("visibility")
-    return Picture(
+    return EncodedPair(
         step=step,
         width_px=width,
         height_px=height,

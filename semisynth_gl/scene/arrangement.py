@@ -22,7 +22,7 @@ _LEVEL = 0.98
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class FloorView:
     """The left camera's pose over a floor: z up, y ahead, x to the right, the origin on the floor below the camera.
 
     Attributes:
@@ -38,12 +38,12 @@ class View:
     @classmethod
     def over_floor(
         cls, camera: StereoCamera, near_m: float, height_m: float, yaw_rad: float, pitch_rad: float, roll_rad: float
-    ) -> "View":
+    ) -> "FloorView":
         """Place a camera over a floor.
 
         Args:
             camera: the camera.
-            near_m: see `View`.
+            near_m: see `FloorView`.
             height_m: above the floor.
             yaw_rad: to the right of y.
             pitch_rad: downwards.
@@ -134,7 +134,7 @@ class Arrangement:
         farthest_m: no view shows more than this depth, if the walls could be brought in so far.
     """
 
-    view: View
+    view: FloorView
     catalogue: Catalogue
     model: list[int] = field(default_factory=list)
     floor_from_model: list[Floats] = field(default_factory=list)

@@ -11,7 +11,7 @@ from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection, RoomSection
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
-from semisynth_gl.scene.arrangement import Arrangement, Catalogue, View
+from semisynth_gl.scene.arrangement import Arrangement, Catalogue, FloorView
 from semisynth_gl.scene.furnishing import fill_niche, furnish
 from semisynth_gl.scene.rig import Sway, check_reachable, near_depth_m
 from semisynth_gl.scene.view_volume import (
@@ -109,7 +109,7 @@ def draw_room(
     above = max(_HEIGHT.draw(rng) * metre - height, 0.3 * metre)
     for share in TURNED_BACK:
         angles = share * yaw, share * pitch, share * roll
-        view = View.over_floor(camera, near_m, height, *angles)
+        view = FloorView.over_floor(camera, near_m, height, *angles)
         # Walls in the order right, left, ahead, behind, ceiling, floor; normals in the camera's frame.
         normal = box_normals(view.camera_from_floor[:3, :3])
         smallest = smallest_offsets(camera, normal, near_m, sway)
@@ -123,7 +123,7 @@ def draw_room(
         if in_range:
             break
     if offset[5] > height:
-        view = View.over_floor(camera, near_m, float(offset[5]), *angles)
+        view = FloorView.over_floor(camera, near_m, float(offset[5]), *angles)
     right, left, ahead, behind, above, height = offset
     top = above + height
     room = Arrangement(view, catalogue, farthest_m=farthest_m)

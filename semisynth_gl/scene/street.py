@@ -10,7 +10,7 @@ from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection, StreetSection
 from semisynth_gl.geometry.mesh import cross
-from semisynth_gl.scene.arrangement import Arrangement, Catalogue, View
+from semisynth_gl.scene.arrangement import Arrangement, Catalogue, FloorView
 from semisynth_gl.scene.background import FACE, GROUND, draw_background, lay_ground
 from semisynth_gl.scene.rig import Sway, near_depth_m
 from semisynth_gl.scene.view_volume import smallest_offsets
@@ -81,12 +81,12 @@ def draw_street(
     metre = min(1.0, backdrop_m / _TRUE_REACH_M)
     yaw, pitch, roll = np.deg2rad(rng.normal(size=3) * (section.yaw_deg, section.tilt_deg, section.tilt_deg))
     height = section.camera_height_m.draw(rng) * metre
-    view = View.over_floor(camera, near_m, height, yaw, pitch, roll)
+    view = FloorView.over_floor(camera, near_m, height, yaw, pitch, roll)
     down = -view.camera_from_floor[:3, 2]
     least = float(smallest_offsets(camera, down[None], near_m, sway)[0])
     if least > height:
         height = least
-        view = View.over_floor(camera, near_m, height, yaw, pitch, roll)
+        view = FloorView.over_floor(camera, near_m, height, yaw, pitch, roll)
     street = Arrangement(view, catalogue)
     wide, high = backdrop.size_m[0]
     floor_from_backdrop = np.linalg.inv(view.camera_from_floor) @ backdrop.world_from_face[0]

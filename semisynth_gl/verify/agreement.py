@@ -27,7 +27,7 @@ UNCERTAIN = 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Targets:
+class Points:
     """The points of another image that correspond to N pixels of an image.
 
     Attributes:
@@ -44,9 +44,9 @@ class Targets:
     y: NDArray[np.float64]
     on_rows: bool = False
 
-    def select(self, which: NDArray[np.bool_ | np.intp]) -> "Targets":
+    def select(self, which: NDArray[np.bool_ | np.intp]) -> "Points":
         """Return the pixels of a mask (N,) bool, or of indices."""
-        return Targets(self.row[which], self.column[which], self.x[which], self.y[which], self.on_rows)
+        return Points(self.row[which], self.column[which], self.x[which], self.y[which], self.on_rows)
 
     def corners(self, array: Floats) -> Floats:
         """Return the other image's array (H, W, C) in the two or four pixels around the points, (2 or 4, N, C)."""
@@ -65,7 +65,7 @@ class Agreement:
     Args:
         names: of the array that is judged, and of its reference with the place, for messages.
         own: (H, W, C) px, the array of the image.
-        corners: (2 or 4, N, C) px, the array of the other image around the points, as `Targets.corners` gathers it.
+        corners: (2 or 4, N, C) px, the array of the other image around the points, as `Points.corners` gathers it.
         targets: N pixels and their points.
         error_px: the largest difference that encodings cause.
         scaled_from_px: shorter vectors are not judged by their relative difference.
@@ -82,7 +82,7 @@ class Agreement:
         names: tuple[str, str],
         own: Floats,
         corners: Floats,
-        targets: Targets,
+        targets: Points,
         error_px: float,
         scaled_from_px: float = 1.0,
     ) -> None:

@@ -9,7 +9,7 @@ from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.verify.agreement import (
     UNCERTAIN,
     Agreement,
-    Targets,
+    Points,
     all_components,
     check_mask_agreement,
     check_mask_values,
@@ -85,7 +85,7 @@ def check_deviating_views(frame: StoredFrame, verdict: Verdict, *, imperfect: bo
             check_flow_images("images", name, "images", images, judged, verdict, imperfect=imperfect)
 
 
-def _judged(frame: StoredFrame, eye: Eye, targets: Targets, agreement: Agreement) -> tuple[Where, Where]:
+def _judged(frame: StoredFrame, eye: Eye, targets: Points, agreement: Agreement) -> tuple[Where, Where]:
     """Return which of the points are surely seen from the other eye, and which surely hidden there, (N,) bool each."""
     corners = targets.corners(frame.view(OTHER_EYE[eye])["disparity"][..., None])[..., 0]
     disparity = frame.view(eye)["disparity"][targets.row, targets.column]
@@ -96,7 +96,7 @@ def _judged(frame: StoredFrame, eye: Eye, targets: Targets, agreement: Agreement
 
 
 def _check_mask(
-    eye: Eye, mask: NDArray[np.uint8], way: Values, targets: Targets, judged: tuple[Where, Where], verdict: Verdict
+    eye: Eye, mask: NDArray[np.uint8], way: Values, targets: Points, judged: tuple[Where, Where], verdict: Verdict
 ) -> None:
     name = f"visibility_{eye}"
     check_mask_values("mask", name, mask, verdict)

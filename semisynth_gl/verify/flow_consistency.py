@@ -9,7 +9,7 @@ from semisynth_gl.frame import OCCLUDED, VISIBLE
 from semisynth_gl.verify.agreement import (
     UNCERTAIN,
     Agreement,
-    Targets,
+    Points,
     all_components,
     check_mask_agreement,
     spread_evenly,
@@ -44,7 +44,7 @@ def check_flow_views(frame: StoredFrame, match: ViewMatch, visible: Where, surfa
     for channel in OPPOSITE.keys() & left.keys():
         smooth &= _is_smooth(left[channel])
     row, column = np.divmod(spread_evenly(np.flatnonzero(smooth), _MAX_PIXELS), visible.shape[1])
-    targets = Targets(row, column, match.position[row, column], row.astype(np.float64), on_rows=True)
+    targets = Points(row, column, match.position[row, column], row.astype(np.float64), on_rows=True)
     surface = surface[row, column]
 
     def check(check: str, measure: str, names: tuple[str, str], own: Values, other: Values, error_px: float) -> None:
@@ -73,7 +73,7 @@ def check_flow_views(frame: StoredFrame, match: ViewMatch, visible: Where, surfa
         check("change", "disparity_change_views", names, change[..., None], right_change[..., None], 0.0)
 
 
-def follow_flow(flow: Values, disparity: Values) -> Targets:
+def follow_flow(flow: Values, disparity: Values) -> Points:
     """Follow pixels along their flow, where it stays in the image and the surface goes on to all sides.
 
     Of more than 200,000 pixels, as many are taken, evenly spread.
@@ -88,7 +88,7 @@ def follow_flow(flow: Values, disparity: Values) -> Targets:
     x, y = np.arange(width) + known[..., 0], np.arange(height)[:, None] + known[..., 1]
     followed &= (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
     row, column = np.divmod(spread_evenly(np.flatnonzero(followed), _MAX_PIXELS), width)
-    return Targets(row, column, x[row, column], y[row, column])
+    return Points(row, column, x[row, column], y[row, column])
 
 
 def check_frames(before: StoredFrame, after: StoredFrame, verdict: Verdict, *, images: bool) -> None:

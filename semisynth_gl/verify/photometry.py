@@ -11,7 +11,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.verify.agreement import MIN_PIXELS, Targets, spread_evenly
+from semisynth_gl.verify.agreement import MIN_PIXELS, Points, spread_evenly
 from semisynth_gl.verify.shares import DEVIATIONS, most_share
 from semisynth_gl.verify.verdict import Verdict
 from semisynth_gl.verify.view_consistency import ViewMatch
@@ -55,7 +55,7 @@ class _Warp:
 
     levels: Values
     other: NDArray[np.float32]
-    targets: Targets
+    targets: Points
 
     def samples(self, step: float, direction: Values) -> tuple[Values, Values, Values]:
         """Read the pixels around the points, moved by a step along a direction (N, 2).
@@ -111,7 +111,7 @@ def check_images(
     row, column = np.divmod(spread_evenly(np.flatnonzero(inside), _MAX_PIXELS), width)
     if len(row) < MIN_PIXELS:
         return
-    warp = _warp(left, right, Targets(row, column, match.position[row, column], row.astype(np.float64), on_rows=True))
+    warp = _warp(left, right, Points(row, column, match.position[row, column], row.astype(np.float64), on_rows=True))
     if imperfect:
         _check_correlation(warp, verdict)
         return
@@ -128,7 +128,7 @@ def check_flow_images(
     name: str,
     measure: str,
     images: tuple[Image, Image],
-    targets: Targets,
+    targets: Points,
     verdict: Verdict,
     *,
     imperfect: bool = False,
@@ -163,7 +163,7 @@ def check_flow_images(
     _check_warp(check, name, f"{measure}_", warp, fits, verdict)
 
 
-def _warp(image: Image, other: Image, targets: Targets) -> _Warp:
+def _warp(image: Image, other: Image, targets: Points) -> _Warp:
     return _Warp(_grey(image)[targets.row, targets.column].astype(np.float64), _grey(other), targets)
 
 

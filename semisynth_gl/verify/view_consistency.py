@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
-from semisynth_gl.verify.agreement import UNCERTAIN, Agreement, Targets, check_mask_agreement, check_mask_values
+from semisynth_gl.verify.agreement import UNCERTAIN, Agreement, Points, check_mask_agreement, check_mask_values
 from semisynth_gl.verify.verdict import Verdict, count_pixels
 
 Values = NDArray[np.float32]
@@ -123,7 +123,7 @@ def check_left_right(
         signed: whether disparities of 0 and below are valid; those about 0 have no relative difference.
     """
     row, column = np.nonzero(visible & match.smooth)
-    targets = Targets(row, column, match.position[row, column], row.astype(np.float64), on_rows=True)
+    targets = Points(row, column, match.position[row, column], row.astype(np.float64), on_rows=True)
     names = "disparity_left", "disparity_right at x - d"
     corners = targets.corners(right[..., None])
     agreement = Agreement(names, left[..., None], corners, targets, 0.0, scaled_from_px=1.0 if signed else 0.0)
