@@ -120,7 +120,6 @@ def test_a_ground_has_one_height(tmp_path):
         InputError, match=r"yaml:2: structures: give either ground_height_m or ground_disparity_px, not"
     ):
         load_config(path)
-    assert "ground_disparity_px" not in load_config("kitti").model_dump(mode="json")["structures"]
     camera, near = StereoCamera.centred(100, 100, 100.0, 0.1, -10.0), DisparitySection(min_px=20.0, max_px=150.0)
     background = draw_background("cuboid", BackgroundSection(), near, camera, np.random.default_rng(0))
     section = StructuresSection(ground=1, ground_disparity_px=Range(7, 7))
