@@ -34,9 +34,9 @@ from semisynth_gl.bench.encodings import (
 from semisynth_gl.bench.scenes import BenchScenes, SampledTruth, cast_truth, sample_scenes
 from semisynth_gl.bench.summary import error_stats, front, machine_facts
 from semisynth_gl.bench.timing import alternated, compare_times
-from semisynth_gl.camera import EYES
 from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS
 from semisynth_gl.config import Config, load_config
+from semisynth_gl.frame.camera import EYES
 from semisynth_gl.render.backends import BACKENDS, Backend
 
 VARIANT_TEXTS: Mapping[Variant, str] = {

@@ -8,9 +8,9 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import Eye
-from semisynth_gl.errors import BackendError
+from semisynth_gl.frame.camera import Eye
 from semisynth_gl.geometry.mesh import Mesh, centred
+from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import open_context

@@ -33,8 +33,8 @@ import click
 import numpy as np
 
 from semisynth_gl.bench.scenes import sample_scenes
-from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.config import load_config
+from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.render import programs
 from semisynth_gl.render.model_buffers import Filled
 from semisynth_gl.render.placing import Placed

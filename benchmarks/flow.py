@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from semisynth_gl import oracle
 from semisynth_gl.bench.summary import machine_facts, markdown
-from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.config import Config, load_config
-from semisynth_gl.frame import Frame
+from semisynth_gl.frame.camera import EYES, Eye
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SampledScene

@@ -30,7 +30,7 @@ import readback
 
 from semisynth_gl.bench import accuracy, speed
 from semisynth_gl.bench.summary import markdown
-from semisynth_gl.errors import BackendError
+from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.backends import is_software
 from semisynth_gl.render.devices import (
     NVIDIA_CONTROL,

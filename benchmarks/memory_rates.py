@@ -28,8 +28,8 @@ from semisynth_gl.config import Config, load_config
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.engines.local import LocalEngine
 from semisynth_gl.engines.task import cores
-from semisynth_gl.errors import SemisynthError
 from semisynth_gl.generation.generate import generate
+from semisynth_gl.inputs.errors import SemisynthError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.backends import is_software
 

@@ -19,8 +19,8 @@ from PIL import Image, ImageDraw, ImageFont
 from semisynth_gl import load_config, render_pair
 from semisynth_gl.calibration.matching import match_images
 from semisynth_gl.calibration.vertical import fit_deviation, rectified_rows
-from semisynth_gl.camera import RECTIFIED
-from semisynth_gl.frame import as_rgb
+from semisynth_gl.frame.camera import RECTIFIED
+from semisynth_gl.frame.frame import as_rgb
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.textures.atlas import to_grey
 

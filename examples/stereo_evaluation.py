@@ -14,7 +14,7 @@ from PIL import Image
 from skimage.data import stereo_motorcycle
 
 from semisynth_gl.dataset.reader import INDEX, Dataset, open_dataset
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.metrics import Score, score
 from semisynth_gl.metrics.protocol import ProtocolName
 from semisynth_gl.metrics.score import mean_figures

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from semisynth_gl.bench.summary import machine_facts
 from semisynth_gl.config import load_config
-from semisynth_gl.errors import InputError, SemisynthError
-from semisynth_gl.frame import as_rgb
+from semisynth_gl.frame.frame import as_rgb
 from semisynth_gl.histogram import PixelCount
+from semisynth_gl.inputs.errors import InputError, SemisynthError
 
 try:
     import torch

@@ -10,15 +10,15 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-    from semisynth_gl.camera import Crop, StereoCamera
     from semisynth_gl.config import Config, load_config
     from semisynth_gl.dataset.reader import Dataset, open_dataset
     from semisynth_gl.dataset.sample import StoredFrame
-    from semisynth_gl.errors import BackendError, InputError, SemisynthError
-    from semisynth_gl.frame import Frame, View
+    from semisynth_gl.frame.camera import Crop, StereoCamera
+    from semisynth_gl.frame.frame import Frame, View
     from semisynth_gl.generation.generate import GenerationResult, generate
     from semisynth_gl.geometry.mesh import Mesh, make_mesh
     from semisynth_gl.geometry.model_units import make_model
+    from semisynth_gl.inputs.errors import BackendError, InputError, SemisynthError
     from semisynth_gl.metrics.evaluate import evaluate
     from semisynth_gl.metrics.score import Score, score
     from semisynth_gl.pairs.pipeline import Pair, PairRenderer, render_pair
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
     __version__: str
 
 _HOME = {
-    "BackendError": "errors",
+    "BackendError": "inputs.errors",
     "Config": "config",
-    "Crop": "camera",
+    "Crop": "frame.camera",
     "Dataset": "dataset.reader",
-    "Frame": "frame",
+    "Frame": "frame.frame",
     "GenerationResult": "generation.generate",
-    "InputError": "errors",
+    "InputError": "inputs.errors",
     "Mesh": "geometry.mesh",
     "Motion": "scene.scene",
     "Pair": "pairs.pipeline",
@@ -42,10 +42,10 @@ _HOME = {
     "Renderer": "render.renderer",
     "Scene": "scene.scene",
     "Score": "metrics.score",
-    "SemisynthError": "errors",
-    "StereoCamera": "camera",
+    "SemisynthError": "inputs.errors",
+    "StereoCamera": "frame.camera",
     "StoredFrame": "dataset.sample",
-    "View": "frame",
+    "View": "frame.frame",
     "evaluate": "metrics.evaluate",
     "generate": "generation.generate",
     "load_config": "config",

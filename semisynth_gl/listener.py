@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from semisynth_gl.splits import SplitName
+from semisynth_gl.seeds.splits import SplitName
 
 
 @dataclass(frozen=True, slots=True)

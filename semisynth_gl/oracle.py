@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import OTHER_EYE, Eye, StereoCamera
-from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.frame.camera import OTHER_EYE, Eye, StereoCamera
+from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.scene.raycast import Hits, cast_rays
 from semisynth_gl.scene.scene import Motion, Scene
@@ -98,7 +98,7 @@ def visibility(
         signed: whether disparities of 0 and below are valid.
 
     Returns:
-        (R,) uint8: VISIBLE, OCCLUDED or OUTSIDE of `semisynth_gl.frame`.
+        (R,) uint8: VISIBLE, OCCLUDED or OUTSIDE of `semisynth_gl.frame.frame`.
     """
     camera, other = scene.camera, OTHER_EYE[eye]
     own = np.stack([x_px, y_px], axis=1).astype(np.float64)
@@ -131,7 +131,7 @@ class Flows:
             near plane at the other moment.
         disparity_change_px: (R,) float64, in a rectified pair; inf at the same rays, and where a disparity is not valid
             at one of the moments.
-        visibility: (R,) uint8, at the other moment: VISIBLE, OCCLUDED or OUTSIDE of `semisynth_gl.frame`.
+        visibility: (R,) uint8, at the other moment: VISIBLE, OCCLUDED or OUTSIDE of `semisynth_gl.frame.frame`.
     """
 
     flow_px: NDArray[np.float64]

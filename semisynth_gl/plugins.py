@@ -16,7 +16,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, Literal, get_args
 
-from semisynth_gl.errors import InputError, SemisynthError, described, did_you_mean, near, shown
+from semisynth_gl.inputs.errors import InputError, SemisynthError, described, did_you_mean, near, shown
 
 Group = Literal["layouts", "textures", "models", "recipes"]
 """The sorts of plug-ins; entry points of the group `semisynth_gl.layouts` are layouts, and so on."""

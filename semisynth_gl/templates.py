@@ -2,7 +2,7 @@
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined, select_autoescape
 
-from semisynth_gl.resources import data_root
+from semisynth_gl.inputs.resources import data_root
 
 
 def template_environment() -> Environment:

@@ -11,7 +11,7 @@ layout(std140, binding = 0) uniform Constants {
     float least_px;          // disparities are valid above: 0, or -LARGEST where they are signed
 };
 
-// What masks say, as in semisynth_gl/frame.py.
+// What masks say, as in semisynth_gl/frame/frame.py.
 const uint VISIBLE = 255u;
 const uint OCCLUDED = 128u;
 const uint OUTSIDE = 0u;

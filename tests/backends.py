@@ -2,7 +2,7 @@
 
 from functools import cache
 
-from semisynth_gl.errors import BackendError
+from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.context import open_context
 

@@ -33,7 +33,7 @@ from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene import pilots
 from semisynth_gl.scene.pilots import draw_pilots
 from semisynth_gl.scene.structures import take_stock
-from semisynth_gl.splits import Split
+from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures import drawn, prepare, sources, subjects
 from semisynth_gl.textures.prepare import prepare_atlas
 

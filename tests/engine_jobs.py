@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from semisynth_gl.errors import ContextLostError, InputError
+from semisynth_gl.inputs.errors import ContextLostError, InputError
 
 FAULTY = 7
 

@@ -8,7 +8,7 @@ from scenes import facing, noise_layers
 
 from semisynth_gl.bench.scenes import edges as outline_of
 from semisynth_gl.bench.scenes import grown
-from semisynth_gl.camera import EYES, StereoCamera
+from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.edges import find_edges
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import make_mesh

@@ -30,8 +30,8 @@ from semisynth_gl import (
     render_pair,
     score,
 )
-from semisynth_gl.errors import BackendError, InputError
-from semisynth_gl.frame import OUTPUTS
+from semisynth_gl.frame.frame import OUTPUTS
+from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.flow import FlowPass
 from semisynth_gl.render.targets import EyeTargets

@@ -13,15 +13,15 @@ from scenes import facing, noise_layers
 from tiny_datasets import cheap, digests
 
 from semisynth_gl import oracle
-from semisynth_gl.camera import EYES, Crop, StereoCamera
 from semisynth_gl.config import Config, Range
 from semisynth_gl.config.scene_sections import CameraSection
 from semisynth_gl.dataset.file_sets import list_file_sets
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import open_dataset, read_index
-from semisynth_gl.errors import ContextLostError, InputError
-from semisynth_gl.frame import OUTPUTS
+from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
+from semisynth_gl.frame.frame import OUTPUTS
 from semisynth_gl.generation.generate import generate
+from semisynth_gl.inputs.errors import ContextLostError, InputError
 from semisynth_gl.layouts import Key
 from semisynth_gl.pairs import pipeline
 from semisynth_gl.pairs.pipeline import PairRenderer
@@ -32,7 +32,7 @@ from semisynth_gl.render.unbound import UnboundCalls
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import draw_camera, draw_views
 from semisynth_gl.scene.scene import make_scene
-from semisynth_gl.seeds import Purpose, generator
+from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.verify.dataset import verify_dataset
 from semisynth_gl.verify.shared_left import check_lefts
 from semisynth_gl.verify.verdict import Verdict

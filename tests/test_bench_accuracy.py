@@ -17,10 +17,10 @@ from semisynth_gl.bench.encodings import usable_encodings
 from semisynth_gl.bench.scenes import BenchScenes, cast_truth, edges, grown, sample_scenes
 from semisynth_gl.bench.summary import front
 from semisynth_gl.bench.timing import alternated, compare_times
-from semisynth_gl.camera import StereoCamera
 from semisynth_gl.cli import main
 from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS
 from semisynth_gl.config import load_config
+from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.scene import make_scene
 

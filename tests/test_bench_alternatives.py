@@ -13,9 +13,9 @@ from semisynth_gl.bench.accuracy import Effort, table
 from semisynth_gl.bench.encodings import usable_encodings
 from semisynth_gl.bench.scenes import sample_scenes
 from semisynth_gl.bench.summary import error_stats
-from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS
 from semisynth_gl.config import load_config
+from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.scene import make_scene
 

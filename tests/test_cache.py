@@ -20,11 +20,11 @@ from tiny_datasets import cheap
 from semisynth_gl.cache import file_fingerprint, lookup, store
 from semisynth_gl.cache.store import Entry, cache_folder, cache_summary, read_entry, write_entry
 from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection, TexturesSection
-from semisynth_gl.errors import InputError
+from semisynth_gl.engines.interrupts import interrupts_wait
 from semisynth_gl.geometry import model_library
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import build_library
-from semisynth_gl.interrupts import interrupts_wait
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import pilots
 from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.scene.structures import take_stock

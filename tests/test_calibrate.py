@@ -37,15 +37,15 @@ from semisynth_gl.calibration.rig import (
 )
 from semisynth_gl.calibration.rig_files import FORMATS, read_rigs
 from semisynth_gl.calibration.style import BLURS, EXPOSURES, FLATS, TEXELS, Trial, fitted_style, untried_style
-from semisynth_gl.camera import StereoCamera
 from semisynth_gl.cli import main
 from semisynth_gl.comparison.maps import map_files, read_map
 from semisynth_gl.comparison.measures import MEASURES
 from semisynth_gl.comparison.sides import Side
 from semisynth_gl.config import Range, load_config
 from semisynth_gl.config.load import parse_config
-from semisynth_gl.errors import InputError, ReadError, SemisynthError
+from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.histogram import Histogram, PixelCount, total_variation
+from semisynth_gl.inputs.errors import InputError, ReadError, SemisynthError
 from semisynth_gl.layouts import find_layout
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"

@@ -20,12 +20,12 @@ from semisynth_gl.calibration.rectification import measure_rectification
 from semisynth_gl.calibration.rig import DisparityBounds, Rig, Size, plain_rig
 from semisynth_gl.calibration.style import untried_style
 from semisynth_gl.calibration.vertical import MATCHING_PX, Matches, deviation_ranges, fit_deviation
-from semisynth_gl.camera import Deviation, StereoCamera
 from semisynth_gl.cli.calibrate import calibrate
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.config import Range
 from semisynth_gl.config.load import parse_config
-from semisynth_gl.errors import InputError
+from semisynth_gl.frame.camera import Deviation, StereoCamera
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.textures.atlas import to_grey
 
 REAL = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "real"

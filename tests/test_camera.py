@@ -3,8 +3,8 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from semisynth_gl.camera import StereoCamera
-from semisynth_gl.errors import InputError
+from semisynth_gl.frame.camera import StereoCamera
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.render.projection import clip_from_view, in_view
 
 positive = st.floats(0.01, 1e4)

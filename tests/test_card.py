@@ -14,7 +14,6 @@ from hand_made_datasets import sources_of
 from PIL import Image
 from ruamel.yaml import YAML
 
-from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.codecs.flo import Flo
 from semisynth_gl.codecs.png16 import DisparityPng16
 from semisynth_gl.config import Config
@@ -24,9 +23,10 @@ from semisynth_gl.dataset.index import describe_dataset
 from semisynth_gl.dataset.plan import Plan, make_plan
 from semisynth_gl.dataset.sample import encode_pair
 from semisynth_gl.dataset.tar import tar_end, tar_member
-from semisynth_gl.frame import OUTPUTS, Frame, View
+from semisynth_gl.frame.camera import EYES, StereoCamera
+from semisynth_gl.frame.frame import OUTPUTS, Frame, View
 from semisynth_gl.layouts import find_layout, layout_names
-from semisynth_gl.splits import SplitName
+from semisynth_gl.seeds.splits import SplitName
 
 FOLDERS = [name for name in layout_names() if not find_layout(name).packed]
 ODD = 'my: "own" #1'

@@ -15,7 +15,6 @@ from isal import isal_zlib
 from PIL import Image
 from pydantic import ValidationError
 
-from semisynth_gl.camera import StereoCamera
 from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS, Encodings, by_imagecodecs
 from semisynth_gl.codecs.calib import MIDDLEBURY_CALIB, Calibration
 from semisynth_gl.codecs.deflate import deflate
@@ -26,8 +25,9 @@ from semisynth_gl.codecs.pfm import ANY_PFM, PFM, PFM3
 from semisynth_gl.codecs.png import GREY8, GREY16, RGB8, RGB16
 from semisynth_gl.codecs.png16 import CRESTEREO_DISPARITY, KITTI_DISPARITY
 from semisynth_gl.config.dataset_sections import FilesSection
-from semisynth_gl.errors import InputError, ReadError
-from semisynth_gl.frame import CHANNELS
+from semisynth_gl.frame.camera import StereoCamera
+from semisynth_gl.frame.frame import CHANNELS
+from semisynth_gl.inputs.errors import InputError, ReadError
 
 SHAPES = [(1, 1), (1, 7), (9, 1), (30, 41)]
 FROM_IMAGECODECS = {"qoi", "jxl"}

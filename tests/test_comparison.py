@@ -42,7 +42,7 @@ from semisynth_gl.comparison.quantities import (
 from semisynth_gl.comparison.sides import FEWEST, frame_picture
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.dataset.reader import open_dataset, read_index
-from semisynth_gl.errors import InputError, ReadError
+from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.textures.image_files import find_files, find_images
 

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from semisynth_gl.config import Config, Range, load_config, packaged_configs
 from semisynth_gl.config.explain import explain, summaries
 from semisynth_gl.config.load import parse_config
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
 
 CAMERA = "camera: {width_px: 64, height_px: 48, focal_px: 50, baseline_m: 0.1}\n"
 DISPARITY = "disparity: {min_px: 1, max_px: 20}\n"

@@ -5,8 +5,8 @@ import pytest
 from scenes import assert_equal
 from tiny_datasets import lean
 
-from semisynth_gl.camera import Crop, StereoCamera
-from semisynth_gl.errors import InputError
+from semisynth_gl.frame.camera import Crop, StereoCamera
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 
 CROPS = (Crop(0, 0, 24, 16), Crop(100, 61, 87, 64), Crop(60, 40, 1, 1), Crop(0, 0, 187, 125))

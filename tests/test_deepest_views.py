@@ -9,15 +9,15 @@ from hypothesis import strategies as st
 from tiny_datasets import CLUTTER_ALONE
 
 from semisynth_gl import load_config, oracle, render_pair
-from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import Config
-from semisynth_gl.errors import InputError
+from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.model_library import build_library
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import near_depth_m
 from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.scene.structures import Stage, draw_stage, take_stock
-from semisynth_gl.seeds import generator
+from semisynth_gl.seeds.seeds import generator
 
 KINDS = ("cuboid", "plane", "room", "street")
 # Every wall is pierced: openings show most.

@@ -18,7 +18,7 @@ from semisynth_gl.config.dataset_sections import ImperfectionsSection
 from semisynth_gl.config.distributions import MixturePart, TargetSection, UniformTarget
 from semisynth_gl.config.model import RecipeSection
 from semisynth_gl.config.scene_sections import DepthLayerSection
-from semisynth_gl.frame import CHANNELS
+from semisynth_gl.frame.frame import CHANNELS
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.textures.image_files import builtin_photographs
 

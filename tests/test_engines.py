@@ -20,7 +20,7 @@ from recorder import Recorder
 from semisynth_gl.engines import local
 from semisynth_gl.engines.cluster import RayEngine
 from semisynth_gl.engines.local import LocalEngine, SerialEngine
-from semisynth_gl.errors import ContextLostError, InputError, WorkerError
+from semisynth_gl.inputs.errors import ContextLostError, InputError, WorkerError
 from semisynth_gl.listener import Listener
 
 ENGINES = {"serial": SerialEngine(), "local": LocalEngine(2, 60)}

@@ -15,8 +15,8 @@ from tiny_datasets import digests, tiny
 
 from semisynth_gl.engines import cluster
 from semisynth_gl.engines.cluster import RayEngine
-from semisynth_gl.errors import ContextLostError, InputError, WorkerError
 from semisynth_gl.generation.generate import generate
+from semisynth_gl.inputs.errors import ContextLostError, InputError, WorkerError
 
 ray = heavy("ray")
 pytestmark = pytest.mark.heavy

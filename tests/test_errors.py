@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from semisynth_gl.errors import counted, cut, did_you_mean, how_to_install, near, shown
+from semisynth_gl.inputs.errors import counted, cut, did_you_mean, how_to_install, near, shown
 
 ROOT = Path(__file__).resolve().parents[1]
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]

@@ -10,11 +10,11 @@ from scenes import assert_equal, facing, noise_layers
 from tiny_datasets import lean
 
 from semisynth_gl import oracle
-from semisynth_gl.camera import EYES, Crop, StereoCamera
 from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import BackgroundSection, CameraSection, DisparitySection, StructuresSection
-from semisynth_gl.errors import InputError
-from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
+from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render import listed_steps
 from semisynth_gl.scene.background import draw_background, draw_kind

@@ -23,8 +23,8 @@ from semisynth_gl.dataset.documents import check_plan
 from semisynth_gl.dataset.places import Folder
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import Index
-from semisynth_gl.errors import InputError, ReadError
-from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE, Frame, View
+from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE, Frame, View
+from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.layouts import Key, find_layout, layout_names
 from semisynth_gl.layouts.roles import mask_from_not_occluded
 

@@ -8,13 +8,13 @@ import pytest
 from scenes import noise_layers
 from scipy.spatial.transform import Rotation
 
-from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.codec import Codec
 from semisynth_gl.dataset.sample import StoredFrame
-from semisynth_gl.errors import InputError
-from semisynth_gl.frame import CHANNELS, DEFAULT_OUTPUTS, FLOW_OUTPUTS, OUTPUTS, ROLES, Frame, View, finite_range
+from semisynth_gl.frame.camera import EYES, StereoCamera
+from semisynth_gl.frame.frame import CHANNELS, DEFAULT_OUTPUTS, FLOW_OUTPUTS, OUTPUTS, ROLES, Frame, View, finite_range
 from semisynth_gl.geometry.mesh import make_mesh
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.layouts.roles import ROLES as FILE_ROLES
 from semisynth_gl.scene.scene import make_scene
 

@@ -11,9 +11,9 @@ from scenes import noise_layers
 from tiny_datasets import CLUTTER_ALONE
 
 from semisynth_gl import load_config, oracle
-from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import Config
 from semisynth_gl.config.scene_sections import RoomSection, StreetSection
+from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene.arrangement import Arrangement, FloorView
@@ -28,7 +28,7 @@ from semisynth_gl.scene.scene import Scene, make_scene
 from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.scene.street import draw_street
 from semisynth_gl.scene.structures import STILL_MODELS, Stage, draw_stage, take_stock
-from semisynth_gl.seeds import generator
+from semisynth_gl.seeds.seeds import generator
 from semisynth_gl.textures.atlas import Patch
 
 RIGS = ("middlebury", "kitti", "eth3d", "sceneflow")

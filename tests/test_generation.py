@@ -23,10 +23,10 @@ from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.dataset.shard import ShardBusyError, ShardWriter
 from semisynth_gl.engines.local import LocalEngine
-from semisynth_gl.errors import ContextLostError, InputError
 from semisynth_gl.generation import shard_job
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.generation.in_flight import encoded
+from semisynth_gl.inputs.errors import ContextLostError, InputError
 from semisynth_gl.layouts import find_layout, layout_names
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.sources import prepare_sources

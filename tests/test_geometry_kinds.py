@@ -23,7 +23,7 @@ from semisynth_gl.geometry import kinds, model_library
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import Mesh, merged
 from semisynth_gl.geometry.surfaces import box
-from semisynth_gl.splits import SPLITS, Split
+from semisynth_gl.seeds.splits import SPLITS, Split
 
 KINDS = {**SIMPLE_KINDS, **COMPLEX_KINDS}
 SEEDS = range(4)

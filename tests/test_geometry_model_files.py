@@ -10,7 +10,6 @@ import trimesh
 from geometry_measures import areas, jacobians, stretch, volume
 
 from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection
-from semisynth_gl.errors import InputError
 from semisynth_gl.geometry import model_files, model_library
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_files import load_models
@@ -18,6 +17,7 @@ from semisynth_gl.geometry.model_process import ModelReader
 from semisynth_gl.geometry.silhouette import Silhouette, mean_silhouette
 from semisynth_gl.geometry.surfaces import box
 from semisynth_gl.geometry.unwrap import STRETCH_BOUND
+from semisynth_gl.inputs.errors import InputError
 
 MODELS = Path(__file__).parents[1].parent / "shared" / "data" / "models"
 needs_models = pytest.mark.skipif(not MODELS.is_dir(), reason="the folder of test models is not there")

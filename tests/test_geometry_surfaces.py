@@ -4,7 +4,6 @@ from geometry_measures import components, edge_balance, euler_characteristic, st
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import make_mesh, merged, normalised, without_degenerate
 from semisynth_gl.geometry.parts import arc, circle, placed, rectangle, rod, rounded, smooth, turned, turned_about_z
 from semisynth_gl.geometry.surfaces import (
@@ -17,6 +16,7 @@ from semisynth_gl.geometry.surfaces import (
     sweep,
 )
 from semisynth_gl.geometry.vessels import hollow
+from semisynth_gl.inputs.errors import InputError
 
 
 def test_box_has_exact_volume_and_texture() -> None:

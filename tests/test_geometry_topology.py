@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scenes import noise_layers
 
-from semisynth_gl.camera import EYES, StereoCamera
+from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry import outdoors, soft
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import make_mesh, merged

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from semisynth_gl.errors import BackendError
+from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.devices import ContextFacts
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.render import devices
 from semisynth_gl.render.devices import Device, egl_devices, egl_index_of_gpu, egl_index_of_worker
 

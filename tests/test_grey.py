@@ -16,7 +16,6 @@ from PIL import Image
 from scenes import assert_equal, facing, noise_layers
 from tiny_datasets import cheap, findings
 
-from semisynth_gl.camera import EYES, Crop, StereoCamera
 from semisynth_gl.codecs import IMAGE_CODECS, Encodings
 from semisynth_gl.codecs.grey import ThreeEqual
 from semisynth_gl.codecs.jpeg import Jpeg
@@ -25,9 +24,10 @@ from semisynth_gl.comparison.picture import mean_luminance
 from semisynth_gl.comparison.sides import frame_picture
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.dataset.reader import open_dataset
-from semisynth_gl.errors import InputError, ReadError
-from semisynth_gl.frame import Frame, View, as_rgb
+from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
+from semisynth_gl.frame.frame import Frame, View, as_rgb
 from semisynth_gl.generation.generate import generate
+from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.layouts import Key, find_layout, layout_names
 from semisynth_gl.layouts.roles import expose
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections

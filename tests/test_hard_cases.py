@@ -12,21 +12,21 @@ import pytest
 from scenes import facing, noise_layers
 
 from semisynth_gl import oracle
-from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import load_config
-from semisynth_gl.errors import InputError
-from semisynth_gl.frame import FLOW_OUTPUTS, OCCLUDED, OUTPUTS, OUTSIDE, VISIBLE
+from semisynth_gl.frame.camera import EYES, StereoCamera
+from semisynth_gl.frame.frame import FLOW_OUTPUTS, OCCLUDED, OUTPUTS, OUTSIDE, VISIBLE
 from semisynth_gl.geometry import outdoors, soft
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_library import build_library
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.background import FACE, draw_background, draw_kind
 from semisynth_gl.scene.raycast import Hits, cast_rays
 from semisynth_gl.scene.rig import draw_camera
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import make_scene
-from semisynth_gl.seeds import Purpose, generator
+from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 
 # Those that need no motion.

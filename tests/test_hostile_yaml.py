@@ -29,7 +29,7 @@ from semisynth_gl.config.yaml_values import (
     read_yaml,
 )
 from semisynth_gl.dataset.plan import make_plan
-from semisynth_gl.errors import InputError, SemisynthError
+from semisynth_gl.inputs.errors import InputError, SemisynthError
 from semisynth_gl.metrics.truth import read_limits
 
 START = "name: m\ncamera: {width_px: 64, height_px: 48, focal_px: 50, baseline_m: 0.1}\n"

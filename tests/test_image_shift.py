@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from semisynth_gl.bench.antialias import MODES
-from semisynth_gl.camera import EYES, StereoCamera
-from semisynth_gl.errors import BackendError
+from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.mesh import make_mesh
+from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.pairs.exposure import exposed, moments
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.render.renderer import Renderer

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from semisynth_gl.config import Range, load_config, packaged_configs
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.textures.atlas import Patch

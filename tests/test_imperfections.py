@@ -10,15 +10,15 @@ from hypothesis import strategies as st
 from PIL import Image
 from tiny_datasets import cheap
 
-from semisynth_gl.camera import EYES, Deviation, StereoCamera
 from semisynth_gl.config import Config, load_config
-from semisynth_gl.errors import InputError
-from semisynth_gl.frame import Frame
+from semisynth_gl.frame.camera import EYES, Deviation, StereoCamera
+from semisynth_gl.frame.frame import Frame
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs import pipeline
 from semisynth_gl.pairs.checks import Closed, faults
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections, with_imperfections
 from semisynth_gl.pairs.pipeline import PairRenderer, render_pair
-from semisynth_gl.seeds import Purpose, generator
+from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.crops import least_texture
 
 NONE = Imperfections(blur_px=0.0, exposure_stops=0.0, noise=0.0, gamma=1.0)

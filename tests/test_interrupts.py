@@ -8,8 +8,8 @@ import pytest
 from processes import alive, wait_for
 from recorder import Recorder
 
-from semisynth_gl import interrupts
-from semisynth_gl.interrupts import interrupts_end, interrupts_raise, interrupts_stop
+from semisynth_gl.engines import interrupts
+from semisynth_gl.engines.interrupts import interrupts_end, interrupts_raise, interrupts_stop
 from semisynth_gl.listener import Listener
 
 STOPPED = "Stopped. What is finished stays on disk, nothing half-written does."

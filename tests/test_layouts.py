@@ -21,7 +21,6 @@ from PIL import Image
 from pydantic import ValidationError
 
 from semisynth_gl import layouts
-from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.calib import KITTI_CALIB
 from semisynth_gl.codecs.pfm import PFM
@@ -31,12 +30,13 @@ from semisynth_gl.config.dataset_sections import LAYOUTS, FilesSection
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.sample import decode_file
-from semisynth_gl.errors import InputError, ReadError
-from semisynth_gl.frame import CHANNELS, OCCLUDED, OUTPUTS, OUTSIDE, ROLES, VISIBLE, Frame, View
+from semisynth_gl.frame.camera import EYES, StereoCamera
+from semisynth_gl.frame.frame import CHANNELS, OCCLUDED, OUTPUTS, OUTSIDE, ROLES, VISIBLE, Frame, View
+from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.layouts import Key, find_layout, layout_names
 from semisynth_gl.layouts.roles import expose, mask_from_not_occluded, number_objects, restore_outside
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
-from semisynth_gl.splits import SPLITS
+from semisynth_gl.seeds.splits import SPLITS
 
 OTHER_ENCODINGS = [
     ("middlebury", Encodings.from_names("png", "png16", "png16")),

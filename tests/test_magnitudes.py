@@ -8,12 +8,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scenes import noise_layers
 
-from semisynth_gl.arguments import MOST_PX
-from semisynth_gl.camera import EYES, Deviation, StereoCamera
-from semisynth_gl.errors import BackendError, InputError
-from semisynth_gl.frame import OUTPUTS
+from semisynth_gl.frame.camera import EYES, Deviation, StereoCamera
+from semisynth_gl.frame.frame import OUTPUTS
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_units import make_model
+from semisynth_gl.inputs.arguments import MOST_PX
+from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.oracle import disparity_px
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.raycast import cast_rays

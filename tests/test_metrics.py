@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.metrics import PROTOCOLS, pool, score
 from semisynth_gl.metrics.error_map import draw_error_map
 from semisynth_gl.metrics.protocol import PROTOCOL_NAMES, UNFILLED, Limits, fill_holes

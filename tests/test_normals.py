@@ -5,7 +5,7 @@ import pytest
 from tiny_datasets import lean
 
 from semisynth_gl import open_dataset, oracle
-from semisynth_gl.camera import EYES
+from semisynth_gl.frame.camera import EYES
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.raycast import cast_rays

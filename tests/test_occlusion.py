@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scenes import assert_equal, facing, noise_layers
 
-from semisynth_gl.camera import Crop, StereoCamera
+from semisynth_gl.frame.camera import Crop, StereoCamera
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.topology import marked_solid
 from semisynth_gl.render import occlusion

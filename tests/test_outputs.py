@@ -19,8 +19,8 @@ from semisynth_gl.codecs.png import RGB8
 from semisynth_gl.dataset.apart import check_apart
 from semisynth_gl.dataset.places import open_place
 from semisynth_gl.dataset.plan import make_plan
-from semisynth_gl.errors import InputError
 from semisynth_gl.generation.generate import generate
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.textures.image_files import find_files
 from semisynth_gl.textures.reach import reaching_source
 

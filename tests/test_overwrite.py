@@ -16,8 +16,8 @@ from semisynth_gl.dataset.files import DatasetFiles
 from semisynth_gl.dataset.places import Folder, open_place
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.schema import is_unfinished_file
-from semisynth_gl.errors import InputError
 from semisynth_gl.generation.generate import generate
+from semisynth_gl.inputs.errors import InputError
 
 SOURCES = {"train": {"patches": "0"}}
 # What changes a folder, but for the contents of a file that has no other name yet.

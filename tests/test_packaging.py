@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 import pytest
 from heavy import heavy
 
-from semisynth_gl.resources import data_root
+from semisynth_gl.inputs.resources import data_root
 
 CHECKOUT = Path(__file__).resolve().parents[1]
 DATA_FOLDERS = ("shaders", "configs", "assets")
@@ -145,7 +145,7 @@ def test_elsewhere_the_checkout_cannot_be_imported(elsewhere: dict[str, str], ta
 
 
 def test_the_installed_wheel_finds_its_data(elsewhere: dict[str, str], target: Path, tmp_path: Path) -> None:
-    show = f"from semisynth_gl.resources import data_root; print(*map(data_root, {DATA_FOLDERS!r}), sep='\\n')"
+    show = f"from semisynth_gl.inputs.resources import data_root; print(*map(data_root, {DATA_FOLDERS!r}), sep='\\n')"
     folders = run(sys.executable, "-S", "-c", show, cwd=tmp_path, env=elsewhere).splitlines()
     assert [Path(folder) for folder in folders] == [target / "semisynth_gl" / name for name in DATA_FOLDERS]
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scenes import facing, noise_layers
 
-from semisynth_gl.camera import EYES, StereoCamera
+from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.render.backends import is_software
 from semisynth_gl.scene.scene import make_scene, move
 

@@ -6,9 +6,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import ParticlesSection
+from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.scene.particles import Batch, draw_release, draw_slots, particles_at, stated_sizes
 from semisynth_gl.scene.rig import STILL, Sway
 

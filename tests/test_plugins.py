@@ -26,16 +26,16 @@ from semisynth_gl.dataset.documents import check_plan
 from semisynth_gl.dataset.places import open_place
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import read_index
-from semisynth_gl.errors import InputError, ReadError
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.generation.shard_job import ShardJob
 from semisynth_gl.geometry.families import build_family, find_family
 from semisynth_gl.geometry.kinds import SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import build_library
+from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.layouts import Key, find_layout, layout_names
 from semisynth_gl.layouts.foreign import check_layout
-from semisynth_gl.splits import WHOLE, Split
+from semisynth_gl.seeds.splits import WHOLE, Split
 from semisynth_gl.textures.prepare import prepare_atlas
 
 PLUGINS = {

@@ -10,16 +10,16 @@ from hypothesis import strategies as st
 from tiny_datasets import tiny
 
 from semisynth_gl import oracle
-from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import Range, load_config
 from semisynth_gl.config.scene_sections import ParticlesSection
-from semisynth_gl.errors import InputError
+from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry import model_library
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.geometry.mesh import make_mesh, normalised
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.geometry.silhouette import height_map, mean_silhouette
 from semisynth_gl.histogram import Histogram, PixelCount, mix_histograms, total_variation, wasserstein_px
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, solve_coverage

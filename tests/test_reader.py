@@ -14,8 +14,8 @@ from semisynth_gl.cli import main
 from semisynth_gl.codecs import DISPARITY_CODECS, Encodings, by_imagecodecs
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import DamagedIndexError, open_dataset, read_index
-from semisynth_gl.errors import InputError
 from semisynth_gl.generation.generate import generate
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.pairs.pipeline import render_pair
 from semisynth_gl.verify.dataset import verify_dataset

@@ -11,15 +11,15 @@ import pytest
 from hand_made_datasets import config_of, write_dataset
 from hand_made_pairs import CAMERA
 
-from semisynth_gl.camera import StereoCamera
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.jpeg import Jpeg
 from semisynth_gl.codecs.pfm import PFM, PFM3
 from semisynth_gl.codecs.png import GREY8, GREY16, RGB8, RGB16
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.dataset.sample import EncodedPair, encode_pair
-from semisynth_gl.errors import ReadError
-from semisynth_gl.frame import OUTPUTS
+from semisynth_gl.frame.camera import StereoCamera
+from semisynth_gl.frame.frame import OUTPUTS
+from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.layouts import Key, find_layout, layout_names
 from semisynth_gl.verify.dataset import verify_dataset
 

@@ -13,17 +13,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tiny_datasets import CLUTTER_ALONE, cheap, findings
 
-from semisynth_gl.camera import Crop
 from semisynth_gl.cli import semisynth_gl
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.config.explain import explain
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.config.model import Recipe
 from semisynth_gl.dataset.reader import open_dataset, read_index
-from semisynth_gl.errors import InputError
+from semisynth_gl.frame.camera import Crop
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.histogram import PixelCount, total_variation
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.report.build import build_report
 from semisynth_gl.scene.mix import MixSampler, Shares

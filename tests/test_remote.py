@@ -8,8 +8,8 @@ import pytest
 from tiny_datasets import PAIRS, SEED, command, digests, findings, tiny
 
 from semisynth_gl.dataset.remote import Remote
-from semisynth_gl.errors import InputError
 from semisynth_gl.generation.generate import generate
+from semisynth_gl.inputs.errors import InputError
 
 BUCKET = "s3://datasets"
 
@@ -91,7 +91,7 @@ def test_what_the_store_refuses_is_told(store, monkeypatch):
 def test_a_protocol_without_its_package_is_told():
     code = (
         "import sys; sys.modules['fsspec'] = None\n"
-        "from semisynth_gl.errors import InputError\n"
+        "from semisynth_gl.inputs.errors import InputError\n"
         "from semisynth_gl.dataset.places import open_place\n"
         "try:\n    open_place('s3://bucket/x')\n"
         "except InputError as error:\n    print(error)\n"

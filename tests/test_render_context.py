@@ -15,11 +15,11 @@ from backends import backend_fault
 from scenes import facing, noise_layers
 from tiny_datasets import cheap
 
-from semisynth_gl.camera import EYES, StereoCamera
-from semisynth_gl.errors import BackendError, InputError
-from semisynth_gl.frame import FLOW_OUTPUTS, OUTPUTS
+from semisynth_gl.frame.camera import EYES, StereoCamera
+from semisynth_gl.frame.frame import FLOW_OUTPUTS, OUTPUTS
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.geometry.mesh import make_mesh
+from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render import devices
 from semisynth_gl.render.context import open_context

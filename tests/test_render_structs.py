@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from semisynth_gl.errors import BackendError
+from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render import structs
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.programs import link_compute, link_program

@@ -17,8 +17,8 @@ from semisynth_gl.dataset.places import Folder, open_place
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.dataset.remote import Remote
-from semisynth_gl.errors import InputError, SemisynthError
 from semisynth_gl.generation.generate import generate
+from semisynth_gl.inputs.errors import InputError, SemisynthError
 from semisynth_gl.verify.dataset import verify_dataset
 
 PAIRS = {"train": 2, "validation": 1}

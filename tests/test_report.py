@@ -18,14 +18,14 @@ from scenes import facing
 from tiny_datasets import cheap, config_of
 
 from semisynth_gl import oracle
-from semisynth_gl.camera import StereoCamera
 from semisynth_gl.cli import main
 from semisynth_gl.dataset.reader import open_dataset, read_index
-from semisynth_gl.errors import InputError
-from semisynth_gl.frame import OCCLUDED
+from semisynth_gl.frame.camera import StereoCamera
+from semisynth_gl.frame.frame import OCCLUDED
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.histogram import total_variation, wasserstein_px
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.report import pictures
 from semisynth_gl.report.build import build_report
 from semisynth_gl.report.measure import QUANTITIES, PairMeasures, find_outliers, measure, read_config
@@ -36,7 +36,7 @@ from semisynth_gl.report.rays import diameters_px, surfaces_at
 from semisynth_gl.report.redraws import read_redraws
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.scene import make_scene
-from semisynth_gl.spread import spread
+from semisynth_gl.seeds.spread import spread
 
 PAIRS = {"train": 4, "validation": 2}
 CAMERA = StereoCamera.centred(200, 100, 150.0, 0.1)

@@ -12,13 +12,13 @@ from scenes import assert_equal, facing, noise_layers
 from tiny_datasets import cheap
 
 from semisynth_gl import oracle
-from semisynth_gl.camera import EYES, RECTIFIED, Crop, Deviation, StereoCamera
 from semisynth_gl.codecs.flo import Flo
 from semisynth_gl.config import load_config
 from semisynth_gl.dataset.reader import open_dataset
-from semisynth_gl.errors import InputError
-from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.frame.camera import EYES, RECTIFIED, Crop, Deviation, StereoCamera
+from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.generation.generate import generate
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.raycast import cast_rays

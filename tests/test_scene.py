@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import Config, Range, load_config
 from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection, ParticlesSection, StructuresSection
-from semisynth_gl.errors import InputError
+from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.model_library import build_library
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene.background import FACE, OVERLAP, draw_background
 from semisynth_gl.scene.particles import (
     Batch,
@@ -28,7 +28,7 @@ from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.scene.structures import STILL_MODELS, draw_surroundings
 from semisynth_gl.scene.view_volume import height_of_view
-from semisynth_gl.seeds import Purpose, generator
+from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 
 CAMERA = StereoCamera(600, 400, 700.0, 0.2, 280.0, 320.0, 190.0)

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from scenes import assert_equal, facing, noise_layers
 
 from semisynth_gl import InputError, open_dataset, oracle
-from semisynth_gl.camera import EYES, Crop, StereoCamera
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.codecs.png16 import SIGNED_DISPARITY
@@ -16,7 +15,8 @@ from semisynth_gl.config import load_config
 from semisynth_gl.config.scene_sections import ParticlesSection
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import read_index
-from semisynth_gl.frame import OCCLUDED, OUTSIDE, SKY, VISIBLE
+from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
+from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, SKY, VISIBLE
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts import LAYOUTS
 from semisynth_gl.metrics.evaluate import evaluate

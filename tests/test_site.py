@@ -20,7 +20,7 @@ from snippets import ROOT
 import semisynth_gl
 from semisynth_gl import comparison, metrics
 from semisynth_gl.config import packaged_configs
-from semisynth_gl.frame import CHANNELS
+from semisynth_gl.frame.frame import CHANNELS
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 
 sys.path.insert(0, str(ROOT / "docs"))

@@ -20,13 +20,13 @@ from installed_plugins import find_anew, write_package
 from PIL import Image
 from tiny_datasets import cheap
 
-from semisynth_gl.camera import Crop, StereoCamera
 from semisynth_gl.config import load_config
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.engines.task import threads_each
-from semisynth_gl.errors import BackendError, InputError
-from semisynth_gl.frame import Frame, View
+from semisynth_gl.frame.camera import Crop, StereoCamera
+from semisynth_gl.frame.frame import Frame, View
 from semisynth_gl.generation.generate import generate
+from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render import context
 

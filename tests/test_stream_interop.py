@@ -11,9 +11,9 @@ import pytest
 from heavy import heavy
 from tiny_datasets import cheap
 
-from semisynth_gl.camera import Crop
-from semisynth_gl.errors import BackendError, InputError
-from semisynth_gl.frame import OUTPUTS
+from semisynth_gl.frame.camera import Crop
+from semisynth_gl.frame.frame import OUTPUTS
+from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render.readers import PixelBuffers
 

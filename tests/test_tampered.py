@@ -22,7 +22,7 @@ from semisynth_gl.dataset.places import Folder
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import DamagedIndexError, open_dataset, read_index, read_record
 from semisynth_gl.dataset.shard import ShardWriter
-from semisynth_gl.errors import InputError, SemisynthError
+from semisynth_gl.inputs.errors import InputError, SemisynthError
 from semisynth_gl.metrics.truth import find_truth
 from semisynth_gl.verify.dataset import verify_dataset
 

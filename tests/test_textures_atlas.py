@@ -9,7 +9,7 @@ from PIL import Image, ImageFilter
 from pydantic import ValidationError
 
 from semisynth_gl.config.scene_sections import TexturesSection
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.textures import clips
 from semisynth_gl.textures.atlas import Atlas, atlas_from_arrays
 from semisynth_gl.textures.clips import AtlasLimits, cut_clips, natural_key

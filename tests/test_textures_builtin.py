@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.textures import image_files
 from semisynth_gl.textures.crops import texture_measure
 from semisynth_gl.textures.image_files import builtin_photographs

@@ -15,9 +15,9 @@ from PIL import Image
 from tiny_datasets import cheap
 
 from semisynth_gl.config.scene_sections import TEXTURE_SOURCES, TexturesSection
-from semisynth_gl.errors import InputError
 from semisynth_gl.generation.generate import generate
-from semisynth_gl.splits import WHOLE, Split
+from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.seeds.splits import WHOLE, Split
 from semisynth_gl.textures import prepare
 from semisynth_gl.textures.atlas import Atlas
 from semisynth_gl.textures.canvas import SIDE_PX

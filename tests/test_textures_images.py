@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image, ImageCms, ImageFile
 
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.textures import images
 from semisynth_gl.textures.image_files import find_images
 from semisynth_gl.textures.images import MAX_PIXELS, ImageError, read_image, stored_size

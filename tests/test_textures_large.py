@@ -5,9 +5,9 @@ import pytest
 from PIL import Image
 from tiny_datasets import tiny
 
-from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import load_config
 from semisynth_gl.config.scene_sections import TexturesSection
+from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene.glance import glance
 from semisynth_gl.scene.mapping import Surfaces, map_patches

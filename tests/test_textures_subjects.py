@@ -14,8 +14,8 @@ from PIL import Image
 from semisynth_gl.cache import file_fingerprint
 from semisynth_gl.config.dataset_sections import SplitsSection
 from semisynth_gl.config.scene_sections import TexturesSection
-from semisynth_gl.errors import InputError
-from semisynth_gl.splits import SPLITS, Split
+from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.seeds.splits import SPLITS, Split
 from semisynth_gl.textures import cloths, images, subjects
 from semisynth_gl.textures.image_files import builtin_photographs, find_images
 from semisynth_gl.textures.prepare import prepare_atlas, share_photographs, split_images

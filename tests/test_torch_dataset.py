@@ -9,12 +9,12 @@ from hand_made_pairs import CAMERA, make_frame
 from heavy import heavy
 from tiny_datasets import cheap
 
-from semisynth_gl.camera import Crop
 from semisynth_gl.codecs.png import RGB8
 from semisynth_gl.dataset.reader import open_dataset
-from semisynth_gl.errors import InputError, ReadError
-from semisynth_gl.frame import OUTPUTS, ROLES
+from semisynth_gl.frame.camera import Crop
+from semisynth_gl.frame.frame import OUTPUTS, ROLES
 from semisynth_gl.generation.generate import generate
+from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.layouts import find_layout, layout_names
 
 torch = heavy("torch")

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from PIL import Image
 from tiny_datasets import cheap
 
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
 
 torch = heavy("torch")
 pytestmark = pytest.mark.heavy

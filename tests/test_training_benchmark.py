@@ -23,7 +23,7 @@ from click.testing import CliRunner  # noqa: E402
 from matching_network import MatchingNetwork, likenesses, local_level, matching_loss  # noqa: E402
 from stereo_network import correlated  # noqa: E402
 
-from semisynth_gl.errors import InputError  # noqa: E402
+from semisynth_gl.inputs.errors import InputError  # noqa: E402
 
 CPU = trainer.Hardware(torch.device("cpu"), torch.float32)
 BUDGET = replace(compare_sets.BUDGETS["cpu"], steps=20, crop_px=(32, 64))

@@ -12,7 +12,7 @@ from PIL import Image
 
 from semisynth_gl.calibration.style import untried_style
 from semisynth_gl.codecs.pfm import PFM
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.metrics import score
 from semisynth_gl.metrics.truth import Truth
 

@@ -24,13 +24,13 @@ from semisynth_gl.config.load import parse_config
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.dataset.places import Folder
 from semisynth_gl.dataset.reader import open_dataset
-from semisynth_gl.errors import InputError, ReadError, SemisynthError
 from semisynth_gl.geometry.model_files import load_models
+from semisynth_gl.inputs.errors import InputError, ReadError, SemisynthError
+from semisynth_gl.inputs.user_files import NotOnDiskError, expanded, files_below, open_file, read_file
 from semisynth_gl.metrics.truth import read_limits
 from semisynth_gl.textures.image_files import find_files, find_images
 from semisynth_gl.textures.images import ImageError, read_image, stored_size
 from semisynth_gl.textures.prepare import prepare_atlas
-from semisynth_gl.user_files import NotOnDiskError, expanded, files_below, open_file, read_file
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from semisynth_gl.errors import BackendError
+from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.devices import context_facts
 from semisynth_gl.render.vector_width import WIDTH, separate_compiled_shaders
 

@@ -17,8 +17,8 @@ from semisynth_gl.cli import main
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY16
 from semisynth_gl.dataset.reader import read_index
-from semisynth_gl.errors import InputError
 from semisynth_gl.generation.generate import generate
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.verify.dataset import verify_dataset
 from semisynth_gl.verify.view_consistency import match_views

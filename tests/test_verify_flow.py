@@ -10,11 +10,11 @@ from PIL import Image
 from planted_faults import all_findings, change_disparity, change_image, checks, findings, swap
 from tiny_datasets import tiny
 
-from semisynth_gl.camera import StereoCamera
 from semisynth_gl.codecs import FLOW_CODECS
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.dataset.sample import StoredFrame
-from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE, View
+from semisynth_gl.frame.camera import StereoCamera
+from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE, View
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.verify.dataset import verify_dataset

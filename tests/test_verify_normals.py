@@ -8,12 +8,12 @@ from backends import backend_fault
 from planted_faults import change_normals, checks, findings
 from tiny_datasets import cheap, lean
 
-from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.dataset.sample import StoredFrame
-from semisynth_gl.frame import View
+from semisynth_gl.frame.camera import EYES, StereoCamera
+from semisynth_gl.frame.frame import View
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts import layout_names
 from semisynth_gl.layouts.middlebury import SCENES

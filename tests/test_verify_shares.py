@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.verify.agreement import UNCERTAIN, Agreement, Points, check_mask_agreement
 from semisynth_gl.verify.photometry import check_images
 from semisynth_gl.verify.shares import most_share

@@ -9,7 +9,7 @@ import pytest
 
 from semisynth_gl.config import Config, Range, load_config
 from semisynth_gl.dataset.reader import read_index
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.textures.image_files import builtin_photographs
 from semisynth_gl.verify.dataset import verify_dataset
 

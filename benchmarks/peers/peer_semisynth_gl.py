@@ -11,9 +11,9 @@ from loop import Options, run, write_arrays
 from PIL import Image
 from scene import NEAR_M, PeerScene
 
-from semisynth_gl.camera import StereoCamera
 from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY8
+from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.geometry.topology import marked_solid
 from semisynth_gl.render.renderer import Renderer

@@ -41,8 +41,8 @@ from training_sets import REAL, SETS, config_of
 
 from semisynth_gl.bench.summary import machine_facts
 from semisynth_gl.engines.local import LocalEngine, SerialEngine
-from semisynth_gl.errors import InputError, SemisynthError
 from semisynth_gl.generation.generate import generate
+from semisynth_gl.inputs.errors import InputError, SemisynthError
 
 BUDGETS: Mapping[str, Budget] = {
     # Sizes at which a run takes minutes on one thread.

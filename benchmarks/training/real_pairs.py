@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.metrics import Score, score
 from semisynth_gl.metrics.score import mean_figures
 from semisynth_gl.metrics.truth import Truth

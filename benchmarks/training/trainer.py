@@ -16,7 +16,7 @@ from torch.utils.data import DataLoader
 
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.reader import open_dataset
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.torch import Selection, StereoStream
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "examples"))

@@ -14,12 +14,12 @@ from semisynth_gl.calibration.disparity_range import DisparitySource
 from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.calibration.style import untried_style
 from semisynth_gl.calibration.trial import tried_style
-from semisynth_gl.camera import StereoCamera
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.picture import working_width
 from semisynth_gl.comparison.place import find_place
 from semisynth_gl.comparison.sides import measure_place
 from semisynth_gl.config import Config, load_config
+from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.listener import Listener
 from semisynth_gl.textures.image_files import find_images
 

@@ -19,11 +19,11 @@ from semisynth_gl.bench.encodings import (
 )
 from semisynth_gl.bench.scenes import BenchScenes, SampledTruth, cast_truth, sample_scenes
 from semisynth_gl.bench.summary import error_stats, machine_facts, markdown
-from semisynth_gl.camera import EYES
 from semisynth_gl.codecs import DISPARITY_CODECS, IMAGE_CODECS, Encodings
 from semisynth_gl.config import Config
-from semisynth_gl.errors import counted
-from semisynth_gl.frame import Frame
+from semisynth_gl.frame.camera import EYES
+from semisynth_gl.frame.frame import Frame
+from semisynth_gl.inputs.errors import counted
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from semisynth_gl.bench.scenes import BenchScenes, grown
 from semisynth_gl.bench.summary import front
 from semisynth_gl.bench.timing import compare_times, turns
-from semisynth_gl.camera import EYES
-from semisynth_gl.errors import BackendError
-from semisynth_gl.frame import as_rgb
+from semisynth_gl.frame.camera import EYES
+from semisynth_gl.frame.frame import as_rgb
+from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.backends import Backend
 
 MODES: Mapping[str, str] = {

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from semisynth_gl.bench.summary import error_stats, front
 from semisynth_gl.bench.timing import alternated, compare_times
 from semisynth_gl.codecs import Codec, Encodings
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
 
 DEFAULT_DISPARITY_ENCODING = Encodings().disparity.name
 DEFAULT_IMAGE_ENCODING = Encodings().image.name

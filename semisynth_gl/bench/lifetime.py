@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from semisynth_gl.bench.shards import LAYOUT, SPLIT, do_all, shard_job
 from semisynth_gl.config import Config
 from semisynth_gl.engines.task import Task
-from semisynth_gl.errors import SemisynthError
 from semisynth_gl.generation.shard_job import ShardJob
+from semisynth_gl.inputs.errors import SemisynthError
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from semisynth_gl.camera import EYES
+from semisynth_gl.frame.camera import EYES
 from semisynth_gl.render.pass_clock import PASSES, PassName, PassSeconds
 
 PASS_TEXTS: Mapping[PassName, str] = {

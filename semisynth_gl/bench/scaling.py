@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from semisynth_gl.bench.antialias import DEFAULT_MODE, MODES
 from semisynth_gl.bench.scenes import BenchScenes
 from semisynth_gl.bench.timing import alternated, compare_times
-from semisynth_gl.camera import StereoCamera
-from semisynth_gl.errors import BackendError
-from semisynth_gl.frame import DEFAULT_OUTPUTS, FLOW_OUTPUTS
+from semisynth_gl.frame.camera import StereoCamera
+from semisynth_gl.frame.frame import DEFAULT_OUTPUTS, FLOW_OUTPUTS
 from semisynth_gl.geometry.mesh import Mesh, without_degenerate
 from semisynth_gl.geometry.surfaces import lathe
 from semisynth_gl.geometry.topology import marked_solid
+from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.background import FACE

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl import oracle
-from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.config import Config
-from semisynth_gl.frame import Frame
+from semisynth_gl.frame.camera import EYES, Eye
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.pairs.pipeline import renderer_options
 from semisynth_gl.render.backends import Backend

@@ -10,11 +10,11 @@ from semisynth_gl.dataset.places import Folder
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.engines.local import LocalEngine
 from semisynth_gl.engines.task import Job, Result
-from semisynth_gl.errors import WorkerError
 from semisynth_gl.generation.shard_job import ShardJob
+from semisynth_gl.inputs.errors import WorkerError
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
-from semisynth_gl.splits import SplitName
+from semisynth_gl.seeds.splits import SplitName
 
 LAYOUT = "middlebury"
 SPLIT: SplitName = "train"

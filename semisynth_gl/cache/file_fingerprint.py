@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
-from semisynth_gl.user_files import open_file
+from semisynth_gl.inputs.user_files import open_file
 
 # A file that changes twice within one tick of its file system's clock (two seconds on some) keeps its times. Times
 # prove nothing where they were younger than this when the content was read.

@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 from semisynth_gl.cache.file_fingerprint import FileFingerprint, read_fingerprint, revalidated, stat_fingerprint
 from semisynth_gl.cache.store import Entry, cache_folder, read_entry, write_entry
-from semisynth_gl.errors import SemisynthError
+from semisynth_gl.inputs.errors import SemisynthError
 
 _LOG = logging.getLogger(__name__)
 _Result = TypeVar("_Result")

@@ -21,7 +21,7 @@ import numpy as np
 from isal import isal_zlib
 from numpy.typing import NDArray
 
-from semisynth_gl.user_files import open_file
+from semisynth_gl.inputs.user_files import open_file
 
 LIMIT_BYTES = 4_000_000_000
 """Upper limit of all entries together; a full atlas of 256-pixel patches takes 134 MB."""

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from semisynth_gl.calibration.rig import Rig, Size, median_size
 from semisynth_gl.codecs.disparity_map import read_disparity_map
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
-from semisynth_gl.errors import InputError
 from semisynth_gl.histogram import Histogram, PixelCount
+from semisynth_gl.inputs.errors import InputError
 
 # Fine enough for any quantile, and for bins of any round width from 1 px.
 _FINE_PX = 1 / 16

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from semisynth_gl.calibration.disparity_maps import measure_maps
 from semisynth_gl.calibration.rig import Rig, Size, median_size
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
-from semisynth_gl.errors import InputError, abbreviate, counted
 from semisynth_gl.histogram import Histogram
+from semisynth_gl.inputs.errors import InputError, abbreviate, counted
 
 # Predictions and lidar have a few values that are far off.
 _LOWEST, _HIGHEST = 0.001, 0.999

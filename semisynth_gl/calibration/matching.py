@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.calibration.vertical import Matches
-from semisynth_gl.errors import InputError, counted, how_to_install
+from semisynth_gl.inputs.errors import InputError, counted, how_to_install
 from semisynth_gl.textures.atlas import to_grey
 from semisynth_gl.textures.image_files import find_images
 from semisynth_gl.textures.images import read_image

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from semisynth_gl.calibration.rig import Size
 from semisynth_gl.config.dataset_sections import SplitsSection
-from semisynth_gl.errors import InputError, counted
-from semisynth_gl.splits import SplitName
+from semisynth_gl.inputs.errors import InputError, counted
+from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.textures.images import ImageError, read_image, stored_size
 from semisynth_gl.textures.prepare import share_photographs
 

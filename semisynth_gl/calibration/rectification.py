@@ -8,9 +8,9 @@ from pathlib import Path
 from semisynth_gl.calibration.matching import MOST_PAIRS, match_pair
 from semisynth_gl.calibration.rig import Rig, Size, median_size
 from semisynth_gl.calibration.vertical import FEWEST, MATCHING_PX, FittedDeviation, agree, deviation_ranges
-from semisynth_gl.camera import StereoCamera
-from semisynth_gl.errors import InputError, counted
-from semisynth_gl.spread import spread
+from semisynth_gl.frame.camera import StereoCamera
+from semisynth_gl.inputs.errors import InputError, counted
+from semisynth_gl.seeds.spread import spread
 from semisynth_gl.textures.images import stored_size
 
 # Pairs are those of a rig at another resolution where width over height differs by no more.

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config.fields import LARGEST, SMALLEST
-from semisynth_gl.errors import InputError
+from semisynth_gl.frame.camera import StereoCamera
+from semisynth_gl.inputs.errors import InputError
 
 # The loss of calibrations that are printed with six digits, and far less than can be seen in an image.
 _SAME_FOCAL = 1e-4

@@ -13,9 +13,9 @@ from semisynth_gl.codecs import read_bytes
 from semisynth_gl.codecs.calib import calib_matrix, calib_values
 from semisynth_gl.config.fields import LARGEST
 from semisynth_gl.config.yaml_values import YamlError, read_documents
-from semisynth_gl.errors import InputError, ReadError, shown
+from semisynth_gl.inputs.errors import InputError, ReadError, shown
+from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.textures.image_files import find_files
-from semisynth_gl.user_files import expanded
 
 FORMATS = (
     "calib.txt of Middlebury and ETH3D (cam0=[...], cam1=[...], baseline=...)",

@@ -15,7 +15,7 @@ from semisynth_gl.calibration.recipes import SceneRecipe
 from semisynth_gl.comparison.changes import moved_by
 from semisynth_gl.comparison.measures import MEASURES, Measure
 from semisynth_gl.comparison.sides import Side
-from semisynth_gl.errors import counted
+from semisynth_gl.inputs.errors import counted
 
 TEXELS = ((0.8, 1.5), (0.4, 0.75))
 """The values of ``textures.texels_per_pixel`` that are tried."""

@@ -16,7 +16,7 @@ from semisynth_gl.config.load import parse_config
 from semisynth_gl.listener import FinishedPair, Listener
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.pairs.pipeline import Pair, PairRenderer
-from semisynth_gl.seeds import Purpose, generator
+from semisynth_gl.seeds.seeds import Purpose, generator
 
 _SEED = 0
 

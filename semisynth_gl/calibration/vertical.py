@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import StereoCamera
+from semisynth_gl.frame.camera import StereoCamera
 
 KEYS = ("right_y_px", "right_roll_deg", "focal_ratio", "right_pitch_deg")
 """Keys of the section ``rig``, in the order of the deviation's numbers."""
@@ -55,7 +55,7 @@ class Matches:
 
 @dataclass(frozen=True, slots=True)
 class FittedDeviation:
-    """The deviation of a pair's right camera, see `semisynth_gl.camera.Deviation`, and how well it is known.
+    """The deviation of a pair's right camera, see `semisynth_gl.frame.camera.Deviation`, and how well it is known.
 
     Attributes:
         y_px: its principal point lies this much lower than the left one.

@@ -8,8 +8,8 @@ from typing import Any, NoReturn
 
 import click
 
-from semisynth_gl.errors import SemisynthError, described, did_you_mean, near
-from semisynth_gl.interrupts import interrupts_end, interrupts_raise
+from semisynth_gl.engines.interrupts import interrupts_end, interrupts_raise
+from semisynth_gl.inputs.errors import SemisynthError, described, did_you_mean, near
 
 # 2 also stands for a run that was stopped or found no room: nothing half-written is left, and it may be started again.
 _REFUSED = 2

@@ -36,8 +36,8 @@ from semisynth_gl.comparison.sides import MeasuredPlace, measure_place
 from semisynth_gl.config import Config
 from semisynth_gl.config.fields import LARGEST
 from semisynth_gl.config.load import parse_config
-from semisynth_gl.errors import BackendError, InputError, counted
 from semisynth_gl.histogram import total_variation
+from semisynth_gl.inputs.errors import BackendError, InputError, counted
 from semisynth_gl.textures.crop_report import TextureReport
 from semisynth_gl.textures.image_files import find_files, find_images
 from semisynth_gl.textures.images import image_extensions

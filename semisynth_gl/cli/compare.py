@@ -14,8 +14,8 @@ from semisynth_gl.comparison.picture import WORKING_WIDTH
 from semisynth_gl.comparison.place import find_place, left_out
 from semisynth_gl.comparison.sides import FEWEST, SAMPLE, MeasuredPlace
 from semisynth_gl.dataset.reader import open_dataset
-from semisynth_gl.errors import counted
-from semisynth_gl.splits import SPLITS, SplitName
+from semisynth_gl.inputs.errors import counted
+from semisynth_gl.seeds.splits import SPLITS, SplitName
 from semisynth_gl.textures.image_files import find_files, find_images
 from semisynth_gl.textures.images import image_extensions
 from semisynth_gl.textures.subjects import of_subjects

@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.cache.store import cache_summary
-from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config.plugin_recipes import plugin_recipe
-from semisynth_gl.errors import BackendError, InputError
+from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.families import build_family
+from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.layouts import find_layout
 from semisynth_gl.plugins import Group, Plugin, installed_plugins
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.scene import make_scene
-from semisynth_gl.splits import WHOLE
+from semisynth_gl.seeds.splits import WHOLE
 from semisynth_gl.textures.sources import open_source
 
 _PACKAGES = ("semisynth-gl", "moderngl", "glcontext", "numpy", "trimesh", "Pillow", "isal", "scikit-image")

@@ -11,12 +11,12 @@ from semisynth_gl.cli.options import FilesType, UserPath, option
 from semisynth_gl.cli.outputs import Output, json_report, marked_png, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.codecs.png import RGB8
-from semisynth_gl.errors import InputError, abbreviate, counted
+from semisynth_gl.inputs.errors import InputError, abbreviate, counted
 from semisynth_gl.metrics.evaluate import REGIONS, SIGN_HINT, Evaluation, evaluate_pair, report_json, report_table
 from semisynth_gl.metrics.predictions import find_predictions
 from semisynth_gl.metrics.protocol import PROTOCOL_NAMES, PROTOCOLS, ProtocolName
 from semisynth_gl.metrics.truth import TrueSet, find_truth
-from semisynth_gl.splits import SPLITS, SplitName
+from semisynth_gl.seeds.splits import SPLITS, SplitName
 
 _PATH = UserPath()
 # Pairs with a row in a table.

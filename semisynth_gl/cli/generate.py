@@ -25,15 +25,15 @@ from semisynth_gl.cli.streams import say
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.begun import read_resumed
 from semisynth_gl.dataset.places import open_place
+from semisynth_gl.engines.interrupts import interrupts_end, interrupts_stop
 from semisynth_gl.engines.local import LocalEngine, SerialEngine
 from semisynth_gl.engines.task import Engine, cores
-from semisynth_gl.errors import InputError, counted, did_you_mean, near, shown
-from semisynth_gl.frame import OUTPUTS, TRUTH_VIEWS, TruthViews, View
-from semisynth_gl.interrupts import interrupts_end, interrupts_stop
+from semisynth_gl.frame.frame import OUTPUTS, TRUTH_VIEWS, TruthViews, View
+from semisynth_gl.inputs.errors import InputError, counted, did_you_mean, near, shown
 from semisynth_gl.layouts import layout_names
 from semisynth_gl.listener import FinishedPair
 from semisynth_gl.plugins import MissingPluginError
-from semisynth_gl.splits import SplitName
+from semisynth_gl.seeds.splits import SplitName
 
 if TYPE_CHECKING:
     from semisynth_gl.generation.generate import GenerationResult

@@ -18,7 +18,7 @@ from semisynth_gl.cli.options import Command, UserPath, option
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.begun import read_beginning
 from semisynth_gl.dataset.places import Folder
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.textures.images import image_extensions
 from semisynth_gl.textures.reach import photograph_sources, reaching_source
 

@@ -13,10 +13,10 @@ from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.codecs.ply import encode_points
 from semisynth_gl.config.model import Recipe
-from semisynth_gl.errors import counted
-from semisynth_gl.frame import as_rgb
+from semisynth_gl.engines.interrupts import interrupts_end
+from semisynth_gl.frame.frame import as_rgb
 from semisynth_gl.histogram import total_variation, wasserstein_px
-from semisynth_gl.interrupts import interrupts_end
+from semisynth_gl.inputs.errors import counted
 
 _PLY = marked_ply("semisynth-gl preview")
 _FEWEST = 4

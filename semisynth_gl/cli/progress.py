@@ -8,7 +8,7 @@ from typing import Self
 import click
 from tqdm import tqdm
 
-from semisynth_gl.errors import counted
+from semisynth_gl.inputs.errors import counted
 from semisynth_gl.listener import FinishedPair, Listener
 
 _SECONDS_BETWEEN_LINES = 10.0

@@ -10,8 +10,8 @@ from semisynth_gl.cli.outputs import Output, marked_html, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.dataset.reader import Index, read_index
-from semisynth_gl.errors import counted
-from semisynth_gl.splits import SPLITS, SplitName
+from semisynth_gl.inputs.errors import counted
+from semisynth_gl.seeds.splits import SPLITS, SplitName
 
 _MEGA = 1e6
 

@@ -12,7 +12,7 @@ from typing import Any, TextIO
 
 import click
 
-from semisynth_gl.errors import SemisynthError
+from semisynth_gl.inputs.errors import SemisynthError
 
 
 class PrintError(SemisynthError):

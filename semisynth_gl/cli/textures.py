@@ -8,7 +8,7 @@ from semisynth_gl.cli.options import SEED, ConfigName, images_option, option, re
 from semisynth_gl.cli.outputs import Output, marked_png, output_option
 from semisynth_gl.cli.streams import say
 from semisynth_gl.config import packaged_configs
-from semisynth_gl.errors import counted
+from semisynth_gl.inputs.errors import counted
 from semisynth_gl.textures.crop_report import REJECTIONS, TextureReport, count_crops
 from semisynth_gl.textures.image_files import printable
 from semisynth_gl.textures.prepare import named_images, prepare_atlas

@@ -11,7 +11,7 @@ from semisynth_gl.cli.options import COUNT, FilesType, option
 from semisynth_gl.cli.outputs import Output, json_report, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.dataset.reader import DamagedIndexError, read_index
-from semisynth_gl.errors import counted
+from semisynth_gl.inputs.errors import counted
 from semisynth_gl.verify.dataset import damaged_index, verify_dataset
 from semisynth_gl.verify.verdict import Verdict
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.codecs.codec import GREY_PIXEL_BYTES, PHOTOGRAPH_PIXEL_BYTES, Codec, check_image
-from semisynth_gl.errors import InputError, ReadError, how_to_install
+from semisynth_gl.inputs.errors import InputError, ReadError, how_to_install
 
 _QOI_END = bytes(7) + b"\x01"
 # The fastest effort: the next one takes ten times as long for a tenth of the bytes.

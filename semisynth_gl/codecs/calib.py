@@ -4,9 +4,9 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from semisynth_gl.camera import StereoCamera
 from semisynth_gl.codecs.codec import Codec
-from semisynth_gl.errors import InputError, ReadError
+from semisynth_gl.frame.camera import StereoCamera
+from semisynth_gl.inputs.errors import InputError, ReadError
 
 # HSM counts lines instead of reading names (its ndisp is line 7), so the order matters.
 _KEYS = ("cam0", "cam1", "doffs", "baseline", "width", "height", "ndisp", "isint", "vmin", "vmax", "dyavg", "dymax")

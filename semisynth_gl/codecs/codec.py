@@ -8,8 +8,8 @@ from typing import Any, ClassVar, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.errors import ReadError
-from semisynth_gl.user_files import read_file
+from semisynth_gl.inputs.errors import ReadError
+from semisynth_gl.inputs.user_files import read_file
 
 PHOTOGRAPH_PIXEL_BYTES = 1.8
 """`Codec.pixel_bytes` of RGB images: photographs as PNG, measured over the packaged configs."""

@@ -10,8 +10,8 @@ from semisynth_gl.codecs.codec import read_bytes
 from semisynth_gl.codecs.pfm import ANY_PFM
 from semisynth_gl.codecs.png import GREY16, HEAD_BYTES
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY, SIGNED_DISPARITY, DisparityPng16
-from semisynth_gl.errors import ReadError
-from semisynth_gl.user_files import NotOnDiskError, open_file
+from semisynth_gl.inputs.errors import ReadError
+from semisynth_gl.inputs.user_files import NotOnDiskError, open_file
 
 MAP_EXTENSIONS = (".pfm", ".npy", ".png")
 """Endings of the names of disparity maps."""

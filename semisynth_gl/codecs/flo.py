@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.codecs.codec import Codec, check_numbers, check_size
-from semisynth_gl.errors import ReadError
+from semisynth_gl.inputs.errors import ReadError
 
 _TAG = b"PIEH"  # the float32 202021.25
 _HEADER_BYTES = 12

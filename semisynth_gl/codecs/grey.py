@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.codecs.codec import Codec
-from semisynth_gl.errors import ReadError
+from semisynth_gl.inputs.errors import ReadError
 
 # What three equal channels take of the bytes of three different ones, measured over the packaged configs.
 _SHARE_OF_BYTES = 0.65

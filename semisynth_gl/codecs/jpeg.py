@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from semisynth_gl.codecs.codec import GREY_PIXEL_BYTES, PHOTOGRAPH_PIXEL_BYTES, Codec, check_image
-from semisynth_gl.errors import ReadError
+from semisynth_gl.inputs.errors import ReadError
 
 _BEGIN, _END = b"\xff\xd8", b"\xff\xd9"
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from semisynth_gl.codecs.codec import Codec
-from semisynth_gl.errors import ReadError, shown
+from semisynth_gl.inputs.errors import ReadError, shown
 
 # Whatever is larger is no float64.
 _LARGEST = 10**300

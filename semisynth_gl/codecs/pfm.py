@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.codecs.codec import Codec, check_numbers, check_size
-from semisynth_gl.errors import ReadError
+from semisynth_gl.inputs.errors import ReadError
 
 # Every loader of the field reads the strict form: with CRLF OpenCV returns nothing.
 _STRICT = re.compile(rb"P[Ff]\n([0-9]{1,9}) ([0-9]{1,9})\n(-1\.0)\n")

@@ -13,7 +13,7 @@ from PIL import Image
 
 from semisynth_gl.codecs.codec import GREY_PIXEL_BYTES, PHOTOGRAPH_PIXEL_BYTES, Codec
 from semisynth_gl.codecs.deflate import deflate
-from semisynth_gl.errors import ReadError
+from semisynth_gl.inputs.errors import ReadError
 
 # Difference to the pixel above. With one filter for all rows, a 1500 x 1000 pair takes a seventh of the time of
 # Pillow's fastest level, at the same size.

@@ -16,7 +16,7 @@ from PIL import Image
 
 from semisynth_gl.codecs.codec import Codec
 from semisynth_gl.codecs.deflate import deflate
-from semisynth_gl.errors import ReadError
+from semisynth_gl.inputs.errors import ReadError
 
 _SHORT, _LONG = 3, 4  # field types of the TIFF specification
 _HEADER = struct.pack("<2sHI", b"II", 42, 8)

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, is_disparity_map, read_disparity_map
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.textures.image_files import KITTI_2012_MAPS, KITTI_2015_MAPS, find_files
-from semisynth_gl.user_files import expanded
 
 # Where the image of a map is, by the map's name or its folder's, as Middlebury, ETH3D and KITTI have them.
 _IMAGE_OF_NAME = {"disp0GT": "im0.png", "disp0": "im0.png", "disp1GT": "im1.png", "disp1": "im1.png"}

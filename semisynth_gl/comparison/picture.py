@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.comparison import quantities
-from semisynth_gl.errors import InputError
-from semisynth_gl.spread import centres
+from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.seeds.spread import centres
 from semisynth_gl.textures.crops import LUMINANCE_PARTS
 
 WORKING_WIDTH = 512

@@ -9,7 +9,7 @@ import numpy as np
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.maps import image_beside, is_of_right_view, one_of_each_scene, read_map
 from semisynth_gl.comparison.picture import WORKING_WIDTH, MeasuredView, make_picture
-from semisynth_gl.errors import InputError, Skipped, counted
+from semisynth_gl.inputs.errors import InputError, Skipped, counted
 from semisynth_gl.textures.image_files import beside_photographs
 from semisynth_gl.textures.images import ImageError, read_image
 

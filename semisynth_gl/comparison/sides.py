@@ -12,9 +12,9 @@ from semisynth_gl.comparison.picture import WORKING_WIDTH, MeasuredView, make_pi
 from semisynth_gl.comparison.place import PlaceFiles, map_pictures, photograph_pictures
 from semisynth_gl.dataset.reader import Dataset
 from semisynth_gl.dataset.sample import StoredFrame
-from semisynth_gl.errors import InputError, Skipped, counted
+from semisynth_gl.inputs.errors import InputError, Skipped, counted
 from semisynth_gl.listener import FinishedPair, Listener
-from semisynth_gl.spread import spread
+from semisynth_gl.seeds.spread import spread
 from semisynth_gl.textures.subjects import photographed_subjects
 
 SAMPLE = 100

@@ -6,7 +6,6 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
-from semisynth_gl.camera import MOST_FOCAL_RATIO, MOST_TURN_RAD
 from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS, Encodings
 from semisynth_gl.config.fields import (
     NotNegative,
@@ -22,7 +21,8 @@ from semisynth_gl.config.fields import (
     count,
     one_of,
 )
-from semisynth_gl.splits import Split, SplitName
+from semisynth_gl.frame.camera import MOST_FOCAL_RATIO, MOST_TURN_RAD
+from semisynth_gl.seeds.splits import Split, SplitName
 
 _ZERO = Range(0.0, 0.0)
 _MOST_TURN_DEG = round(degrees(MOST_TURN_RAD))

@@ -14,9 +14,9 @@ from pydantic import Field, ValidationError, ValidationInfo, field_validator, mo
 from pydantic_core import InitErrorDetails, PydanticKnownError
 
 from semisynth_gl.config.fields import FROM_LIST, LARGEST, Finite, Positive, Section, Weight, check_not_tiny
-from semisynth_gl.errors import InputError, shown
 from semisynth_gl.histogram import Histogram, mix_histograms
-from semisynth_gl.user_files import read_file
+from semisynth_gl.inputs.errors import InputError, shown
+from semisynth_gl.inputs.user_files import read_file
 
 # A measured histogram has a few pixels anywhere: this share of a target may be out of reach.
 _OUT_OF_REACH = 0.02

@@ -12,7 +12,7 @@ from semisynth_gl.config.fields import Range, written_range
 from semisynth_gl.config.load import load_config, packaged_configs
 from semisynth_gl.config.model import Config
 from semisynth_gl.config.yaml_values import write_yaml
-from semisynth_gl.resources import data_root
+from semisynth_gl.inputs.resources import data_root
 
 _WIDTH = 100
 _ATTRIBUTE = re.compile(r"    (\w+): (.*)")

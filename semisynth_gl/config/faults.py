@@ -12,7 +12,7 @@ from semisynth_gl.config.keys import by_form, config_keys, members_of
 from semisynth_gl.config.merge import Document
 from semisynth_gl.config.model import Config
 from semisynth_gl.config.yaml_values import Key
-from semisynth_gl.errors import cut, did_you_mean, near, shown
+from semisynth_gl.inputs.errors import cut, did_you_mean, near, shown
 
 OVERRIDE, OVERRIDES = "--set", "overrides"
 """The places of overrides in messages: of a text ``"KEY=VALUE"``, with the key behind it, and of all others."""

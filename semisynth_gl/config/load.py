@@ -10,7 +10,6 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from semisynth_gl.arguments import check_type
 from semisynth_gl.config.dataset_sections import LAYOUTS
 from semisynth_gl.config.distributions import read_histogram
 from semisynth_gl.config.faults import (
@@ -30,10 +29,11 @@ from semisynth_gl.config.model import Config
 from semisynth_gl.config.plugin_recipes import plugin_recipe
 from semisynth_gl.config.scene_sections import TEXTURE_SOURCES
 from semisynth_gl.config.yaml_values import DEEPEST, MOST_BYTES, Key, YamlError, read_yaml
-from semisynth_gl.errors import InputError, counted, cut, did_you_mean, near, shown
+from semisynth_gl.inputs.arguments import check_type
+from semisynth_gl.inputs.errors import InputError, counted, cut, did_you_mean, near, shown
+from semisynth_gl.inputs.resources import data_root
+from semisynth_gl.inputs.user_files import expanded, read_file
 from semisynth_gl.plugins import Group, find_plugin
-from semisynth_gl.resources import data_root
-from semisynth_gl.user_files import expanded, read_file
 
 _EXTENDS = "extends"
 _SCALE = "scale"

@@ -25,7 +25,7 @@ from semisynth_gl.config.fields import (
     check_not_tiny,
     count,
 )
-from semisynth_gl.frame import Colour
+from semisynth_gl.frame.frame import Colour
 
 _EDGE_ON_DEG = 90
 _ZERO = Range(0.0, 0.0)

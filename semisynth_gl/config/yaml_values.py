@@ -23,7 +23,7 @@ from ruamel.yaml.nodes import ScalarNode
 from ruamel.yaml.reader import ReaderError
 from ruamel.yaml.resolver import VersionedResolver
 
-from semisynth_gl.errors import cut
+from semisynth_gl.inputs.errors import cut
 
 MOST_BYTES = 1 << 18
 """Most bytes of a text, about what is read in a second where all of it is punctuation."""

@@ -5,11 +5,11 @@ from pathlib import Path
 
 from semisynth_gl.dataset.places import Place
 from semisynth_gl.dataset.plan import Plan
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.textures.image_files import find_files
 from semisynth_gl.textures.images import image_extensions
 from semisynth_gl.textures.reach import photograph_sources, reaching_source
-from semisynth_gl.user_files import expanded
 
 
 def check_apart(place: Place, plan: Plan) -> None:

@@ -13,7 +13,7 @@ from semisynth_gl.dataset.documents import CHANGED_INDEX, check_index, check_pla
 from semisynth_gl.dataset.places import Place
 from semisynth_gl.dataset.plan import Plan, Shard
 from semisynth_gl.dataset.schema import INDEX, PLAN, PROGRAM, record_path
-from semisynth_gl.errors import InputError, ReadError
+from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.plugins import MissingPluginError, require_plugins
 
 

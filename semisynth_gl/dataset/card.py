@@ -13,10 +13,10 @@ from semisynth_gl.config.yaml_values import write_yaml
 from semisynth_gl.dataset.begun import plan_from_values
 from semisynth_gl.dataset.file_sets import FileSet, list_file_sets
 from semisynth_gl.dataset.plan import Plan
-from semisynth_gl.errors import counted
-from semisynth_gl.frame import FLOW_OUTPUTS
+from semisynth_gl.frame.frame import FLOW_OUTPUTS
+from semisynth_gl.inputs.errors import counted
 from semisynth_gl.plugins import NOUNS
-from semisynth_gl.splits import SplitName
+from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.templates import template_environment
 from semisynth_gl.textures.sources import describe_source
 

@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.reader import Index
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
 
 
 def read_config(index: Index) -> Config:

@@ -18,8 +18,8 @@ from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.codecs.png import RGB8
 from semisynth_gl.dataset.begun import plan_from_values
 from semisynth_gl.dataset.file_sets import FileSet, list_file_sets
-from semisynth_gl.errors import counted
-from semisynth_gl.splits import SplitName
+from semisynth_gl.inputs.errors import counted
+from semisynth_gl.seeds.splits import SplitName
 
 _VERSION = "http://mlcommons.org/croissant/1.1"
 _TERMS = """

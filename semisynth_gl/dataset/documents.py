@@ -27,11 +27,11 @@ from semisynth_gl.config.model import Config
 from semisynth_gl.dataset.plan import Shard, list_shards
 from semisynth_gl.dataset.schema import FORMAT, INDEX, PLAN, PROGRAM, tar_path
 from semisynth_gl.dataset.tar import content_offsets
-from semisynth_gl.errors import InputError, ReadError, abbreviate, counted, shown
-from semisynth_gl.frame import Colour, TruthViews
+from semisynth_gl.frame.frame import Colour, TruthViews
+from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate, counted, shown
 from semisynth_gl.layouts import layout_names
 from semisynth_gl.plugins import MissingPluginError, require_plugins
-from semisynth_gl.splits import SplitName
+from semisynth_gl.seeds.splits import SplitName
 
 CHANGED_INDEX = f"somebody changed it; without {INDEX}, the dataset's generate command goes on from {PLAN}"
 """What to do where an index has values that no dataset has."""

@@ -7,7 +7,7 @@ from typing import Any
 
 from semisynth_gl.codecs import Codec
 from semisynth_gl.dataset.plan import Plan
-from semisynth_gl.splits import SplitName
+from semisynth_gl.seeds.splits import SplitName
 
 _DIGITS = "0123456789"
 # Numbers of sequences whose names differ wherever the names of any two sequences can.

@@ -35,8 +35,8 @@ from semisynth_gl.dataset.whole import (
     own_names,
     plan_document,
 )
-from semisynth_gl.errors import InputError, abbreviate
-from semisynth_gl.splits import SplitName
+from semisynth_gl.inputs.errors import InputError, abbreviate
+from semisynth_gl.seeds.splits import SplitName
 
 _QUESTIONS = 16
 

@@ -9,12 +9,12 @@ import numpy as np
 
 from semisynth_gl.dataset.plan import Plan
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
+from semisynth_gl.inputs.user_files import open_file
 from semisynth_gl.scene.sources import Sources
-from semisynth_gl.splits import SplitName
+from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.textures.image_files import relative_names
 from semisynth_gl.textures.prepare import split_images
 from semisynth_gl.textures.sources import describe_source
-from semisynth_gl.user_files import open_file
 
 # The licence of the models and pictures that this program makes.
 _OWN_LICENCE = "MIT"

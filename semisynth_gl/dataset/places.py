@@ -12,8 +12,8 @@ from typing import BinaryIO
 from semisynth_gl.dataset.place import Place
 from semisynth_gl.dataset.remote import Remote
 from semisynth_gl.dataset.schema import PARTIAL, unfinished_path
-from semisynth_gl.errors import InputError, ReadError
-from semisynth_gl.user_files import expanded
+from semisynth_gl.inputs.errors import InputError, ReadError
+from semisynth_gl.inputs.user_files import expanded
 
 __all__ = ["Folder", "Place", "entries_below", "open_place", "sync"]
 

@@ -7,8 +7,6 @@ from importlib.metadata import version
 from math import ceil
 from typing import Any
 
-from semisynth_gl.arguments import check_type, to_whole
-from semisynth_gl.camera import EYES
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.schema import (
     CARD,
@@ -20,12 +18,14 @@ from semisynth_gl.dataset.schema import (
     RECORDS,
     shard_name,
 )
-from semisynth_gl.errors import InputError, counted, shown
-from semisynth_gl.frame import CHANNELS
+from semisynth_gl.frame.camera import EYES
+from semisynth_gl.frame.frame import CHANNELS
+from semisynth_gl.inputs.arguments import check_type, to_whole
+from semisynth_gl.inputs.errors import InputError, counted, shown
 from semisynth_gl.layouts import LAYOUTS, Key, Layout, find_layout
 from semisynth_gl.layouts.key import sequence_length
 from semisynth_gl.plugins import Records, plugin_records
-from semisynth_gl.splits import SPLITS, Split, SplitName
+from semisynth_gl.seeds.splits import SPLITS, Split, SplitName
 
 # Shards usually have about 1 GB; a small dataset has smaller ones so that workers can share it.
 _SHARD_BYTES = 1_000_000_000

@@ -7,7 +7,6 @@ from typing import Any, overload
 
 from pydantic import ValidationError
 
-from semisynth_gl.arguments import check_type, to_whole
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.config.dataset_sections import ImperfectionsSection
@@ -17,11 +16,12 @@ from semisynth_gl.dataset.plan import Shard, list_shards
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, camera_size, decode_file, wrong_sizes
 from semisynth_gl.dataset.schema import INDEX, PLAN, PROGRAM, record_path, tar_path
 from semisynth_gl.dataset.tar import HEADER, header_fault
-from semisynth_gl.errors import InputError, ReadError, shown
-from semisynth_gl.frame import DEFAULT_OUTPUTS, OUTPUTS, TruthViews
+from semisynth_gl.frame.frame import DEFAULT_OUTPUTS, OUTPUTS, TruthViews
+from semisynth_gl.inputs.arguments import check_type, to_whole
+from semisynth_gl.inputs.errors import InputError, ReadError, shown
 from semisynth_gl.layouts import Key, Layout, find_layout
 from semisynth_gl.layouts.key import sequence_length
-from semisynth_gl.splits import SPLITS, SplitName
+from semisynth_gl.seeds.splits import SPLITS, SplitName
 
 _MISSING = "is missing"
 _UNFINISHED = "the dataset is not finished; run its generate command again"

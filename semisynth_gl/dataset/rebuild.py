@@ -5,14 +5,14 @@ from pydantic import ValidationError
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.reader import Index
 from semisynth_gl.dataset.sample import StoredFrame
-from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.plugins import MissingPluginError, require_plugins
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.scene import Motion
 from semisynth_gl.scene.sources import recipe_libraries
-from semisynth_gl.splits import SplitName
+from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.textures.atlas import Patch
 
 

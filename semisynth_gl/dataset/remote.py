@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Self, cast
 
 from semisynth_gl.dataset.place import Place
-from semisynth_gl.errors import InputError, how_to_install
+from semisynth_gl.inputs.errors import InputError, how_to_install
 
 _WITH_BUCKETS = frozenset({"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oci", "oss"})
 

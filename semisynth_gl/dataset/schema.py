@@ -2,7 +2,7 @@
 
 import re
 
-from semisynth_gl.splits import SPLITS, SplitName
+from semisynth_gl.seeds.splits import SPLITS, SplitName
 
 PROGRAM = "semisynth-gl"
 """Value of the key ``program`` in index and plan."""

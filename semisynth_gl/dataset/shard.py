@@ -24,7 +24,7 @@ from semisynth_gl.dataset.places import Place, sync
 from semisynth_gl.dataset.plan import Shard
 from semisynth_gl.dataset.schema import FORMAT, PARTIAL, UNLOCKED, journal_name, log_path, record_path, tar_path
 from semisynth_gl.dataset.tar import tar_end, tar_member
-from semisynth_gl.errors import ReadError
+from semisynth_gl.inputs.errors import ReadError
 
 _ONLY_IN_JOURNAL = frozenset({"end", "crc32", "renderer", "seconds"})
 

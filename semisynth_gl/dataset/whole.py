@@ -9,9 +9,9 @@ from semisynth_gl.dataset.begun import read_object
 from semisynth_gl.dataset.places import Place
 from semisynth_gl.dataset.plan import Plan
 from semisynth_gl.dataset.schema import CARD, CROISSANT, INDEX, LOCK, PLAN, log_path, record_path, tar_path
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.layouts import Key
-from semisynth_gl.splits import SplitName
+from semisynth_gl.seeds.splits import SplitName
 
 _SOURCES = "sources"
 

@@ -11,10 +11,10 @@ from time import monotonic
 from typing import Any, Generic
 
 from semisynth_gl.engines.cluster_worker import Post, do_task
+from semisynth_gl.engines.interrupts import interrupts_kept, interrupts_wait
 from semisynth_gl.engines.task import Job, Result
 from semisynth_gl.engines.worker import Failed, Finished
-from semisynth_gl.errors import InputError, WorkerError, how_to_install
-from semisynth_gl.interrupts import interrupts_kept, interrupts_wait
+from semisynth_gl.inputs.errors import InputError, WorkerError, how_to_install
 from semisynth_gl.listener import Listener
 
 # How often Ray repeats a task after a loss of its worker or node.

@@ -13,7 +13,7 @@ from typing import Any
 
 from semisynth_gl.engines.task import Call, Job, Relay, Task
 from semisynth_gl.engines.worker import Failed, Finished, NotBegun, portable
-from semisynth_gl.errors import ContextLostError
+from semisynth_gl.inputs.errors import ContextLostError
 
 # How old the answer to "is a stop asked for?" may be.
 _STOP_FRESH_S = 0.2

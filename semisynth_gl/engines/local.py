@@ -11,10 +11,10 @@ from multiprocessing.connection import wait
 from time import monotonic
 from typing import Any, Generic
 
+from semisynth_gl.engines.interrupts import interrupts_blocked
 from semisynth_gl.engines.task import Call, Job, Result, Task, threads_each
 from semisynth_gl.engines.worker import CLOSE, STOP, Broken, Failed, Finished, work
-from semisynth_gl.errors import ContextLostError, WorkerError
-from semisynth_gl.interrupts import interrupts_blocked
+from semisynth_gl.inputs.errors import ContextLostError, WorkerError
 from semisynth_gl.listener import Listener
 
 # How often a task is repeated after a loss of its context or worker.

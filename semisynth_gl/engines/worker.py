@@ -19,7 +19,7 @@ from traceback import format_exc
 from typing import Any
 
 from semisynth_gl.engines.task import THREADS, Call, Job, Relay
-from semisynth_gl.errors import ContextLostError, WorkerError, described
+from semisynth_gl.inputs.errors import ContextLostError, WorkerError, described
 
 STOP = "stop"
 CLOSE = "close"

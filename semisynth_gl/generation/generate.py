@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
-from semisynth_gl.arguments import check_type, to_whole
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.apart import check_apart
 from semisynth_gl.dataset.begun import complete_record, read_resumed
@@ -24,14 +23,15 @@ from semisynth_gl.dataset.plan import Plan, Shard, make_plan
 from semisynth_gl.dataset.schema import CARD, CROISSANT
 from semisynth_gl.engines.local import LocalEngine, SerialEngine
 from semisynth_gl.engines.task import Engine
-from semisynth_gl.errors import InputError, abbreviate, counted, shown
 from semisynth_gl.generation.shard_job import ShardJob
+from semisynth_gl.inputs.arguments import check_type, to_whole
+from semisynth_gl.inputs.errors import InputError, abbreviate, counted, shown
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.devices import check_libraries
 from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sources import Sources, prepare_sources
-from semisynth_gl.splits import SPLITS, SplitName
+from semisynth_gl.seeds.splits import SPLITS, SplitName
 
 _SECONDS_BETWEEN_LOOKS = 1.0
 # From so many pairs on, a file system is slower with files than with tars of them.

@@ -14,13 +14,13 @@ from semisynth_gl.dataset.plan import Plan, Shard, differences, used_plugins
 from semisynth_gl.dataset.sample import LatestFiles, encode_pair
 from semisynth_gl.dataset.shard import ShardBusyError, ShardWriter
 from semisynth_gl.engines.task import Task
-from semisynth_gl.errors import InputError, abbreviate
 from semisynth_gl.generation.in_flight import encoded
+from semisynth_gl.inputs.errors import InputError, abbreviate
 from semisynth_gl.listener import FinishedPair, Listener
 from semisynth_gl.pairs.pipeline import Pair, PairRenderer
 from semisynth_gl.render.backends import Backend, is_software
 from semisynth_gl.render.devices import egl_index_of_worker
-from semisynth_gl.splits import SplitName
+from semisynth_gl.seeds.splits import SplitName
 
 # Where a GPU draws, a thread of each worker's encodes one pair while the next one is drawn.
 _ENCODERS = 1

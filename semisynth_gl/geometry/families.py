@@ -3,12 +3,12 @@
 from typing import Any
 
 from semisynth_gl.config.scene_sections import MODEL_FAMILIES
-from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_units import make_model
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.plugins import Plugin, find_plugin, refuse_clash
-from semisynth_gl.seeds import Purpose, generator
-from semisynth_gl.splits import Split
+from semisynth_gl.seeds.seeds import Purpose, generator
+from semisynth_gl.seeds.splits import Split
 
 # `Split.share`'s purpose; 0 to 2 are those of the families that the program has itself.
 _SHARED = 3

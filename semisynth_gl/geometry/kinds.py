@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from semisynth_gl.errors import InputError, did_you_mean, near
 from semisynth_gl.geometry import furniture, hardware, outdoors, plants, soft, solids, structures, vessels
 from semisynth_gl.geometry.mesh import Mesh, merged, normalised
+from semisynth_gl.inputs.errors import InputError, did_you_mean, near
 
 Builder = Callable[[np.random.Generator], Mesh]
 """Builds one model of a kind, normalised and named after the kind; all variation comes from the generator."""

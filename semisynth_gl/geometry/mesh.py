@@ -7,8 +7,8 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.arguments import check_magnitudes, check_type, to_array
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.arguments import check_magnitudes, check_type, to_array
+from semisynth_gl.inputs.errors import InputError
 
 # float32 holds a number in steps of 2^-24 of it, so those of vertices grow with their distance from the origin. So many
 # times a mesh's size away they are 2^-20 of it, a thousandth of a pixel where it is 2000 px wide.

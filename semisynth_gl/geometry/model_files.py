@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.errors import InputError, Skipped
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_parts import BrokenModelError, PlacedParts
 from semisynth_gl.geometry.model_process import ModelReader
 from semisynth_gl.geometry.model_units import Surface, join_surfaces
-from semisynth_gl.user_files import files_below, of_kernel
+from semisynth_gl.inputs.errors import InputError, Skipped
+from semisynth_gl.inputs.user_files import files_below, of_kernel
 
 # To read a smaller file takes a second or two.
 _LARGE_BYTES = 10_000_000

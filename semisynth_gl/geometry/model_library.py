@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from semisynth_gl.cache.lookup import cached, installed_packages, package_versions
 from semisynth_gl.cache.store import Entry
 from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection
-from semisynth_gl.errors import InputError, Skipped
 from semisynth_gl.geometry.families import build_family, find_family
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS, kind_weights
 from semisynth_gl.geometry.mesh import Mesh
@@ -22,9 +21,10 @@ from semisynth_gl.geometry.model_files import load_models
 from semisynth_gl.geometry.model_process import PASSING
 from semisynth_gl.geometry.silhouette import Silhouette, mean_silhouette, views_each
 from semisynth_gl.geometry.topology import marked_solid
-from semisynth_gl.seeds import Purpose, generator
-from semisynth_gl.splits import WHOLE, Split
-from semisynth_gl.user_files import expanded, files_below
+from semisynth_gl.inputs.errors import InputError, Skipped
+from semisynth_gl.inputs.user_files import expanded, files_below
+from semisynth_gl.seeds.seeds import Purpose, generator
+from semisynth_gl.seeds.splits import WHOLE, Split
 
 VERSION = 1
 """Raised when models come out otherwise; see `semisynth_gl.cache.lookup`."""

@@ -20,8 +20,8 @@ from typing import Any, BinaryIO, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.errors import WorkerError
 from semisynth_gl.geometry.model_parts import BrokenModelError, Part, PlacedParts
+from semisynth_gl.inputs.errors import WorkerError
 
 MAX_MEMORY = 4 << 30
 """Most bytes of memory that reading one model may take, in the process that does it."""

@@ -17,7 +17,6 @@ import trimesh
 from trimesh.exchange import load as trimesh_load
 from trimesh.resolvers import Resolver, ZipResolver
 
-from semisynth_gl.errors import cut, described, shown
 from semisynth_gl.geometry.model_parts import (
     MAX_BYTES,
     MAX_PARTS,
@@ -27,7 +26,8 @@ from semisynth_gl.geometry.model_parts import (
     Part,
     PlacedParts,
 )
-from semisynth_gl.user_files import open_file
+from semisynth_gl.inputs.errors import cut, described, shown
+from semisynth_gl.inputs.user_files import open_file
 
 # Keeps trimesh's messages off standard error where the application sets up no log.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())

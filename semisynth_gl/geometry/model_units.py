@@ -5,11 +5,11 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.arguments import MOST, check_type, to_array
-from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh, make_part, merged, normalised, without_degenerate
 from semisynth_gl.geometry.model_parts import BrokenModelError
 from semisynth_gl.geometry.unwrap import project_uv
+from semisynth_gl.inputs.arguments import MOST, check_type, to_array
+from semisynth_gl.inputs.errors import InputError
 
 UV_LOSS = 0.5
 """Largest share of a part's surface without usable UV; where it is larger, the part's UV map is not used at all."""

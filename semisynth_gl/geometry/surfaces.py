@@ -11,9 +11,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh, cross, least_axis, lengths, make_part, merged, without_degenerate
 from semisynth_gl.geometry.unwrap import facing_axes
+from semisynth_gl.inputs.errors import InputError
 
 BAND_STRETCH = 1.1
 """Largest ratio of a length around a lathed surface to its length in UV, and of the length in UV to the other."""

@@ -17,7 +17,7 @@ from semisynth_gl.codecs.png16 import CRESTEREO_DISPARITY
 from semisynth_gl.config import Config
 from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.layout import Layout, view_stems
-from semisynth_gl.splits import SplitName
+from semisynth_gl.seeds.splits import SplitName
 
 _FOLDERS = ("shapenet", "reflective", "tree", "hole")
 _NAMES: Mapping[str, str] = {

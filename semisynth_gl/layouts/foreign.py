@@ -8,13 +8,13 @@ from itertools import product
 from pathlib import PurePosixPath
 
 from semisynth_gl.codecs import Encodings
-from semisynth_gl.errors import InputError, did_you_mean, near, shown
-from semisynth_gl.frame import OUTPUTS
+from semisynth_gl.frame.frame import OUTPUTS
+from semisynth_gl.inputs.errors import InputError, did_you_mean, near, shown
 from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.layout import Layout
 from semisynth_gl.layouts.roles import ROLES
 from semisynth_gl.plugins import Plugin
-from semisynth_gl.splits import SPLITS, SplitName
+from semisynth_gl.seeds.splits import SPLITS, SplitName
 
 _NEEDED = ("left", "right", "disparity_left", "provenance")
 """Roles without which no pair can be read back."""

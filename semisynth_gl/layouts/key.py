@@ -3,8 +3,8 @@
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from semisynth_gl.frame import FLOW_OUTPUTS
-from semisynth_gl.splits import SplitName
+from semisynth_gl.frame.frame import FLOW_OUTPUTS
+from semisynth_gl.seeds.splits import SplitName
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,15 +8,15 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar
 
-from semisynth_gl.camera import EYES
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config
-from semisynth_gl.errors import counted
-from semisynth_gl.frame import CHANNELS, Colour, TruthViews
-from semisynth_gl.frame import ROLES as FRAME_ROLES
+from semisynth_gl.frame.camera import EYES
+from semisynth_gl.frame.frame import CHANNELS, Colour, TruthViews
+from semisynth_gl.frame.frame import ROLES as FRAME_ROLES
+from semisynth_gl.inputs.errors import counted
 from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.roles import ROLES, Role
-from semisynth_gl.splits import SplitName
+from semisynth_gl.seeds.splits import SplitName
 
 _SCENE_NAMES: Mapping[str, str] = {
     "image": "im{n}",

@@ -12,7 +12,7 @@ from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config
 from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.layout import VERTICAL, Layout, scene_stems
-from semisynth_gl.splits import SplitName
+from semisynth_gl.seeds.splits import SplitName
 
 SCENES = "MiddEval3/trainingF"
 SCENE_LIST = "MiddEval3/official_train.txt"

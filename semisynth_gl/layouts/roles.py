@@ -1,6 +1,6 @@
 """The roles of files: what a file of a pair holds, how it is encoded, and with which outputs there is one.
 
-A role is the name of an array of a frame (see `semisynth_gl.frame.ROLES`), or one of those in the table below.
+A role is the name of an array of a frame (see `semisynth_gl.frame.frame.ROLES`), or one of those in the table below.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import EYES, OTHER_EYE, Eye
 from semisynth_gl.codecs import Codec, Encodings
 from semisynth_gl.codecs.calib import KITTI_CALIB, MIDDLEBURY_CALIB, Calibration
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.codecs.png import GREY8
-from semisynth_gl.errors import ReadError
-from semisynth_gl.frame import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, Channel, Frame, finite_range, through_levels
-from semisynth_gl.frame import ROLES as FRAME_ROLES
+from semisynth_gl.frame.camera import EYES, OTHER_EYE, Eye
+from semisynth_gl.frame.frame import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, Channel, Frame, finite_range, through_levels
+from semisynth_gl.frame.frame import ROLES as FRAME_ROLES
+from semisynth_gl.inputs.errors import ReadError
 from semisynth_gl.layouts.key import Key
 
 _LARGEST_OBJECT = 255
@@ -87,7 +87,7 @@ def mask_from_not_occluded(
         path: of the pair, for messages.
 
     Returns:
-        (H, W) uint8, the values of `semisynth_gl.frame`.
+        (H, W) uint8, the values of `semisynth_gl.frame.frame`.
 
     Raises:
         ReadError: where the sizes differ, or a value of the latter is not the former's.
@@ -109,7 +109,7 @@ def stored_mask(mask: NDArray[np.uint8], truth: NDArray[np.float32], channel: Ch
     """Return a mask as files have it, where points outside the other image are occluded too, as in Middlebury's.
 
     Args:
-        mask: (H, W) uint8, the values of `semisynth_gl.frame`.
+        mask: (H, W) uint8, the values of `semisynth_gl.frame.frame`.
         truth: (H, W) float32 px, or (H, W, 2) for flow: what the mask is of; inf where there is none.
         channel: the channel of the truth.
 

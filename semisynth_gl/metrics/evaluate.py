@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.arguments import check_type
 from semisynth_gl.codecs.disparity_map import read_disparity_map
-from semisynth_gl.errors import InputError, ReadError, counted
+from semisynth_gl.inputs.arguments import check_type
+from semisynth_gl.inputs.errors import InputError, ReadError, counted
+from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.metrics.error_map import draw_error_map
 from semisynth_gl.metrics.predictions import Prediction, Predictions, find_predictions
 from semisynth_gl.metrics.protocol import Protocol, ProtocolName, find_protocol, shown_size
 from semisynth_gl.metrics.score import Score, mean_figures, tally
 from semisynth_gl.metrics.truth import TruePair, find_truth
-from semisynth_gl.splits import SplitName
-from semisynth_gl.user_files import expanded
+from semisynth_gl.seeds.splits import SplitName
 
 ALL, VISIBLE = "all", "non-occluded"
 REGIONS = (ALL, VISIBLE)

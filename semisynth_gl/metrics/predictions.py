@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from semisynth_gl.codecs.disparity_map import MAP_EXTENSIONS, is_disparity_map
-from semisynth_gl.errors import InputError, counted
+from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.metrics.truth import SCENE_STEMS, TruePair
 
 _SHOWN = 8

@@ -12,7 +12,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.errors import InputError, shown
+from semisynth_gl.inputs.errors import InputError, shown
 
 ProtocolName = Literal["middlebury", "eth3d", "kitti", "paper"]
 """A benchmark; ``paper`` counts as HSM's eval_mb.py does."""

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.arguments import check_type, to_array
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.arguments import check_type, to_array
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.metrics.protocol import (
     UNLIMITED,
     Limits,

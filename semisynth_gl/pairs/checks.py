@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.config.model import Config
-from semisynth_gl.frame import Frame, finite_range
+from semisynth_gl.frame.frame import Frame, finite_range
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.textures.crops import least_texture, surely_has_texture
 

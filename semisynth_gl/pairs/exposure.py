@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import EYES, Eye
-from semisynth_gl.frame import Frame
+from semisynth_gl.frame.camera import EYES, Eye
+from semisynth_gl.frame.frame import Frame
 from semisynth_gl.render.renderer import Renderer
 from semisynth_gl.scene.scene import Scene
 

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageFilter
 
-from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.config import Range
 from semisynth_gl.config.dataset_sections import ImperfectionsSection
-from semisynth_gl.frame import Frame, View, through_levels
+from semisynth_gl.frame.camera import EYES, Eye
+from semisynth_gl.frame.frame import Frame, View, through_levels
 
 # Values that are worked on at a time.
 _BLOCK = 1 << 17

@@ -17,12 +17,12 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from semisynth_gl.arguments import check_type, to_whole
-from semisynth_gl.camera import EYES, Crop, Eye
 from semisynth_gl.config import Config
-from semisynth_gl.errors import InputError, counted
-from semisynth_gl.frame import FUTURE_OUTPUTS, PAST_OUTPUTS, Frame
+from semisynth_gl.frame.camera import EYES, Crop, Eye
+from semisynth_gl.frame.frame import FUTURE_OUTPUTS, PAST_OUTPUTS, Frame
 from semisynth_gl.histogram import Histogram
+from semisynth_gl.inputs.arguments import check_type, to_whole
+from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.listener import Listener
 from semisynth_gl.pairs.checks import Closed, faults
 from semisynth_gl.pairs.exposure import exposed, moments
@@ -38,8 +38,8 @@ from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.scene import Motion
 from semisynth_gl.scene.sources import Sources, prepare_sources
-from semisynth_gl.seeds import LARGEST_NUMBER, Purpose, generator
-from semisynth_gl.splits import WHOLE, Split
+from semisynth_gl.seeds.seeds import LARGEST_NUMBER, Purpose, generator
+from semisynth_gl.seeds.splits import WHOLE, Split
 
 PAIR_STAGES = ("sample", "draw", "visibility", "readback", "check")
 """The stages of a pair that a renderer reports to its listener, in order."""

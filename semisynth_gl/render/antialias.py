@@ -8,9 +8,9 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import Crop
-from semisynth_gl.errors import BackendError, InputError
-from semisynth_gl.frame import ANTIALIAS_PATTERN
+from semisynth_gl.frame.camera import Crop
+from semisynth_gl.frame.frame import ANTIALIAS_PATTERN
+from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.programs import link_program
 from semisynth_gl.render.readers import Reader

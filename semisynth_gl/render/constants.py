@@ -4,7 +4,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import Eye, StereoCamera
+from semisynth_gl.frame.camera import Eye, StereoCamera
 from semisynth_gl.render.projection import clip_from_view
 from semisynth_gl.render.structs import BLOCKS, CONSTANTS
 

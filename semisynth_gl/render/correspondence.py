@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from semisynth_gl.camera import OTHER_EYE, Crop, Eye, StereoCamera
+from semisynth_gl.frame.camera import OTHER_EYE, Crop, Eye, StereoCamera
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.listed_steps import ListedSteps

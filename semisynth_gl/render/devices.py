@@ -12,8 +12,8 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from semisynth_gl.arguments import check_one_of
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.arguments import check_one_of
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.render.backends import BACKENDS, Backend
 from semisynth_gl.render.context import open_context
 from semisynth_gl.render.load_order import load_before_driver

@@ -2,7 +2,7 @@
 
 import moderngl
 
-from semisynth_gl.camera import Crop
+from semisynth_gl.frame.camera import Crop
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.placing import Placed

@@ -9,7 +9,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import EYES, OTHER_EYE, Crop, Eye
+from semisynth_gl.frame.camera import EYES, OTHER_EYE, Crop, Eye
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.antialias import ColourTargets
 from semisynth_gl.render.backends import is_software

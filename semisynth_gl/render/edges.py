@@ -6,9 +6,9 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import Crop, Eye
-from semisynth_gl.errors import BackendError
+from semisynth_gl.frame.camera import Crop, Eye
 from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.model_buffers import ModelBuffers, refill
 from semisynth_gl.render.outlines import Outlines

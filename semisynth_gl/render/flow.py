@@ -6,8 +6,8 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import Crop, Eye
-from semisynth_gl.errors import InputError, counted
+from semisynth_gl.frame.camera import Crop, Eye
+from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.listed_steps import ListedSteps

@@ -5,7 +5,7 @@ from math import ceil
 
 import numpy as np
 
-from semisynth_gl.camera import Crop
+from semisynth_gl.frame.camera import Crop
 from semisynth_gl.render.backends import is_software
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.programs import link_compute

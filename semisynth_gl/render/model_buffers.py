@@ -9,10 +9,10 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import Crop, Eye
-from semisynth_gl.errors import BackendError
+from semisynth_gl.frame.camera import Crop, Eye
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.topology import NO_NEIGHBOUR, neighbours
+from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.placing import Placed
 from semisynth_gl.render.projection import in_view
 from semisynth_gl.render.structs import COMMAND, DRAWN_INSTANCE, VERTEX, check_attributes, members

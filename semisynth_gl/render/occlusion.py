@@ -13,7 +13,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import Crop, Eye
+from semisynth_gl.frame.camera import Crop, Eye
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.model_buffers import Filled, ModelBuffers

@@ -8,7 +8,7 @@ import ctypes
 from contextlib import suppress
 from typing import Self
 
-from semisynth_gl.errors import BackendError
+from semisynth_gl.inputs.errors import BackendError
 
 # Names and values from Mesa's GL/osmesa.h.
 _OSMESA_RGBA = 0x1908

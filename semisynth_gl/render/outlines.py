@@ -7,7 +7,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import Eye
+from semisynth_gl.frame.camera import Eye
 from semisynth_gl.geometry.edges import MeshEdges, find_edges
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.render.placing import Placed

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 
 import moderngl
 
-from semisynth_gl.camera import Eye
+from semisynth_gl.frame.camera import Eye
 
 PassName = Literal["draw", "edges", "samples", "resolve", "masks", "correspondence", "moment", "flow", "read"]
 PASSES: tuple[PassName, ...] = get_args(PassName)

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.arguments import LEAST, MOST, OTHER_UNITS
-from semisynth_gl.camera import Eye
-from semisynth_gl.errors import InputError
+from semisynth_gl.frame.camera import Eye
 from semisynth_gl.geometry.mesh import Centred, Mesh
+from semisynth_gl.inputs.arguments import LEAST, MOST, OTHER_UNITS
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene.scene import Scene
 
 # A patch goes on in the same way after two of them, mirrored or not. Offsets of up to 16 stay as they are: their steps

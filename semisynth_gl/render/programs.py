@@ -5,10 +5,10 @@ from collections.abc import Mapping
 
 import moderngl
 
-from semisynth_gl.errors import BackendError
+from semisynth_gl.inputs.errors import BackendError
+from semisynth_gl.inputs.resources import data_root
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.structs import check_blocks
-from semisynth_gl.resources import data_root
 
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 

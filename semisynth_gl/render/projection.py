@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import Eye, StereoCamera
+from semisynth_gl.frame.camera import Eye, StereoCamera
 
 
 def clip_from_view(camera: StereoCamera, eye: Eye, near_m: float) -> NDArray[np.float64]:

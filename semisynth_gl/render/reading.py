@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from semisynth_gl.camera import EYES, Crop, Eye
-from semisynth_gl.frame import CHANNELS, Moment
+from semisynth_gl.frame.camera import EYES, Crop, Eye
+from semisynth_gl.frame.frame import CHANNELS, Moment
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.correspondence import CorrespondencePass

@@ -17,11 +17,11 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.arguments import check_type, to_whole
-from semisynth_gl.camera import EYES, Crop, Eye, StereoCamera
-from semisynth_gl.errors import BackendError, ContextLostError, InputError
-from semisynth_gl.frame import DEFAULT_OUTPUTS, Frame, TruthViews, View
+from semisynth_gl.frame.camera import EYES, Crop, Eye, StereoCamera
+from semisynth_gl.frame.frame import DEFAULT_OUTPUTS, Frame, TruthViews, View
 from semisynth_gl.geometry.mesh import Mesh, centred
+from semisynth_gl.inputs.arguments import check_type, to_whole
+from semisynth_gl.inputs.errors import BackendError, ContextLostError, InputError
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import Backend
 from semisynth_gl.render.constants import ConstantsBuffer
@@ -56,7 +56,7 @@ class Renderer:
         wrap: what lies beyond a patch's border, its mirror image or itself again.
         anisotropy: most samples of a patch for a pixel that sees it at a grazing angle; 1 blurs there.
         large_anisotropy: the same of large patches.
-        outputs: what to make beside images and disparities; see `semisynth_gl.frame.OUTPUTS`.
+        outputs: what to make beside images and disparities; see `semisynth_gl.frame.frame.OUTPUTS`.
         truth: of which views disparity and outputs are made, "both" or "left".
         rectified: False where right cameras may deviate from the rectified one: both eyes' depths are drawn then.
         signed: whether disparities of 0 and below are valid.

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from semisynth_gl.arguments import check_type, to_whole
-from semisynth_gl.camera import Crop, StereoCamera
-from semisynth_gl.errors import InputError
-from semisynth_gl.frame import CHANNELS, Frame
+from semisynth_gl.frame.camera import Crop, StereoCamera
+from semisynth_gl.frame.frame import CHANNELS, Frame
+from semisynth_gl.inputs.arguments import check_type, to_whole
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene.scene import Motion, Scene
 
 

@@ -6,8 +6,8 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import Eye
-from semisynth_gl.errors import BackendError
+from semisynth_gl.frame.camera import Eye
+from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.listed_steps import groups_of
 from semisynth_gl.render.model_buffers import ModelBuffers, refill

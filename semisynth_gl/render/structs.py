@@ -7,7 +7,7 @@ from typing import Any
 import moderngl
 import numpy as np
 
-from semisynth_gl.errors import BackendError
+from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.context import GraphicsContext
 
 CONSTANTS = np.dtype(

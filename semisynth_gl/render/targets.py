@@ -8,9 +8,9 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import Crop
-from semisynth_gl.errors import BackendError
-from semisynth_gl.frame import CHANNELS, Pass
+from semisynth_gl.frame.camera import Crop
+from semisynth_gl.frame.frame import CHANNELS, Pass
+from semisynth_gl.inputs.errors import BackendError
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.readers import Reader, read_array
 

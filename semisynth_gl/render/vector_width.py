@@ -10,7 +10,7 @@ import os
 from functools import cache
 from pathlib import Path
 
-from semisynth_gl.errors import BackendError
+from semisynth_gl.inputs.errors import BackendError
 
 WIDTH = "LP_NATIVE_VECTOR_WIDTH"
 """The environment variable."""

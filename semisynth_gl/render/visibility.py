@@ -1,7 +1,7 @@
 """The visibility pass: marks the pixels of one eye's image that the other eye sees too."""
 
-from semisynth_gl.camera import OTHER_EYE, Crop, Eye
-from semisynth_gl.frame import VISIBLE
+from semisynth_gl.frame.camera import OTHER_EYE, Crop, Eye
+from semisynth_gl.frame.frame import VISIBLE
 from semisynth_gl.render.constants import ConstantsBuffer
 from semisynth_gl.render.context import GraphicsContext
 from semisynth_gl.render.listed_steps import ListedSteps

@@ -5,10 +5,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Self
 
-from semisynth_gl.arguments import check_one_of, check_type
-from semisynth_gl.camera import EYES, Eye
-from semisynth_gl.errors import InputError, shown
-from semisynth_gl.frame import (
+from semisynth_gl.frame.camera import EYES, Eye
+from semisynth_gl.frame.frame import (
     CHANNELS,
     FLOW_OUTPUTS,
     FUTURE_OUTPUTS,
@@ -19,6 +17,8 @@ from semisynth_gl.frame import (
     Pass,
     TruthViews,
 )
+from semisynth_gl.inputs.arguments import check_one_of, check_type
+from semisynth_gl.inputs.errors import InputError, shown
 from semisynth_gl.render.antialias import Antialias, parse_antialias
 
 _OF_MOTIONS = {"future": FUTURE_OUTPUTS, "past": PAST_OUTPUTS}

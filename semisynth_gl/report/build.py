@@ -16,8 +16,8 @@ from semisynth_gl.report.measure import (
 from semisynth_gl.report.page import ShownPair, render_page
 from semisynth_gl.report.pictures import make_pictures
 from semisynth_gl.report.redraws import read_redraws
-from semisynth_gl.splits import SplitName
-from semisynth_gl.spread import spread
+from semisynth_gl.seeds.splits import SplitName
+from semisynth_gl.seeds.spread import spread
 
 # The page also shows the farthest pair in each of the first quantities.
 _SHOWN_QUANTITIES = 3

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 from numpy.typing import NDArray
 
-from semisynth_gl.frame import Frame, as_rgb
+from semisynth_gl.frame.frame import Frame, as_rgb
 from semisynth_gl.histogram import Histogram, PixelCount, total_variation
 from semisynth_gl.report.plots import COLOUR_MAP
 

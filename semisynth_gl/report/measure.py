@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from semisynth_gl.dataset.configs import read_config
 from semisynth_gl.dataset.reader import Dataset, Index
 from semisynth_gl.dataset.sample import StoredFrame
-from semisynth_gl.errors import InputError, SemisynthError
-from semisynth_gl.frame import OCCLUDED
+from semisynth_gl.frame.frame import OCCLUDED
 from semisynth_gl.histogram import Histogram, PixelCount
+from semisynth_gl.inputs.errors import InputError, SemisynthError
 from semisynth_gl.listener import FinishedPair, Listener
 from semisynth_gl.report.rays import RayCaster, Rays
 from semisynth_gl.report.redraws import PairKey
-from semisynth_gl.splits import SplitName
-from semisynth_gl.spread import spread
+from semisynth_gl.seeds.splits import SplitName
+from semisynth_gl.seeds.spread import spread
 from semisynth_gl.textures.crops import least_texture
 
 RAYS = 1000

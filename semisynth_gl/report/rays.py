@@ -11,11 +11,11 @@ from semisynth_gl import oracle
 from semisynth_gl.dataset.reader import Index
 from semisynth_gl.dataset.rebuild import RebuiltScenes
 from semisynth_gl.dataset.sample import StoredFrame
-from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene.raycast import Hits, cast_rays
 from semisynth_gl.scene.scene import Scene
-from semisynth_gl.splits import SplitName
+from semisynth_gl.seeds.splits import SplitName
 
 # The renderer promises this error of disparity at a pixel's centre.
 _ERROR_PX = 1e-3

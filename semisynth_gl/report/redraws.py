@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from semisynth_gl.dataset.reader import Index, read_record
-from semisynth_gl.errors import ReadError
-from semisynth_gl.splits import SplitName
+from semisynth_gl.inputs.errors import ReadError
+from semisynth_gl.seeds.splits import SplitName
 
 PairKey = tuple[SplitName, int]
 

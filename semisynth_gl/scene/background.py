@@ -7,11 +7,11 @@ import numpy as np
 import pyrr
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import EYES, StereoCamera
 from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection
-from semisynth_gl.errors import InputError
+from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh, mesh_grid
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene.rig import STILL, Sway, check_reachable, near_depth_m
 from semisynth_gl.scene.view_volume import (
     TURNED_BACK,

@@ -15,8 +15,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Range
+from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.scene.particles import Sizes, path_px
 

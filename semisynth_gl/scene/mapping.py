@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config.scene_sections import TexturesSection
+from semisynth_gl.frame.camera import StereoCamera
 
 Floats = NDArray[np.float64]
 

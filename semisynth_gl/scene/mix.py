@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.config.model import Config
-from semisynth_gl.errors import InputError
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.histogram import Histogram, mix_histograms
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene.depth_layers import merge_bins
 from semisynth_gl.scene.population import InView
 from semisynth_gl.scene.sampler import SampledScene, SceneSampler
 from semisynth_gl.scene.scene import Motion, Scene
-from semisynth_gl.seeds import Purpose, generator
+from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 
 # Sequences among which the first one of a recipe is sought.

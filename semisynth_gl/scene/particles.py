@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import DepthLayerSection, ParticlesSection
+from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.silhouette import draw_scales
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.scene.rig import STILL, Sway, rotation_about_axis, rotation_from_quaternion

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from semisynth_gl.cache.lookup import cached, package_versions
 from semisynth_gl.cache.store import Entry
-from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config.model import Config
+from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.scene.arrangement import Catalogue
 from semisynth_gl.scene.structures import draw_stage
-from semisynth_gl.seeds import Purpose, generator
+from semisynth_gl.seeds.seeds import Purpose, generator
 
 _PILOTS = 32
 _KEYS = (Purpose.CAMERA, Purpose.BACKGROUND, Purpose.STRUCTURES, Purpose.SWAY, Purpose.RIG, Purpose.SKY)

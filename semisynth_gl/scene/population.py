@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config.model import Config
-from semisynth_gl.errors import InputError
+from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.silhouette import Silhouette
 from semisynth_gl.histogram import Histogram
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene.arrangement import Catalogue
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, merge_bins, solve_coverage
 from semisynth_gl.scene.particles import (
@@ -31,7 +31,7 @@ from semisynth_gl.scene.particles import (
 )
 from semisynth_gl.scene.pilots import Pilot, draw_pilots
 from semisynth_gl.scene.rig import check_reachable, near_depth_m
-from semisynth_gl.seeds import Purpose, generator
+from semisynth_gl.seeds.seeds import Purpose, generator
 
 Floats = NDArray[np.float64]
 

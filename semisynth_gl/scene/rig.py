@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import Deviation, StereoCamera
 from semisynth_gl.config import Range
 from semisynth_gl.config.dataset_sections import RigSection
 from semisynth_gl.config.scene_sections import CameraSection, DisparitySection
-from semisynth_gl.errors import InputError
+from semisynth_gl.frame.camera import Deviation, StereoCamera
+from semisynth_gl.inputs.errors import InputError
 
 Floats = NDArray[np.float64]
 

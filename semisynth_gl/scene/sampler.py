@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import StereoCamera
 from semisynth_gl.config.model import Config
 from semisynth_gl.config.scene_sections import TexturesSection
+from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.histogram import Histogram
@@ -22,7 +22,7 @@ from semisynth_gl.scene.rig import near_depth_m
 from semisynth_gl.scene.scene import Motion, Scene
 from semisynth_gl.scene.structures import STILL_MODELS, Stage, draw_stage, take_stock
 from semisynth_gl.scene.view_volume import clear_depth_m
-from semisynth_gl.seeds import Purpose, generator
+from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.textures.atlas import Patch
 from semisynth_gl.textures.shares import patch_chances
 

@@ -6,9 +6,9 @@ from types import EllipsisType
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.arguments import LEAST, check_magnitudes, check_type, to_array, to_magnitude
-from semisynth_gl.camera import Eye, StereoCamera
-from semisynth_gl.errors import InputError
+from semisynth_gl.frame.camera import Eye, StereoCamera
+from semisynth_gl.inputs.arguments import LEAST, check_magnitudes, check_type, to_array, to_magnitude
+from semisynth_gl.inputs.errors import InputError
 
 # Of a view as wide as it is deep, what a right camera may turn makes no point nearer to it by more.
 _DEVIATING_NEAR = 0.5

@@ -9,10 +9,10 @@ from isal.isal_zlib import crc32
 from numpy.typing import NDArray
 
 from semisynth_gl.config import Config
-from semisynth_gl.errors import Skipped
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import ModelLibrary, build_libraries
-from semisynth_gl.splits import WHOLE, Split
+from semisynth_gl.inputs.errors import Skipped
+from semisynth_gl.seeds.splits import WHOLE, Split
 from semisynth_gl.textures.atlas import Atlas
 from semisynth_gl.textures.prepare import prepare_atlas, split_images
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import RECTIFIED, StereoCamera
 from semisynth_gl.config import Range
 from semisynth_gl.config.model import Config
 from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection, StructuresSection
+from semisynth_gl.frame.camera import RECTIFIED, StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh, mesh_grid
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.scene.arrangement import Arrangement, Catalogue
@@ -38,7 +38,7 @@ from semisynth_gl.scene.room import DOORWAYS, NICHES, draw_room
 from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.scene.street import draw_street
 from semisynth_gl.scene.view_volume import smallest_offsets
-from semisynth_gl.seeds import Purpose
+from semisynth_gl.seeds.seeds import Purpose
 
 Floats = NDArray[np.float64]
 

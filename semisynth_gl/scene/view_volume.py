@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import EYES, RECTIFIED, Eye, StereoCamera
+from semisynth_gl.frame.camera import EYES, RECTIFIED, Eye, StereoCamera
 from semisynth_gl.geometry.mesh import cross
 from semisynth_gl.scene.rig import BEYOND_NEAR, STILL, Sway
 

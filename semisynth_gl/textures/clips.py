@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.config.scene_sections import TexturesSection
-from semisynth_gl.errors import Skipped
+from semisynth_gl.inputs.errors import Skipped
 from semisynth_gl.textures.crops import (
     Square,
     crop_boxes,

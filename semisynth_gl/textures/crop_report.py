@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from semisynth_gl.errors import Skipped, abbreviate, counted
+from semisynth_gl.inputs.errors import Skipped, abbreviate, counted
 from semisynth_gl.textures.crops import Square
 from semisynth_gl.textures.shares import patch_chances
 from semisynth_gl.textures.subjects import of_subjects

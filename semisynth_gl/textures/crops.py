@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
 
 FINGERPRINT_NORM = 1000
 """Length of a fingerprint, up to rounding."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.plugins import Plugin, find_plugin, refuse_clash
 from semisynth_gl.textures.pictures import Picture
 

@@ -11,10 +11,10 @@ from pathlib import Path
 
 from ruamel.yaml import YAML
 
-from semisynth_gl.errors import InputError
-from semisynth_gl.resources import data_root
+from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.inputs.resources import data_root
+from semisynth_gl.inputs.user_files import expanded, of_kernel
 from semisynth_gl.textures.images import image_extensions
-from semisynth_gl.user_files import expanded, of_kernel
 
 _MASKS = frozenset({"mask0nocc.png", "mask1nocc.png"})
 KITTI_2015_MAPS = ("disp_occ_0", "disp_noc_0", "disp_occ_1", "disp_noc_1")

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageFile, ImageOps, UnidentifiedImageError
 
-from semisynth_gl.errors import InputError
-from semisynth_gl.user_files import NotOnDiskError, open_file
+from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.inputs.user_files import NotOnDiskError, open_file
 
 MAX_PIXELS = 178_956_970
 """Most pixels of an image; a header with more is refused before anything is decoded. Pillow itself refuses at this

@@ -9,9 +9,9 @@ from typing import Any
 from semisynth_gl.cache.lookup import cached, installed_packages, package_versions
 from semisynth_gl.cache.store import Entry
 from semisynth_gl.config.scene_sections import TexturesSection
-from semisynth_gl.errors import Skipped
-from semisynth_gl.seeds import Purpose, generator
-from semisynth_gl.splits import WHOLE, Split
+from semisynth_gl.inputs.errors import Skipped
+from semisynth_gl.seeds.seeds import Purpose, generator
+from semisynth_gl.seeds.splits import WHOLE, Split
 from semisynth_gl.textures.atlas import Atlas, Patch
 from semisynth_gl.textures.clips import AtlasLimits, natural_key
 from semisynth_gl.textures.crop_report import CropCount, JudgedCrop, TextureReport

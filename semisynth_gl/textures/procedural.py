@@ -7,7 +7,7 @@ from itertools import cycle, islice
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.textures.atlas import Atlas, atlas_from_arrays
 from semisynth_gl.textures.crops import texture_measure
 from semisynth_gl.textures.flat import flat_count, lower_contrast

@@ -7,7 +7,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from semisynth_gl.config.scene_sections import TexturesSection
-from semisynth_gl.user_files import expanded
+from semisynth_gl.inputs.user_files import expanded
 
 
 def photograph_sources(section: TexturesSection) -> tuple[str, ...]:

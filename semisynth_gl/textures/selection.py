@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from semisynth_gl.config.scene_sections import TexturesSection
-from semisynth_gl.errors import InputError, counted
+from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.textures.atlas import Atlas, Patch, opaque_layers
 from semisynth_gl.textures.clips import (
     AtlasLimits,

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from semisynth_gl.config.scene_sections import TEXTURE_SOURCES, TexturesSection
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.plugins import Plugin
 from semisynth_gl.textures.drawn import drawn_pictures
 from semisynth_gl.textures.foreign import find_source, plugin_pictures

@@ -16,7 +16,7 @@ from PIL import Image
 
 from semisynth_gl.cache.lookup import cached, package_versions
 from semisynth_gl.cache.store import Entry
-from semisynth_gl.errors import counted
+from semisynth_gl.inputs.errors import counted
 from semisynth_gl.textures.image_files import relative_names
 from semisynth_gl.textures.images import OUT_OF_MEMORY, ImageError, read_reduced
 from semisynth_gl.textures.view_names import groups_by_name

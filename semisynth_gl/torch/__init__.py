@@ -3,7 +3,7 @@
 No other room of the package imports torch.
 """
 
-from semisynth_gl.errors import how_to_install
+from semisynth_gl.inputs.errors import how_to_install
 
 try:
     import torch as _torch  # noqa: F401 - imported here, so that the message says what to do

@@ -7,10 +7,10 @@ from typing import Any
 
 from torch.utils.data import Dataset
 
-from semisynth_gl.arguments import to_whole
 from semisynth_gl.dataset.reader import open_dataset
-from semisynth_gl.frame import Frame
-from semisynth_gl.splits import Split, SplitName
+from semisynth_gl.frame.frame import Frame
+from semisynth_gl.inputs.arguments import to_whole
+from semisynth_gl.seeds.splits import Split, SplitName
 from semisynth_gl.torch.samples import Sample, check_crop, check_transform, draw_crop, to_sample
 
 

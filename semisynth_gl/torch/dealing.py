@@ -11,10 +11,10 @@ from typing import NamedTuple, Self
 
 import torch.distributed
 
-from semisynth_gl.arguments import check_type, to_whole
-from semisynth_gl.errors import InputError, shown
-from semisynth_gl.seeds import LARGEST_NUMBER
-from semisynth_gl.splits import SPLITS, SplitName
+from semisynth_gl.inputs.arguments import check_type, to_whole
+from semisynth_gl.inputs.errors import InputError, shown
+from semisynth_gl.seeds.seeds import LARGEST_NUMBER
+from semisynth_gl.seeds.splits import SPLITS, SplitName
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from typing import Any
 
 import torch
 
-from semisynth_gl.errors import BackendError, InputError, how_to_install
+from semisynth_gl.inputs.errors import BackendError, InputError, how_to_install
 from semisynth_gl.render.readers import PixelBuffers, Viewport
 
 _TYPES = {"f1": torch.uint8, "u1": torch.uint8, "u2": torch.uint16, "f4": torch.float32}

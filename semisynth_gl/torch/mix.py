@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from torch.utils.data import Dataset, IterableDataset
 
-from semisynth_gl.arguments import check_type, to_real, to_whole
-from semisynth_gl.errors import InputError, shown
-from semisynth_gl.seeds import LARGEST_NUMBER, Purpose, generator
+from semisynth_gl.inputs.arguments import check_type, to_real, to_whole
+from semisynth_gl.inputs.errors import InputError, shown
+from semisynth_gl.seeds.seeds import LARGEST_NUMBER, Purpose, generator
 from semisynth_gl.torch.dataset import StereoDataset
 from semisynth_gl.torch.dealing import Dealing, TrainingProcess, Worker
 from semisynth_gl.torch.iteration import DealtDataset, Source

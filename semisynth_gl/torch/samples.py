@@ -9,11 +9,11 @@ import torch
 from torch.nn.functional import pad
 from torch.utils.data import default_collate
 
-from semisynth_gl.arguments import check_type
-from semisynth_gl.camera import EYES, Crop
-from semisynth_gl.errors import InputError, shown
-from semisynth_gl.frame import ROLES, Frame
-from semisynth_gl.seeds import Purpose, generator
+from semisynth_gl.frame.camera import EYES, Crop
+from semisynth_gl.frame.frame import ROLES, Frame
+from semisynth_gl.inputs.arguments import check_type
+from semisynth_gl.inputs.errors import InputError, shown
+from semisynth_gl.seeds.seeds import Purpose, generator
 
 Sample = dict[str, Any]
 """A pair as `StereoStream` and `StereoDataset` make it, before `transform`: see `to_sample`."""

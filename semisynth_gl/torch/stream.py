@@ -13,10 +13,10 @@ from typing import Any, Literal, get_args
 import torch
 from torch.utils.data import get_worker_info
 
-from semisynth_gl.arguments import check_one_of, check_type, to_whole
 from semisynth_gl.config import Config
 from semisynth_gl.engines.task import THREADS, threads_each
-from semisynth_gl.errors import BackendError, InputError
+from semisynth_gl.inputs.arguments import check_one_of, check_type, to_whole
+from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.plugins import plugin_records
 from semisynth_gl.render.backends import BACKENDS, Backend

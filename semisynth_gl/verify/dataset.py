@@ -2,10 +2,10 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 
-from semisynth_gl.camera import EYES
 from semisynth_gl.dataset.reader import Index
 from semisynth_gl.dataset.sample import StoredFrame
-from semisynth_gl.splits import SplitName
+from semisynth_gl.frame.camera import EYES
+from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.verify.correspondence import check_correspondence, check_deviating_views
 from semisynth_gl.verify.files import (
     StoredShard,

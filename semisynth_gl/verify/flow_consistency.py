@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.dataset.sample import StoredFrame
-from semisynth_gl.frame import OCCLUDED, VISIBLE
+from semisynth_gl.frame.camera import EYES, Eye
+from semisynth_gl.frame.frame import OCCLUDED, VISIBLE
 from semisynth_gl.verify.agreement import (
     UNCERTAIN,
     Agreement,

@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl import oracle
-from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.dataset.reader import Index
 from semisynth_gl.dataset.rebuild import RebuiltScenes
 from semisynth_gl.dataset.sample import StoredFrame
-from semisynth_gl.errors import InputError
-from semisynth_gl.frame import SKY
+from semisynth_gl.frame.camera import EYES, Eye
+from semisynth_gl.frame.frame import SKY
+from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.scene import Motion
-from semisynth_gl.splits import SplitName
+from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.verify.single_view import OPPOSITE, flow_bound_px
 from semisynth_gl.verify.verdict import Verdict, format_vector
 

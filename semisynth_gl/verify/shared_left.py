@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.dataset.sample import StoredFrame
-from semisynth_gl.frame import CHANNELS
+from semisynth_gl.frame.frame import CHANNELS
 from semisynth_gl.verify.agreement import all_components
 from semisynth_gl.verify.single_view import DEVIATING_PX, FLOAT32
 from semisynth_gl.verify.verdict import Verdict

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.camera import EYES, Eye
 from semisynth_gl.dataset.sample import StoredFrame
-from semisynth_gl.errors import counted
-from semisynth_gl.frame import CHANNELS, OUTSIDE, SKY, Channel, View
+from semisynth_gl.frame.camera import EYES, Eye
+from semisynth_gl.frame.frame import CHANNELS, OUTSIDE, SKY, Channel, View
+from semisynth_gl.inputs.errors import counted
 from semisynth_gl.verify.agreement import all_components, check_mask_values, dot
 from semisynth_gl.verify.verdict import Verdict, count_pixels
 

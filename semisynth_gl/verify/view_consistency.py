@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.frame import OCCLUDED, OUTSIDE, VISIBLE
+from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.verify.agreement import UNCERTAIN, Agreement, Points, check_mask_agreement, check_mask_values
 from semisynth_gl.verify.verdict import Verdict, count_pixels
 

@@ -6,8 +6,8 @@ from typing import Literal, TypeVar, get_args
 
 import numpy as np
 
-from semisynth_gl.errors import InputError
-from semisynth_gl.seeds import Purpose, generator
+from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.seeds.seeds import Purpose, generator
 
 SplitName = Literal["train", "validation", "test"]
 SPLITS: tuple[SplitName, ...] = get_args(SplitName)

@@ -14,7 +14,7 @@ def data_root(name: str) -> Traversable:
     installed = files("semisynth_gl") / name
     if installed.is_dir():
         return installed
-    checkout = Path(__file__).resolve().parent.parent
+    checkout = Path(__file__).resolve().parents[2]
     if (checkout / "pyproject.toml").is_file() and (checkout / name).is_dir():
         return checkout / name
     raise FileNotFoundError(f"no {name}/ in {installed} or {checkout}: the installation is incomplete, reinstall it")

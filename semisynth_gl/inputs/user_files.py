@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from io import BufferedReader
 from pathlib import Path
 
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.errors import InputError
 
 _KERNELS = ("/proc", "/sys")
 _KINDS = {

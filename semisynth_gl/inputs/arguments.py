@@ -9,7 +9,7 @@ from typing import Any, cast, get_args
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from semisynth_gl.errors import InputError, described, shown
+from semisynth_gl.inputs.errors import InputError, described, shown
 
 LEAST, MOST = 1e-9, 1e9
 """Smallest magnitude beside 0, and largest one, of the numbers that are drawn.

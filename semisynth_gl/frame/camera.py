@@ -11,8 +11,8 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.arguments import LEAST, MOST_PX, check_type, to_magnitude, to_real, to_whole
-from semisynth_gl.errors import InputError
+from semisynth_gl.inputs.arguments import LEAST, MOST_PX, check_type, to_magnitude, to_real, to_whole
+from semisynth_gl.inputs.errors import InputError
 
 Eye = Literal["left", "right"]
 EYES: tuple[Eye, Eye] = ("left", "right")

@@ -8,9 +8,9 @@ from typing import Any, Generic, Literal, Self, TypeVar, get_args, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.arguments import check_one_of, check_type
-from semisynth_gl.camera import EYES, Crop, Eye, StereoCamera
-from semisynth_gl.errors import InputError
+from semisynth_gl.frame.camera import EYES, Crop, Eye, StereoCamera
+from semisynth_gl.inputs.arguments import check_one_of, check_type
+from semisynth_gl.inputs.errors import InputError
 
 VISIBLE = 255
 OCCLUDED = 128

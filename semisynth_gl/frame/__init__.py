@@ -1,0 +1,1 @@
+"""A rendered pair as arrays, and the cameras that see it."""
