@@ -21,9 +21,9 @@ from semisynth_gl.calibration.style import Style
 from semisynth_gl.config import Config
 from semisynth_gl.config.scene_sections import BackgroundSection
 from semisynth_gl.inputs.errors import abbreviate
+from semisynth_gl.inputs.templates import template_environment
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.layouts import find_layout
-from semisynth_gl.templates import template_environment
 from semisynth_gl.textures.image_files import find_images, printable
 from semisynth_gl.textures.subjects import of_subjects, photographed_subjects
 

@@ -15,9 +15,9 @@ from semisynth_gl.dataset.file_sets import FileSet, list_file_sets
 from semisynth_gl.dataset.plan import Plan
 from semisynth_gl.frame.frame import FLOW_OUTPUTS
 from semisynth_gl.inputs.errors import counted
+from semisynth_gl.inputs.templates import template_environment
 from semisynth_gl.plugins import NOUNS
 from semisynth_gl.seeds.splits import SplitName
-from semisynth_gl.templates import template_environment
 from semisynth_gl.textures.sources import describe_source
 
 # The names in the documentation of Hugging Face's hub; any other licence is "other" with a name of its own.
