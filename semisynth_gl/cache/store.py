@@ -140,7 +140,10 @@ def _read(file: BufferedReader) -> Entry:
     head = json.loads(text)
     arrays: dict[str, NDArray[Any]] = {}
     for name, dtype, shape, expected in head["arrays"]:
-        if dtype not in _DTYPES or not 0 <= prod(shape) * np.dtype(dtype).itemsize <= left:
+        # `prod` would repeat a text or a list of another's head by the numbers beside it.
+        if not all(type(size) is int and size >= 0 for size in shape):
+            raise ValueError(f"the entry has no shape {shape}")
+        if dtype not in _DTYPES or prod(shape) * np.dtype(dtype).itemsize > left:
             raise ValueError(f"the entry has no array {name} of {shape} {dtype}")
         arrays[name] = array = np.empty(shape, dtype)
         read = file.readinto(array.reshape(-1).view(np.uint8).data)
