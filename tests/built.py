@@ -4,10 +4,10 @@ Once the VERSION of a builder is raised, this records its numbers again:
 
     python tests/built.py
 
-A number stands for an array: the mean of its values, each times a random weight. Processors, and versions of numpy,
-differ in the last bits of sines and of products of matrices, and versions of Pillow in the edges of letters: a hash
-would be another one for each. Those from numpy 2.0 and Pillow 11.0 on, and processors with and without AVX, agree to
-6e-5 in drawn pictures, and in all else to 1e-12, the digits that are written.
+A number stands for an array: the mean of its values, each times a random weight. A hash would not do: the last bits of
+sines and matrix products depend on the processor and on numpy's version, and the edges of letters on Pillow's. From
+numpy 2.0 and Pillow 11.0 on, with and without AVX, the numbers agree to 6e-5 for drawn pictures, and to 1e-12 (all
+digits that are written) for everything else.
 """
 
 import json

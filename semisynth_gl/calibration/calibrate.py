@@ -151,9 +151,11 @@ def config_facts(
 
 
 def suited_layout(config: Config, rigs: Sequence[Rig]) -> str | None:
-    """Return the layout of the calibrations' benchmark; None where they have no benchmark, or several.
+    """Return the layout of the benchmark from which all calibrations come.
 
-    Nor is it taken where it cannot hold the disparities of a config, or its loaders refuse what `generate` makes of it.
+    Returns:
+        the layout's name. None where calibrations come from no benchmark or from several, where the layout cannot hold
+        the config's disparities, and where the benchmark's loaders refuse what `generate` makes of the config.
 
     Args:
         config: the config for the rigs.

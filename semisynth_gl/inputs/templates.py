@@ -6,7 +6,7 @@ from semisynth_gl.inputs.resources import data_root
 
 
 def template_environment() -> Environment:
-    """Return an environment that finds the templates by their names; values are escaped in those of HTML alone.
+    """Return an environment that finds templates by name; it escapes values in templates of HTML, and in no others.
 
     Lines that hold nothing but a tag leave no line, and the filter ``spec`` is Python's `format`.
     """

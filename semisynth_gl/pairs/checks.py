@@ -89,7 +89,7 @@ def _disparity_faults(
 
 def _near_plane_px(frame: Frame, config: Config) -> float:
     """Return the disparity from which a surface is cut by the near plane."""
-    # Signed disparities have no smallest depth at 0: nearness is measured from -doffs.
+    # f B / Z is the disparity plus doffs. A signed disparity may be near 0 or below, where a share of it is no margin.
     doffs_px = frame.camera.doffs_px if config.disparity.signed else 0.0
     return (config.disparity.max_px + doffs_px) * (1 - _AT_NEAR_PLANE) - doffs_px
 

@@ -82,7 +82,7 @@ class Sources:
 def _rounded(values: NDArray[Any], step: float) -> NDArray[np.int64]:
     """Round values to whole steps, so that values that differ in their last bits alone come out equal.
 
-    The rounding changes from one step to the next far from zero and from round numbers, which are frequent.
+    Zero and round numbers are frequent, so they lie well inside a step: no last bit moves them to the next.
     """
     return np.floor(np.ascontiguousarray(values, np.float64) / step + _OFF_ROUND_NUMBERS).astype(np.int64)
 
