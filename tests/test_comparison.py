@@ -24,9 +24,9 @@ from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.changes import CHANGES, advice, moved_by
 from semisynth_gl.comparison.compare import compare_with_place
 from semisynth_gl.comparison.maps import image_beside, map_files, one_of_each_scene
+from semisynth_gl.comparison.measured_view import fill_holes, make_view, mean_luminance
 from semisynth_gl.comparison.measures import MEASURES, PROFILES
-from semisynth_gl.comparison.picture import fill_holes, make_picture, mean_luminance
-from semisynth_gl.comparison.place import find_place, left_out, map_pictures
+from semisynth_gl.comparison.place import find_place, left_out, map_views
 from semisynth_gl.comparison.quantities import (
     border_hardness,
     border_steps,
@@ -39,7 +39,7 @@ from semisynth_gl.comparison.quantities import (
     run_lengths,
     slants,
 )
-from semisynth_gl.comparison.sides import FEWEST, frame_picture
+from semisynth_gl.comparison.sides import FEWEST, frame_view
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.inputs.errors import InputError, ReadError
@@ -60,7 +60,7 @@ def picture_of(disparity=None, grey=None, width_px=None):
     disparity = None if disparity is None else np.asarray(disparity, np.float32)
     image = None if grey is None else np.repeat(np.asarray(grey, np.uint8)[..., None], 3, axis=2)
     own = (disparity if disparity is not None else image).shape[1]
-    return make_picture("made", width_px or own, image=image, disparity=disparity)
+    return make_view("made", width_px or own, image=image, disparity=disparity)
 
 
 # --- measures with known answers ---
@@ -115,8 +115,8 @@ def test_a_picture_of_another_exposure_measures_as_one_that_is_made_so():
     rng = np.random.default_rng(5)
     image, other = rng.integers(0, 256, (2, 40, 60, 3)).astype(np.uint8)
     disparity = rng.uniform(1, 9, (40, 60)).astype(np.float32)
-    picture = make_picture("made", 50, image=image, disparity=disparity).with_image(other)
-    expected = make_picture("made", 50, image=other, disparity=disparity)
+    picture = make_view("made", 50, image=image, disparity=disparity).with_image(other)
+    expected = make_view("made", 50, image=other, disparity=disparity)
     exposed = picture.exposed(-0.6)
     darker = replace(expected, luminance=expected.luminance * np.float32(2**-0.6))
     as_drawn, as_darkened, as_made_dark = (
@@ -126,9 +126,9 @@ def test_a_picture_of_another_exposure_measures_as_one_that_is_made_so():
     np.testing.assert_allclose(as_darkened, as_made_dark, rtol=1e-6)
     of_images = np.array([measure.of_images for measure in MEASURES])
     assert (as_darkened < as_drawn)[of_images].sum() >= 3
-    bare = make_picture("map", 50, disparity=disparity)
+    bare = make_view("map", 50, disparity=disparity)
     assert bare.exposed(-1).luminance is None
-    with pytest.raises(InputError, match="map: expected a picture with an image"):
+    with pytest.raises(InputError, match="map: expected a view with an image"):
         bare.with_image(other)
 
 
@@ -352,7 +352,7 @@ def test_a_scene_counts_once_and_its_masks_are_no_photographs(tmp_path):
     place = find_place(images, sorted(folder.glob("*.pfm")))
     assert [path.name for path in place.photographs] == ["im0.png", "im1.png"]
     assert [path.name for path in place.maps] == ["disp0GT.pfm"]
-    (picture,) = map_pictures(place, 64)
+    (picture,) = map_views(place, 64)
     np.testing.assert_allclose(picture.luminance, pixels(0) @ [0.299, 0.587, 0.114], rtol=1e-5)
     with pytest.raises(InputError, match="no photographs"):
         find_place([path for path in images if "mask" in path.name], [])
@@ -362,7 +362,7 @@ def test_a_right_view_alone_is_mirrored(tmp_path):
     disparity = steps()
     write(tmp_path / "disp1.pfm", PFM.encode(disparity[:, ::-1].copy()))
     write(tmp_path / "im1.png", RGB8.encode(pixels()[:, ::-1].copy()))
-    (picture,) = map_pictures(find_place([tmp_path / "im1.png"], [tmp_path / "disp1.pfm"]), 64)
+    (picture,) = map_views(find_place([tmp_path / "im1.png"], [tmp_path / "disp1.pfm"]), 64)
     np.testing.assert_array_equal(picture.disparity, disparity)
     np.testing.assert_allclose(picture.luminance, pixels() @ [0.299, 0.587, 0.114], rtol=1e-5)
 
@@ -377,7 +377,7 @@ def test_kittis_folders(tmp_path):
     assert image_beside(place.maps[0]) == image
     assert image_beside(tmp_path / "disp_occ_0/000001_10.png") is None
     assert image_beside(tmp_path / "other/000000_10.png") is None
-    (picture,) = map_pictures(place, 64)
+    (picture,) = map_views(place, 64)
     np.testing.assert_array_equal(picture.disparity, steps())
 
 
@@ -432,7 +432,7 @@ def test_maps_that_cannot_be_compared(tmp_path, name, data, error, words):
     folder = middlebury_scene(tmp_path)
     write(folder / name, data)
     with pytest.raises(error, match=words):
-        list(map_pictures(find_place([folder / "im1.png"], [folder / "disp0GT.pfm"])))
+        list(map_views(find_place([folder / "im1.png"], [folder / "disp0GT.pfm"])))
 
 
 # --- the command ---
@@ -492,7 +492,7 @@ def test_both_views_of_a_pair_are_one_picture_of_a_place(dataset, tmp_path):
     assert "6 photographs of 3 subjects, 0 disparity maps" in out
     said = json.loads((tmp_path / "figures.json").read_text())
     assert (said["photographs"], said["subjects"]) == (6, 3)
-    views = [make_picture("", 48, image=pixels(10 * number + eye)) for number in range(3) for eye in (0, 1)]
+    views = [make_view("", 48, image=pixels(10 * number + eye)) for number in range(3) for eye in (0, 1)]
     for each in said["measures"]:
         measure = BY_KEY[each["name"]]
         if measure.of_images:
@@ -509,7 +509,7 @@ def test_figures_are_means_and_deviations_and_advice_follows_them(dataset, photo
     code, out, _ = run(dataset, "--images", photographs, "--width", 48, "--json", tmp_path / "figures.json")
     assert code == 0
     said = json.loads((tmp_path / "figures.json").read_text())
-    frames = [frame_picture(frame, 48) for frame in open_dataset(dataset)]
+    frames = [frame_view(frame, 48) for frame in open_dataset(dataset)]
     off = 0
     for each in said["measures"]:
         measure = BY_KEY[each["name"]]
@@ -584,9 +584,9 @@ def test_background_is_what_stands_still(dataset):
     frame = replace(frame, left=frame.left.with_channels({"instances": still}))
     # Of eight instances the first six stand still; 0 is nothing.
     expected = ((still >= 1) & (still <= 6)).mean()
-    assert value("background", frame_picture(frame, 48)) == pytest.approx(100 * expected)
+    assert value("background", frame_view(frame, 48)) == pytest.approx(100 * expected)
     without = {name: each for name, each in frame.provenance.items() if name != "instances"}
-    assert value("background", frame_picture(replace(frame, provenance=without), 48)) is None
+    assert value("background", frame_view(replace(frame, provenance=without), 48)) is None
 
 
 def test_plots_are_a_picture_and_files_of_others_stay(dataset, photographs, tmp_path):
@@ -729,7 +729,7 @@ def means():
         with PairRenderer(Config.model_validate(values), 0) as renderer:
             for number in range(2):
                 view = renderer.render(number).frame.left
-                picture = make_picture("made", view.image.shape[1], image=view.image, disparity=view.disparity)
+                picture = make_view("made", view.image.shape[1], image=view.image, disparity=view.disparity)
                 for key, measure in BY_KEY.items():
                     found[key].append(measure.measure(picture))
         return {key: np.mean(values) for key, values in found.items() if None not in values}
@@ -784,7 +784,7 @@ def test_keys_move_measures_as_the_advice_says(means, change, keys, lower, highe
 def test_real_scenes_are_calm_soft_and_mostly_visible():
     maps = sorted((SHARED / "real").glob("*/disp0GT.pfm"))
     found = {measure.key: [] for measure in MEASURES}
-    for picture, path in zip(map_pictures(find_place([maps[0].with_name("im0.png")], maps)), maps, strict=True):
+    for picture, path in zip(map_views(find_place([maps[0].with_name("im0.png")], maps)), maps, strict=True):
         for measure in MEASURES:
             found[measure.key].append(measure.measure(picture))
         truth = read_disparity_map(path)

@@ -20,8 +20,8 @@ from semisynth_gl.codecs import IMAGE_CODECS, Encodings
 from semisynth_gl.codecs.grey import ThreeEqual
 from semisynth_gl.codecs.jpeg import Jpeg
 from semisynth_gl.codecs.png import GREY_IMAGE, RGB8
-from semisynth_gl.comparison.picture import mean_luminance
-from semisynth_gl.comparison.sides import frame_picture
+from semisynth_gl.comparison.measured_view import mean_luminance
+from semisynth_gl.comparison.sides import frame_view
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
@@ -318,7 +318,7 @@ def test_verify_report_compare_and_preview_take_grey_datasets(dataset):
     assert np.abs(shown.astype(int) - frame.left.image).mean() < 3
     measured, of_three = (mean_luminance(image, (24, 32)) for image in (frame.left.image, as_rgb(frame.left.image)))
     np.testing.assert_allclose(measured, of_three, rtol=1e-6)
-    assert frame_picture(frame).luminance is not None
+    assert frame_view(frame).luminance is not None
     sheet = draw_sheet([frame], cheap().wanted_histogram(), "grey")
     [drawn, *_] = sheet.axes[0].get_images()
     np.testing.assert_array_equal(drawn.get_array(), as_rgb(frame.left.image))

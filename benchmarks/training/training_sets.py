@@ -15,7 +15,7 @@ from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.calibration.style import untried_style
 from semisynth_gl.calibration.trial import tried_style
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
-from semisynth_gl.comparison.picture import working_width
+from semisynth_gl.comparison.measured_view import working_width
 from semisynth_gl.comparison.place import find_place
 from semisynth_gl.comparison.sides import measure_place
 from semisynth_gl.config import Config, load_config

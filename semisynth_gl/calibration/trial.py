@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from semisynth_gl.calibration.calibrate import ConfigFacts, config_text
 from semisynth_gl.calibration.recipes import SceneRecipe
 from semisynth_gl.calibration.style import BLURS, EXPOSURES, FLATS, TEXELS, Style, Trial, fitted_style, untried_style
+from semisynth_gl.comparison.measured_view import MeasuredView, make_view, working_width
 from semisynth_gl.comparison.measures import MEASURES
-from semisynth_gl.comparison.picture import MeasuredView, make_picture, working_width
 from semisynth_gl.comparison.sides import Side
 from semisynth_gl.config import Config
 from semisynth_gl.config.load import parse_config
@@ -82,22 +82,22 @@ def _looks(pair: Pair, width_px: int) -> NDArray[np.float64]:
     view = pair.frame.left
     values = np.full((len(BLURS), len(EXPOSURES), len(MEASURES)), np.nan)
     of_maps = np.array([measure.of_maps for measure in MEASURES])
-    picture = make_picture(str(pair.index), working_width(width_px), image=view.image, disparity=view.disparity)
+    measured = make_view(str(pair.index), working_width(width_px), image=view.image, disparity=view.disparity)
     # What is measured in the map alone is worked out once.
-    values[..., of_maps] = _measured(picture, of_maps)
+    values[..., of_maps] = _measured(measured, of_maps)
     for b, blur in enumerate(BLURS):
         drawn = Imperfections(blur * _blur_scale(width_px), 0.0, 0.0, 1.0)
         image = apply_imperfections(view.image, drawn, generator(_SEED, Purpose.IMPERFECTIONS, pair.index))
-        blurred = picture.with_image(image)
+        blurred = measured.with_image(image)
         for e, stops in enumerate(EXPOSURES):
             values[b, e, ~of_maps] = _measured(blurred.exposed(stops), ~of_maps)
     return values
 
 
-def _measured(picture: MeasuredView, chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return some of the measures of a picture, nan where it does not have them."""
+def _measured(view: MeasuredView, chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return some of the measures of a view, nan where it does not have them."""
     # As float64, None is nan.
-    return np.array([MEASURES[m].measure(picture) for m in np.flatnonzero(chosen).tolist()], np.float64)
+    return np.array([MEASURES[m].measure(view) for m in np.flatnonzero(chosen).tolist()], np.float64)
 
 
 def _as_tried(config: Config) -> Config:

@@ -30,7 +30,7 @@ from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.maps import map_files, one_of_each_scene
-from semisynth_gl.comparison.picture import working_width
+from semisynth_gl.comparison.measured_view import working_width
 from semisynth_gl.comparison.place import find_place, left_out
 from semisynth_gl.comparison.sides import MeasuredPlace, measure_place
 from semisynth_gl.config import Config

@@ -10,7 +10,7 @@ from semisynth_gl.cli.outputs import Output, ending_check, json_report, marked_p
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.comparison.compare import Comparison, compare_with_place, comparison_json, comparison_table
 from semisynth_gl.comparison.maps import map_files
-from semisynth_gl.comparison.picture import WORKING_WIDTH
+from semisynth_gl.comparison.measured_view import WORKING_WIDTH
 from semisynth_gl.comparison.place import find_place, left_out
 from semisynth_gl.comparison.sides import FEWEST, SAMPLE, MeasuredPlace
 from semisynth_gl.dataset.reader import open_dataset

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from semisynth_gl.comparison.changes import advice
+from semisynth_gl.comparison.measured_view import WORKING_WIDTH, working_width
 from semisynth_gl.comparison.measures import MEASURES, PROFILES, Measure, Profile
-from semisynth_gl.comparison.picture import WORKING_WIDTH, working_width
 from semisynth_gl.comparison.place import PlaceFiles
 from semisynth_gl.comparison.sides import FEWEST, SAMPLE, MeasuredPlace, Side, measure_dataset, measure_place
 from semisynth_gl.dataset.configs import recipe_values

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.comparison.picture import MeasuredView
+from semisynth_gl.comparison.measured_view import MeasuredView
 from semisynth_gl.comparison.quantities import border_hardness, hidden, jumps, near_jumps
 
 _FLAT_LEVELS = 4.0
@@ -21,7 +21,7 @@ _OF_IMAGES = frozenset({"luminance", "gradients", "local_contrasts", "octave_con
 
 @dataclass(frozen=True, slots=True)
 class _Quantity:
-    """What is worked out from a picture.
+    """What is worked out from a view.
 
     Attributes:
         key: its name in JSON.
@@ -46,15 +46,15 @@ class _Quantity:
         """Whether a disparity map is enough for it, without an image."""
         return _OF_IMAGES.isdisjoint(self.of)
 
-    def arrays(self, picture: MeasuredView) -> list[NDArray[Any]] | None:
-        """Return what it is computed from, or None where the picture lacks some of that."""
-        arrays = [getattr(picture, name) for name in self.of]
-        return None if (self.fine and picture.enlarged) or any(array is None for array in arrays) else arrays
+    def arrays(self, view: MeasuredView) -> list[NDArray[Any]] | None:
+        """Return what it is computed from, or None where the view lacks some of that."""
+        arrays = [getattr(view, name) for name in self.of]
+        return None if (self.fine and view.enlarged) or any(array is None for array in arrays) else arrays
 
 
 @dataclass(frozen=True, slots=True)
 class Measure(_Quantity):
-    """A number that a picture has.
+    """A number that a view has.
 
     Attributes:
         unit: its unit.
@@ -64,16 +64,16 @@ class Measure(_Quantity):
     unit: str
     value: Callable[..., float]
 
-    def measure(self, picture: MeasuredView) -> float | None:
-        """Return the number of a picture, or None where the picture does not have it."""
-        arrays = self.arrays(picture)
+    def measure(self, view: MeasuredView) -> float | None:
+        """Return the number of a view, or None where the view does not have it."""
+        arrays = self.arrays(view)
         value = float("nan") if arrays is None else float(self.value(*arrays))
         return value if np.isfinite(value) else None
 
 
 @dataclass(frozen=True, slots=True)
 class Profile(_Quantity):
-    """A distribution that a picture has, or its contrast by octave.
+    """A distribution that a view has, or its contrast by octave.
 
     Attributes:
         label: what its bins are of, with the unit.
@@ -88,9 +88,9 @@ class Profile(_Quantity):
     values: Callable[..., NDArray[np.float64]]
     log: bool = False
 
-    def measure(self, picture: MeasuredView) -> NDArray[np.float64] | None:
-        """Return the values of a picture, (K,), or None where the picture does not have them."""
-        arrays = self.arrays(picture)
+    def measure(self, view: MeasuredView) -> NDArray[np.float64] | None:
+        """Return the values of a view, (K,), or None where the view does not have them."""
+        arrays = self.arrays(view)
         values = None if arrays is None else self.values(*arrays, self.edges)
         return values if values is not None and np.isfinite(values).all() else None
 

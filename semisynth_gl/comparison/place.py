@@ -8,7 +8,7 @@ import numpy as np
 
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.maps import image_beside, is_of_right_view, one_of_each_scene, read_map
-from semisynth_gl.comparison.picture import WORKING_WIDTH, MeasuredView, make_picture
+from semisynth_gl.comparison.measured_view import WORKING_WIDTH, MeasuredView, make_view
 from semisynth_gl.inputs.errors import InputError, Skipped, counted
 from semisynth_gl.textures.image_files import beside_photographs
 from semisynth_gl.textures.images import ImageError, read_image
@@ -63,7 +63,7 @@ def left_out(images: Sequence[Path], maps: Sequence[Path]) -> str:
     return f"left out {counted(len(files), 'file')}, such as {files[0]}: {reason}" if files else ""
 
 
-def photograph_pictures(
+def photograph_views(
     photographs: Sequence[Path], skipped: list[Skipped], width_px: int = WORKING_WIDTH
 ) -> Iterator[MeasuredView]:
     """Yield photographs of a place.
@@ -79,10 +79,10 @@ def photograph_pictures(
         except ImageError as error:
             skipped.append(Skipped(path, error.reason))
         else:
-            yield make_picture(str(path), width_px, image=image)
+            yield make_view(str(path), width_px, image=image)
 
 
-def map_pictures(place: PlaceFiles, width_px: int = WORKING_WIDTH) -> Iterator[MeasuredView]:
+def map_views(place: PlaceFiles, width_px: int = WORKING_WIDTH) -> Iterator[MeasuredView]:
     """Yield the maps, each with its image where there is one.
 
     Args:
@@ -101,4 +101,4 @@ def map_pictures(place: PlaceFiles, width_px: int = WORKING_WIDTH) -> Iterator[M
         if is_of_right_view(path):
             # The mirror image of a right view is a left view.
             disparity, image = disparity[:, ::-1], None if image is None else image[:, ::-1]
-        yield make_picture(str(path), width_px, image=image, disparity=disparity)
+        yield make_view(str(path), width_px, image=image, disparity=disparity)

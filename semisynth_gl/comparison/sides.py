@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from semisynth_gl.comparison.measured_view import WORKING_WIDTH, MeasuredView, make_view
 from semisynth_gl.comparison.measures import MEASURES, PROFILES, Measure, Profile
-from semisynth_gl.comparison.picture import WORKING_WIDTH, MeasuredView, make_picture
-from semisynth_gl.comparison.place import PlaceFiles, map_pictures, photograph_pictures
+from semisynth_gl.comparison.place import PlaceFiles, map_views, photograph_views
 from semisynth_gl.dataset.reader import Dataset
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.inputs.errors import InputError, Skipped, counted
@@ -83,19 +83,19 @@ class MeasuredPlace:
     skipped: tuple[Skipped, ...]
 
 
-def measure_pictures(
-    pictures: Iterable[MeasuredView], measures: Sequence[Measure] = MEASURES, profiles: Sequence[Profile] = PROFILES
+def measure_views(
+    views: Iterable[MeasuredView], measures: Sequence[Measure] = MEASURES, profiles: Sequence[Profile] = PROFILES
 ) -> Side:
-    """Measure pictures one by one; none is kept."""
+    """Measure views one by one; none is kept."""
     values: dict[str, list[float]] = {measure.key: [] for measure in measures}
     shares: dict[str, list[NDArray[np.float64]]] = {profile.key: [] for profile in profiles}
-    for picture in pictures:
+    for view in views:
         for measure in measures:
-            value = measure.measure(picture)
+            value = measure.measure(view)
             if value is not None:
                 values[measure.key].append(value)
         for profile in profiles:
-            share = profile.measure(picture)
+            share = profile.measure(view)
             if share is not None:
                 shares[profile.key].append(share)
     return Side(
@@ -122,16 +122,16 @@ def measure_dataset(
     count = min(sample, len(dataset))
     listener.on_total(count)
 
-    def pictures() -> Iterator[MeasuredView]:
+    def views() -> Iterator[MeasuredView]:
         for number in spread(len(dataset), count):
-            yield frame_picture(dataset[number], width_px)
+            yield frame_view(dataset[number], width_px)
             listener.on_pair(FinishedPair(*dataset.pair(number)))
 
-    return measure_pictures(pictures())
+    return measure_views(views())
 
 
 def _one_sample_each(sides: Sequence[Side]) -> Side:
-    """Return a side that has one picture for each of these, with the means of its pictures."""
+    """Return a side that has one view for each of these, with the means of its views."""
 
     def means(arrays: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
         return np.array([array.mean(axis=0) for array in arrays if len(array)], np.float64)
@@ -154,20 +154,20 @@ def measure_place(place: PlaceFiles, width_px: int = WORKING_WIDTH) -> MeasuredP
     with_image: list[bool] = []
     sparse: list[bool] = []
 
-    def views(subject: Sequence[Path]) -> Iterator[MeasuredView]:
-        for picture in photograph_pictures(subject, skipped, width_px):
-            narrow.append(picture.enlarged)
-            yield picture
+    def photographs(subject: Sequence[Path]) -> Iterator[MeasuredView]:
+        for view in photograph_views(subject, skipped, width_px):
+            narrow.append(view.enlarged)
+            yield view
 
     def maps() -> Iterator[MeasuredView]:
-        for picture in map_pictures(place, width_px):
-            with_image.append(picture.luminance is not None)
-            sparse.append(picture.surfaces is None)
-            yield picture
+        for view in map_views(place, width_px):
+            with_image.append(view.luminance is not None)
+            sparse.append(view.surfaces is None)
+            yield view
 
-    def measured(pictures: Iterable[MeasuredView], *, images: bool) -> Side:
-        return measure_pictures(
-            pictures,
+    def measured(views: Iterable[MeasuredView], *, images: bool) -> Side:
+        return measure_views(
+            views,
             [each for each in MEASURES if each.of_images == images],
             [each for each in PROFILES if each.of_images == images],
         )
@@ -175,7 +175,7 @@ def measure_place(place: PlaceFiles, width_px: int = WORKING_WIDTH) -> MeasuredP
     sides, subjects = list[Side](), 0
     for subject in photographed_subjects(place.photographs):
         before = len(narrow)
-        sides.append(measured(views(subject), images=True))
+        sides.append(measured(photographs(subject), images=True))
         subjects += len(narrow) > before
     of_images, of_maps = _one_sample_each(sides), measured(maps(), images=False)
     if not narrow:
@@ -186,14 +186,14 @@ def measure_place(place: PlaceFiles, width_px: int = WORKING_WIDTH) -> MeasuredP
     )
 
 
-def frame_picture(frame: StoredFrame, width_px: int = WORKING_WIDTH) -> MeasuredView:
+def frame_view(frame: StoredFrame, width_px: int = WORKING_WIDTH) -> MeasuredView:
     """Return the left view of a pair as it is measured; with the output ``instances`` it has its background too."""
     instances, background = frame.left.get("instances"), None
     listed = frame.provenance.get("instances")
     if instances is not None and isinstance(listed, list):
         still = np.array([False, *(instance.get("still") is True for instance in listed)])
         background = still[np.minimum(instances, len(listed))]
-    return make_picture(
+    return make_view(
         frame.name,
         width_px,
         image=frame.left.image,

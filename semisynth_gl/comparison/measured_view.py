@@ -1,4 +1,4 @@
-"""A picture as it is measured: luminance, disparity and masks at the working width, so that resolutions compare."""
+"""A view as it is measured: luminance, disparity and masks at the working width, so that resolutions compare."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ _Result = TypeVar("_Result")
 class MeasuredView:
     """What is known of one view, at the working width.
 
-    The properties are the `quantities` of its arrays, each worked out once; None where the picture lacks the array.
+    The properties are the `quantities` of its arrays, each worked out once; None where the view lacks the array.
 
     Attributes:
         name: for messages.
@@ -47,17 +47,17 @@ class MeasuredView:
     enlarged: bool = False
 
     def with_image(self, image: NDArray[np.uint8]) -> "MeasuredView":
-        """Return the picture with another image of the same view, (H, W, 3) uint8 RGB or (H, W) grey in any size.
+        """Return the view with another image, (H, W, 3) uint8 RGB or (H, W) grey in any size.
 
         Raises:
             InputError: where it had no image.
         """
         if self.luminance is None:
-            raise InputError(f"{self.name}: expected a picture with an image, got one without")
+            raise InputError(f"{self.name}: expected a view with an image, got one without")
         return replace(self, luminance=mean_luminance(image, self.luminance.shape))
 
     def exposed(self, stops: float) -> "MeasuredView":
-        """Return the picture with its luminance multiplied by 2 to this power."""
+        """Return the view with its luminance multiplied by 2 to this power."""
         factor = np.float32(2.0**stops)
         exposed = replace(self, luminance=None if self.luminance is None else self.luminance * factor)
         for name in ("gradients", "local_contrasts", "octave_contrasts"):
@@ -109,7 +109,7 @@ def _of(quantity: Callable[[NDArray[np.float32]], _Result], array: NDArray[np.fl
     return None if array is None else quantity(array)
 
 
-def make_picture(
+def make_view(
     name: str,
     width_px: int,
     *,
