@@ -11,6 +11,7 @@ from semisynth_gl.frame.frame import OCCLUDED, VISIBLE
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS
 from semisynth_gl.render import listed_steps, slivers
 from semisynth_gl.render.model_buffers import _by_last_corner
+from semisynth_gl.render.slivers import SliverPass
 from semisynth_gl.scene.scene import make_scene
 
 CAMERA = StereoCamera.centred(200, 24, 100.0, 0.1)
@@ -95,7 +96,11 @@ def test_masks_do_not_depend_on_the_room_that_lists_have(open_renderer, monkeypa
     models, scene = cluttered()
     expected = open_renderer(models, noise_layers(1, 16)).render(scene)
     monkeypatch.setattr(slivers, "_FEWEST_ENTRIES", 1)
+    monkeypatch.setattr(slivers, "_ENTRIES_OF_TRIANGLE", 0)
+    runs, run = [], SliverPass._run  # noqa: SLF001 - counts how often the steps run
+    monkeypatch.setattr(SliverPass, "_run", lambda self: runs.append(1) or run(self))
     frame = open_renderer(models, noise_layers(1, 16)).render(scene)
+    assert len(runs) > 2, "no list was too short for an eye"
     for eye in ("left", "right"):
         np.testing.assert_array_equal(frame.view(eye).visibility, expected.view(eye).visibility)
 

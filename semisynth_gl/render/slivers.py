@@ -22,6 +22,8 @@ _RUN_TRIANGLES = 512
 _NARROW, _CUTS = 6, 7
 _ENTRY = _HEADER = 16
 _FEWEST_ENTRIES = 1 << 16
+# More than most scenes need: the steps run again where a list was too short.
+_ENTRIES_OF_TRIANGLE = 0.5
 # Units of what visibility.comp leaves open, as images there and as textures here.
 _OPEN_IMAGES = 1, 2, 3
 _OPEN_TEXTURES = 7, 8, 6
@@ -111,8 +113,7 @@ class SliverPass:
         self._runs.bind_to_storage_buffer(BLOCKS["Runs"].binding)
         points.bind()
         self._steps[0]["run_count"] = len(runs)
-        # More than most scenes need.
-        self._make_room({binding: int(runs["triangles"].sum()) // 2 for binding in self._lists})
+        self._make_room({binding: int(runs["triangles"].sum() * _ENTRIES_OF_TRIANGLE) for binding in self._lists})
         # Which entries a full list has depends on chance; what was hidden already is hidden again.
         while self._make_room(self._run()):
             pass
