@@ -98,7 +98,7 @@ def maker(config_name: str, settings: Sequence[str], folder: Path) -> Iterator[C
                 clock.on_stage("write and hash")
                 files, facts = job.encode(pair, SPLIT)
                 clock.on_stage("encode: the rest")
-                writer.add(files, facts)
+                writer.add(files, facts | {"seconds": 0.0})
             clock.on_stage("write and hash")
             for path in files:
                 place.path(plan.folder(SPLIT) + path).unlink()

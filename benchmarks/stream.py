@@ -128,7 +128,7 @@ def measure(config: Config, seed: int, pairs: int, rounds: int, listener: Listen
         )  # fmt: skip
         tars = [str(path) for path in sorted(Path(scratch).rglob("*.tar"))]
         about = read_index(scratch)
-        renderer = read_record(about.place, about.shards[0], packed=about.layout.packed)["renderers"][0]
+        renderer = read_record(about.place, about.shards[0], packed=about.layout.packed).renderers[0]
         megabytes = sum(Path(tar).stat().st_size for tar in tars) / pairs / 1e6
         rates: dict[Way, list[float]] = defaultdict(list)
         for number in range(rounds):

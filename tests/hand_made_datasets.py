@@ -1,7 +1,5 @@
 """Whole datasets of pairs made by hand, with plan, records and index, as the program writes them; no OpenGL."""
 
-import json
-
 import numpy as np
 from hand_made_pairs import CAMERA, make_frame, make_provenance
 
@@ -64,7 +62,6 @@ def write_dataset(out, layout, pairs, shard_pairs, config=None, *, overwrite=Fal
             split = {"split": shard.split, "first": shard.first, "end": shard.end}
             writer.finish(split | {"redraws": 0, "renderers": ["none"]}, {"seconds": 0.1})
     index = describe_dataset(plan, sources, [complete_record(place, shard) for shard in plan.shards])
-    index = json.loads(json.dumps(index))
     files.finish(index, {CARD: encode_card(index), CROISSANT: encode_croissant(index)})
     files.close()
     return plan

@@ -352,7 +352,7 @@ def written(tmp_path_factory):
 def test_a_dataset_of_several_baselines_is_whole(written):
     root = written[1]
     index = read_index(root / "whole")
-    assert (index.views, index.values["views"]) == (3, 3)
+    assert (index.views, index.document.views) == (3, 3)
     verdicts = list(verify_dataset(index, 20))
     assert [str(finding) for verdict in verdicts for finding in verdict.findings] == []
     # Flow was compared with the same view's frame before.

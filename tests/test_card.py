@@ -19,6 +19,7 @@ from semisynth_gl.codecs.png16 import DisparityPng16
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.card import encode_card
 from semisynth_gl.dataset.croissant import encode_croissant
+from semisynth_gl.dataset.documents import IndexDocument, RecordDocument
 from semisynth_gl.dataset.index import describe_dataset
 from semisynth_gl.dataset.plan import Plan, make_plan
 from semisynth_gl.dataset.sample import encode_pair
@@ -90,7 +91,7 @@ def frame(index: int) -> Frame:
     return Frame(CAMERA, left, right)
 
 
-def write(plan: Plan, folder: Path | None = None) -> dict[str, Any]:
+def write(plan: Plan, folder: Path | None = None) -> IndexDocument:
     """Return a dataset's index, and write its shards if there is a folder to write to."""
     records = []
     for shard in plan.shards:
@@ -112,11 +113,11 @@ def write(plan: Plan, folder: Path | None = None) -> dict[str, Any]:
             "renderers": ["llvmpipe (LLVM 15.0.7, 256 bits)"], "bytes": len(content),
             "sha256": hashlib.sha256(content).hexdigest(), **({"tar": tar} if plan.layout.packed else {}),
         }  # fmt: skip
-        records.append(record)
+        records.append(RecordDocument.model_validate(record | {"samples": []}))
         if folder and plan.layout.packed:
             (folder / "shards").mkdir(exist_ok=True)
             (folder / tar).write_bytes(content)
-    index = json.loads(json.dumps(describe_dataset(plan, sources_of(plan), records)))
+    index = describe_dataset(plan, sources_of(plan), records)
     if folder:
         (folder / "croissant.json").write_bytes(encode_croissant(index))
         (folder / "README.md").write_bytes(encode_card(index))
@@ -359,8 +360,8 @@ def test_licences_arrive_whatever_they_say(
     [(1, "n<1K"), (999, "n<1K"), (1000, "1K<n<10K"), (10_000, "10K<n<100K"), (10**6, "1M<n<10M"), (10**12, "n>1T")],
 )
 def test_sizes_are_the_hubs(pairs: int, category: str) -> None:
-    index = write(plan_for("webdataset", {"train": 1}))
-    assert front_of(encode_card(index | {"pairs": {"train": pairs}}))[0]["size_categories"] == [category]
+    index = write(plan_for("webdataset", {"train": 1})).model_copy(update={"pairs": {"train": pairs}})
+    assert front_of(encode_card(index))[0]["size_categories"] == [category]
 
 
 def test_the_front_matter_is_what_a_hub_wants() -> None:
@@ -392,7 +393,7 @@ def test_the_card_says_what_a_reader_needs() -> None:
         "4 rectified stereo pairs", "8 x 6 pixels", "1 to 5 px", "0.1 to 0.2 m",
         "| train | 3 | 2 |", "open_dataset(", "train/training/disp_occ_0/000000_10.png",
         "x_left - x_right", "16-bit PNG that counts 1/256 px; 0 says", "255.996",
-        index["version"], index["config_sha256"], "| seed | 3 |", "llvmpipe",
+        index.version, index.config_sha256, "| seed | 3 |", "llvmpipe",
         "| 2 photographs | CC\\|0 \\<b\\> |", "next frame's disparity", "KITTI 2015 has 200 pairs",
         "validation pairs get such a folder",
     ):  # fmt: skip

@@ -526,7 +526,8 @@ def test_figures_are_means_and_deviations_and_advice_follows_them(dataset, photo
             continue
         difference = (np.mean(values) - theirs.mean()) / np.std(theirs, ddof=1)
         assert each["difference"] == pytest.approx(difference)
-        expected = None if abs(difference) <= 1 else advice(measure, [read_index(dataset).config], more=difference < 0)
+        place = [read_index(dataset).config.values]
+        expected = None if abs(difference) <= 1 else advice(measure, place, more=difference < 0)
         assert each["advice"] == expected
         assert expected is None or f"  {measure.name}, {difference:+.1f} sd: {expected}" in out
         off += expected is not None

@@ -19,10 +19,11 @@ from tiny_datasets import tiny
 from semisynth_gl.codecs import FLOW_CODECS, Encodings
 from semisynth_gl.codecs.png import GREY16, RGB8, RGB16
 from semisynth_gl.config.dataset_sections import FilesSection
-from semisynth_gl.dataset.documents import check_plan
+from semisynth_gl.dataset.documents import PlanDocument, parse_document
 from semisynth_gl.dataset.places import Folder
 from semisynth_gl.dataset.plan import make_plan
-from semisynth_gl.dataset.reader import Index
+from semisynth_gl.dataset.reader import make_index
+from semisynth_gl.dataset.schema import PLAN
 from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE, Frame, View
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.layouts import Key, find_layout, layout_names
@@ -308,7 +309,7 @@ def test_names_without_flow_are_those_of_pairs():
 @pytest.mark.parametrize("outputs", [(), ("visibility",), ("flow",), ("disparity_change",)], ids=str)
 def test_plan_and_index_name_pairs_alike(tmp_path, outputs, length):
     plan = make_plan(config(length).model_copy(update={"outputs": outputs}), 0, "sceneflow", {"train": 9})
-    index = Index(Folder(tmp_path), plan.values())
+    index = make_index(Folder(tmp_path), parse_document(plan.values(), PlanDocument, Path(PLAN)))
     for number in range(9):
         key = plan.key("train", number)
         assert index.key("train", number) == key
@@ -318,11 +319,12 @@ def test_plan_and_index_name_pairs_alike(tmp_path, outputs, length):
 
 def test_an_index_tells_its_encoding_of_flow(tmp_path):
     plan = make_plan(config(files={"flow": "png16"}), 0, "webdataset", {"train": 1})
-    assert Index(Folder(tmp_path), plan.values()).encodings == Encodings.from_names(flow="png16")
+    index = make_index(Folder(tmp_path), parse_document(plan.values(), PlanDocument, Path(PLAN)))
+    assert index.encodings == Encodings.from_names(flow="png16")
     values = plan.values()
     values["config_values"]["files"]["flow"] = "exr"
     with pytest.raises(ReadError, match=r"files\.flow: expected one of flo, pfm, png16, got 'exr'"):
-        check_plan(values, tmp_path / "plan.json")
+        parse_document(values, PlanDocument, tmp_path / "plan.json")
     with pytest.raises(InputError, match=r"encodings of its own \(png, png16, png16\): leave .* files\.flow out"):
         make_plan(config(files={"flow": "pfm"}), 0, "kitti", {"train": 1})
 

@@ -117,7 +117,7 @@ def test_a_document_without_the_key_is_of_format_1(kept, name):
     if name == PLAN:
         (kept / INDEX).unlink()  # only without an index is the plan read
     read = read_index(kept)
-    assert "format" not in read.values  # a refused index would have given way to the plan, which has the key
+    assert "format" not in read.document.values  # a refused index would have given way to the plan, which has the key
     assert read.pairs == {"train": 1}
 
 

@@ -11,11 +11,12 @@ from backends import backend_fault
 from recorder import Recorder
 from tiny_datasets import SEED, cheap, digests, findings
 
-from semisynth_gl.dataset.begun import complete_record, plan_from_values, read_beginning
+from semisynth_gl.dataset.begun import complete_record, plan_of, read_beginning
+from semisynth_gl.dataset.documents import PlanDocument, parse_document
 from semisynth_gl.dataset.files import DatasetFiles
 from semisynth_gl.dataset.places import Folder, open_place
 from semisynth_gl.dataset.plan import make_plan
-from semisynth_gl.dataset.schema import is_unfinished_file
+from semisynth_gl.dataset.schema import PLAN, is_unfinished_file
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError
 
@@ -104,7 +105,7 @@ def begin(folder, plan, sources, *, overwrite):
 def test_killed_at_any_removal_the_same_command_goes_on(datasets, config, tmp_path, before, after, seed, step):
     plan = make_plan(config, seed, after, {"train": 2}, 1)
     old = json.loads((datasets / before / "shards/plan.json").read_text())
-    old_plan, old_sources = plan_from_values(old), old["sources"]
+    old_plan, old_sources = plan_of(parse_document(old, PlanDocument, Path(PLAN))), old["sources"]
     sources = old_sources if seed == SEED and before == after else SOURCES
     copied(datasets / before, tmp_path / "undisturbed")
     begin(tmp_path / "undisturbed", plan, sources, overwrite=True)
@@ -128,9 +129,9 @@ def test_killed_at_any_removal_the_same_command_goes_on(datasets, config, tmp_pa
             break
         # The earlier dataset is no riddle either: its own command goes on with what is left of it.
         begun = read_beginning(Folder(other))
-        if begun["seed"] == SEED and begun["layout"] == before:
+        if begun.seed == SEED and begun.layout == before:
             begin(other, old_plan, old_sources, overwrite=False)
-            assert read_beginning(Folder(other)) == old_plan.values() | {"sources": old_sources}
+            assert read_beginning(Folder(other)).values == old_plan.values() | {"sources": old_sources}
         shutil.rmtree(out)
         shutil.rmtree(other)
     assert moment > len(tree(datasets / before)) / 2
@@ -260,4 +261,4 @@ def test_a_store_is_overwritten_by_the_same_rules(config, datasets, tmp_path):
     place.remove(".partial/notes.txt")
     DatasetFiles(place, plan, overwrite=True).open(SOURCES)
     assert place.names() == ["shards/plan.json"]
-    assert read_beginning(place) == plan.values() | {"sources": SOURCES}
+    assert read_beginning(place).values == plan.values() | {"sources": SOURCES}

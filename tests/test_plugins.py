@@ -22,7 +22,7 @@ from semisynth_gl.config import Config, Range, load_config
 from semisynth_gl.config.explain import explain
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.config.plugin_recipes import plugin_recipe
-from semisynth_gl.dataset.documents import check_plan
+from semisynth_gl.dataset.documents import PlanDocument, parse_document
 from semisynth_gl.dataset.places import open_place
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import read_index
@@ -136,7 +136,7 @@ def test_the_examples_make_a_dataset_that_all_commands_know(made):
     assert pair.left.image.shape == (48, 64, 3)
     assert (out / "pairs" / "000002_seen_left.png").is_file()
     assert (out / "pairs.txt").read_text() == "".join(f"pairs/00000{i}_left.png\n" for i in range(3))
-    for shown in (read_index(out).values, json.loads((out / "shards/plan.json").read_text())):
+    for shown in (read_index(out).document.values, json.loads((out / "shards/plan.json").read_text())):
         assert shown["plugins"] == PLUGINS
     records = [json.loads(path.read_text()) for path in out.glob("shards/semisynth-*.json")]
     assert [record["plugins"] for record in records] == [PLUGINS] * 2
@@ -144,7 +144,7 @@ def test_the_examples_make_a_dataset_that_all_commands_know(made):
     assert {each for each in pair.provenance["models"] if "/" in each} <= {
         f"knots/{kind}" for kind in ("2-3", "3-2", "2-5", "3-4")
     }
-    index = read_index(out).values["splits"]["train"]
+    index = read_index(out).document.values["splits"]["train"]
     assert {each["name"][:8] for each in index["photographs"]} == {"posters/"}
     assert all(each["sha256"] and each["licence"] == "unknown" for each in index["photographs"])
     licences = {(each["name"].partition("/")[0], each["licence"]) for each in index["models"]}
@@ -247,7 +247,7 @@ def test_verify_compares_the_plugins_of_a_pair_with_the_index(made, tmp_path):
 
 def test_what_a_file_says_of_plugins_is_checked():
     values = make_plan(load_config("kitti"), 0, "kitti", {"train": 1}).values()
-    check_plan(values, Path("plan.json"))
+    parse_document(values, PlanDocument, Path("plan.json"))
     for plugins, message in (
         (
             {"layouts": {"x": {"package": "a; rm -rf ~", "version": "1"}}},
@@ -262,12 +262,14 @@ def test_what_a_file_says_of_plugins_is_checked():
         ({"layouts": []}, "plugins.layouts: input should be a valid dictionary"),
     ):
         with pytest.raises(ReadError) as caught:
-            check_plan(values | {"plugins": plugins}, Path("plan.json"))
+            parse_document(values | {"plugins": plugins}, PlanDocument, Path("plan.json"))
         assert message in str(caught.value)
     # A later version may have further groups.
-    check_plan(values | {"plugins": {"engines": {"x": {"package": "a", "version": "1"}}}}, Path("plan.json"))
+    parse_document(
+        values | {"plugins": {"engines": {"x": {"package": "a", "version": "1"}}}}, PlanDocument, Path("plan.json")
+    )
     with pytest.raises(ReadError, match=r"layout: expected one of crestereo, .*, got 'flat'"):
-        check_plan(values | {"layout": "flat"}, Path("plan.json"))
+        parse_document(values | {"layout": "flat"}, PlanDocument, Path("plan.json"))
 
 
 # What cannot be used
@@ -478,7 +480,7 @@ def test_a_recipe_of_the_page_makes_a_dataset_that_needs_no_package_later(tmp_pa
     options = ("--config", config, "--out", tmp_path / "set", "--pairs", 6)
     assert "6 pairs in" in said("generate", *options)
     attic = {"recipes": {"attic": {"package": "acme-stereo", "version": "1.2.0"}}}
-    assert read_index(tmp_path / "set").values["plugins"] == attic
+    assert read_index(tmp_path / "set").document.values["plugins"] == attic
     assert "Plug-in: scene recipe 'attic' of the package acme-stereo 1.2.0" in said("doctor")
     sys.path.remove(str(site))
     find_anew()

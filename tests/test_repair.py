@@ -283,7 +283,7 @@ def test_links_of_the_layout_do_not_stand_in_the_way(clean, tmp_path, layout):
     write(folder, layout, overwrite=True)
     assert tree(folder) == tree(clean / layout)
     write(folder, "eth3d", overwrite=True)
-    assert read_index(folder).values["layout"] == "eth3d"
+    assert read_index(folder).layout_name == "eth3d"
     assert not [name for name in links if os.path.lexists(folder / name)]
 
 

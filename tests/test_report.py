@@ -7,6 +7,7 @@ import sys
 import time
 import zlib
 from base64 import b64decode
+from dataclasses import replace
 from html.parser import HTMLParser
 from xml.etree import ElementTree as ET
 
@@ -20,6 +21,7 @@ from tiny_datasets import cheap, config_of
 from semisynth_gl import oracle
 from semisynth_gl.cli import main
 from semisynth_gl.dataset.reader import open_dataset, read_index
+from semisynth_gl.dataset.stored_config import StoredConfig
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.frame import OCCLUDED
 from semisynth_gl.generation.generate import generate
@@ -202,7 +204,7 @@ def test_rays_find_what_the_files_and_the_config_say(dataset, measured):
     assert rays.agreeing > 0.99 * rays.cast
     assert rays.slant_deg.min() >= 0
     assert rays.slant_deg.max() <= 90
-    config = read_index(dataset).config
+    config = read_index(dataset).config.values
     low, high = config["particles"]["size_px"]
     # A model that drifts away from its path's middle looks a little smaller or larger.
     assert low * 0.8 < rays.diameter_px.min()
@@ -497,7 +499,7 @@ def test_the_page_says_the_numbers(dataset, measured, page):
     low, middle, high = np.percentile(measured.rays.texels_per_pixel, [5, 50, 95])
     assert f"{middle:.2f} ({low:.2f}, {high:.2f})" in page
     index = read_index(dataset)
-    for value in (index.values["config_sha256"], index.values["renderers"][0], "4 train, 2 validation"):
+    for value in (index.document.config_sha256, index.made.renderers[0], "4 train, 2 validation"):
         assert value in page
     assert "3 of 6 pairs, evenly spread" in page
     assert "All 6 pairs were measured" in page
@@ -557,6 +559,12 @@ def figure_of(index, measurement, title):
     return figure
 
 
+def with_keys(index, section, keys):
+    """An index whose config has other values in a section."""
+    values = index.config.values
+    return replace(index, config=StoredConfig.model_validate({**values, section: {**values[section], **keys}}))
+
+
 @pytest.mark.parametrize(
     ("particles", "marked"),
     [
@@ -571,8 +579,8 @@ def figure_of(index, measurement, title):
 )
 def test_sizes_are_marked_where_size_px_alone_decides(dataset, measured, particles, marked):
     index = read_index(dataset)
-    assert index.config["particles"]["size_m"] is None
-    index.config["particles"].update({"size_px": [50.0, 90.0], **particles})
+    assert index.config.values["particles"]["size_m"] is None
+    index = with_keys(index, "particles", {"size_px": [50.0, 90.0], **particles})
     size = figure_of(index, measured, "Object size")
     assert (SIZES in size, "particles.size_px: " in size) == (marked, marked)
 
@@ -581,8 +589,8 @@ def test_texture_is_said_to_be_of_what_is_stored(dataset, measured):
     index = read_index(dataset)
     assert "as checks.min_texture (dashed) takes it." in figure_of(index, measured, "Texture")
     for imperfections in ({"noise": 3.0}, {"of_the_future": 1}):
-        index.config["imperfections"].update(imperfections)
-        assert "of the images as stored, with their imperfections" in figure_of(index, measured, "Texture")
+        changed = with_keys(index, "imperfections", imperfections)
+        assert "of the images as stored, with their imperfections" in figure_of(changed, measured, "Texture")
 
 
 # The page in a browser.

@@ -5,11 +5,13 @@ import fcntl
 import os
 import stat
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from semisynth_gl.config import load_config
 from semisynth_gl.dataset.begun import complete_record
+from semisynth_gl.dataset.documents import RecordDocument
 from semisynth_gl.dataset.files import DatasetFiles
 from semisynth_gl.dataset.places import Folder
 from semisynth_gl.dataset.plan import make_plan
@@ -71,7 +73,7 @@ def test_a_complete_shard_stays_as_it_is(tmp_path, packed):
         # A run that is killed here has lost nothing.
         assert finished_files(tmp_path) == before
     assert finished_files(tmp_path) == before
-    assert complete_record(Folder(tmp_path), SHARD) == record
+    assert complete_record(Folder(tmp_path), SHARD) == RecordDocument.model_validate(record)
 
 
 @packed_or_not
@@ -161,7 +163,7 @@ def test_nobody_is_known_to_be_alone_without_locks(tmp_path, monkeypatch):
         run.open({"train": {}})
     with open_writer(tmp_path) as other:
         add_pairs(other, 2)
-        runs[0].finish({"program": "semisynth-gl"}, {})
+        runs[0].finish(SimpleNamespace(values={"program": "semisynth-gl"}), {})
         runs[0].close()
         add_pairs(other)
         other.finish(RANGE, {"seconds": 1.5})

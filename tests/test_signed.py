@@ -379,7 +379,7 @@ def test_signed_png16_keeps_all_but_what_is_too_large(values):
 def check_read_back(data, config, made):
     """Compare a dataset with its pairs as they were rendered, and let verify and evaluate judge it."""
     index = read_index(data)
-    assert (index.signed, index.values["format"]) == (True, 1)
+    assert (index.signed, index.document.format) == (True, 1)
     assert [each for verdict in verify_dataset(index, oracle_pixels=50) for each in verdict.findings] == []
     exact_px = SIGNED_DISPARITY.error_px if config.files.disparity == "png16" else 0.0
     results = data.parent / f"{data.name}-results"

@@ -231,6 +231,10 @@ def test_an_index_of_another_config_is_found(dataset, datasets):
     other = json.loads((datasets / "kitti" / "index.json").read_text())
     other |= {key: index[key] for key in ("layout", "pairs", "shard_pairs", "shards")} | {"config": "middlebury"}
     (dataset / "index.json").write_text(json.dumps(other))
+    said = "config_values: expected a config with the name 'middlebury'"
+    assert any(said in finding.message for finding in findings(dataset))
+    other["config_values"]["name"] = "middlebury"
+    (dataset / "index.json").write_text(json.dumps(other))
     assert {"origin", "size"} <= checks(dataset)
     index["config_values"]["disparity"]["max_px"] = 20.0
     (dataset / "index.json").write_text(json.dumps(index))

@@ -86,7 +86,7 @@ def compare_with_place(
         ReadError: where a file of the dataset or a map cannot be read.
     """
     if width_px is None:
-        configured = dataset.about.number("camera", "width_px")
+        configured = dataset.about.config.camera.width_px
         width_px = WORKING_WIDTH if configured is None else working_width(round(configured))
     measured = measure_place(place, width_px)
     ours = measure_dataset(dataset, width_px, sample, listener)

@@ -3,14 +3,15 @@
 import json
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from math import isfinite
 from typing import Any
 
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from semisynth_gl.config.yaml_values import write_yaml
-from semisynth_gl.dataset.begun import plan_from_values
+from semisynth_gl.dataset.begun import plan_of
+from semisynth_gl.dataset.documents import IndexDocument
 from semisynth_gl.dataset.file_sets import FileSet, list_file_sets
 from semisynth_gl.dataset.plan import Plan
 from semisynth_gl.frame.frame import FLOW_OUTPUTS
@@ -39,7 +40,7 @@ _IMAGE_ENDINGS = (".png", ".jpg", ".tiff")
 _MAIN_ROLE = "left"
 
 
-def encode_card(index: Mapping[str, Any]) -> bytes:
+def encode_card(index: IndexDocument) -> bytes:
     """Encode a dataset's README.md from its index.
 
     Args:
@@ -48,7 +49,7 @@ def encode_card(index: Mapping[str, Any]) -> bytes:
     Returns:
         YAML between two lines of dashes, and Markdown.
     """
-    plan = plan_from_values(index)
+    plan = plan_of(index)
     environment = template_environment()
     environment.filters |= {"bytes": _bytes, "counted": counted, "one_line": _one_line, "plain": _escaped}
     environment.tests["finite"] = isfinite
@@ -70,7 +71,7 @@ def encode_card(index: Mapping[str, Any]) -> bytes:
     return f"---\n{_front(plan, index)}---\n\n{body}".encode()
 
 
-def _front(plan: Plan, index: Mapping[str, Any]) -> str:
+def _front(plan: Plan, index: IndexDocument) -> str:
     values: dict[str, Any] = {
         **_licence(plan.config.licences.dataset),
         "task_categories": ["depth-estimation"],
@@ -132,12 +133,12 @@ def _size_category(pairs: int) -> str:
     return f"n>{_SIZE_NAMES[-1]}"
 
 
-def _tars(index: Mapping[str, Any], split: SplitName) -> tuple[str, str]:
+def _tars(index: IndexDocument, split: SplitName) -> tuple[str, str]:
     """Return a glob for the tars of a split, and their range in braces, which the webdataset package expands.
 
     Both have the names' beginning: a config's name may contain a split's.
     """
-    tars = [shard["tar"].removesuffix(".tar") for shard in index["shards"] if shard["split"] == split]
+    tars = [shard.tar.removesuffix(".tar") for shard in index.shards if shard.split == split and shard.tar is not None]
     (begin, _, first), last = tars[0].rpartition("-"), tars[-1].rpartition("-")[2]
     return f"{begin}-*.tar", f"{begin}-{first if first == last else f'{{{first}..{last}}}'}.tar"
 
@@ -152,14 +153,14 @@ def _loadable(plan: Plan) -> dict[str, Any]:
     return {"images": images, "others": others}
 
 
-def _rights(plan: Plan, index: Mapping[str, Any]) -> list[tuple[str, str]]:
+def _rights(plan: Plan, index: IndexDocument) -> list[tuple[str, str]]:
     """Return how many photographs and models the dataset was made of, by licence."""
     rows: list[tuple[str, str]] = []
     for noun, key in (
         (describe_source(plan.config.textures.source).noun, "photographs"),
         ("kind of model", "models"),
     ):
-        named = {(item["name"], item["licence"]) for split in index["splits"].values() for item in split[key]}
+        named = {(item.name, item.licence) for split in index.splits.values() for item in getattr(split, key)}
         counts = Counter(licence for _, licence in named)
         rows += [(counted(count, noun), licence) for licence, count in sorted(counts.items())]
     return rows

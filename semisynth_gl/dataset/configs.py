@@ -17,7 +17,7 @@ def read_config(index: Index) -> Config:
         InputError: where the config in the index is not a config of this version.
     """
     try:
-        return Config.model_validate(index.config)
+        return Config.model_validate(index.config.values)
     except ValidationError as error:
         reason = "; ".join(str(error).splitlines()[:3])
         raise InputError(f"the config in the index is not a config of this version: {reason}") from None
@@ -28,4 +28,4 @@ def recipe_values(index: Index) -> list[Mapping[str, Any]]:
     try:
         return [recipe.config.model_dump(mode="json") for recipe in read_config(index).recipes()]
     except InputError:  # a config of another version
-        return [index.config]
+        return [index.config.values]

@@ -16,7 +16,8 @@ from semisynth_gl.codecs.grey import ThreeEqual
 from semisynth_gl.codecs.jpeg import Jpeg
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.codecs.png import RGB8
-from semisynth_gl.dataset.begun import plan_from_values
+from semisynth_gl.dataset.begun import plan_of
+from semisynth_gl.dataset.documents import IndexDocument, ShardEntry
 from semisynth_gl.dataset.file_sets import FileSet, list_file_sets
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.seeds.splits import SplitName
@@ -54,7 +55,7 @@ _SPLITS: Mapping[SplitName, str] = {
 _READ_IN_FOLDERS: tuple[Codec[Any], ...] = (RGB8, ThreeEqual(RGB8), Jpeg(), MIDDLEBURY_CALIB, KITTI_CALIB)
 
 
-def encode_croissant(index: Mapping[str, Any]) -> bytes:
+def encode_croissant(index: IndexDocument) -> bytes:
     """Encode a dataset's croissant.json from its index.
 
     The index does not know the publisher, the date, the address and the citation of the dataset: they are left out.
@@ -65,8 +66,8 @@ def encode_croissant(index: Mapping[str, Any]) -> bytes:
     Returns:
         JSON-LD, readable, with a line break at the end.
     """
-    plan = plan_from_values(index)
-    tars = [shard for shard in index["shards"] if "tar" in shard]
+    plan = plan_of(index)
+    tars = [shard for shard in index.shards if shard.tar is not None]
     file_sets = [file_set for split in plan.splits for file_set in list_file_sets(plan, split)]
     readable = [each for each in file_sets if plan.layout.packed or each.codec in _READ_IN_FOLDERS]
     width, height = plan.config.camera.width_px, plan.config.camera.height_px
@@ -84,7 +85,7 @@ def encode_croissant(index: Mapping[str, Any]) -> bytes:
             "File sets without a record set are for other readers, such as semisynth_gl.open_dataset."
         ),
         "conformsTo": _VERSION,
-        "version": index["version"],
+        "version": index.version,
         "keywords": ["stereo", "disparity", "synthetic"],
         **({} if licence == "unknown" else {"license": licence}),
         "distribution": [
@@ -103,20 +104,20 @@ def _id(file_set: FileSet) -> str:
     return f"{file_set.split}-{file_set.role}-files"
 
 
-def _file_object(shard: Mapping[str, Any]) -> dict[str, Any]:
+def _file_object(shard: ShardEntry) -> dict[str, Any]:
     return {
         "@type": "cr:FileObject",
-        "@id": shard["tar"],
-        "name": PurePosixPath(shard["tar"]).name,
-        "contentUrl": shard["tar"],
-        "contentSize": f"{shard['bytes']} B",
+        "@id": shard.tar,
+        "name": PurePosixPath(str(shard.tar)).name,
+        "contentUrl": shard.tar,
+        "contentSize": f"{shard.bytes} B",
         "encodingFormat": "application/x-tar",
-        "sha256": shard["sha256"],
+        "sha256": shard.sha256,
     }
 
 
-def _describe_file_set(file_set: FileSet, tars: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    own = [{"@id": tar["tar"]} for tar in tars if tar["split"] == file_set.split]
+def _describe_file_set(file_set: FileSet, tars: Sequence[ShardEntry]) -> dict[str, Any]:
+    own = [{"@id": tar.tar} for tar in tars if tar.split == file_set.split]
     contained = {"containedIn": own} if own else {}
     return {
         "@type": "cr:FileSet",

@@ -7,39 +7,31 @@ left alone: another version may have written them. A document of a newer format 
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    InstanceOf,
-    ValidationError,
-    ValidationInfo,
-    field_validator,
-)
-from pydantic_core import PydanticKnownError
+from pydantic import AfterValidator, Field, InstanceOf, ValidationError, ValidationInfo, field_validator
+from pydantic.dataclasses import dataclass
 
-from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS
-from semisynth_gl.config.fields import Finite, count, one_of, reason_of
+from semisynth_gl.config.fields import count, reason_of
 from semisynth_gl.config.model import Config
-from semisynth_gl.dataset.plan import Shard, list_shards
+from semisynth_gl.dataset.contents import Contents, Shard
 from semisynth_gl.dataset.schema import FORMAT, INDEX, PLAN, PROGRAM, tar_path
+from semisynth_gl.dataset.stored_config import MOST_PAIRS, StoredConfig, StoredDocument, StoredObject
 from semisynth_gl.dataset.tar import content_offsets
-from semisynth_gl.frame.frame import Colour, TruthViews
 from semisynth_gl.inputs.errors import InputError, ReadError, abbreviate, counted, shown
 from semisynth_gl.layouts import layout_names
-from semisynth_gl.plugins import MissingPluginError, require_plugins
-from semisynth_gl.seeds.splits import SplitName
+from semisynth_gl.plugins import MissingPluginError, Records, require_plugins
+from semisynth_gl.seeds.splits import SPLITS, SplitName
+from semisynth_gl.textures.atlas import Patch
 
 CHANGED_INDEX = f"somebody changed it; without {INDEX}, the dataset's generate command goes on from {PLAN}"
 """What to do where an index has values that no dataset has."""
 
 # Larger than any dataset, and small enough to count with.
-_MOST_PAIRS = 10**8
 _MOST_BYTES = 2**62
 _SHOWN = 3
+
+_Document = TypeVar("_Document", bound=StoredObject)
 
 
 class NewerFormatError(InputError):
@@ -55,97 +47,38 @@ def _check_below(name: str) -> str:
 
 _Format = Annotated[int, Field(ge=1, le=FORMAT)]
 _Number = Annotated[int, Field(ge=0)]
-_Count = Annotated[int, count(_MOST_PAIRS)]
-_Bytes = Annotated[int, Field(ge=0, le=_MOST_BYTES)]
-_Pairs = Annotated[int, Field(ge=1, le=_MOST_PAIRS)]
-_Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+_Count = Annotated[int, count(MOST_PAIRS)]
+_Bytes = Annotated[int, Field(ge=0, le=_MOST_BYTES, strict=True)]
+_Pairs = Annotated[int, Field(ge=1, le=MOST_PAIRS)]
+_Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$", strict=True)]
 _FileName = Annotated[str, AfterValidator(_check_below)]
 # Names of files may have bytes that are no UTF-8, which pydantic's own strings refuse.
 _Text = InstanceOf[str]
-_Object = dict[str, Any]
 
 
-class _Facts(BaseModel):
-    """Base of all documents and of the objects in them: values are not coerced."""
-
-    model_config = ConfigDict(strict=True, frozen=True, allow_inf_nan=False)
-
-
-class _Camera(_Facts):
-    width_px: _Count | None = None
-    height_px: _Count | None = None
-    colour: Colour = "rgb"
-
-
-class _Disparity(_Facts):
-    signed: bool = False
-    max_px: Finite | None = None
-
-    @field_validator("max_px")
-    @classmethod
-    def _is_positive(cls, max_px: float | None, info: ValidationInfo) -> float | None:
-        if max_px is not None and max_px <= 0 and not info.data.get("signed", True):
-            raise PydanticKnownError("greater_than", {"gt": 0})
-        return max_px
-
-
-class _Sequence(_Facts):
-    length: Annotated[int, Field(ge=1, le=_MOST_PAIRS)] = 1
-
-
-class _Files(_Facts):
-    image: Annotated[str, one_of(IMAGE_CODECS)] | None = None
-    disparity: Annotated[str, one_of(DISPARITY_CODECS)] | None = None
-    flow: Annotated[str, one_of(FLOW_CODECS)] | None = None
-
-
-class _Particles(_Facts):
-    layers: list[_Object] | None = None
-    clutter: list[_Object] | None = None
-
-
-class _StoredConfig(_Facts):
-    """The keys of a config without which pairs cannot be read or shown; `Config` has the others.
-
-    Each is optional: configs of other versions may have others.
-    """
-
-    name: Annotated[str, *Config.model_fields["name"].metadata] | None = None
-    outputs: list[str] | None = None
-    truth: TruthViews = "both"
-    camera: _Camera | None = None
-    disparity: _Disparity | None = None
-    sequence: _Sequence | None = None
-    files: _Files | None = None
-    particles: _Particles | None = None
-    textures: _Object | None = None
-    imperfections: _Object | None = None
-    checks: _Object | None = None
-
-
-class _Package(_Facts):
+class _Package(StoredObject):
     """Messages have both in a command to be copied."""
 
     package: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100)]
     version: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._+!-]*$", max_length=100)]
 
 
-class PlanDocument(_Facts):
+class PlanDocument(StoredDocument):
     """A dataset's plan; see `semisynth_gl.dataset.plan.Plan.values`."""
 
     program: Literal["semisynth-gl"]
-    plugins: dict[str, dict[str, _Package]] = {}
+    plugins: dict[str, dict[str, _Package]] = Field(default_factory=dict)
     layout: str
     version: str
     format: _Format = 1
     config: Annotated[str, *Config.model_fields["name"].metadata]
     config_sha256: _Sha256
-    config_values: _StoredConfig
+    config_values: StoredConfig
     seed: _Number
     pairs: Annotated[dict[SplitName, _Pairs], Field(min_length=1)]
     shard_pairs: _Pairs
     views: _Pairs = 1
-    sources: dict[SplitName, dict[str, str]] = {}
+    sources: dict[SplitName, dict[str, str]] = Field(default_factory=dict)
 
     @field_validator("layout")
     @classmethod
@@ -157,14 +90,34 @@ class PlanDocument(_Facts):
             raise ValueError(f"expected one of {', '.join(layout_names())}")
         return name
 
+    @field_validator("config_values")
+    @classmethod
+    def _has_the_name(cls, config: StoredConfig, info: ValidationInfo) -> StoredConfig:
+        if config.name != info.data.get("config", config.name):
+            raise ValueError(f"expected a config with the name {info.data['config']!r}")
+        return config
 
-class _Source(_Facts):
+    @property
+    def plugin_records(self) -> Records:
+        """The packages of the plug-ins that the dataset is made with."""
+        return {
+            group: {name: each.model_dump() for name, each in names.items()} for group, names in self.plugins.items()
+        }
+
+    @property
+    def contents(self) -> Contents:
+        """The pairs, shards and files."""
+        pairs = {name: self.pairs[name] for name in SPLITS if name in self.pairs}
+        return Contents(self.config_values, self.layout, pairs, self.shard_pairs, self.views)
+
+
+class _Source(StoredObject):
     name: _Text
     sha256: _Sha256 | None = None
     licence: _Text
 
 
-class _Patch(_Facts):
+class _Patch(StoredObject):
     source: _Text
     left_px: _Number
     top_px: _Number
@@ -177,16 +130,25 @@ class _Patch(_Facts):
     subject: _Text = ""
     sha256: _Sha256 | None = None
 
+    @property
+    def patch(self) -> Patch:
+        """The patch, without its pixels."""
+        return Patch(**self.model_dump(exclude={"sha256"}))
 
-class _SplitSources(_Facts):
+
+class SplitSources(StoredObject):
+    """What the index says of a split's photographs, patches and models."""
+
     pairs: _Pairs | None = None
-    photographs: list[_Source] = []
-    patches: list[_Patch] = []
-    models: list[_Source] = []
-    left_out: list[_Text] = []
+    photographs: list[_Source] = Field(default_factory=list)
+    patches: list[_Patch] = Field(default_factory=list)
+    models: list[_Source] = Field(default_factory=list)
+    left_out: list[_Text] = Field(default_factory=list)
 
 
-class _ShardEntry(_Facts):
+class ShardEntry(StoredObject):
+    """What the index says of a shard."""
+
     shard: str
     split: SplitName
     first: _Number
@@ -203,24 +165,29 @@ class IndexDocument(PlanDocument):
     renderers: list[str]
     redraws: _Number
     bytes: _Bytes
-    splits: dict[SplitName, _SplitSources]
-    shards: list[_ShardEntry]
+    splits: dict[SplitName, SplitSources]
+    shards: list[ShardEntry]
 
 
-class _File(_Facts):
+@dataclass(frozen=True, slots=True)
+class StoredFile:
+    """A file of a pair: its size, and its digest, or its place in a tar. Not a model: datasets have millions."""
+
     bytes: _Bytes
     sha256: _Sha256 | None = None
     offset: _Bytes | None = None
 
 
-class _Sample(_Facts):
+class Sample(StoredObject):
+    """What the record of a shard says of a pair."""
+
     pair: _Number
-    files: Annotated[dict[_FileName, _File], Field(min_length=1)]
-    redrawn: list[str] = []
+    files: Annotated[dict[_FileName, StoredFile], Field(min_length=1)]
+    redrawn: list[str] = Field(default_factory=list)
     share_beyond: float = 0.0
 
 
-class JournalEntry(_Sample):
+class JournalEntry(StoredDocument, Sample):
     """A line of a shard's journal; see `semisynth_gl.dataset.shard`."""
 
     redrawn: list[str]
@@ -231,16 +198,28 @@ class JournalEntry(_Sample):
     crc32: _Number = 0
 
 
-class RecordDocument(_ShardEntry):
+class RecordDocument(ShardEntry):
     """The record of a shard; see `semisynth_gl.dataset.shard`."""
 
     format: _Format = 1
     renderers: list[str]
-    samples: list[_Sample]
+    samples: list[Sample]
+
+    @property
+    def entry(self) -> dict[str, Any]:
+        """What the index says of the shard, in JSON's types."""
+        return self.model_dump(include=set(ShardEntry.model_fields), exclude_none=True)
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """The sizes of the files that the shard consists of, its tar or the files of its pairs, by name."""
+        if self.tar is not None:
+            return {self.tar: self.bytes}
+        return {name: file.bytes for sample in self.samples for name, file in sample.files.items()}
 
 
-def check_document(values: Mapping[str, Any], model: type[_Facts], path: Path) -> None:
-    """Check the values of a document.
+def parse_document(values: Mapping[str, Any], model: type[_Document], path: Path) -> _Document:
+    """Check the values of a document, and return them typed.
 
     Args:
         values: in JSON's types.
@@ -248,11 +227,14 @@ def check_document(values: Mapping[str, Any], model: type[_Facts], path: Path) -
         path: the document's file, for messages.
 
     Raises:
+        NewerFormatError: where a newer program wrote it.
         ReadError: with the keys that are wrong or missing, what was expected, and what came.
         MissingPluginError: where the layout is a plug-in's that is not installed.
     """
+    if issubclass(model, PlanDocument):
+        _check_format(values, path)
     try:
-        model.model_validate(values)
+        return model.model_validate(values)
     except MissingPluginError as error:
         raise MissingPluginError(f"{path}: {error}") from None
     except ValidationError as error:
@@ -264,37 +246,24 @@ def check_document(values: Mapping[str, Any], model: type[_Facts], path: Path) -
         raise ReadError(path, abbreviate(faults, _SHOWN)) from None
 
 
-def check_plan(values: Mapping[str, Any], path: Path) -> None:
-    """Check a plan.
+def parse_index(values: Mapping[str, Any], path: Path) -> IndexDocument:
+    """Parse an index, whose list of shards must be the one that follows from its numbers of pairs.
 
     Raises:
-        NewerFormatError: where a newer program wrote it.
-        ReadError: see `check_document`.
+        NewerFormatError, ReadError, MissingPluginError: see `parse_document`.
     """
-    _check_format(values, path)
-    check_document(values, PlanDocument, path)
-
-
-def check_index(values: Mapping[str, Any], path: Path) -> None:
-    """Check an index, whose list of shards must be the one that follows from its numbers of pairs.
-
-    Raises:
-        NewerFormatError: where a newer program wrote it.
-        ReadError: see `check_document`.
-    """
-    _check_format(values, path)
-    check_document(values, IndexDocument, path)
-    pairs, shard_pairs, listed = values["pairs"], values["shard_pairs"], values["shards"]
+    index = parse_document(values, IndexDocument, path)
     # Counted first: a wrong number may ask for a list that no memory holds.
-    count = sum(-(-number // shard_pairs) for number in pairs.values())
-    if count != len(listed):
-        raise ReadError(path, f"shards: expected {count} by pairs and shard_pairs, got {len(listed)}")
-    for number, shard in enumerate(list_shards(values["config"], pairs, shard_pairs)):
-        _check_shard(listed[number], shard, f"shards.{number}.", path)
+    count = sum(-(-number // index.shard_pairs) for number in index.pairs.values())
+    if count != len(index.shards):
+        raise ReadError(path, f"shards: expected {count} by pairs and shard_pairs, got {len(index.shards)}")
+    for shard, entry in zip(index.contents.shards, index.shards, strict=True):
+        _check_shard(entry, shard, f"shards.{shard.number}.", path)
+    return index
 
 
-def check_record(values: Mapping[str, Any], shard: Shard, path: Path, *, packed: bool) -> None:
-    """Check the record of a shard: its pairs are the shard's, and the members of a tar stand where its record says.
+def parse_record(values: Mapping[str, Any], shard: Shard, path: Path, *, packed: bool) -> RecordDocument:
+    """Parse the record of a shard: its pairs are the shard's, and the members of a tar stand where its record says.
 
     Args:
         values: in JSON's types.
@@ -303,31 +272,32 @@ def check_record(values: Mapping[str, Any], shard: Shard, path: Path, *, packed:
         packed: whether the layout packs shards into tars.
 
     Raises:
-        ReadError: see `check_document`.
+        ReadError: see `parse_document`.
     """
-    check_document(values, RecordDocument, path)
-    _check_shard(values, shard, "", path)
-    expected, came = list(range(shard.first, shard.end)), [sample["pair"] for sample in values["samples"]]
+    record = parse_document(values, RecordDocument, path)
+    _check_shard(record, shard, "", path)
+    expected, came = list(range(shard.first, shard.end)), [sample.pair for sample in record.samples]
     if came != expected:
         raise ReadError(
             path, f"samples: expected the pairs {shard.first} to {shard.end - 1}, its record lists "
             f"{counted(len(came), 'pair')} ({shown(came)})"
         )  # fmt: skip
     if not packed:
-        return
-    if values.get("tar") != tar_path(shard.name):
-        raise ReadError(path, f"tar: expected {tar_path(shard.name)}, got {shown(values.get('tar'))}")
+        return record
+    if record.tar != tar_path(shard.name):
+        raise ReadError(path, f"tar: expected {tar_path(shard.name)}, got {shown(record.tar)}")
     files = [
         (f"samples.{number}.files.{name}", file)
-        for number, sample in enumerate(values["samples"])
-        for name, file in sample["files"].items()
+        for number, sample in enumerate(record.samples)
+        for name, file in sample.files.items()
     ]
-    offsets, size = content_offsets(file["bytes"] for _, file in files)
+    offsets, size = content_offsets(file.bytes for _, file in files)
     for (key, file), offset in zip(files, offsets, strict=True):
-        if file.get("offset") != offset:
-            raise ReadError(path, f"{key}.offset: expected {offset} by the sizes, got {shown(file.get('offset'))}")
-    if values["bytes"] != size:
-        raise ReadError(path, f"bytes: expected {size} by the sizes of the files, got {values['bytes']}")
+        if file.offset != offset:
+            raise ReadError(path, f"{key}.offset: expected {offset} by the sizes, got {shown(file.offset)}")
+    if record.bytes != size:
+        raise ReadError(path, f"bytes: expected {size} by the sizes of the files, got {record.bytes}")
+    return record
 
 
 def _check_format(values: Mapping[str, Any], path: Path) -> None:
@@ -340,8 +310,8 @@ def _check_format(values: Mapping[str, Any], path: Path) -> None:
         )
 
 
-def _check_shard(values: Mapping[str, Any], shard: Shard, prefix: str, path: Path) -> None:
+def _check_shard(entry: ShardEntry, shard: Shard, prefix: str, path: Path) -> None:
     expected = {"shard": shard.name, "split": shard.split, "first": shard.first, "end": shard.end}
     for key, value in expected.items():
-        if values[key] != value:
-            raise ReadError(path, f"{prefix}{key}: expected {value!r}, got {shown(values[key])}")
+        if getattr(entry, key) != value:
+            raise ReadError(path, f"{prefix}{key}: expected {value!r}, got {shown(getattr(entry, key))}")

@@ -36,8 +36,8 @@ class FileSet:
 def list_file_sets(plan: Plan, split: SplitName) -> list[FileSet]:
     """Return a file set for each role of a split."""
     layout = plan.layout
-    encodings = layout.encodings_for(plan.config)
-    length, views = plan.key(split, 0).sequence_length, plan.config.views
+    encodings = plan.encodings
+    length, views = plan.key(split, 0).sequence_length, plan.views
     if length is None:
         length = views = 1
     first = [number // views * views * length + number % views for number in _SEQUENCES]

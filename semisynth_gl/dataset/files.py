@@ -9,10 +9,12 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
 from semisynth_gl.codecs.json_object import JSON_OBJECT
-from semisynth_gl.dataset.begun import complete_record, plan_from_values, read_beginning, read_object
+from semisynth_gl.dataset.begun import complete_record, plan_of, read_beginning, read_object
+from semisynth_gl.dataset.contents import Shard
+from semisynth_gl.dataset.documents import IndexDocument, PlanDocument
 from semisynth_gl.dataset.locks import lock, open_locked
 from semisynth_gl.dataset.places import Place, entries_below
-from semisynth_gl.dataset.plan import Plan, Shard, differences
+from semisynth_gl.dataset.plan import Plan, differences
 from semisynth_gl.dataset.schema import (
     INDEX,
     JOURNAL_SUFFIX,
@@ -79,11 +81,11 @@ class DatasetFiles:
                     f"this program. {advice}Choose another with --out"
                 )
         elif overwrite:
-            self._own_files(plan_from_values(self._beginning))
+            self._own_files(plan_of(self._beginning))
         else:
             self._check_same(self._beginning)
         self.begun = self._beginning is not None
-        same = self._beginning is not None and self._beginning.get("pairs") == dict(plan.pairs)
+        same = self._beginning is not None and self._beginning.pairs == dict(plan.pairs)
         finished = same and not overwrite and place.size(INDEX) is not None
         self.lost = lost_files(place, plan) if finished else []
         self.complete = finished and not self.lost and not self.missing(plan.shards, quick=True)
@@ -120,7 +122,7 @@ class DatasetFiles:
                 self._beginning = None
             elif self._beginning is not None:
                 self._check_same(self._beginning)
-                changed = differences(self._beginning.get("sources", {}), values["sources"])
+                changed = differences(self._beginning.sources, values["sources"])
                 if changed:
                     raise InputError(
                         f"{place.address}: photographs or models are not those that the dataset was begun with: "
@@ -129,9 +131,9 @@ class DatasetFiles:
             # The index goes first: from here on the folder does not claim to be finished. It never goes without a plan.
             if place.size(INDEX) is not None:
                 if self._beginning is not None and read_object(place, PLAN) is None:
-                    place.write(PLAN, JSON_OBJECT.encode(plan_document(self._plan, self._beginning)))
+                    place.write(PLAN, JSON_OBJECT.encode(plan_document(self._plan, self._beginning.values)))
                 place.remove(INDEX)
-            if self._beginning is None or self._beginning != values:
+            if self._beginning is None or self._beginning.values != values:
                 place.write(PLAN, JSON_OBJECT.encode(values))
             if self._lock is not None:
                 lock(self._lock.fileno(), shared=True)
@@ -159,11 +161,11 @@ class DatasetFiles:
             shards = list(shards)
             return [shard for shard, record in zip(shards, pool.map(read_record, shards), strict=True) if not record]
 
-    def finish(self, index: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
+    def finish(self, index: IndexDocument, files: Mapping[str, bytes]) -> None:
         """Write the files about the whole dataset, last of all the index, which says that the dataset is complete.
 
         Args:
-            index: the index in JSON's types.
+            index: the index.
             files: the contents of the card and the Croissant file, by path.
 
         Raises:
@@ -175,7 +177,7 @@ class DatasetFiles:
             self._place.make_folder(name)
         for name, target in links_of(self._plan).items():
             self._place.link(name, target)
-        self._place.write(INDEX, JSON_OBJECT.encode(index))
+        self._place.write(INDEX, JSON_OBJECT.encode(index.values))
         if self._is_alone():
             self._remove_unfinished()
 
@@ -195,9 +197,9 @@ class DatasetFiles:
             self._lock.close()
             self._lock = None
 
-    def _check_same(self, beginning: Mapping[str, Any]) -> None:
+    def _check_same(self, beginning: PlanDocument) -> None:
         """Raise InputError where the dataset was begun with another plan; it may have been smaller."""
-        values, began = self._plan.values(), beginning.get("version")
+        values, began = self._plan.values(), beginning.version
         if began != values["version"]:
             raise InputError(
                 f"{self._place.address}: holds a dataset that was begun with another version, whose pairs may differ: "
@@ -205,9 +207,9 @@ class DatasetFiles:
                 "folder with --out, or give --overwrite to replace it. A finished dataset can be read as it is"
             )
         keys = ("config_values", "seed", "layout", "shard_pairs")
-        changed = differences({key: beginning.get(key) for key in keys}, {key: values[key] for key in keys})
-        changed += differences({"plugins": beginning.get("plugins", {})}, {"plugins": values.get("plugins", {})})
-        pairs = beginning.get("pairs", {})
+        changed = differences({key: beginning.values[key] for key in keys}, {key: values[key] for key in keys})
+        changed += differences({"plugins": beginning.plugin_records}, {"plugins": values.get("plugins", {})})
+        pairs = beginning.pairs
         if set(pairs) != set(values["pairs"]):
             changed += differences({"pairs": pairs}, {"pairs": values["pairs"]})
         if changed:
@@ -243,14 +245,14 @@ class DatasetFiles:
             )
         return files
 
-    def _remove(self, beginning: Mapping[str, Any]) -> None:
+    def _remove(self, beginning: PlanDocument) -> None:
         """Remove an earlier dataset but for its plan: a run that is ended in between leaves what --overwrite knows.
 
         The plan says so first. Else an equal plan would find what is left, and take it for its own work.
         """
-        place, plan = self._place, plan_from_values(beginning)
+        place, plan = self._place, plan_of(beginning)
         names = self._own_files(plan)
-        place.write(PLAN, JSON_OBJECT.encode(plan_document(plan, beginning) | {REPLACED: True}))
+        place.write(PLAN, JSON_OBJECT.encode(plan_document(plan, beginning.values) | {REPLACED: True}))
         for name in (INDEX, *names):
             if name not in (PLAN, LOCK):
                 place.remove(name)

@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from semisynth_gl.dataset.documents import IndexDocument, RecordDocument, parse_index
 from semisynth_gl.dataset.plan import Plan
+from semisynth_gl.dataset.schema import INDEX
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
 from semisynth_gl.inputs.user_files import open_file
 from semisynth_gl.scene.sources import Sources
@@ -18,27 +20,27 @@ from semisynth_gl.textures.sources import describe_source
 
 # The licence of the models and pictures that this program makes.
 _OWN_LICENCE = "MIT"
-_SHARD_KEYS = ("shard", "split", "first", "end", "tar", "bytes", "sha256", "redraws")
 
 
 def describe_dataset(
-    plan: Plan, sources: Mapping[SplitName, Sources], records: Sequence[Mapping[str, Any]]
-) -> dict[str, Any]:
-    """Return a dataset's index, in JSON's types.
+    plan: Plan, sources: Mapping[SplitName, Sources], records: Sequence[RecordDocument]
+) -> IndexDocument:
+    """Return a dataset's index.
 
     Args:
         plan: the plan of the dataset.
         sources: patches and models of each split.
         records: the records of all shards, by number.
     """
-    return plan.values() | {
+    values = plan.values() | {
         "sources": {split: split_sources.digests() for split, split_sources in sources.items()},
-        "renderers": sorted({renderer for record in records for renderer in record["renderers"]}),
-        "redraws": sum(record["redraws"] for record in records),
-        "bytes": sum(record["bytes"] for record in records),
+        "renderers": sorted({renderer for record in records for renderer in record.renderers}),
+        "redraws": sum(record.redraws for record in records),
+        "bytes": sum(record.bytes for record in records),
         "splits": {split: _describe_split(plan, split, split_sources) for split, split_sources in sources.items()},
-        "shards": [{key: record[key] for key in _SHARD_KEYS if key in record} for record in records],
+        "shards": [record.entry for record in records],
     }
+    return parse_index(values, Path(INDEX))
 
 
 def _describe_split(plan: Plan, split: SplitName, sources: Sources) -> dict[str, Any]:

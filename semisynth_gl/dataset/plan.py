@@ -1,6 +1,5 @@
 """The plan of a dataset: its pairs, their shards and their names. Everything but the pixels follows from the plan."""
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -8,21 +7,12 @@ from math import ceil
 from typing import Any
 
 from semisynth_gl.config import Config
-from semisynth_gl.dataset.schema import (
-    CARD,
-    CROISSANT,
-    FORMAT,
-    INDEX,
-    PARTIAL,
-    PROGRAM,
-    RECORDS,
-    shard_name,
-)
-from semisynth_gl.frame.camera import EYES
+from semisynth_gl.dataset.contents import Contents
+from semisynth_gl.dataset.schema import CARD, CROISSANT, FORMAT, INDEX, PARTIAL, PROGRAM, RECORDS
 from semisynth_gl.frame.frame import CHANNELS
 from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.inputs.errors import InputError, counted, shown
-from semisynth_gl.layouts import LAYOUTS, Key, Layout, find_layout
+from semisynth_gl.layouts import LAYOUTS, Layout, find_layout
 from semisynth_gl.layouts.key import sequence_length
 from semisynth_gl.plugins import Records, plugin_records
 from semisynth_gl.seeds.splits import SPLITS, Split, SplitName
@@ -36,101 +26,27 @@ _OF_EVERY_DATASET = (INDEX, CARD, CROISSANT, RECORDS, PARTIAL)
 
 
 @dataclass(frozen=True, slots=True)
-class Shard:
-    """A fixed range of a split's pairs, on disk complete or not at all.
-
-    Attributes:
-        number: the shard's number among all shards of the dataset, which tasks and ``--shards`` count.
-        name: the name of the shard's files, without their ending.
-        split: the split of the pairs.
-        first: number of the first pair.
-        end: number of the last pair, plus 1.
-    """
-
-    number: int
-    name: str
-    split: SplitName
-    first: int
-    end: int
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
+class Plan(Contents):
     """The plan of a dataset.
 
     Attributes:
         config: the configuration.
         seed: 0 or more.
-        layout_name: see `semisynth_gl.layouts`.
-        pairs: number of pairs of each split; splits without pairs are left out.
-        shard_pairs: number of pairs in a shard; the last shard of a split may have fewer.
         plugins: the packages of the plug-ins that the dataset is made with.
     """
 
     config: Config
     seed: int
-    layout_name: str
-    pairs: Mapping[SplitName, int]
-    shard_pairs: int
     plugins: Records = field(default_factory=dict)
-
-    @property
-    def layout(self) -> Layout:
-        """The layout."""
-        return find_layout(self.layout_name)
-
-    @property
-    def splits(self) -> tuple[SplitName, ...]:
-        """The splits of the dataset."""
-        return tuple(name for name in SPLITS if self.pairs.get(name))
 
     def split(self, name: SplitName) -> Split:
         """Return a split with its shares of photographs and models."""
         return self.config.splits.split(name, self.splits)
 
-    def folder(self, split: SplitName) -> str:
-        """Return the folder of a split's files below the dataset's, "" or ending in a slash."""
-        return self.layout.folder(split, self.splits)
-
-    def files(self, split: SplitName, index: int) -> dict[str, str]:
-        """Return the path of each file of a pair by role: below the dataset's folder, or inside a tar."""
-        config, layout = self.config, self.layout
-        files = layout.files(self.key(split, index), layout.encodings_for(config), config.outputs, config.truth)
-        if layout.packed:
-            return files
-        folder = self.folder(split)
-        return {role: f"{folder}{path}" for role, path in files.items()}
-
-    def images_folder(self) -> str:
-        """Return the folder below the dataset's in which all images are: of its tars, where shards are packed."""
-        if self.layout.packed:
-            return RECORDS
-        images = (
-            self.files(split, index)[eye]
-            for split in self.splits
-            for index in (0, self.pairs[split] - 1)
-            for eye in EYES
-        )
-        return os.path.commonpath([os.path.dirname(path) for path in images])  # noqa: PTH120 - of addresses too
-
     @property
     def kind(self) -> str:
         """What the pairs are, in a word or two."""
         return "rectified stereo" if self.config.rig.none() else "stereo"
-
-    def key(self, split: SplitName, index: int) -> Key:
-        """Return the key of a pair, which names its files."""
-        length = sequence_length(self.config.outputs, self.config.sequence.length)
-        return Key(self.config.name, split, index, length, self.config.views)
-
-    def keys(self, split: SplitName) -> list[Key]:
-        """Return the keys of all pairs of a split."""
-        return [self.key(split, index) for index in range(self.pairs.get(split, 0))]
-
-    @property
-    def shards(self) -> list[Shard]:
-        """All shards, by number."""
-        return list_shards(self.config.name, self.pairs, self.shard_pairs)
 
     def values(self) -> dict[str, Any]:
         """Return the plan in JSON's types."""
@@ -145,25 +61,9 @@ class Plan:
             "layout": self.layout_name,
             "pairs": dict(self.pairs),
             "shard_pairs": self.shard_pairs,
-            **({"views": self.config.views} if self.config.views > 1 else {}),
+            **({"views": self.views} if self.views > 1 else {}),
             **({"plugins": dict(self.plugins)} if self.plugins else {}),
         }
-
-
-def list_shards(config: str, pairs: Mapping[SplitName, int], shard_pairs: int) -> list[Shard]:
-    """Return all shards of a dataset by number, the shards of train first.
-
-    Args:
-        config: the config's name.
-        pairs: number of pairs of each split.
-        shard_pairs: number of pairs in a shard.
-    """
-    ranges = [
-        (shard_name(config, split, number), split, first, min(first + shard_pairs, pairs[split]))
-        for split in SPLITS
-        for number, first in enumerate(range(0, pairs.get(split, 0), shard_pairs))
-    ]
-    return [Shard(number, *shard) for number, shard in enumerate(ranges)]
 
 
 def make_plan(
@@ -225,7 +125,7 @@ def make_plan(
             f"{counted(shards, 'shard')} of {counted(shard_pairs, 'pair')}: expected at most {_MOST_SHARDS}; give a "
             "larger --shard-pairs, or make several datasets"
         )
-    plan = Plan(config, seed, layout_name, counts, shard_pairs, used_plugins(config, layout_name))
+    plan = Plan(config, layout_name, counts, shard_pairs, config.views, seed, used_plugins(config, layout_name))
     _check_names(plan)
     return plan
 
@@ -251,7 +151,7 @@ def _check_names(plan: Plan) -> None:
     """Raise InputError where the layout gives files of its own names that every dataset has."""
     for split in plan.splits:
         keys, folder = [plan.key(split, 0)], plan.folder(split)
-        lists = plan.layout.lists(keys, plan.layout.encodings_for(plan.config))
+        lists = plan.layout.lists(keys, plan.encodings)
         names = [f"{folder}{path}" for path in (*lists, *plan.layout.links(keys), *plan.layout.folders())]
         for name in names if plan.layout.packed else (*names, *plan.files(split, 0).values()):
             if name.partition("/")[0] in _OF_EVERY_DATASET:
@@ -275,7 +175,7 @@ def _shard_pairs(config: Config, layout: Layout, pairs: int) -> int:
     return ceil(number / together) * together
 
 
-def differences(before: Mapping[str, Any], now: Mapping[str, Any], prefix: str = "") -> list[str]:
+def differences(before: Mapping[Any, Any], now: Mapping[Any, Any], prefix: str = "") -> list[str]:
     """Return the dotted keys at which two mappings in JSON's types differ, each with both values."""
     texts: list[str] = []
     for key in dict.fromkeys((*before, *now)):

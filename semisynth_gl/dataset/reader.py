@@ -1,145 +1,70 @@
 """A dataset as a sequence of pairs, with the same names in every layout."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
-from typing import Any, overload
+from typing import Any, cast, overload
 
 from pydantic import ValidationError
 
-from semisynth_gl.codecs import Encodings
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.config.dataset_sections import ImperfectionsSection
-from semisynth_gl.dataset.documents import CHANGED_INDEX, check_index, check_plan, check_record
+from semisynth_gl.dataset.contents import Contents, Shard
+from semisynth_gl.dataset.documents import (
+    CHANGED_INDEX,
+    IndexDocument,
+    PlanDocument,
+    RecordDocument,
+    parse_document,
+    parse_index,
+    parse_record,
+)
 from semisynth_gl.dataset.places import Place, open_place
-from semisynth_gl.dataset.plan import Shard, list_shards
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, camera_size, decode_file, wrong_sizes
 from semisynth_gl.dataset.schema import INDEX, PLAN, PROGRAM, record_path, tar_path
+from semisynth_gl.dataset.stored_config import StoredConfig
 from semisynth_gl.dataset.tar import HEADER, header_fault
-from semisynth_gl.frame.frame import DEFAULT_OUTPUTS, OUTPUTS, TruthViews
 from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.inputs.errors import InputError, ReadError, shown
-from semisynth_gl.layouts import Key, Layout, find_layout
-from semisynth_gl.layouts.key import sequence_length
-from semisynth_gl.seeds.splits import SPLITS, SplitName
+from semisynth_gl.seeds.splits import SplitName
 
 _MISSING = "is missing"
 _UNFINISHED = "the dataset is not finished; run its generate command again"
 
 
 @dataclass(frozen=True, slots=True)
-class Index:
+class Index(Contents):
     """The index of a dataset, or the plan of an unfinished one.
 
     Attributes:
+        config: the config, as far as readers need it.
         place: the dataset's root.
-        values: all values of index.json, or of an unfinished dataset's plan, as `semisynth_gl.dataset.documents` has
-            checked them.
+        document: what index.json says, or the plan of an unfinished dataset.
         fault: why index.json cannot be used and what to do about it, or None.
     """
 
+    config: StoredConfig
     place: Place
-    values: Mapping[str, Any]
+    document: PlanDocument
     fault: str | None = None
 
     @property
-    def layout(self) -> Layout:
-        """The layout of the files."""
-        return find_layout(self.values["layout"])
-
-    @property
-    def config(self) -> Mapping[str, Any]:
-        """The config's values in JSON's types; empty where the index has none."""
-        values = self.values.get("config_values")
-        return values if isinstance(values, dict) else {}
-
-    @property
-    def encodings(self) -> Encodings:
-        """The codecs of the files."""
-        default = Encodings()
-        keys = ("image", "disparity", "flow")
-        names = (self.value("files", key) or getattr(default, key).name for key in keys)
-        chosen = Encodings.from_names(*names, signed=self.signed)
-        return self.layout.encodings_of(chosen, self.value("camera", "colour", "rgb"))
-
-    @property
-    def size(self) -> tuple[int, int] | None:
-        """Height and width of the images, px; None where the config has no numbers there."""
-        height, width = self.number("camera", "height_px"), self.number("camera", "width_px")
-        return None if height is None or width is None else (int(height), int(width))
+    def made(self) -> IndexDocument | None:
+        """What index.json says; None of an unfinished dataset."""
+        return self.document if isinstance(self.document, IndexDocument) else None
 
     @property
     def signed(self) -> bool:
         """Whether disparities of 0 and below are valid."""
-        return self.value("disparity", "signed") is True
-
-    @property
-    def outputs(self) -> tuple[str, ...]:
-        """The outputs beside images and disparities."""
-        outputs = self.config.get("outputs")
-        return tuple(name for name in OUTPUTS if name in outputs) if isinstance(outputs, list) else DEFAULT_OUTPUTS
-
-    @property
-    def truth(self) -> TruthViews:
-        """The views that have truth."""
-        return "left" if self.config.get("truth") == "left" else "both"
-
-    @property
-    def pairs(self) -> dict[SplitName, int]:
-        """The number of pairs of each split."""
-        pairs = self.values.get("pairs")
-        return {name: int(pairs[name]) for name in SPLITS if pairs.get(name)} if isinstance(pairs, dict) else {}
+        return self.config.disparity.signed
 
     @property
     def imperfect(self) -> bool:
         """Whether the config puts imperfections of a rig on the images, differently in each view."""
-        section = self.config.get("imperfections", {})
         try:
-            return not ImperfectionsSection.model_validate(section).none()
+            return not ImperfectionsSection.model_validate(self.config.imperfections or {}).none()
         except ValidationError:  # a config of another version
             return True
-
-    @property
-    def sequence_length(self) -> int:
-        """Number of frames of each sequence."""
-        return max(int(self.number("sequence", "length") or 1), 1)
-
-    @property
-    def views(self) -> int:
-        """Number of pairs that show each scene; see `semisynth_gl.config.Config.views`."""
-        return int(self.values.get("views", 1))
-
-    def number(self, section: str, key: str) -> float | None:
-        """Return a number of the config, or None where the config has no number there."""
-        value = self.value(section, key)
-        return value if isinstance(value, int | float) else None
-
-    def value(self, section: str, key: str, default: object = None) -> Any:  # noqa: ANN401 - any JSON
-        """Return a value of the config in JSON's types, or the default where the config has none there."""
-        keys = self.config.get(section)
-        return keys.get(key, default) if isinstance(keys, dict) else default
-
-    def folder(self, split: SplitName) -> str:
-        """Return the folder of a split's files, "" or ending in a slash."""
-        return self.layout.folder(split, tuple(self.pairs))
-
-    def key(self, split: SplitName, index: int) -> Key:
-        """Return the key of a pair, which names its files."""
-        length = sequence_length(self.outputs, self.sequence_length)
-        return Key(str(self.values.get("config")), split, index, length, self.views)
-
-    def files(self, split: SplitName, index: int) -> dict[str, str]:
-        """Return the path of each file of a pair by role: below the dataset's folder, or inside a tar."""
-        files = self.layout.files(self.key(split, index), self.encodings, self.outputs, self.truth)
-        if self.layout.packed:
-            return files
-        folder = self.folder(split)
-        return {role: f"{folder}{path}" for role, path in files.items()}
-
-    @property
-    def shards(self) -> list[Shard]:
-        """All shards of the complete dataset, by number."""
-        return list_shards(self.values["config"], self.pairs, int(self.values["shard_pairs"]))
 
 
 class DamagedIndexError(InputError):
@@ -174,7 +99,7 @@ def read_index(address: str | PathLike[str]) -> Index:
         raise InputError(f"{address}: {reason}")
     faults: list[str] = []
     advice, ours = _UNFINISHED, False
-    for name, check in ((INDEX, check_index), (PLAN, check_plan)):
+    for name in (INDEX, PLAN):
         try:
             values = _read_json(place, name)
         except ReadError as error:
@@ -185,15 +110,25 @@ def read_index(address: str | PathLike[str]) -> Index:
             raise InputError(f"{address}: {name} is not of {PROGRAM}: program is {shown(values.get('program'))}")
         ours = True
         try:
-            check(values, place.path(name))
+            path = place.path(name)
+            document = parse_index(values, path) if name == INDEX else parse_document(values, PlanDocument, path)
         except ReadError as error:
             faults.append(f"{name}: {error.reason}")
             advice = CHANGED_INDEX
             continue
-        return Index(place, values, f"{faults[0]}: {advice}" if faults else None)
+        return make_index(place, document, f"{faults[0]}: {advice}" if faults else None)
     if ours:
         raise DamagedIndexError(str(address), faults)
     raise InputError(f"{address}: not a dataset: {'; '.join(faults)}")
+
+
+def make_index(place: Place, document: PlanDocument, fault: str | None = None) -> Index:
+    """Make the index of a dataset; see `Index`."""
+    contents = document.contents
+    return Index(
+        document.config_values, contents.layout_name, contents.pairs, contents.shard_pairs, contents.views, place,
+        document, fault,
+    )  # fmt: skip
 
 
 class Dataset(Sequence[StoredFrame]):
@@ -221,7 +156,7 @@ class Dataset(Sequence[StoredFrame]):
         self.about = index
         self._counts = {name: count for name, count in index.pairs.items() if split in (None, name)}
         self._shards = {(shard.split, shard.first): shard for shard in index.shards}
-        self._records: dict[Shard, Mapping[str, Any]] = {}
+        self._records: dict[Shard, RecordDocument] = {}
 
     def __len__(self) -> int:
         return sum(self._counts.values())
@@ -253,7 +188,7 @@ class Dataset(Sequence[StoredFrame]):
         values = {
             role: decode_file(layout, role, files[name], place.path(name), encodings) for role, name in names.items()
         }
-        size = index.size or camera_size(values["provenance"])
+        size = index.config.size or camera_size(values["provenance"])
         for role, fault in wrong_sizes(values, size) if size is not None else ():
             raise ReadError(place.path(names[role]), fault)
         return assemble_frame(index.key(split, pair), values, encodings)
@@ -274,22 +209,22 @@ class Dataset(Sequence[StoredFrame]):
 
     def _read_members(self, split: SplitName, pair: int, names: Sequence[str]) -> dict[str, bytes]:
         """Read a pair's files from the tar of its shard, at their offsets in the shard's record."""
-        shard_pairs = self.about.values["shard_pairs"]
+        shard_pairs = self.about.shard_pairs
         shard = self._shards[split, pair // shard_pairs * shard_pairs]
         place = self.about.place
         if shard not in self._records:
             self._records[shard] = self._open_record(shard)
         return read_members(place, shard, self._records[shard], pair, names)
 
-    def _open_record(self, shard: Shard) -> Mapping[str, Any]:
+    def _open_record(self, shard: Shard) -> RecordDocument:
         """Read a shard's record, and check the size of its tar."""
         place, name = self.about.place, tar_path(shard.name)
         record = read_record(place, shard, packed=True)
         size = place.size(name)
         if size is None:
             raise ReadError(place.path(name), _MISSING)
-        if size != record["bytes"]:
-            raise ReadError(place.path(name), f"has {size} bytes, its record says {record['bytes']}")
+        if size != record.bytes:
+            raise ReadError(place.path(name), f"has {size} bytes, its record says {record.bytes}")
         return record
 
 
@@ -307,7 +242,7 @@ def open_dataset(address: str | PathLike[str], split: SplitName | None = None) -
     return Dataset(read_index(address), split)
 
 
-def read_record(place: Place, shard: Shard, *, packed: bool) -> dict[str, Any]:
+def read_record(place: Place, shard: Shard, *, packed: bool) -> RecordDocument:
     """Read the record of a shard.
 
     Args:
@@ -316,16 +251,14 @@ def read_record(place: Place, shard: Shard, *, packed: bool) -> dict[str, Any]:
         packed: whether the layout packs shards into tars.
 
     Raises:
-        ReadError: where the record is missing, cut off, or not the shard's; see `check_record`.
+        ReadError: where the record is missing, cut off, or not the shard's; see `parse_record`.
     """
     name = record_path(shard.name)
-    record = _read_json(place, name)
-    check_record(record, shard, place.path(name), packed=packed)
-    return record
+    return parse_record(_read_json(place, name), shard, place.path(name), packed=packed)
 
 
 def read_members(
-    place: Place, shard: Shard, record: Mapping[str, Any], pair: int, names: Sequence[str]
+    place: Place, shard: Shard, record: RecordDocument, pair: int, names: Sequence[str]
 ) -> dict[str, bytes]:
     """Read files of a pair from its shard's tar, at once.
 
@@ -340,13 +273,14 @@ def read_members(
         ReadError: where the record lacks a file, or the tar has something else where the file should be.
     """
     path = place.path(tar_path(shard.name))
-    listed = record["samples"][pair - shard.first]["files"]
+    listed = record.samples[pair - shard.first].files
     for name in names:
         if name not in listed:
             raise ReadError(place.path(record_path(shard.name)), f"has no entry of {name}")
-    files = {name: listed[name] for name in names}
-    begin = min(file["offset"] for file in files.values()) - HEADER
-    end = max(file["offset"] + file["bytes"] for file in files.values())
+    # A packed record has the offset of each file, or was refused.
+    spans = {name: (cast("int", listed[name].offset), listed[name].bytes) for name in names}
+    begin = min(offset for offset, _ in spans.values()) - HEADER
+    end = max(offset + size for offset, size in spans.values())
     try:
         data = place.read_part(tar_path(shard.name), begin, end - begin)
     except (FileNotFoundError, NotADirectoryError):
@@ -354,8 +288,8 @@ def read_members(
     except OSError as error:
         raise ReadError(path, f"cannot be read: {error.strerror}") from None
     contents = {}
-    for name, file in files.items():
-        at, size = file["offset"] - begin, file["bytes"]
+    for name, (offset, size) in spans.items():
+        at = offset - begin
         if len(data) < at + size:
             raise ReadError(path, f"ends before {name} does")
         if fault := header_fault(data[at - HEADER : at], name, size):

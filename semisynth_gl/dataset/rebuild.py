@@ -13,7 +13,6 @@ from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.scene import Motion
 from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.seeds.splits import SplitName
-from semisynth_gl.textures.atlas import Patch
 
 
 class RebuiltScenes:
@@ -33,26 +32,21 @@ class RebuiltScenes:
     """
 
     def __init__(self, index: Index, split: SplitName) -> None:
-        values = index.values
+        if index.made is None:
+            raise InputError(f"{index.place.address}: the scenes cannot be rebuilt from the index: {index.fault}")
+        document = index.made
         try:
-            self.config = Config.model_validate(index.config)
-            patches = tuple(
-                Patch(**{name: patch[name] for name in Patch.__slots__ if name in patch})
-                for patch in values["splits"][split]["patches"]
-            )
-            self.seed = int(values["seed"])
-            part = self.config.splits.split(split, tuple(index.pairs))
-        except (ValidationError, KeyError, TypeError, ValueError) as error:
-            reason = " ".join(str(error).splitlines()[:3]) if index.fault is None else index.fault
+            self.config = Config.model_validate(index.config.values)
+            patches = tuple(entry.patch for entry in document.splits[split].patches)
+        except (ValidationError, KeyError) as error:
+            reason = " ".join(str(error).splitlines()[:3])
             raise InputError(f"{index.place.address}: the scenes cannot be rebuilt from the index: {reason}") from None
-        if not patches or self.seed < 0:
-            raise InputError(
-                f"{index.place.address}: the scenes cannot be rebuilt from the index: expected patches and a "
-                f"seed of 0 or more, got {len(patches)} and {self.seed}"
-            )
+        if not patches:
+            raise InputError(f"{index.place.address}: the scenes cannot be rebuilt from the index: it lists no patches")
+        self.seed, part = document.seed, self.config.splits.split(split, index.splits)
         try:
             # Another version may make other models. The keys of recipes are in the config.
-            require_plugins(values.get("plugins", {}), ["models"], same=True)
+            require_plugins(document.plugin_records, ["models"], same=True)
         except MissingPluginError as error:
             raise MissingPluginError(f"{index.place.address}: the scenes cannot be rebuilt: {error}") from None
         libraries = recipe_libraries(self.config, self.seed, part)

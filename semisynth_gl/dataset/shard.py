@@ -18,10 +18,10 @@ from isal import isal_zlib
 
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.dataset.begun import complete_record
-from semisynth_gl.dataset.documents import JournalEntry, check_document
+from semisynth_gl.dataset.contents import Shard
+from semisynth_gl.dataset.documents import JournalEntry, parse_document
 from semisynth_gl.dataset.locks import lock, open_locked
 from semisynth_gl.dataset.places import Place, sync
-from semisynth_gl.dataset.plan import Shard
 from semisynth_gl.dataset.schema import FORMAT, PARTIAL, UNLOCKED, journal_name, log_path, record_path, tar_path
 from semisynth_gl.dataset.tar import tar_end, tar_member
 from semisynth_gl.inputs.errors import ReadError
@@ -61,7 +61,7 @@ class ShardWriter:
         self._folder = folder
         self._resources = ExitStack()
         self._tar: BufferedRandom | None = None
-        self.samples: list[dict[str, Any]] = []
+        self.samples: list[JournalEntry] = []
         try:
             self._work, self._journal = self._begin()
             # Another run may have completed the shard since this run found that it is missing.
@@ -109,7 +109,7 @@ class ShardWriter:
         entry |= self._add_files(files) if self._tar is None else self._add_members(self._tar, files)
         self._journal.write(json.dumps(entry).encode() + b"\n")
         self._journal.flush()
-        self.samples.append(entry)
+        self.samples.append(JournalEntry.model_validate(entry))
 
     def finish(self, facts: Mapping[str, Any], log: Mapping[str, Any]) -> dict[str, Any]:
         """Complete the shard after its last pair.
@@ -124,7 +124,7 @@ class ShardWriter:
         record: dict[str, Any] = {"shard": self._name, "format": FORMAT} | dict(facts)
         record |= self._finish_files() if self._tar is None else self._finish_tar(self._tar)
         record["samples"] = [
-            {key: value for key, value in entry.items() if key not in _ONLY_IN_JOURNAL} for entry in self.samples
+            {key: value for key, value in entry.values.items() if key not in _ONLY_IN_JOURNAL} for entry in self.samples
         ]
         self._place.write(log_path(self._name), (json.dumps(log) + "\n").encode())
         self._place.write(record_path(self._name), (json.dumps(record) + "\n").encode())
@@ -191,14 +191,14 @@ class ShardWriter:
         return {"files": described, "end": at, "crc32": checksum}
 
     def _finish_files(self) -> dict[str, Any]:
-        files = [file for entry in self.samples for file in entry["files"].items()]
+        files = [file for entry in self.samples for file in entry.files.items()]
         if self._place.local is not None:
             paths = [self._place.path(name) for name, _ in files]
             for path in (*paths, *{path.parent for path in paths}):
                 sync(path)
         # The lines that `sha256sum` writes.
-        lines = "".join(f"{facts['sha256']}  {name}\n" for name, facts in files)
-        size = sum(facts["bytes"] for _, facts in files)
+        lines = "".join(f"{file.sha256}  {name}\n" for name, file in files)
+        size = sum(file.bytes for _, file in files)
         return {"bytes": size, "sha256": hashlib.sha256(lines.encode()).hexdigest()}
 
     def _finish_tar(self, tar: BufferedRandom) -> dict[str, Any]:
@@ -218,9 +218,8 @@ class ShardWriter:
         self._journal.seek(0)
         for index, line in zip(self._indices, self._journal, strict=False):
             try:
-                entry = JSON_OBJECT.decode(line, path)
-                check_document(entry, JournalEntry, path)
-                complete = entry["pair"] == index and line.endswith(b"\n") and self._is_complete(entry)
+                entry = parse_document(JSON_OBJECT.decode(line, path), JournalEntry, path)
+                complete = entry.pair == index and line.endswith(b"\n") and self._is_complete(entry)
             except ReadError:
                 complete = False
             if not complete:
@@ -230,24 +229,24 @@ class ShardWriter:
         self._journal.truncate(end)
         self._journal.seek(end)
         if self._tar is not None:
-            end = self.samples[-1]["end"] if self.samples else 0
+            end = self.samples[-1].end if self.samples else 0
             self._tar.truncate(end)
             self._tar.seek(end)
 
-    def _is_complete(self, entry: Mapping[str, Any]) -> bool:
+    def _is_complete(self, entry: JournalEntry) -> bool:
         if self._tar is None:
             try:
                 return all(
-                    hashlib.sha256(self._place.read(name)).hexdigest() == file.get("sha256")
-                    for name, file in entry["files"].items()
+                    hashlib.sha256(self._place.read(name)).hexdigest() == file.sha256
+                    for name, file in entry.files.items()
                 )
             except FileNotFoundError:
                 return False
-        begin, end = self.samples[-1]["end"] if self.samples else 0, entry.get("end", 0)
+        begin, end = self.samples[-1].end if self.samples else 0, entry.end
         if not begin < end <= os.fstat(self._tar.fileno()).st_size:
             return False
         self._tar.seek(begin)
-        return isal_zlib.crc32(self._tar.read(end - begin)) == entry.get("crc32")
+        return isal_zlib.crc32(self._tar.read(end - begin)) == entry.crc32
 
 
 def _open_journal(path: Path) -> BinaryIO:

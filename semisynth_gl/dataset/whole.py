@@ -114,7 +114,7 @@ def own_folders(plan: Plan) -> Iterator[str]:
 
 
 def _lists(plan: Plan, split: SplitName, keys: Sequence[Key]) -> dict[str, bytes]:
-    lists = plan.layout.lists(keys, plan.layout.encodings_for(plan.config))
+    lists = plan.layout.lists(keys, plan.encodings)
     return {f"{plan.folder(split)}{path}": data for path, data in lists.items()}
 
 

@@ -15,11 +15,12 @@ from semisynth_gl.config import Config
 from semisynth_gl.dataset.apart import check_apart
 from semisynth_gl.dataset.begun import complete_record, read_resumed
 from semisynth_gl.dataset.card import encode_card
+from semisynth_gl.dataset.contents import Shard
 from semisynth_gl.dataset.croissant import encode_croissant
 from semisynth_gl.dataset.files import DatasetFiles
 from semisynth_gl.dataset.index import describe_dataset
 from semisynth_gl.dataset.places import Place, open_place
-from semisynth_gl.dataset.plan import Plan, Shard, make_plan
+from semisynth_gl.dataset.plan import Plan, make_plan
 from semisynth_gl.dataset.schema import CARD, CROISSANT
 from semisynth_gl.engines.local import LocalEngine, SerialEngine
 from semisynth_gl.engines.task import Engine
@@ -108,10 +109,12 @@ def generate(
     check_type("listener", listener, Listener | None)
     listener = listener or Listener()
     place = open_place(out)
-    earlier = {} if overwrite else read_resumed(place)
+    earlier = None if overwrite else read_resumed(place)
     by_number = "middlebury" if sum(counts.values()) < _MANY_PAIRS else "webdataset"
-    layout = layout or earlier.get("layout") or config.layout or by_number
-    plan = make_plan(config, seed, layout, counts, earlier.get("shard_pairs") if shard_pairs is None else shard_pairs)
+    layout = layout or (earlier and earlier.layout) or config.layout or by_number
+    if shard_pairs is None and earlier is not None:
+        shard_pairs = earlier.shard_pairs
+    plan = make_plan(config, seed, layout, counts, shard_pairs)
     chosen = _chosen(plan.shards, shards)
     check_apart(place, plan)
     files = DatasetFiles(place, plan, overwrite=overwrite)

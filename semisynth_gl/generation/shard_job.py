@@ -9,8 +9,9 @@ from itertools import takewhile
 from math import ceil
 from typing import Any, Literal
 
+from semisynth_gl.dataset.contents import Shard
 from semisynth_gl.dataset.places import Place
-from semisynth_gl.dataset.plan import Plan, Shard, differences, used_plugins
+from semisynth_gl.dataset.plan import Plan, differences, used_plugins
 from semisynth_gl.dataset.sample import LatestFiles, encode_pair
 from semisynth_gl.dataset.shard import ShardBusyError, ShardWriter
 from semisynth_gl.engines.task import Task
@@ -114,7 +115,7 @@ class ShardJob:
             if writer.complete:
                 return "complete"
             for entry in writer.samples:
-                listener.on_pair(_finished_pair(shard.split, entry["pair"], entry, kept=True))
+                listener.on_pair(_finished_pair(shard.split, entry.pair, entry.values, kept=True))
             left = range(shard.first + len(writer.samples), shard.end)
             if left and not listener.stopping:
                 self._add_pairs(writer, left, shard.split, renderer_of_split(shard.split), listener)
@@ -125,11 +126,11 @@ class ShardJob:
                     "split": shard.split,
                     "first": shard.first,
                     "end": shard.end,
-                    "redraws": sum(len(entry["redrawn"]) for entry in writer.samples),
-                    "renderers": sorted({entry["renderer"] for entry in writer.samples}),
+                    "redraws": sum(len(entry.redrawn) for entry in writer.samples),
+                    "renderers": sorted({entry.renderer for entry in writer.samples}),
                     **({"plugins": self.plan.plugins} if self.plan.plugins else {}),
                 },
-                {"seconds": round(sum(entry["seconds"] for entry in writer.samples), 3)},
+                {"seconds": round(sum(entry.seconds for entry in writer.samples), 3)},
             )
             return "complete"
 

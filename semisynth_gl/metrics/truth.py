@@ -140,7 +140,7 @@ def _dataset_truths(dataset: Dataset, only_split: SplitName | None) -> TrueSet:
         name = f"{split}/{scene}" if several and only_split is None else scene
         read = partial(_read_pair, dataset, place, split, number)
         pairs.append(TruePair(name, str(index.place.path(path)), stems, read, index.signed))
-    return TrueSet(pairs, _PROTOCOL_OF_LAYOUT.get(index.values["layout"], "middlebury"), index.place.local)
+    return TrueSet(pairs, _PROTOCOL_OF_LAYOUT.get(index.layout_name, "middlebury"), index.place.local)
 
 
 def _read_pair(dataset: Dataset, place: int, split: SplitName, number: int) -> Truth:
@@ -160,7 +160,7 @@ def _read_pair(dataset: Dataset, place: int, split: SplitName, number: int) -> T
         limits = Limits(frame.calibration.ndisp, signed=index.signed)
     else:
         # Layouts without calib.txt: the number that would be in it.
-        largest_px = index.number("disparity", "max_px")
+        largest_px = index.config.disparity.max_px
         limits = UNLIMITED if largest_px is None else Limits(max(1, ceil(largest_px)), signed=index.signed)
     return Truth(disparity, None if visibility is None else visibility == VISIBLE, objects, limits)
 

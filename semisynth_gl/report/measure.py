@@ -210,7 +210,7 @@ def _edges(index: Index, target: Histogram | None, frame: StoredFrame) -> NDArra
     Signed disparities begin at that of what is infinitely far away, if it is below 0.
     """
     target_edges = [] if target is None else target.edges_px.tolist()
-    limit_px = index.number("disparity", "max_px")
+    limit_px = index.config.disparity.max_px
     high = max([frame.left.disparity.shape[1] if limit_px is None else limit_px, *target_edges])
     low = min([0.0, *([-frame.camera.doffs_px] if index.signed else []), *target_edges])
     return np.union1d(np.linspace(low, high, _BINS + 1), target_edges)

@@ -11,6 +11,7 @@ from matplotlib import colormaps
 from numpy.typing import NDArray
 
 from semisynth_gl.dataset.configs import recipe_values
+from semisynth_gl.dataset.documents import SplitSources
 from semisynth_gl.dataset.reader import Index
 from semisynth_gl.histogram import Histogram, total_variation, wasserstein_px
 from semisynth_gl.inputs.resources import data_root
@@ -19,6 +20,7 @@ from semisynth_gl.report.measure import QUANTITIES, RAYS, Measurement, Outlier, 
 from semisynth_gl.report.pictures import JPEG_QUALITY, EncodedPair
 from semisynth_gl.report.plots import COLOUR_MAP, Bars, count_bars, draw_histogram
 from semisynth_gl.report.redraws import PairKey, Redraws
+from semisynth_gl.seeds.splits import SplitName
 
 Values = Mapping[str, Any]
 
@@ -79,13 +81,11 @@ def render_page(
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
     disparity, target = measurement.disparity, measurement.target
     medians = _finite(pair.median_px for pair in measurement.pairs)
-    sources = index.values.get("splits", {})
+    sources = {} if index.made is None else index.made.splits
     configs = recipe_values(index)
     return environment.get_template("report.html").render(
         index=index,
-        values=index.values,
-        width_px=index.number("camera", "width_px"),
-        height_px=index.number("camera", "height_px"),
+        document=index.document,
         measurement=measurement,
         target_variation=total_variation(target, disparity) if target and disparity else None,
         target_wasserstein_px=wasserstein_px(target, disparity) if target and disparity else None,
@@ -101,8 +101,8 @@ def render_page(
         most_redrawn=_most_redrawn(index, redraws, measurement.pairs),
         sources=sources,
         licences=_licences(sources),
-        unused_files=[(split, text) for split, source in sources.items() for text in source.get("left_out", ())],
-        config_json=json.dumps(index.config, indent=1),
+        unused_files=[(split, text) for split, source in sources.items() for text in source.left_out],
+        config_json=json.dumps(index.config.values, indent=1),
         shown=shown,
         shown_numbers={pair.measures.position: number for number, pair in enumerate(shown)},
         jpeg_quality=JPEG_QUALITY,
@@ -227,7 +227,7 @@ def _left_file(index: Index, key: PairKey) -> str:
     split, number = key
     path = index.files(split, number)["left"]
     if index.layout.packed:
-        path += f" in shard {number // int(index.values['shard_pairs'])} of {split}"
+        path += f" in shard {number // index.shard_pairs} of {split}"
     return path
 
 
@@ -241,13 +241,13 @@ def _most_redrawn(
     return [(f"{prefixes[key[0]]}{index.key(*key).name}", positions.get(key), messages) for key, messages in most]
 
 
-def _licences(sources: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str, int, str]]:
+def _licences(sources: Mapping[SplitName, SplitSources]) -> list[tuple[str, str, int, str]]:
     """Return split, kind, number and licence of photographs and models."""
     return [
         (split, kind, count, licence)
         for split, source in sources.items()
         for kind in ("photographs", "models")
-        for licence, count in sorted(Counter(str(item.get("licence")) for item in source.get(kind, ())).items())
+        for licence, count in sorted(Counter(item.licence for item in getattr(source, kind)).items())
     ]
 
 

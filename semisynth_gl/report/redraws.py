@@ -66,11 +66,11 @@ def read_redraws(index: Index, split: SplitName | None = None) -> Redraws:
         except ReadError as error:
             unread.append(str(error))
             continue
-        for sample in record["samples"]:
+        for sample in record.samples:
             pairs += 1
-            attempts = tuple(sample.get("redrawn", ()))
+            attempts = tuple(sample.redrawn)
             if attempts:
-                messages[shard.split, sample["pair"]] = attempts
+                messages[shard.split, sample.pair] = attempts
             for message in attempts:
                 clauses = {clause.partition(":")[0]: clause for clause in message.split("; ")}
                 counts.update(clauses.keys())

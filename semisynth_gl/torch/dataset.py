@@ -50,8 +50,8 @@ class StereoDataset(Dataset[Any]):
         check_transform(transform)
         self.pairs = open_dataset(address, split)
         about = self.pairs.about
-        self._seed = int(about.values["seed"]) if seed is None else to_whole("a seed", seed, least=0)
-        self._together = about.sequence_length * about.views
+        self._seed = about.document.seed if seed is None else to_whole("a seed", seed, least=0)
+        self._together = about.config.sequence.length * about.views
         self._crop, self._transform, self._epoch = crop, transform, 0
         if crop is not None:
             camera = self.pairs[0].camera
@@ -60,7 +60,7 @@ class StereoDataset(Dataset[Any]):
         made = ("version", "config", "config_sha256", "seed", "layout", "pairs", "sources", "plugins")
         self.identity: Mapping[str, Any] = {
             # Without plug-ins there is no such key.
-            "dataset": {name: about.values[name] for name in made if name in about.values},
+            "dataset": {name: value for name, value in about.document.values.items() if name in made},
             "split": split,
             "crop": crop and [int(side) for side in crop],
             "crop_seed": self._seed,

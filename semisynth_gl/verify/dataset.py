@@ -95,7 +95,7 @@ def damaged_index(faults: Iterable[str]) -> Verdict:
 def _looked_back_at(number: int, index: Index) -> set[int]:
     """Return which earlier pairs a pair is compared with: the same view's one frame earlier, and the scene's first."""
     scene, view = divmod(number, index.views)
-    before = {number - index.views} if scene % index.sequence_length else set()
+    before = {number - index.views} if scene % index.config.sequence.length else set()
     return before | ({number - view} if view else set())
 
 
@@ -119,7 +119,7 @@ def _check_against(frame: StoredFrame, recent: Mapping[int, StoredFrame], index:
 
 def _same_textures(frame: StoredFrame, index: Index) -> bool:
     """Return whether a point looks alike in all frames of a sequence."""
-    textures = index.config.get("textures")
+    textures = index.config.textures
     changing = isinstance(textures, dict) and bool(textures.get("sequence"))
     return not (index.imperfect or changing) and frame.encodings.image.lossless
 
@@ -131,7 +131,7 @@ def _check_frame(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
     if not is_of_one_size(frame):
         # The checks that follow compare pixel with pixel.
         return False
-    largest_px = index.number("disparity", "max_px")
+    largest_px = index.config.disparity.max_px
     check_disparity(frame, largest_px, verdict)
     check_depth(frame, verdict)
     check_instances(frame, verdict)

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any, cast
 
 from semisynth_gl.config.model import digest_of
-from semisynth_gl.dataset.plan import Shard
+from semisynth_gl.dataset.contents import Shard
+from semisynth_gl.dataset.documents import RecordDocument, StoredFile
 from semisynth_gl.dataset.reader import Index, read_members, read_record, read_whole
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, camera_size, decode_file, wrong_sizes
 from semisynth_gl.dataset.schema import CARD, CROISSANT, INDEX, PARTIAL, PLAN, log_path, record_path, tar_path
@@ -40,12 +41,12 @@ class StoredShard:
         self.numbers = range(shard.first, shard.end)
         self._shard = shard
         self._index = index
-        self._record: Mapping[str, Any] = {}
+        self._record: RecordDocument | None = None
         self.fault: str | None = None
-        self._samples: Mapping[int, Mapping[str, Any]] = {}
+        self._samples: Mapping[int, Mapping[str, StoredFile]] = {}
         try:
             self._record = read_record(index.place, shard, packed=index.layout.packed)
-            self._samples = {sample["pair"]: sample["files"] for sample in self._record["samples"]}
+            self._samples = {sample.pair: sample.files for sample in self._record.samples}
         except ReadError as error:
             self.fault = (
                 f"{record_path(shard.name)} {error.reason}: the shard is not finished, or its record was changed"
@@ -53,20 +54,19 @@ class StoredShard:
 
     def check(self, verdict: Verdict) -> None:
         """Check the record against the index, and the tar's digest and list of members against the record."""
-        if self.fault is not None:
-            verdict.add("shard", self.fault)
+        record, made = self._record, self._index.made
+        if record is None:
+            verdict.add("shard", str(self.fault))
             return
-        record = self._record
-        entry = self._index.values["shards"][self._shard.number] if self._index.fault is None else record
+        entry = record if made is None else made.shards[self._shard.number]
         for key in ("bytes", "sha256"):
-            if entry[key] != record[key]:
-                verdict.add(
-                    "shard", f"{self._shard.name}: {key} is {record[key]!r} in its record, {entry[key]!r} in the index"
-                )
-        if "tar" in record:
-            self._check_tar(verdict)
+            ours, theirs = getattr(record, key), getattr(entry, key)
+            if ours != theirs:
+                verdict.add("shard", f"{self._shard.name}: {key} is {ours!r} in its record, {theirs!r} in the index")
+        if record.tar is not None:
+            self._check_tar(record, verdict)
 
-    def _check_tar(self, verdict: Verdict) -> None:
+    def _check_tar(self, record: RecordDocument, verdict: Verdict) -> None:
         place, name = self._index.place, tar_path(self._shard.name)
         try:
             with place.open(name) as file:
@@ -83,12 +83,10 @@ class StoredShard:
         except (OSError, tarfile.TarError, ValueError, OverflowError, RecursionError) as error:
             verdict.add("shard", f"{name} cannot be read as a tar: {error}")
             return
-        if digest != self._record["sha256"]:
-            verdict.add("shard", f"{name} has the sha256 {digest[:12]}, its record {self._record['sha256']:.12}")
+        if digest != record.sha256:
+            verdict.add("shard", f"{name} has the sha256 {digest[:12]}, its record {record.sha256:.12}")
         expected = [
-            (file, True, facts["offset"], facts["bytes"])
-            for files in self._samples.values()
-            for file, facts in files.items()
+            (name, True, file.offset, file.bytes) for files in self._samples.values() for name, file in files.items()
         ]
         if members != expected:
             first = min((file for file, *_ in set(members) ^ set(expected)), default="their order")
@@ -120,13 +118,15 @@ class StoredShard:
     def check_digest(self, number: int, name: str, data: bytes, verdict: Verdict) -> None:
         """Compare the digest of a file outside tars with the record; a tar has one digest for all its files."""
         file = self._samples.get(number, {}).get(name)
-        if file is None or "sha256" not in file:
+        if file is None or file.sha256 is None:
             return
         digest = hashlib.sha256(data).hexdigest()
-        if digest != file["sha256"]:
-            verdict.add("sha256", f"{name} has {digest[:12]}, its shard's record {file['sha256']!s:.12}")
+        if digest != file.sha256:
+            verdict.add("sha256", f"{name} has {digest[:12]}, its shard's record {file.sha256:.12}")
 
     def _member(self, number: int, name: str) -> bytes:
+        if self._record is None:
+            raise ReadError(Path(name), f"cannot be read from its shard: {self.fault}")
         try:
             return read_members(self._index.place, self._shard, self._record, number, [name])[name]
         except ReadError as error:
@@ -158,9 +158,9 @@ def check_index(index: Index, present: AbstractSet[str], unmade: int, verdict: V
         verdict.add("index", index.fault)
     if unmade:
         verdict.add("index", f"{unmade} of {counted(sum(index.pairs.values()), 'pair')} not made yet")
-    digest, recorded = digest_of(index.config), index.values.get("config_sha256")
+    digest, recorded = digest_of(index.config.values), index.document.config_sha256
     if digest != recorded:
-        verdict.add("index", f"config_values have the digest {digest[:12]}, config_sha256 is {recorded!s:.12}")
+        verdict.add("index", f"config_values have the digest {digest[:12]}, config_sha256 is {recorded:.12}")
     lists, links = _lists_and_links(index)
     # Loaders take whatever files they meet for a pair.
     foreign = sorted(
@@ -252,7 +252,7 @@ def read_pair(index: Index, shard: StoredShard, number: int, verdict: Verdict) -
             verdict.add("files", f"{error.path} {error.reason}")
     if not values.keys() >= _NEEDED:
         return None
-    size = index.size or camera_size(values["provenance"])
+    size = index.config.size or camera_size(values["provenance"])
     for role, fault in wrong_sizes(values, size) if size is not None else ():
         verdict.add("size", f"{expected[role]} {fault}")
     try:
@@ -271,9 +271,9 @@ def check_origin(frame: StoredFrame, index: Index, verdict: Verdict) -> None:
     """Compare a pair's provenance with the index and with the pair's place in it."""
     provenance = frame.provenance
     for key in ("program", "version", "config", "config_sha256", "seed"):
-        if provenance.get(key) != index.values.get(key):
-            verdict.add("origin", f"{key} is {provenance.get(key)!r}, in the index {index.values.get(key)!r}")
-    recorded = {group: names for group, names in index.values.get("plugins", {}).items() if group != "layouts"}
+        if provenance.get(key) != getattr(index.document, key):
+            verdict.add("origin", f"{key} is {provenance.get(key)!r}, in the index {getattr(index.document, key)!r}")
+    recorded = {group: names for group, names in index.document.plugin_records.items() if group != "layouts"}
     if provenance.get("plugins", {}) != recorded:
         verdict.add("origin", f"plugins are {provenance.get('plugins', {})!r}, in the index {recorded!r}")
     place: dict[str, object] = {"pair": frame.index, "split": frame.split}

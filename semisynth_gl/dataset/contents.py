@@ -1,0 +1,114 @@
+"""What a dataset consists of: its pairs, their shards, and the names of all files of pairs."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from semisynth_gl.codecs import Encodings
+from semisynth_gl.config import Config
+from semisynth_gl.dataset.schema import RECORDS, shard_name
+from semisynth_gl.dataset.stored_config import StoredConfig
+from semisynth_gl.frame.camera import EYES
+from semisynth_gl.layouts import Key, Layout, find_layout
+from semisynth_gl.layouts.key import sequence_length
+from semisynth_gl.seeds.splits import SPLITS, SplitName
+
+
+@dataclass(frozen=True, slots=True)
+class Shard:
+    """A fixed range of a split's pairs, on disk complete or not at all.
+
+    Attributes:
+        number: the shard's number among all shards of the dataset, which tasks and ``--shards`` count.
+        name: the name of the shard's files, without their ending.
+        split: the split of the pairs.
+        first: number of the first pair.
+        end: number of the last pair, plus 1.
+    """
+
+    number: int
+    name: str
+    split: SplitName
+    first: int
+    end: int
+
+
+@dataclass(frozen=True, slots=True)
+class Contents:
+    """The contents of a dataset, planned or read.
+
+    Attributes:
+        config: the config that the dataset is made with, or what an index says of it.
+        layout_name: see `semisynth_gl.layouts`.
+        pairs: number of pairs of each split; splits without pairs are left out.
+        shard_pairs: number of pairs in a shard; the last shard of a split may have fewer.
+        views: number of pairs that show each scene; see `semisynth_gl.config.Config.views`.
+    """
+
+    config: Config | StoredConfig
+    layout_name: str
+    pairs: Mapping[SplitName, int]
+    shard_pairs: int
+    views: int
+
+    @property
+    def layout(self) -> Layout:
+        """The layout of the files."""
+        return find_layout(self.layout_name)
+
+    @property
+    def encodings(self) -> Encodings:
+        """The encodings of the files."""
+        return self.layout.encodings_of(self.config.encodings, self.config.camera.colour)
+
+    @property
+    def splits(self) -> tuple[SplitName, ...]:
+        """The splits of the dataset."""
+        return tuple(name for name in SPLITS if self.pairs.get(name))
+
+    def folder(self, split: SplitName) -> str:
+        """Return the folder of a split's files below the dataset's, "" or ending in a slash."""
+        return self.layout.folder(split, self.splits)
+
+    def key(self, split: SplitName, index: int) -> Key:
+        """Return the key of a pair, which names its files."""
+        length = sequence_length(self.config.outputs, self.config.sequence.length)
+        return Key(self.config.name, split, index, length, self.views)
+
+    def keys(self, split: SplitName) -> list[Key]:
+        """Return the keys of all pairs of a split."""
+        return [self.key(split, index) for index in range(self.pairs.get(split, 0))]
+
+    def files(self, split: SplitName, index: int) -> dict[str, str]:
+        """Return the path of each file of a pair by role: below the dataset's folder, or inside a tar."""
+        config, layout = self.config, self.layout
+        files = layout.files(self.key(split, index), self.encodings, config.outputs, config.truth)
+        if layout.packed:
+            return files
+        folder = self.folder(split)
+        return {role: f"{folder}{path}" for role, path in files.items()}
+
+    def images_folder(self) -> str:
+        """Return the folder below the dataset's in which all images are: of its tars, where shards are packed."""
+        if self.layout.packed:
+            return RECORDS
+        images = (
+            self.files(split, index)[eye]
+            for split in self.splits
+            for index in (0, self.pairs[split] - 1)
+            for eye in EYES
+        )
+        return os.path.commonpath([os.path.dirname(path) for path in images])  # noqa: PTH120 - of addresses too
+
+    @property
+    def shards(self) -> list[Shard]:
+        """All shards of the complete dataset, by number: the shards of train first."""
+        ranges = [
+            (split, number, first, min(first + self.shard_pairs, self.pairs[split]))
+            for split in self.splits
+            for number, first in enumerate(range(0, self.pairs[split], self.shard_pairs))
+        ]
+        return [
+            Shard(position, shard_name(self.config.name, split, number), split, first, end)
+            for position, (split, number, first, end) in enumerate(ranges)
+        ]
