@@ -33,9 +33,9 @@ from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import draw_camera, draw_views
 from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.seeds.seeds import Purpose, generator
-from semisynth_gl.verify.dataset import verify_dataset
-from semisynth_gl.verify.shared_left import check_lefts
-from semisynth_gl.verify.verdict import Verdict
+from semisynth_gl.verification.dataset import verify_dataset
+from semisynth_gl.verification.shared_left import check_lefts
+from semisynth_gl.verification.verdict import Verdict
 
 SEVERAL = [0.4, 1.0, 0.7]
 MOVING = {"length": 2, "frame_s": 0.1}

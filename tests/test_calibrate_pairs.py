@@ -11,7 +11,7 @@ from PIL import Image
 from skimage.data import stereo_motorcycle
 
 from semisynth_gl.calibration import rectification
-from semisynth_gl.calibration.calibrate import config_facts, config_text
+from semisynth_gl.calibration.config_text import config_facts, config_text
 from semisynth_gl.calibration.disparity_maps import read_values
 from semisynth_gl.calibration.disparity_range import DisparitySource, chosen_range, disparity_range
 from semisynth_gl.calibration.matching import given_pairs, match_images, match_pair, open_matcher, pairs_among

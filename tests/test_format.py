@@ -26,7 +26,7 @@ from semisynth_gl.dataset import plan as plan_module
 from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.dataset.schema import FORMAT, INDEX, PLAN
 from semisynth_gl.generation.generate import generate
-from semisynth_gl.verify.dataset import verify_dataset
+from semisynth_gl.verification.dataset import verify_dataset
 
 DATA = Path(__file__).parent / "data"
 KEPT = DATA / "format-1"

@@ -78,9 +78,9 @@ def test_without_a_layout_the_number_of_pairs_decides(config, tmp_path):
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
-        (["files.disparity=tiff"], "choose another with --layout: middlebury, webdataset"),
-        (["outputs=[correspondence]"], "choose another with --layout: middlebury, middlebury-2014, webdataset"),
-        (["disparity.signed=true"], "choose another with --layout: eth3d, middlebury, middlebury-2014, sceneflow, "),
+        (["files.disparity=tiff"], "choose another `layout`: middlebury, webdataset"),
+        (["outputs=[correspondence]"], "choose another `layout`: middlebury, middlebury-2014, webdataset"),
+        (["disparity.signed=true"], "choose another `layout`: eth3d, middlebury, middlebury-2014, sceneflow, "),
     ],
 )
 def test_what_a_configs_layout_cannot_hold_is_refused_with_those_that_can(tmp_path, settings, said):

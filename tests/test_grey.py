@@ -32,8 +32,8 @@ from semisynth_gl.layouts import Key, find_layout, layout_names
 from semisynth_gl.layouts.roles import expose
 from semisynth_gl.pairs.imperfections import Imperfections, apply_imperfections
 from semisynth_gl.pairs.pipeline import PairRenderer
-from semisynth_gl.report.contact_sheet import draw_sheet
-from semisynth_gl.report.pictures import make_picture
+from semisynth_gl.reporting.contact_sheet import draw_sheet
+from semisynth_gl.reporting.pictures import make_picture
 from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.textures.atlas import to_grey
 from semisynth_gl.textures.crops import least_texture, texture_measure

@@ -11,7 +11,7 @@ from tiny_datasets import lean
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.dataset.rebuild import RebuiltScenes
 from semisynth_gl.generation.generate import generate
-from semisynth_gl.report.rays import RayCaster
+from semisynth_gl.reporting.rays import RayCaster
 from semisynth_gl.scene.structures import STILL_MODELS
 
 # Panels of the particles' own size, flat and curved, before a ground.

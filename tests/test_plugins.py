@@ -521,7 +521,7 @@ def test_names_that_are_taken_are_refused_where_they_are_asked_for(install):
     simple = "expected the name of a plug-in's family, the weight of this one is models.simple, got 'simple'"
     for overrides, place in (
         ({"models.families": {"simple": 1}}, "models.families.simple"),
-        (["models.families.simple=0"], "--set models.families.simple"),
+        (["models.families.simple=0"], "`overrides` models.families.simple"),
         ({"scenes": [{"recipe": "a", "models": {"families": {"simple": 1}}}]}, "scenes.0.models.families.simple"),
     ):
         with pytest.raises(InputError) as caught:

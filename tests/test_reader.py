@@ -18,7 +18,7 @@ from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.layouts.middlebury import SCENES
 from semisynth_gl.pairs.pipeline import render_pair
-from semisynth_gl.verify.dataset import verify_dataset
+from semisynth_gl.verification.dataset import verify_dataset
 
 
 @pytest.fixture(scope="module")

@@ -26,7 +26,7 @@ from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.histogram import PixelCount, total_variation
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
-from semisynth_gl.report.build import build_report
+from semisynth_gl.reporting.build import build_report
 from semisynth_gl.scene.mix import MixSampler, Shares
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.sources import recipe_libraries

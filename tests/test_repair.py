@@ -19,7 +19,7 @@ from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.dataset.remote import Remote
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError, SemisynthError
-from semisynth_gl.verify.dataset import verify_dataset
+from semisynth_gl.verification.dataset import verify_dataset
 
 PAIRS = {"train": 2, "validation": 1}
 LAYOUTS = ("middlebury", "webdataset", "middlebury-2014", "sceneflow", "kitti")

@@ -28,14 +28,14 @@ from semisynth_gl.generation.generate import generate
 from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.histogram import total_variation, wasserstein_px
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.report import pictures
-from semisynth_gl.report.build import build_report
-from semisynth_gl.report.measure import QUANTITIES, PairMeasures, find_outliers, measure, read_config
-from semisynth_gl.report.page import render_page
-from semisynth_gl.report.pictures import make_picture, make_pictures, pack_floats
-from semisynth_gl.report.plots import Bars, count_bars, draw_histogram
-from semisynth_gl.report.rays import diameters_px, surfaces_at
-from semisynth_gl.report.redraws import read_redraws
+from semisynth_gl.reporting import pictures
+from semisynth_gl.reporting.build import build_report
+from semisynth_gl.reporting.measure import QUANTITIES, PairMeasures, find_outliers, measure, read_config
+from semisynth_gl.reporting.page import render_page
+from semisynth_gl.reporting.pictures import make_picture, make_pictures, pack_floats
+from semisynth_gl.reporting.plots import Bars, count_bars, draw_histogram
+from semisynth_gl.reporting.rays import diameters_px, surfaces_at
+from semisynth_gl.reporting.redraws import read_redraws
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.seeds.spread import spread

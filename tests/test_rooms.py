@@ -26,7 +26,8 @@ Finder = Callable[[ast.AST], Iterable[str]]
 @cache
 def sources() -> dict[Path, ast.Module]:
     """The package's files; not read by workers that only collect these tests."""
-    return {path.relative_to(PACKAGE): ast.parse(path.read_text("utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
+    return {path.relative_to(PACKAGE): ast.parse(path.read_text("utf-8")) for path in sorted(PACKAGE.rglob("*.py*"))
+            if path.suffix in (".py", ".pyi")}  # fmt: skip
 
 
 def room_of(path: Path) -> str:
@@ -163,7 +164,7 @@ def test_the_rooms_that_load_without_opengl() -> None:
     }
     program = "from importlib import import_module\n"
     for path, module in modules.items():
-        if path.name != "__main__.py":
+        if path.suffix == ".py" and path.name != "__main__.py":
             program += f"try: import_module({module!r})\nexcept ImportError: print({room_of(path)!r})\n"
     loading = python_without(OPENGL, program)
     assert loading.returncode == 0, loading.stderr

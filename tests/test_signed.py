@@ -28,7 +28,7 @@ from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import rotation_about_axis
 from semisynth_gl.scene.scene import make_scene, move
 from semisynth_gl.scene.view_volume import height_of_view
-from semisynth_gl.verify.dataset import verify_dataset
+from semisynth_gl.verification.dataset import verify_dataset
 
 # One for all: models are made once.
 SEED = 3
@@ -457,7 +457,7 @@ def test_layouts_whose_files_have_no_negative_disparities_are_refused():
     for name in LAYOUTS:
         if name in ("kitti", "crestereo"):
             with pytest.raises(
-                InputError, match=rf"{name} stores .* choose another with --layout: .*middlebury.*webdataset"
+                InputError, match=rf"{name} stores .* choose another `layout`: .*middlebury.*webdataset"
             ):
                 make_plan(config, 0, name, {"train": 1})
         else:

@@ -24,7 +24,7 @@ from semisynth_gl.dataset.reader import DamagedIndexError, open_dataset, read_in
 from semisynth_gl.dataset.shard import ShardWriter
 from semisynth_gl.inputs.errors import InputError, SemisynthError
 from semisynth_gl.metrics.truth import find_truth
-from semisynth_gl.verify.dataset import verify_dataset
+from semisynth_gl.verification.dataset import verify_dataset
 
 PAIRS = {"train": 2, "validation": 1}
 INDEX, PLAN = "index.json", "shards/plan.json"

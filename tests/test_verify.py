@@ -20,8 +20,8 @@ from semisynth_gl.dataset.reader import read_index
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.layouts.middlebury import SCENES
-from semisynth_gl.verify.dataset import verify_dataset
-from semisynth_gl.verify.view_consistency import match_views
+from semisynth_gl.verification.dataset import verify_dataset
+from semisynth_gl.verification.view_consistency import match_views
 
 BENCHMARKS = ("middlebury", "kitti", "eth3d", "sceneflow")
 ALL_OUTPUTS = ("visibility", "instances", "depth")

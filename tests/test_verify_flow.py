@@ -17,10 +17,10 @@ from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE, View
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts.middlebury import SCENES
-from semisynth_gl.verify.dataset import verify_dataset
-from semisynth_gl.verify.oracle_check import OracleCheck
-from semisynth_gl.verify.single_view import check_change
-from semisynth_gl.verify.verdict import Verdict
+from semisynth_gl.verification.dataset import verify_dataset
+from semisynth_gl.verification.oracle_check import OracleCheck
+from semisynth_gl.verification.single_view import check_change
+from semisynth_gl.verification.verdict import Verdict
 
 # Much motion: the camera's own, and of models that fall, drift and spin.
 SEQUENCE = {

@@ -17,9 +17,9 @@ from semisynth_gl.frame.frame import View
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.layouts import layout_names
 from semisynth_gl.layouts.middlebury import SCENES
-from semisynth_gl.verify.dataset import verify_dataset
-from semisynth_gl.verify.single_view import check_normals
-from semisynth_gl.verify.verdict import Verdict
+from semisynth_gl.verification.dataset import verify_dataset
+from semisynth_gl.verification.single_view import check_normals
+from semisynth_gl.verification.verdict import Verdict
 
 OUTPUTS = ("normals", "visibility", "instances", "depth")
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from semisynth_gl.calibration.calibrate import config_facts, config_text
+from semisynth_gl.calibration.config_text import config_facts, config_text
 from semisynth_gl.calibration.disparity_range import DisparitySource
 from semisynth_gl.calibration.rig import Rig
 from semisynth_gl.calibration.style import untried_style

@@ -1,276 +1,278 @@
-"""From a rig's calibration and photographs to a config that `generate` takes as it is, with comments on its numbers.
+"""From a rig's calibration and photographs to a config for `generate`: read, matched, tried and written."""
 
-The template of its text is assets/calibrated.yaml.jinja.
-"""
-
-import json
-import math
-import re
-import textwrap
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from os import PathLike, fspath
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
-from semisynth_gl.calibration.disparity_range import DisparityRange, DisparitySource, disparity_range, farthest_px
-from semisynth_gl.calibration.photographs import are_grey, check_sizes, large_side, photograph_sizes
-from semisynth_gl.calibration.recipes import SceneRecipe, suitable_recipes
-from semisynth_gl.calibration.rectification import Rectification, measure_rectification
-from semisynth_gl.calibration.rig import Rig, Size, median_size, rig_ranges
-from semisynth_gl.calibration.style import Style
+from semisynth_gl.calibration.config_text import ConfigFacts, config_facts, config_name, config_text, suited_layout
+from semisynth_gl.calibration.disparity_range import DisparitySource
+from semisynth_gl.calibration.matching import given_pairs, open_matcher, pairs_among
+from semisynth_gl.calibration.photographs import impossible_splits
+from semisynth_gl.calibration.rectification import fitting_pairs
+from semisynth_gl.calibration.rig import Rig, Size, plain_rig
+from semisynth_gl.calibration.rig_files import LONGEST_M, read_rigs
+from semisynth_gl.calibration.style import Style, untried_style
+from semisynth_gl.codecs.png16 import KITTI_DISPARITY
+from semisynth_gl.comparison.maps import map_files, one_of_each_scene
+from semisynth_gl.comparison.measured_view import working_width
+from semisynth_gl.comparison.place import find_place, left_out
+from semisynth_gl.comparison.sides import MeasuredPlace, measure_place
 from semisynth_gl.config import Config
-from semisynth_gl.config.scene_sections import BackgroundSection
-from semisynth_gl.inputs.errors import abbreviate
-from semisynth_gl.inputs.templates import template_environment
-from semisynth_gl.inputs.user_files import expanded
-from semisynth_gl.layouts import find_layout
-from semisynth_gl.textures.image_files import find_images, printable
-from semisynth_gl.textures.subjects import of_subjects, photographed_subjects
+from semisynth_gl.config.load import parse_config
+from semisynth_gl.histogram import total_variation
+from semisynth_gl.inputs.arguments import check_one_of, check_type, to_real, to_whole
+from semisynth_gl.inputs.errors import BackendError, InputError, counted
+from semisynth_gl.inputs.user_files import Files, names_of
+from semisynth_gl.listener import Listener
+from semisynth_gl.textures.crop_report import TextureReport
+from semisynth_gl.textures.image_files import find_files, find_images
+from semisynth_gl.textures.images import image_extensions
+from semisynth_gl.textures.prepare import prepare_atlas
 
-PROPOSED_PAIRS = 1000
-"""Number of pairs that `calibrate` proposes to generate."""
+Unit = Literal["m", "cm", "mm"]
+UNITS: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+"""Metres in each unit."""
 
-_WIDTH = 100
-# Of the image's width, as in the packaged configs: 60 and 420 px of 1500.
-_SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH = 0.04, 0.28
-# A place with pixels farther than this is no room, and hardly a hall.
-_INDOOR_M = 20.0
-_INDOOR_AT_MOST, _OUTDOOR_FROM = 0.005, 0.05
-# The back wall has the far end of the histogram alone: particles can hide a wall that is too far, not one too near.
-_WALL_UP_TO = 0.05
-# Place of the far plane between the farthest possible disparity and min_px.
-_PLANE_OF_MIN = (0.1, 0.7)
-_SOURCES_SHOWN = 5
+# A shorter baseline, as a longer one than `LONGEST_M`, may be in another unit than it is taken for.
+_SHORTEST_M = 0.002
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ConfigFacts:
-    """The facts that a config is written from.
+class Calibration:
+    """A config for a rig, and what it is made from.
 
     Attributes:
-        rigs: the rigs, at least one, scaled.
-        scale: scale of the images against the calibrated size, where the user gave one.
-        disparity: range and histogram of the disparities.
-        images: files, folders and globs of the photographs, absolute.
-        photograph_count: number of photographs.
-        subject_count: number of subjects that they show.
-        large_px: side of large patches.
-        grey: whether all photographs are grey.
-        rectification: how far pairs of photographs are off rectified; None where there are none to match.
-        fitting_count: number of photographs with the size of a calibration; 0 where sizes were not compared.
-        layout: layout of the config's datasets, see `suited_layout`.
+        config: the config.
+        text: the config as YAML, with comments that say where its numbers came from.
+        summary: lines about the config, as ``semisynth-gl calibrate`` prints them.
+        notes: sentences on what may be wrong with the input.
     """
 
-    rigs: Sequence[Rig]
-    scale: float | None
-    disparity: DisparityRange
-    images: Sequence[str]
-    photograph_count: int
-    subject_count: int
-    large_px: int
-    grey: bool = False
-    rectification: Rectification | None = None
-    fitting_count: int = 0
-    layout: str | None = None
-
-    @property
-    def photographs(self) -> str:
-        """How many photographs there are and, where it is not the same number, of how many subjects."""
-        return f"{self.photograph_count}{of_subjects(self.photograph_count, self.subject_count)}"
-
-    @property
-    def size(self) -> Size:
-        """Size of the images."""
-        return median_size(self.rigs)
-
-    @property
-    def ranges(self) -> dict[str, tuple[float, float]]:
-        """The ranges over the rigs, see `rig_ranges`."""
-        return rig_ranges(self.rigs)
-
-    @property
-    def far_share(self) -> float:
-        """Share of the wanted pixels that are farther than 20 m: near 0 px but for doffs."""
-        ranges = self.ranges
-        focal_px, baseline_m = (math.sqrt(math.prod(ranges[key])) for key in ("focal_px", "baseline_m"))
-        far_px = focal_px * baseline_m / _INDOOR_M - sum(ranges["doffs_px"]) / 2
-        return float(self.disparity.target.cumulative(far_px))
-
-    @property
-    def scenes(self) -> tuple[str, ...]:
-        """The scenes that suit the far share: ``indoor``, ``outdoor`` or both."""
-        suitable = {"indoor": self.far_share <= _OUTDOOR_FROM, "outdoor": self.far_share > _INDOOR_AT_MOST}
-        return tuple(kind for kind in suitable if suitable[kind])
-
-    @property
-    def recipes(self) -> tuple[SceneRecipe, ...]:
-        """The recipes that suit the scenes."""
-        return suitable_recipes(self.scenes, self.disparity, self.size.width_px)
+    config: Config
+    text: str
+    summary: Sequence[str]
+    notes: Sequence[str]
 
 
-def config_facts(
-    rigs: Sequence[Rig],
-    images: Sequence[str],
-    disparity: DisparitySource,
+def calibrate(
+    images: Files,
     *,
+    calib: Files = (),
+    focal_px: float | None = None,
+    baseline_m: float | None = None,
+    size: tuple[int, int] | None = None,
     scale: float | None = None,
+    unit: Unit | None = None,
+    disparity: Files = (),
+    png_scale: float = KITTI_DISPARITY.steps,
+    pairs: Sequence[tuple[str | PathLike[str], str | PathLike[str]]] = (),
+    range_px: tuple[float, float] | None = None,
     other_camera: bool = False,
-    pairs: Sequence[tuple[Path, Path]] = (),
-) -> ConfigFacts:
-    """Gather the facts for a config, and check that they fit together.
+    trials: int = 3,
+    name: str = "calibrated",
+    listener: Listener | None = None,
+) -> Calibration:
+    """Make a config for a rig: its camera, the disparities that it sees, and the photographs to cut patches from.
 
     Args:
-        rigs: at least one, as calibrated.
-        images: photographs: files, folders and globs.
-        disparity: disparity maps, or a range.
-        scale: scale of images and maps against the calibrated size.
-        other_camera: True if photographs may have other sizes than the rig's images.
-        pairs: left and right photographs of the rig, to match.
+        images: the photographs.
+        calib: calibrations of rectified rigs: Middlebury's or ETH3D's calib.txt, KITTI's calib_cam_to_cam.txt, stereo
+            YAML of OpenCV or ROS.
+        focal_px: focal length, instead of ``calib``; with ``baseline_m`` and ``size``.
+        baseline_m: distance of the cameras.
+        size: width and height of the images, px; also for a calibration without a size.
+        scale: scale of the images against the calibrated size.
+        unit: unit of the translation in a file of OpenCV; by default metres.
+        disparity: disparity maps, true or predicted, to measure the histogram.
+        png_scale: levels of a 16-bit PNG per pixel of disparity.
+        pairs: left and right photographs of the rig, to measure how far they are off rectified; needs OpenCV. By
+            default the pairs among ``images`` that are named as Middlebury's, ETH3D's or KITTI's.
+        range_px: least and largest disparity, where there are no maps.
+        other_camera: whether the photographs are not the rig's, so that they may have any size.
+        trials: how many pairs to render and measure of each recipe with each look of its surfaces; with 0 no pair is
+            rendered, all recipes have one weight, and textures are as in the packaged configs.
+        name: the config's name, or a text to make one of.
+        listener: hears messages, the number of pairs to render, and each pair.
 
     Raises:
-        InputError: where anything is missing or does not fit together, or pairs cannot be matched.
-        ReadError: where a map cannot be read.
+        InputError: where an argument cannot be used, or arguments do not fit together.
+        ReadError: where a file cannot be read.
+        BackendError: where OpenGL is missing, and ``trials`` is above 0.
     """
-    photographs = find_images(images)
-    sizes = photograph_sizes(photographs)
-    fitting_count = 0 if other_camera else check_sizes(sizes, [rig.size for rig in rigs], scale)
-    if scale is not None:
-        rigs = [rig.scaled(scale) for rig in rigs]
-    return ConfigFacts(
+    image_sources, calib_sources = names_of("images", images), names_of("calib", calib)
+    map_sources = names_of("disparity", disparity)
+    trials = to_whole("`trials`", trials, least=0)
+    if unit is not None:
+        check_one_of("`unit`", unit, UNITS)
+    if map_sources and range_px is not None:
+        raise InputError("`range_px` says what `disparity` measures: give one of them")
+    notes: list[str] = []
+    rigs = _rigs(calib_sources, focal_px, baseline_m, _size(size), None if unit is None else UNITS[unit])
+    found = map_files(map_sources)
+    scaled = rigs if scale is None else [rig.scaled(scale) for rig in rigs]
+    facts = config_facts(
         rigs,
-        scale,
-        disparity_range(disparity, rigs),
-        [str(expanded(path).absolute()) for path in images],
-        len(photographs),
-        len(photographed_subjects(photographs)),
-        large_side(sizes, median_size(rigs).width_px),
-        are_grey(photographs),
-        measure_rectification(pairs, rigs) if pairs else None,
-        fitting_count,
+        image_sources,
+        DisparitySource(one_of_each_scene(found), png_scale, range_px),
+        scale=scale,
+        other_camera=other_camera,
+        pairs=_pairs(pairs, image_sources, scaled, other_camera, notes),
+    )
+    name, style = config_name(name), untried_style(facts.recipes)
+    config = _parsed(config_text(name, facts, style), name)
+    facts = replace(facts, layout=suited_layout(config, rigs))
+    # The patches of the dataset to come: unusable photographs are reported now, and the cache keeps the patches.
+    report = prepare_atlas(config.textures, 0).report
+    place, expected = None, []
+    if trials:
+        width_px = working_width(facts.size.width_px)
+        place = measure_place(find_place(find_images(image_sources), found, png_scale), width_px)
+        style = _tried(facts, place, trials, listener or Listener())
+        expected = [_expectation(_parsed(config_text(name, facts, style), name))]
+    text = config_text(name, facts, style)
+    notes += filter(None, [_baseline_note(facts.ranges["baseline_m"])])
+    notes += filter(None, [left_out(find_files(image_sources, image_extensions()), found)])
+    return Calibration(
+        _parsed(text, name), text, [*_summary(facts, report), *_style_summary(style, place), *expected], notes
     )
 
 
-def suited_layout(config: Config, rigs: Sequence[Rig]) -> str | None:
-    """Return the layout of the benchmark from which all calibrations come.
+def _parsed(text: str, name: str) -> Config:
+    try:
+        return parse_config(text, f"{name}.yaml")
+    except InputError as error:
+        raise InputError(f"the numbers make no valid config:\n{error}") from None
 
-    Returns:
-        the layout's name. None where calibrations come from no benchmark or from several, where the layout cannot hold
-        the config's disparities, and where the benchmark's loaders refuse what `generate` makes of the config.
 
-    Args:
-        config: the config for the rigs.
-        rigs: at least one.
-    """
-    names = {rig.layout for rig in rigs}
-    name = names.pop() if len(names) == 1 else None
-    if name is None:
+def _size(size: tuple[int, int] | None) -> Size | None:
+    if size is None:
         return None
-    layout = find_layout(name)
-    codec = layout.encodings_for(config).disparity
-    holds = config.disparity.max_px <= codec.limit_px and (codec.signed or not config.disparity.signed)
-    return name if holds and not layout.advice(PROPOSED_PAIRS, config, "train") else None
+    check_type("`size`", size, Sequence)
+    if len(size) != len(Size._fields):
+        raise InputError(f"`size`: expected width and height, got {len(size)} numbers")
+    return Size(*(to_whole("`size`", side, least=1) for side in size))
 
 
-def config_text(name: str, facts: ConfigFacts, style: Style) -> str:
-    """Write the config as YAML, with comments that say where its numbers came from.
+def _rigs(
+    calib: Sequence[str], focal_px: float | None, baseline_m: float | None, size: Size | None, unit_m: float | None
+) -> list[Rig]:
+    plain = {"`focal_px`": focal_px, "`baseline_m`": baseline_m}
+    given = [name for name, value in plain.items() if value is not None]
+    if calib:
+        if given:
+            raise InputError(f"{' and '.join(given)}: `calib` says that already: give one or the other")
+        return read_rigs(calib, size=size, unit_m=unit_m)
+    if focal_px is None or baseline_m is None or size is None:
+        missing = [name for name, value in (plain | {"`size`": size}).items() if value is None]
+        raise InputError(f"{', '.join(missing)} missing: give `calib`, or `focal_px`, `baseline_m` and `size`")
+    return [plain_rig(to_real("`focal_px`", focal_px), to_real("`baseline_m`", baseline_m), size)]
 
-    Args:
-        name: name of the config.
-        facts: rigs, disparities and photographs.
-        style: mix of the recipes, and look of the surfaces.
-    """
-    environment = template_environment()
-    environment.filters |= {"comment": _comment, "flow": _flow, "number": _number, "quoted": _quoted, "range": _range}
-    shares = [f"{max(share, 0.0):.4f}".rstrip("0").rstrip(".") for share in facts.disparity.target.shares]
-    smallest, largest = (round(part * facts.size.width_px) for part in (_SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH))
-    return environment.get_template("calibrated.yaml.jinja").render(
-        name=name,
-        facts=facts,
-        style=style,
-        camera_origin=_camera_origin(facts),
-        shares=textwrap.fill(", ".join(shares), _WIDTH - 14),
-        indoor_m=_INDOOR_M,
-        wall_px=_wall_px(facts),
-        wall_share=_WALL_UP_TO,
-        turn_deg=_turn_deg(facts),
-        usual_turn_deg=BackgroundSection().wall_turn_deg,
-        plane_px=_plane_px(facts),
-        size_px=(max(smallest, 1), max(largest, 2)),
+
+def _pairs(
+    pairs: Sequence[tuple[str | PathLike[str], str | PathLike[str]]],
+    images: Sequence[str],
+    rigs: Sequence[Rig],
+    other_camera: bool,  # noqa: FBT001 - as `calibrate` was given it
+    notes: list[str],
+) -> list[tuple[Path, Path]]:
+    """Return the pairs to match: those that were given, or those among the photographs where they can be matched."""
+    if pairs:
+        if other_camera:
+            raise InputError("`pairs` are the rig's, but `other_camera` says that another one took the photographs")
+        open_matcher()
+        return [pair for left, right in pairs for pair in given_pairs(fspath(left), fspath(right))]
+    found = [] if other_camera else fitting_pairs(pairs_among(find_images(images)), rigs)
+    if found:
+        try:
+            open_matcher()
+        except InputError as error:
+            pairs_there = counted(len(found), "pair")
+            notes.append(f"not measured in {pairs_there} how far rows are off rectified: {error}")
+            return []
+    return found
+
+
+def _tried(facts: ConfigFacts, place: MeasuredPlace, trials: int, listener: Listener) -> Style:
+    """Render and measure trial pairs for a style."""
+    # Imported here: OpenGL and models take longer to load than a config to write without them.
+    from semisynth_gl.calibration.trial import tried_style  # noqa: PLC0415
+
+    try:
+        return tried_style(facts, place.side, trials, listener)
+    except BackendError as error:
+        advice = "Without OpenGL, 0 `trials` make a config that no pairs were tried for"
+        raise BackendError(f"{error}\n{advice}") from None
+
+
+def _expectation(config: Config) -> str:
+    """Return how near a config's mix is expected to come to the wanted disparities."""
+    # Imported here: models take longer to load than a config to write without them.
+    from semisynth_gl.scene.mix import MixSampler  # noqa: PLC0415
+    from semisynth_gl.scene.sources import prepare_sources  # noqa: PLC0415
+
+    sources = prepare_sources(config, 0)
+    mix = MixSampler(config, 0, sources.libraries, sources.atlas.patches)
+    variation = total_variation(mix.expected(), config.shown_histogram())
+    return f"                 disparities expected at a total variation of {variation:.3f} from the wanted ones"
+
+
+def _style_summary(style: Style, place: MeasuredPlace | None) -> list[str]:
+    parts = zip(style.weights, style.recipes, strict=True)
+    lines = [f"recipes          {', '.join(f'{weight:.0%} {recipe.name}' for weight, recipe in parts)}"]
+    if place is None:
+        return lines
+    low, high = style.texels_per_pixel
+    look = f"{low:g} to {high:g} texels per pixel, {style.flat_share:.0%} flat, blurred by {style.blur_px:g} px"
+    if style.exposure_stops:
+        look += f", exposed by {style.exposure_stops:g} stops"
+    near, compared = style.near(place.side)
+    lines.append(f"textures         {look}")
+    # A single picture has no deviation.
+    if compared:
+        lines.append(
+            f"place            {near} of {counted(compared, 'measure')} expected within one standard deviation of its "
+            "pictures"
+        )
+    return lines
+
+
+def _baseline_note(ends_m: tuple[float, float]) -> str | None:
+    """Return what to look at where a baseline is as no rig's: most files do not say in which unit it is."""
+    if ends_m[0] >= _SHORTEST_M and ends_m[1] <= LONGEST_M:
+        return None
+    return (
+        f"the baseline is {_shown_range(ends_m, 'm')}: ROS and KITTI state it in metres, Middlebury and ETH3D in "
+        "millimetres; is it so in your files?"
     )
 
 
-def config_name(stem: str) -> str:
-    """Return the name of a config from a file's: letters, digits and hyphens."""
-    return re.sub(r"[^A-Za-z0-9]+", "-", stem).strip("-") or "calibrated"
+def _summary(facts: ConfigFacts, report: TextureReport) -> list[str]:
+    ranges, disparity, count = facts.ranges, facts.disparity, facts.photograph_count
+    patches = counted(report.total("kept"), "patch")
+    lines = [
+        f"layout           {facts.layout or 'middlebury, and webdataset from 10,000 pairs on'}",
+        f"image size       {facts.size}",
+        f"focal length     {_shown_range(ranges['focal_px'], 'px')}",
+        f"baseline         {_shown_range(ranges['baseline_m'], 'm')}",
+        f"doffs            {_shown_range(ranges['doffs_px'], 'px')}",
+        f"disparity        {disparity.min_px:g} to {disparity.max_px:g} px, mean {disparity.target.mean_px:.2f} px",
+        f"                 {disparity.origin}",
+        f"scenes           {' and '.join(facts.scenes)} ({facts.far_share:.1%} of the pixels beyond 20 m)",
+        f"photographs      {facts.photographs}{', all grey' * facts.grey}, which give {patches}",
+    ]
+    if facts.rectification is not None:
+        lines.append(f"rectification    {facts.rectification.summary()}")
+    if 0 < facts.fitting_count < count:
+        lines.append(f"                 {count - facts.fitting_count} have another size than the rig's images")
+    splits = impossible_splits(facts.subject_count)
+    if splits:
+        lines.append(f"                 too few to hold some out for {' or '.join(splits)}")
+    return lines
 
 
-def _camera_origin(facts: ConfigFacts) -> str:
-    rigs, scale = facts.rigs, facts.scale
-    sources = list(dict.fromkeys(rig.source for rig in rigs))
-    text = f"From {abbreviate(sources, _SOURCES_SHOWN)}"
-    if scale is not None:
-        text += f", scaled by {scale:g} (a position c in pixels becomes (c + 0.5) {scale:g} - 0.5)"
-    if len(rigs) > 1:
-        text += f"; of {len(rigs)} rigs the least and the largest of each value"
-    sizes = sorted({rig.size for rig in rigs})
-    if len(sizes) > 1:
-        text += (
-            f"; their {len(sizes)} sizes run from {sizes[0]} to {sizes[-1]}: the median is taken, and principal points "
-            "keep their distance to the centre"
-        )
-    return text + "."
-
-
-def _wall_px(facts: ConfigFacts) -> tuple[float, float]:
-    disparity = facts.disparity
-    deep_px = float(f"{disparity.target.quantile(_WALL_UP_TO) - disparity.min_px:.2g}")
-    return disparity.min_px, disparity.min_px + deep_px
-
-
-def _turn_deg(facts: ConfigFacts) -> float:
-    """Return the turn at which a wall's disparity at the side of the image differs from that in the middle by a bin.
-
-    Turned by a, a wall at the disparity d has (d + doffs) (1 + tan(a) x / f) at x from the middle of the image.
-    """
-    disparity, ranges = facts.disparity, facts.ranges
-    steepest = facts.size.width_px / 2 / ranges["focal_px"][0]
-    far_px = max(disparity.min_px + sum(ranges["doffs_px"]) / 2, disparity.bin_px)
-    return float(f"{math.degrees(math.atan(disparity.bin_px / far_px / steepest)):.2g}")
-
-
-def _plane_px(facts: ConfigFacts) -> tuple[float, float]:
-    """Return disparities below min_px, and above that of infinity for the least doffs."""
-    min_px = facts.disparity.min_px
-    farthest = farthest_px(facts.ranges["doffs_px"][0], signed=facts.disparity.signed)
-    low, high = (farthest + float(f"{part * (min_px - farthest):.2g}") for part in _PLANE_OF_MIN)
-    return low, high
-
-
-def _flow(value: Any) -> str:  # noqa: ANN401 - whatever a recipe sets
-    """Return a value in one line of YAML."""
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key}: {_flow(each)}" for key, each in value.items()) + "}"
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return f"[{', '.join(map(_flow, value))}]"
-    return value if isinstance(value, str) else _number(value)
-
-
-def _comment(text: str) -> str:
-    lines = textwrap.wrap(printable(text), _WIDTH - 2, break_long_words=False, break_on_hyphens=False)
-    return "".join(f"# {line}\n" for line in lines)
-
-
-def _range(ends: tuple[float, float]) -> str:
-    low, high = (_number(end) for end in ends)
-    return low if low == high else f"[{low}, {high}]"
-
-
-def _number(value: float) -> str:
-    # All digits of a calibration, without the noise of the last binary digits.
-    return f"{float(f'{value:.10g}') + 0.0:.10g}"
-
-
-def _quoted(text: str) -> str:
-    """Return any text as a YAML string: JSON's, except for YAML's escape for code points beyond 16 bits."""
-    quoted = json.dumps(text, ensure_ascii=False)
-    return "".join(letter if letter.isprintable() else f"\\U{ord(letter):08X}" for letter in quoted)
+def _shown_range(ends: tuple[float, float], unit: str) -> str:
+    """Return a range as a person reads it, such as ``994.978 px`` or ``0.16 to 0.38 m``."""
+    low, high = ends
+    return f"{low:.6g} {unit}" if f"{low:.6g}" == f"{high:.6g}" else f"{low:.6g} to {high:.6g} {unit}"

@@ -74,7 +74,7 @@ def measure_maps(paths: Sequence[Path], rigs: Sequence[Rig], png_scale: float = 
         if largest > size.width_px:
             raise InputError(
                 f"{path}: holds disparities up to {largest:g} px in an image {size.width_px} px wide: expected pixels. "
-                f"For a PNG with other levels than {png_scale:g} per pixel, give their number with --png-scale"
+                f"For a PNG with other levels than {png_scale:g} per pixel, give their number as `png_scale`"
             )
         if size not in sizes:
             disparity = disparity * np.float32(_scale_to(median, size, path))

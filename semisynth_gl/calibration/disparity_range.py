@@ -94,9 +94,9 @@ def disparity_range(source: DisparitySource, rigs: Sequence[Rig]) -> DisparityRa
             f"{_scaled_maps(measured.scaled, median_size(rigs))}"
         )
         return replace(measured_range(measured.histogram, least_doffs_px), origin=origin)
-    smooth = "the histogram is chosen, not measured: wide and smooth; give disparity maps with --disparity to have it "
+    smooth = "the histogram is chosen, not measured: wide and smooth; with disparity maps it would be "
     if source.range_px is not None:
-        origin = f"The range is --range-px; {smooth}measured."
+        origin = f"The range is the one given; {smooth}measured."
         return replace(chosen_range(*source.range_px, least_doffs_px), origin=origin)
     low_px, high_px, origin = _calibrated_bounds(rigs, least_doffs_px)
     return replace(chosen_range(low_px, high_px, least_doffs_px), origin=f"{origin}; {smooth}measured.")
@@ -123,8 +123,8 @@ def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[floa
         largest += named[:1]
     if not largest:
         raise InputError(
-            f"the size of disparities is not known: {rigs[0].source} has no ndisp; give disparity maps with "
-            "--disparity, or the range with --range-px LOW HIGH"
+            f"the size of disparities is not known: {rigs[0].source} has no ndisp; give disparity maps as "
+            "`disparity`, or the range, low and high, as `range_px`"
         )
     high_px, name, source = max(largest)
     least = [vmin_px for rig in rigs if (vmin_px := _vmin_px(rig)) is not None]
@@ -185,13 +185,13 @@ def chosen_range(low_px: float | None, high_px: float, least_doffs_px: float = 0
     """
     farthest = farthest_px(least_doffs_px)
     if farthest > 0:
-        advice = "give the range of this rig with --range-px LOW HIGH"
+        advice = "give the range of this rig, low and high, as `range_px`"
         _check_before_infinity(high_px, least_doffs_px, "the range of disparity ends at", advice)
     low = farthest + _LOW_OF_HIGH * (high_px - farthest) if low_px is None else low_px
     if not (low < high_px < math.inf and (low > 0 or least_doffs_px > 0)):
         above = "" if least_doffs_px > 0 else " above 0"
         raise InputError(f"the range of disparity is {low:g} to {high_px:g} px: expected two numbers{above} that rise")
-    advice = "give one that begins above with --range-px LOW HIGH"
+    advice = "give one that begins above as `range_px`"
     _check_before_infinity(low, least_doffs_px, "the range of disparity begins at", advice)
     edges, bin_px = _bins(low, high_px)
     inside = np.clip((np.clip(edges, low, high_px) - low) / (high_px - low), 0, 1)

@@ -49,12 +49,12 @@ def given_pairs(left: str, right: str) -> list[tuple[Path, Path]]:
     lefts, rights = find_images([left]), find_images([right])
     if len(lefts) != len(rights):
         raise InputError(
-            f"--pairs {left} {right}: {counted(len(lefts), 'left image')} and {counted(len(rights), 'right image')}: "
+            f"`pairs` {left} {right}: {counted(len(lefts), 'left image')} and {counted(len(rights), 'right image')}: "
             "expected one of each, in the same order by name"
         )
     same = [path for path in lefts if path in set(rights)]
     if same:
-        raise InputError(f"--pairs {left} {right}: {same[0]} is on both sides: expected the left views, then the right")
+        raise InputError(f"`pairs` {left} {right}: {same[0]} is on both sides: expected the left views, then the right")
     return list(zip(lefts, rights, strict=True))
 
 

@@ -65,20 +65,20 @@ def check_sizes(photographs: Sequence[Size], calibrated: Sequence[Size], scale: 
     better = _scale_that_fits(sizes, calibrated)
     if better is None:
         advice = (
-            "the two differ in shape too, so no --scale makes them fit: give the calibration of these images; or, if"
+            "the two differ in shape too, so no `scale` makes them fit: give the calibration of these images; or, if"
         )
     elif better == 1:
-        advice = "without --scale they fit; or, if"
+        advice = "without `scale` they fit; or, if"
     else:
         advice = (
             "if the photographs are the rig's images reduced or enlarged, scale the calibration: "
-            f"--scale {better:.6g}; if"
+            f"`scale` {better:.6g}; if"
         )
-    of_scale = "" if scale is None else f" with --scale {scale:g}"
+    of_scale = "" if scale is None else f" with `scale` {scale:g}"
     raise InputError(
         f"the calibration is for images of {_listed(Counter(wanted))}{of_scale}, but of "
         f"{counted(sizes.total(), 'photograph')} none has that size: they have {_listed(sizes)}; {advice} "
-        "they were taken with another camera, say so with --other-camera"
+        "they were taken with another camera, say so with `other_camera`"
     )
 
 

@@ -132,8 +132,8 @@ def plain_rig(focal_px: float, baseline_m: float, size: Size) -> Rig:
         InputError: where the baseline is 0 or negative, or another number is out of range.
     """
     if not baseline_m > 0:
-        raise InputError(f"--baseline-m {baseline_m:g}: expected a distance above 0, from the left camera to the right")
-    return Rig(StereoCamera.centred(*size, focal_px, baseline_m), "--focal-px, --baseline-m and --size")
+        raise InputError(f"`baseline_m` {baseline_m:g}: expected a distance above 0, from the left camera to the right")
+    return Rig(StereoCamera.centred(*size, focal_px, baseline_m), "the focal length, baseline and size given")
 
 
 def rectified(projections: Projections, size: Size | None) -> Rig:
@@ -180,12 +180,12 @@ def rectified(projections: Projections, size: Size | None) -> Rig:
         )
     if projections.size is not None and size is not None and projections.size != size:
         raise InputError(
-            f"{source}: is for images of {projections.size}, but --size says {size}: leave --size out, or give "
-            "--scale if your images are reduced"
+            f"{source}: is for images of {projections.size}, but `size` says {size}: leave `size` out, or give "
+            "`scale` if your images are reduced"
         )
     size = projections.size or size
     if size is None:
-        raise InputError(f"{source}: does not say how large the images are: give --size WIDTHxHEIGHT")
+        raise InputError(f"{source}: does not say how large the images are: give `size`, width and height")
     camera = StereoCamera(*size, focal_px, baseline_m, float(left[0, 2]), float(right[0, 2]), cy_px)
     return Rig(camera, source, projections.bounds, projections.layout)
 

@@ -68,10 +68,10 @@ def read_rigs(sources: Sequence[str | Path], *, size: Size | None = None, unit_m
     paths: dict[Path, None] = {}
     for source in sources:
         if expanded(source).is_dir():
-            raise InputError(f"--calib {source}: is a folder; give files, or a glob such as '{source}/*/calib.txt'")
+            raise InputError(f"`calib` {source}: is a folder; give files, or a glob such as '{source}/*/calib.txt'")
         matches = find_files([source], _EXTENSIONS)
         if not matches:
-            raise InputError(f"--calib {source}: no such file, and no .txt, .yaml or .yml that the glob matches")
+            raise InputError(f"`calib` {source}: no such file, and no .txt, .yaml or .yml that the glob matches")
         paths |= dict.fromkeys(matches)
     calibrations = [calibration for path in paths for calibration in _read(path, unit_m)]
     pairs = [pair for pair in calibrations if isinstance(pair, Projections)]
@@ -112,7 +112,7 @@ def _paired(cameras: Sequence[_Camera]) -> Projections:
     if right.matrix[0, 3] == 0:
         raise InputError(
             f"{right.source}: is the left camera's, with no baseline in it (0 in the first row's last place): give the "
-            "right camera's too, with another --calib"
+            "right camera's too, as a further `calib`"
         )
     left_matrix = right.matrix.copy()
     left_matrix[:, 3] = 0
@@ -136,7 +136,7 @@ def _read(path: Path, unit_m: float | None) -> Sequence[Projections | _Camera]:
                 return [_opencv(path, documents[0], (left, right), unit_m)]
         calibrations = _ros(path, documents)
     if unit_m is not None:
-        raise ReadError(path, "its format has a unit of its own: leave --unit out, which is for OpenCV's files alone")
+        raise ReadError(path, "its format has a unit of its own: leave `unit` out, which is for OpenCV's files alone")
     return calibrations
 
 
@@ -204,7 +204,7 @@ def _opencv(path: Path, values: Mapping[str, Any], keys: tuple[str, str], unit_m
         raise ReadError(
             path,
             f"the baseline would be {abs(right[0, 3] / right[0, 0]):g} m: its unit is that of the board that was used "
-            "to calibrate; say so with --unit mm, cm or m",
+            "to calibrate; say so with `unit` mm, cm or m",
         )
     return Projections(left, right, _size(path, values), str(path))
 
@@ -266,7 +266,7 @@ def _check_whole_image(path: Path, values: Mapping[str, Any], prefix: str, size:
             raise ReadError(
                 path,
                 f"{fault}: images with binning are smaller than those that the calibration is of. Take them without; "
-                "or, where both directions are binned alike, write 1 here and give --scale, 0.5 for a binning of 2",
+                "or, where both directions are binned alike, write 1 here and give `scale`, 0.5 for a binning of 2",
             )
     roi = values.get("roi")
     if not isinstance(roi, Mapping):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.calibration.calibrate import ConfigFacts, config_text
+from semisynth_gl.calibration.config_text import ConfigFacts, config_text
 from semisynth_gl.calibration.recipes import SceneRecipe
 from semisynth_gl.calibration.style import BLURS, EXPOSURES, FLATS, TEXELS, Style, Trial, fitted_style, untried_style
 from semisynth_gl.comparison.measured_view import MeasuredView, make_view, working_width

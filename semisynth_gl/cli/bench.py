@@ -9,8 +9,9 @@ from typing import Any
 
 import click
 
-from semisynth_gl.cli.options import COUNT, MOST_WORKERS, SEED, Command, ConfigName, option, option_group, set_option
+from semisynth_gl.cli.options import COUNT, MOST_WORKERS, SEED, Callback, ConfigName, option, option_group, set_option
 from semisynth_gl.cli.outputs import Output, json_report, output_option
+from semisynth_gl.cli.wording import Command
 from semisynth_gl.config import load_config
 from semisynth_gl.listener import Listener
 from semisynth_gl.render.backends import BACKENDS, Backend
@@ -40,7 +41,7 @@ class _BenchOptions:
         click.echo(f"{benchmark.headline(report)}\n\n{benchmark.table(report)}")
 
 
-def _bench_options(config: str) -> Callable[[Command], Command]:
+def _bench_options(config: str) -> Callable[[Callback], Callback]:
     """Add the options of both measurements, with a default config."""
     return option_group(
         "options",
@@ -58,7 +59,7 @@ def _bench_options(config: str) -> Callable[[Command], Command]:
     )
 
 
-def _json_option(command: str) -> Callable[[Command], Command]:
+def _json_option(command: str) -> Callable[[Callback], Callback]:
     """Add the option of a measurement's report."""
     kind = json_report(f"semisynth-gl bench {command}", config=str, machine=dict)
     return output_option("--json", kind, help="Also write everything here.")
@@ -71,7 +72,7 @@ class _Parts(Listener):
         click.echo(f"{text} ...", err=True)
 
 
-@bench.command()
+@bench.command(cls=Command)
 @_bench_options("eth3d")
 @_json_option("accuracy")
 @option("--pairs", type=COUNT, default=3, help="How many pairs.")
@@ -102,7 +103,7 @@ def _numbers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[i
     return numbers
 
 
-@bench.command()
+@bench.command(cls=Command)
 @_bench_options("middlebury")
 @_json_option("speed")
 @option(

@@ -8,15 +8,16 @@ import click
 from semisynth_gl.cli.options import COUNT, FilesType, UserPath, images_option, map_options, option
 from semisynth_gl.cli.outputs import Output, ending_check, json_report, marked_png, output_option
 from semisynth_gl.cli.progress import Progress
-from semisynth_gl.comparison.compare import Comparison, compare_with_place, comparison_json, comparison_table
+from semisynth_gl.cli.wording import Command
+from semisynth_gl.comparison.compare import Comparison, comparison_json, comparison_table
+from semisynth_gl.comparison.compare import compare as compare_dataset
 from semisynth_gl.comparison.maps import map_files
 from semisynth_gl.comparison.measured_view import WORKING_WIDTH
-from semisynth_gl.comparison.place import find_place, left_out
+from semisynth_gl.comparison.place import left_out
 from semisynth_gl.comparison.sides import FEWEST, SAMPLE, MeasuredPlace
-from semisynth_gl.dataset.reader import open_dataset
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.seeds.splits import SPLITS, SplitName
-from semisynth_gl.textures.image_files import find_files, find_images
+from semisynth_gl.textures.image_files import find_files
 from semisynth_gl.textures.images import image_extensions
 from semisynth_gl.textures.subjects import of_subjects
 
@@ -24,7 +25,7 @@ _FIGURES = json_report("semisynth-gl compare", width_px=int, measures=list, prof
 _PLOTS = marked_png("semisynth-gl compare")
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("directory", type=FilesType(), metavar="DIR_OR_ADDRESS")
 @images_option(
     required=True,
@@ -51,7 +52,7 @@ _PLOTS = marked_png("semisynth-gl compare")
 def compare(
     directory: str,
     images: tuple[str, ...],
-    maps: tuple[str, ...],
+    disparity: tuple[str, ...],
     png_scale: float,
     width_px: int | None,
     sample: int,
@@ -65,12 +66,18 @@ def compare(
     """
     picture = Output("--out", _PLOTS, plots, output.overwrite)
     for file in (output, picture):
-        file.check([*maps, *images], images)
-    dataset = open_dataset(directory, split)
-    found, photographs = map_files(maps), find_images(images)
-    place = find_place(photographs, found, png_scale)
+        file.check([*disparity, *images], images)
     with Progress() as progress:
-        comparison = compare_with_place(dataset, place, width_px=width_px, sample=sample, listener=progress)
+        comparison = compare_dataset(
+            directory,
+            images,
+            disparity,
+            png_scale=png_scale,
+            width_px=width_px,
+            sample=sample,
+            split=split,
+            listener=progress,
+        )
     if output.path is not None:
         text = json.dumps(comparison_json(comparison), indent=1, allow_nan=False)
         output.write(f"{text}\n".encode())
@@ -86,7 +93,8 @@ def compare(
     click.echo()
     for line in _summary(comparison):
         click.echo(line)
-    for note in (*filter(None, [left_out(find_files(images, image_extensions()), found)]), *_notes(comparison)):
+    passed_over = left_out(find_files(images, image_extensions()), map_files(disparity))
+    for note in filter(None, (passed_over, *_notes(comparison))):
         click.echo(f"note: {note}", err=True)
 
 

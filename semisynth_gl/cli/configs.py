@@ -3,10 +3,11 @@
 import click
 
 from semisynth_gl.cli.options import ConfigName, listed_configs
+from semisynth_gl.cli.wording import Command
 from semisynth_gl.config.explain import explain
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("config_name", type=ConfigName(), metavar="[NAME_OR_PATH]", required=False)
 def configs(config_name: str | None) -> None:
     """List the packaged configs, or print one with all of its keys, defaults and comments.

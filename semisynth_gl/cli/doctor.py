@@ -6,18 +6,15 @@ from importlib.metadata import PackageNotFoundError, version
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.cache.store import cache_summary
+from semisynth_gl.cli.wording import Command
 from semisynth_gl.config.plugin_recipes import plugin_recipe
-from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.families import build_family
 from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.layouts import find_layout
 from semisynth_gl.plugins import Group, Plugin, installed_plugins
 from semisynth_gl.render.backends import Backend
-from semisynth_gl.scene.background import FACE
-from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.seeds.splits import WHOLE
 from semisynth_gl.textures.sources import open_source
 
@@ -40,7 +37,7 @@ _TRIALS: Mapping[Group, Callable[[str], object]] = {
 }
 
 
-@click.command()
+@click.command(cls=Command)
 def doctor() -> None:
     """Show what this machine offers, say what is missing, and render one pair against its known disparity."""
     # Imported here, as below: completion needs no OpenGL.
@@ -80,6 +77,7 @@ def doctor() -> None:
 
 def _try(backend: Backend) -> bool:
     """Show a backend and render its test pair; return whether all is well."""
+    from semisynth_gl.bench.plane import plane_error_px  # noqa: PLC0415
     from semisynth_gl.render.devices import context_facts  # noqa: PLC0415
 
     click.echo(f"Backend {backend}")
@@ -97,31 +95,6 @@ def _try(backend: Backend) -> bool:
     verdict = "good" if good else f"WRONG, at most {_LARGEST_ERROR_PX:g} was expected"
     click.echo(f"  test pair: largest error of the disparity {error_px:.1e} px: {verdict}")
     return good
-
-
-def plane_error_px(backend: Backend) -> float:
-    """Render a slanted plane and return the largest error of both disparities against its equation, px."""
-    from semisynth_gl.render.renderer import Renderer  # noqa: PLC0415
-
-    camera = StereoCamera(320, 240, 400.0, 0.2, 155.5, 163.5, 119.5)
-    normal = np.array([0.3, -0.2, 1.0])  # the plane normal . p = 2 m
-    corner, along_x, along_y = np.array([-9.0, -9.0]), np.array([18.0, 0.0]), np.array([0.0, 18.0])
-
-    def lifted(xy: NDArray[np.float64], height: float) -> list[float]:
-        return [*xy, (height - normal[:2] @ xy) / normal[2]]
-
-    matrix = np.eye(4)
-    matrix[:3, 0], matrix[:3, 1], matrix[:3, 3] = lifted(along_x, 0), lifted(along_y, 0), lifted(corner, 2.0)
-    layers = np.full((1, 8, 8, 4), 255, np.uint8)
-    with Renderer([FACE], layers, backend=backend) as renderer:
-        frame = renderer.render(make_scene(camera, model=[0], world_from_model=[matrix], layer=[0]))
-    y, x = np.mgrid[:240, :320]
-    worst = 0.0
-    for eye in EYES:
-        origin = normal[0] * camera.offset_m(eye)
-        depth = (2.0 - origin) / (camera.rays(eye, x, y) @ normal)
-        worst = max(worst, float(np.abs(frame.view(eye).disparity - camera.disparity_px(depth)).max()))
-    return worst
 
 
 def _fault(plugin: Plugin) -> str:

@@ -10,6 +10,7 @@ import click
 from semisynth_gl.cli.options import FilesType, UserPath, option
 from semisynth_gl.cli.outputs import Output, json_report, marked_png, output_option
 from semisynth_gl.cli.progress import Progress
+from semisynth_gl.cli.wording import Command
 from semisynth_gl.codecs.png import RGB8
 from semisynth_gl.inputs.errors import InputError, abbreviate, counted
 from semisynth_gl.metrics.evaluate import REGIONS, SIGN_HINT, Evaluation, evaluate_pair, report_json, report_table
@@ -25,8 +26,8 @@ _FIGURES = json_report("semisynth-gl evaluate", protocol=str, source=str, unit=s
 _ERROR_MAP = marked_png("semisynth-gl evaluate")
 
 
-@click.command()
-@option("--pred", type=_PATH, required=True, help="Folder of predictions.")
+@click.command(cls=Command)
+@option("--pred", "predictions", type=_PATH, required=True, help="Folder of predictions.")
 @option(
     "--gt",
     "truth",
@@ -48,7 +49,7 @@ _ERROR_MAP = marked_png("semisynth-gl evaluate")
 @option("--all", "show_all", is_flag=True, help=f"Print a row for every pair, and not for the {_WORST} worst alone.")
 @option("--maps", type=_PATH, help="Also write an error map per pair into this folder.")
 def evaluate(
-    pred: Path,
+    predictions: Path,
     truth: str,
     protocol_name: ProtocolName | None,
     masks: Path | None,
@@ -65,15 +66,15 @@ def evaluate(
     Predictions are .pfm, .npy or 16-bit .png, under the pair's name or under the truth's.
     """
     truth_set = find_truth(truth, split, masks)
-    inputs = {"--pred": str(pred), "--gt": truth} | ({} if masks is None else {"--mask": str(masks)})
+    inputs = {"--pred": str(predictions), "--gt": truth} | ({} if masks is None else {"--mask": str(masks)})
     output.check([*inputs.values()])
     pictures = _error_maps(maps, truth_set, inputs, output)
-    predictions = find_predictions(pred, truth_set.pairs, partial=partial)
+    files = find_predictions(predictions, truth_set.pairs, partial=partial)
     protocol = PROTOCOLS[protocol_name or truth_set.protocol]
     evaluations: list[Evaluation] = []
     with Progress() as progress:
-        progress.on_total(len(predictions.found))
-        for pair, prediction in predictions.found:
+        progress.on_total(len(files.found))
+        for pair, prediction in files.found:
             evaluation = evaluate_pair(pair, prediction, protocol, draw=maps is not None)
             if evaluation.error_map is not None:
                 pictures[pair.name].write(RGB8.encode(evaluation.error_map))
@@ -81,7 +82,7 @@ def evaluate(
             evaluations.append(replace(evaluation, error_map=None))
             progress.advance()
     if output.path is not None:
-        text = json.dumps(report_json(evaluations, protocol, predictions), indent=1, allow_nan=False)
+        text = json.dumps(report_json(evaluations, protocol, files), indent=1, allow_nan=False)
         output.write(f"{text}\n".encode())
     click.echo(f"{len(evaluations)} of {counted(len(truth_set.pairs), 'pair')} by the definitions of {protocol.source}")
     for region in REGIONS:
@@ -91,8 +92,8 @@ def evaluate(
                 click.echo(line)
     if len(evaluations) > _WORST and not show_all:
         click.echo("\n--all prints a row for every pair, and --json writes all figures")
-    odd = [file.path for (_, file), each in zip(predictions.found, evaluations, strict=True) if each.negative]
-    _say_what_is_odd(odd, predictions.missing)
+    odd = [file.path for (_, file), each in zip(files.found, evaluations, strict=True) if each.negative]
+    _say_what_is_odd(odd, files.missing)
 
 
 def _say_what_is_odd(negative: Sequence[Path], missing: Sequence[str]) -> None:

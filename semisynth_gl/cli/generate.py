@@ -22,6 +22,7 @@ from semisynth_gl.cli.options import (
 )
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
+from semisynth_gl.cli.wording import Command
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.begun import read_resumed
 from semisynth_gl.dataset.places import open_place
@@ -204,7 +205,7 @@ _worker_options = option_group(
 )
 
 
-@click.command()
+@click.command(cls=Command)
 @scene_options
 @_dataset_options
 @_worker_options

@@ -20,7 +20,7 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.inputs.user_files import expanded
 from semisynth_gl.render.backends import BACKENDS, Backend
 
-Command = Callable[..., Any]
+Callback = Callable[..., Any]
 
 option = partial(click.option, show_default=True)
 
@@ -115,7 +115,7 @@ def _shown(param: click.Parameter | None) -> str:
     return "name" if param is None else param.opts[0] if isinstance(param, click.Option) else str(param.metavar)
 
 
-def option_group(name: str, group: type, *options: Callable[[Command], Command]) -> Callable[[Command], Command]:
+def option_group(name: str, group: type, *options: Callable[[Callback], Callback]) -> Callable[[Callback], Callback]:
     """Return a decorator that adds options to a command and gives it their values as one argument.
 
     Args:
@@ -125,7 +125,7 @@ def option_group(name: str, group: type, *options: Callable[[Command], Command])
     """
     names = [field.name for field in fields(group)]
 
-    def decorate(command: Command) -> Command:
+    def decorate(command: Callback) -> Callback:
         @wraps(command)
         def grouped(**values: Any) -> Any:  # noqa: ANN401 - click's
             values[name] = group(**{field: values.pop(field) for field in names})
@@ -159,8 +159,8 @@ set_option = partial(
 )
 
 
-def map_options(use: str, note: str = "") -> Callable[[Command], Command]:
-    """Return a decorator that adds the options of disparity maps, the parameters ``maps`` and ``png_scale``.
+def map_options(use: str, note: str = "") -> Callable[[Callback], Callback]:
+    """Return a decorator that adds the options of disparity maps, the parameters ``disparity`` and ``png_scale``.
 
     Args:
         use: whose maps they are or what for, for the help.
@@ -168,7 +168,6 @@ def map_options(use: str, note: str = "") -> Callable[[Command], Command]:
     """
     files = option(
         "--disparity",
-        "maps",
         type=FilesType(),
         multiple=True,
         metavar="PATH_OR_GLOB",

@@ -14,7 +14,7 @@ from typing import Any
 
 import click
 
-from semisynth_gl.cli.options import Command, UserPath, option
+from semisynth_gl.cli.options import Callback, UserPath, option
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.begun import read_beginning
 from semisynth_gl.dataset.places import Folder
@@ -213,7 +213,7 @@ def output_option(
     help: str,  # noqa: A002 - click's word
     default: str | None = None,
     required: bool = False,
-) -> Callable[[Command], Command]:
+) -> Callable[[Callback], Callback]:
     """Return a decorator that adds an option for a file to write, and --overwrite, and gives the command an `Output`.
 
     Args:
@@ -225,7 +225,7 @@ def output_option(
         required: whether it has to be given.
     """
 
-    def decorate(command: Command) -> Command:
+    def decorate(command: Callback) -> Callback:
         @wraps(command)
         def with_output(*, output_path: Path | None, overwrite: bool, **values: Any) -> Any:  # noqa: ANN401 - click's
             return command(output=Output(name, kind, output_path, overwrite), **values)

@@ -11,6 +11,7 @@ from semisynth_gl.cli.options import SceneOptions, UserPath, option, scene_optio
 from semisynth_gl.cli.outputs import Output, ending_check, marked_ply, marked_png, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
+from semisynth_gl.cli.wording import Command
 from semisynth_gl.codecs.ply import encode_points
 from semisynth_gl.config.model import Recipe
 from semisynth_gl.engines.interrupts import interrupts_end
@@ -22,7 +23,7 @@ _PLY = marked_ply("semisynth-gl preview")
 _FEWEST = 4
 
 
-@click.command()
+@click.command(cls=Command)
 @scene_options
 @output_option("--out", marked_png("semisynth-gl preview"), ".png", default="preview.png", help="PNG to write.")
 @option(
@@ -46,7 +47,7 @@ def preview(scene: SceneOptions, output: Output, ply_path: Path | None, pairs: i
     # Imported here: help and completion need no renderer, and matplotlib takes longer to load than a pair to render.
     with interrupts_end():
         from semisynth_gl.pairs.pipeline import PairRenderer  # noqa: PLC0415
-        from semisynth_gl.report.contact_sheet import draw_sheet  # noqa: PLC0415
+        from semisynth_gl.reporting.contact_sheet import draw_sheet  # noqa: PLC0415
 
     config = scene.config()
     cloud = Output("--ply", _PLY, ply_path, output.overwrite)

@@ -8,6 +8,7 @@ from typing import Self
 import click
 from tqdm import tqdm
 
+from semisynth_gl.cli.wording import in_options
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.listener import FinishedPair, Listener
 
@@ -32,7 +33,7 @@ class Progress(Listener):
 
     def on_message(self, text: str) -> None:
         """Show a sentence."""
-        click.echo(text, err=True)
+        click.echo(in_options(text, click.get_current_context().command), err=True)
 
     def on_renderer(self, name: str) -> None:
         """Show the name of a renderer, once."""

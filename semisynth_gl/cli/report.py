@@ -9,14 +9,15 @@ from semisynth_gl.cli.options import COUNT, FilesType, option
 from semisynth_gl.cli.outputs import Output, marked_html, output_option
 from semisynth_gl.cli.progress import Progress
 from semisynth_gl.cli.streams import say
-from semisynth_gl.dataset.reader import Index, read_index
+from semisynth_gl.cli.wording import Command
+from semisynth_gl.dataset.places import open_place
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.seeds.splits import SPLITS, SplitName
 
 _MEGA = 1e6
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("directory", type=FilesType(), metavar="DIR_OR_ADDRESS")
 @output_option(
     "--out",
@@ -39,15 +40,14 @@ def report(directory: str, output: Output, pairs: int, sample: int, split: Split
     The page needs no server and no network: it opens from disk in a browser.
     """
     # Imported here: matplotlib takes longer to load than a pair to read.
-    from semisynth_gl.report.build import build_report  # noqa: PLC0415
+    from semisynth_gl.reporting.build import report as report_on  # noqa: PLC0415
 
-    index = read_index(directory)
     if output.path is None:
-        output = output.at(_default_path(index, directory))
+        output = output.at(_default_path(directory))
     output.check()
     start = time.monotonic()
     with Progress() as progress:
-        built = build_report(index, pairs=pairs, sample=sample, split=split, listener=progress)
+        built = report_on(directory, pairs=pairs, sample=sample, split=split, listener=progress)
     data = built.page.encode("utf-8", "backslashreplace")  # names of files may hold bytes that are no text
     output.write(data)
     measured, total = len(built.measurement.pairs), built.measurement.dataset_pairs
@@ -58,7 +58,7 @@ def report(directory: str, output: Output, pairs: int, sample: int, split: Split
     )
 
 
-def _default_path(index: Index, directory: str) -> Path:
-    local = index.place.local
+def _default_path(directory: str) -> Path:
+    local = open_place(directory).local
     name = local.resolve().name if local is not None else directory.rstrip("/").rpartition("/")[2]
     return Path(f"{name}-report.html")

@@ -7,6 +7,7 @@ import click
 from semisynth_gl.cli.options import SEED, ConfigName, images_option, option, read_config, set_option
 from semisynth_gl.cli.outputs import Output, marked_png, output_option
 from semisynth_gl.cli.streams import say
+from semisynth_gl.cli.wording import Command
 from semisynth_gl.config import packaged_configs
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.textures.crop_report import REJECTIONS, TextureReport, count_crops
@@ -15,7 +16,7 @@ from semisynth_gl.textures.prepare import named_images, prepare_atlas
 from semisynth_gl.textures.reach import photograph_sources
 
 
-@click.command()
+@click.command(cls=Command)
 @option(
     "--config",
     "config_name",

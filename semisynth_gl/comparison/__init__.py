@@ -1,17 +1,6 @@
-"""A dataset's pairs beside the photographs and disparity maps of the place that they are made for."""
+"""What `semisynth_gl.compare` measures in a dataset's pairs, and in photographs and disparity maps of its place."""
 
-from semisynth_gl.comparison.compare import Comparison, compare_with_place
 from semisynth_gl.comparison.measures import MEASURES, Measure
-from semisynth_gl.comparison.place import PlaceFiles, find_place
 from semisynth_gl.comparison.sides import MeasuredPlace, Side
 
-__all__ = [
-    "MEASURES",
-    "Comparison",
-    "Measure",
-    "MeasuredPlace",
-    "PlaceFiles",
-    "Side",
-    "compare_with_place",
-    "find_place",
-]
+__all__ = ["MEASURES", "Measure", "MeasuredPlace", "Side"]

@@ -2,16 +2,22 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from os import PathLike
 from typing import Any
 
+from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.changes import advice
+from semisynth_gl.comparison.maps import map_files
 from semisynth_gl.comparison.measured_view import WORKING_WIDTH, working_width
 from semisynth_gl.comparison.measures import MEASURES, PROFILES, Measure, Profile
-from semisynth_gl.comparison.place import PlaceFiles
+from semisynth_gl.comparison.place import PlaceFiles, find_place
 from semisynth_gl.comparison.sides import FEWEST, SAMPLE, MeasuredPlace, Side, measure_dataset, measure_place
 from semisynth_gl.dataset.configs import recipe_values
-from semisynth_gl.dataset.reader import Dataset
+from semisynth_gl.dataset.reader import Dataset, open_dataset
+from semisynth_gl.inputs.user_files import Files, names_of
 from semisynth_gl.listener import Listener
+from semisynth_gl.seeds.splits import SplitName
+from semisynth_gl.textures.image_files import find_images
 
 _OFF = 1.0
 
@@ -62,6 +68,39 @@ class Comparison:
         off = [(measure, by) for measure, by in self.compared() if abs(by) > _OFF]
         off.sort(key=lambda each: -abs(each[1]))
         return [(measure, by, advice(measure, self.recipes, more=by < 0)) for measure, by in off]
+
+
+def compare(
+    dataset: str | PathLike[str],
+    images: Files,
+    disparity: Files = (),
+    *,
+    png_scale: float = KITTI_DISPARITY.steps,
+    width_px: int | None = None,
+    sample: int = SAMPLE,
+    split: SplitName | None = None,
+    listener: Listener | None = None,
+) -> Comparison:
+    """Compare a dataset's pairs with the place that it is made for, as ``semisynth-gl compare`` does.
+
+    Args:
+        dataset: a folder, or an address that fsspec knows.
+        images: photographs of the place.
+        disparity: disparity maps of the place: .pfm, .npy and 16-bit .png.
+        png_scale: levels of a 16-bit PNG map per pixel of disparity.
+        width_px: the width to which all images and maps are brought before they are measured; by default
+            `WORKING_WIDTH`, or the pairs' own where that is less.
+        sample: how many pairs to measure, evenly spread.
+        split: a split of the dataset; None for all pairs.
+        listener: hears the number of pairs, and each pair.
+
+    Raises:
+        InputError: where there is no such dataset, photograph or map, or a map cannot be used.
+        ReadError: where a file cannot be read.
+    """
+    found, photographs = map_files(names_of("disparity", disparity)), find_images(names_of("images", images))
+    place = find_place(photographs, found, png_scale)
+    return compare_with_place(open_dataset(dataset, split), place, width_px=width_px, sample=sample, listener=listener)
 
 
 def compare_with_place(

@@ -14,7 +14,7 @@ from semisynth_gl.config.model import Config
 from semisynth_gl.config.yaml_values import Key
 from semisynth_gl.inputs.errors import cut, did_you_mean, near, shown
 
-OVERRIDE, OVERRIDES = "--set", "overrides"
+OVERRIDE, OVERRIDES = "`overrides`", "overrides"
 """The places of overrides in messages: of a text ``"KEY=VALUE"``, with the key behind it, and of all others."""
 
 SCENES = "scenes"

@@ -25,7 +25,7 @@ def check_apart(place: Place, plan: Plan) -> None:
     if place.local is None:
         return
     config, folder, real = plan.config, place.local, Path(os.path.realpath(place.local))
-    advice = "Choose a folder apart from it with --out"
+    advice = "Choose a folder apart from it for `out`"
     sources, extensions = photograph_sources(config.textures), image_extensions()
     if sources:
         # Besides any file, since the next dataset in this folder may have other names.

@@ -39,7 +39,7 @@ def read_beginning(place: Place) -> PlanDocument | None:
             try:
                 return parse_index(values, path) if name == INDEX else parse_document(values, PlanDocument, path)
             except ReadError as error:
-                advice = CHANGED_INDEX if name == INDEX else "choose another folder with --out, or bring the file back"
+                advice = CHANGED_INDEX if name == INDEX else "choose another folder for `out`, or bring the file back"
                 raise ReadError(error.path, f"{error.reason}: {advice}") from None
     return None
 

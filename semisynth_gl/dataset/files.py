@@ -75,10 +75,10 @@ class DatasetFiles:
             # Another run may have begun the dataset since the line above: `open` resumes it.
             names = _foreign_names(place)
             if names and read_beginning(place) is None:
-                advice = "--overwrite replaces only what this program wrote. " if overwrite else ""
+                advice = "`overwrite` replaces only what this program wrote. " if overwrite else ""
                 raise InputError(
                     f"{place.address}: the folder is not empty (it holds {abbreviate(names, 3)}), and no dataset of "
-                    f"this program. {advice}Choose another with --out"
+                    f"this program. {advice}Choose another for `out`"
                 )
         elif overwrite:
             self._own_files(plan_of(self._beginning))
@@ -100,7 +100,7 @@ class DatasetFiles:
         """
         if not self._overwrite or self._beginning is None:
             return False
-        # What a run with --overwrite began before it was killed is no earlier dataset: it goes on there.
+        # What a run that overwrites began before it was killed is no earlier dataset: it goes on there.
         return self._place.size(INDEX) is not None or read_object(self._place, PLAN) != self._values(sources)
 
     def open(self, sources: Mapping[SplitName, Mapping[str, str]]) -> None:
@@ -126,7 +126,7 @@ class DatasetFiles:
                 if changed:
                     raise InputError(
                         f"{place.address}: photographs or models are not those that the dataset was begun with: "
-                        f"{abbreviate(changed)}. Give the same again, or choose another folder with --out"
+                        f"{abbreviate(changed)}. Give the same again, or choose another folder for `out`"
                     )
             # The index goes first: from here on the folder does not claim to be finished. It never goes without a plan.
             if place.size(INDEX) is not None:
@@ -204,7 +204,7 @@ class DatasetFiles:
             raise InputError(
                 f"{self._place.address}: holds a dataset that was begun with another version, whose pairs may differ: "
                 f"version ({began} there, {values['version']} now). Go on with {PROGRAM} {began}, choose another "
-                "folder with --out, or give --overwrite to replace it. A finished dataset can be read as it is"
+                "folder for `out`, or give `overwrite` to replace it. A finished dataset can be read as it is"
             )
         keys = ("config_values", "seed", "layout", "shard_pairs")
         changed = differences({key: beginning.values[key] for key in keys}, {key: values[key] for key in keys})
@@ -215,14 +215,14 @@ class DatasetFiles:
         if changed:
             raise InputError(
                 f"{self._place.address}: holds a dataset that was begun with other values: {abbreviate(changed)}. Give "
-                "the same to go on with it, choose another folder with --out, or give --overwrite to replace it"
+                "the same to go on with it, choose another folder for `out`, or give `overwrite` to replace it"
             )
         fewer = [f"{name} ({pairs[name]} there, {count} now)" for name, count in self._plan.pairs.items()
                  if count < pairs[name]]  # fmt: skip
         if fewer:
             raise InputError(
                 f"{self._place.address}: holds a dataset of more pairs: {abbreviate(fewer)}. Ask for as many or more "
-                "to go on with it, choose another folder with --out, or give --overwrite to replace it"
+                "to go on with it, choose another folder for `out`, or give `overwrite` to replace it"
             )
 
     def _values(self, sources: Mapping[SplitName, Mapping[str, str]]) -> dict[str, Any]:
@@ -240,13 +240,13 @@ class DatasetFiles:
             foreign.discard(name)
         if foreign:
             raise InputError(
-                f"{self._place.address}: --overwrite replaces only what this program wrote, but the folder holds "
-                f"{abbreviate(sorted(foreign), 3)}. Choose another folder with --out, or remove these yourself"
+                f"{self._place.address}: `overwrite` replaces only what this program wrote, but the folder holds "
+                f"{abbreviate(sorted(foreign), 3)}. Choose another folder for `out`, or remove these yourself"
             )
         return files
 
     def _remove(self, beginning: PlanDocument) -> None:
-        """Remove an earlier dataset but for its plan: a run that is ended in between leaves what --overwrite knows.
+        """Remove an earlier dataset but for its plan: a run that is ended in between leaves what overwriting knows.
 
         The plan says so first. Else an equal plan would find what is left, and take it for its own work.
         """

@@ -88,31 +88,31 @@ def make_plan(
     if not counts or min(counts.values()) < 1:
         raise InputError(f"expected at least one pair, got {dict(pairs)}")
     if shard_pairs is not None:
-        shard_pairs = to_whole("--shard-pairs", shard_pairs, least=1)
+        shard_pairs = to_whole("`shard_pairs`", shard_pairs, least=1)
     if layout.encodings is not None and config.files != type(config.files)():
         raise InputError(
             f"the layout {layout_name} has encodings of its own ({layout.encodings.image.name}, "
             f"{layout.encodings.disparity.name}, {layout.encodings.flow.name}): leave files.image, files.disparity and "
-            f"files.flow out of the config, or choose another with --layout: {', '.join(_free_layouts())}"
+            f"files.flow out of the config, or choose another `layout`: {', '.join(_free_layouts())}"
         )
     length = sequence_length(config.outputs, config.sequence.length)
     if length is not None and layout.most_frames is not None and length > layout.most_frames:
         raise InputError(
             f"the layout {layout_name} has names for {layout.most_frames} frames of a sequence with flow, got "
-            f"sequence.length {length}: set it to {layout.most_frames} or less, or choose another with --layout"
+            f"sequence.length {length}: set it to {layout.most_frames} or less, or choose another `layout`"
         )
     if unsaid := sorted(layout.lacks.intersection(config.outputs)):
         able = ", ".join(name for name in LAYOUTS if unsaid[0] not in find_layout(name).lacks)
         raise InputError(
             f"the layout {layout_name} has no files for the output {unsaid[0]}, which its loaders do not know: leave "
-            f"it out of outputs, or choose another with --layout: {able}"
+            f"it out of outputs, or choose another `layout`: {able}"
         )
     encodings = layout.encodings_for(config)
     if encodings.signed and not encodings.disparity.signed:
         others = [each for each in LAYOUTS if find_layout(each).own_encodings(signed=True).disparity.signed]
         raise InputError(
             f"the layout {layout_name} stores disparities as {encodings.disparity.description}, which has no values of "
-            f"0 and below, but disparity.signed makes these valid: choose another with --layout: {', '.join(others)}"
+            f"0 and below, but disparity.signed makes these valid: choose another `layout`: {', '.join(others)}"
         )
     encodings.check_installed()
     if lacking := sorted(layout.needs.difference(config.outputs)):
@@ -123,7 +123,7 @@ def make_plan(
     if shards > _MOST_SHARDS:
         raise InputError(
             f"{counted(shards, 'shard')} of {counted(shard_pairs, 'pair')}: expected at most {_MOST_SHARDS}; give a "
-            "larger --shard-pairs, or make several datasets"
+            "larger `shard_pairs`, or make several datasets"
         )
     plan = Plan(config, layout_name, counts, shard_pairs, config.views, seed, used_plugins(config, layout_name))
     _check_names(plan)

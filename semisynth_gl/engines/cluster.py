@@ -177,7 +177,7 @@ def _ray() -> Any:  # noqa: ANN401 - a module
             return import_module("ray")
     except ImportError as error:
         raise InputError(
-            f"--engine ray needs the package ray, which cannot be imported ({error}): "
+            f"the engine ray needs the package ray, which cannot be imported ({error}): "
             f"{how_to_install('ray')}; here and on all nodes, or choose another engine"
         ) from None
 

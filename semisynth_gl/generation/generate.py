@@ -208,7 +208,7 @@ def _chosen(shards: list[Shard], numbers: range | None) -> list[Shard]:
         return shards
     if not numbers or numbers.start < 0 or numbers.stop > len(shards):
         raise InputError(
-            f"--shards {numbers.start}-{numbers.stop - 1}: the dataset has the shards 0-{len(shards) - 1} "
+            f"`shards` {numbers.start}-{numbers.stop - 1}: the dataset has the shards 0-{len(shards) - 1} "
             f"({len(shards)} of up to {counted(max(shard.end - shard.first for shard in shards), 'pair')})"
         )
     return [shards[number] for number in numbers]

@@ -224,7 +224,7 @@ def _build(section: ModelsSection, particles: ParticlesSection, seed: int, split
     if not any(weight > 0 and models for weight, models, _ in families):
         raise InputError(
             "there are no models to draw: models.simple and models.complex are 0, and of the user's there is none; "
-            "give --models DIR, or raise a weight of the section models"
+            "name a folder with some in `models.folders`, or raise a weight of the section models"
         )
     library = [mesh for _, models, _ in families for mesh in models]
     chances = np.concatenate([weight * np.array(shares) / max(sum(shares), 1e-300) for weight, _, shares in families])

@@ -7,11 +7,16 @@ events or change as it is read.
 import errno
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from io import BufferedReader
+from os import PathLike
 from pathlib import Path
 
+from semisynth_gl.inputs.arguments import check_type
 from semisynth_gl.inputs.errors import InputError
+
+Files = str | PathLike[str] | Sequence[str | PathLike[str]]
+"""A file, folder or glob, or several."""
 
 _KERNELS = ("/proc", "/sys")
 _KINDS = {
@@ -97,3 +102,20 @@ def _check(path: Path, status: os.stat_result) -> None:
         kind = "a file of the kernel's"
     if kind is not None:
         raise NotOnDiskError(errno.EINVAL, f"it is {kind}, not a file on a disk", str(path))
+
+
+def names_of(argument: str, files: Files) -> list[str]:
+    """Return the names of files, folders and globs.
+
+    Args:
+        argument: what the message calls the argument, without backticks.
+        files: one name, or several.
+
+    Raises:
+        InputError: where one is no name.
+    """
+    check_type(f"`{argument}`", files, str | PathLike | Sequence)
+    several = [files] if isinstance(files, str | PathLike) else files
+    for each in several:
+        check_type(f"`{argument}`", each, str | PathLike)
+    return [os.fspath(each) for each in several]

@@ -140,7 +140,7 @@ class Layout(ABC):
         """
         return [
             f"Loaders of this layout replace {name!r} wherever it stands in the path of a file, and {root} has it: "
-            "choose another folder with --out, or move this one before training."
+            "choose another folder for `out`, or move this one before training."
             for name in self.replaced
             if name in root
         ]

@@ -56,7 +56,7 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) 
         ReadError: where one of several files of a pair cannot be read.
     """
     if not folder.is_dir():
-        raise InputError(f"--pred {folder}: {'is a file' if folder.exists() else 'there is no such folder'}")
+        raise InputError(f"`predictions` {folder}: {'is a file' if folder.exists() else 'there is no such folder'}")
     found: list[tuple[TruePair, Prediction]] = []
     missing: list[TruePair] = []
     for pair in pairs:
@@ -66,7 +66,9 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) 
             candidates = [file for file in candidates if is_disparity_map(file.path)] or candidates
         if len(candidates) > 1:
             names = ", ".join(str(prediction.path.relative_to(folder)) for prediction in candidates[:_SHOWN])
-            raise InputError(f"--pred {folder}: {len(candidates)} predictions for {pair.name}: {names}: keep one file")
+            raise InputError(
+                f"`predictions` {folder}: {len(candidates)} predictions for {pair.name}: {names}: keep one file"
+            )
         if candidates:
             found.append((pair, candidates[0]))
         else:
@@ -74,10 +76,10 @@ def find_predictions(folder: Path, pairs: Sequence[TruePair], *, partial: bool) 
     if missing and (not partial or not found):
         names = ", ".join(pair.name for pair in missing[:_SHOWN]) + (", ..." if len(missing) > _SHOWN else "")
         expected = " or ".join(str(folder / f"{stem}.pfm") for stem in list(missing[0].stems)[:2])
-        advice = "; --partial evaluates the others" if found else ""
+        advice = "; `partial` evaluates the others" if found else ""
         raise InputError(
-            f"--pred {folder}: no prediction for {len(missing)} of {counted(len(pairs), 'pair')}: {names}: expected "
-            f"{expected} (or .npy, .png), for example{advice}"
+            f"`predictions` {folder}: no prediction for {len(missing)} of {counted(len(pairs), 'pair')}: {names}: "
+            f"expected {expected} (or .npy, .png), for example{advice}"
         )
     return Predictions(found, [pair.name for pair in missing])
 

@@ -112,9 +112,11 @@ def find_truth(address: str, split: SplitName | None = None, masks: Path | None 
         truths = _dataset_truths(open_dataset(address, split), split)
     else:
         if not folder.is_dir():
-            raise InputError(f"--gt {address}: {'is a file' if folder.exists() else 'there is no such folder'}")
+            raise InputError(f"`truth` {address}: {'is a file' if folder.exists() else 'there is no such folder'}")
         if split is not None:
-            raise InputError(f"--split {split}: only datasets of this program have splits, and --gt {address} is none")
+            raise InputError(
+                f"`split` {split}: only datasets of this program have splits, and `truth` {address} is none"
+            )
         truths = _folder_truths(folder)
     # A name of several pairs, such as disp0GT, names none of them.
     counts = Counter(stem for pair in truths.pairs for stem in pair.stems)
@@ -183,13 +185,13 @@ def _folder_truths(folder: Path) -> TrueSet:
         ]
     if not pairs:
         raise InputError(
-            f"--gt {folder}: no true disparities there: expected a dataset of this program, KITTI's {_OCC}, a "
+            f"`truth` {folder}: no true disparities there: expected a dataset of this program, KITTI's {_OCC}, a "
             f"{_SCENE_TRUTHS[0]} in each scene's folder, or .pfm, .npy or 16-bit .png files"
         )
     for name, count in Counter(pair.name for pair in pairs).items():
         if count > 1:
             sources = [pair.source for pair in pairs if pair.name == name]
-            where = f"--gt {folder}: {count} truths for {name}: {', '.join(sources[:3])}"
+            where = f"`truth` {folder}: {count} truths for {name}: {', '.join(sources[:3])}"
             raise InputError(f"{where}: give the folder of one size, or keep one file")
     return TrueSet(pairs, protocol)
 
@@ -286,7 +288,7 @@ def _with_mask(pair: TruePair, masks: Path) -> TruePair:
     paths = [masks / f"{stem.with_name(_MASK) if stem.name in SCENE_STEMS else stem}.png" for stem in stems]
     mask = next((path for path in paths if path.is_file()), None)
     if mask is None:
-        raise InputError(f"--mask {masks}: no mask for {pair.name}: expected {paths[0]}")
+        raise InputError(f"`masks` {masks}: no mask for {pair.name}: expected {paths[0]}")
 
     def read() -> Truth:
         truth = pair.read()

@@ -171,26 +171,26 @@ def egl_index_of_gpu(gpu: int, devices: Sequence[Device], visible: str | None) -
     by_cuda = {device.cuda: device for device in devices if device.cuda is not None}
     if not by_cuda:
         raise InputError(
-            f"--gpus {gpu}: none of EGL's devices says which GPU of CUDA's it is. `semisynth-gl doctor` lists them; "
+            f"`gpus` {gpu}: none of EGL's devices says which GPU of CUDA's it is. `semisynth-gl doctor` lists them; "
             "NVIDIA's driver tells where its libEGL is installed"
         )
     if visible is None:
         if gpu not in by_cuda:
-            raise InputError(f"--gpus {gpu}: CUDA sees {_gpus(sorted(by_cuda))}")
+            raise InputError(f"`gpus` {gpu}: CUDA sees {_gpus(sorted(by_cuda))}")
         return by_cuda[gpu].index
     entries = _visible_entries(visible)
     if not 0 <= gpu < len(entries):
-        raise InputError(f"--gpus {gpu}: with {_VISIBLE}={visible} CUDA sees {_gpus(range(len(entries)))}")
+        raise InputError(f"`gpus` {gpu}: with {_VISIBLE}={visible} CUDA sees {_gpus(range(len(entries)))}")
     entry = entries[gpu]
     if entry.isdigit():
         if int(entry) not in by_cuda:
-            raise InputError(f"--gpus {gpu}: {_VISIBLE}={visible} names {entry}, but there is {_gpus(sorted(by_cuda))}")
+            raise InputError(f"`gpus` {gpu}: {_VISIBLE}={visible} names {entry}, but there is {_gpus(sorted(by_cuda))}")
         return by_cuda[int(entry)].index
     matching = [device for device in by_cuda.values() if (device.uuid or "").lower().startswith(entry.lower())]
     if len(matching) != 1:
         known = ", ".join(f"{device.cuda} is {device.uuid or 'unknown'}" for device in by_cuda.values())
         raise InputError(
-            f"--gpus {gpu}: {_VISIBLE}={visible} names {entry}, which cannot be told among EGL's devices ({known}). "
+            f"`gpus` {gpu}: {_VISIBLE}={visible} names {entry}, which cannot be told among EGL's devices ({known}). "
             f"Give numbers in {_VISIBLE}"
         )
     return matching[0].index

@@ -40,9 +40,7 @@ class TextureSource:
 
 def _of_the_user(section: TexturesSection) -> Sequence[Path]:
     if not section.images:
-        raise InputError(
-            "textures.source is images, but there are none: give --images FOLDER, or set textures.images in the config"
-        )
+        raise InputError("textures.source is images, but there are none: name them in `textures.images`")
     return find_images(section.images)
 
 

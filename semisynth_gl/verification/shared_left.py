@@ -5,9 +5,9 @@ from numpy.typing import NDArray
 
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.frame import CHANNELS
-from semisynth_gl.verify.agreement import all_components
-from semisynth_gl.verify.single_view import DEVIATING_PX, FLOAT32
-from semisynth_gl.verify.verdict import Verdict
+from semisynth_gl.verification.agreement import all_components
+from semisynth_gl.verification.single_view import DEVIATING_PX, FLOAT32
+from semisynth_gl.verification.verdict import Verdict
 
 
 def check_lefts(frame: StoredFrame, other: StoredFrame, verdict: Verdict) -> None:

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE
-from semisynth_gl.verify.agreement import UNCERTAIN, Agreement, Points, check_mask_agreement, check_mask_values
-from semisynth_gl.verify.verdict import Verdict, count_pixels
+from semisynth_gl.verification.agreement import UNCERTAIN, Agreement, Points, check_mask_agreement, check_mask_values
+from semisynth_gl.verification.verdict import Verdict, count_pixels
 
 Values = NDArray[np.float32]
 Where = NDArray[np.bool_]

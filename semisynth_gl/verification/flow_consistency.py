@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.frame import OCCLUDED, VISIBLE
-from semisynth_gl.verify.agreement import (
+from semisynth_gl.verification.agreement import (
     UNCERTAIN,
     Agreement,
     Points,
@@ -14,10 +14,10 @@ from semisynth_gl.verify.agreement import (
     check_mask_agreement,
     spread_evenly,
 )
-from semisynth_gl.verify.photometry import check_flow_images
-from semisynth_gl.verify.single_view import OPPOSITE, has_flow
-from semisynth_gl.verify.verdict import Verdict
-from semisynth_gl.verify.view_consistency import HIDDEN_PX, SEEN_PX, SMOOTH_PX, ViewMatch
+from semisynth_gl.verification.photometry import check_flow_images
+from semisynth_gl.verification.single_view import OPPOSITE, has_flow
+from semisynth_gl.verification.verdict import Verdict
+from semisynth_gl.verification.view_consistency import HIDDEN_PX, SEEN_PX, SMOOTH_PX, ViewMatch
 
 Values = NDArray[np.float32]
 Where = NDArray[np.bool_]

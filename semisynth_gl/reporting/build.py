@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from os import PathLike
 
-from semisynth_gl.dataset.reader import Dataset, Index
+from semisynth_gl.dataset.reader import Dataset, Index, read_index
+from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.listener import Listener
-from semisynth_gl.report.measure import (
+from semisynth_gl.reporting.measure import (
     QUANTITIES,
     Measurement,
     Outlier,
@@ -13,9 +15,9 @@ from semisynth_gl.report.measure import (
     find_outliers,
     measure,
 )
-from semisynth_gl.report.page import ShownPair, render_page
-from semisynth_gl.report.pictures import make_pictures
-from semisynth_gl.report.redraws import read_redraws
+from semisynth_gl.reporting.page import ShownPair, render_page
+from semisynth_gl.reporting.pictures import make_pictures
+from semisynth_gl.reporting.redraws import read_redraws
 from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.seeds.spread import spread
 
@@ -38,6 +40,31 @@ class Report:
     measurement: Measurement
     shown: int
     step: int
+
+
+def report(
+    dataset: str | PathLike[str],
+    *,
+    pairs: int = 12,
+    sample: int = 200,
+    split: SplitName | None = None,
+    listener: Listener | None = None,
+) -> Report:
+    """Measure a dataset and render its page, as ``semisynth-gl report`` does.
+
+    Args:
+        dataset: a folder, or an address that fsspec knows.
+        pairs: number of pairs to show, evenly spread; outliers come on top.
+        sample: number of pairs to measure, evenly spread.
+        split: a split of the dataset; None for all splits.
+        listener: hears the number of pairs to measure, and each measured pair.
+
+    Raises:
+        InputError: where there is no dataset, it is not finished, has no such split, or no pair of it can be read.
+    """
+    check_type("`dataset`", dataset, str | PathLike)
+    counts = to_whole("`pairs`", pairs, least=0), to_whole("`sample`", sample, least=1)
+    return build_report(read_index(dataset), pairs=counts[0], sample=counts[1], split=split, listener=listener)
 
 
 def build_report(

@@ -11,8 +11,8 @@ from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, Eye
 from semisynth_gl.frame.frame import CHANNELS, OUTSIDE, SKY, Channel, View
 from semisynth_gl.inputs.errors import counted
-from semisynth_gl.verify.agreement import all_components, check_mask_values, dot
-from semisynth_gl.verify.verdict import Verdict, count_pixels
+from semisynth_gl.verification.agreement import all_components, check_mask_values, dot
+from semisynth_gl.verification.verdict import Verdict, count_pixels
 
 Where = NDArray[np.bool_]
 

@@ -16,10 +16,10 @@ from semisynth_gl.dataset.reader import Index
 from semisynth_gl.histogram import Histogram, total_variation, wasserstein_px
 from semisynth_gl.inputs.resources import data_root
 from semisynth_gl.inputs.templates import template_environment
-from semisynth_gl.report.measure import QUANTITIES, RAYS, Measurement, Outlier, PairMeasures
-from semisynth_gl.report.pictures import JPEG_QUALITY, EncodedPair
-from semisynth_gl.report.plots import COLOUR_MAP, Bars, count_bars, draw_histogram
-from semisynth_gl.report.redraws import PairKey, Redraws
+from semisynth_gl.reporting.measure import QUANTITIES, RAYS, Measurement, Outlier, PairMeasures
+from semisynth_gl.reporting.pictures import JPEG_QUALITY, EncodedPair
+from semisynth_gl.reporting.plots import COLOUR_MAP, Bars, count_bars, draw_histogram
+from semisynth_gl.reporting.redraws import PairKey, Redraws
 from semisynth_gl.seeds.splits import SplitName
 
 Values = Mapping[str, Any]

@@ -11,10 +11,10 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.verify.agreement import MIN_PIXELS, Points, spread_evenly
-from semisynth_gl.verify.shares import DEVIATIONS, most_share
-from semisynth_gl.verify.verdict import Verdict
-from semisynth_gl.verify.view_consistency import ViewMatch
+from semisynth_gl.verification.agreement import MIN_PIXELS, Points, spread_evenly
+from semisynth_gl.verification.shares import DEVIATIONS, most_share
+from semisynth_gl.verification.verdict import Verdict
+from semisynth_gl.verification.view_consistency import ViewMatch
 
 Values = NDArray[np.float64]
 Image = NDArray[np.uint8]

@@ -18,8 +18,8 @@ from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.scene import Motion
 from semisynth_gl.seeds.splits import SplitName
-from semisynth_gl.verify.single_view import OPPOSITE, flow_bound_px
-from semisynth_gl.verify.verdict import Verdict, format_vector
+from semisynth_gl.verification.single_view import OPPOSITE, flow_bound_px
+from semisynth_gl.verification.verdict import Verdict, format_vector
 
 Values = NDArray[np.float64]
 RayValues = Mapping[str, Values]
@@ -64,7 +64,7 @@ class OracleCheck:
             self._scenes = RebuiltScenes(index, split)
         except InputError as error:
             raise InputError(
-                f"{error}. --oracle needs the scenes; verify without it to see what else is wrong with the dataset"
+                f"{error}. `oracle` needs the scenes; verify without it to see what else is wrong with the dataset"
             ) from None
 
     def check(self, frame: StoredFrame, pixels: int, verdict: Verdict) -> None:

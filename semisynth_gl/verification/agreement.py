@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE
-from semisynth_gl.verify.shares import most_share
-from semisynth_gl.verify.verdict import Verdict, format_vector
+from semisynth_gl.verification.shares import most_share
+from semisynth_gl.verification.verdict import Verdict, format_vector
 
 Floats = NDArray[np.floating]
 Where = NDArray[np.bool_]

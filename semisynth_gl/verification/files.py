@@ -15,7 +15,7 @@ from semisynth_gl.dataset.reader import Index, read_members, read_record, read_w
 from semisynth_gl.dataset.sample import StoredFrame, assemble_frame, camera_size, decode_file, wrong_sizes
 from semisynth_gl.dataset.schema import CARD, CROISSANT, INDEX, PARTIAL, PLAN, log_path, record_path, tar_path
 from semisynth_gl.inputs.errors import ReadError, counted
-from semisynth_gl.verify.verdict import Verdict
+from semisynth_gl.verification.verdict import Verdict
 
 _ABOUT = frozenset({INDEX, PLAN, CARD, CROISSANT})
 _SHOWN = 20

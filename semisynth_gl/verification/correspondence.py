@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Eye
 from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE
-from semisynth_gl.verify.agreement import (
+from semisynth_gl.verification.agreement import (
     UNCERTAIN,
     Agreement,
     Points,
@@ -14,11 +14,11 @@ from semisynth_gl.verify.agreement import (
     check_mask_agreement,
     check_mask_values,
 )
-from semisynth_gl.verify.flow_consistency import follow_flow
-from semisynth_gl.verify.photometry import check_flow_images
-from semisynth_gl.verify.single_view import DEVIATING_PX
-from semisynth_gl.verify.verdict import Verdict, count_pixels
-from semisynth_gl.verify.view_consistency import HIDDEN_PX, SEEN_PX
+from semisynth_gl.verification.flow_consistency import follow_flow
+from semisynth_gl.verification.photometry import check_flow_images
+from semisynth_gl.verification.single_view import DEVIATING_PX
+from semisynth_gl.verification.verdict import Verdict, count_pixels
+from semisynth_gl.verification.view_consistency import HIDDEN_PX, SEEN_PX
 
 Values = NDArray[np.float64]
 Where = NDArray[np.bool_]

@@ -6,8 +6,8 @@ from semisynth_gl.dataset.reader import Index
 from semisynth_gl.dataset.sample import StoredFrame
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.seeds.splits import SplitName
-from semisynth_gl.verify.correspondence import check_correspondence, check_deviating_views
-from semisynth_gl.verify.files import (
+from semisynth_gl.verification.correspondence import check_correspondence, check_deviating_views
+from semisynth_gl.verification.files import (
     StoredShard,
     check_index,
     check_origin,
@@ -15,11 +15,11 @@ from semisynth_gl.verify.files import (
     read_pair,
     unmade_pairs,
 )
-from semisynth_gl.verify.flow_consistency import check_flow_views, check_frames
-from semisynth_gl.verify.oracle_check import OracleCheck
-from semisynth_gl.verify.photometry import check_images
-from semisynth_gl.verify.shared_left import check_lefts
-from semisynth_gl.verify.single_view import (
+from semisynth_gl.verification.flow_consistency import check_flow_views, check_frames
+from semisynth_gl.verification.oracle_check import OracleCheck
+from semisynth_gl.verification.photometry import check_images
+from semisynth_gl.verification.shared_left import check_lefts
+from semisynth_gl.verification.single_view import (
     OPPOSITE,
     check_calibration,
     check_change,
@@ -30,8 +30,8 @@ from semisynth_gl.verify.single_view import (
     check_normals,
     check_sky,
 )
-from semisynth_gl.verify.verdict import DATASET, Verdict
-from semisynth_gl.verify.view_consistency import (
+from semisynth_gl.verification.verdict import DATASET, Verdict
+from semisynth_gl.verification.view_consistency import (
     check_left_right,
     check_visibility,
     match_views,

@@ -16,8 +16,8 @@ from semisynth_gl.frame.frame import OCCLUDED
 from semisynth_gl.histogram import Histogram, PixelCount
 from semisynth_gl.inputs.errors import InputError, SemisynthError
 from semisynth_gl.listener import FinishedPair, Listener
-from semisynth_gl.report.rays import RayCaster, Rays
-from semisynth_gl.report.redraws import PairKey
+from semisynth_gl.reporting.rays import RayCaster, Rays
+from semisynth_gl.reporting.redraws import PairKey
 from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.seeds.spread import spread
 from semisynth_gl.textures.crops import least_texture

@@ -1,0 +1,276 @@
+"""From a rig's calibration and photographs to a config that `generate` takes as it is, with comments on its numbers.
+
+The template of its text is assets/calibrated.yaml.jinja.
+"""
+
+import json
+import math
+import re
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from semisynth_gl.calibration.disparity_range import DisparityRange, DisparitySource, disparity_range, farthest_px
+from semisynth_gl.calibration.photographs import are_grey, check_sizes, large_side, photograph_sizes
+from semisynth_gl.calibration.recipes import SceneRecipe, suitable_recipes
+from semisynth_gl.calibration.rectification import Rectification, measure_rectification
+from semisynth_gl.calibration.rig import Rig, Size, median_size, rig_ranges
+from semisynth_gl.calibration.style import Style
+from semisynth_gl.config import Config
+from semisynth_gl.config.scene_sections import BackgroundSection
+from semisynth_gl.inputs.errors import abbreviate
+from semisynth_gl.inputs.templates import template_environment
+from semisynth_gl.inputs.user_files import expanded
+from semisynth_gl.layouts import find_layout
+from semisynth_gl.textures.image_files import find_images, printable
+from semisynth_gl.textures.subjects import of_subjects, photographed_subjects
+
+PROPOSED_PAIRS = 1000
+"""Number of pairs that `calibrate` proposes to generate."""
+
+_WIDTH = 100
+# Of the image's width, as in the packaged configs: 60 and 420 px of 1500.
+_SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH = 0.04, 0.28
+# A place with pixels farther than this is no room, and hardly a hall.
+_INDOOR_M = 20.0
+_INDOOR_AT_MOST, _OUTDOOR_FROM = 0.005, 0.05
+# The back wall has the far end of the histogram alone: particles can hide a wall that is too far, not one too near.
+_WALL_UP_TO = 0.05
+# Place of the far plane between the farthest possible disparity and min_px.
+_PLANE_OF_MIN = (0.1, 0.7)
+_SOURCES_SHOWN = 5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConfigFacts:
+    """The facts that a config is written from.
+
+    Attributes:
+        rigs: the rigs, at least one, scaled.
+        scale: scale of the images against the calibrated size, where the user gave one.
+        disparity: range and histogram of the disparities.
+        images: files, folders and globs of the photographs, absolute.
+        photograph_count: number of photographs.
+        subject_count: number of subjects that they show.
+        large_px: side of large patches.
+        grey: whether all photographs are grey.
+        rectification: how far pairs of photographs are off rectified; None where there are none to match.
+        fitting_count: number of photographs with the size of a calibration; 0 where sizes were not compared.
+        layout: layout of the config's datasets, see `suited_layout`.
+    """
+
+    rigs: Sequence[Rig]
+    scale: float | None
+    disparity: DisparityRange
+    images: Sequence[str]
+    photograph_count: int
+    subject_count: int
+    large_px: int
+    grey: bool = False
+    rectification: Rectification | None = None
+    fitting_count: int = 0
+    layout: str | None = None
+
+    @property
+    def photographs(self) -> str:
+        """How many photographs there are and, where it is not the same number, of how many subjects."""
+        return f"{self.photograph_count}{of_subjects(self.photograph_count, self.subject_count)}"
+
+    @property
+    def size(self) -> Size:
+        """Size of the images."""
+        return median_size(self.rigs)
+
+    @property
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """The ranges over the rigs, see `rig_ranges`."""
+        return rig_ranges(self.rigs)
+
+    @property
+    def far_share(self) -> float:
+        """Share of the wanted pixels that are farther than 20 m: near 0 px but for doffs."""
+        ranges = self.ranges
+        focal_px, baseline_m = (math.sqrt(math.prod(ranges[key])) for key in ("focal_px", "baseline_m"))
+        far_px = focal_px * baseline_m / _INDOOR_M - sum(ranges["doffs_px"]) / 2
+        return float(self.disparity.target.cumulative(far_px))
+
+    @property
+    def scenes(self) -> tuple[str, ...]:
+        """The scenes that suit the far share: ``indoor``, ``outdoor`` or both."""
+        suitable = {"indoor": self.far_share <= _OUTDOOR_FROM, "outdoor": self.far_share > _INDOOR_AT_MOST}
+        return tuple(kind for kind in suitable if suitable[kind])
+
+    @property
+    def recipes(self) -> tuple[SceneRecipe, ...]:
+        """The recipes that suit the scenes."""
+        return suitable_recipes(self.scenes, self.disparity, self.size.width_px)
+
+
+def config_facts(
+    rigs: Sequence[Rig],
+    images: Sequence[str],
+    disparity: DisparitySource,
+    *,
+    scale: float | None = None,
+    other_camera: bool = False,
+    pairs: Sequence[tuple[Path, Path]] = (),
+) -> ConfigFacts:
+    """Gather the facts for a config, and check that they fit together.
+
+    Args:
+        rigs: at least one, as calibrated.
+        images: photographs: files, folders and globs.
+        disparity: disparity maps, or a range.
+        scale: scale of images and maps against the calibrated size.
+        other_camera: True if photographs may have other sizes than the rig's images.
+        pairs: left and right photographs of the rig, to match.
+
+    Raises:
+        InputError: where anything is missing or does not fit together, or pairs cannot be matched.
+        ReadError: where a map cannot be read.
+    """
+    photographs = find_images(images)
+    sizes = photograph_sizes(photographs)
+    fitting_count = 0 if other_camera else check_sizes(sizes, [rig.size for rig in rigs], scale)
+    if scale is not None:
+        rigs = [rig.scaled(scale) for rig in rigs]
+    return ConfigFacts(
+        rigs,
+        scale,
+        disparity_range(disparity, rigs),
+        [str(expanded(path).absolute()) for path in images],
+        len(photographs),
+        len(photographed_subjects(photographs)),
+        large_side(sizes, median_size(rigs).width_px),
+        are_grey(photographs),
+        measure_rectification(pairs, rigs) if pairs else None,
+        fitting_count,
+    )
+
+
+def suited_layout(config: Config, rigs: Sequence[Rig]) -> str | None:
+    """Return the layout of the benchmark from which all calibrations come.
+
+    Returns:
+        the layout's name. None where calibrations come from no benchmark or from several, where the layout cannot hold
+        the config's disparities, and where the benchmark's loaders refuse what `generate` makes of the config.
+
+    Args:
+        config: the config for the rigs.
+        rigs: at least one.
+    """
+    names = {rig.layout for rig in rigs}
+    name = names.pop() if len(names) == 1 else None
+    if name is None:
+        return None
+    layout = find_layout(name)
+    codec = layout.encodings_for(config).disparity
+    holds = config.disparity.max_px <= codec.limit_px and (codec.signed or not config.disparity.signed)
+    return name if holds and not layout.advice(PROPOSED_PAIRS, config, "train") else None
+
+
+def config_text(name: str, facts: ConfigFacts, style: Style) -> str:
+    """Write the config as YAML, with comments that say where its numbers came from.
+
+    Args:
+        name: name of the config.
+        facts: rigs, disparities and photographs.
+        style: mix of the recipes, and look of the surfaces.
+    """
+    environment = template_environment()
+    environment.filters |= {"comment": _comment, "flow": _flow, "number": _number, "quoted": _quoted, "range": _range}
+    shares = [f"{max(share, 0.0):.4f}".rstrip("0").rstrip(".") for share in facts.disparity.target.shares]
+    smallest, largest = (round(part * facts.size.width_px) for part in (_SMALLEST_OF_WIDTH, _LARGEST_OF_WIDTH))
+    return environment.get_template("calibrated.yaml.jinja").render(
+        name=name,
+        facts=facts,
+        style=style,
+        camera_origin=_camera_origin(facts),
+        shares=textwrap.fill(", ".join(shares), _WIDTH - 14),
+        indoor_m=_INDOOR_M,
+        wall_px=_wall_px(facts),
+        wall_share=_WALL_UP_TO,
+        turn_deg=_turn_deg(facts),
+        usual_turn_deg=BackgroundSection().wall_turn_deg,
+        plane_px=_plane_px(facts),
+        size_px=(max(smallest, 1), max(largest, 2)),
+    )
+
+
+def config_name(stem: str) -> str:
+    """Return the name of a config from a file's: letters, digits and hyphens."""
+    return re.sub(r"[^A-Za-z0-9]+", "-", stem).strip("-") or "calibrated"
+
+
+def _camera_origin(facts: ConfigFacts) -> str:
+    rigs, scale = facts.rigs, facts.scale
+    sources = list(dict.fromkeys(rig.source for rig in rigs))
+    text = f"From {abbreviate(sources, _SOURCES_SHOWN)}"
+    if scale is not None:
+        text += f", scaled by {scale:g} (a position c in pixels becomes (c + 0.5) {scale:g} - 0.5)"
+    if len(rigs) > 1:
+        text += f"; of {len(rigs)} rigs the least and the largest of each value"
+    sizes = sorted({rig.size for rig in rigs})
+    if len(sizes) > 1:
+        text += (
+            f"; their {len(sizes)} sizes run from {sizes[0]} to {sizes[-1]}: the median is taken, and principal points "
+            "keep their distance to the centre"
+        )
+    return text + "."
+
+
+def _wall_px(facts: ConfigFacts) -> tuple[float, float]:
+    disparity = facts.disparity
+    deep_px = float(f"{disparity.target.quantile(_WALL_UP_TO) - disparity.min_px:.2g}")
+    return disparity.min_px, disparity.min_px + deep_px
+
+
+def _turn_deg(facts: ConfigFacts) -> float:
+    """Return the turn at which a wall's disparity at the side of the image differs from that in the middle by a bin.
+
+    Turned by a, a wall at the disparity d has (d + doffs) (1 + tan(a) x / f) at x from the middle of the image.
+    """
+    disparity, ranges = facts.disparity, facts.ranges
+    steepest = facts.size.width_px / 2 / ranges["focal_px"][0]
+    far_px = max(disparity.min_px + sum(ranges["doffs_px"]) / 2, disparity.bin_px)
+    return float(f"{math.degrees(math.atan(disparity.bin_px / far_px / steepest)):.2g}")
+
+
+def _plane_px(facts: ConfigFacts) -> tuple[float, float]:
+    """Return disparities below min_px, and above that of infinity for the least doffs."""
+    min_px = facts.disparity.min_px
+    farthest = farthest_px(facts.ranges["doffs_px"][0], signed=facts.disparity.signed)
+    low, high = (farthest + float(f"{part * (min_px - farthest):.2g}") for part in _PLANE_OF_MIN)
+    return low, high
+
+
+def _flow(value: Any) -> str:  # noqa: ANN401 - whatever a recipe sets
+    """Return a value in one line of YAML."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key}: {_flow(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return f"[{', '.join(map(_flow, value))}]"
+    return value if isinstance(value, str) else _number(value)
+
+
+def _comment(text: str) -> str:
+    lines = textwrap.wrap(printable(text), _WIDTH - 2, break_long_words=False, break_on_hyphens=False)
+    return "".join(f"# {line}\n" for line in lines)
+
+
+def _range(ends: tuple[float, float]) -> str:
+    low, high = (_number(end) for end in ends)
+    return low if low == high else f"[{low}, {high}]"
+
+
+def _number(value: float) -> str:
+    # All digits of a calibration, without the noise of the last binary digits.
+    return f"{float(f'{value:.10g}') + 0.0:.10g}"
+
+
+def _quoted(text: str) -> str:
+    """Return any text as a YAML string: JSON's, except for YAML's escape for code points beyond 16 bits."""
+    quoted = json.dumps(text, ensure_ascii=False)
+    return "".join(letter if letter.isprintable() else f"\\U{ord(letter):08X}" for letter in quoted)

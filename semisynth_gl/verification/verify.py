@@ -1,0 +1,86 @@
+"""A dataset read back as a stranger would, and what is wrong with it."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from os import PathLike
+from typing import Any
+
+from semisynth_gl.dataset.reader import DamagedIndexError, read_index
+from semisynth_gl.inputs.arguments import check_type, to_whole
+from semisynth_gl.listener import FinishedPair, Listener
+from semisynth_gl.verification.dataset import damaged_index, verify_dataset
+from semisynth_gl.verification.verdict import Finding, Verdict
+
+
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """The result of all checks of a dataset.
+
+    Attributes:
+        pairs: number of pairs of the dataset; 0 where neither index nor plan can be read.
+        verdicts: the verdict on the dataset as a whole, and then one for each pair.
+    """
+
+    pairs: int
+    verdicts: Sequence[Verdict]
+
+    @property
+    def findings(self) -> list[Finding]:
+        """All faults, in the order in which they were found."""
+        return [finding for verdict in self.verdicts for finding in verdict.findings]
+
+    @property
+    def faulty_pairs(self) -> int:
+        """Number of pairs with a fault."""
+        return sum(1 for verdict in self.verdicts[1:] if verdict.findings)
+
+    def values(self) -> dict[str, Any]:
+        """Return what ``semisynth-gl verify --json`` writes, in JSON's types."""
+        return {
+            "pairs": self.pairs,
+            "findings": [asdict(finding) for finding in self.findings],
+            "measures": {verdict.scene: verdict.measures for verdict in self.verdicts if verdict.measures},
+        }
+
+
+def verify(
+    dataset: str | PathLike[str],
+    *,
+    oracle: bool = False,
+    pixels: int = 500,
+    listener: Listener | None = None,
+    on_finding: Callable[[Finding], None] | None = None,
+) -> Verification:
+    """Read a dataset back, and check its files against each other and against what it says of itself.
+
+    Args:
+        dataset: a folder, or an address that fsspec knows.
+        oracle: whether to make each scene again and compare it with float64 rays.
+        pixels: rays of each pair, with ``oracle``.
+        listener: hears the number of pairs, and each pair.
+        on_finding: hears each fault when it is found.
+
+    Raises:
+        InputError: where there is no dataset, or rays are asked for and its scenes cannot be made again.
+    """
+    check_type("`dataset`", dataset, str | PathLike)
+    pixels, listener = to_whole("`pixels`", pixels, least=1), listener or Listener()
+    pairs, verdicts = 0, list[Verdict]()
+    keys: Iterable[FinishedPair] = ()
+    try:
+        index = read_index(dataset)
+    except DamagedIndexError as error:
+        found: Iterable[Verdict] = [damaged_index(error.faults)]
+    else:
+        pairs, found = sum(index.pairs.values()), verify_dataset(index, pixels if oracle else 0)
+        keys = (FinishedPair(shard.split, number) for shard in index.shards for number in range(shard.first, shard.end))
+    listener.on_total(pairs)
+    keys = iter(keys)
+    for verdict in found:
+        if on_finding is not None:
+            for finding in verdict.findings:
+                on_finding(finding)
+        if verdicts:  # the first verdict is about the dataset, not about a pair
+            listener.on_pair(next(keys))
+        verdicts.append(verdict)
+    return Verification(pairs, verdicts)
