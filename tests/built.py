@@ -104,18 +104,19 @@ def built(folder: Path) -> dict[str, Numbers]:
     (folder / "models/box.obj").write_text(_BOX)
     own = {"source": "images", "images": (str(photographs),), "patch_px": 32, "min_texture": 1.0}
     textures, particles = partial(TexturesSection, **own), ParticlesSection()
-    train = Split("train", {"validation": 0.3}, models=True)
-    all_kinds = cache(lambda: build_library(ModelsSection(variants=2), particles, 0))  # rooms and streets hold them too
+    train = Split(0, "train", {"validation": 0.3}, models=True)
+    # Rooms and streets hold them too.
+    all_kinds = cache(lambda: build_library(ModelsSection(variants=2), particles, Split(0)))
     cases: dict[str, Callable[[], object]] = {
-        "photographs": lambda: prepare_atlas(textures(max_patches=60, large_px=128), 0, train),
-        "flat": lambda: prepare_atlas(textures(max_patches=20, flat_share=0.5), 0),
-        "frames": lambda: prepare_atlas(textures(max_patches=4, sequence=True), 0),
-        "procedural": lambda: prepare_atlas(textures(source="procedural", max_patches=10, flat_share=0.3), 0),
-        "pictures": lambda: prepare_atlas(textures(source="builtin", max_patches=60, large_px=64), 0),
+        "photographs": lambda: prepare_atlas(textures(max_patches=60, large_px=128), train),
+        "flat": lambda: prepare_atlas(textures(max_patches=20, flat_share=0.5), Split(0)),
+        "frames": lambda: prepare_atlas(textures(max_patches=4, sequence=True), Split(0)),
+        "procedural": lambda: prepare_atlas(textures(source="procedural", max_patches=10, flat_share=0.3), Split(0)),
+        "pictures": lambda: prepare_atlas(textures(source="builtin", max_patches=60, large_px=64), Split(0)),
         "all kinds": all_kinds,
-        "training": lambda: build_library(ModelsSection(variants=2, complex=0.0), particles, 0, train),
+        "training": lambda: build_library(ModelsSection(variants=2, complex=0.0), particles, train),
         "user": lambda: build_library(
-            ModelsSection(folders=(str(folder / "models"),), complex=0.0, variants=1), particles, 0
+            ModelsSection(folders=(str(folder / "models"),), complex=0.0, variants=1), particles, Split(0)
         ),
     }
     for name, scene in _SCENES.items():

@@ -80,7 +80,7 @@ WRONG = {
     "index that is a truth value": lambda _: render_pair(CONFIG, index=True),
     "seed as text": lambda _: render_pair(CONFIG, 0, "1"),
     "no seed": lambda _: PairRenderer(CONFIG, None),
-    "split by name": lambda _: PairRenderer(CONFIG, 0, split="train"),
+    "split by name": lambda _: PairRenderer(CONFIG, "train"),
     "unknown backend": lambda _: render_pair(CONFIG, 0, backend=3),
     "fractional crop": lambda _: Crop(0, 0, 12.5, 10),
     "crop of text": lambda _: Crop("0", "0", "12", "10"),

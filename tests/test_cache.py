@@ -28,6 +28,7 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import pilots
 from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.scene.structures import take_stock
+from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures import clips, prepare
 from semisynth_gl.textures.drawn import KINDS
 from semisynth_gl.textures.images import OUT_OF_MEMORY, ImageError, read_image
@@ -129,13 +130,13 @@ def test_an_atlas_that_is_found_equals_the_one_that_was_built(photographs, built
     (photographs / "broken.png").write_bytes(b"no image")
     save(photographs / "small.png", 9, 20)
     section = textures(photographs, **values)
-    first, again = prepare_atlas(section, 3), prepare_atlas(section, 3)
+    first, again = prepare_atlas(section, Split(3)), prepare_atlas(section, Split(3))
     assert len(built) == 1
     assert_same_atlas(first, again)
-    prepare_atlas(section, 4)
+    prepare_atlas(section, Split(4))
     assert len(built) == 2
     again.layers[:] = 0  # what is found may be written to, and stays
-    assert_same_atlas(first, prepare_atlas(section, 3))
+    assert_same_atlas(first, prepare_atlas(section, Split(3)))
     assert len(built) == 2
 
 
@@ -143,12 +144,12 @@ def test_work_that_takes_seconds_is_logged_where_nothing_is_found(photographs, f
     caplog.set_level(logging.INFO, "semisynth_gl")
     section, kinds = textures(photographs), ModelsSection(complex=0.0, variants=1)
     for _ in range(2):
-        prepare_atlas(section, 3)
-        build_library(kinds, PARTICLES, 3)
+        prepare_atlas(section, Split(3))
+        build_library(kinds, PARTICLES, Split(3))
     atlas, library = "making patches of photographs (images: 6)", "making models"
     assert caplog.messages == [f"{work}; later runs find them in {folder}" for work in (atlas, library)]
     monkeypatch.setenv("SEMISYNTH_GL_CACHE", "off")
-    prepare_atlas(section, 3)
+    prepare_atlas(section, Split(3))
     assert caplog.messages[2:] == [atlas]
 
 
@@ -159,12 +160,12 @@ def test_models_that_are_found_equal_those_that_were_built(tmp_path, built):
     (tmp_path / "m/empty.obj").write_text("")
     for section in (models(tmp_path / "m"), ModelsSection(variants=1, complex=0.0)):
         built.clear()
-        first, again = build_library(section, PARTICLES, 1), build_library(section, PARTICLES, 1)
+        first, again = build_library(section, PARTICLES, Split(1)), build_library(section, PARTICLES, Split(1))
         assert built == ["_build"]
         assert_same_library(first, again)
         again.models[0].positions[:] = 0
-        assert_same_library(first, build_library(section, PARTICLES, 1))
-        assert build_library(section, PARTICLES, 2).silhouette.fill != first.silhouette.fill
+        assert_same_library(first, build_library(section, PARTICLES, Split(1)))
+        assert build_library(section, PARTICLES, Split(2)).silhouette.fill != first.silhouette.fill
         assert built == ["_build", "_build"]
 
 
@@ -176,7 +177,7 @@ def test_pilot_scenes_that_are_found_equal_those_that_were_drawn(monkeypatch):
 
     def found(seed=0, **changes):
         config = cheap(**{"background": {"cuboid": 0, "room": 1}} | changes)
-        (library,) = recipe_libraries(config, 0)
+        (library,) = recipe_libraries(config, Split(0))
         return pilots.draw_pilots(config, seed, take_stock(library))
 
     first, again = found(), found()
@@ -206,7 +207,7 @@ def test_pilot_scenes_that_are_found_equal_those_that_were_drawn(monkeypatch):
 
 def opened_and_not(home):
     """One photograph that the atlas of `textures` was cut from, and one that was not opened for it."""
-    atlas = prepare_atlas(textures(home), 0)
+    atlas = prepare_atlas(textures(home), Split(0))
     used = {patch.source for patch in atlas.patches}
     assert atlas.report.images_not_opened == 6 - len(used) > 0
     names = [path.relative_to(home).as_posix() for path in sorted(home.rglob("*.png"))]
@@ -217,7 +218,7 @@ def test_a_start_reads_no_photograph(photographs, built, monkeypatch):
     opened_and_not(photographs)
     monkeypatch.setattr(file_fingerprint, "read_fingerprint", pytest.fail)
     monkeypatch.setattr(lookup, "read_fingerprint", pytest.fail)
-    prepare_atlas(textures(photographs), 0)
+    prepare_atlas(textures(photographs), Split(0))
     assert built == ["build_atlas"]
 
 
@@ -229,7 +230,7 @@ def test_a_changed_photograph_counts_if_it_was_opened(photographs, built, times)
         assert path.stat().st_size == status.st_size
         if times == "set back":
             os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
-        found = prepare_atlas(textures(photographs), 0)
+        found = prepare_atlas(textures(photographs), Split(0))
         assert len(built) == expected
         assert_same_atlas(found, rebuilt(photographs))
         built.pop()
@@ -238,17 +239,17 @@ def test_a_changed_photograph_counts_if_it_was_opened(photographs, built, times)
 def rebuilt(home):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SEMISYNTH_GL_CACHE", "off")
-        return prepare_atlas(textures(home), 0)
+        return prepare_atlas(textures(home), Split(0))
 
 
 def test_photographs_that_came_or_went_count(photographs, built):
     _, spare = opened_and_not(photographs)
     save(photographs / "new.png", 8)
-    assert_same_atlas(prepare_atlas(textures(photographs), 0), rebuilt(photographs))
+    assert_same_atlas(prepare_atlas(textures(photographs), Split(0)), rebuilt(photographs))
     assert len(built) == 3
     (photographs / "new.png").unlink()
     spare.unlink()
-    assert_same_atlas(prepare_atlas(textures(photographs), 0), rebuilt(photographs))
+    assert_same_atlas(prepare_atlas(textures(photographs), Split(0)), rebuilt(photographs))
     assert len(built) == 5
 
 
@@ -256,15 +257,15 @@ def test_touched_and_moved_photographs_are_the_same_ones(photographs, built, tmp
     opened, _ = opened_and_not(photographs)
     (photographs / "broken.png").write_bytes(b"no image")
     section = textures(photographs, max_patches=99)
-    first = prepare_atlas(section, 0)
+    first = prepare_atlas(section, Split(0))
     built.clear()
     os.utime(opened, ns=(5, 5))
-    assert_same_atlas(prepare_atlas(section, 0), first)
+    assert_same_atlas(prepare_atlas(section, Split(0)), first)
     with monkeypatch.context() as patch:  # their new times were noted
         patch.setattr(file_fingerprint, "read_fingerprint", pytest.fail)
-        prepare_atlas(section, 0)
+        prepare_atlas(section, Split(0))
     shutil.copytree(photographs, tmp_path / "copy")
-    moved = prepare_atlas(textures(tmp_path / "copy", max_patches=99), 0)
+    moved = prepare_atlas(textures(tmp_path / "copy", max_patches=99), Split(0))
     assert built == []
     np.testing.assert_array_equal(moved.layers, first.layers)
     assert moved.report.images_skipped[0].path == tmp_path / "copy/broken.png"
@@ -277,10 +278,10 @@ def test_times_of_files_that_changed_just_now_prove_nothing(photographs, built, 
     monkeypatch.setattr(
         file_fingerprint, "stat_fingerprint", lambda _: seen
     )  # the clock of the file system stands still
-    prepare_atlas(textures(photographs), 0)
+    prepare_atlas(textures(photographs), Split(0))
     assert len(built) == 1
     save(opened, 77)
-    prepare_atlas(textures(photographs), 0)
+    prepare_atlas(textures(photographs), Split(0))
     assert len(built) == 2
 
 
@@ -291,7 +292,7 @@ def test_what_changes_while_it_is_read_is_not_kept(photographs, folder, monkeypa
         return image
 
     monkeypatch.setattr(clips, "read_image", read_and_change)
-    prepare_atlas(textures(photographs), 0)
+    prepare_atlas(textures(photographs), Split(0))
     assert not folder.exists()
 
 
@@ -302,17 +303,17 @@ def test_what_may_go_otherwise_the_next_time_is_not_kept(photographs, built, mon
     section = textures(photographs, max_patches=24)
     with monkeypatch.context() as patch:
         patch.setattr(clips, "read_image", lambda path: fail(path) if path.name == "1.png" else read_image(path))
-        assert len(prepare_atlas(section, 0).report.images_skipped) == 1
+        assert len(prepare_atlas(section, Split(0)).report.images_skipped) == 1
         patch.setattr(clips, "read_image", fail)
         with pytest.raises(InputError):
-            prepare_atlas(section, 1)
-    assert prepare_atlas(section, 0).report.images_skipped == ()
+            prepare_atlas(section, Split(1))
+    assert prepare_atlas(section, Split(0)).report.images_skipped == ()
     assert len(built) == 3
 
 
 def test_keys_that_do_not_decide_the_patches_do_not_count(photographs, built):
-    prepare_atlas(textures(photographs), 0)
-    prepare_atlas(textures(photographs, wrap="repeat", anisotropy=8), 0)
+    prepare_atlas(textures(photographs), Split(0))
+    prepare_atlas(textures(photographs, wrap="repeat", anisotropy=8), Split(0))
     assert len(built) == 1
 
 
@@ -328,8 +329,8 @@ def test_another_version_of_a_builder_finds_nothing(photographs, built, tmp_path
         if changed:
             monkeypatch.setattr(changed, "VERSION", 999)
         for _ in range(2):
-            prepare_atlas(textures(photographs), 0)
-            build_library(models(tmp_path / "m"), PARTICLES, 0)
+            prepare_atlas(textures(photographs), Split(0))
+            build_library(models(tmp_path / "m"), PARTICLES, Split(0))
         assert built == expected
 
 
@@ -363,12 +364,12 @@ def test_other_packages_find_nothing(photographs, built, tmp_path, monkeypatch):
     (tmp_path / "m/one.obj").write_text(TRIANGLE)
     for module in (prepare, model_library):
         monkeypatch.setattr(module, "package_versions", lambda *names: dict.fromkeys(names, "1"))
-    prepare_atlas(textures(photographs), 0)
-    build_library(models(tmp_path / "m"), PARTICLES, 0)
+    prepare_atlas(textures(photographs), Split(0))
+    build_library(models(tmp_path / "m"), PARTICLES, Split(0))
     monkeypatch.setattr(prepare, "package_versions", lambda *names: dict.fromkeys(names, "2"))
-    prepare_atlas(textures(photographs), 0)
+    prepare_atlas(textures(photographs), Split(0))
     monkeypatch.setattr(model_library, "installed_packages", lambda: ["a_reader-1.dist-info"])
-    build_library(models(tmp_path / "m"), PARTICLES, 0)
+    build_library(models(tmp_path / "m"), PARTICLES, Split(0))
     assert built == ["build_atlas", "_build", "build_atlas", "_build"]
 
 
@@ -397,24 +398,24 @@ def test_models_are_read_again_when_their_folder_changes(tmp_path, built):
     ):
         built.clear()
         change()
-        found = build_library(section, PARTICLES, 0)
+        found = build_library(section, PARTICLES, Split(0))
         assert bool(built) == expected
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("SEMISYNTH_GL_CACHE", "off")
-            assert_same_library(found, build_library(section, PARTICLES, 0))
+            assert_same_library(found, build_library(section, PARTICLES, Split(0)))
     (home / "one.obj").unlink()
     (home / "three.obj").unlink()
     with pytest.raises(InputError, match="at least one usable model"):
-        build_library(section, PARTICLES, 0)
+        build_library(section, PARTICLES, Split(0))
 
 
 def test_single_files_and_missing_folders_are_not_kept(tmp_path, built):
     (tmp_path / "one.obj").write_text(TRIANGLE)
     for _ in range(2):
-        assert len(build_library(models(tmp_path / "one.obj"), PARTICLES, 0).models) == 1
+        assert len(build_library(models(tmp_path / "one.obj"), PARTICLES, Split(0)).models) == 1
     assert len(built) == 2
     with pytest.raises(InputError, match="does not exist"):
-        build_library(models(tmp_path / "absent"), PARTICLES, 0)
+        build_library(models(tmp_path / "absent"), PARTICLES, Split(0))
 
 
 def entry():
@@ -443,7 +444,7 @@ def test_damage_is_noticed_wherever_it_is(folder):
 
 @pytest.mark.parametrize("damage", ["cut", "flipped", "empty", "of another kind"])
 def test_a_damaged_entry_is_made_again(photographs, built, folder, damage):
-    first = prepare_atlas(textures(photographs), 0)
+    first = prepare_atlas(textures(photographs), Split(0))
     [path] = folder.iterdir()
     whole = path.read_bytes()
     if damage == "of another kind":
@@ -452,7 +453,7 @@ def test_a_damaged_entry_is_made_again(photographs, built, folder, damage):
         flipped = bytes([whole[-9] ^ 1])
         path.write_bytes({"cut": whole[:-5], "flipped": whole[:-9] + flipped + whole[-8:], "empty": b""}[damage])
     for _ in range(2):
-        assert_same_atlas(prepare_atlas(textures(photographs), 0), first)
+        assert_same_atlas(prepare_atlas(textures(photographs), Split(0)), first)
     assert len(built) == 2
     assert [each.name for each in folder.iterdir()] == [path.name]
 
@@ -462,7 +463,7 @@ def test_without_a_cache_all_goes_on(photographs, built, tmp_path, monkeypatch, 
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("SEMISYNTH_GL_CACHE", str(tmp_path / "file/cache") if "file" in place else place)
     for _ in range(2):
-        prepare_atlas(textures(photographs), 0)
+        prepare_atlas(textures(photographs), Split(0))
     assert len(built) == 2
     assert cache_summary()
 
@@ -505,11 +506,12 @@ def test_two_processes_at_once(photographs, folder):
         "import hashlib, sys\n"
         "from semisynth_gl.cache.store import cache_folder\n"
         "from semisynth_gl.config.scene_sections import TexturesSection\n"
+        "from semisynth_gl.seeds.splits import Split\n"
         "from semisynth_gl.textures.prepare import prepare_atlas\n"
         "section = TexturesSection(source='images', images=(sys.argv[1],), patch_px=32, scales=(1.0,), max_patches=8)\n"
         "sys.stdin.readline()\n"
         "for _ in range(20):\n"
-        "    atlas = prepare_atlas(section, 0)\n"
+        "    atlas = prepare_atlas(section, Split(0))\n"
         "    print(hashlib.sha256(atlas.layers).hexdigest())\n"
         "    for path in cache_folder().iterdir():\n"
         "        path.unlink(missing_ok=True)\n"

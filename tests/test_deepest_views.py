@@ -18,6 +18,7 @@ from semisynth_gl.scene.rig import near_depth_m
 from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.scene.structures import Stage, draw_stage, take_stock
 from semisynth_gl.seeds.seeds import generator
+from semisynth_gl.seeds.splits import Split
 
 KINDS = ("cuboid", "plane", "room", "street")
 # Every wall is pierced: openings show most.
@@ -34,7 +35,7 @@ PIERCED = (
 @cache
 def catalogue():
     config = load_config("middlebury", [*CLUTTER_ALONE, "models.variants=1"])
-    return take_stock(build_library(config.models, config.particles, 0))
+    return take_stock(build_library(config.models, config.particles, Split(0)))
 
 
 def stage_of(config: Config, seed: int) -> Stage:

@@ -19,6 +19,7 @@ from semisynth_gl.scene.background import FACE
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import make_scene, move
 from semisynth_gl.scene.structures import STILL_MODELS
+from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Patch
 
 AWAY_M = np.array([6e6, -4.9e6, 5.3e6])
@@ -146,7 +147,7 @@ def test_models_of_the_program_are_drawn_where_they_are():
 
 def test_patches_of_sampled_scenes_lie_where_scenes_say():
     section = load_config("kitti")
-    library = build_library(section.models, section.particles, 0)
+    library = build_library(section.models, section.particles, Split(0))
     sampler = SceneSampler(section, 0, library, tuple(Patch("", 0, 0, 256, k, 1, 9.0) for k in range(4)))
     placing = Placing([centred(mesh) for mesh in sampler.models])
     for index in range(6):

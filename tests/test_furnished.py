@@ -29,6 +29,7 @@ from semisynth_gl.scene.sources import recipe_libraries
 from semisynth_gl.scene.street import draw_street
 from semisynth_gl.scene.structures import STILL_MODELS, Stage, draw_stage, take_stock
 from semisynth_gl.seeds.seeds import generator
+from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Patch
 
 RIGS = ("middlebury", "kitti", "eth3d", "sceneflow")
@@ -47,7 +48,7 @@ def furnished(rig: str, kind: str, *overrides: str) -> Config:
 @cache
 def catalogue():
     config = furnished("middlebury", "room")
-    return take_stock(build_library(config.models, config.particles, 0))
+    return take_stock(build_library(config.models, config.particles, Split(0)))
 
 
 def stage_of(config: Config, seed: int) -> Stage:
@@ -374,7 +375,7 @@ def test_float32_leaves_no_gap_where_walls_grounds_and_niches_meet(open_renderer
     rig = "middlebury" if kind == "room" else "kitti"
     sections = ["room.doorway=0.5", "room.niche=0.5", "room.furniture=0", "room.small=0", "models.complex=0"]
     config = furnished(rig, kind, *sections)
-    library = build_library(config.models, config.particles, 0)
+    library = build_library(config.models, config.particles, Split(0))
     sampler = SceneSampler(config, 4, library, PATCH)
     renderer = open_renderer(sampler.models, noise_layers(1, 64), outputs=())
     for index in range(8):
@@ -389,7 +390,7 @@ def test_a_swaying_camera_sees_no_end_of_the_scene(kind: str) -> None:
     config = furnished(
         rig, kind, "camera.sway_m=0.2", "camera.sway_deg=12", "sequence.length=4", "sequence.frame_s=0.4"
     )
-    library = build_library(config.models, config.particles, 0)
+    library = build_library(config.models, config.particles, Split(0))
     sampler = SceneSampler(config, 4, library, PATCH)
     for index in range(8):
         scene = sampler.sample(index).scene
@@ -418,8 +419,8 @@ def test_a_room_is_the_same_in_a_mix_as_alone() -> None:
     base = [*CLUTTER_ALONE, "particles.layers=[]", "models.variants=2"]
     mix = load_config("middlebury", [*base, f"scenes=[{other}, {{recipe: room, {room}}}]"])
     alone = load_config("middlebury", [*base, "background.cuboid=0", "background.room=1", "models.simple=0"])
-    mixed = MixSampler(mix, 3, recipe_libraries(mix, 3), PATCH)
-    sampler = MixSampler(alone, 3, recipe_libraries(alone, 3), PATCH)
+    mixed = MixSampler(mix, 3, recipe_libraries(mix, Split(3)), PATCH)
+    sampler = MixSampler(alone, 3, recipe_libraries(alone, Split(3)), PATCH)
     rooms = [index for index in range(8) if mixed.sample(index).recipe == "room"]
     assert len(rooms) >= 2
     for index in rooms:
@@ -435,7 +436,7 @@ def test_a_room_is_the_same_in_a_mix_as_alone() -> None:
 
 def test_any_frame_of_a_furnished_sequence_can_be_sampled_first() -> None:
     config = furnished("middlebury", "room", "sequence.length=3", "camera.sway_m=0.01", "camera.sway_deg=1")
-    library = build_library(config.models, config.particles, 0)
+    library = build_library(config.models, config.particles, Split(0))
     samplers = [SceneSampler(config, 4, library, PATCH) for _ in range(2)]
     forwards = [samplers[0].sample(index).scene for index in range(6)]
     for index in (5, 0, 3):

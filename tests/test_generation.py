@@ -414,7 +414,7 @@ def test_models_are_held_out_where_asked():
     config = tiny()
     config = config.model_copy(update={"splits": config.splits.model_copy(update={"models": True})})
     plan = make_plan(config, 0, "middlebury", {"train": 1, "test": 1})
-    names = [{mesh.name for mesh in prepare_sources(config, 0, plan.split(split)).models} for split in plan.splits]
+    names = [{mesh.name for mesh in prepare_sources(config, plan.split(split)).models} for split in plan.splits]
     assert all(names)
     assert not names[0] & names[1]
 

@@ -152,7 +152,7 @@ def models_by_name(patch: pytest.MonkeyPatch) -> dict[str, list[bytes]]:
     patch.setenv("SEMISYNTH_GL_CACHE", "off")
     # It comes after the models, and takes as long as they do.
     patch.setattr(model_library, "mean_silhouette", lambda *_: None)
-    library = model_library.build_library(ModelsSection(variants=2), ParticlesSection(), 3)
+    library = model_library.build_library(ModelsSection(variants=2), ParticlesSection(), Split(3))
     bits: dict[str, list[bytes]] = {}
     for mesh in library.models:
         arrays = (mesh.positions, mesh.uv, mesh.triangles)
@@ -178,7 +178,7 @@ def test_a_further_kind_moves_only_kinds_at_borders_between_splits() -> None:
         return {
             name: split
             for split in SPLITS
-            for name in Split(split, shares, models=True).share(names, 3, "kinds", 1, names)
+            for name in Split(3, split, shares, models=True).share(names, "kinds", 1, names)
         }
 
     names = list(COMPLEX_KINDS)

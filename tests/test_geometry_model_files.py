@@ -18,6 +18,7 @@ from semisynth_gl.geometry.silhouette import Silhouette, mean_silhouette
 from semisynth_gl.geometry.surfaces import box
 from semisynth_gl.geometry.unwrap import STRETCH_BOUND
 from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.seeds.splits import Split
 
 MODELS = Path(__file__).parents[1].parent / "shared" / "data" / "models"
 needs_models = pytest.mark.skipif(not MODELS.is_dir(), reason="the folder of test models is not there")
@@ -311,7 +312,7 @@ def test_a_large_model_is_told_with_its_cost_before_it_is_read_and_measured(
     monkeypatch.setattr(model_library, "mean_silhouette", measured)
     section = ModelsSection(folders=(str(folder),), simple=0, complex=0)
     with caplog.at_level(logging.INFO, "semisynth_gl"):
-        library = model_library.build_library(section, ParticlesSection(), 0)
+        library = model_library.build_library(section, ParticlesSection(), Split(0))
     assert [len(mesh.triangles) for mesh in library.models] == [2, 3]
     making, reading, cost = told
     assert making.startswith("making models")

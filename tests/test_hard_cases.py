@@ -27,6 +27,7 @@ from semisynth_gl.scene.rig import draw_camera
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.seeds.seeds import Purpose, generator
+from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Patch
 
 # Those that need no motion.
@@ -504,7 +505,7 @@ def test_focal_lengths_from_a_fifth_to_twenty_image_widths(open_renderer, widths
 def test_packaged_configs_at_full_size_agree_with_the_oracle(backend, name, recipe):
     mix = load_config(name, ["textures.source=procedural", "textures.max_patches=4", "models.variants=1"])
     config = next(each.config for each in mix.recipes() if each.name == recipe)
-    library = build_library(config.models, config.particles, 0)
+    library = build_library(config.models, config.particles, Split(0))
     sampler = SceneSampler(config, 0, library, tuple(Patch("", 0, 0, 256, k, 1, 9.0) for k in range(4)))
     scene = sampler.sample(5).scene
     with Renderer(sampler.models, noise_layers(4, 64), backend=backend, outputs=STILL) as renderer:

@@ -35,7 +35,7 @@ from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.layouts import Key, find_layout, layout_names
 from semisynth_gl.layouts.foreign import check_layout
-from semisynth_gl.seeds.splits import WHOLE, Split
+from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.prepare import prepare_atlas
 
 PLUGINS = {
@@ -299,9 +299,9 @@ USES = {
     "layout": ("layouts", lambda: find_layout("thing")),
     "texture source": (
         "textures",
-        lambda: prepare_atlas(CONFIG.textures.model_copy(update={"source": "thing"}), 0),
+        lambda: prepare_atlas(CONFIG.textures.model_copy(update={"source": "thing"}), Split(0)),
     ),
-    "family of models": ("models", lambda: build_family("thing", 2, 0, WHOLE)),
+    "family of models": ("models", lambda: build_family("thing", 2, Split(0))),
     "scene recipe": ("recipes", lambda: plugin_recipe("thing")),
 }
 
@@ -499,7 +499,7 @@ def test_names_that_are_taken_are_refused_where_they_are_asked_for(install):
     procedural = load_config("kitti", ["textures.source=procedural"]).textures
     uses = {
         "layout 'kitti'": lambda: find_layout("kitti"),
-        "texture source 'procedural'": lambda: prepare_atlas(procedural, 0),
+        "texture source 'procedural'": lambda: prepare_atlas(procedural, Split(0)),
         "family of models 'user'": lambda: find_family("user"),
     }
     taken = {"layouts": ["kitti"], "textures": ["builtin", "procedural"], "models": ["user"]}
@@ -577,22 +577,22 @@ def test_a_layout_takes_no_name_that_every_dataset_has(install):
 @pytest.mark.usefixtures("acme")
 def test_splits_have_models_and_pictures_of_their_own():
     def split(name, models):
-        return Split(name, {"validation": 0.2, "test": 0.2}, models)
+        return Split(4, name, {"validation": 0.2, "test": 0.2}, models)
 
     for models, counts in ((False, (5, 5, 5)), (True, (3, 1, 1))):
-        families = [build_family("knots", 5, 4, split(name, models)) for name in ("train", "validation", "test")]
+        families = [build_family("knots", 5, split(name, models)) for name in ("train", "validation", "test")]
         assert tuple(map(len, families)) == counts
         positions = [mesh.positions.tobytes() for family in families for mesh in family]
         assert len(set(positions)) == len(positions)
     with pytest.raises(InputError, match=r"too few models of the family knots .* 2 in all"):
-        build_family("knots", 2, 4, split("train", models=True))
-    atlases = [prepare_atlas(CONFIG.textures, 4, split(name, models=False)) for name in ("train", "test")]
+        build_family("knots", 2, split("train", models=True))
+    atlases = [prepare_atlas(CONFIG.textures, split(name, models=False)) for name in ("train", "test")]
     assert not set(atlases[0].pictures.values()) & set(atlases[1].pictures.values())
 
 
 @pytest.mark.usefixtures("acme")
 def test_a_family_has_its_weight_beside_the_others():
-    library = build_library(CONFIG.models, CONFIG.particles, 0)
+    library = build_library(CONFIG.models, CONFIG.particles, Split(0))
     assert [mesh.name.partition("/")[0] for mesh in library.models] == ["cube"] * 3 + ["knots"] * 3
     np.testing.assert_allclose(library.chances, [1 / 9] * 3 + [2 / 9] * 3)
     assert all(mesh.radius == pytest.approx(1, abs=1e-6) for mesh in library.models)
@@ -607,7 +607,7 @@ def test_a_source_may_draw_all_its_pictures_into_one_array(install):
     atlases = []
     for number, (note, given) in enumerate([("", "canvas"), ("# another", "canvas.copy()")]):
         with install({"textures": ["thing = other:thing"]}, code.format(note, given), folder=str(number)):
-            atlases.append(prepare_atlas(section, 0))
+            atlases.append(prepare_atlas(section, Split(0)))
     reused, apart = atlases
     assert len(apart.large_layers) == len(apart.pictures) == 2
     np.testing.assert_array_equal(reused.large_layers, apart.large_layers)
@@ -621,7 +621,7 @@ def test_the_cache_knows_the_version_and_the_code_of_a_plugin(install, tmp_path)
     heights, calls = [], []
     for number, (version, height) in enumerate([("1", 1), ("1", 1), ("1", 20), ("2", 20), ("2", 20)]):
         with install({"models": ["thing = other:thing"]}, code.format(height), folder=str(number), version=version):
-            mesh = build_library(section, CONFIG.particles, 0).models[0]
+            mesh = build_library(section, CONFIG.particles, Split(0)).models[0]
         heights.append(float(np.ptp(mesh.positions[:, 2]) / np.ptp(mesh.positions[:, 1])))
         calls.append(len(log.read_text()))
     np.testing.assert_allclose(heights, [1, 1, 20, 20, 20], rtol=1e-5)

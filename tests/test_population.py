@@ -30,6 +30,7 @@ from semisynth_gl.scene.population import Population, poisson_counts
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.structures import CURVED_PANEL, GROUND, STILL_MODELS, take_stock
+from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Patch
 
 CAMERA = StereoCamera.centred(600, 400, 700.0, 0.2)
@@ -167,7 +168,7 @@ def test_depths_beyond_infinity_have_no_distribution():
 
 def test_narrow_bins_are_merged_for_layers():
     config = tiny(disparity={"target": {"form": "histogram", "bin_px": 0.1, "shares": [0.0] * 20 + [1.0] * 340}})
-    library = build_library(config.models, config.particles, 0)
+    library = build_library(config.models, config.particles, Split(0))
     population = Population(config, 0, library.silhouette, take_stock(library))
     assert len(population.target.shares) <= 48
     assert total_variation(population.target, population.expected()) < 0.06
@@ -175,7 +176,7 @@ def test_narrow_bins_are_merged_for_layers():
 
 def test_more_particles_than_allowed_are_refused():
     config = tiny(particles={"size_px": [0.5, 1.0]})
-    library = build_library(config.models, config.particles, 0)
+    library = build_library(config.models, config.particles, Split(0))
     with pytest.raises(InputError, match=r"takes about \d+ particles a scene .* particles\.most allows 2000"):
         SceneSampler(config, 0, library, PATCH).sample(0)
 
@@ -348,7 +349,7 @@ def test_layers_without_disparities_stand_where_most_wanted_pixels_are():
 )
 def test_a_mix_says_how_many_objects_and_how_much_background_it_shows(background, particles):
     config = tiny(particles=particles, background=background, models={"complex": 0})
-    library = build_library(config.models, config.particles, 0)
+    library = build_library(config.models, config.particles, Split(0))
     sampler, still, counts = SceneSampler(config, 0, library, PATCH), [], []
     for index in range(48):
         scene = sampler.sample(index).scene
@@ -365,7 +366,7 @@ def test_a_mix_says_how_many_objects_and_how_much_background_it_shows(background
 @pytest.mark.parametrize("density", ["sparse", "dense", 100.0])
 def test_density_shares_the_area_out_to_more_or_fewer(density):
     config = tiny(particles={"density": density})
-    library = build_library(config.models, config.particles, 0)
+    library = build_library(config.models, config.particles, Split(0))
 
     plain = np.mean(objects_in_view(tiny(), library, 20))
     wanted = density if isinstance(density, float) else plain * {"sparse": 1 / 3, "dense": 3}[density]
@@ -377,7 +378,7 @@ def test_density_shares_the_area_out_to_more_or_fewer(density):
 def test_a_range_of_densities_gives_each_sequence_a_number_of_its_own():
     density = {"particles": {"density": [60, 240]}, "models": {"complex": 0}}
     config = tiny(**density)
-    library = build_library(config.models, config.particles, 0)
+    library = build_library(config.models, config.particles, Split(0))
     counts = objects_in_view(config, library, 48)
     assert np.mean(counts) == pytest.approx(150, rel=0.15)
     low, high = np.quantile(counts, [0.1, 0.9])
@@ -395,14 +396,14 @@ def test_a_range_of_one_density_is_that_density():
 
 def test_fewer_objects_than_can_cover_the_target_are_refused():
     config = tiny(particles={"density": 5.0})
-    library = build_library(config.models, config.particles, 0)
+    library = build_library(config.models, config.particles, Split(0))
     with pytest.raises(InputError, match=r"density: 5 objects cannot cover .* about \d\d in view"):
         SceneSampler(config, 0, library, PATCH).sample(0)
 
 
 def test_more_objects_than_can_be_made_are_refused():
     config = tiny(particles={"density": 1e5, "size_px": 200})
-    library = build_library(config.models, config.particles, 0)
+    library = build_library(config.models, config.particles, Split(0))
     with pytest.raises(InputError, match=r"density: 100000 objects .* 0\.05 of the stated sizes"):
         SceneSampler(config, 0, library, PATCH).sample(0)
 
@@ -415,7 +416,7 @@ def test_density_and_stated_layers_contradict_each_other():
 def test_clutter_is_counted_in_what_the_target_asks_for():
     clutter = [{"disparity_px": [4, 6], "count": 60, "size_px": [6, 12]}]
     config = tiny(particles={"clutter": clutter})
-    library = build_library(config.models, config.particles, 0)
+    library = build_library(config.models, config.particles, Split(0))
     population = Population(config, 0, library.silhouette, take_stock(library))
     assert total_variation(population.target, population.expected()) < 0.02
     slots = SceneSampler(config, 0, library, PATCH).sample(0).scene
@@ -458,7 +459,7 @@ def test_rendered_histograms_follow_their_targets(name, sections):
 def structured(**keys):
     keys = {f"structures.{key}": value for key, value in keys.items()}
     config = load_config("kitti", keys | {"models.variants": 1, "models.complex": 0})
-    return SceneSampler(config, 1, build_library(config.models, config.particles, 1), PATCH)
+    return SceneSampler(config, 1, build_library(config.models, config.particles, Split(1)), PATCH)
 
 
 @pytest.fixture(scope="module")
@@ -519,13 +520,13 @@ def test_without_structures_nothing_but_the_background_stands_still():
 
 def test_kinds_have_weights_within_their_family():
     section = load_config("middlebury", {"models.kinds": {"cube": 0, "sphere": 7}, "models.variants": 1}).models
-    library = build_library(section, ParticlesSection(), 0)
+    library = build_library(section, ParticlesSection(), Split(0))
     chance = {mesh.name: c for mesh, c in zip(library.models, library.chances, strict=True)}
     assert "cube" not in chance
     assert chance["sphere"] == pytest.approx(7 * chance["cone"])
     assert sum(chance[name] for name in ("sphere", "cone")) < 0.5 + 1e-9
     with pytest.raises(InputError, match="did you mean chair"):
-        build_library(load_config("middlebury", {"models.kinds": {"chiar": 1}}).models, ParticlesSection(), 0)
+        build_library(load_config("middlebury", {"models.kinds": {"chiar": 1}}).models, ParticlesSection(), Split(0))
 
 
 # One kind of each family is quickly built.
@@ -548,7 +549,7 @@ def test_a_few_models_of_the_users_are_a_few_of_all(monkeypatch, count, weights,
     monkeypatch.setattr(model_library, "load_models", lambda _: (own, []))
     keys = {"variants": 1, "folders": ["absent"], "kinds": FEW} | weights
     section = load_config("middlebury", {f"models.{key}": value for key, value in keys.items()}).models
-    library = build_library(section, ParticlesSection(), 0)
+    library = build_library(section, ParticlesSection(), Split(0))
     assert library.user_count == count == sum(mesh.name.endswith(".obj") for mesh in library.models)
     assert library.user_share == pytest.approx(share)
     assert library.chances[:count] == pytest.approx([share / count] * count)
@@ -556,7 +557,7 @@ def test_a_few_models_of_the_users_are_a_few_of_all(monkeypatch, count, weights,
 
 def test_thin_models_are_thin():
     config = tiny(particles={"thinness": [0.05, 0.1], "stretch": 1.0})
-    scene = SceneSampler(config, 0, build_library(config.models, config.particles, 0), PATCH).sample(0).scene
+    scene = SceneSampler(config, 0, build_library(config.models, config.particles, Split(0)), PATCH).sample(0).scene
     scale = np.linalg.norm(scene.world_from_model[scene.model >= len(STILL_MODELS), :3, :3], axis=1)
     ratio = scale[:, 2] / scale[:, 0]
     assert (ratio > 0.049).all()

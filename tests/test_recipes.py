@@ -30,6 +30,7 @@ from semisynth_gl.reporting.build import build_report
 from semisynth_gl.scene.mix import MixSampler, Shares
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.sources import recipe_libraries
+from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Patch
 
 PATCHES = tuple(Patch("", 0, 0, 256, k, 1, 9.0) for k in range(5))
@@ -70,7 +71,7 @@ def small(variants=1):
 
 
 def sampler_of(config, seed=3):
-    return MixSampler(config, seed, recipe_libraries(config, seed), PATCHES)
+    return MixSampler(config, seed, recipe_libraries(config, Split(seed)), PATCHES)
 
 
 # The share of each recipe
@@ -277,7 +278,7 @@ def assert_alone(mix, config, indices):
         sampled = mix.sample(index, attempt)
         if sampled.recipe not in seen:
             [own] = [recipe.config for recipe in config.recipes() if recipe.name == sampled.recipe]
-            seen[sampled.recipe] = SceneSampler(own, 3, build_library(own.models, own.particles, 3), PATCHES)
+            seen[sampled.recipe] = SceneSampler(own, 3, build_library(own.models, own.particles, Split(3)), PATCHES)
         alone = seen[sampled.recipe]
         expected = alone.sample(index, attempt)
         for name in ("camera", "near_m"):
@@ -309,8 +310,8 @@ def test_recipes_of_one_target_are_solved_as_they_are_alone():
 
 def test_a_dataset_has_one_library():
     config = mixed(small(variants=2), [RECIPES[2], RECIPES[0], RECIPES[1]])
-    solids, plain, walls = recipe_libraries(config, 3)
-    alone = build_library(config.models, config.particles, 3)
+    solids, plain, walls = recipe_libraries(config, Split(3))
+    alone = build_library(config.models, config.particles, Split(3))
     assert solids.models == plain.models == walls.models  # the same objects, since meshes have no equality of values
     assert sorted(mesh.name for mesh in plain.models) == sorted(mesh.name for mesh in alone.models)
     assert [plain.models[number].name for number in plain.drawn] == [mesh.name for mesh in alone.models]

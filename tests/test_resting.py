@@ -15,6 +15,7 @@ from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene.resting import come_to_rest, triangles_of
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.support import surfaces_below
+from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Patch
 
 PATCH = (Patch("photo", 0, 0, 64, 0, 1, 10.0),)
@@ -26,7 +27,7 @@ GROUND = ["structures.ground=1", "structures.ground_disparity_px=[60,150]", "str
 def sampler_of(*overrides: str) -> SceneSampler:
     few = "models.variants=1", "models.complex=0"
     config = load_config("middlebury", ["scenes=[]", "textures.large_px=0", *few, *overrides])
-    return SceneSampler(config, 3, build_library(config.models, config.particles, 3), PATCH)
+    return SceneSampler(config, 3, build_library(config.models, config.particles, Split(3)), PATCH)
 
 
 def test_models_at_rest_touch_what_was_below_them() -> None:

@@ -29,6 +29,7 @@ from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.scene.structures import STILL_MODELS, draw_surroundings
 from semisynth_gl.scene.view_volume import height_of_view
 from semisynth_gl.seeds.seeds import Purpose, generator
+from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Patch
 
 CAMERA = StereoCamera(600, 400, 700.0, 0.2, 280.0, 320.0, 190.0)
@@ -45,7 +46,7 @@ def patches(count=5, frames=1):
 
 @pytest.fixture(scope="module")
 def library():
-    return build_library(small().models, small().particles, 3)
+    return build_library(small().models, small().particles, Split(3))
 
 
 def test_cameras_are_drawn_within_their_ranges():
@@ -306,7 +307,7 @@ def test_scenes_of_an_ablation_differ_only_in_their_factor(names, factor):
     sampled = []
     for number, name in enumerate(names):
         config = load_config(name)
-        library = build_library(config.models, config.particles, 3)
+        library = build_library(config.models, config.particles, Split(3))
         sampler = SceneSampler(config, 3, library, patches(7 + 50 * number * (factor == "layer")))
         sampled.append([sampler.sample(index).scene for index in range(5)])
     for scenes in zip(*sampled, strict=True):
@@ -365,7 +366,7 @@ def test_texels_come_out_near_one_pixel(library):
 
 def test_families_are_drawn_by_their_weights():
     config = small("models.simple=3", "models.complex=1", "models.variants=1")
-    library = build_library(config.models, config.particles, 0)
+    library = build_library(config.models, config.particles, Split(0))
     sampler = SceneSampler(config, 0, library, patches())
     simple = 0
     total = 0

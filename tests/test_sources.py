@@ -8,6 +8,7 @@ from PIL import Image
 from tiny_datasets import cheap, tiny
 
 from semisynth_gl.scene.sources import Sources, prepare_sources
+from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures import drawn
 
 # Libraries of these differ in the last bit from processor to processor.
@@ -33,11 +34,11 @@ def with_other_last_bits(function, rng):
 def test_checksums_are_the_same_where_the_last_bits_of_functions_differ(monkeypatch):
     monkeypatch.setattr(drawn, "PICTURES", 4)
     config = tiny(textures={"source": "builtin", "large_px": 128, "flat_share": 0.1})
-    here = prepare_sources(config, 2)
+    here = prepare_sources(config, Split(2))
     rng = np.random.default_rng(0)
     for name in FUNCTIONS:
         monkeypatch.setattr(np, name, with_other_last_bits(getattr(np, name), rng))
-    there = prepare_sources(config, 2)
+    there = prepare_sources(config, Split(2))
     pairs = list(zip(here.models, there.models, strict=True))
     assert sum(one.uv.tobytes() != other.uv.tobytes() for one, other in pairs) > 20
     assert max(np.abs(one.positions - other.positions).max() for one, other in pairs) < 1e-6
@@ -57,7 +58,7 @@ def test_other_pixels_have_another_checksum(tmp_path):
     config = cheap(textures={"source": "images", "images": [str(tmp_path / "photographs")], "large_px": 128})
 
     def digests():
-        return prepare_sources(config, 2).digests()
+        return prepare_sources(config, Split(2)).digests()
 
     save_photographs(tmp_path / "photographs", quality=90)
     before = digests()
@@ -69,7 +70,7 @@ def test_other_pixels_have_another_checksum(tmp_path):
 
 @pytest.fixture(scope="module")
 def sources():
-    return prepare_sources(cheap(textures={"large_px": 128, "flat_share": 0.2}), 2)
+    return prepare_sources(cheap(textures={"large_px": 128, "flat_share": 0.2}), Split(2))
 
 
 def changed(sources, place):

@@ -17,7 +17,7 @@ from tiny_datasets import cheap
 from semisynth_gl.config.scene_sections import TEXTURE_SOURCES, TexturesSection
 from semisynth_gl.generation.generate import generate
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.seeds.splits import WHOLE, Split
+from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures import prepare
 from semisynth_gl.textures.atlas import Atlas
 from semisynth_gl.textures.canvas import SIDE_PX
@@ -33,7 +33,9 @@ from semisynth_gl.textures.sheet import draw_texture_sheet
 from semisynth_gl.textures.sources import SOURCES, describe_source
 
 SECTION = TexturesSection(patch_px=64, scales=(1.0, 2.0))
-TRAIN, VALIDATION, TEST = (Split(name, {"validation": 0.1, "test": 0.1}) for name in ("train", "validation", "test"))
+TRAIN, VALIDATION, TEST = (
+    Split(11, name, {"validation": 0.1, "test": 0.1}) for name in ("train", "validation", "test")
+)
 
 
 def octaves(seed: int, height: int = 192, width: int = 256) -> NDArray[np.uint8]:
@@ -90,19 +92,19 @@ def test_pictures_come_from_the_generator_alone_and_have_names_of_their_own() ->
 
 def test_splits_draw_other_pictures() -> None:
     section = TexturesSection()
-    firsts = [next(iter(split_pictures(section, 5, split) or ())) for split in (TRAIN, VALIDATION, TEST)]
+    firsts = [next(iter(split_pictures(section, split) or ())) for split in (TRAIN, VALIDATION, TEST)]
     assert len({hashlib.sha256(picture.pixels.tobytes()).digest() for picture in firsts}) == 3
 
 
 def test_photographs_and_procedural_patches_are_without_pictures() -> None:
     for source in ("photographs", "procedural", "images"):
-        assert split_pictures(TexturesSection(source=source), 0) is None
+        assert split_pictures(TexturesSection(source=source), Split(0)) is None
     photographs = TexturesSection(source="photographs", patch_px=128, max_patches=32)
     files = sorted(builtin_photographs(), key=Path.as_posix)
-    assert prepare.split_images(photographs, 0) == files
-    assert prepare_atlas(photographs, 0).pictures == {}
+    assert prepare.split_images(photographs, Split(0)) == files
+    assert prepare_atlas(photographs, Split(0)).pictures == {}
     given = photographs.model_copy(update={"source": "images", "images": tuple(map(str, files))})
-    np.testing.assert_array_equal(prepare_atlas(photographs, 0).layers, prepare_atlas(given, 0).layers)
+    np.testing.assert_array_equal(prepare_atlas(photographs, Split(0)).layers, prepare_atlas(given, Split(0)).layers)
 
 
 def test_patches_hold_the_pixels_of_their_pictures() -> None:
@@ -196,14 +198,14 @@ def test_pictures_are_drawn_once_for_patches_of_both_sizes(monkeypatch: pytest.M
     monkeypatch.setenv("SEMISYNTH_GL_CACHE", "off")
     monkeypatch.setitem(SOURCES, "builtin", replace(SOURCES["builtin"], files=lambda _: (), pictures=source))
     section = TexturesSection(patch_px=64, scales=(1.0,), max_patches=40, large_px=96)
-    atlas = prepare_atlas(section, 11)
+    atlas = prepare_atlas(section, Split(11))
     assert drawn == [0, 1, 2, 3]
     assert {patch.source for patch in atlas.patches if patch.large} == {f"mine/{number}" for number in drawn}
     # Where there is no room to keep them they are drawn again, as they were.
     for room, times in ((0, 2), (2 * octaves(0).nbytes, 2), (4 * octaves(0).nbytes, 1)):
         drawn.clear()
         monkeypatch.setattr(prepare, "_MOST_KEPT_BYTES", room)
-        again = prepare_atlas(section, 11)
+        again = prepare_atlas(section, Split(11))
         assert drawn == [0, 1, 2, 3] * times
         assert again.patches == atlas.patches
         np.testing.assert_array_equal(again.large_layers, atlas.large_layers)
@@ -217,24 +219,26 @@ def test_the_cache_and_the_sheet_know_the_pictures(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setitem(SOURCES, "builtin", replace(SOURCES["builtin"], pictures=source))
     section = TexturesSection(patch_px=64, scales=(1.0,), max_patches=40)
-    atlas = prepare_atlas(section, 11)
+    atlas = prepare_atlas(section, Split(11))
     for same in (
-        prepare_atlas(section, 11),
-        unpack_atlas(pack_atlas(atlas, prepare.split_images(section, 11)), prepare.split_images(section, 11)),
+        prepare_atlas(section, Split(11)),
+        unpack_atlas(
+            pack_atlas(atlas, prepare.split_images(section, Split(11))), prepare.split_images(section, Split(11))
+        ),
     ):
         assert (same.patches, same.report, same.pictures) == (atlas.patches, atlas.report, atlas.pictures)
         np.testing.assert_array_equal(same.layers, atlas.layers)
     assert "mine/2" in atlas.report.named_images
-    found = named_images(section, 11, atlas.report.named_images)
+    found = named_images(section, atlas.report.named_images, Split(11))
     assert set(found) == atlas.report.named_images
     # Pictures are drawn again as they were, whichever are asked for, and those of a split are its own.
-    of_split = prepare_atlas(section, 11, VALIDATION).pictures
+    of_split = prepare_atlas(section, VALIDATION).pictures
     assert not set(of_split.values()) & set(atlas.pictures.values())
-    for split, pictures in ((WHOLE, atlas.pictures), (VALIDATION, of_split)):
+    for split, pictures in ((Split(11), atlas.pictures), (VALIDATION, of_split)):
         assert pictures
         assert pictures.keys() <= {f"mine/{number}" for number in (0, 1, 3)}
         for name, digest in pictures.items():
-            ((found_name, again),) = named_images(section, 11, [name], split).items()
+            ((found_name, again),) = named_images(section, [name], split).items()
             assert (found_name, hashlib.sha256(again.pixels.tobytes()).hexdigest()) == (name, digest)
     assert draw_texture_sheet(atlas, found, "title").width == 1600
 

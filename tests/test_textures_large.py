@@ -13,6 +13,7 @@ from semisynth_gl.scene.glance import glance
 from semisynth_gl.scene.mapping import Surfaces, map_patches
 from semisynth_gl.scene.sampler import SceneSampler
 from semisynth_gl.scene.structures import STILL_MODELS
+from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Patch, atlas_from_arrays
 from semisynth_gl.textures.large import MOST_LARGE, with_large_patches
 from semisynth_gl.textures.pictures import Picture
@@ -88,14 +89,14 @@ def test_an_atlas_comes_out_of_the_cache_as_it_went_in(tmp_path):
     for k in range(3):
         Image.fromarray(picture("", 300, 400, k).pixels).save(tmp_path / f"{k}.png")
     textures = tiny(textures={"source": "images", "images": [str(tmp_path)], "large_px": 128}).textures
-    atlas = prepare_atlas(textures, 5)
+    atlas = prepare_atlas(textures, Split(5))
     entry = pack_atlas(atlas, sorted(tmp_path.iterdir()))
     again = unpack_atlas(entry, sorted(tmp_path.iterdir()))
     assert again.patches == atlas.patches
     np.testing.assert_array_equal(again.large_layers, atlas.large_layers)
     assert again.large_layers.shape == (3, 128, 128, 4)
     # The small patches are those that the section has without large ones.
-    plain = prepare_atlas(textures.model_copy(update={"large_px": 0}), 5)
+    plain = prepare_atlas(textures.model_copy(update={"large_px": 0}), Split(5))
     np.testing.assert_array_equal(plain.layers, atlas.layers)
     assert plain.patches == tuple(patch for patch in atlas.patches if not patch.large)
     assert len(plain.large_layers) == 0
@@ -106,7 +107,7 @@ LARGE = tuple(Patch("l", 0, 0, 1024, 5 + k, 1, 9.0, large=True) for k in range(2
 
 
 def sampler_of(config, patches):
-    return SceneSampler(config, 0, build_library(config.models, config.particles, 0), patches)
+    return SceneSampler(config, 0, build_library(config.models, config.particles, Split(0)), patches)
 
 
 def test_walls_wear_them_and_no_patch_repeats_across_the_view():

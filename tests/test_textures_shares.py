@@ -14,6 +14,7 @@ from tiny_datasets import cheap
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.scene.sampler import SceneSampler
+from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Patch
 from semisynth_gl.textures.clips import AtlasLimits
 from semisynth_gl.textures.crops import texture_measure
@@ -74,7 +75,7 @@ def test_flat_patches_have_their_share_whatever_their_number():
 
 def worn(config, patches, scenes):
     """The patches of many surfaces: those of small ones, and those of walls and panels."""
-    library = build_library(config.models, config.particles, 0)
+    library = build_library(config.models, config.particles, Split(0))
     sampler = SceneSampler(config, 0, library, patches)
     sampled = [sampler.sample(number) for number in range(scenes)]
     patch = np.concatenate([each.patch for each in sampled])
@@ -180,7 +181,7 @@ def test_large_and_procedural_patches_are_flat_as_wanted(tmp_path):
     for number in range(5):
         Image.fromarray(octaves(number)).save(tmp_path / f"{number}.png")
     keys = {"patch_px": 64, "flat_share": 0.4, "large_px": 128}
-    atlas = prepare_atlas(TexturesSection(source="images", images=(str(tmp_path),), **keys), 0)
+    atlas = prepare_atlas(TexturesSection(source="images", images=(str(tmp_path),), **keys), Split(0))
     large = [patch for patch in atlas.patches if patch.large]
     assert [(patch.texture < 4) == (patch.contrast < 1) for patch in large] == [True] * 7
     assert sum(patch.texture < 4 for patch in large) == flat_count(0.4, 6) == 2

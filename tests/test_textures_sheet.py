@@ -12,6 +12,7 @@ from PIL import Image, ImageFilter, ImageOps
 from semisynth_gl.cache.store import Entry
 from semisynth_gl.cli import main
 from semisynth_gl.config.scene_sections import TexturesSection
+from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.image_files import find_files, find_images, printable, relative_names
 from semisynth_gl.textures.prepare import pack_atlas, prepare_atlas, split_images, unpack_atlas
 from semisynth_gl.textures.sheet import draw_texture_sheet
@@ -51,8 +52,8 @@ def section(folder, **values):
 
 
 def drawn(textures):
-    atlas = prepare_atlas(textures, 0)
-    named = {name: path for path, name in relative_names(split_images(textures, 0)).items()}
+    atlas = prepare_atlas(textures, Split(0))
+    named = {name: path for path, name in relative_names(split_images(textures, Split(0))).items()}
     return atlas, np.asarray(draw_texture_sheet(atlas, named, "title"))
 
 
@@ -121,7 +122,7 @@ def test_frames_of_a_video_are_shown_by_their_first(tmp_path):
 
 
 def test_an_atlas_comes_back_from_the_cache_with_its_report(photographs):
-    atlas = prepare_atlas(section(photographs, flat_share=0.1), 3)
+    atlas = prepare_atlas(section(photographs, flat_share=0.1), Split(3))
     images = find_images([photographs])
     packed = pack_atlas(atlas, images)
     back = unpack_atlas(Entry(json.loads(json.dumps(packed.values)), packed.arrays), images)
@@ -134,9 +135,9 @@ def test_an_atlas_comes_back_from_the_cache_with_its_report(photographs):
     "other", [{"flat_share": 0.2}, {"min_sharpness": 0.0}, {"min_difference": 0.0}, {"min_texture": 0.0}]
 )
 def test_another_threshold_is_another_atlas(photographs, other):
-    first = prepare_atlas(section(photographs), 0)
-    assert prepare_atlas(section(photographs, **other), 0).patches != first.patches
-    assert prepare_atlas(section(photographs), 0).patches == first.patches
+    first = prepare_atlas(section(photographs), Split(0))
+    assert prepare_atlas(section(photographs, **other), Split(0)).patches != first.patches
+    assert prepare_atlas(section(photographs), Split(0)).patches == first.patches
 
 
 def test_files_are_found_by_any_extension(tmp_path):
@@ -169,7 +170,7 @@ def test_the_command_counts_by_source_and_scale(call, tmp_path, photographs):
     table = {line.split()[0]: line.split()[1:] for line in out.splitlines()}
     columns = ["patches", "at", "1x", "at", "2x", "flat", "blurred", "duplicate", "surplus", "surfaces"]
     assert table["image"] == columns
-    atlas = prepare_atlas(section(photographs), 0)
+    atlas = prepare_atlas(section(photographs), Split(0))
     assert table["all"][0] == str(len(atlas.patches))
     assert table["all"][3:-1] == [
         str(number)
@@ -216,6 +217,6 @@ def test_wrong_input_writes_nothing(call, tmp_path, arguments, words):
 
 @pytest.mark.skipif(not (SHARED / "textures").is_dir(), reason="test material ../shared/data is absent")
 def test_ordinary_photographs_are_neither_blurred_nor_alike():
-    atlas = prepare_atlas(section(SHARED / "textures/*/*.png", patch_px=256), 0)
+    atlas = prepare_atlas(section(SHARED / "textures/*/*.png", patch_px=256), Split(0))
     assert atlas.report.total("kept") > 80
     assert (atlas.report.total("blurred"), atlas.report.total("duplicate")) == (0, 0)

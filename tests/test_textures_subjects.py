@@ -217,14 +217,14 @@ def test_no_subject_is_in_two_splits(sizes, seed, both):
     groups = [[Path(f"{next(numbers):03d}.png") for _ in range(size)] for size in sizes]
     held_out = HELD_OUT if both else {"test": 0.3}
     names = [name for name in SPLITS if name == "train" or name in held_out]
-    taken = {name: share_photographs(Split(name, held_out), groups, seed, "photographs") for name in names}
+    taken = {name: share_photographs(Split(seed, name, held_out), groups, "photographs") for name in names}
     assert sum(map(len, taken.values())) == sum(sizes)
     assert set.union(*taken.values()) == {*chain.from_iterable(groups)}
     for group in groups:
         assert [bool(taken[name].intersection(group)) for name in names].count(True) == 1
     # A further photograph of a subject moves none.
     groups[0].append(Path("more.png"))
-    again = {name: share_photographs(Split(name, held_out), groups, seed, "photographs") for name in names}
+    again = {name: share_photographs(Split(seed, name, held_out), groups, "photographs") for name in names}
     assert {name: again[name] - {Path("more.png")} for name in names} == taken
 
 
@@ -243,7 +243,7 @@ def test_both_views_of_a_pair_are_in_one_split(tmp_path):
     for folder, key in (("named", lambda path: path.parent.name), ("unnamed", lambda path: path.stem.strip("-ab"))):
         section = TexturesSection(source="images", images=(str(tmp_path / folder),))
         for seed in range(8):
-            taken = [split_images(section, seed, SplitsSection().split(name, SPLITS)) for name in SPLITS]
+            taken = [split_images(section, SplitsSection().split(name, SPLITS, seed)) for name in SPLITS]
             assert list(map(len, taken)) == [8, 2, 2]
             for one, other in combinations(taken, 2):
                 assert {*map(key, one)}.isdisjoint(map(key, other))
@@ -255,7 +255,7 @@ def test_both_views_of_image_sequences_are_in_one_split(tmp_path):
         save(tmp_path / f"take{take}/left", **{f"{frame}": left // (frame + 1) for frame in range(3)})
         save(tmp_path / f"take{take}/right", **{f"{frame}": right // (frame + 1) for frame in range(3)})
     section = TexturesSection(source="images", images=(str(tmp_path),), sequence=True)
-    taken = [split_images(section, 1, SplitsSection().split(name, SPLITS)) for name in SPLITS]
+    taken = [split_images(section, SplitsSection().split(name, SPLITS, 1)) for name in SPLITS]
     assert [len({path.parent.parent for path in each}) for each in taken] == [1, 1, 1]
     assert list(map(len, taken)) == [6, 6, 6]
 
@@ -264,13 +264,13 @@ def test_one_subject_is_too_few_for_splits(tmp_path):
     section = TexturesSection(source="images", images=(str(pairs_in(tmp_path, 1)),), patch_px=64)
     message = "^too few photographs of different subjects to hold some out, 1 in all: 1 for validation"
     with pytest.raises(InputError, match=message):
-        prepare_atlas(section, 0, SplitsSection().split("validation", ("train", "validation")))
-    assert prepare_atlas(section, 0).report.images_used == 2
+        prepare_atlas(section, SplitsSection().split("validation", ("train", "validation"), 0))
+    assert prepare_atlas(section, Split(0)).report.images_used == 2
 
 
 def built(folder, **keys):
     keys = {"patch_px": 64, "scales": (1.0,), **keys}
-    return prepare_atlas(TexturesSection(source="images", images=(str(folder),), **keys), 0)
+    return prepare_atlas(TexturesSection(source="images", images=(str(folder),), **keys), Split(0))
 
 
 def test_a_subject_has_one_say_however_many_photographs_show_it(tmp_path):

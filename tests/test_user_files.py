@@ -28,6 +28,7 @@ from semisynth_gl.geometry.model_files import load_models
 from semisynth_gl.inputs.errors import InputError, ReadError, SemisynthError
 from semisynth_gl.inputs.user_files import NotOnDiskError, expanded, files_below, open_file, read_file
 from semisynth_gl.metrics.truth import read_limits
+from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.image_files import find_files, find_images
 from semisynth_gl.textures.images import ImageError, read_image, stored_size
 from semisynth_gl.textures.prepare import prepare_atlas
@@ -93,7 +94,7 @@ READERS = {
     "mask": GREY8.read,
     "calib.txt of a scene": read_limits,
     "calibration": lambda path: read_rigs([path]),
-    "images": lambda path: prepare_atlas(TexturesSection(source="images", images=(str(path),)), 0),
+    "images": lambda path: prepare_atlas(TexturesSection(source="images", images=(str(path),)), Split(0)),
     "models": lambda path: load_models([path]),
 }
 
@@ -143,7 +144,7 @@ def test_what_is_no_file_is_left_out_of_a_folder_with_a_reason(tmp_path):
     for source in (tmp_path / "photos", tmp_path / "photos" / "*", tmp_path / "**" / "*.*g"):
         assert [path.name for path in find_images([source])] == ["good.png", "pipe.png", "zeros.jpg"]
     section = TexturesSection(source="images", images=(str(tmp_path / "photos"),), patch_px=64)
-    skipped = {file.path.name: file.reason for file in prepare_atlas(section, 0).report.images_skipped}
+    skipped = {file.path.name: file.reason for file in prepare_atlas(section, Split(0)).report.images_skipped}
     assert skipped.keys() == {"pipe.png", "zeros.jpg"}
     assert all("cannot be read: it is a" in reason for reason in skipped.values())
     for path in ("/proc", "/sys/kernel", "/proc/**/*"):
@@ -241,7 +242,7 @@ def test_photographs_are_found_whatever_their_names(tmp_path, monkeypatch, name)
     photograph(folder / os.fsdecode(b"no\xefse\n.png"))
     monkeypatch.chdir(tmp_path)
     config = read_config("kitti", (str(folder),), (), ("textures.patch_px=64",))
-    assert prepare_atlas(config.textures, 0).report.images_used == 1
+    assert prepare_atlas(config.textures, Split(0)).report.images_used == 1
 
 
 def test_paths_that_no_system_takes_are_told():

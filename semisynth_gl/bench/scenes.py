@@ -19,6 +19,7 @@ from semisynth_gl.scene.mix import MixSampler
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.scene import Scene
 from semisynth_gl.scene.sources import prepare_sources
+from semisynth_gl.seeds.splits import Split
 
 # A jump of disparity between neighbours, or another instance beside, makes a depth edge.
 _JUMP_PX = 1.0
@@ -91,7 +92,7 @@ def sample_scenes(config: Config, seed: int, pairs: int) -> BenchScenes:
     Raises:
         InputError: where images, models or ranges cannot be used.
     """
-    sources = prepare_sources(config, seed)
+    sources = prepare_sources(config, Split(seed))
     sampler = MixSampler(config, seed, sources.libraries, sources.atlas.patches)
     scenes = [sampler.sample(index).scene for index in range(pairs)]
     atlas = sources.atlas

@@ -26,6 +26,7 @@ from semisynth_gl.inputs.arguments import check_one_of, check_type, to_real, to_
 from semisynth_gl.inputs.errors import BackendError, InputError, counted
 from semisynth_gl.inputs.user_files import Files, names_of
 from semisynth_gl.listener import Listener
+from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.crop_report import TextureReport
 from semisynth_gl.textures.image_files import find_files, find_images
 from semisynth_gl.textures.images import image_extensions
@@ -124,7 +125,7 @@ def calibrate(
     config = _parsed(config_text(name, facts, style), name)
     facts = replace(facts, layout=suited_layout(config, rigs))
     # The patches of the dataset to come: unusable photographs are reported now, and the cache keeps the patches.
-    report = prepare_atlas(config.textures, 0).report
+    report = prepare_atlas(config.textures, Split(0)).report
     place, expected = None, []
     if trials:
         width_px = working_width(facts.size.width_px)
@@ -212,7 +213,7 @@ def _expectation(config: Config) -> str:
     from semisynth_gl.scene.mix import MixSampler  # noqa: PLC0415
     from semisynth_gl.scene.sources import prepare_sources  # noqa: PLC0415
 
-    sources = prepare_sources(config, 0)
+    sources = prepare_sources(config, Split(0))
     mix = MixSampler(config, 0, sources.libraries, sources.atlas.patches)
     variation = total_variation(mix.expected(), config.shown_histogram())
     return f"                 disparities expected at a total variation of {variation:.3f} from the wanted ones"

@@ -99,7 +99,7 @@ def impossible_splits(subjects: int) -> list[str]:
 
     def enough(*splits: SplitName) -> bool:
         try:
-            share_photographs(SplitsSection().split("train", splits), [()] * subjects, 0, "photographs")
+            share_photographs(SplitsSection().split("train", splits, 0), [()] * subjects, "photographs")
         except InputError:
             return False
         return True

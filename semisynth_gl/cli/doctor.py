@@ -15,7 +15,7 @@ from semisynth_gl.inputs.errors import BackendError, InputError
 from semisynth_gl.layouts import find_layout
 from semisynth_gl.plugins import Group, Plugin, installed_plugins
 from semisynth_gl.render.backends import Backend
-from semisynth_gl.seeds.splits import WHOLE
+from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.sources import open_source
 
 _PACKAGES = ("semisynth-gl", "moderngl", "glcontext", "numpy", "trimesh", "Pillow", "isal", "scikit-image")
@@ -32,7 +32,7 @@ def _draw_picture(name: str) -> None:
 _TRIALS: Mapping[Group, Callable[[str], object]] = {
     "layouts": find_layout,
     "textures": _draw_picture,
-    "models": lambda name: build_family(name, 1, 0, WHOLE),
+    "models": lambda name: build_family(name, 1, Split(0)),
     "recipes": plugin_recipe,
 }
 

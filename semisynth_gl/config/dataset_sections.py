@@ -182,15 +182,17 @@ class SplitsSection(Section):
             raise ValueError(f"validation and test take {self.validation + self.test:g} of all: nothing is left")
         return self
 
-    def split(self, name: SplitName, splits: Collection[SplitName]) -> Split:
+    def split(self, name: SplitName, splits: Collection[SplitName], seed: int) -> Split:
         """Return a split of a dataset.
 
         Args:
             name: name of the split.
             splits: names of all splits of the dataset.
+            seed: the dataset's seed.
         """
         shares: dict[SplitName, float] = {"validation": self.validation, "test": self.test}
-        return Split(name, {split: share for split, share in shares.items() if split in splits}, self.models)
+        held_out = {split: share for split, share in shares.items() if split in splits}
+        return Split(seed, name, held_out, self.models)
 
 
 class LicencesSection(Section):

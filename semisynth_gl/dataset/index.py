@@ -46,7 +46,7 @@ def describe_dataset(
 def _describe_split(plan: Plan, split: SplitName, sources: Sources) -> dict[str, Any]:
     config = plan.config
     patches = [patch.described() | {"sha256": _sha256(sources.atlas.pixels(patch))} for patch in sources.atlas.patches]
-    images = split_images(config.textures, plan.seed, plan.split(split))
+    images = split_images(config.textures, plan.split(split))
     paths = {name: path for path, name in relative_names(images).items()}
     drawn = sources.atlas.pictures
     source = describe_source(config.textures.source)

@@ -41,7 +41,7 @@ class Plan(Contents):
 
     def split(self, name: SplitName) -> Split:
         """Return a split with its shares of photographs and models."""
-        return self.config.splits.split(name, self.splits)
+        return self.config.splits.split(name, self.splits, self.seed)
 
     @property
     def kind(self) -> str:

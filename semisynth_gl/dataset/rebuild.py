@@ -43,14 +43,14 @@ class RebuiltScenes:
             raise InputError(f"{index.place.address}: the scenes cannot be rebuilt from the index: {reason}") from None
         if not patches:
             raise InputError(f"{index.place.address}: the scenes cannot be rebuilt from the index: it lists no patches")
-        self.seed, part = document.seed, self.config.splits.split(split, index.splits)
+        self.seed, part = document.seed, self.config.splits.split(split, index.splits, document.seed)
         try:
             # Another version may make other models. The keys of recipes are in the config.
             require_plugins(document.plugin_records, ["models"], same=True)
         except MissingPluginError as error:
             raise MissingPluginError(f"{index.place.address}: the scenes cannot be rebuilt: {error}") from None
-        libraries = recipe_libraries(self.config, self.seed, part)
-        self._sampler = MixSampler(self.config, part.seed(self.seed), libraries, patches)
+        libraries = recipe_libraries(self.config, part)
+        self._sampler = MixSampler(self.config, part.seed, libraries, patches)
         self.models: tuple[Mesh, ...] = self._sampler.models
 
     def sampled(self, frame: StoredFrame) -> SampledScene | None:

@@ -124,7 +124,7 @@ def generate(
         listener.on_message(message)
     if engine is None or isinstance(engine, SerialEngine | LocalEngine):
         check_libraries(backend)
-    sources = {split: prepare_sources(plan.config, seed, plan.split(split)) for split in plan.splits}
+    sources = {split: prepare_sources(plan.config, plan.split(split)) for split in plan.splits}
     digests = {split: split_sources.digests() for split, split_sources in sources.items()}
     job = ShardJob(plan, place, backend, digests, gpus)
     if files.replaces(digests):
@@ -168,7 +168,7 @@ def _describe(plan: Plan, sources: Mapping[SplitName, Sources], listener: Listen
             listener.on_message(f"model left out: {reason}")
         listener.on_message(f"{prefix}{counted(len(split_sources.models), 'model')}{_of_the_user(split_sources)}")
     first = plan.splits[0]
-    seed, patches = plan.split(first).seed(plan.seed), sources[first].atlas.patches
+    seed, patches = plan.split(first).seed, sources[first].atlas.patches
     # Before any worker starts; all of them find in the cache what is worked out here.
     MixSampler(plan.config, seed, sources[first].libraries, patches).expected()
 

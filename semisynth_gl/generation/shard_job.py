@@ -93,7 +93,7 @@ class ShardJob:
             worker: the worker's number, from 0.
         """
         device_index = egl_index_of_worker(self.gpus, worker)
-        return PairRenderer(self.plan.config, self.plan.seed, self.backend, self.plan.split(split), device_index)
+        return PairRenderer(self.plan.config, self.plan.split(split), self.backend, device_index)
 
     def make(
         self, shard: Shard, renderer_of_split: Callable[[SplitName], PairRenderer], listener: Listener

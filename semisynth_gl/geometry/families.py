@@ -30,13 +30,12 @@ def find_family(name: str) -> Plugin:
     return plugin
 
 
-def build_family(name: str, variants: int, seed: int, split: Split) -> list[Mesh]:
+def build_family(name: str, variants: int, split: Split) -> list[Mesh]:
     """Build the models of a family.
 
     Args:
         name: the plug-in's.
         variants: number of models to draw.
-        seed: the dataset's.
         split: the split. Where models are held out, the splits share the models of the dataset's seed; else each split
             draws models of its own.
 
@@ -46,10 +45,10 @@ def build_family(name: str, variants: int, seed: int, split: Split) -> list[Mesh
     """
     plugin, numbers = find_family(name), range(variants)
     if not (split.models and split.held_out):
-        return [_built(plugin, split.seed(seed), number) for number in numbers]
+        return [_built(plugin, split.seed, number) for number in numbers]
     what = f"models of the family {name} (models.variants)"
-    own = split.share(numbers, seed, what, _SHARED, [f"{name}/{number}" for number in numbers])
-    return [_built(plugin, seed, number) for number in own]
+    own = split.share(numbers, what, _SHARED, [f"{name}/{number}" for number in numbers])
+    return [_built(plugin, split.dataset_seed, number) for number in own]
 
 
 def _built(plugin: Plugin, seed: int, number: int) -> Mesh:

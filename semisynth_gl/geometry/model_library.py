@@ -24,7 +24,7 @@ from semisynth_gl.geometry.topology import marked_solid
 from semisynth_gl.inputs.errors import InputError, Skipped
 from semisynth_gl.inputs.user_files import expanded, files_below
 from semisynth_gl.seeds.seeds import Purpose, generator
-from semisynth_gl.seeds.splits import WHOLE, Split
+from semisynth_gl.seeds.splits import Split
 
 VERSION = 1
 """Raised when models come out otherwise; see `semisynth_gl.cache.lookup`."""
@@ -70,13 +70,12 @@ class ModelLibrary:
         return float(self.chances[: self.user_count].sum())
 
 
-def build_library(section: ModelsSection, particles: ParticlesSection, seed: int, split: Split = WHOLE) -> ModelLibrary:
+def build_library(section: ModelsSection, particles: ParticlesSection, split: Split) -> ModelLibrary:
     """Build the models that a config asks for, or load them from the cache.
 
     Args:
         section: weights of families and kinds, and the folders of the user's models.
         particles: the stretch of models, on which their mean silhouette depends.
-        seed: the dataset's.
         split: the split whose models are built.
 
     Raises:
@@ -85,7 +84,7 @@ def build_library(section: ModelsSection, particles: ParticlesSection, seed: int
     """
     folders = [expanded(folder) for folder in section.folders]
     if not all(folder.is_dir() for folder in folders):  # a single file may refer to any file beside it
-        return _build(section, particles, seed, split)
+        return _build(section, particles, split)
     files = [sorted(files_below(folder)) for folder in folders]
     families = [find_family(name) for name, weight in section.families.items() if weight > 0]
 
@@ -93,7 +92,7 @@ def build_library(section: ModelsSection, particles: ParticlesSection, seed: int
         return {
             "section": section.model_dump(mode="json"),
             "stretch": particles.model_dump(mode="json", include={"stretch", "thinness"}),
-            "seed": seed,
+            "seed": split.dataset_seed,
             "split": [split.name, sorted(split.held_out.items()) if split.models else []],
             "files": [[str(path.absolute()) for path in group] for group in files],
             "versions": package_versions("numpy", "pyrr"),
@@ -110,14 +109,14 @@ def build_library(section: ModelsSection, particles: ParticlesSection, seed: int
         work="making models",
         files=flat,
         # Only the reader of a model knows which files it opened, so all files count.
-        build=lambda: (_build(section, particles, seed, split), flat),
+        build=lambda: (_build(section, particles, split), flat),
         pack=_packed,
         unpack=_unpacked,
     )
 
 
 def build_libraries(
-    recipes: Sequence[tuple[ModelsSection, ParticlesSection]], seed: int, split: Split = WHOLE
+    recipes: Sequence[tuple[ModelsSection, ParticlesSection]], split: Split
 ) -> tuple[ModelLibrary, ...]:
     """Build the library of each recipe. All have the same ``models``: those that any of them draws, each once.
 
@@ -125,7 +124,6 @@ def build_libraries(
 
     Args:
         recipes: the sections of each recipe, see `build_library`.
-        seed: the dataset's.
         split: the split whose models are built.
 
     Raises:
@@ -136,7 +134,7 @@ def build_libraries(
         like = (section, particles.stretch, particles.thinness)
         same = (k for k, (other, its) in enumerate(recipes[:number]) if (other, its.stretch, its.thinness) == like)
         first = next(same, None)
-        own.append(build_library(section, particles, seed, split) if first is None else own[first])
+        own.append(build_library(section, particles, split) if first is None else own[first])
     if all(library is own[0] for library in own):
         return tuple(own)
     models: dict[tuple[str, int], Mesh] = {}
@@ -194,7 +192,7 @@ def _unpacked(entry: Entry) -> ModelLibrary:
     )
 
 
-def _build(section: ModelsSection, particles: ParticlesSection, seed: int, split: Split) -> ModelLibrary:
+def _build(section: ModelsSection, particles: ParticlesSection, split: Split) -> ModelLibrary:
     user, skipped = list[Mesh](), list[Skipped]()
     if section.folders:
         user, skipped = load_models([expanded(folder) for folder in section.folders])
@@ -202,14 +200,12 @@ def _build(section: ModelsSection, particles: ParticlesSection, seed: int, split
     user_weight = section.user * min(1.0, len(user) / FULL_FAMILY)
     kinds = [list(family) for family in (SIMPLE_KINDS, COMPLEX_KINDS)]
     if split.models and split.held_out:
-        user = split.share(user, seed, "models of the user's", _USER) if user else user
-        kinds = [split.share(names, seed, "kinds of built-in models", k, names) for k, names in enumerate(kinds)]
+        user = split.share(user, "models of the user's", _USER) if user else user
+        kinds = [split.share(names, "kinds of built-in models", k, names) for k, names in enumerate(kinds)]
     foreign = [
-        (weight, build_family(name, section.variants, seed, split))
-        for name, weight in section.families.items()
-        if weight > 0
+        (weight, build_family(name, section.variants, split)) for name, weight in section.families.items() if weight > 0
     ]
-    seed = split.seed(seed)
+    seed = split.seed
     weights = kind_weights(section.kinds)
     families = [(user_weight, user, [1.0] * len(user))]
     builders = {**SIMPLE_KINDS, **COMPLEX_KINDS}

@@ -39,7 +39,7 @@ from semisynth_gl.scene.sampler import SampledScene
 from semisynth_gl.scene.scene import Motion
 from semisynth_gl.scene.sources import Sources, prepare_sources
 from semisynth_gl.seeds.seeds import LARGEST_NUMBER, Purpose, generator
-from semisynth_gl.seeds.splits import WHOLE, Split
+from semisynth_gl.seeds.splits import Split
 
 PAIR_STAGES = ("sample", "draw", "visibility", "readback", "check")
 """The stages of a pair that a renderer reports to its listener, in order."""
@@ -115,12 +115,11 @@ class PairRenderer:
 
     Args:
         config: the configuration.
-        seed: 0 or more.
+        seed: the dataset's seed, 0 or more, for a dataset of one split; else the split of the pairs.
         backend: "auto", "egl" or "osmesa".
-        split: the split of the pairs.
         device_index: EGL's number of the device.
         read: takes the drawn pixels; other readers than `read_array` need ``checked=False``.
-        sources: patches and models of this config, seed and split, where they are there already.
+        sources: patches and models of this config and split, where they are there already.
 
     Attributes:
         sources: patches and models; see `forget_pixels`.
@@ -134,23 +133,20 @@ class PairRenderer:
     def __init__(
         self,
         config: Config,
-        seed: int,
+        seed: int | Split,
         backend: Backend = "auto",
-        split: Split = WHOLE,
         device_index: int = 0,
         read: Reader = read_array,
         sources: Sources | None = None,
     ) -> None:
         check_type("config", config, Config, "load_config(NAME_OR_PATH) reads one")
-        seed = to_whole("a seed", seed, least=0)
-        check_type("split", split, Split, "config.splits.split(NAME, NAMES) makes one")
+        split = seed if isinstance(seed, Split) else Split(to_whole("a seed", seed, least=0))
         self.config = config
-        self.seed = seed
         self.split = split
         check_libraries(backend)
-        self.sources = sources or prepare_sources(config, seed, split)
+        self.sources = sources or prepare_sources(config, split)
         atlas = self.sources.atlas
-        self.sampler = MixSampler(config, split.seed(seed), self.sources.libraries, atlas.patches)
+        self.sampler = MixSampler(config, split.seed, self.sources.libraries, atlas.patches)
         self._renderer = Renderer(
             self.sampler.models,
             atlas.layers,
@@ -168,7 +164,7 @@ class PairRenderer:
             "version": version("semisynth-gl"),
             "config": config.name,
             "config_sha256": config.digest(),
-            "seed": seed,
+            "seed": split.dataset_seed,
             "split": split.name,
             **({"plugins": plugins} if plugins else {}),
             "renderer": self._renderer.renderer_name,
@@ -319,7 +315,7 @@ class PairRenderer:
 
     def _imperfect(self, frame: Frame, shown: _Shown, view: int) -> tuple[Frame, dict[str, dict[str, Any]]]:
         """Put a rig's imperfections on a pair: the left eye's are the scene's, the right eye's are the pair's."""
-        seed, section = self.split.seed(self.seed), self.config.imperfections
+        seed, section = self.split.seed, self.config.imperfections
 
         def of_scene(*keys: int | str) -> Generator:
             return generator(seed, Purpose.IMPERFECTIONS, shown.number, *keys)

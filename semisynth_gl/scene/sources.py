@@ -12,7 +12,7 @@ from semisynth_gl.config import Config
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import ModelLibrary, build_libraries
 from semisynth_gl.inputs.errors import Skipped
-from semisynth_gl.seeds.splits import WHOLE, Split
+from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Atlas
 from semisynth_gl.textures.prepare import prepare_atlas, split_images
 
@@ -98,20 +98,20 @@ def _means(layers: NDArray[np.uint8]) -> NDArray[np.float64]:
     return means
 
 
-def prepare_sources(config: Config, seed: int, split: Split = WHOLE) -> Sources:
+def prepare_sources(config: Config, split: Split) -> Sources:
     """Cut the patches and build the models of a split, or take them from the cache.
 
     Raises:
         InputError: where images or models cannot be used, or are too few to hold some out.
     """
     # Models take seconds to build, and that there is no photograph is known at once.
-    split_images(config.textures, seed, split)
-    libraries = recipe_libraries(config, seed, split)
-    atlas = prepare_atlas(config.textures, seed, split)
+    split_images(config.textures, split)
+    libraries = recipe_libraries(config, split)
+    atlas = prepare_atlas(config.textures, split)
     return Sources(atlas.in_grey() if config.camera.colour == "grey" else atlas, libraries)
 
 
-def recipe_libraries(config: Config, seed: int, split: Split = WHOLE) -> tuple[ModelLibrary, ...]:
+def recipe_libraries(config: Config, split: Split) -> tuple[ModelLibrary, ...]:
     """Build the models of each of a config's recipes; see `build_libraries`."""
     configs = [recipe.config for recipe in config.recipes()]
-    return build_libraries([(each.models, each.particles) for each in configs], seed, split)
+    return build_libraries([(each.models, each.particles) for each in configs], split)

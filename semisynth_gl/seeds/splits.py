@@ -17,32 +17,32 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True, slots=True)
 class Split:
-    """One split of a dataset.
+    """One split of a dataset, with the seed that all its random numbers follow from.
 
     Attributes:
+        dataset_seed: the dataset's seed, the same for all its splits.
         name: name of the split.
         held_out: share of the photographs' subjects that validation and test take, where the dataset has these splits.
         models: whether models are held out in the same shares.
     """
 
+    dataset_seed: int
     name: SplitName = "train"
     held_out: Mapping[SplitName, float] = field(default_factory=dict)
     models: bool = False
 
-    def seed(self, seed: int) -> int:
-        """Return the seed of this split's scenes: the dataset's for ``train``, else 64 bits that follow from it."""
+    @property
+    def seed(self) -> int:
+        """The seed of this split's scenes: the dataset's for ``train``, else 64 bits that follow from it."""
         if self.name == "train":
-            return seed
-        return int(generator(seed, Purpose.SPLIT, SPLITS.index(self.name)).integers(2**63))
+            return self.dataset_seed
+        return int(generator(self.dataset_seed, Purpose.SPLIT, SPLITS.index(self.name)).integers(2**63))
 
-    def share(
-        self, items: Sequence[Item], seed: int, what: str, purpose: int, names: Sequence[str] | None = None
-    ) -> list[Item]:
+    def share(self, items: Sequence[Item], what: str, purpose: int, names: Sequence[str] | None = None) -> list[Item]:
         """Return the items that this split takes, in their order; no two splits take the same item.
 
         Args:
             items: the items of all splits, such as photographs.
-            seed: the dataset's seed, the same for all splits.
             what: plural noun for the items, for the message.
             purpose: a number of its own for each kind of items.
             names: the items' names. Where given, each item draws its rank by its own name, so that a further item moves
@@ -60,9 +60,9 @@ class Split:
                 "train; give more, make fewer splits, or lower the shares in the config's section splits"
             )
         if names is None:
-            order = generator(seed, Purpose.SPLIT, len(SPLITS), purpose).permutation(len(items))
+            order = generator(self.dataset_seed, Purpose.SPLIT, len(SPLITS), purpose).permutation(len(items))
         else:
-            ranks = [generator(seed, Purpose.SPLIT, len(SPLITS), purpose, name).random() for name in names]
+            ranks = [generator(self.dataset_seed, Purpose.SPLIT, len(SPLITS), purpose, name).random() for name in names]
             order = np.argsort(ranks)
         begin = 0
         for name in ("validation", "test"):
@@ -71,7 +71,3 @@ class Split:
                 return [items[number] for number in np.sort(order[begin : begin + count])]
             begin += count
         return [items[number] for number in np.sort(order[begin:])]
-
-
-WHOLE = Split()
-"""The only split of a dataset that has no other."""

@@ -11,7 +11,7 @@ from semisynth_gl.cache.store import Entry
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.errors import Skipped
 from semisynth_gl.seeds.seeds import Purpose, generator
-from semisynth_gl.seeds.splits import WHOLE, Split
+from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Atlas, Patch
 from semisynth_gl.textures.clips import AtlasLimits, natural_key
 from semisynth_gl.textures.crop_report import CropCount, JudgedCrop, TextureReport
@@ -38,12 +38,11 @@ _PHOTOGRAPHS = 0
 _NOT_DECISIVE = {"images", "texels_per_pixel", "anisotropy", "large_anisotropy", "wrap"}
 
 
-def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> Atlas:
+def prepare_atlas(section: TexturesSection, split: Split) -> Atlas:
     """Build the patch atlas that a config asks for, or find the same one in the cache.
 
     Args:
         section: the config's section.
-        seed: the dataset's seed.
         split: the split that the photographs are for; photographs of one subject, and folders of image sequences, are
             held out together, since they show the same. Pictures are drawn anew for each split.
 
@@ -52,15 +51,14 @@ def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> 
             cannot be used.
     """
     source = open_source(section.source)
-    images = split_images(section, seed, split)
-    split_seed = split.seed(seed)
+    images = split_images(section, split)
 
     def build() -> tuple[Atlas, Sequence[Path]]:
-        rng = generator(split_seed, Purpose.ATLAS)
+        rng = generator(split.seed, Purpose.ATLAS)
         if section.source == "procedural":
             count, flat_share = section.max_patches, section.flat_share
             return procedural_atlas(rng, count, section.patch_px, flat_share, section.min_texture), []
-        pictures = _pictures(source, seed, split)
+        pictures = _pictures(source, split)
         if not section.large_px or section.sequence:
             return build_atlas(images, section, AtlasLimits(), rng, pictures)
         kept: dict[str, TextureImage] = {}
@@ -68,16 +66,16 @@ def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> 
         atlas, opened = build_atlas(images, section, AtlasLimits(), rng, keeping)
 
         def named(names: Collection[str]) -> dict[str, TextureImage]:
-            again = named_images(section, seed, set(names) - set(kept), split)
+            again = named_images(section, set(names) - set(kept), split)
             return again | {name: kept[name] for name in names if name in kept}
 
-        large_rng = generator(split_seed, Purpose.LARGE_PATCHES)
+        large_rng = generator(split.seed, Purpose.LARGE_PATCHES)
         return with_large_patches(atlas, named, section, large_rng), opened
 
     def key() -> dict[str, Any]:
         return {
             "section": section.model_dump(mode="json", exclude=_NOT_DECISIVE),
-            "seed": split_seed,
+            "seed": split.seed,
             "images": list(relative_names(images).values()),
             # Names of folders above the images' own tell subjects apart, too.
             "subjects": groups_by_name(images),
@@ -98,12 +96,11 @@ def prepare_atlas(section: TexturesSection, seed: int, split: Split = WHOLE) -> 
     )
 
 
-def split_images(section: TexturesSection, seed: int, split: Split = WHOLE) -> list[Path]:
+def split_images(section: TexturesSection, split: Split) -> list[Path]:
     """Return the files that a split's patches may come from, sorted; none where all patches are drawn.
 
     Args:
         section: the config's section.
-        seed: the dataset's seed.
         split: the split.
 
     Raises:
@@ -113,31 +110,30 @@ def split_images(section: TexturesSection, seed: int, split: Split = WHOLE) -> l
     if not images or not split.held_out:
         return images
     if not section.sequence:
-        own = share_photographs(split, photographed_subjects(images), seed, "photographs")
+        own = share_photographs(split, photographed_subjects(images), "photographs")
         return [path for path in images if path in own]
     # Successive frames show much the same: of a folder the first tells what it shows.
     first = {path.parent: path for path in sorted(images, key=natural_key, reverse=True)}
     subjects = photographed_subjects([first[folder] for folder in sorted(first)])
-    own = share_photographs(split, subjects, seed, "folders of frames")
+    own = share_photographs(split, subjects, "folders of frames")
     return [path for path in images if first[path.parent] in own]
 
 
-def split_pictures(section: TexturesSection, seed: int, split: Split = WHOLE) -> Iterable[Picture] | None:
+def split_pictures(section: TexturesSection, split: Split) -> Iterable[Picture] | None:
     """Return the pictures that a split's patches may come from; each is drawn when it is asked for.
 
     Args:
         section: the config's section.
-        seed: the dataset's seed.
         split: the split; each has pictures of its own.
 
     Returns:
         The pictures, to be gone through once; None where the config's source draws none.
     """
-    return _pictures(open_source(section.source), seed, split)
+    return _pictures(open_source(section.source), split)
 
 
-def _pictures(source: TextureSource, seed: int, split: Split) -> Iterable[Picture] | None:
-    return None if source.pictures is None else source.pictures(generator(split.seed(seed), Purpose.PICTURES))
+def _pictures(source: TextureSource, split: Split) -> Iterable[Picture] | None:
+    return None if source.pictures is None else source.pictures(generator(split.seed, Purpose.PICTURES))
 
 
 def _keeping(pictures: Iterable[Picture], kept: dict[str, TextureImage]) -> Iterator[Picture]:
@@ -150,18 +146,16 @@ def _keeping(pictures: Iterable[Picture], kept: dict[str, TextureImage]) -> Iter
         yield picture
 
 
-def named_images(
-    section: TexturesSection, seed: int, names: Collection[str], split: Split = WHOLE
-) -> dict[str, TextureImage]:
+def named_images(section: TexturesSection, names: Collection[str], split: Split) -> dict[str, TextureImage]:
     """Return those images of a split that have the given names in its atlas.
 
     Pictures are drawn again, up to the last one that is wanted; the others are not kept.
     """
-    files = relative_names(split_images(section, seed, split))
+    files = relative_names(split_images(section, split))
     images: dict[str, TextureImage] = {name: path for path, name in files.items() if name in names}
     missing = set(names) - set(images)
     if missing:
-        for picture in split_pictures(section, seed, split) or ():
+        for picture in split_pictures(section, split) or ():
             if picture.name in missing:
                 images[picture.name] = picture
                 missing.discard(picture.name)
@@ -170,13 +164,12 @@ def named_images(
     return images
 
 
-def share_photographs(split: Split, subjects: Sequence[Sequence[Path]], seed: int, what: str) -> set[Path]:
+def share_photographs(split: Split, subjects: Sequence[Sequence[Path]], what: str) -> set[Path]:
     """Return the photographs that a split takes: of each subject all or none; see `Split.share`.
 
     Args:
         split: the split.
         subjects: the photographs of each subject.
-        seed: the dataset's seed.
         what: plural noun for the photographs, for the message.
 
     Raises:
@@ -184,7 +177,7 @@ def share_photographs(split: Split, subjects: Sequence[Sequence[Path]], seed: in
     """
     if sum(map(len, subjects)) > len(subjects):
         what = f"{what} of different subjects"
-    return set(chain.from_iterable(split.share(subjects, seed, what, _PHOTOGRAPHS)))
+    return set(chain.from_iterable(split.share(subjects, what, _PHOTOGRAPHS)))
 
 
 def pack_atlas(atlas: Atlas, images: Sequence[Path]) -> Entry | None:

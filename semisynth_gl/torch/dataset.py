@@ -81,7 +81,7 @@ class StereoDataset(Dataset[Any]):
         split, index = self.pairs.pair(number)
         frame: Frame = self.pairs[number]
         if self._crop is not None:
-            seed = Split(split).seed(self._seed)
+            seed = Split(self._seed, split).seed
             frame = frame.cropped(draw_crop(self._crop, self._sides, seed, index // self._together, self._epoch))
         sample = to_sample(index, frame)
         return sample if self._transform is None else self._transform(sample)

@@ -139,8 +139,8 @@ class RenderedPairs:
         checked: bool,
         transform: Callable[[Sample], Any] | None,
     ) -> None:
-        self._config, self._seed = config, seed
-        self._split = config.splits.split(selection.split, selection.splits)
+        self._config = config
+        self._split = config.splits.split(selection.split, selection.splits, seed)
         self._frames = selection.frames_in(config.sequence.length)
         self._crop, self._checked, self._transform, self._hardware = crop, checked, transform, hardware
         self._check()
@@ -198,7 +198,7 @@ class RenderedPairs:
         device_index = egl_index_of_worker(tuple(gpus), worker.number)
         try:
             renderer = PairRenderer(
-                self._config, self._seed, backend, self._split, device_index, reader or read_array, self._prepared()
+                self._config, self._split, backend, device_index, reader or read_array, self._prepared()
             )
         except BackendError as error:
             raise BackendError(f"{name} cannot render: {error}") from error
@@ -214,7 +214,7 @@ class RenderedPairs:
     def _prepared(self) -> Sources:
         """Return patches and models, which stay from the first question for them to the end of an iteration."""
         if self._sources is None:
-            self._sources = prepare_sources(self._config, self._seed, self._split)
+            self._sources = prepare_sources(self._config, self._split)
             self._digests = None  # files may have changed since
         return self._sources
 
@@ -225,7 +225,7 @@ class RenderedPairs:
         if self._crop is not None:
             camera = self._config.camera
             sides = camera.height_px, camera.width_px
-            crop = draw_crop(self._crop, sides, self._split.seed(self._seed), sequence)
+            crop = draw_crop(self._crop, sides, self._split.seed, sequence)
         index = (sequence * self._config.sequence.length + self._frames[frame]) * self._config.views + view
         pair = renderer.render(index, crop=crop, checked=self._checked)
         sample = to_sample(pair.index, pair.frame)
