@@ -39,10 +39,10 @@ from semisynth_gl.seeds.splits import SplitName
 if TYPE_CHECKING:
     from semisynth_gl.generation.generate import GenerationResult
 
-ENGINES = ("serial", "local", "ray")
-# Engines that do not take --workers and --timeout, and why.
-_WITHOUT_WORKERS = {
+# The engines, and why one does not take --workers and --timeout; "" where it does.
+ENGINES = {
     "serial": "works in this process alone",
+    "local": "",
     "ray": "has as many workers as the cluster has room for, and Ray watches them",
 }
 _TIMEOUT_S = 600.0
@@ -143,10 +143,8 @@ class _WorkerOptions:
         # The engine serial is one worker.
         workers = None if self.engine == "serial" and self.workers == 1 else self.workers
         given = {"--workers": workers, "--timeout": self.timeout}
-        if self.engine in _WITHOUT_WORKERS and (
-            found := [f"{name} {n:g}" for name, n in given.items() if n is not None]
-        ):
-            reason = _WITHOUT_WORKERS[self.engine]
+        reason = ENGINES.get(self.engine or "local")
+        if reason and (found := [f"{name} {n:g}" for name, n in given.items() if n is not None]):
             raise InputError(f"--engine {self.engine} {reason}: leave {' and '.join(found)} out, or take local")
         if self.engine == "ray":
             # Loaded with the engine that needs it.
