@@ -4,17 +4,23 @@ import inspect
 import re
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 
 from semisynth_gl.config.fields import Range, written_range
+from semisynth_gl.config.keys import members_of
 from semisynth_gl.config.load import load_config, packaged_configs
 from semisynth_gl.config.model import Config
 from semisynth_gl.config.yaml_values import write_yaml
 from semisynth_gl.inputs.resources import data_root
 
 _WIDTH = 100
+_BOUNDS = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
+# Larger bounds only keep numbers within what float32 holds; that a share is at most 1 goes without saying.
+_NO_BOUND = 1e5
 _ATTRIBUTE = re.compile(r"    (\w+): (.*)")
 
 
@@ -36,6 +42,77 @@ def explain(name_or_path: str) -> str:
         InputError: see `load_config`.
     """
     return "\n".join(_section(load_config(name_or_path), "")) + "\n"
+
+
+@dataclass(frozen=True, slots=True)
+class ExplainedKey:
+    """A key of a config, for a table.
+
+    Attributes:
+        dotted: the key as ``--set`` takes it.
+        is_section: whether it is a section.
+        is_range: whether it takes a range too.
+        default: its default as YAML, "required", or "" where it has none.
+        meaning: what it is for, in a sentence or several.
+    """
+
+    dotted: str
+    is_section: bool
+    is_range: bool
+    default: str
+    meaning: str
+
+
+def explained_keys() -> list[ExplainedKey]:
+    """Return the keys outside of sections, and then each section with its keys, in the config's order."""
+    plain, sections = list[ExplainedKey](), list[ExplainedKey]()
+    for name, field in Config.model_fields.items():
+        section = next((each for each in members_of(field.annotation) if _is_section(each)), None)
+        if section is None:
+            plain.append(_explained(name, field, _meanings(Config)))
+            continue
+        meaning = (inspect.getdoc(section) or "").partition("\n\n")[0].replace("\n", " ")
+        sections.append(ExplainedKey(name, is_section=True, is_range=False, default="", meaning=meaning))
+        meanings = _meanings(section)
+        sections += [_explained(f"{name}.{key}", each, meanings) for key, each in section.model_fields.items()]
+    return [*plain, *sections]
+
+
+def _is_section(member: object) -> bool:
+    return isinstance(member, type) and issubclass(member, BaseModel)
+
+
+def _explained(dotted: str, field: FieldInfo, meanings: Mapping[str, str]) -> ExplainedKey:
+    key = dotted.rpartition(".")[2]
+    bounds = {word: getattr(each, word) for each in field.metadata for word in _BOUNDS if hasattr(each, word)}
+    telling = {word: end for word, end in bounds.items() if 1 < abs(end) < _NO_BOUND or (word, end) == ("lt", 1)}
+    said = " and ".join(f"{_BOUNDS[word]} {end:g}" for word, end in telling.items())
+    meaning = meanings[key].rstrip(".")
+    return ExplainedKey(
+        dotted,
+        is_section=False,
+        is_range=any(each is Range for each in members_of(field.annotation)),
+        default=_default(field),
+        meaning=f"{meaning}; {said}" if said else meaning,
+    )
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "required"
+    value = field.get_default(call_default_factory=True)
+    if isinstance(value, BaseModel):
+        value = value.model_dump(mode="json", exclude_unset=True)
+    if value in (None, (), {}):
+        return ""
+    return write_yaml(_short(written_range(value) if isinstance(value, Range) else value), flow=True).strip()
+
+
+def _short(value: Any) -> Any:  # noqa: ANN401 - any value of a config
+    """Return a value with whole numbers as such."""
+    if isinstance(value, list | tuple):
+        return [_short(each) for each in value]
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def _section(section: BaseModel, indent: str) -> Iterator[str]:

@@ -383,7 +383,8 @@ class ParticlesSection(Section):
 
     Attributes:
         layers: depth layers with their numbers of particles; by default they are solved from ``disparity.target``.
-        clutter: depth layers beside the solved layers, such as many small things far away.
+        clutter: depth layers beside the solved layers, such as many small things far away: a list of
+            ``{disparity_px, count, size_px}``, ranges.
         density: number of objects that share the area of the target. ``default`` keeps the sizes, ``sparse`` has a
             third as many objects, which are larger, ``dense`` has three times as many, which are smaller, and a number
             is the mean number of objects in the left view; of a range, each sequence has a number of its own.
