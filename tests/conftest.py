@@ -4,7 +4,6 @@ import gc
 import os
 import signal
 from collections.abc import Callable, Generator, Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,8 +25,6 @@ RANDOM_ROUNDS = 5
 # A shell starts jobs in the background with interrupts ignored, and all that they start inherits it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
-
-DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -108,13 +105,6 @@ def open_renderer(backend: Backend) -> Iterator[Callable[..., Renderer]]:
             with renderer._gl as context:  # noqa: SLF001 - nobody else has the context
                 assert context.error == "GL_NO_ERROR"
         renderer.release()
-
-
-@pytest.fixture(scope="session")
-def shared_data() -> Path:
-    if not DATA.is_dir():
-        pytest.skip(f"no test material in {DATA}")
-    return DATA
 
 
 @pytest.fixture(scope="session")

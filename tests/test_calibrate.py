@@ -17,6 +17,7 @@ from backends import backend_fault
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
+from shared_material import SHARED, needs_shared
 from skimage.data import stereo_motorcycle
 
 from semisynth_gl.calibration import config_text as config_template
@@ -48,7 +49,6 @@ from semisynth_gl.histogram import Histogram, PixelCount, total_variation
 from semisynth_gl.inputs.errors import InputError, ReadError, SemisynthError
 from semisynth_gl.layouts import find_layout
 
-SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 SMALL = plain_rig(30, 0.1, Size(40, 30))
 CAMERA = StereoCamera(741, 500, 994.978, 0.193001, 311.193, 342.279, 254.877)
 
@@ -1109,7 +1109,7 @@ def run_python(program):
     return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.strip()
 
 
-@pytest.mark.skipif(not (SHARED / "textures").is_dir(), reason="test material ../shared/data is absent")
+@needs_shared
 def test_real_photographs_of_two_benchmarks(call, tmp_path):
     eth3d = (
         "cam0=[541.764 0 553.869; 0 541.764 232.396; 0 0 1]\ncam1=[541.764 0 553.869; 0 541.764 232.396; 0 0 1]\n"

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from PIL import Image
+from shared_material import SHARED, needs_shared
 from skimage.data import stereo_motorcycle
 
 from semisynth_gl.calibration import rectification
@@ -28,7 +29,7 @@ from semisynth_gl.frame.camera import Deviation, StereoCamera
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.textures.atlas import to_grey
 
-REAL = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "real"
+REAL = SHARED / "real"
 CAMERA = StereoCamera(741, 500, 994.978, 0.193001, 311.193, 342.279, 254.877)
 WIDE = StereoCamera.centred(741, 500, 400.0, 0.2)
 
@@ -183,11 +184,10 @@ def test_warped_photographs_give_the_deviation(photographs, deviation):
         assert ranges["right_pitch_deg"][0] == pytest.approx(2.0, abs=0.25)
 
 
+@needs_shared
 @pytest.mark.parametrize("scene", ["Cones", "Wood2"])
 def test_rectified_photographs_are_as_good_as_matching_can_tell(scene):
     needs_opencv()
-    if not REAL.is_dir():
-        pytest.skip("test material ../shared/data is absent")
     matches, (width, height) = match_pair(REAL / scene / "im0.png", REAL / scene / "im1.png")
     camera = StereoCamera.centred(width, height, 1.35 * width, 0.16)
     ranges, (found,) = deviation_ranges([(matches, camera)], width)

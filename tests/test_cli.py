@@ -17,6 +17,7 @@ import pytest
 import trimesh
 from backends import backend_fault
 from PIL import Image
+from shared_material import SHARED, needs_shared
 from tiny_datasets import CLUTTER_ALONE
 
 from semisynth_gl import render_pair
@@ -309,8 +310,9 @@ def test_hostile_images_are_named_and_counted(call, tmp_path, photographs):
     assert not (tmp_path / "p").exists()
 
 
-def test_a_bomb_is_refused_by_its_header(call, tmp_path, shared_data):
-    bomb = shared_data / "hostile" / "png_bomb_65536.png"
+@needs_shared
+def test_a_bomb_is_refused_by_its_header(call, tmp_path):
+    bomb = SHARED / "hostile" / "png_bomb_65536.png"
     refused(call("generate", "--config", "eth3d", "--images", bomb, cwd=tmp_path), "png_bomb_65536.png", "65536")
     assert list(tmp_path.iterdir()) == []
 

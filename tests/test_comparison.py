@@ -6,13 +6,13 @@ import re
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from math import erf, sqrt
-from pathlib import Path
 
 import numpy as np
 import pytest
 from backends import backend_fault
 from hand_made_datasets import write_dataset
 from PIL import Image
+from shared_material import SHARED, needs_shared
 from skimage.measure import label
 from tiny_datasets import tiny
 
@@ -46,7 +46,6 @@ from semisynth_gl.inputs.errors import InputError, ReadError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.textures.image_files import find_files, find_images
 
-SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 INF = np.float32(np.inf)
 BY_KEY = {measure.key: measure for measure in MEASURES}
 
@@ -781,7 +780,7 @@ def test_keys_move_measures_as_the_advice_says(means, change, keys, lower, highe
 # --- real scenes ---
 
 
-@pytest.mark.skipif(not (SHARED / "real").is_dir(), reason="no real scenes here")
+@needs_shared
 def test_real_scenes_are_calm_soft_and_mostly_visible():
     maps = sorted((SHARED / "real").glob("*/disp0GT.pfm"))
     found = {measure.key: [] for measure in MEASURES}

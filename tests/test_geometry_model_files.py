@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 from geometry_measures import areas, jacobians, stretch, volume
+from shared_material import SHARED, needs_shared
 
 from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection
 from semisynth_gl.geometry import model_files, model_library
@@ -20,8 +21,7 @@ from semisynth_gl.geometry.unwrap import STRETCH_BOUND
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.seeds.splits import Split
 
-MODELS = Path(__file__).parents[1].parent / "shared" / "data" / "models"
-needs_models = pytest.mark.skipif(not MODELS.is_dir(), reason="the folder of test models is not there")
+MODELS = SHARED / "models"
 
 SQUARE = "v 0 0 0\nv 2 0 0\nv 2 2 0\nv 0 2 0\n"
 
@@ -254,7 +254,7 @@ def test_nothing_is_fetched_from_the_network(folder: Path, monkeypatch: pytest.M
     assert [broken.path.name for broken in load_models([folder])[1]] == ["remote.gltf"]
 
 
-@needs_models
+@needs_shared
 def test_real_models(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(model_files, "ModelReader", ModelReader)
     meshes, skipped = load_models([MODELS])
@@ -282,7 +282,7 @@ def test_real_models(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixtu
     assert len(found["Duck.glb"].positions) < 1.2 * 2399
 
 
-@needs_models
+@needs_shared
 def test_real_models_load_the_same_here_and_in_a_process(monkeypatch: pytest.MonkeyPatch) -> None:
     paths = [MODELS / name for name in ("Duck.glb", "chair_model.obj", "nested.glb")]
     here, _ = load_models(paths)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scenes import facing, noise_layers
+from shared_material import SHARED, needs_shared
 
 from semisynth_gl import oracle
 from semisynth_gl.config import load_config
@@ -566,9 +567,10 @@ def test_values_that_are_not_finite_are_refused():
         make_mesh("bad", [[0, 0, np.nan], [1, 0, 0], [0, 1, 0]], np.zeros((3, 2)), [[0, 1, 2]])
 
 
-def test_the_peers_scene_is_as_exact_as_asked(open_renderer, shared_data):
+@needs_shared
+def test_the_peers_scene_is_as_exact_as_asked(open_renderer):
     """The peers' evaluation: 100 instances of six meshes; objects p99 within 3e-5 px away from edges."""
-    meshes = np.load(Path(shared_data).parent / "peers" / "scene" / "meshes.npz")
+    meshes = np.load(Path(SHARED).parent / "peers" / "scene" / "meshes.npz")
     names = sorted({key[:-2] for key in meshes.files})
     models = [make_mesh(name, meshes[f"{name}_v"], meshes[f"{name}_t"], meshes[f"{name}_f"]) for name in names]
     rng = np.random.default_rng(7)

@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image, ImageFilter
 from pydantic import ValidationError
+from shared_material import SHARED, needs_shared
 
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.errors import InputError
@@ -18,7 +19,6 @@ from semisynth_gl.textures.image_files import find_images
 from semisynth_gl.textures.images import read_image
 from semisynth_gl.textures.selection import PATCHES_PER_SUBJECT, build_atlas
 
-SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 FLAT = np.full((64, 64, 3), 90, dtype=np.uint8)
 
 
@@ -407,7 +407,7 @@ def test_arrays_that_are_no_patches_are_refused(patches: list[NDArray[np.uint8]]
         atlas_from_arrays([noise(4, 4)], [])
 
 
-@pytest.mark.skipif(not (SHARED / "textures").is_dir(), reason="test material ../shared/data is absent")
+@needs_shared
 def test_real_photographs() -> None:
     images = find_images([SHARED / "textures"])
     atlas = build(images, patch_px=128, scales=(1, 2), min_texture=4.0, max_patches=150)

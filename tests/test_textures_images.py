@@ -17,14 +17,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image, ImageCms, ImageFile
+from shared_material import SHARED, needs_shared
 
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.textures import images
 from semisynth_gl.textures.image_files import find_images
 from semisynth_gl.textures.images import MAX_PIXELS, ImageError, read_image, stored_size
-
-SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
-needs_shared = pytest.mark.skipif(not (SHARED / "hostile").is_dir(), reason="test material ../shared/data is absent")
 
 
 def levels(*shape: int) -> NDArray[np.uint8]:

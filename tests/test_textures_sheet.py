@@ -2,12 +2,12 @@
 
 import json
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from announcements import without_announcements
 from PIL import Image, ImageFilter, ImageOps
+from shared_material import SHARED, needs_shared
 
 from semisynth_gl.cache.store import Entry
 from semisynth_gl.cli import main
@@ -17,7 +17,6 @@ from semisynth_gl.textures.image_files import find_files, find_images, printable
 from semisynth_gl.textures.prepare import pack_atlas, prepare_atlas, split_images, unpack_atlas
 from semisynth_gl.textures.sheet import draw_texture_sheet
 
-SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 FRAME = (230, 130, 20)
 
 
@@ -215,7 +214,7 @@ def test_wrong_input_writes_nothing(call, tmp_path, arguments, words):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.skipif(not (SHARED / "textures").is_dir(), reason="test material ../shared/data is absent")
+@needs_shared
 def test_ordinary_photographs_are_neither_blurred_nor_alike():
     atlas = prepare_atlas(section(SHARED / "textures/*/*.png", patch_px=256), Split(0))
     assert atlas.report.total("kept") > 80

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
+from shared_material import SHARED, needs_shared
 
 from semisynth_gl.cache import file_fingerprint
 from semisynth_gl.config.dataset_sections import SplitsSection
@@ -22,7 +23,6 @@ from semisynth_gl.textures.prepare import prepare_atlas, share_photographs, spli
 from semisynth_gl.textures.subjects import SubjectFinder, of_subjects, photographed_subjects
 from semisynth_gl.textures.view_names import groups_by_name
 
-SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 CLOTHS = (cloths.flowered, cloths.knitting, cloths.quilt, cloths.rug, cloths.tartan, cloths.weave)
 HELD_OUT = {"validation": 0.1, "test": 0.1}
 
@@ -155,7 +155,7 @@ def test_the_photographs_that_come_with_the_program_are_of_different_subjects():
     assert photographed_subjects(files) == [[path] for path in files]
 
 
-@pytest.mark.skipif(not (SHARED / "real").is_dir(), reason="no real pairs in ../shared")
+@needs_shared
 def test_content_tells_real_pairs_from_other_photographs(tmp_path):
     found = find_images([SHARED / "real", SHARED / "textures"])
     for number, path in enumerate(found):

@@ -1,0 +1,10 @@
+"""Test material that lies beside the project: CI has it, a user does not."""
+
+from pathlib import Path
+
+import pytest
+
+SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+
+needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason="test material ../shared/data is absent")
+"""Mark of a test that reads some of it."""
