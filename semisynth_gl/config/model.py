@@ -130,10 +130,10 @@ class Config(Section):
 
     Attributes:
         name: first part of the name of every sample; letters, digits and hyphens.
-        layout: layout of a dataset that is asked for without one, see docs/layouts.md. By default ``middlebury``, and
-            ``webdataset`` from 10,000 pairs on.
-        scenes: recipes, of which each sequence takes one, by their weights. Their keys go over the sections above; by
-            default all sequences follow these sections.
+        layout: layout of the dataset where the command names none. By default ``middlebury``, and ``webdataset`` from
+            10,000 pairs on.
+        scenes: recipes. Each sequence takes one, by weight, and its keys override the config's. Without recipes, all
+            sequences follow the config alone.
         outputs: further outputs beside images and disparities: ``visibility``, ``correspondence``, ``instances``,
             ``depth``, ``sky``, ``normals``, ``flow``, ``flow_backward``, ``disparity_change``.
         truth: views whose disparity and outputs are written: ``both``, or ``left`` alone.

@@ -180,8 +180,8 @@ class DisparitySection(Section):
     """The disparities of a dataset, in pixels.
 
     Attributes:
-        signed: disparities of 0 and below are valid: of rigs whose principal points differ, and of what is infinitely
-            far away. ``min_px`` and all other disparities of the config may then be 0 or below.
+        signed: disparities of 0 and below are valid, as rigs with different principal points and an infinitely far sky
+            have them. ``min_px`` and all other disparities of the config may then be 0 or below.
         min_px: walls and particles aim for this disparity or more; a far plane may have less.
         max_px: hard limit: no pixel exceeds it, because it sets the near plane.
         target: the wanted distribution over all pixels of a dataset. Its ``form`` is ``uniform``, ``uniform-depth``,
@@ -330,8 +330,8 @@ class StructuresSection(Section):
     Attributes:
         ground: share of scenes with a ground plane.
         ground_height_m: height of the cameras above the ground.
-        ground_disparity_px: disparity of a level ground at the middle of the image's lower border, which says how high
-            the cameras of a rig are, instead of ``ground_height_m``.
+        ground_disparity_px: instead of ``ground_height_m``, the disparity of a level ground at the middle of the
+            image's lower border; it suits rigs of any baseline.
         ground_tilt_deg: largest roll and pitch of the ground.
         panels: number of free-standing walls in a scene; each is a slanted rectangle.
         panel_disparity_px: disparity of a panel's middle; by default in the farther half of the range.
@@ -468,11 +468,11 @@ class TexturesSection(Section):
             differs less from another crop is left out; 0 keeps all crops.
         flat_share: share of the surfaces that wear flat patches: flat crops, or others with their contrast lowered.
         max_patches: largest number of patches.
-        large_px: side of large patches, the largest square of an image each, which walls, grounds and other surfaces
-            wear on which a small patch would repeat; 0 for none.
+        large_px: side of large patches, 0 for none. Each is the largest square of an image; walls, grounds and other
+            large surfaces wear them, on which a small patch would repeat.
         texels_per_pixel: mapping scale: 1 shows a patch at its own resolution, above 1 smaller, below 1 blown up.
         anisotropy: largest number of samples of a patch for a pixel at a grazing angle; 1 blurs there.
-        large_anisotropy: the same of large patches.
+        large_anisotropy: the same for large patches.
         wrap: continuation of a patch beyond its border: its mirror image, or the patch again.
         sequence: take the images of a folder as successive frames, which an instance shows in turn.
     """
