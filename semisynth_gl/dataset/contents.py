@@ -89,7 +89,7 @@ class Contents:
         return {role: f"{folder}{path}" for role, path in files.items()}
 
     def images_folder(self) -> str:
-        """Return the folder below the dataset's in which all images are: of its tars, where shards are packed."""
+        """Return the folder below the dataset's that holds all images, or all tars where shards are packed."""
         if self.layout.packed:
             return RECORDS
         images = (

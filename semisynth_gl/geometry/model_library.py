@@ -30,7 +30,7 @@ VERSION = 1
 """Raised when models come out otherwise; see `semisynth_gl.cache.lookup`."""
 
 FULL_FAMILY = 25
-"""So many models of the user's have the weight of their family in full, and fewer a part of it in proportion. The two
+"""From so many models of the user's on, their family has its full weight; fewer have a proportional part. The two
 built-in families have about as many kinds each, so a model of the user's is worth a kind."""
 
 # `Split.share`'s purpose for the user's models; the purposes of the two families of kinds are 0 and 1.

@@ -113,7 +113,7 @@ class Targets:
         self.framebuffer.scissor = window(part, self.framebuffer.size)
 
     def sample_nearest(self) -> None:
-        """Let shaders that look the textures up find the pixel itself, and that at the border beyond it."""
+        """Make texture look-ups return the pixel itself, and beyond the image the border's."""
         for texture in self._textures.values():
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
             texture.repeat_x = texture.repeat_y = False
@@ -142,7 +142,7 @@ class Targets:
 
 
 class BlendTargets:
-    """The colour of a drawing pass as what is blended into, and a copy of it as what is looked up meanwhile.
+    """The colour of a drawing pass, which is blended into, and a copy of it to read from meanwhile.
 
     Args:
         context: the open context.

@@ -118,7 +118,7 @@ class MixSampler:
     def expected(self) -> Histogram:
         """Return the mean distribution of the disparities of the dataset's pairs; see `Population.expected`.
 
-        That one is of the pairs of scenes' longest baselines; see `Config.across_baselines`.
+        `Population.expected` is for the longest baseline; this covers all of them, see `Config.across_baselines`.
         """
         both = zip(self.recipes, self.samplers, strict=True)
         parts = [(recipe.share, recipe.config.across_baselines(self._expected(sampler))) for recipe, sampler in both]

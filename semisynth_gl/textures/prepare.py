@@ -29,8 +29,8 @@ from semisynth_gl.textures.view_names import groups_by_name
 VERSION = 1
 """Raised when patches or pictures come out otherwise; see `semisynth_gl.cache.lookup`."""
 
-# Of pictures that large patches are cut from too. The program's own take 42 MB; a plug-in's may be of any number and
-# size, and those beyond are drawn again.
+# For pictures that are kept to cut large patches from. The program's own take 42 MB; a plug-in's may be of any number
+# and size, and pictures beyond the limit are drawn again.
 _MOST_KEPT_BYTES = 1 << 28
 # The items that `Split.share` deals out.
 _PHOTOGRAPHS = 0
