@@ -385,9 +385,9 @@ class ParticlesSection(Section):
         layers: depth layers with their numbers of particles; by default they are solved from ``disparity.target``.
         clutter: depth layers beside the solved layers, such as many small things far away: a list of
             ``{disparity_px, count, size_px}``, ranges.
-        density: number of objects that share the area of the target. ``default`` keeps the sizes, ``sparse`` has a
-            third as many objects, which are larger, ``dense`` has three times as many, which are smaller, and a number
-            is the mean number of objects in the left view; of a range, each sequence has a number of its own.
+        density: number of objects that share the target's area. ``default`` keeps the sizes, ``sparse`` has a third as
+            many, larger objects, ``dense`` three times as many, smaller ones; a number is the mean number of objects
+            in the left view, and of a range each sequence draws its number.
         size_px: diameter of a model's bounding sphere on the screen, drawn uniformly in its logarithm.
         size_m: diameter of a model's bounding sphere in metres, instead of ``size_px``; a far model is smaller on the
             screen.
