@@ -19,6 +19,8 @@ from semisynth_gl import (
     Renderer,
     StereoCamera,
     View,
+    calibrate,
+    compare,
     evaluate,
     generate,
     load_config,
@@ -28,7 +30,9 @@ from semisynth_gl import (
     move,
     open_dataset,
     render_pair,
+    report,
     score,
+    verify,
 )
 from semisynth_gl.frame.frame import OUTPUTS
 from semisynth_gl.inputs.errors import BackendError, InputError
@@ -72,6 +76,8 @@ def scene(**changed):
     return make_scene(**{"camera": CAMERA} | values | changed)
 
 
+RIG = {"focal_px": 700.0, "baseline_m": 0.1, "size": (64, 48), "range_px": (2, 9)}
+
 WRONG = {
     "config by name": lambda _: render_pair("kitti", 0),
     "config as a mapping": lambda _: PairRenderer({"name": "kitti"}, 0),
@@ -81,6 +87,22 @@ WRONG = {
     "seed as text": lambda _: render_pair(CONFIG, 0, "1"),
     "no seed": lambda _: PairRenderer(CONFIG, None),
     "split by name": lambda _: PairRenderer(CONFIG, "train"),
+    "calibration of a number": lambda _: calibrate("photos", calib=3),
+    "scale as text": lambda _: calibrate("photos", **RIG, scale="half"),
+    "scale of nothing": lambda _: calibrate("photos", **RIG, scale=0),
+    "range of one number": lambda _: calibrate("photos", **RIG | {"range_px": 3}),
+    "range of text": lambda _: calibrate("photos", **RIG | {"range_px": ("2", "9")}),
+    "size of three": lambda _: calibrate("photos", **RIG | {"size": (3, 4, 5)}),
+    "focal length as text of a rig": lambda _: calibrate("photos", **RIG | {"focal_px": "700"}),
+    "name of a number": lambda _: calibrate("photos", **RIG, name=3),
+    "one photograph for two eyes": lambda _: calibrate("photos", **RIG, pairs=[("left",)]),
+    "photographs of a number": lambda out: compare(out, 3),
+    "width as text": lambda out: compare(out, "photos", width_px="256"),
+    "sample of none": lambda out: compare(out, "photos", sample=0),
+    "dataset to verify of a number": lambda _: verify(3),
+    "rays as text": lambda out: verify(out, pixels="5"),
+    "report of a number": lambda _: report(3),
+    "half a pair to show": lambda out: report(out, pairs=0.5),
     "unknown backend": lambda _: render_pair(CONFIG, 0, backend=3),
     "fractional crop": lambda _: Crop(0, 0, 12.5, 10),
     "crop of text": lambda _: Crop("0", "0", "12", "10"),

@@ -23,7 +23,7 @@ from semisynth_gl.config import Config
 from semisynth_gl.config.load import parse_config
 from semisynth_gl.histogram import total_variation
 from semisynth_gl.inputs.arguments import check_one_of, check_type, to_real, to_whole
-from semisynth_gl.inputs.errors import BackendError, InputError, counted
+from semisynth_gl.inputs.errors import BackendError, InputError, counted, shown
 from semisynth_gl.inputs.user_files import Files, names_of
 from semisynth_gl.listener import Listener
 from semisynth_gl.seeds.splits import Split
@@ -95,7 +95,7 @@ def calibrate(
         trials: how many pairs to render and measure of each recipe with each look of its surfaces; with 0 no pair is
             rendered, all recipes have one weight, and textures are as in the packaged configs.
         name: the config's name, or a text to make one of.
-        listener: hears messages, the number of pairs to render, and each pair.
+        listener: hears the number of pairs to render, and each pair.
 
     Raises:
         InputError: where an argument cannot be used, or arguments do not fit together.
@@ -105,6 +105,11 @@ def calibrate(
     image_sources, calib_sources = names_of("images", images), names_of("calib", calib)
     map_sources = names_of("disparity", disparity)
     trials = to_whole("`trials`", trials, least=0)
+    scale = None if scale is None else _positive("`scale`", scale)
+    png_scale = _positive("`png_scale`", png_scale)
+    range_px = None if range_px is None else _two_numbers("`range_px`", range_px)
+    check_type("`name`", name, str)
+    check_type("`listener`", listener, Listener | None)
     if unit is not None:
         check_one_of("`unit`", unit, UNITS)
     if map_sources and range_px is not None:
@@ -122,22 +127,22 @@ def calibrate(
         pairs=_pairs(pairs, image_sources, scaled, other_camera, notes),
     )
     name, style = config_name(name), untried_style(facts.recipes)
+    # The template is tried here, since trials take a minute.
     config = _parsed(config_text(name, facts, style), name)
     facts = replace(facts, layout=suited_layout(config, rigs))
     # The patches of the dataset to come: unusable photographs are reported now, and the cache keeps the patches.
     report = prepare_atlas(config.textures, Split(0)).report
-    place, expected = None, []
+    place = None
     if trials:
         width_px = working_width(facts.size.width_px)
         place = measure_place(find_place(find_images(image_sources), found, png_scale), width_px)
         style = _tried(facts, place, trials, listener or Listener())
-        expected = [_expectation(_parsed(config_text(name, facts, style), name))]
     text = config_text(name, facts, style)
+    config = _parsed(text, name)
+    summary = [*_summary(facts, report), *_style_summary(style, place), *([_expectation(config)] if trials else [])]
     notes += filter(None, [_baseline_note(facts.ranges["baseline_m"])])
     notes += filter(None, [left_out(find_files(image_sources, image_extensions()), found)])
-    return Calibration(
-        _parsed(text, name), text, [*_summary(facts, report), *_style_summary(style, place), *expected], notes
-    )
+    return Calibration(config, text, summary, notes)
 
 
 def _parsed(text: str, name: str) -> Config:
@@ -147,12 +152,26 @@ def _parsed(text: str, name: str) -> Config:
         raise InputError(f"the numbers make no valid config:\n{error}") from None
 
 
+def _positive(name: str, value: object) -> float:
+    number = to_real(name, value)
+    if number <= 0:
+        raise InputError(f"{name} must be above 0, got {number:g}")
+    return number
+
+
+def _two_numbers(name: str, values: Sequence[float]) -> tuple[float, float]:
+    check_type(name, values, Sequence)
+    if isinstance(values, str) or len(values) != 2:
+        raise InputError(f"{name}: expected two numbers, got {shown(values)}")
+    return to_real(name, values[0]), to_real(name, values[1])
+
+
 def _size(size: tuple[int, int] | None) -> Size | None:
     if size is None:
         return None
     check_type("`size`", size, Sequence)
     if len(size) != len(Size._fields):
-        raise InputError(f"`size`: expected width and height, got {len(size)} numbers")
+        raise InputError(f"`size`: expected width and height, got {shown(size)}")
     return Size(*(to_whole("`size`", side, least=1) for side in size))
 
 
@@ -179,6 +198,10 @@ def _pairs(
     notes: list[str],
 ) -> list[tuple[Path, Path]]:
     """Return the pairs to match: those that were given, or those among the photographs where they can be matched."""
+    check_type("`pairs`", pairs, Sequence)
+    for pair in pairs:
+        if isinstance(pair, str) or not isinstance(pair, Sequence) or len(names_of("pairs", pair)) != 2:
+            raise InputError(f"`pairs`: expected pairs of a left and a right photograph, got {shown(pair)}")
     if pairs:
         if other_camera:
             raise InputError("`pairs` are the rig's, but `other_camera` says that another one took the photographs")

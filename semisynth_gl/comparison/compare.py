@@ -14,6 +14,7 @@ from semisynth_gl.comparison.place import PlaceFiles, find_place
 from semisynth_gl.comparison.sides import FEWEST, SAMPLE, MeasuredPlace, Side, measure_dataset, measure_place
 from semisynth_gl.dataset.configs import recipe_values
 from semisynth_gl.dataset.reader import Dataset, open_dataset
+from semisynth_gl.inputs.arguments import to_real, to_whole
 from semisynth_gl.inputs.user_files import Files, names_of
 from semisynth_gl.listener import Listener
 from semisynth_gl.seeds.splits import SplitName
@@ -98,6 +99,9 @@ def compare(
         InputError: where there is no such dataset, photograph or map, or a map cannot be used.
         ReadError: where a file cannot be read.
     """
+    if width_px is not None:
+        width_px = to_whole("`width_px`", width_px, least=32, most=4096)
+    sample, png_scale = to_whole("`sample`", sample, least=1), to_real("`png_scale`", png_scale)
     found, photographs = map_files(names_of("disparity", disparity)), find_images(names_of("images", images))
     place = find_place(photographs, found, png_scale)
     return compare_with_place(open_dataset(dataset, split), place, width_px=width_px, sample=sample, listener=listener)
