@@ -5,11 +5,12 @@ python docs/make_config.py
 
 from pathlib import Path
 
+from marked import replaced
+
 from semisynth_gl.config.explain import ExplainedKey, explained_keys
 
 DOCS = Path(__file__).resolve().parent
 BEGIN = "<!-- The table comes from the docstrings of the config's sections: python docs/make_config.py -->\n"
-END = "<!-- end of the table -->\n"
 
 
 def keys_table() -> str:
@@ -27,9 +28,7 @@ def _row(key: ExplainedKey) -> str:
 
 def page_with_keys(page: str) -> str:
     """Return the page with the table between its two markers."""
-    before, rest = page.split(BEGIN)
-    _, after = rest.split(END)
-    return before + BEGIN + keys_table() + END + after
+    return replaced(page, BEGIN, keys_table())
 
 
 if __name__ == "__main__":

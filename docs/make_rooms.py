@@ -6,10 +6,11 @@ python docs/make_rooms.py
 import tomllib
 from pathlib import Path
 
+from marked import replaced
+
 DOCS = Path(__file__).resolve().parent
 PACKAGE = DOCS.parent / "semisynth_gl"
 BEGIN = "<!-- The table comes from rooms.toml: python docs/make_rooms.py -->\n"
-END = "<!-- end of the table -->\n"
 
 
 def rooms_table() -> str:
@@ -23,9 +24,7 @@ def rooms_table() -> str:
 
 def page_with_rooms(page: str) -> str:
     """Return the page with the table of rooms between its two markers."""
-    before, rest = page.split(BEGIN)
-    _, after = rest.split(END)
-    return before + BEGIN + rooms_table() + END + after
+    return replaced(page, BEGIN, rooms_table())
 
 
 if __name__ == "__main__":

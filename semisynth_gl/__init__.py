@@ -35,4 +35,6 @@ def __getattr__(name: str):  # noqa: ANN202 - any public name; type checkers rea
         return sorted(modules)
     if name not in modules:
         raise AttributeError(f"module {__name__} has no attribute {name}")
-    return getattr(import_module(modules[name]), name)
+    # Kept: the next use asks nobody.
+    globals()[name] = getattr(import_module(modules[name]), name)
+    return globals()[name]

@@ -295,7 +295,7 @@ def test_an_opencv_unit_is_asked_for_where_it_cannot_be_metres(tmp_path):
     (rig,) = read_rigs([path], unit_m=0.001)
     assert rig.camera.baseline_m == pytest.approx(CAMERA.baseline_m)
     for text in (MIDDLEBURY, KITTI, ros()):
-        with pytest.raises(ReadError, match="has a unit of its own: leave `unit` out"):
+        with pytest.raises(ReadError, match="states the unit: leave `unit` out"):
             read_rigs([write(tmp_path, "other.txt", text)], unit_m=0.001)
 
 

@@ -455,7 +455,7 @@ def test_several_predictions_or_truths_of_a_name_are_refused(three):
         (("--pred", "gt/a/calib.txt", "--gt", "gt"), "is a file"),
         (("--pred", "pred", "--gt", "gt/a/calib.txt"), "is a file"),
         (("--pred", "pred", "--gt", "empty"), "no true disparities there"),
-        (("--pred", "pred", "--gt", "gt", "--split", "test"), "only datasets of this program have splits"),
+        (("--pred", "pred", "--gt", "gt", "--split", "test"), "has no splits, since this program did not write it"),
         (("--pred", "pred", "--gt", "gt", "--json", "nowhere/a.json"), "does not exist"),
         (("--pred", "pred", "--gt", "gt", "--mask", "empty"), "no mask for a"),
         (("--pred", "pred", "--gt", "gt", "--protocol", "sintel"), "Invalid value for '--protocol'"),

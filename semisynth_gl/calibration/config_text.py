@@ -56,7 +56,7 @@ class ConfigFacts:
         subject_count: number of subjects that they show.
         large_px: side of large patches.
         grey: whether all photographs are grey.
-        rectification: how far pairs of photographs are off rectified; None where there are none to match.
+        rectification: how far pairs of photographs are off rectified; None without pairs to match.
         fitting_count: number of photographs with the size of a calibration; 0 where sizes were not compared.
         layout: layout of the config's datasets, see `suited_layout`.
     """
@@ -154,8 +154,8 @@ def suited_layout(config: Config, rigs: Sequence[Rig]) -> str | None:
     """Return the layout of the benchmark from which all calibrations come.
 
     Returns:
-        the layout's name. None where calibrations come from no benchmark or from several, where the layout cannot hold
-        the config's disparities, and where the benchmark's loaders refuse what `generate` makes of the config.
+        The layout's name. None where calibrations come from no benchmark or from several, the layout cannot hold the
+        config's disparities, or the benchmark's loaders refuse such a dataset.
 
     Args:
         config: the config for the rigs.

@@ -136,7 +136,7 @@ def _read(path: Path, unit_m: float | None) -> Sequence[Projections | _Camera]:
                 return [_opencv(path, documents[0], (left, right), unit_m)]
         calibrations = _ros(path, documents)
     if unit_m is not None:
-        raise ReadError(path, "its format has a unit of its own: leave `unit` out, which is for OpenCV's files alone")
+        raise ReadError(path, "its format states the unit: leave `unit` out, which is for OpenCV's files alone")
     return calibrations
 
 

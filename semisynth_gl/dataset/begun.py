@@ -45,7 +45,7 @@ def read_beginning(place: Place) -> PlanDocument | None:
 
 
 def read_resumed(place: Place) -> PlanDocument | None:
-    """Return what the dataset was begun as that a run is to go on with; None where there is no dataset.
+    """Return the plan that a run resumes; None where there is no dataset.
 
     Raises:
         ReadError: see `read_beginning`.

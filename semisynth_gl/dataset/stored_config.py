@@ -43,7 +43,7 @@ class StoredDocument(StoredObject):
     @classmethod
     def _keep_values(cls, values: Any, validate: ModelWrapValidatorHandler[Self]) -> Self:  # noqa: ANN401 - of a file
         document = validate(values)
-        object.__setattr__(document, "_values", values)  # documents are frozen
+        document._values = values  # noqa: SLF001 - its own
         return document
 
     @property
@@ -92,8 +92,9 @@ def _known_outputs(outputs: list[str]) -> list[str]:
 class StoredConfig(StoredDocument):
     """A config as far as readers of a dataset need it; `Config` has the other keys.
 
-    Each key is optional: configs of other versions may have others. Outputs that this version does not know are left
-    out.
+    All keys but the name are optional: configs of other versions may have others. Outputs that this version does not
+    know are left out. ``particles``, ``textures``, ``imperfections`` and ``checks`` are checked for those who take
+    their `values` apart.
     """
 
     name: Annotated[str, *Config.model_fields["name"].metadata]
@@ -116,6 +117,6 @@ class StoredConfig(StoredDocument):
 
     @property
     def size(self) -> tuple[int, int] | None:
-        """Height and width of the images, px; None where the config has no numbers there."""
+        """Height and width of the images, px; None where the config does not state both."""
         height, width = self.camera.height_px, self.camera.width_px
         return None if height is None or width is None else (height, width)

@@ -114,9 +114,7 @@ def find_truth(address: str, split: SplitName | None = None, masks: Path | None 
         if not folder.is_dir():
             raise InputError(f"`truth` {address}: {'is a file' if folder.exists() else 'there is no such folder'}")
         if split is not None:
-            raise InputError(
-                f"`split` {split}: only datasets of this program have splits, and `truth` {address} is none"
-            )
+            raise InputError(f"`split` {split}: `truth` {address} has no splits, since this program did not write it")
         truths = _folder_truths(folder)
     # A name of several pairs, such as disp0GT, names none of them.
     counts = Counter(stem for pair in truths.pairs for stem in pair.stems)

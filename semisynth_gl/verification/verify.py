@@ -66,16 +66,15 @@ def verify(
     check_type("`dataset`", dataset, str | PathLike)
     pixels, listener = to_whole("`pixels`", pixels, least=1), listener or Listener()
     pairs, verdicts = 0, list[Verdict]()
-    keys: Iterable[FinishedPair] = ()
+    keys = iter(list[FinishedPair]())
     try:
         index = read_index(dataset)
     except DamagedIndexError as error:
         found: Iterable[Verdict] = [damaged_index(error.faults)]
     else:
         pairs, found = sum(index.pairs.values()), verify_dataset(index, pixels if oracle else 0)
-        keys = (FinishedPair(shard.split, number) for shard in index.shards for number in range(shard.first, shard.end))
+        keys = iter([FinishedPair(each.split, n) for each in index.shards for n in range(each.first, each.end)])
     listener.on_total(pairs)
-    keys = iter(keys)
     for verdict in found:
         if on_finding is not None:
             for finding in verdict.findings:
