@@ -72,8 +72,10 @@ def test_verify_finds_a_fault_and_counts_its_pair(dataset, tmp_path):
     broken = shutil.copytree(dataset, tmp_path / "set", symlinks=True)
     image = next((broken / "validation").rglob("im0.png"))
     Image.new("RGB", Image.open(image).size).save(image)
+    (broken / "train" / "stray.png").write_bytes(b"")
     found = verify(broken)
-    assert found.faulty_pairs == 1
+    assert [bool(verdict.findings) for verdict in found.verdicts].count(True) == 2
+    assert found.faulty_pairs == 1  # the dataset as a whole is no pair
     assert "sha256" in {finding.check for finding in found.findings}
 
 
