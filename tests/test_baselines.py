@@ -14,7 +14,7 @@ from tiny_datasets import cheap, digests
 
 from semisynth_gl import oracle
 from semisynth_gl.config import Config, Range
-from semisynth_gl.config.scene_sections import CameraSection
+from semisynth_gl.config.rig_sections import CameraSection
 from semisynth_gl.dataset.file_sets import list_file_sets
 from semisynth_gl.dataset.plan import make_plan
 from semisynth_gl.dataset.reader import open_dataset, read_index

@@ -11,7 +11,8 @@ from tiny_datasets import lean
 
 from semisynth_gl import oracle
 from semisynth_gl.config import Range
-from semisynth_gl.config.scene_sections import BackgroundSection, CameraSection, DisparitySection, StructuresSection
+from semisynth_gl.config.rig_sections import CameraSection, DisparitySection
+from semisynth_gl.config.scene_sections import BackgroundSection, StructuresSection
 from semisynth_gl.frame.camera import EYES, Crop, StereoCamera
 from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.inputs.errors import InputError

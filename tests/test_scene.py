@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from semisynth_gl.config import Config, Range, load_config
-from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection, ParticlesSection, StructuresSection
+from semisynth_gl.config.rig_sections import DisparitySection
+from semisynth_gl.config.scene_sections import BackgroundSection, ParticlesSection, StructuresSection
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.inputs.errors import InputError

@@ -44,11 +44,10 @@ from semisynth_gl.config.fields import (
 )
 from semisynth_gl.config.merge import Document, merged
 from semisynth_gl.config.partial import partial_section
+from semisynth_gl.config.rig_sections import CameraSection, DisparitySection
 from semisynth_gl.config.scene_sections import (
     TEXTURE_SOURCES,
     BackgroundSection,
-    CameraSection,
-    DisparitySection,
     ModelsSection,
     ParticlesSection,
     RoomSection,

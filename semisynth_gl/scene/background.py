@@ -8,7 +8,8 @@ import pyrr
 from numpy.typing import NDArray
 
 from semisynth_gl.config import Range
-from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection
+from semisynth_gl.config.rig_sections import DisparitySection
+from semisynth_gl.config.scene_sections import BackgroundSection
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh, mesh_grid
 from semisynth_gl.inputs.errors import InputError

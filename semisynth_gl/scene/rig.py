@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.config import Range
 from semisynth_gl.config.dataset_sections import RigSection
-from semisynth_gl.config.scene_sections import CameraSection, DisparitySection
+from semisynth_gl.config.rig_sections import CameraSection, DisparitySection
 from semisynth_gl.frame.camera import Deviation, StereoCamera
 from semisynth_gl.inputs.errors import InputError
 

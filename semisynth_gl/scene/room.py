@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.config import Range
-from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection, RoomSection
+from semisynth_gl.config.rig_sections import DisparitySection
+from semisynth_gl.config.scene_sections import BackgroundSection, RoomSection
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.scene.arrangement import Arrangement, Catalogue, FloorView

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.config import Range
-from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection, StreetSection
+from semisynth_gl.config.rig_sections import DisparitySection
+from semisynth_gl.config.scene_sections import BackgroundSection, StreetSection
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import cross
 from semisynth_gl.scene.arrangement import Arrangement, Catalogue, FloorView

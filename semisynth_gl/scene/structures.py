@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from semisynth_gl.config import Range
 from semisynth_gl.config.model import Config
-from semisynth_gl.config.scene_sections import BackgroundSection, DisparitySection, StructuresSection
+from semisynth_gl.config.rig_sections import DisparitySection
+from semisynth_gl.config.scene_sections import BackgroundSection, StructuresSection
 from semisynth_gl.frame.camera import RECTIFIED, StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh, mesh_grid
 from semisynth_gl.geometry.model_library import ModelLibrary

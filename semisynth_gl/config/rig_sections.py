@@ -1,0 +1,186 @@
+"""The sections on the rig: its cameras, and the disparities that they see."""
+
+from typing import Annotated, Self
+
+from pydantic import ValidationInfo, field_validator, model_validator
+from pydantic_core import PydanticKnownError
+
+from semisynth_gl.config.distributions import TargetSection, UniformTarget, check_positive
+from semisynth_gl.config.fields import (
+    Baselines,
+    Finite,
+    NotNegativeRange,
+    Positive,
+    PositiveRange,
+    Range,
+    RangeField,
+    Section,
+    check_not_tiny,
+    count,
+)
+from semisynth_gl.frame.frame import Colour
+
+_ZERO = Range(0.0, 0.0)
+# What every OpenGL 4.5 driver of today draws, and what fits into the memory of a large machine.
+_WIDEST_PX, _MOST_PIXELS = 16_384, 1 << 27
+# Of baselines that are drawn.
+_QUANTILES = 16
+
+_Side = Annotated[int, count(_WIDEST_PX)]
+
+
+class CameraSection(Section):
+    """The rectified pair of cameras. Every range is drawn once per sequence.
+
+    Attributes:
+        width_px: image width.
+        height_px: image height.
+        focal_px: focal length in pixels, instead of ``focal_mm`` and ``sensor_width_mm``.
+        focal_mm: focal length in millimetres.
+        sensor_width_mm: width of the sensor that the image covers, in millimetres.
+        baseline_m: distance between the two cameras.
+        baselines: how many right cameras see each scene, with a draw of ``baseline_m`` each, or a list of their
+            baselines in metres instead of ``baseline_m``. Pair i shows scene i // N with baseline i % N; the left image
+            is the same in all N pairs, and the scene is made for the longest of its baselines.
+        cx_left_px: x of the left principal point; by default both points lie evenly about the image centre.
+        cx_right_px: x of the right principal point, instead of ``doffs_px``.
+        cy_px: y of both principal points; by default the image centre, (height - 1) / 2.
+        doffs_px: cx_right - cx_left; by default 0. Of several baselines it is the longest one's, and the others have it
+            in proportion.
+        sway_m: amplitude of the rig's sway along each of its axes; by default the rig stands still.
+        sway_deg: amplitude of the rig's rotation about each of its axes.
+        sway_s: periods of these oscillations.
+        colour: ``rgb``, or ``grey`` for monochrome cameras, whose images have one channel.
+    """
+
+    width_px: _Side
+    height_px: _Side
+    focal_px: PositiveRange | None = None
+    focal_mm: PositiveRange | None = None
+    sensor_width_mm: Positive | None = None
+    baseline_m: PositiveRange | None = None
+    baselines: Baselines = 1
+    cx_left_px: RangeField | None = None
+    cx_right_px: RangeField | None = None
+    cy_px: RangeField | None = None
+    doffs_px: RangeField | None = None
+    sway_m: NotNegativeRange = _ZERO
+    sway_deg: NotNegativeRange = _ZERO
+    sway_s: PositiveRange = Range(1.0, 3.0)
+    colour: Colour = "rgb"
+
+    @model_validator(mode="after")
+    def _not_too_large(self) -> Self:
+        if self.width_px * self.height_px > _MOST_PIXELS:
+            size = f"{self.width_px} x {self.height_px}"
+            raise ValueError(f"expected width_px x height_px of at most {_MOST_PIXELS}, got {size}")
+        return self
+
+    @model_validator(mode="after")
+    def _one_focal_length(self) -> Self:
+        if (self.focal_px is None) == (self.focal_mm is None):
+            raise ValueError("give either focal_px, or focal_mm with sensor_width_mm")
+        if (self.focal_mm is None) != (self.sensor_width_mm is None):
+            raise ValueError("focal_mm and sensor_width_mm go together")
+        if self.cx_right_px is not None and self.doffs_px is not None:
+            raise ValueError("give either cx_right_px or doffs_px, not both")
+        if self.cx_right_px is not None and self.cx_left_px is None:
+            raise ValueError("cx_right_px needs cx_left_px beside it")
+        return self
+
+    @model_validator(mode="after")
+    def _baselines_of_one_kind(self) -> Self:
+        if isinstance(self.baselines, tuple):
+            if self.baseline_m is not None:
+                raise ValueError(
+                    "give either baseline_m, or baselines as a list of metres, not both; over a config that has a "
+                    "baseline_m, set it to null"
+                )
+        elif self.baseline_m is None:
+            raise ValueError("baseline_m is missing: give it, or baselines as a list of metres")
+        elif self.baselines > 1 and self.baseline_m.low == self.baseline_m.high:
+            raise ValueError(
+                f"baselines asks for {self.baselines} different ones, but baseline_m is {self.baseline_m.low:g} alone: "
+                "make it a range, or list the baselines"
+            )
+        return self
+
+    @property
+    def baseline_ranges_m(self) -> tuple[Range, ...]:
+        """What each baseline of a scene is drawn from, in the order of the pairs; at least one."""
+        if isinstance(self.baselines, tuple):
+            return tuple(Range(metres, metres) for metres in self.baselines)
+        assert self.baseline_m is not None  # noqa: S101 - see `_baselines_of_one_kind`
+        return (self.baseline_m,) * self.baselines
+
+    def baseline_ratios(self) -> list[tuple[float, float]]:
+        """Return shares of the pairs, and the ratio of their baseline to the longest one of the scene, for each."""
+        number = len(self.baseline_ranges_m)
+        if isinstance(self.baselines, tuple):
+            return [(1 / number, metres / max(self.baselines)) for metres in self.baselines]
+        low, high = self.baseline_ranges_m[0].low, self.baseline_ranges_m[0].high
+        ratios = [(1 / number, 1.0)]
+        # The longest of N draws is the N-th root of one; beside it the others lie anywhere below it.
+        middles = [(k + 0.5) / _QUANTILES for k in range(_QUANTILES if number > 1 else 0)]
+        for longest_m in (low + (high - low) * share ** (1 / number) for share in middles):
+            others_m = [low + (longest_m - low) * share for share in middles]
+            ratios += [((number - 1) / number / _QUANTILES**2, other_m / longest_m) for other_m in others_m]
+        return ratios
+
+    @property
+    def mean_doffs_px(self) -> float:
+        """Mean difference of the principal points, cx_right - cx_left."""
+        if self.doffs_px is not None:
+            return self.doffs_px.middle
+        if self.cx_left_px is not None and self.cx_right_px is not None:
+            return self.cx_right_px.middle - self.cx_left_px.middle
+        return 0.0
+
+    @property
+    def all_doffs_px(self) -> Range:
+        """All differences of the principal points that may be drawn."""
+        if self.doffs_px is not None:
+            return self.doffs_px
+        left, right = self.cx_left_px, self.cx_right_px
+        return _ZERO if left is None or right is None else Range(right.low - left.high, right.high - left.low)
+
+
+class DisparitySection(Section):
+    """The disparities of a dataset, in pixels.
+
+    Attributes:
+        signed: disparities of 0 and below are valid, as rigs with different principal points and an infinitely far sky
+            have them. ``min_px`` and all other disparities of the config may then be 0 or below.
+        min_px: walls and particles aim for this disparity or more; a far plane may have less.
+        max_px: hard limit: no pixel exceeds it, because it sets the near plane.
+        target: the wanted distribution over all pixels of a dataset. Its ``form`` is ``uniform``, ``uniform-depth``,
+            ``gamma``, ``histogram`` or ``mixture``, or ``file`` with a ``path``, which becomes a ``histogram`` when the
+            config is read.
+    """
+
+    signed: bool = False
+    min_px: Finite
+    max_px: Finite
+    target: TargetSection = UniformTarget()
+
+    @field_validator("min_px", "max_px")
+    @classmethod
+    def _limit_is_positive(cls, limit_px: float, info: ValidationInfo) -> float:
+        if info.data.get("signed", True):
+            return limit_px
+        if limit_px <= 0:
+            raise PydanticKnownError("greater_than", {"gt": 0})
+        return check_not_tiny(limit_px)
+
+    @field_validator("target")
+    @classmethod
+    def _target_is_positive(cls, target: TargetSection, info: ValidationInfo) -> TargetSection:
+        if not info.data.get("signed", True):
+            check_positive(target)
+        return target
+
+    @model_validator(mode="after")
+    def _range(self) -> Self:
+        if self.min_px >= self.max_px:
+            raise ValueError(f"expected min_px < max_px, got {self.min_px:g} and {self.max_px:g}: the range is empty")
+        return self
