@@ -26,7 +26,7 @@ _Result = TypeVar("_Result")
 class MeasuredView:
     """What is known of one view, at the working width.
 
-    The properties are the `quantities` of its arrays, each worked out once; None where the view lacks the array.
+    Its properties are the `quantities` of its arrays, each computed once, or None where the view lacks the array.
 
     Attributes:
         name: for messages.

@@ -47,7 +47,7 @@ class _Quantity:
         return _OF_IMAGES.isdisjoint(self.of)
 
     def arrays(self, view: MeasuredView) -> list[NDArray[Any]] | None:
-        """Return what it is computed from, or None where the view lacks some of that."""
+        """Return the arrays it needs; None where the view lacks one, or was enlarged and it measures fine detail."""
         arrays = [getattr(view, name) for name in self.of]
         return None if (self.fine and view.enlarged) or any(array is None for array in arrays) else arrays
 
