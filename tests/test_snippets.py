@@ -94,6 +94,11 @@ PRESUMED = {
         predictions(folder, "guesses", "lab"),
         dataset(folder, "out/middlebury"),
     ),
+    "index": lambda folder: (
+        photographs(folder, "photos"),
+        rig(folder, "calib.txt", "gt"),
+        predictions(folder, "guesses", "lab"),
+    ),
     "evaluate": lambda folder: (
         predictions(folder, "guesses", "middlebury", (48, 64)),
         dataset(folder, "out/middlebury", name="middlebury"),
