@@ -1,4 +1,4 @@
-"""The blocks of code in README and docs, and the marks that say whether the tests run them."""
+"""The blocks of code in README and docs, whether tests run them, and the names that the reference shows."""
 
 import re
 import shlex
@@ -7,6 +7,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = {page.stem: page for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))}
+
+REFERENCE = sorted((ROOT / "docs" / "reference").glob("*.md"))
 
 _MARK = re.compile(r"<!-- (runnable|runnable: heavy|not run: \S.*) -->")
 _FENCE = re.compile(r"( *)```(.*)")
@@ -55,3 +57,8 @@ def blocks(page: str) -> list[Block]:
             start = None
     assert start is None, f"{path.name}:{start + 1}: a block without an end"
     return found
+
+
+def referenced_names() -> list[str]:
+    """The names whose docstrings the pages of the reference show, in order."""
+    return [name for page in REFERENCE for name in re.findall(r"^::: (\S+)$", page.read_text("utf-8"), re.MULTILINE)]

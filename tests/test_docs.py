@@ -11,8 +11,10 @@ from typing import Annotated, Literal, Union, get_args, get_origin
 import pytest
 from pydantic import BaseModel
 from ruamel.yaml import YAML
+from snippets import referenced_names
 
 import semisynth_gl
+from semisynth_gl import comparison, metrics
 from semisynth_gl.config import Config, load_config, packaged_configs
 from semisynth_gl.config.dataset_sections import ImperfectionsSection
 from semisynth_gl.config.distributions import MixturePart, TargetSection
@@ -32,7 +34,7 @@ from make_config import page_with_keys  # noqa: E402 - another
 
 CONFIG_PAGE = (ROOT / "docs" / "config.md").read_text("utf-8")
 MKDOCS = YAML().load((ROOT / "mkdocs.yml").read_text("utf-8"))
-FOLDERS_OF_PAGES = (".", "docs", "benchmarks/results", "benchmarks/peers", "shaders")
+FOLDERS_OF_PAGES = (".", "docs", "docs/reference", "benchmarks/results", "benchmarks/peers", "shaders")
 PAGES = [page for folder in FOLDERS_OF_PAGES for page in sorted((ROOT / folder).glob("*.md"))]
 
 
@@ -125,6 +127,21 @@ def test_the_public_names_are_documented_and_no_others():
     table = page.split("| name | what it is |\n|---|---|\n")[1].split("\n\n")[0]
     named = [re.match(r"\w+", name)[0] for row in table.splitlines() for name in row.split("|")[1].split("`")[1::2]]
     assert sorted(named) == sorted(semisynth_gl.__all__)
+
+
+def test_the_reference_shows_each_public_name_once():
+    torch = re.search(r"__all__ = \[(.*?)\]", (ROOT / "semisynth_gl/torch/__init__.py").read_text("utf-8"), re.DOTALL)[
+        1
+    ]
+    names = [f"semisynth_gl.{name}" for name in semisynth_gl.__all__]
+    names += [f"semisynth_gl.torch.{name}" for name in re.findall(r'"(\w+)"', torch)]
+    names += [
+        f"semisynth_gl.{room.__name__.split('.')[-1]}.{name}"
+        for room in (metrics, comparison)
+        for name in room.__all__
+        if name not in semisynth_gl.__all__
+    ]
+    assert sorted(referenced_names()) == sorted(names)
 
 
 def test_the_example_configs_load(tmp_path):

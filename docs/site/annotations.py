@@ -1,9 +1,9 @@
-"""What the reference shows: the names in stubs, and types without what pydantic's fields add to them for checks."""
+"""Types in the reference, without what pydantic's fields add to them for checks."""
 
 from dataclasses import fields
 from typing import Any
 
-from griffe import Attribute, Expr, ExprSubscript, ExprTuple, Extension, Module
+from griffe import Attribute, Expr, ExprSubscript, ExprTuple, Extension
 
 
 def plain(annotation: Any) -> Any:  # noqa: ANN401 - an expression of griffe's, or a part of one
@@ -17,15 +17,6 @@ def plain(annotation: Any) -> Any:  # noqa: ANN401 - an expression of griffe's, 
             changed = [plain(each) for each in value] if isinstance(value, list) else plain(value)
             setattr(annotation, field.name, changed)
     return annotation
-
-
-class PublicNames(Extension):
-    """Makes the names public that the package's stub imports."""
-
-    def on_package(self, *, pkg: Module, **_: object) -> None:
-        """Change the package, once its stub is merged into it."""
-        if pkg.exports is None:
-            pkg.exports = sorted(name for name, member in pkg.members.items() if member.is_alias)
 
 
 class PlainAnnotations(Extension):
