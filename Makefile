@@ -76,7 +76,7 @@ test-heavy: $(VENV)/.heavy  ## tests with PyTorch and Ray (GBs to download), of 
 
 .PHONY: test-faults
 test-faults: $(VENV)/.dev  ## kill runs at 50 random moments, and take them up again
-	$(VENV)/bin/python -m pytest -m faults -rP tests/test_faults.py
+	$(VENV)/bin/python -m pytest -m faults -rP tests/generation/test_faults.py
 
 # Material announces its successor in each build.
 .PHONY: docs

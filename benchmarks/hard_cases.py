@@ -1,4 +1,4 @@
-"""Errors of the hard cases in tests/test_hard_cases.py that are compared with the oracle.
+"""Errors of the hard cases in tests/render/test_hard_cases.py that are compared with the oracle.
 
     python benchmarks/hard_cases.py --json hard-cases.json
 
@@ -72,7 +72,17 @@ EQUATIONS = (
 def measure(backend: str) -> list[dict[str, Any]]:
     """Run the tests and return a row of each case: errors of both eyes at all pixels that were compared."""
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:xdist", "-k", backend, "tests/test_hard_cases.py"]
+        command = [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-q",
+            "-p",
+            "no:xdist",
+            "-k",
+            backend,
+            "tests/render/test_hard_cases.py",
+        ]
         environment = os.environ | {"HARD_CASES_FOLDER": folder}
         code = subprocess.run(command, cwd=ROOT, env=environment, stdout=sys.stderr, check=False).returncode
         if code:

@@ -46,7 +46,7 @@ def tiny(name="middlebury", **sections):
     values["models"]["variants"] = 1
     values["textures"] |= {"patch_px": 64, "max_patches": 64}
     if values["textures"]["source"] == "builtin":
-        # Drawing takes seconds; tests/test_textures_drawn.py has its own atlases.
+        # Drawing takes seconds; tests/textures/test_textures_drawn.py has its own atlases.
         values["textures"]["source"] = "photographs"
     for section, keys in sections.items():
         values[section] |= keys

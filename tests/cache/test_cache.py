@@ -1,0 +1,560 @@
+"""What is kept between runs: the same as what was built, never stale, and never in the way."""
+
+import hashlib
+import json
+import logging
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from dataclasses import fields
+from pathlib import Path
+
+import built as fixed
+import numpy as np
+import pytest
+from PIL import Image
+from tiny_datasets import cheap
+
+from semisynth_gl.cache import file_fingerprint, lookup, store
+from semisynth_gl.cache.store import Entry, cache_folder, cache_summary, read_entry, write_entry
+from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection, TexturesSection
+from semisynth_gl.engines.interrupts import interrupts_wait
+from semisynth_gl.geometry import model_library
+from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.model_library import build_library
+from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.scene import pilots
+from semisynth_gl.scene.sources import recipe_libraries
+from semisynth_gl.scene.structures import take_stock
+from semisynth_gl.seeds.splits import Split
+from semisynth_gl.textures import clips, prepare
+from semisynth_gl.textures.drawn import KINDS
+from semisynth_gl.textures.images import OUT_OF_MEMORY, ImageError, read_image
+from semisynth_gl.textures.prepare import prepare_atlas
+
+TRIANGLE = "v 0 0 0\nv 2 0 0\nv 2 2 0\nf 1 2 3\n"
+LARGER = "v 0 0 0\nv 3 0 0\nv 2 2 0\nf 1 2 3\n"
+PARTICLES = ParticlesSection()
+
+
+pytestmark = pytest.mark.usefixtures("models_read_here")
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """A cache of the test's own, in which the times of new files count."""
+    monkeypatch.setenv("SEMISYNTH_GL_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(file_fingerprint, "_YOUNG_NS", -(10**15))
+    return tmp_path / "cache"
+
+
+@pytest.fixture
+def built(monkeypatch):
+    """Names of what was built, not found."""
+    names = []
+
+    def counting(home, name):
+        original = getattr(home, name)
+        monkeypatch.setattr(home, name, lambda *a, **k: names.append(name) or original(*a, **k))
+
+    counting(prepare, "build_atlas")
+    counting(prepare, "procedural_atlas")
+    counting(model_library, "_build")
+    return names
+
+
+@pytest.fixture
+def photographs(tmp_path):
+    home = tmp_path / "photographs"
+    (home / "below").mkdir(parents=True)
+    for i in range(6):
+        save(home / (f"{i}.png" if i < 4 else f"below/{i}.png"), i)
+    return home
+
+
+def save(path, seed, side=64):
+    pixels = np.random.default_rng(seed).integers(0, 256, (side, side, 3), dtype=np.uint8)
+    Image.fromarray(pixels).save(path, compress_level=0)  # so that all have the same size
+
+
+def textures(home, **values):
+    given = {"source": "images", "images": (str(home),), "patch_px": 32, "scales": (1.0,), "max_patches": 8}
+    return TexturesSection(**given | values)
+
+
+def models(*homes, **values):
+    return ModelsSection(simple=0.0, complex=0.0, folders=tuple(map(str, homes)), **values)
+
+
+def assert_same_array(one, other):
+    assert (one.dtype, one.shape, one.tobytes()) == (other.dtype, other.shape, other.tobytes())
+    assert one.flags.c_contiguous == other.flags.c_contiguous
+    assert one.flags.writeable == other.flags.writeable
+
+
+def assert_same_atlas(one, other):
+    assert_same_array(one.layers, other.layers)
+    assert repr(one.patches) == repr(other.patches)
+    assert repr(one.report) == repr(other.report)
+    assert one.patches == other.patches
+    assert one.report == other.report
+
+
+def assert_same_library(one, other):
+    assert len(one.models) == len(other.models)
+    for mesh, again in zip(one.models, other.models, strict=True):
+        for field in fields(Mesh):
+            value, found = getattr(mesh, field.name), getattr(again, field.name)
+            if isinstance(value, np.ndarray):
+                assert_same_array(value, found)
+            else:
+                assert repr(value) == repr(found)
+    assert_same_array(one.chances, other.chances)
+    assert repr(one.silhouette.fill) == repr(other.silhouette.fill)
+    assert_same_array(one.silhouette.heights, other.silhouette.heights)
+    assert one.skipped == other.skipped
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {},
+        {"max_patches": 24, "scales": (1, 1.5), "min_texture": 1},
+        {"sequence": True},
+        {"source": "procedural", "max_patches": 3, "images": ()},
+    ],
+)
+def test_an_atlas_that_is_found_equals_the_one_that_was_built(photographs, built, values):
+    (photographs / "broken.png").write_bytes(b"no image")
+    save(photographs / "small.png", 9, 20)
+    section = textures(photographs, **values)
+    first, again = prepare_atlas(section, Split(3)), prepare_atlas(section, Split(3))
+    assert len(built) == 1
+    assert_same_atlas(first, again)
+    prepare_atlas(section, Split(4))
+    assert len(built) == 2
+    again.layers[:] = 0  # what is found may be written to, and stays
+    assert_same_atlas(first, prepare_atlas(section, Split(3)))
+    assert len(built) == 2
+
+
+def test_work_that_takes_seconds_is_logged_where_nothing_is_found(photographs, folder, caplog, monkeypatch):
+    caplog.set_level(logging.INFO, "semisynth_gl")
+    section, kinds = textures(photographs), ModelsSection(complex=0.0, variants=1)
+    for _ in range(2):
+        prepare_atlas(section, Split(3))
+        build_library(kinds, PARTICLES, Split(3))
+    atlas, library = "making patches of photographs (images: 6)", "making models"
+    assert caplog.messages == [f"{work}; later runs find them in {folder}" for work in (atlas, library)]
+    monkeypatch.setenv("SEMISYNTH_GL_CACHE", "off")
+    prepare_atlas(section, Split(3))
+    assert caplog.messages[2:] == [atlas]
+
+
+def test_models_that_are_found_equal_those_that_were_built(tmp_path, built):
+    (tmp_path / "m/below").mkdir(parents=True)
+    (tmp_path / "m/one.obj").write_text(TRIANGLE)
+    (tmp_path / "m/below/two.obj").write_text(LARGER)
+    (tmp_path / "m/empty.obj").write_text("")
+    for section in (models(tmp_path / "m"), ModelsSection(variants=1, complex=0.0)):
+        built.clear()
+        first, again = build_library(section, PARTICLES, Split(1)), build_library(section, PARTICLES, Split(1))
+        assert built == ["_build"]
+        assert_same_library(first, again)
+        again.models[0].positions[:] = 0
+        assert_same_library(first, build_library(section, PARTICLES, Split(1)))
+        assert build_library(section, PARTICLES, Split(2)).silhouette.fill != first.silhouette.fill
+        assert built == ["_build", "_build"]
+
+
+def test_pilot_scenes_that_are_found_equal_those_that_were_drawn(monkeypatch):
+    drawn = []
+    draw = pilots.draw_stage
+    monkeypatch.setattr(pilots, "draw_stage", lambda *arguments: drawn.append(arguments) or draw(*arguments))
+    monkeypatch.setattr(pilots, "_PILOTS", 3)
+
+    def found(seed=0, **changes):
+        config = cheap(**{"background": {"cuboid": 0, "room": 1}} | changes)
+        (library,) = recipe_libraries(config, Split(0))
+        return pilots.draw_pilots(config, seed, take_stock(library))
+
+    first, again = found(), found()
+    assert len(drawn) == 3
+    assert [pilot.camera for pilot in again] == [pilot.camera for pilot in first]
+    for one, other in zip(first, again, strict=True):
+        assert_same_array(one.bare_px, other.bare_px)
+    assert len({pilot.bare_px.tobytes() for pilot in first}) == 3
+    # What surfaces wear moves nothing.
+    found(textures={"source": "procedural"}, imperfections={"blur_px": 1})
+    assert len(drawn) == 3
+    for number, changes in enumerate(
+        (
+            {"seed": 1},
+            {"camera": {"baseline_m": 0.5}},
+            {"disparity": {"max_px": 25}},
+            {"background": {"cuboid": 0, "street": 1}},
+            {"room": {"furniture": [9, 9]}},
+            {"structures": {"panels": [3, 3]}},
+            {"models": {"variants": 2}},
+        ),
+        2,
+    ):
+        found(**changes)
+        assert len(drawn) == 3 * number, changes
+
+
+def opened_and_not(home):
+    """One photograph that the atlas of `textures` was cut from, and one that was not opened for it."""
+    atlas = prepare_atlas(textures(home), Split(0))
+    used = {patch.source for patch in atlas.patches}
+    assert atlas.report.images_not_opened == 6 - len(used) > 0
+    names = [path.relative_to(home).as_posix() for path in sorted(home.rglob("*.png"))]
+    return home / min(used), home / next(name for name in names if name not in used)
+
+
+def test_a_start_reads_no_photograph(photographs, built, monkeypatch):
+    opened_and_not(photographs)
+    monkeypatch.setattr(file_fingerprint, "read_fingerprint", pytest.fail)
+    monkeypatch.setattr(lookup, "read_fingerprint", pytest.fail)
+    prepare_atlas(textures(photographs), Split(0))
+    assert built == ["build_atlas"]
+
+
+@pytest.mark.parametrize("times", ["new", "set back"])
+def test_a_changed_photograph_counts_if_it_was_opened(photographs, built, times):
+    for path, expected in zip(opened_and_not(photographs), (2, 2), strict=True):
+        status = path.stat()
+        save(path, 77)
+        assert path.stat().st_size == status.st_size
+        if times == "set back":
+            os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
+        found = prepare_atlas(textures(photographs), Split(0))
+        assert len(built) == expected
+        assert_same_atlas(found, rebuilt(photographs))
+        built.pop()
+
+
+def rebuilt(home):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SEMISYNTH_GL_CACHE", "off")
+        return prepare_atlas(textures(home), Split(0))
+
+
+def test_photographs_that_came_or_went_count(photographs, built):
+    _, spare = opened_and_not(photographs)
+    save(photographs / "new.png", 8)
+    assert_same_atlas(prepare_atlas(textures(photographs), Split(0)), rebuilt(photographs))
+    assert len(built) == 3
+    (photographs / "new.png").unlink()
+    spare.unlink()
+    assert_same_atlas(prepare_atlas(textures(photographs), Split(0)), rebuilt(photographs))
+    assert len(built) == 5
+
+
+def test_touched_and_moved_photographs_are_the_same_ones(photographs, built, tmp_path, monkeypatch):
+    opened, _ = opened_and_not(photographs)
+    (photographs / "broken.png").write_bytes(b"no image")
+    section = textures(photographs, max_patches=99)
+    first = prepare_atlas(section, Split(0))
+    built.clear()
+    os.utime(opened, ns=(5, 5))
+    assert_same_atlas(prepare_atlas(section, Split(0)), first)
+    with monkeypatch.context() as patch:  # their new times were noted
+        patch.setattr(file_fingerprint, "read_fingerprint", pytest.fail)
+        prepare_atlas(section, Split(0))
+    shutil.copytree(photographs, tmp_path / "copy")
+    moved = prepare_atlas(textures(tmp_path / "copy", max_patches=99), Split(0))
+    assert built == []
+    np.testing.assert_array_equal(moved.layers, first.layers)
+    assert moved.report.images_skipped[0].path == tmp_path / "copy/broken.png"
+
+
+def test_times_of_files_that_changed_just_now_prove_nothing(photographs, built, monkeypatch):
+    monkeypatch.setattr(file_fingerprint, "_YOUNG_NS", 10**12)
+    opened, _ = opened_and_not(photographs)
+    seen = file_fingerprint.stat_fingerprint(opened)
+    monkeypatch.setattr(
+        file_fingerprint, "stat_fingerprint", lambda _: seen
+    )  # the clock of the file system stands still
+    prepare_atlas(textures(photographs), Split(0))
+    assert len(built) == 1
+    save(opened, 77)
+    prepare_atlas(textures(photographs), Split(0))
+    assert len(built) == 2
+
+
+def test_what_changes_while_it_is_read_is_not_kept(photographs, folder, monkeypatch):
+    def read_and_change(path):
+        image = read_image(path)
+        save(path, 55)
+        return image
+
+    monkeypatch.setattr(clips, "read_image", read_and_change)
+    prepare_atlas(textures(photographs), Split(0))
+    assert not folder.exists()
+
+
+def test_what_may_go_otherwise_the_next_time_is_not_kept(photographs, built, monkeypatch):
+    def fail(path):
+        raise ImageError(path, OUT_OF_MEMORY)
+
+    section = textures(photographs, max_patches=24)
+    with monkeypatch.context() as patch:
+        patch.setattr(clips, "read_image", lambda path: fail(path) if path.name == "1.png" else read_image(path))
+        assert len(prepare_atlas(section, Split(0)).report.images_skipped) == 1
+        patch.setattr(clips, "read_image", fail)
+        with pytest.raises(InputError):
+            prepare_atlas(section, Split(1))
+    assert prepare_atlas(section, Split(0)).report.images_skipped == ()
+    assert len(built) == 3
+
+
+def test_keys_that_do_not_decide_the_patches_do_not_count(photographs, built):
+    prepare_atlas(textures(photographs), Split(0))
+    prepare_atlas(textures(photographs, wrap="repeat", anisotropy=8), Split(0))
+    assert len(built) == 1
+
+
+def test_another_version_of_a_builder_finds_nothing(photographs, built, tmp_path, monkeypatch):
+    (tmp_path / "m").mkdir()
+    (tmp_path / "m/one.obj").write_text(TRIANGLE)
+    for changed, expected in (
+        (None, ["build_atlas", "_build"]),
+        (prepare, ["build_atlas"]),
+        (model_library, ["_build"]),
+    ):
+        built.clear()
+        if changed:
+            monkeypatch.setattr(changed, "VERSION", 999)
+        for _ in range(2):
+            prepare_atlas(textures(photographs), Split(0))
+            build_library(models(tmp_path / "m"), PARTICLES, Split(0))
+        assert built == expected
+
+
+def test_every_user_of_the_cache_has_a_version():
+    package = Path(lookup.__file__).parents[1]
+    users = {path for path in package.rglob("*.py") if "cache.lookup import cached" in path.read_text("utf-8")}
+    assert users == {Path(builder.__file__) for builder in fixed.BUILDERS.values()}
+
+
+def test_what_is_kept_of_fixed_inputs_is_another_only_with_another_version(tmp_path, monkeypatch):
+    results = fixed.built(tmp_path)
+    assert not fixed.faults(results)
+    recorded = json.loads(fixed.RECORDED.read_text("utf-8"))
+    pictures = {f"atlas/{kind.__name__}" for kind in KINDS}  # tests/textures/test_textures_drawn.py draws them
+    assert {"versions", *results, *pictures} == set(recorded)
+    assert {name.partition("/")[0] for name in results} == set(fixed.BUILDERS)
+    # A vertex a hundredth of a radius away, and another kind of drawn picture.
+    positions = results["models/user"]["positions"] + 1e-2 / 30_000
+    others = {"models/user": results["models/user"] | {"positions": positions}, "atlas/batik": {"pixels": 1.0}}
+    assert fixed.faults(others) == [
+        f"{name} is not what it was: raise VERSION in {module}, then record again with `python tests/built.py`"
+        for name, module in (("models/user", model_library.__name__), ("atlas/batik", prepare.__name__))
+    ]
+    monkeypatch.setattr(prepare, "VERSION", 999)
+    [fault] = fixed.faults({"atlas/flat": results["atlas/flat"]})
+    assert fault.startswith(f"{prepare.__name__}.VERSION is 999, recorded is {recorded['versions']['atlas']}: record")
+
+
+def test_other_packages_find_nothing(photographs, built, tmp_path, monkeypatch):
+    (tmp_path / "m").mkdir()
+    (tmp_path / "m/one.obj").write_text(TRIANGLE)
+    for module in (prepare, model_library):
+        monkeypatch.setattr(module, "package_versions", lambda *names: dict.fromkeys(names, "1"))
+    prepare_atlas(textures(photographs), Split(0))
+    build_library(models(tmp_path / "m"), PARTICLES, Split(0))
+    monkeypatch.setattr(prepare, "package_versions", lambda *names: dict.fromkeys(names, "2"))
+    prepare_atlas(textures(photographs), Split(0))
+    monkeypatch.setattr(model_library, "installed_packages", lambda: ["a_reader-1.dist-info"])
+    build_library(models(tmp_path / "m"), PARTICLES, Split(0))
+    assert built == ["build_atlas", "_build", "build_atlas", "_build"]
+
+
+def test_models_are_read_again_when_their_folder_changes(tmp_path, built):
+    home = tmp_path / "m"
+    home.mkdir()
+    (home / "one.obj").write_text(TRIANGLE)
+    (home / "one.bin").write_text("beside it")
+    section = models(home)
+    before = (home / "one.obj").stat()
+
+    def set_back():
+        (home / "one.obj").write_text(LARGER)
+        os.utime(home / "one.obj", ns=(before.st_atime_ns, before.st_mtime_ns))
+
+    for change, expected in (
+        (lambda: None, True),
+        (lambda: None, False),
+        (lambda: os.utime(home / "one.obj", ns=(7, 7)), False),
+        (set_back, True),
+        (lambda: (home / "one.bin").write_text("otherwise"), True),
+        (lambda: (home / "two.obj").write_text(TRIANGLE), True),
+        (lambda: (home / "two.obj").rename(home / "three.obj"), True),
+        ((home / "one.bin").unlink, True),
+        (lambda: None, False),
+    ):
+        built.clear()
+        change()
+        found = build_library(section, PARTICLES, Split(0))
+        assert bool(built) == expected
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("SEMISYNTH_GL_CACHE", "off")
+            assert_same_library(found, build_library(section, PARTICLES, Split(0)))
+    (home / "one.obj").unlink()
+    (home / "three.obj").unlink()
+    with pytest.raises(InputError, match="at least one usable model"):
+        build_library(section, PARTICLES, Split(0))
+
+
+def test_single_files_and_missing_folders_are_not_kept(tmp_path, built):
+    (tmp_path / "one.obj").write_text(TRIANGLE)
+    for _ in range(2):
+        assert len(build_library(models(tmp_path / "one.obj"), PARTICLES, Split(0)).models) == 1
+    assert len(built) == 2
+    with pytest.raises(InputError, match="does not exist"):
+        build_library(models(tmp_path / "absent"), PARTICLES, Split(0))
+
+
+def entry():
+    return Entry({"a": [1, 0.1, None]}, {"none": np.zeros((0, 3)), "x": np.arange(50, dtype=np.float32).reshape(5, 10)})
+
+
+def test_damage_is_noticed_wherever_it_is(folder):
+    write_entry("e", entry())
+    found = read_entry("e")
+    assert found.values == entry().values
+    for name, array in entry().arrays.items():
+        assert_same_array(found.arrays[name], array)
+    [path] = folder.iterdir()
+    whole = path.read_bytes()
+    told = whole.index(b"}", whole.index(b'"arrays"')) + 1
+    for at in [*range(told), *range(len(whole) - 200, len(whole))]:
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ 4]) + whole[at + 1 :])
+        assert read_entry("e") is None, at
+    for length in range(0, len(whole), 3):
+        path.write_bytes(whole[:length])
+        assert read_entry("e") is None, length
+    path.unlink()
+    path.mkdir()
+    assert read_entry("e") is None
+
+
+@pytest.mark.parametrize("damage", ["cut", "flipped", "empty", "of another kind"])
+def test_a_damaged_entry_is_made_again(photographs, built, folder, damage):
+    first = prepare_atlas(textures(photographs), Split(0))
+    [path] = folder.iterdir()
+    whole = path.read_bytes()
+    if damage == "of another kind":
+        write_entry(path.stem, Entry({"files": {}}, {}))
+    else:
+        flipped = bytes([whole[-9] ^ 1])
+        path.write_bytes({"cut": whole[:-5], "flipped": whole[:-9] + flipped + whole[-8:], "empty": b""}[damage])
+    for _ in range(2):
+        assert_same_atlas(prepare_atlas(textures(photographs), Split(0)), first)
+    assert len(built) == 2
+    assert [each.name for each in folder.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize("place", ["off", "OFF", "below a file", "/proc/nothing/cache"])
+def test_without_a_cache_all_goes_on(photographs, built, tmp_path, monkeypatch, place):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("SEMISYNTH_GL_CACHE", str(tmp_path / "file/cache") if "file" in place else place)
+    for _ in range(2):
+        prepare_atlas(textures(photographs), Split(0))
+    assert len(built) == 2
+    assert cache_summary()
+
+
+def test_a_full_disk_is_no_fault(tmp_path, monkeypatch):
+    write_entry("old", entry())
+    partial = tmp_path / "partial"
+    partial.symlink_to("/dev/full")
+    with monkeypatch.context() as patch:
+        patch.setattr(store.tempfile, "mkstemp", lambda **_: (os.open(partial, os.O_WRONLY), str(partial)))
+        write_entry("new", entry())
+    assert not partial.is_symlink()
+    assert read_entry("new") is None
+    assert read_entry("old") is not None
+    monkeypatch.setattr(store, "LIMIT_SHARE", 0.0)  # no room at all
+    write_entry("new", entry())
+    assert read_entry("new") is None
+
+
+def test_what_was_not_used_for_longest_goes_first(folder, monkeypatch):
+    folder.mkdir()
+    (folder / "notes.txt").write_text("the user's")
+    (folder / f"x{store.PARTIAL_SUFFIX}").write_bytes(bytes(300))  # of a killed process
+    os.utime(folder / f"x{store.PARTIAL_SUFFIX}", ns=(1, 1))
+    for age, name in enumerate("abc"):
+        write_entry(name, entry())
+        os.utime(folder / f"{name}{store.SUFFIX}", ns=(age + 2, age + 2))
+    read_entry("a")
+    size = (folder / f"a{store.SUFFIX}").stat().st_size
+    monkeypatch.setattr(store, "LIMIT_BYTES", 3 * size)
+    write_entry("d", entry())
+    assert sorted(path.name[0] for path in folder.iterdir()) == ["a", "c", "d", "n"]
+    monkeypatch.setattr(store, "LIMIT_BYTES", size - 1)
+    write_entry("e", entry())  # too large by itself: nothing goes for it
+    assert sorted(path.name[0] for path in folder.iterdir()) == ["a", "c", "d", "n"]
+
+
+def test_two_processes_at_once(photographs, folder):
+    script = (
+        "import hashlib, sys\n"
+        "from semisynth_gl.cache.store import cache_folder\n"
+        "from semisynth_gl.config.scene_sections import TexturesSection\n"
+        "from semisynth_gl.seeds.splits import Split\n"
+        "from semisynth_gl.textures.prepare import prepare_atlas\n"
+        "section = TexturesSection(source='images', images=(sys.argv[1],), patch_px=32, scales=(1.0,), max_patches=8)\n"
+        "sys.stdin.readline()\n"
+        "for _ in range(20):\n"
+        "    atlas = prepare_atlas(section, Split(0))\n"
+        "    print(hashlib.sha256(atlas.layers).hexdigest())\n"
+        "    for path in cache_folder().iterdir():\n"
+        "        path.unlink(missing_ok=True)\n"
+    )
+    command = [sys.executable, "-c", script, str(photographs)]
+    running = [
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        for _ in range(2)
+    ]
+    for process in running:
+        process.stdin.write("\n")
+        process.stdin.flush()
+    said = [process.communicate(timeout=300) for process in running]
+    expected = hashlib.sha256(rebuilt(photographs).layers).hexdigest()
+    for out, errors in said:
+        assert errors == ""
+        assert out.split() == [expected] * 20
+    assert list(folder.iterdir()) == []
+
+
+def test_where_the_cache_lies(tmp_path, monkeypatch):
+    home = tmp_path / "home"
+    monkeypatch.setenv("HOME", str(home))
+    for variable, base, expected in (
+        ("", "", home / ".cache/semisynth-gl"),
+        ("", "relative", home / ".cache/semisynth-gl"),
+        ("", str(tmp_path / "x"), tmp_path / "x/semisynth-gl"),
+        ("~/y", str(tmp_path / "x"), home / "y"),
+        ("off", "", None),
+    ):
+        monkeypatch.setenv("SEMISYNTH_GL_CACHE", variable)
+        monkeypatch.setenv("XDG_CACHE_HOME", base)
+        assert cache_folder() == expected
+    monkeypatch.setenv("SEMISYNTH_GL_CACHE", str(tmp_path))
+    assert cache_summary() == f"{tmp_path}, 0 MB of at most 4000 MB"
+    monkeypatch.setenv("SEMISYNTH_GL_CACHE", "off")
+    assert cache_summary() == "off"
+
+
+def test_an_interrupt_waits_for_what_would_swallow_it():
+    before = signal.getsignal(signal.SIGINT)
+    done = []
+    with pytest.raises(KeyboardInterrupt), interrupts_wait():
+        done += [signal.raise_signal(signal.SIGINT), "what follows"]
+    assert done == [None, "what follows"]
+    assert signal.getsignal(signal.SIGINT) == before

@@ -1,0 +1,268 @@
+"""What is built, installed and run elsewhere, rather than the checkout."""
+
+import os
+import re
+import subprocess
+import sys
+import tarfile
+import zipfile
+from importlib.util import find_spec
+from pathlib import Path, PurePosixPath
+
+import pytest
+from heavy import heavy
+
+from semisynth_gl.inputs.resources import data_root
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+DATA_FOLDERS = ("shaders", "configs", "assets")
+SHADERS = (".vert", ".geom", ".frag", ".glsl")
+
+# Everything that a checkout collects and nobody wants to install.
+JUNK = (
+    "out",
+    "build",
+    "dist",
+    "__pycache__",
+    ".git",
+    ".venv",
+    ".pytest_cache",
+    ".mypy_cache",
+    ".ruff_cache",
+    ".hypothesis",
+)
+
+
+def run(*command: str, cwd: Path, env: dict[str, str] | None = None) -> str:
+    done = subprocess.run(command, cwd=cwd, env=env, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{' '.join(command)}\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+def build(what: list[str], out: Path) -> list[Path]:
+    run(sys.executable, "-m", "build", "--no-isolation", *what, "--outdir", str(out), str(CHECKOUT), cwd=out.parent)
+    return sorted(out.iterdir())
+
+
+def names_in_wheel(wheel: Path) -> set[str]:
+    with zipfile.ZipFile(wheel) as archive:
+        return set(archive.namelist())
+
+
+def data_files() -> set[str]:
+    """All packaged data of the checkout, as paths from its top."""
+    paths = (path for folder in DATA_FOLDERS for path in (CHECKOUT / folder).rglob("*") if path.is_file())
+    return {path.relative_to(CHECKOUT).as_posix() for path in paths}
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel, built from the checkout as it stands."""
+    [built] = build(["--wheel"], tmp_path_factory.mktemp("from-checkout") / "dist")
+    return built
+
+
+@pytest.fixture(scope="module")
+def sdist_and_its_wheel(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The source distribution, and the wheel built from it: what `build` does when nothing is named."""
+    its_wheel, sdist = build([], tmp_path_factory.mktemp("from-sdist") / "dist")
+    return sdist, its_wheel
+
+
+@pytest.fixture(scope="module")
+def target(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder that holds the installed wheel and nothing else."""
+    folder = tmp_path_factory.mktemp("installed")
+    options = ["--quiet", "--no-index", "--no-deps", "--disable-pip-version-check", "--no-compile"]
+    run(sys.executable, "-m", "pip", "install", *options, "--target", str(folder), str(wheel), cwd=folder)
+    return folder
+
+
+@pytest.fixture
+def elsewhere(target: Path) -> dict[str, str]:
+    """An environment in which the installed wheel can be imported, and the checkout cannot.
+
+    Python is started with -S: .pth files, by which an editable install points at the checkout, are then not read, and
+    the folders of the other packages are named here instead.
+    """
+    packages = [path for path in sys.path if Path(path).name in ("site-packages", "dist-packages")]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(target), *packages])}
+
+
+def test_the_checkout_has_data_to_carry() -> None:
+    carried = data_files()
+    for suffix in SHADERS:
+        assert any(name.startswith("shaders/") and name.endswith(suffix) for name in carried), suffix
+    assert {"configs/middlebury.yaml", "configs/eth3d.yaml", "assets/photographs.yaml"} <= carried
+
+
+def test_the_wheel_carries_the_data_inside_the_package(wheel: Path) -> None:
+    names = names_in_wheel(wheel)
+    assert {f"semisynth_gl/{name}" for name in data_files()} <= names
+    modules = {path.relative_to(CHECKOUT).as_posix() for path in (CHECKOUT / "semisynth_gl").rglob("*.py")}
+    assert {"semisynth_gl/render/renderer.py", "semisynth_gl/__main__.py"} <= modules
+    assert modules | {"semisynth_gl/py.typed"} <= names
+    assert any(name.endswith(".dist-info/licenses/LICENSE") for name in names)
+
+
+def test_the_wheel_brings_the_photographs(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        [name] = [name for name in archive.namelist() if name.endswith(".dist-info/METADATA")]
+        lines = archive.read(name).decode().splitlines()
+    always = {line.split()[1].split(">")[0] for line in lines if line.startswith("Requires-Dist:") and ";" not in line}
+    assert {"scikit-image", "moderngl", "numpy"} <= always
+
+
+def test_the_wheel_holds_the_package_alone(wheel: Path) -> None:
+    for name in names_in_wheel(wheel):
+        path = PurePosixPath(name)
+        assert path.parts[0] == "semisynth_gl" or path.parts[0].endswith(".dist-info"), name
+        assert not set(JUNK) & set(path.parts), name
+        assert path.suffix not in (".pyc", ".png", ".pfm"), name
+
+
+def test_the_sdist_carries_what_a_build_and_the_tests_need(sdist_and_its_wheel: tuple[Path, Path]) -> None:
+    with tarfile.open(sdist_and_its_wheel[0]) as archive:
+        names = {name.split("/", 1)[1] for name in archive.getnames()}
+    assert data_files() <= names
+    assert {
+        "pyproject.toml",
+        "README.md",
+        "Makefile",
+        "tests/project/test_packaging.py",
+        "semisynth_gl/__init__.py",
+    } <= names
+    assert {"Containerfile", ".ci/run", ".github/workflows/ci.yml", "tools/release-check.sh"} <= names
+    for name in names:
+        assert not set(JUNK) & set(PurePosixPath(name).parts), name
+
+
+def test_a_wheel_from_the_sdist_equals_one_from_the_checkout(
+    wheel: Path, sdist_and_its_wheel: tuple[Path, Path]
+) -> None:
+    assert names_in_wheel(sdist_and_its_wheel[1]) == names_in_wheel(wheel)
+
+
+def test_elsewhere_the_checkout_cannot_be_imported(elsewhere: dict[str, str], target: Path, tmp_path: Path) -> None:
+    show = "import sys, semisynth_gl; print(semisynth_gl.__file__, *sys.path, sep='\\n')"
+    file, *search = run(sys.executable, "-S", "-c", show, cwd=tmp_path, env=elsewhere).splitlines()
+    assert Path(file).is_relative_to(target)
+    assert CHECKOUT not in {Path(folder).resolve() for folder in search if folder}
+
+
+def test_the_installed_wheel_finds_its_data(elsewhere: dict[str, str], target: Path, tmp_path: Path) -> None:
+    show = f"from semisynth_gl.inputs.resources import data_root; print(*map(data_root, {DATA_FOLDERS!r}), sep='\\n')"
+    folders = run(sys.executable, "-S", "-c", show, cwd=tmp_path, env=elsewhere).splitlines()
+    assert [Path(folder) for folder in folders] == [target / "semisynth_gl" / name for name in DATA_FOLDERS]
+
+
+def test_the_installed_program_says_its_version(elsewhere: dict[str, str], target: Path, tmp_path: Path) -> None:
+    program = target / "bin" / "semisynth-gl"
+    assert "version" in run(sys.executable, "-S", str(program), "--version", cwd=tmp_path, env=elsewhere)
+
+
+# One backend is enough: what is asked here is whether everything is found, down to the photographs that assets/ lists.
+@pytest.mark.parametrize("backend", ["egl"], indirect=True)
+def test_the_installed_wheel_renders(elsewhere: dict[str, str], backend: str, tmp_path: Path) -> None:
+    # Few models and patches; that no module is missing is asked above.
+    sizes = ("camera.width_px=128", "camera.height_px=64", "models.complex=0", "models.variants=1")
+    fewer = ("textures.source=photographs", "textures.max_patches=32")
+    small = [word for value in (*sizes, *fewer) for word in ("--set", value)]
+    generate = (sys.executable, "-S", "-m", "semisynth_gl", "generate", "--config", "eth3d", "--backend", backend)
+    run(*generate, *small, "--pairs", "1", "--out", "set", cwd=tmp_path, env=elsewhere)
+    written = {path.name for path in (tmp_path / "set").rglob("*") if path.is_file() and path.stat().st_size}
+    assert {"im0.png", "im1.png", "disp0GT.pfm", "disp1GT.pfm", "mask0nocc.png", "calib.txt"} <= written
+    assert [path.name for path in tmp_path.iterdir()] == ["set"]
+    program = (sys.executable, "-S", "-m", "semisynth_gl")
+    assert "nothing found" in run(*program, "verify", "set", cwd=tmp_path, env=elsewhere)
+    run(*program, "report", "set", "--out", "set.html", cwd=tmp_path, env=elsewhere)
+    run(*program, "preview", "--config", "eth3d", "--pairs", "1", *small, "--out", "sheet.png", "--backend", backend,
+        cwd=tmp_path, env=elsewhere)  # fmt: skip
+    assert {"set", "set.html", "sheet.png"} == {path.name for path in tmp_path.iterdir()}
+
+
+USERS_SCRIPT = """
+import numpy as np
+from numpy.typing import NDArray
+from semisynth_gl import Crop, PairRenderer, StereoCamera, __version__, load_config, make_scene
+from semisynth_gl import open_dataset, render_pair
+
+config = load_config("kitti", {"camera.width_px": 64})
+disparity: NDArray[np.float32] = render_pair(config, index=3, seed=1).left.disparity
+with PairRenderer(config, seed=0) as pairs:
+    image: NDArray[np.uint8] = pairs.render(0, crop=Crop(0, 0, 32, 32)).frame.right.image
+scene = make_scene(StereoCamera.centred(64, 48, 50.0, 0.1), model=[], world_from_model=[], layer=[])
+first: NDArray[np.uint8] = open_dataset("out")[0].left.visibility
+text: str = __version__
+"""
+
+
+USERS_TRAINING = """
+from torch.utils.data import ConcatDataset, DataLoader
+from semisynth_gl import load_config
+from semisynth_gl.torch import Hardware, Sample, Selection, StereoDataset, StereoMix, StereoStream, TrainingProcess
+from semisynth_gl.torch import collate
+
+def images(sample: Sample) -> Sample:
+    return {name: sample[name] for name in ("left", "right")}
+
+rooms = StereoDataset("rooms", "validation", crop=(160, 320), seed=3, transform=images).at_epoch(2)
+both: ConcatDataset[Sample] = ConcatDataset([rooms, StereoDataset("street", None)])
+stream = StereoStream(load_config("kitti"), 1, Selection(pairs=9), crop=(160, 320), hardware=Hardware("egl"))
+mix = StereoMix([(both, 2), (stream, 0.5)], seed=0, first=8, pairs=64, batch_size=4, process=TrainingProcess(0, 2))
+mix.load_state_dict(mix.state_dict())
+for batch in DataLoader(mix, batch_size=4, collate_fn=collate):
+    batch["left"].float()
+size: int = len(rooms) + len(both) + len(mix) + len(rooms.pairs)
+"""
+
+
+def checker(target: Path, folder: Path) -> list[str]:
+    """The command that checks a user's script.py strictly, where the wheel and its packages are installed."""
+    run(sys.executable, "-m", "venv", "--without-pip", "user", cwd=folder)
+    [packages] = (folder / "user").glob("lib/python*/site-packages")
+    others = [path for path in sys.path if Path(path).name in ("site-packages", "dist-packages")]
+    (packages / "installed.pth").write_text("\n".join([str(target), *others]))
+    return [sys.executable, "-m", "mypy", "--strict", "--config-file=", "--cache-dir=cache", "--python-executable",
+            "user/bin/python", "script.py"]  # fmt: skip
+
+
+def test_a_users_script_is_checked_by_the_wheels_types(target: Path, tmp_path: Path) -> None:
+    check = checker(target, tmp_path)
+    (tmp_path / "script.py").write_text(USERS_SCRIPT)
+    assert "no issues found" in run(*check, cwd=tmp_path)
+    (tmp_path / "script.py").write_text(f"{USERS_SCRIPT}\nrender_pair('kitti', 0)\nreveal_type(config.digest())\n")
+    done = subprocess.run(check, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert 'Argument 1 to "render_pair" has incompatible type "str"; expected "Config"' in done.stdout
+    assert re.search(r'Revealed type is "(builtins\.)?str"', done.stdout)
+
+
+@pytest.mark.heavy
+def test_a_users_training_is_checked_too(target: Path, tmp_path: Path) -> None:
+    heavy("torch")
+    wrong = {
+        "StereoDataset(3)": 'Argument 1 to "StereoDataset" has incompatible type "int"',
+        "StereoDataset('rooms', 'val')": 'Argument 2 to "StereoDataset" has incompatible type',
+        "StereoMix([(rooms, '1')])": 'List item 0 has incompatible type "tuple[StereoDataset, str]"',
+        "StereoMix([('rooms', 1)])": 'List item 0 has incompatible type "tuple[str, int]"',
+        "rooms.at_epoch('1')": 'Argument 1 to "at_epoch" of "StereoDataset" has incompatible type "str"',
+    }
+    check = checker(target, tmp_path)
+    (tmp_path / "script.py").write_text("\n".join([USERS_TRAINING, *wrong]))
+    done = subprocess.run(check, cwd=tmp_path, capture_output=True, text=True, check=False)
+    found = [line for line in done.stdout.splitlines() if ": error: " in line]
+    assert len(found) == len(wrong), done.stdout
+    for line, message in zip(found, wrong.values(), strict=True):
+        assert message in line
+
+
+def test_the_tests_run_on_a_package_that_finds_its_data() -> None:
+    # In a checkout or an editable install nothing is copied: the data is the checkout's own, never a stale snapshot.
+    spec = find_spec("semisynth_gl")
+    assert spec is not None
+    assert spec.origin is not None
+    package = Path(spec.origin).resolve().parent
+    home = CHECKOUT if package == CHECKOUT / "semisynth_gl" else package
+    for name in DATA_FOLDERS:
+        assert Path(str(data_root(name))) == home / name
+        assert any(data_root(name).iterdir())

@@ -1,0 +1,564 @@
+"""The wanted distribution of disparity: histograms, forms, the Boolean model, and what scenes come to."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tiny_datasets import tiny
+
+from semisynth_gl import oracle
+from semisynth_gl.config import Range, load_config
+from semisynth_gl.config.scene_sections import ParticlesSection
+from semisynth_gl.frame.camera import EYES, StereoCamera
+from semisynth_gl.geometry import model_library
+from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS
+from semisynth_gl.geometry.mesh import make_mesh, normalised
+from semisynth_gl.geometry.model_library import build_library
+from semisynth_gl.geometry.silhouette import height_map, mean_silhouette
+from semisynth_gl.histogram import Histogram, PixelCount, mix_histograms, total_variation, wasserstein_px
+from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.pairs.pipeline import PairRenderer
+from semisynth_gl.scene.background import FACE
+from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, solve_coverage
+from semisynth_gl.scene.glance import glance
+from semisynth_gl.scene.mix import MixSampler
+from semisynth_gl.scene.particles import Sizes, expected_cover, stated_layers
+from semisynth_gl.scene.population import Population, poisson_counts
+from semisynth_gl.scene.raycast import cast_rays
+from semisynth_gl.scene.sampler import SceneSampler
+from semisynth_gl.scene.structures import CURVED_PANEL, GROUND, STILL_MODELS, take_stock
+from semisynth_gl.seeds.splits import Split
+from semisynth_gl.textures.atlas import Patch
+
+CAMERA = StereoCamera.centred(600, 400, 700.0, 0.2)
+RIGID = ParticlesSection(stretch=Range(1.0, 1.0))
+PATCH = (Patch("a", 0, 0, 256, 0, 1, 9.0),)
+TWO_HUMPS = {
+    "form": "mixture",
+    "parts": [
+        {"weight": 0.6, "target": {"form": "gamma", "mean_px": 4.0, "spread_px": 1.2}},
+        {"weight": 0.4, "target": {"form": "gamma", "mean_px": 16.0, "spread_px": 2.5}},
+    ],
+}
+
+shares = st.lists(st.floats(0.0, 1.0), min_size=2, max_size=12).filter(lambda values: sum(values) > 0.1)
+
+
+# Histograms
+
+
+def test_distances_of_shifted_blocks_are_known():
+    one = Histogram.from_counts([0, 10, 20, 30], [1, 0, 0])
+    other = Histogram.from_counts([0, 10, 20, 30], [0, 0, 1])
+    assert total_variation(one, other) == 1
+    assert wasserstein_px(one, other) == pytest.approx(20)
+    # One block and the same spread over two bins: a quarter of the width on average.
+    assert wasserstein_px(Histogram.from_counts([0, 4], [1]), Histogram.from_counts([0, 2], [1])) == pytest.approx(1)
+
+
+@given(shares, shares)
+def test_distances_are_symmetric_and_bounded(one, other):
+    size = min(len(one), len(other))
+    edges = np.linspace(0, 7, size + 1)
+    if not (sum(one[:size]) and sum(other[:size])):
+        return
+    a, b = Histogram.from_counts(edges, one[:size]), Histogram.from_counts(edges, other[:size])
+    assert total_variation(a, b) == pytest.approx(total_variation(b, a))
+    assert 0 <= total_variation(a, b) <= 1 + 1e-12
+    assert wasserstein_px(a, b) == pytest.approx(wasserstein_px(b, a))
+    assert abs(a.mean_px - b.mean_px) - 1e-9 <= wasserstein_px(a, b) <= 7
+    assert wasserstein_px(a, a) == 0
+    assert a.rebinned(edges).shares == pytest.approx(a.shares)
+
+
+@given(shares, st.lists(st.floats(-1, 9), min_size=2, max_size=20, unique=True), st.integers(0, 3))
+def test_shares_in_other_bins_are_never_negative(weights, edges, empty):
+    """Bins that nothing falls in come out as 0, or they could not be mixed; sums of floats may end above 1."""
+    counts = [*weights, *[0] * empty]
+    rebinned = Histogram.from_counts(np.linspace(0, 7, len(counts) + 1), counts).rebinned(sorted(edges))
+    assert (rebinned.shares >= 0).all()
+    assert rebinned.shares.sum() == pytest.approx(1)
+
+
+def test_histograms_whose_last_bins_are_empty_are_mixed():
+    rng = np.random.default_rng(0)
+    edges = np.linspace(0, 95, 20)
+    for _ in range(200):
+        parts = [Histogram.from_counts(edges, [*rng.random(18), 0]) for _ in range(4)]
+        mix = mix_histograms([(0.25, part) for part in parts], np.linspace(0, 95, 96))
+        assert mix.shares[-5:] == pytest.approx(0, abs=1e-15)
+
+
+def test_pixels_beyond_the_edges_count_in_the_outer_bins():
+    count = PixelCount([0, 10, 20])
+    count.add(np.array([[-1, 3, np.inf], [15, 99, np.nan]]))
+    assert count.counts.tolist() == [2, 2]
+    assert count.histogram.quantile(0.5) == 10
+
+
+@pytest.mark.parametrize(("edges", "counts"), [([0, 1, 1], [1, 1]), ([0, 1], [0]), ([0, 1], [-1]), ([0, 1], [1, 2])])
+def test_histograms_of_nothing_are_refused(edges, counts):
+    with pytest.raises(ValueError, match="expected"):
+        Histogram.from_counts(edges, counts)
+
+
+# Forms
+
+
+def target(form, **camera):
+    config = load_config("sceneflow", {"disparity.target": form, **camera})
+    return config.wanted_histogram()
+
+
+def test_uniform_in_depth_is_what_thrown_depths_show():
+    made = target({"form": "uniform-depth"}, **{"camera.doffs_px": 10.0})
+    depth = np.random.default_rng(0).uniform(1050 / (300 + 10), 1050 / (4 + 10), 400_000)
+    thrown = PixelCount(made.edges_px)
+    thrown.add(1050 / depth - 10)
+    assert total_variation(made, thrown.histogram) < 0.003
+
+
+def test_a_gamma_has_its_mean_and_spread():
+    made = target({"form": "gamma", "mean_px": 90.0, "spread_px": 30.0})
+    middle = (made.edges_px[1:] + made.edges_px[:-1]) / 2
+    assert made.mean_px == pytest.approx(90, rel=0.005)
+    assert math.sqrt(made.shares @ (middle - made.mean_px) ** 2) == pytest.approx(30, rel=0.03)
+
+
+def test_a_mixture_is_its_parts():
+    parts = [{"form": "uniform", "low_px": 4, "high_px": 102}, {"form": "gamma", "mean_px": 90.0, "spread_px": 30.0}]
+    made = target(
+        {"form": "mixture", "parts": [{"weight": w, "target": t} for w, t in zip((3, 1), parts, strict=True)]}
+    )
+    one, two = map(target, parts)
+    assert made.shares == pytest.approx(mix_histograms([(0.75, one), (0.25, two)], made.edges_px).shares)
+
+
+@pytest.mark.parametrize(
+    ("form", "message"),
+    [
+        ({"form": "histogram", "bin_px": 50, "shares": [1, 1, 1, 1, 1, 1, 1, 1]}, r"25\.0% .* 300 to 400 px"),
+        ({"form": "uniform", "low_px": 200, "high_px": 500}, r"66\.7% .* 300 to 500 px"),
+        ({"form": "histogram", "bin_px": 1, "first_px": -5, "shares": [1, 1, 1, 1, 1, 1, 98]}, r"-5 to 0\.5 px"),
+        ({"form": "gamma", "mean_px": 5000, "spread_px": 50}, r"100\.0% .* above what"),
+        ({"form": "uniform", "high_px": 3}, "expected low_px < high_px, got 4 and 3"),
+        ({"form": "histogram", "bin_px": 10, "shares": [0, 0]}, "above 0"),
+        ({"form": "gama", "mean_px": 1}, "gamma"),
+        ({"form": "mixture", "parts": [{"weight": 0, "target": {"form": "uniform"}}]}, "weight above 0"),
+    ],
+)
+def test_targets_that_no_scene_can_show_are_refused(form, message):
+    with pytest.raises(InputError, match=message):
+        target(form)
+
+
+def test_a_small_part_of_a_mixture_may_lie_anywhere():
+    far = {"form": "gamma", "mean_px": 900.0, "spread_px": 10.0}
+    parts = [{"weight": 99, "target": {"form": "uniform"}}, {"weight": 1, "target": far}]
+    assert target({"form": "mixture", "parts": parts}).shares.sum() == pytest.approx(1)
+
+
+def test_depths_beyond_infinity_have_no_distribution():
+    with pytest.raises(InputError, match="raise it above 10"):
+        target({"form": "uniform-depth"}, **{"camera.doffs_px": -10.0})
+
+
+def test_narrow_bins_are_merged_for_layers():
+    config = tiny(disparity={"target": {"form": "histogram", "bin_px": 0.1, "shares": [0.0] * 20 + [1.0] * 340}})
+    library = build_library(config.models, config.particles, Split(0))
+    population = Population(config, 0, library.silhouette, take_stock(library))
+    assert len(population.target.shares) <= 48
+    assert total_variation(population.target, population.expected()) < 0.06
+
+
+def test_more_particles_than_allowed_are_refused():
+    config = tiny(particles={"size_px": [0.5, 1.0]})
+    library = build_library(config.models, config.particles, Split(0))
+    with pytest.raises(InputError, match=r"takes about \d+ particles a scene .* particles\.most allows 2000"):
+        SceneSampler(config, 0, library, PATCH).sample(0)
+
+
+def test_another_form_takes_the_place_of_the_first():
+    config = load_config("middlebury", ["disparity.target.form=uniform"])
+    assert config.disparity.target.form == "uniform"
+
+
+def test_a_file_is_read_beside_its_config(tmp_path):
+    (tmp_path / "wanted.csv").write_text("low_px,high_px,share\n# a comment\n4,24,1\n24,64,3\n")
+    (tmp_path / "mine.yaml").write_text(
+        "extends: sceneflow\nname: mine\ndisparity: {target: {form: file, path: wanted.csv}}\n"
+    )
+    config = load_config(tmp_path / "mine.yaml")
+    made = config.wanted_histogram()
+    assert made.edges_px.tolist() == [4, 24, 44, 64]
+    assert made.shares.tolist() == [0.25, 0.375, 0.375]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (None, "cannot be read"),
+        ("low_px,high_px,share\n", "no bins"),
+        ("0,10,1\n20,30,1\n", r"wanted\.csv:2: .*10"),
+        ("0,10,x\n", r"wanted\.csv:1: expected three numbers"),
+        ("0,10,-1\n", r"wanted\.csv:1"),
+    ],
+)
+def test_files_that_are_no_histogram_are_told_of(tmp_path, text, message):
+    if text is not None:
+        (tmp_path / "wanted.csv").write_text(text)
+    with pytest.raises(InputError, match=message):
+        load_config("sceneflow", {"disparity.target": {"form": "file", "path": str(tmp_path / "wanted.csv")}})
+
+
+# The Boolean model
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(2, 24), st.integers(0, 2**31))
+def test_solved_coverage_gives_the_wanted_shares(bins, seed):
+    """A stack of thin layers over a wall in the farthest bin."""
+    wanted = np.random.default_rng(seed).random(bins) + 0.05
+    wanted /= wanted.sum()
+    bare, reached = np.ones(bins - 1), np.tri(bins, bins - 1, -1)
+    solved = solve_coverage(wanted, bare, reached, np.zeros(bins), np.ones(bins, bool))
+    np.testing.assert_allclose(expected_shares(solved, bare, reached), wanted, atol=0.01)
+    assert (solved >= 0).all()
+
+
+def test_a_background_in_front_of_everything_needs_no_particles():
+    solved = solve_coverage(np.array([0.3, 0.3, 0.4]), np.zeros(2), np.tri(3, 2, -1), np.zeros(3), np.ones(3, bool))
+    assert solved.tolist() == [0, 0, 0]
+
+
+def test_counts_are_poisson():
+    quantile = (np.arange(10_000) + 0.5) / 10_000
+    for mean in (0.0, 0.1, 3.0, 60.0):
+        counts = poisson_counts(np.full(10_000, mean), quantile)
+        assert counts.mean() == pytest.approx(mean, rel=1e-3)
+        assert counts.var() == pytest.approx(mean, rel=1e-2)
+
+
+def test_silhouettes_of_a_ball_and_a_cube():
+    rng = np.random.default_rng(0)
+    ball = mean_silhouette([SIMPLE_KINDS["sphere"](rng)], np.array([1.0]), RIGID, rng)
+    assert ball.fill == pytest.approx(1, abs=0.02)
+    # Over a disc, the height sqrt(1 - r^2) is uniform in its square.
+    np.testing.assert_allclose(ball.heights**2, (np.arange(16) + 0.5) / 16, atol=0.05)
+    # A convex body shows a quarter of its surface on average (Cauchy): 6 a^2 / 4 with a = 2 / sqrt(3).
+    cube = mean_silhouette([SIMPLE_KINDS["cube"](rng)], np.array([1.0]), RIGID, rng)
+    assert cube.fill == pytest.approx(2 / np.pi, rel=0.02)
+
+
+def test_a_height_map_shows_the_nearest_surface():
+    low, high = [[-1, -1, -0.5], [1, -1, -0.5], [0, 1, -0.5]], [[-1, -1, 0.25], [0, -1, 0.25], [-1, 0, 0.25]]
+    mesh = normalised(make_mesh("two", np.array(low + high), np.zeros((6, 2)), [[0, 1, 2], [3, 4, 5]]))
+    seen = height_map(mesh, np.eye(3), 32)
+    scale = (
+        1
+        / np.linalg.norm(
+            np.array(low + high) - (np.array(low + high).max(0) + np.array(low + high).min(0)) / 2, axis=1
+        ).max()
+    )
+    values = np.unique(np.round(seen[np.isfinite(seen)], 5))
+    assert len(values) == 2
+    assert values[1] - values[0] == pytest.approx(0.75 * scale, rel=0.2)
+
+
+def test_expected_cover_is_what_thrown_discs_cover():
+    rng = np.random.default_rng(1)
+    sizes, disparity = Sizes(40.0, 200.0), np.array([80.0])
+    camera = StereoCamera.centred(600, 400, 70_000.0, 0.2)  # so long that nothing is stretched towards the sides
+    number = 400_000
+    radius = sizes.radius_px(camera, disparity, rng.random(number))
+    x = rng.random(number) * (600 + 80 + 2 * radius) - radius
+    y = rng.random(number) * (400 + 2 * radius) - radius
+    at = rng.random((number, 2)) * (600, 400)
+    covered = np.hypot(x - at[:, 0], y - at[:, 1]) < radius
+    assert expected_cover(camera, sizes, disparity, 1.0)[0] == pytest.approx(covered.mean(), rel=0.02)
+
+
+def test_expected_cover_grows_towards_the_sides_of_a_wide_view():
+    """Small balls all over the view, outlined by rays that pass within their radius."""
+    camera, rng = StereoCamera.centred(600, 400, 350.0, 0.2), np.random.default_rng(2)
+    depth, radius_px = 5.0, 4.0
+    radius_m = radius_px * depth / camera.focal_px
+    x, y = rng.random(400) * 600 - 0.5, rng.random(400) * 400 - 0.5
+    step = np.arange(-10, 10, 0.25)
+    dx, dy = (each.ravel() for each in np.meshgrid(step, step))
+    rays = camera.rays("left", np.add.outer(x, dx), np.add.outer(y, dy))
+    centre = camera.rays("left", x, y)[:, None] * depth
+    along = (rays * centre).sum(-1) / (rays**2).sum(-1)
+    inside = np.linalg.norm(along[..., None] * rays - centre, axis=-1) < radius_m
+    area = inside.sum(axis=1).mean() * 0.25**2
+    sizes, disparity = Sizes(2 * radius_px, 2 * radius_px), np.array([0.0])
+    near_one = expected_cover(camera, sizes, disparity, 1.0)[0] * (600 + 2 * radius_px) * (400 + 2 * radius_px)
+    assert area > 1.1 * np.pi * radius_px**2
+    assert near_one == pytest.approx(area, rel=0.02)
+
+
+def test_particles_show_their_fronts():
+    """Balls at one disparity, without drift: a front that stands out by h radii shows (d + doffs) / (1 - h r / f)."""
+    still = Range(0.0, 0.0)
+    heights = np.sqrt((np.arange(16) + 0.5) / 16)
+    layers = DepthLayers(np.array([80.0]), np.array([80.0]))
+    edges = np.array([79.0, 90.0, 100.0])
+    sizes = Sizes(280.0, 280.0)
+    found = layers.exceedance(edges, CAMERA, still, sizes, heights, 0.1)[0]
+    height = np.sqrt(np.random.default_rng(3).random(100_000))
+    shown = 80 / (1 - height * 140 / CAMERA.focal_px)
+    np.testing.assert_allclose(found, [(shown >= edge).mean() for edge in edges], atol=0.05)
+    # The depth of 80 px less a radius lies beyond no near plane of 1.6 m.
+    assert layers.exceedance(edges, CAMERA, still, sizes, heights, 1.6)[0].tolist() == [0, 0, 0]
+
+
+def count_in_view(scene):
+    """Count the objects in the left view."""
+    reach = np.linalg.norm(scene.world_from_model[:, :3, :3], axis=1).max(axis=1)
+    middle = scene.world_from_model[:, :3, 3]
+    scale = scene.camera.focal_px / middle[:, 2]
+    column = scene.camera.cx_left_px + middle[:, 0] * scale
+    inside = (column > -reach * scale) & (column < scene.camera.width_px + reach * scale)
+    return (inside & (scene.model >= len(STILL_MODELS))).sum()
+
+
+def objects_in_view(config, library, scenes):
+    """Count the objects in the left view of each of the first scenes."""
+    sampler = SceneSampler(config, 0, library, PATCH)
+    return [count_in_view(sampler.sample(index).scene) for index in range(scenes)]
+
+
+def test_layers_without_disparities_stand_where_most_wanted_pixels_are():
+    wanted = Histogram.from_counts([0.0, 20.0, 100.0], [1.0, 1.0])
+    section = ParticlesSection.model_validate({"layers": [{"count": 3}, {"count": 3, "disparity_px": [1, 2]}]})
+    free, stated = stated_layers(section.layers, section, wanted)
+    assert (free.disparity_px.low, free.disparity_px.high) == pytest.approx((4, 84))
+    assert (stated.disparity_px.low, stated.disparity_px.high) == (1, 2)
+
+
+@pytest.mark.parametrize(
+    ("background", "particles"),
+    [
+        ({}, {}),
+        ({"cuboid": 0, "plane": 1, "plane_disparity_px": [2, 4]}, {"density": "sparse"}),
+        ({}, {"layers": [{"count": [10, 30]}]}),
+    ],
+)
+def test_a_mix_says_how_many_objects_and_how_much_background_it_shows(background, particles):
+    config = tiny(particles=particles, background=background, models={"complex": 0})
+    library = build_library(config.models, config.particles, Split(0))
+    sampler, still, counts = SceneSampler(config, 0, library, PATCH), [], []
+    for index in range(48):
+        scene = sampler.sample(index).scene
+        counts.append(count_in_view(scene))
+        if index % 4 == 0:
+            instance = glance(scene, sampler.models).instance
+            still.append((scene.model[instance] < len(STILL_MODELS)).mean())
+    expected = sampler.population.in_view()
+    assert expected.objects == pytest.approx(np.mean(counts), rel=0.15)
+    assert expected.still == pytest.approx(np.mean(still), abs=0.07)
+    assert MixSampler(config, 0, [library], PATCH).in_view() == [expected]
+
+
+@pytest.mark.parametrize("density", ["sparse", "dense", 100.0])
+def test_density_shares_the_area_out_to_more_or_fewer(density):
+    config = tiny(particles={"density": density})
+    library = build_library(config.models, config.particles, Split(0))
+
+    plain = np.mean(objects_in_view(tiny(), library, 20))
+    wanted = density if isinstance(density, float) else plain * {"sparse": 1 / 3, "dense": 3}[density]
+    assert np.mean(objects_in_view(config, library, 20)) == pytest.approx(wanted, rel=0.2)
+    aim = Population(config, 0, library.silhouette, take_stock(library))
+    assert total_variation(aim.target, aim.expected()) < 0.05
+
+
+def test_a_range_of_densities_gives_each_sequence_a_number_of_its_own():
+    density = {"particles": {"density": [60, 240]}, "models": {"complex": 0}}
+    config = tiny(**density)
+    library = build_library(config.models, config.particles, Split(0))
+    counts = objects_in_view(config, library, 48)
+    assert np.mean(counts) == pytest.approx(150, rel=0.15)
+    low, high = np.quantile(counts, [0.1, 0.9])
+    assert low < 100
+    assert high > 200
+    population = Population(config, 0, library.silhouette, take_stock(library))
+    assert total_variation(population.target, population.expected()) < 0.05
+
+
+def test_a_range_of_one_density_is_that_density():
+    one, same = (load_config("middlebury", {"particles.density": each}) for each in (30, [30, 30.0]))
+    assert one.digest() == same.digest()
+    assert one.model_dump(mode="json")["particles"]["density"] == 30.0
+
+
+def test_fewer_objects_than_can_cover_the_target_are_refused():
+    config = tiny(particles={"density": 5.0})
+    library = build_library(config.models, config.particles, Split(0))
+    with pytest.raises(InputError, match=r"density: 5 objects cannot cover .* about \d\d in view"):
+        SceneSampler(config, 0, library, PATCH).sample(0)
+
+
+def test_more_objects_than_can_be_made_are_refused():
+    config = tiny(particles={"density": 1e5, "size_px": 200})
+    library = build_library(config.models, config.particles, Split(0))
+    with pytest.raises(InputError, match=r"density: 100000 objects .* 0\.05 of the stated sizes"):
+        SceneSampler(config, 0, library, PATCH).sample(0)
+
+
+def test_density_and_stated_layers_contradict_each_other():
+    with pytest.raises(InputError, match="density shares out"):
+        load_config("middlebury", ["particles.density=sparse", "particles.layers=[{disparity_px: 20, count: 3}]"])
+
+
+def test_clutter_is_counted_in_what_the_target_asks_for():
+    clutter = [{"disparity_px": [4, 6], "count": 60, "size_px": [6, 12]}]
+    config = tiny(particles={"clutter": clutter})
+    library = build_library(config.models, config.particles, Split(0))
+    population = Population(config, 0, library.silhouette, take_stock(library))
+    assert total_variation(population.target, population.expected()) < 0.02
+    slots = SceneSampler(config, 0, library, PATCH).sample(0).scene
+    plain = SceneSampler(tiny(), 0, library, PATCH).sample(0).scene
+    assert len(slots) > len(plain)
+
+
+def test_sizes_in_metres_shrink_with_depth():
+    sizes = Sizes(0.5, 0.5, metric=True)
+    np.testing.assert_allclose(sizes.radius_px(CAMERA, np.array([70.0, 7.0]), np.array(0.0)), [0.25 * 350, 0.25 * 35])
+
+
+@pytest.mark.parametrize(
+    ("name", "sections"),
+    [
+        ("kitti", {}),
+        ("sceneflow", {"disparity": {"max_px": 25.0, "target": {"form": "uniform", "low_px": 0.0, "high_px": 24.0}}}),
+        ("sceneflow", {"disparity": {"max_px": 27.5, "target": TWO_HUMPS}}),
+    ],
+    ids=["kitti", "uniform", "two-humps"],
+)
+def test_rendered_histograms_follow_their_targets(name, sections):
+    """Over 200 pairs the figures are a third of these: benchmarks/results/targets.json."""
+    config = tiny(name, **sections).model_copy(update={"truth": "left", "outputs": ()})
+    wanted = config.wanted_histogram()
+    count, medians = PixelCount(wanted.edges_px), []
+    with PairRenderer(config, 0) as pairs:
+        for index in range(16):
+            disparity = pairs.render(index).frame.left.disparity
+            count.add(disparity)
+            medians.append(np.median(disparity))
+    assert total_variation(wanted, count.histogram) < 0.09
+    assert wasserstein_px(wanted, count.histogram) < 0.08 * wanted.mean_px
+    assert np.std(medians) > 0.05 * wanted.mean_px
+
+
+# Structures
+
+
+def structured(**keys):
+    keys = {f"structures.{key}": value for key, value in keys.items()}
+    config = load_config("kitti", keys | {"models.variants": 1, "models.complex": 0})
+    return SceneSampler(config, 1, build_library(config.models, config.particles, Split(1)), PATCH)
+
+
+@pytest.fixture(scope="module")
+def street():
+    return structured(ground=1.0, panels=[2, 4], panel_disparity_px=[10, 185], panel_size_px=[200, 900])
+
+
+@pytest.mark.parametrize("index", range(4))
+def test_structures_stay_beyond_the_near_plane(street, index):
+    scene = street.sample(index).scene
+    models = [STILL_MODELS[m].name for m in scene.model if m < len(STILL_MODELS)]
+    assert models[:2] == ["face", "ground"]
+    assert 2 <= len(models) - 2 <= 4
+    for k in range(2, len(models)):  # the ground goes on below the view and behind the cameras
+        placed = scene.world_from_model[k]
+        depth = STILL_MODELS[scene.model[k]].positions.astype(float) @ placed[2, :3] + placed[2, 3]
+        assert depth.min() > scene.near_m
+    x, y = np.meshgrid(np.linspace(-0.4, 1241.4, 60), np.linspace(-0.4, 374.4, 30))
+    for eye in EYES:
+        seen = oracle.disparity_px(scene.camera, cast_rays(scene, street.models, eye, x, y))
+        assert np.isfinite(seen).all()
+        assert seen.max() < 192
+
+
+def test_the_ground_is_a_plane_below_the_cameras(street):
+    scene = street.sample(0).scene
+    ground = [GROUND if m == 1 else None for m in scene.model].index(GROUND)
+    points = (
+        GROUND.positions.astype(float) @ scene.world_from_model[ground, :3, :3].T
+        + scene.world_from_model[ground, :3, 3]
+    )
+    normal = scene.world_from_model[ground, :3, 1] / np.linalg.norm(scene.world_from_model[ground, :3, 1])
+    distance = points @ normal
+    assert np.ptp(distance) < 1e-5
+    assert distance[0] >= 1.2
+    assert normal[1] > 0.99
+
+
+def test_panels_are_slanted_and_curved():
+    sampler = structured(panels=40, panel_slant_deg=[30, 60], panel_curved=0.5)
+    scene = sampler.sample(0).scene
+    panels = range(1, 41)
+    curved = [STILL_MODELS[scene.model[k]] is CURVED_PANEL for k in panels]
+    assert 10 <= sum(curved) <= 30
+    for k in panels:
+        normal = scene.world_from_model[k, :3, 2] / np.linalg.norm(scene.world_from_model[k, :3, 2])
+        assert 30 - 1e-6 <= np.rad2deg(np.arccos(abs(normal[2]))) <= 60 + 1e-6
+
+
+def test_without_structures_nothing_but_the_background_stands_still():
+    scene = structured().sample(0).scene
+    assert (scene.model < len(STILL_MODELS)).sum() == 1
+    assert STILL_MODELS[0] is FACE
+
+
+# Models
+
+
+def test_kinds_have_weights_within_their_family():
+    section = load_config("middlebury", {"models.kinds": {"cube": 0, "sphere": 7}, "models.variants": 1}).models
+    library = build_library(section, ParticlesSection(), Split(0))
+    chance = {mesh.name: c for mesh, c in zip(library.models, library.chances, strict=True)}
+    assert "cube" not in chance
+    assert chance["sphere"] == pytest.approx(7 * chance["cone"])
+    assert sum(chance[name] for name in ("sphere", "cone")) < 0.5 + 1e-9
+    with pytest.raises(InputError, match="did you mean chair"):
+        build_library(load_config("middlebury", {"models.kinds": {"chiar": 1}}).models, ParticlesSection(), Split(0))
+
+
+# One kind of each family is quickly built.
+FEW = dict.fromkeys([*SIMPLE_KINDS, *COMPLEX_KINDS], 0) | {"cube": 1, "table": 1}
+
+
+@pytest.mark.parametrize(
+    ("count", "weights", "share"),
+    [
+        (2, {}, 2 / 25 / (2 + 2 / 25)),  # about as much as two of the 50 built-in kinds
+        (30, {}, 1 / 3),
+        (2, {"user": 25.0}, 1 / 2),
+        (2, {"simple": 0.0, "complex": 0.0}, 1.0),
+    ],
+)
+def test_a_few_models_of_the_users_are_a_few_of_all(monkeypatch, count, weights, share):
+    cube = SIMPLE_KINDS["cube"](np.random.default_rng(0))
+    own = [replace(cube, name=f"{number}.obj") for number in range(count)]
+    # Reading files takes a process; tests/geometry/test_geometry_model_files.py reads them.
+    monkeypatch.setattr(model_library, "load_models", lambda _: (own, []))
+    keys = {"variants": 1, "folders": ["absent"], "kinds": FEW} | weights
+    section = load_config("middlebury", {f"models.{key}": value for key, value in keys.items()}).models
+    library = build_library(section, ParticlesSection(), Split(0))
+    assert library.user_count == count == sum(mesh.name.endswith(".obj") for mesh in library.models)
+    assert library.user_share == pytest.approx(share)
+    assert library.chances[:count] == pytest.approx([share / count] * count)
+
+
+def test_thin_models_are_thin():
+    config = tiny(particles={"thinness": [0.05, 0.1], "stretch": 1.0})
+    scene = SceneSampler(config, 0, build_library(config.models, config.particles, Split(0)), PATCH).sample(0).scene
+    scale = np.linalg.norm(scene.world_from_model[scene.model >= len(STILL_MODELS), :3, :3], axis=1)
+    ratio = scale[:, 2] / scale[:, 0]
+    assert (ratio > 0.049).all()
+    assert (ratio < 0.101).all()
