@@ -13,7 +13,7 @@ from semisynth_gl.inputs.errors import counted
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.crop_report import REJECTIONS, TextureReport, count_crops
 from semisynth_gl.textures.image_files import printable
-from semisynth_gl.textures.prepare import named_images, prepare_atlas
+from semisynth_gl.textures.prepare import named_images, prepare_atlas, split_images
 from semisynth_gl.textures.reach import photograph_sources
 
 
@@ -37,13 +37,16 @@ def textures(config_name: str, images: tuple[str, ...], seed: int, settings: tup
 
     section = read_config(config_name, images, (), settings).textures
     output.check([config_name], photograph_sources(section))
-    atlas = prepare_atlas(section, Split(seed))
+    split = Split(seed)
+    photographs = split_images(section, split)
+    atlas = prepare_atlas(section, split, photographs)
     report = atlas.report
     kept = report.total("kept")
     shown = ", ".join(section.images) if section.source == "images" else section.source
     title = f"{counted(kept, 'patch')} of {report.patch_px} x {report.patch_px} pixels: {shown}"
     png = io.BytesIO()
-    draw_texture_sheet(atlas, named_images(section, report.named_images, Split(seed)), title).save(png, format="png")
+    images_of_sheet = named_images(section, report.named_images, split, photographs)
+    draw_texture_sheet(atlas, images_of_sheet, title).save(png, format="png")
     output.write(png.getvalue())
     for line in _table(report):
         say(line)

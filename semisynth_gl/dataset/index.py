@@ -15,7 +15,6 @@ from semisynth_gl.inputs.user_files import open_file
 from semisynth_gl.scene.sources import Sources
 from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.textures.image_files import relative_names
-from semisynth_gl.textures.prepare import split_images
 from semisynth_gl.textures.sources import describe_source
 
 # The licence of the models and pictures that this program makes.
@@ -46,8 +45,7 @@ def describe_dataset(
 def _describe_split(plan: Plan, split: SplitName, sources: Sources) -> dict[str, Any]:
     config = plan.config
     patches = [patch.described() | {"sha256": _sha256(sources.atlas.pixels(patch))} for patch in sources.atlas.patches]
-    images = split_images(config.textures, plan.split(split))
-    paths = {name: path for path, name in relative_names(images).items()}
+    paths = {name: path for path, name in relative_names(sources.photographs).items()}
     drawn = sources.atlas.pictures
     source = describe_source(config.textures.source)
     licence = {"config": config.licences.images, "own": _OWN_LICENCE, "none": "none"}[source.licence]

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,10 +31,12 @@ class Sources:
     Attributes:
         atlas: the patches, as the config's cameras see them: grey ones where these are monochrome.
         libraries: the models of each recipe, all with the same ``models``; at least one.
+        photographs: the files that the split's patches may come from; none where all patches are drawn.
     """
 
     atlas: Atlas
     libraries: tuple[ModelLibrary, ...]
+    photographs: tuple[Path, ...] = ()
 
     @property
     def models(self) -> tuple[Mesh, ...]:
@@ -105,10 +108,10 @@ def prepare_sources(config: Config, split: Split) -> Sources:
         InputError: where images or models cannot be used, or are too few to hold some out.
     """
     # Models take seconds to build, and that there is no photograph is known at once.
-    split_images(config.textures, split)
+    photographs = split_images(config.textures, split)
     libraries = recipe_libraries(config, split)
-    atlas = prepare_atlas(config.textures, split)
-    return Sources(atlas.in_grey() if config.camera.colour == "grey" else atlas, libraries)
+    atlas = prepare_atlas(config.textures, split, photographs)
+    return Sources(atlas.in_grey() if config.camera.colour == "grey" else atlas, libraries, tuple(photographs))
 
 
 def recipe_libraries(config: Config, split: Split) -> tuple[ModelLibrary, ...]:

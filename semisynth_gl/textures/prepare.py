@@ -38,20 +38,22 @@ _PHOTOGRAPHS = 0
 _NOT_DECISIVE = {"images", "texels_per_pixel", "anisotropy", "large_anisotropy", "wrap"}
 
 
-def prepare_atlas(section: TexturesSection, split: Split) -> Atlas:
+def prepare_atlas(section: TexturesSection, split: Split, images: Sequence[Path] | None = None) -> Atlas:
     """Build the patch atlas that a config asks for, or find the same one in the cache.
 
     Args:
         section: the config's section.
         split: the split that the photographs are for; photographs of one subject, and folders of image sequences, are
             held out together, since they show the same. Pictures are drawn anew for each split.
+        images: the split's files, where the caller has them; by default `split_images` finds them.
 
     Raises:
         InputError: where no image is found, none is usable, or there are too few to hold some out, or where a plug-in
             cannot be used.
     """
     source = open_source(section.source)
-    images = split_images(section, split)
+    if images is None:
+        images = split_images(section, split)
 
     def build() -> tuple[Atlas, Sequence[Path]]:
         rng = generator(split.seed, Purpose.ATLAS)
@@ -66,7 +68,7 @@ def prepare_atlas(section: TexturesSection, split: Split) -> Atlas:
         atlas, opened = build_atlas(images, section, AtlasLimits(), rng, keeping)
 
         def named(names: Collection[str]) -> dict[str, TextureImage]:
-            again = named_images(section, set(names) - set(kept), split)
+            again = named_images(section, set(names) - set(kept), split, images)
             return again | {name: kept[name] for name in names if name in kept}
 
         large_rng = generator(split.seed, Purpose.LARGE_PATCHES)
@@ -146,22 +148,23 @@ def _keeping(pictures: Iterable[Picture], kept: dict[str, TextureImage]) -> Iter
         yield picture
 
 
-def named_images(section: TexturesSection, names: Collection[str], split: Split) -> dict[str, TextureImage]:
-    """Return those images of a split that have the given names in its atlas.
+def named_images(
+    section: TexturesSection, names: Collection[str], split: Split, images: Sequence[Path]
+) -> dict[str, TextureImage]:
+    """Return the images with the given names in a split's atlas, of which ``images`` are the files.
 
     Pictures are drawn again, up to the last one that is wanted; the others are not kept.
     """
-    files = relative_names(split_images(section, split))
-    images: dict[str, TextureImage] = {name: path for path, name in files.items() if name in names}
-    missing = set(names) - set(images)
+    found: dict[str, TextureImage] = {name: path for path, name in relative_names(images).items() if name in names}
+    missing = set(names) - set(found)
     if missing:
         for picture in split_pictures(section, split) or ():
             if picture.name in missing:
-                images[picture.name] = picture
+                found[picture.name] = picture
                 missing.discard(picture.name)
             if not missing:
                 break
-    return images
+    return found
 
 
 def share_photographs(split: Split, subjects: Sequence[Sequence[Path]], what: str) -> set[Path]:

@@ -229,7 +229,7 @@ def test_the_cache_and_the_sheet_know_the_pictures(monkeypatch: pytest.MonkeyPat
         assert (same.patches, same.report, same.pictures) == (atlas.patches, atlas.report, atlas.pictures)
         np.testing.assert_array_equal(same.layers, atlas.layers)
     assert "mine/2" in atlas.report.named_images
-    found = named_images(section, atlas.report.named_images, Split(11))
+    found = named_images(section, atlas.report.named_images, Split(11), prepare.split_images(section, Split(11)))
     assert set(found) == atlas.report.named_images
     # Pictures are drawn again as they were, whichever are asked for, and those of a split are its own.
     of_split = prepare_atlas(section, VALIDATION).pictures
@@ -238,7 +238,7 @@ def test_the_cache_and_the_sheet_know_the_pictures(monkeypatch: pytest.MonkeyPat
         assert pictures
         assert pictures.keys() <= {f"mine/{number}" for number in (0, 1, 3)}
         for name, digest in pictures.items():
-            ((found_name, again),) = named_images(section, [name], split).items()
+            ((found_name, again),) = named_images(section, [name], split, prepare.split_images(section, split)).items()
             assert (found_name, hashlib.sha256(again.pixels.tobytes()).hexdigest()) == (name, digest)
     assert draw_texture_sheet(atlas, found, "title").width == 1600
 
