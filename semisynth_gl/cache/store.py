@@ -3,7 +3,8 @@
 The cache may be emptied, damaged, full, forbidden or shared by several processes at any time. Whatever goes wrong, an
 entry counts as absent, and the run goes on without it. An entry is one file, which is written under a temporary name
 and renamed once. It holds checksums of all its content, and is read into memory before they are compared: a mapped file
-could change, or be cut off, while a run uses it. NumPy's .npz would do, had it checksums of all its bytes.
+could change, or be cut off, while a run uses it. NumPy's .npz would do, had it checksums of all its bytes; diskcache
+unpickles what it finds, and so would run what somebody put there.
 """
 
 import json

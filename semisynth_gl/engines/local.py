@@ -1,4 +1,8 @@
-"""The engines of this machine: one works in this process, the other in worker processes."""
+"""The engines of this machine: one works in this process, the other in worker processes.
+
+No pool of a library does: pebble's kills a worker after a time for a whole task. A shard takes any time, and hangs
+where no pair comes for long; its replacement goes on after the last pair.
+"""
 
 import atexit
 import signal
