@@ -1,4 +1,4 @@
-"""Drawn pictures of cloth: tartan, rugs, knitting, quilts, printed flowers, weave."""
+"""Drawn pictures of cloth: tartan, rugs, knitting, printed flowers."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,8 @@ from semisynth_gl.textures.canvas import (
     mixed,
     palette,
     pick,
-    relief,
     resized,
     step,
-    toned,
 )
 
 
@@ -131,71 +129,6 @@ def knitting(rng: np.random.Generator) -> Pixels:
     return finished(rng, image.astype(np.float32), grain=5)
 
 
-def quilt(rng: np.random.Generator) -> Pixels:
-    """Patches of many printed cloths, sewn together."""
-    size = int(rng.choice([128, 147, 171]))
-    y, x = grid()
-    sway = 5 * fractal(rng, coarsest_px=128, finest_px=8, persistence=0.5)
-    v, u = y + sway, x - sway
-    row, column = (np.clip(np.floor(at / size), 0, 15).astype(np.int32) for at in (v, u))
-    across, down = u % size, v % size
-    upper = (across + np.where((row + column) % 2, down, size - down)) > size
-    number = (row * 16 + column) * 2 + upper
-    kinds, periods = rng.integers(0, 6, 512), rng.uniform(10, 30, 512).astype(np.float32)
-    pairs = np.array([rng.permutation(palette(rng))[:3] for _ in range(512)], np.float32)
-    period, kind = periods[number], kinds[number]
-    a, b = u / period, v / period
-    cell = (np.floor(a) + np.floor(b)).astype(np.int32)
-    dot = np.hypot(a % 1 - np.float32(0.5), b % 1 - np.float32(0.5))
-    wave = fractal(rng, coarsest_px=32, finest_px=2, persistence=0.6)
-    patterns = (
-        step(dot * -1 + 0.33, 0.06),
-        step(np.abs(a % 1 - 0.5) - 0.25, 0.06),
-        (cell % 2).astype(np.float32),
-        step(wave, 0.2),
-        step(np.abs((a + b) % 1 - 0.5) - 0.3, 0.06),
-        step(np.abs(dot - 0.3) * -1 + 0.08, 0.05),
-    )
-    shape = np.choose(kind, patterns).astype(np.float32)
-    image = mixed(pairs[number, 0], pairs[number, 1], shape)
-    image = mixed(image, pairs[number, 2], step(wave - 1.3, 0.2))
-    weave = fractal(rng, coarsest_px=2) * np.float32(0.06)
-    edge = np.minimum(np.minimum(across, size - across), np.minimum(down, size - down))
-    diagonal = np.abs(across - np.where((row + column) % 2, size - down, down)) / np.float32(1.41)
-    seam = np.minimum(edge, diagonal)
-    image = (
-        image
-        * (1 + weave - 0.35 * np.exp(-seam / 3))[..., np.newaxis]
-        * relief(6 * np.sqrt(np.minimum(seam, 24)), 0.09)
-    )
-    stitch = step(1.4 - np.abs(seam - 9), 1) * ((u + v) % 9 < 5)
-    return finished(rng, mixed(image, (240, 236, 226), np.float32(0.8) * stitch.astype(np.float32)), grain=5)
-
-
-def weave(rng: np.random.Generator) -> Pixels:
-    """Basket or coarse cloth of uneven strands in two directions."""
-    pitch = int(rng.integers(12, 30))
-    y, x = grid()
-    sway = fractal(rng, coarsest_px=128, finest_px=4, persistence=0.6)
-    v, u = (y + 2 * sway) / pitch, (x + 2 * sway) / pitch
-    row, column = (np.clip(np.floor(at), 0, SIDE_PX).astype(np.int32) for at in (v, u))
-    over = (row + column) % 2 == 0
-    colours = palette(rng)
-    straw = np.array([[196, 164, 112], [168, 130, 82], [214, 190, 146], *colours[:2]])
-    strands = [
-        straw[rng.choice(5, SIDE_PX + 1, p=[0.3, 0.2, 0.2, 0.15, 0.15])] * rng.normal(1, 0.1, (SIDE_PX + 1, 1))
-        for _ in "vu"
-    ]
-    along = fractal(rng, (SIDE_PX, 128), coarsest_px=16)
-    fibre = np.where(over, resized(along, (SIDE_PX, SIDE_PX)), resized(along.T.copy(), (SIDE_PX, SIDE_PX)))
-    image = np.where(over[..., np.newaxis], strands[0][row], strands[1][column]).astype(np.float32)
-    across = np.where(over, v, u) % 1 - np.float32(0.5)
-    length = np.where(over, u, v) % 1 - np.float32(0.5)
-    height = np.sqrt(np.clip(0.25 - across * across, 0, 1)) * (1 - 1.6 * length * length)
-    image = image * (np.float32(0.3) + 1.6 * height + np.float32(0.1) * fibre)[..., np.newaxis]
-    return finished(rng, image * relief(pitch * height, 0.12), grain=5)
-
-
 def flowered(rng: np.random.Generator) -> Pixels:
     """Cloth printed with flowers and leaves, each a little other."""
     y, x = grid()
@@ -235,31 +168,3 @@ def _flower(
     )
     image = mixed(image, inks[2], step(0.55 * reach - distance, 1.5) * np.float32(0.8))
     return mixed(image, inks[3], step(0.2 * radius - distance + np.sin(angle * 14), 1.5))
-
-
-def sequins(rng: np.random.Generator) -> Pixels:
-    """Overlapping scales in waves of colour, each with its own gleam."""
-    size = int(rng.integers(24, 44))
-    colours = palette(rng)
-    y, x = grid()
-    sway = fractal(rng, coarsest_px=256, finest_px=4, persistence=0.5)
-    v, u = y + 5 * sway, x + 5 * sway
-    image = np.zeros((SIDE_PX, SIDE_PX, 3), np.float32)
-    flow = fractal(rng, coarsest_px=256, finest_px=8, persistence=0.6)
-    tilts = rng.normal(0, 1, 1 << 14).astype(np.float32)
-    done = np.zeros((SIDE_PX, SIDE_PX), bool)
-    # A scale covers the one above: the first that reaches a pixel, from the lowest row on, is seen.
-    for back in (1, 0, -1):
-        row = np.floor(v / (size / 2)).astype(np.int32) + back
-        shift = (row % 2) * np.float32(size / 2)
-        column = np.floor((u + shift) / size).astype(np.int32)
-        cu, cv = (u + shift) % size - size / 2, v - row * np.float32(size / 2)
-        distance = np.hypot(cu, cv)
-        number = (row * 131 + column) % len(tilts)
-        seen = (distance < size * 0.52) & ~done
-        level = flow + np.float32(0.35) * tilts[number]
-        shine = 1 + np.float32(0.35) * tilts[number] * (cu + cv) / size * 2 - 0.5 * (distance > size * 0.47)
-        scale = toned(level, colours) * np.clip(shine, 0.3, 1.8)[..., np.newaxis]
-        image = np.where(seen[..., np.newaxis], scale, image)
-        done |= seen
-    return finished(rng, image.astype(np.float32), grain=5)

@@ -1,4 +1,4 @@
-"""Drawn pictures of materials: wood, stone, tiles, plaster, metal, glass."""
+"""Drawn pictures of materials: wood, stone, tiles, plaster."""
 
 import numpy as np
 
@@ -140,38 +140,8 @@ def peeling(rng: np.random.Generator) -> Pixels:
     return finished(rng, mixed(image, (92, 48, 26), np.float32(0.5) * step(streaks - 1.1, 0.8)), grain=6)
 
 
-def mosaic(rng: np.random.Generator) -> Pixels:
-    """Small stones that form swirls of colour."""
-    size = int(rng.integers(18, 34))
-    number, border, points = cells(rng, size, 0.55)
-    colours = palette(rng)
-    flow = fractal(rng, coarsest_px=256, finest_px=8, persistence=0.5)
-    y, x = np.clip(points, 0, SIDE_PX - 1).astype(np.int32).T
-    bands = np.floor(flow[y, x] * rng.uniform(2.5, 5)).astype(np.int32) + 64
-    tints = colours[bands % 5] * rng.uniform(0.74, 1.24, (len(points), 1)) + rng.normal(0, 7, (len(points), 3))
-    rough = fractal(rng, coarsest_px=16)
-    tilt = rng.normal(0, 0.09, len(points)).astype(np.float32)
-    image = tints.astype(np.float32)[number] * (1 + tilt[number] + np.float32(0.05) * rough)[..., np.newaxis]
-    grout = toned(fractal(rng, coarsest_px=16), [[92, 86, 78], [128, 122, 112], [150, 144, 134]])
-    raised = step(border - 1.2, 1.5)
-    return finished(rng, mixed(grout, image, raised) * relief(3 * step(border - 1, 4), 0.1), grain=5)
-
-
-def stained_glass(rng: np.random.Generator) -> Pixels:
-    """Panes of coloured glass in lead."""
-    number, border, points = cells(rng, int(rng.integers(70, 130)), 1.0)
-    colours = palette(rng)
-    tints = np.array([pick(rng, colours) for _ in points]) * rng.uniform(0.7, 1.35, (len(points), 1))
-    cloud = fractal(rng, persistence=0.8)
-    ripples = np.sin(6 * fractal(rng, coarsest_px=128, finest_px=4, persistence=0.6))
-    image = tints.astype(np.float32)[number] * (1 + 0.16 * cloud + 0.08 * ripples)[..., np.newaxis]
-    lead = toned(fractal(rng, coarsest_px=32), [[24, 24, 28], [52, 52, 56], [84, 84, 88]])
-    width = float(rng.uniform(3, 6))
-    return finished(rng, mixed(lead, image, step(border - width, 1.5)) * relief(-step(border, 2 * width), 0.8), grain=5)
-
-
 def tiles(rng: np.random.Generator) -> Pixels:
-    """Painted tiles, each with an ornament of its own."""
+    """Painted tiles, each with another ornament."""
     size = int(rng.choice([128, 171, 205]))
     y, x = grid()
     row, column = (np.floor(at / size).astype(np.int32) for at in (y, x))

@@ -1,16 +1,14 @@
-"""Drawn pictures of nature and of painting: leaves, meadows, pebbles, fruit, fields from above, brush strokes."""
+"""Drawn pictures of nature: leaves, meadows, fruit, fields from above."""
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import ImageDraw
 
 from semisynth_gl.textures.canvas import (
-    FINE,
     SHEET_PX,
     SIDE_PX,
     Field,
     Pixels,
-    bent,
     cells,
     colour,
     direction,
@@ -128,36 +126,6 @@ def meadow(rng: np.random.Generator) -> Pixels:
     return finished(rng, reduced(image) * (1 + np.float32(0.1) * rough)[..., np.newaxis], grain=6)
 
 
-def pebbles(rng: np.random.Generator) -> Pixels:
-    """Pebbles of all sizes on sand, some with bands."""
-    image = toned(fractal(rng, coarsest_px=16), [[118, 98, 74], [158, 136, 106], [196, 176, 144]])
-    stones = np.array(
-        [[92, 94, 98], [148, 138, 124], [196, 186, 170], [120, 84, 66], [72, 84, 82], [172, 128, 96], [222, 216, 204]]
-    )
-    stones = np.concatenate([stones, 0.45 * palette(rng) + 60])
-    rough = fractal(rng, coarsest_px=64)
-    sway = fractal(rng, coarsest_px=128, finest_px=2, persistence=0.6)
-    y, x = grid()
-    for size, share, wobble in ((22, 0.8, 1.5), (44, 0.6, 3), (86, 0.5, 5), (171, 0.32, 8)):
-        number, border, points = cells(rng, size, 0.85)
-        shown = rng.random(len(points)) < share
-        inset = rng.uniform(0.03, 0.16, len(points)).astype(np.float32) * size
-        away = np.hypot(y - points[number, 0], x - points[number, 1])
-        # No stone reaches far: the corners of large cells are rounded off.
-        round_off = np.minimum(border, np.float32(0.52 * size) - away)
-        depth = round_off - inset[number] + np.float32(wobble * 0.25) * sway
-        mask = step(depth) * shown[number]
-        tints = (stones[rng.integers(0, len(stones), len(points))] * rng.uniform(0.8, 1.15, (len(points), 1))).astype(
-            np.float32
-        )
-        banded = np.sin((sway * 3 + border * np.float32(14 / size) * 3) * 2) * (number % 3 == 0)
-        stone = tints[number] * (1 + np.float32(0.1) * rough + np.float32(0.12) * banded)[..., np.newaxis]
-        dome = np.sqrt(np.clip(depth, 0, 0.3 * size))
-        image = image * (1 - 0.55 * np.clip(1 - np.abs(depth) / 6, 0, 1) * shown[number])[..., np.newaxis]
-        image = mixed(image, stone * relief(1.6 * dome, 0.42), mask)
-    return finished(rng, image.astype(np.float32), grain=5)
-
-
 def fruit(rng: np.random.Generator) -> Pixels:
     """Fruit, sweets or beads in a heap, each a ball with its own light."""
     colours = palette(rng)
@@ -230,52 +198,3 @@ def fields(rng: np.random.Generator) -> Pixels:
         step(crown) * wood[trees],
     )
     return finished(rng, image.astype(np.float32), grain=5)
-
-
-def strokes(rng: np.random.Generator) -> Pixels:
-    """A painting in thick strokes that follow the forms."""
-    colours = palette(rng)
-    colours = colours[np.argsort(colours.sum(axis=1), kind="stable")]
-    plan = fractal(rng, coarsest_px=512, finest_px=2, persistence=0.6)
-    hue = fractal(rng, coarsest_px=256, finest_px=4, persistence=0.6)
-    target = 0.72 * toned(plan, colours) + 0.28 * toned(hue, rng.permutation(colours))
-    flow = fractal(rng, coarsest_px=512, finest_px=8, persistence=0.5)
-    image, draw = sheet(colours[1])
-    for size, count in ((150, 240), (90, 520), (52, 760)):
-        places = rng.uniform(0, SHEET_PX, (count, 2))
-        middles = np.minimum(places / FINE, SIDE_PX - 1).astype(np.int32)
-        turns = 2.2 * flow[middles[:, 1], middles[:, 0]] + rng.normal(0, 0.25, count)
-        tints = target[middles[:, 1], middles[:, 0]] + rng.normal(0, 13, (count, 1)) + rng.normal(0, 7, (count, 3))
-        for at, turn, tint in zip(places, turns, tints, strict=True):
-            length, width = size * rng.uniform(0.8, 1.7), size * 0.26
-            ahead = np.array([np.cos(turn), np.sin(turn)]) * length / 2
-            aside = np.array([-np.sin(turn), np.cos(turn)]) * width
-            for number, (reach, light) in enumerate(rng.normal(1, 0.09, (4, 2)), start=-1):
-                ends = at + aside * number * 0.5 + np.array([-ahead, ahead]) * reach
-                draw.line(vertices(ends), fill=colour(tint * light), width=int(width * 0.62))
-    painted = reduced(image)
-    height = painted.mean(axis=2) / 255 + 0.05 * fractal(rng, coarsest_px=16)
-    y, x = grid()
-    canvas = 1 + 0.035 * np.sin(y * 1.4) * np.sin(x * 1.4)
-    return finished(
-        rng, painted * relief(height.astype(np.float32), 0.7) * canvas[..., np.newaxis].astype(np.float32), grain=5
-    )
-
-
-def marbled(rng: np.random.Generator) -> Pixels:
-    """Marbled paper: inks that were combed into swirls."""
-    colours = palette(rng)
-    y, x = grid()
-    drops, border, points = cells(rng, int(rng.integers(36, 80)), 1.0)
-    rings = (border / np.float32(rng.uniform(4, 9))).astype(np.int32)
-    numbers = (rng.integers(0, 5, len(points))[drops] + rings) % 5
-    tints = colours[numbers].astype(np.float32)
-    for scale in (256, 128, 64):
-        swirl, other = (fractal(rng, coarsest_px=scale, finest_px=8, persistence=0.4) for _ in "yx")
-        tints = bent(tints, 0.22 * scale * swirl, 0.22 * scale * other)
-    comb = 34 * np.abs((x / np.float32(rng.uniform(50, 110))) % 2 - 1) + 14 * np.sin(
-        y / np.float32(rng.uniform(30, 60))
-    )
-    image = bent(tints, comb.astype(np.float32), np.zeros_like(comb))
-    rough = fractal(rng, coarsest_px=64)
-    return finished(rng, image * (1 + np.float32(0.06) * rough)[..., np.newaxis], grain=7)

@@ -26,7 +26,7 @@ from semisynth_gl.textures.sources import TextureSource, describe_source, open_s
 from semisynth_gl.textures.subjects import photographed_subjects
 from semisynth_gl.textures.view_names import groups_by_name
 
-VERSION = 1
+VERSION = 2
 """Raised when patches or pictures come out otherwise; see `semisynth_gl.cache.lookup`."""
 
 # For pictures that are kept to cut large patches from. The program's own take 42 MB; a plug-in's may be of any number
@@ -126,7 +126,7 @@ def split_pictures(section: TexturesSection, split: Split) -> Iterable[Picture] 
 
     Args:
         section: the config's section.
-        split: the split; each has pictures of its own.
+        split: the split; the pictures differ between splits.
 
     Returns:
         The pictures, to be gone through once; None where the config's source draws none.

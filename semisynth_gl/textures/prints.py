@@ -1,4 +1,4 @@
-"""Drawn pictures of printed matter: pages, posters, packages, books, stamps."""
+"""Drawn pictures of printed matter: pages, posters, packages, books."""
 
 import numpy as np
 from PIL import Image, ImageDraw
@@ -208,39 +208,3 @@ def _spine(rng: np.random.Generator, wide: int, tall: int) -> Image.Image:
     across = np.linspace(-1, 1, wide)[:, np.newaxis, np.newaxis]
     lit = np.asarray(lying, np.float64) * (1.12 - 0.55 * across**4 - 0.12 * across)
     return Image.fromarray(np.clip(lit, 0, 255).astype(np.uint8)).transpose(Image.Transpose.ROTATE_270)
-
-
-def stamps(rng: np.random.Generator) -> Pixels:
-    """Stamps, tickets and stickers over each other, turned every way."""
-    image = Image.new("RGB", (SIDE_PX, SIDE_PX), colour(pick(rng, palette(rng)) * 0.7))
-    for _ in range(58):
-        wide, high = (int(size) for size in rng.integers(110, 230, 2))
-        inks = palette(rng)
-        own = Image.new("RGB", (wide, high), colour(0.1 * inks[0] + 0.9 * np.array([248, 244, 236])))
-        draw = ImageDraw.Draw(own)
-        photograph(own, rng, (9, 9, wide - 9, high - 34), inks)
-        draw.rectangle((9, 9, wide - 10, high - 35), outline=colour(inks[1] * 0.6), width=2)
-        draw.text((10, high - 32), words(rng, 2).upper(), colour(inks[1] * 0.6), font(17))
-        draw.text(
-            (wide - 62, 12),
-            str(int(rng.integers(1, 99))),
-            (250, 250, 246),
-            font(34),
-            stroke_width=2,
-            stroke_fill=colour(inks[2] * 0.5),
-        )
-        mask = Image.new("L", own.size, 255)
-        holes = ImageDraw.Draw(mask)
-        for x in range(0, wide + 8, 11):
-            for y in (-1, high):
-                holes.ellipse((x - 3, y - 4, x + 3, y + 4), fill=0)
-        for y in range(0, high + 8, 11):
-            for x in (-1, wide):
-                holes.ellipse((x - 4, y - 3, x + 4, y + 3), fill=0)
-        turn = float(rng.normal(0, 24))
-        across, down = (int(at) for at in rng.integers(-110, SIDE_PX - 60, 2))
-        turned = own.rotate(turn, Image.Resampling.BICUBIC, expand=True)
-        mask = mask.rotate(turn, Image.Resampling.BICUBIC, expand=True)
-        image.paste((20, 18, 16), (across + 4, down + 5), mask.point([level * 4 // 10 for level in range(256)]))
-        image.paste(turned, (across, down), mask)
-    return finished(rng, np.asarray(image, np.float32), grain=5)

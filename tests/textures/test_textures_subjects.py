@@ -23,7 +23,7 @@ from semisynth_gl.textures.prepare import prepare_atlas, share_photographs, spli
 from semisynth_gl.textures.subjects import SubjectFinder, of_subjects, photographed_subjects
 from semisynth_gl.textures.view_names import groups_by_name
 
-CLOTHS = (cloths.flowered, cloths.knitting, cloths.quilt, cloths.rug, cloths.tartan, cloths.weave)
+CLOTHS = (cloths.flowered, cloths.knitting, cloths.rug, cloths.tartan)
 HELD_OUT = {"validation": 0.1, "test": 0.1}
 
 
