@@ -111,7 +111,7 @@ def visibility(
     result = np.full(len(own), OUTSIDE, np.uint8)
     where = np.flatnonzero(in_frame)
     second = cast_rays(scene, models, other, place[where, 0], place[where, 1])
-    # Depths are those of each eye's own view.
+    # Each eye's depths are in its own camera frame.
     is_far = np.isinf(hits.depth_m[where])
     points = camera.rays(eye, own[where, 0], own[where, 1]) * np.where(is_far, 1.0, hits.depth_m[where])[:, None]
     points[:, 0] += camera.offset_m(eye) - camera.offset_m(other)

@@ -83,7 +83,7 @@ def measure_modes(
 def _alternated_renderers(
     bench: BenchScenes, modes: Sequence[str], backend: Backend, repeats: int
 ) -> dict[str, NDArray[np.float64]]:
-    """Time modes in turns, each in a renderer of its own that has drawn all scenes before; return (repeats,) seconds.
+    """Time modes in turns, each in a renderer that has drawn all scenes before; return (repeats,) seconds.
 
     To open a context takes longer than to draw a pair, and so does the search for the edges of models at their first
     use, which a dataset pays once: only what each pair costs is timed.

@@ -60,7 +60,7 @@ class _MemoryJob:
 
 
 def measure_memory(config: Config, seed: int, backend: Backend, pairs: int) -> dict[str, Any]:
-    """Make pairs in a process of its own and follow its memory.
+    """Make pairs in another process and follow its memory.
 
     Returns:
         Resident memory at the end and the largest one after any pair, with a software renderer images and textures

@@ -74,7 +74,7 @@ class SampledTruth:
         eye: "left" or "right".
         row: (N,) int64.
         column: (N,) int64.
-        disparity_px: (N,) float64, the oracle's; inf where there is none.
+        disparity_px: (N,) float64, the oracle's; inf where no surface is hit.
         dropped: number of chosen pixels that are left out, near an edge.
     """
 

@@ -8,7 +8,7 @@ import numpy as np
 from semisynth_gl.pairs.pipeline import PAIR_STAGES
 
 STAGES = (*PAIR_STAGES, "encode", "write")
-"""The stages of a pair in a dataset, in order: those of its renderer, and what becomes of the arrays."""
+"""The stages of a pair in a dataset, in order: the renderer's, then the handling of the arrays."""
 
 STAGE_TEXTS: Mapping[str, str] = {
     "sample": "what stands where",

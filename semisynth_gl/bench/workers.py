@@ -51,7 +51,7 @@ class _ShardTimes(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class _TimedShards:
-    """Makes shards and tells who did it and when, once all workers are open; each writes to a folder of its own."""
+    """Makes shards and tells who did it and when, once all workers are open; each writes to another folder."""
 
     job: ShardJob
     opened: Barrier
@@ -247,7 +247,7 @@ def _rate(config: Config, seed: int, backend: Backend, count: int, threads: str 
     sequences = max(count, ceil(pairs / length))
     with tempfile.TemporaryDirectory() as scratch, worker_threads(threads):
         job = shard_job(config, seed, backend, (1 + sequences) * length, length, Path(scratch))
-        # Workers are spawned, and a barrier goes to processes of its own kind alone.
+        # Workers are spawned, so the barrier must come from the same multiprocessing context.
         opened = get_context("spawn").Barrier(count)
         shards = do_all(_TimedShards(job, opened), range(1, 1 + sequences), count)
     start = min(shard.start_s for shard in shards)

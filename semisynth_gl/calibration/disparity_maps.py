@@ -40,7 +40,7 @@ class MeasuredMaps:
 
 
 def measure_maps(paths: Sequence[Path], rigs: Sequence[Rig], png_scale: float = KITTI_DISPARITY.steps) -> MeasuredMaps:
-    """Count the disparities of all maps; which numbers are none, `read_values` says.
+    """Count the disparities of all maps; `read_values` says which numbers mark missing values.
 
     The disparities of a view are in proportion to the width of its image, so those of a map that has no rig's size are
     scaled by the ratio of the widths.

@@ -103,7 +103,7 @@ def disparity_range(source: DisparitySource, rigs: Sequence[Rig]) -> DisparityRa
 
 
 def _scaled_maps(sizes: Sequence[Size], rig: Size) -> str:
-    """Return a sentence on maps of other sizes than the rig's, after a space; "" where there are none."""
+    """Return a sentence on maps of other sizes than the rig's, after a space; "" without such maps."""
     if not sizes:
         return ""
     least, most = min(sizes), max(sizes)

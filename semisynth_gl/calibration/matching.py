@@ -59,7 +59,7 @@ def given_pairs(left: str, right: str) -> list[tuple[Path, Path]]:
 
 
 def pairs_among(images: Sequence[Path]) -> list[tuple[Path, Path]]:
-    """Return the pairs among images whose names tell left and right, as those of Middlebury, ETH3D and KITTI do."""
+    """Return the pairs among images whose names tell left and right, as in Middlebury, ETH3D and KITTI."""
     given, pairs = set(images), []
     for path in images:
         right = None

@@ -29,7 +29,7 @@ def photograph_sizes(images: Sequence[Path]) -> list[Size]:
 
 
 def are_grey(images: Sequence[Path]) -> bool:
-    """Return whether photographs are those of a monochrome camera: of one channel, or of three equal ones.
+    """Return whether photographs come from a monochrome camera: they have one channel, or three equal ones.
 
     The first coloured one settles it. A file that cannot be read is passed over; without any other, they are not.
     """
@@ -55,7 +55,7 @@ def check_sizes(photographs: Sequence[Size], calibrated: Sequence[Size], scale: 
         The number of photographs with the size of a calibration.
 
     Raises:
-        InputError: where there is none, with the numbers and the option that makes it right.
+        InputError: where no photograph can be used, with the numbers and the option that makes it right.
     """
     sizes = Counter(photographs)
     wanted = [size if scale is None else size.scaled(scale) for size in calibrated]

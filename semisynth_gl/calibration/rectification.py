@@ -13,7 +13,7 @@ from semisynth_gl.inputs.errors import InputError, counted
 from semisynth_gl.seeds.spread import spread
 from semisynth_gl.textures.images import stored_size
 
-# Pairs are those of a rig at another resolution where width over height differs by no more.
+# A pair belongs to a rig of another resolution if width over height differs by no more.
 _SAME_SHAPE = 0.02
 
 
@@ -76,7 +76,7 @@ def measure_rectification(pairs: Sequence[tuple[Path, Path]], rigs: Sequence[Rig
 
     Args:
         pairs: left and right photographs, at least one pair.
-        rigs: the rigs, at least one; pairs of another resolution are those of the rig of the median size.
+        rigs: the rigs, at least one; pairs of another resolution count for the rig of the median size.
 
     Raises:
         InputError: where an image cannot be read, or a pair's size is no rig's, or OpenCV is not installed.

@@ -143,7 +143,7 @@ def rectified(projections: Projections, size: Size | None) -> Rig:
 
     Args:
         projections: the matrices.
-        size: size of the images from the user; None where there is none.
+        size: size of the images from the user, or None.
 
     Raises:
         InputError: with the numbers, where the pair is not rectified, the baseline is 0 or negative, the size is not

@@ -2,9 +2,9 @@
 
 A right camera that stands where the rectified one would, but is turned, or has another focal length or a lower
 principal point, moves each point of its image to a place that no depth has a part in. So what brings the rows of all
-right points to those of the left ones is the deviation, with no depth known and nothing linearised.
+right points to the rows of the left ones is the deviation, with no depth known and nothing linearised.
 
-Signs are those of the config's section ``rig``: the camera's frame is x right, y down, z forward, and the rotation
+Signs follow the config's section ``rig``: the camera's frame is x right, y down, z forward, and the rotation
 right_from_rectified = Rx(pitch) Rz(roll), both right-handed: a positive roll turns what the right image shows
 clockwise, a positive pitch moves it upwards, and a positive ``right_y_px`` moves it down.
 """
@@ -118,7 +118,7 @@ def deviation_ranges(
 
 
 def fit_deviation(matches: Matches, camera: StereoCamera, *, pitch: bool) -> FittedDeviation:
-    """Fit the deviation that brings the rows of right points to those of the left ones, robustly.
+    """Fit the deviation that brings right points to the rows of the left ones, robustly.
 
     Args:
         matches: of one pair, at least as many as numbers are fitted; wrong ones among them are told by their rows.

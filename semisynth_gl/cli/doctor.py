@@ -28,7 +28,7 @@ def _draw_picture(name: str) -> None:
         next(iter(pictures(np.random.default_rng(0))), None)
 
 
-# What each sort of plug-in is tried by: its first picture, a model of its own.
+# How each sort of plug-in is tried: by its first picture, or by one of its models.
 _TRIALS: Mapping[Group, Callable[[str], object]] = {
     "layouts": find_layout,
     "textures": _draw_picture,

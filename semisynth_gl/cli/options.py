@@ -36,7 +36,7 @@ class Number(click.FloatRange):
     """The type of an option that is a number between two ends; click's own takes nan for one."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:  # noqa: ANN401
-        """Return the number, or refuse what is none."""
+        """Return the number, or refuse a value that is not one."""
         number = float(super().convert(value, param, ctx))
         if math.isnan(number):
             self.fail(f"{value!r} is not a number.", param, ctx)

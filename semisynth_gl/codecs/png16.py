@@ -95,7 +95,7 @@ class SignedDisparityPng16(Codec[NDArray[np.float32]]):
 
 
 def _is_count(counts: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return what is a count of `SignedDisparityPng16`; 0 is none."""
+    """Return what is a count of `SignedDisparityPng16`; 0 is no count."""
     is_count: NDArray[np.bool_] = (counts >= 1) & (counts <= _LARGEST)
     return is_count
 

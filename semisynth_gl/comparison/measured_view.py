@@ -31,7 +31,7 @@ class MeasuredView:
     Attributes:
         name: for messages.
         luminance: (H, W) float32, 8-bit levels; None of a map without an image.
-        disparity: (H, W) float32, px of the working width, nan where there is none; None of a photograph.
+        disparity: (H, W) float32, px of the working width, nan where unknown; None for a photograph.
         surfaces: the disparity without holes: a hole takes the smaller of the values beside it in its row, since most
             holes are background that one eye sees, and a row without any value is the nearest row that has some. None
             where fewer than half of the pixels have a disparity, as of lidar: holes are then most of it.

@@ -108,7 +108,7 @@ def hidden(disparity: NDArray[np.float32]) -> Mask:
     Pairs with a mask are judged so too: both sides of a comparison are to have one definition.
 
     Args:
-        disparity: (H, W) float32 px, nan where there is none.
+        disparity: (H, W) float32 px, nan where unknown.
 
     Returns:
         (H, W) bool, false where there is no disparity.

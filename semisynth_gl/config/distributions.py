@@ -53,7 +53,7 @@ class UniformTarget(Section):
 
 
 class UniformDepthTarget(Section):
-    """Every depth between those of ``disparity.max_px`` and ``disparity.min_px`` has the same share of the pixels."""
+    """Every depth from ``disparity.max_px`` to ``disparity.min_px`` has the same share of the pixels."""
 
     form: Literal["uniform-depth"]
 

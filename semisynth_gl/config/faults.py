@@ -146,7 +146,7 @@ def _meant_keys(key: Key, siblings: Collection[str], value: object) -> list[str]
         inner.append(str(name))
     whole, known = ".".join([*above, last, *inner]), [each.dotted for each in config_keys()]
     alike = [".".join([*above, name]) for name in near(last, siblings)]
-    if key[0] == SCENES:  # a recipe has sections of its own
+    if key[0] == SCENES:  # a recipe has sections, too
         return alike
     if inner:
         alike = near(whole, known) or alike

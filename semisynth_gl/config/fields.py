@@ -97,7 +97,7 @@ def reason_of(fault: ErrorDetails) -> str:
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """Return whether a value from YAML is a number, of any size; true and false are none."""
+    """Return whether a value from YAML is a number of any size; true and false are not."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 

@@ -14,7 +14,7 @@ from semisynth_gl.config.model import Config
 
 Values = dict[str, Any]
 
-# The sections whose keys in pixels are those of an image; patches have pixels of their own.
+# The sections whose keys count pixels of an image; other sections count pixels of patches.
 _OF_IMAGES = ("camera", "disparity", "background", "structures", "particles", "imperfections")
 _TEXELS = "texels_per_pixel"
 _SIDES = ("width_px", "height_px")

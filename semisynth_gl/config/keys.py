@@ -17,7 +17,7 @@ class ConfigKey:
 
     Attributes:
         parts: the names of its sections, and its own.
-        is_section: whether it has keys of its own in any form.
+        is_section: whether it has keys below it in any form.
         of_form: whether only some forms of the key above it have it.
     """
 

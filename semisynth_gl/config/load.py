@@ -114,7 +114,7 @@ def _validated(document: Document, overrides: Overrides = ()) -> Config:
 
 
 def _over(base: Document, own: Document) -> Document:
-    """Return a document's values over those of another, which follow where these change the size of the images."""
+    """Merge a document's values over another's, which are scaled where the document changes the size of the images."""
     factor = own.values.pop(_SCALE, None)
     if factor is not None:
         if not (is_number(factor) and 1 / _MOST_TIMES <= factor <= _MOST_TIMES):
@@ -127,7 +127,7 @@ def _over(base: Document, own: Document) -> Document:
 
 
 def _read_plugin_recipes(document: Document) -> None:
-    """Put the keys of plug-ins' recipes below those of the recipes that extend them."""
+    """Put the keys of plug-ins' recipes below the recipes that extend them."""
     recipes = document.values.get(SCENES)
     if not isinstance(recipes, list):
         return
@@ -142,7 +142,7 @@ def _read_plugin_recipes(document: Document) -> None:
 
 
 def _read_target_files(document: Document) -> None:
-    """Put histograms in the places of the files that targets name: the config's target, and those of recipes."""
+    """Replace files that targets name by histograms, in the config's target and in recipes."""
     recipes = document.values.get(SCENES)
     _read_target_file(document, document.values, ())
     for number, recipe in enumerate(recipes if isinstance(recipes, list) else ()):

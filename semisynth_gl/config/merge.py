@@ -34,7 +34,7 @@ class Document:
 
 
 def merged(base: Document, own: Document) -> Document:
-    """Return a document's values over those of another: mappings key by key, all else whole."""
+    """Merge a document's values over another's: mappings key by key, all else whole."""
     # A value that is replaced takes its place along, so that no message sends the user there.
     places = dict(base.places)
 

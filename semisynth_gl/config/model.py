@@ -112,7 +112,7 @@ class Recipe:
     Attributes:
         name: its name; None where a config has no recipes, so that all sequences are made by the config itself.
         share: its share of the sequences.
-        config: the config with the recipe's keys, and without recipes of its own.
+        config: the config with the recipe's keys, and with an empty ``scenes``.
     """
 
     name: str | None
@@ -380,7 +380,7 @@ class Config(Section):
 
 
 def _joined_edges(histograms: Sequence[Histogram]) -> NDArray[np.float64]:
-    """Return the edges of the histogram that reaches lowest: all of them are those of one target, and some below."""
+    """Return the edges of the histogram that reaches lowest; the others have a part of its edges."""
     return min(histograms, key=lambda histogram: float(histogram.edges_px[0])).edges_px
 
 

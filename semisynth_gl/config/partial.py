@@ -31,7 +31,7 @@ class Partial(Section):
 def partial_section(section: type[Section], without: tuple[str, ...] = ()) -> type[Partial]:
     """Return a section that takes the keys of another one, but for some, and needs none of them.
 
-    Values are checked as those of the other section are, one by one: rules between keys hold for merged sections.
+    Each value is checked as in the whole section; rules between keys are checked in the merged section.
 
     Args:
         section: the other section.

@@ -21,7 +21,7 @@ from semisynth_gl.plugins import NOUNS
 from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.textures.sources import describe_source
 
-# The names in the documentation of Hugging Face's hub; any other licence is "other" with a name of its own.
+# The names in the documentation of Hugging Face's hub; any other licence is "other" with a name.
 _LICENCES = frozenset(
     """
     apache-2.0 mit openrail bigscience-openrail-m creativeml-openrail-m bigscience-bloom-rail-1.0 bigcode-openrail-m
@@ -102,7 +102,7 @@ def _config(role: str, file_sets: Sequence[FileSet]) -> dict[str, Any]:
 
 
 def _image_sets(plan: Plan) -> dict[str, list[FileSet]]:
-    """Return the file sets of images in folders by role, one for each split; those of the left image in any format."""
+    """Return the file sets of images in folders by role, one for each split; the left image's in any format."""
     found: dict[str, list[FileSet]] = {}
     for split in plan.splits:
         for each in list_file_sets(plan, split):

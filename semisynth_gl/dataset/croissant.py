@@ -135,7 +135,7 @@ def _record_set(file_set: FileSet, *, several: bool) -> dict[str, Any]:
     source = {"fileSet": {"@id": _id(file_set)}}
     regexes = _key_regexes(file_set.pattern)
     # The text that stands for each star is a field; together they are the pair's key, the same in all roles. The keys
-    # do not reference those of other record sets: mlcroissant would join records before it reads them, and fail.
+    # do not reference other record sets: mlcroissant would join records before it reads them, and fail.
     keys = [
         _field(
             f"{name}/key" if len(regexes) == 1 else f"{name}/key_{number}",

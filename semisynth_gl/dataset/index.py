@@ -68,7 +68,7 @@ def _describe_split(plan: Plan, split: SplitName, sources: Sources) -> dict[str,
             {
                 "name": mesh.name,
                 "sha256": _sha256(mesh.positions, mesh.uv, mesh.triangles),
-                # Names of the user's models are names of files and have an ending; those of plug-ins have a slash.
+                # Names of the user's models are names of files and have an ending; models of plug-ins have a slash.
                 "licence": _OWN_LICENCE if mesh.name in own_kinds else config.licences.models,
             }
             for mesh in sources.models

@@ -148,7 +148,7 @@ def _free_layouts() -> list[str]:
 
 
 def _check_names(plan: Plan) -> None:
-    """Raise InputError where the layout gives files of its own names that every dataset has."""
+    """Raise InputError where the layout names a file as every dataset's own files are named."""
     for split in plan.splits:
         keys, folder = [plan.key(split, 0)], plan.folder(split)
         lists = plan.layout.lists(keys, plan.encodings)

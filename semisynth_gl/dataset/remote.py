@@ -48,7 +48,7 @@ class Remote(Place):
 
     @property
     def _system(self) -> Any:  # noqa: ANN401 - fsspec has no types
-        """The file system; a forked process opens connections of its own."""
+        """The file system; a forked process opens new connections."""
         if self._process != os.getpid():
             self._connect()
         return self._connected

@@ -72,7 +72,7 @@ class StoredFrame(Frame):
 
 
 class LatestFiles:
-    """The values and files of a pair that the next one may have too: those of a left view that pairs share."""
+    """The values and files of a left view that successive pairs share."""
 
     def __init__(self) -> None:
         self._files: dict[str, tuple[NDArray[Any], bytes]] = {}

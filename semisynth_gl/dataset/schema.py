@@ -1,4 +1,4 @@
-"""Every name that a dataset has on disk, beside those of its layout."""
+"""Every name that a dataset has on disk, except the layout's names."""
 
 import re
 
@@ -64,7 +64,7 @@ def journal_name(shard: str) -> str:
 
 
 def unfinished_path(name: str, number: int) -> str:
-    """Return a path under which a file is written before it is renamed; each run takes a number of its own."""
+    """Return a path under which a file is written before it is renamed; each run takes another number."""
     return f"{PARTIAL}/{PROGRAM}.{name.replace('/', '-')}.{number}"
 
 

@@ -44,7 +44,7 @@ def plan_document(plan: Plan, beginning: Mapping[str, Any]) -> dict[str, Any]:
 def lost_files(place: Place, plan: Plan) -> list[str]:
     """Return which files, links and folders about the whole dataset are missing, cut off, or not its plan's.
 
-    A card or a Croissant file with other contents is none of these: users add to them. Nor is a folder in the place of
+    A card or a Croissant file with other contents is not lost: users add to them. Nor is a folder in the place of
     a link, as a copy without links has it.
 
     Raises:
@@ -92,7 +92,7 @@ def check_ways(place: Place, plan: Plan) -> None:
 
 
 def own_names(plan: Plan) -> Iterator[str]:
-    """Yield the names of all files that a dataset may have, those of its pairs last."""
+    """Yield the names of all files that a dataset may have, the pairs' files last."""
     yield from (INDEX, CARD, CROISSANT, PLAN)
     for split in plan.splits:
         first = [plan.key(split, 0)]

@@ -170,7 +170,7 @@ class StereoCamera:
         """Return the camera in JSON's types, doffs too.
 
         Args:
-            deviation: whether to state the deviation of a rectified pair too, which is none.
+            deviation: whether to state the zero deviation of a rectified pair, too.
         """
         values = {key.name: getattr(self, key.name) for key in fields(self) if key.name != _DEVIATION}
         values["doffs_px"] = self.doffs_px
@@ -246,7 +246,7 @@ class StereoCamera:
     def depth_m(self, disparity_px: NDArray[np.float64] | float) -> NDArray[np.float64]:
         """Return the planar depth Z = f B / (d + doffs) of disparities in a rectified pair; any shape, float64.
 
-        Inf, negative and, with a baseline of 0, nan: there is none. `depth_at` holds for all pairs.
+        Inf, a negative value or, with a baseline of 0, nan stand for no depth. `depth_at` holds for all pairs.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             return self.focal_baseline / (np.asarray(disparity_px, np.float64) + self.doffs_px)
@@ -301,7 +301,7 @@ class StereoCamera:
             disparity_px: (...).
 
         Returns:
-            (...) float64 m; inf, negative and nan: there is none.
+            (...) float64 m; inf, negative values and nan stand for no depth.
         """
         if self.rectified:
             return self.depth_m(disparity_px)

@@ -32,7 +32,7 @@ _UINT8, _FLOAT32 = np.dtype(np.uint8), np.dtype(np.float32)
 
 
 def as_rgb(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return an image of either kind with three channels, (H, W, 3); those of a grey one, (H, W), are equal.
+    """Return an image with three channels, (H, W, 3); a grey image (H, W) gets three equal ones.
 
     A grey one is not copied, and cannot be written to.
     """
@@ -383,7 +383,7 @@ class Frame:
         return {role: view[name] for role, (view, name) in views.items() if name in view}
 
     def cropped(self, crop: Crop) -> "Frame":
-        """Return a crop of both views, in arrays of its own.
+        """Return a crop of both views, as copies.
 
         Raises:
             InputError: where the crop reaches beyond the image.

@@ -174,7 +174,7 @@ def _describe(plan: Plan, sources: Mapping[SplitName, Sources], listener: Listen
 
 
 def _of_the_user(sources: Sources) -> str:
-    """Return how many models are the user's, and how often they are drawn; nothing where there are none."""
+    """Return how many models are the user's, and how often they are drawn; empty without any."""
     count = max(library.user_count for library in sources.libraries)
     if not count:
         return ""

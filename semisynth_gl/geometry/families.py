@@ -10,7 +10,7 @@ from semisynth_gl.plugins import Plugin, find_plugin, refuse_clash
 from semisynth_gl.seeds.seeds import Purpose, generator
 from semisynth_gl.seeds.splits import Split
 
-# `Split.share`'s purpose; 0 to 2 are those of the families that the program has itself.
+# `Split.share`'s purpose; the program's own families have 0 to 2.
 _SHARED = 3
 _FUNCTION = "a function from a numpy.random.Generator to a semisynth_gl.Mesh"
 

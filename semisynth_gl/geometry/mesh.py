@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from semisynth_gl.inputs.arguments import check_magnitudes, check_type, to_array
 from semisynth_gl.inputs.errors import InputError
 
-# float32 holds a number in steps of 2^-24 of it, so those of vertices grow with their distance from the origin. So many
-# times a mesh's size away they are 2^-20 of it, a thousandth of a pixel where it is 2000 px wide.
+# float32 holds a number in steps of 2^-24 of it, so the steps of vertices grow with their distance from the origin. At
+# this many times a mesh's size they are 2^-20 of the size, a thousandth of a pixel of a mesh that is 2000 px wide.
 _FAR = 16
 # Beyond, float64 holds it no better than float32 does there: 53 bits less 24.
 _FARTHEST = 2.0**29
@@ -192,7 +192,7 @@ def mesh_grid(rows: int, columns: int) -> tuple[NDArray[np.float64], NDArray[np.
 
 
 def cross(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Cross products along the last axis, (..., 3) each: bit for bit those of `numpy.cross`.
+    """Cross products along the last axis, (..., 3) each: bit for bit equal to `numpy.cross`.
 
     With `numpy.cross` and `numpy.linalg.norm`, which are slow on small arrays, the builders take a quarter longer.
     """
@@ -216,7 +216,7 @@ def least_axis(direction: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def lengths(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Lengths along the last axis, (..., D): bit for bit those of `numpy.linalg.norm`."""
+    """Lengths along the last axis, (..., D): bit for bit equal to `numpy.linalg.norm`."""
     return np.asarray(np.sqrt(np.add.reduce(vectors * vectors, axis=-1)))
 
 

@@ -71,7 +71,7 @@ def _tell_size(path: Path, name: str) -> None:
 
 
 def _files(folders: Sequence[Path], formats: Collection[str]) -> Iterator[tuple[Path, str]]:
-    """Yield the files that are given, and those of a known format in folders, each with its name."""
+    """Yield the given files, and the files of a known format in the given folders, each with its name."""
     endings = tuple(f".{suffix}" for suffix in formats)
     for folder in folders:
         if not folder.is_dir():

@@ -120,7 +120,7 @@ def build_libraries(
 ) -> tuple[ModelLibrary, ...]:
     """Build the library of each recipe. All have the same ``models``: those that any of them draws, each once.
 
-    A recipe draws the same models by the same chances as from a library of its own.
+    A recipe draws the same models by the same chances as if it alone had a library.
 
     Args:
         recipes: the sections of each recipe, see `build_library`.

@@ -1,4 +1,4 @@
-"""A process of its own that reads models, so that one file cannot take this process's memory, time, or life.
+"""A process that only reads models, so that one file cannot take this process's memory, time, or life.
 
 What a reader takes for a file cannot be told before it has run: trimesh has some twenty of its own and of other
 packages, and a few bytes may stand for parts without end. The system's limits hold for all of them.
@@ -42,7 +42,7 @@ _FLOAT, _INDEX = np.dtype(np.float64), np.dtype(np.int64)
 
 
 class ModelReader:
-    """Reads models in a process of its own, which starts with the block and ends with it.
+    """Reads models in another process, which starts with the block and ends with it.
 
     Attributes:
         formats: suffixes of files, without the leading dot, that trimesh knows.

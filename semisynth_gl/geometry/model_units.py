@@ -66,7 +66,7 @@ def join_surfaces(name: str, parts: list[Surface]) -> Mesh:
     """Join surfaces to one model; see `make_model`.
 
     Raises:
-        BrokenModelError: where there are none, or no triangle has an area.
+        BrokenModelError: where there are no triangles, or none has an area.
     """
     if not parts:
         raise BrokenModelError("has no triangles")
@@ -107,7 +107,7 @@ def _unwrapped(
     usable = (area == 0) | (mapped & (pull < PULL_LIMIT * scale))
     if area[usable].sum() <= UV_LOSS * area.sum():
         return [project_uv(name, positions, triangles)]
-    # Larger ones are those of triangles that are left out.
+    # Only triangles that are left out have larger ones.
     held = np.clip(np.where(np.isfinite(uv), uv, 0) * scale, -MOST, MOST)
     kept = make_part(name, positions, held, triangles[usable])
     return [kept] if usable.all() else [kept, project_uv(name, positions, triangles[~usable])]

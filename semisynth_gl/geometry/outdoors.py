@@ -89,7 +89,7 @@ def house(rng: np.random.Generator) -> list[Mesh]:
 
 
 def _window(size: NDArray[np.float64], at: Sequence[float]) -> list[Mesh]:
-    """A frame about a cross, and a sill, sunk into a wall across y; each stands out by a length of its own."""
+    """A frame about a cross, and a sill, sunk into a wall across y; each stands out by another length."""
     wide, high = size
     rim = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * size / 2
     # extruded along z, which becomes y; it is as long before the wall as behind it

@@ -55,7 +55,7 @@ def to_whole(name: str, value: object, least: int | None = None, most: int | Non
     """Convert a whole number, Python's or numpy's, of ``least`` or more and ``most`` or less.
 
     Raises:
-        InputError: where it is none.
+        InputError: where it is not such a number.
     """
     if not isinstance(value, Integral) or isinstance(value, bool):
         raise _wrong(name, "a whole number", value)

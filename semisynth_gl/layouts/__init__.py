@@ -12,7 +12,7 @@ __all__ = ["LAYOUTS", "Key", "Layout", "find_layout", "layout_names", "scene_ste
 
 
 def layout_names() -> tuple[str, ...]:
-    """Return the names of all layouts, those of plug-ins among them, sorted."""
+    """Return the names of all layouts, plug-ins included, sorted."""
     return tuple(sorted({*LAYOUTS, *plugin_names("layouts")}))
 
 
@@ -20,7 +20,7 @@ def find_layout(name: str) -> Layout:
     """Return the layout of a name.
 
     Raises:
-        MissingPluginError: where there is none.
+        MissingPluginError: where no layout has the name.
         InputError: where the layout of a plug-in cannot be used, see `checked_layout`, or has a built-in one's name.
     """
     if name not in LAYOUTS:

@@ -75,7 +75,7 @@ def check_layout(layout: Layout) -> None:
                     raise InputError(
                         f"{owner}: expected a path below the dataset's folder, in ASCII without blanks, got {path!r}"
                     )
-                # The shards of a split have tars of their own.
+                # Each shard of a split has its tar.
                 owner_before = owners.setdefault(f"{split}:{path}" if layout.packed else path, owner)
                 if owner_before != owner:
                     raise InputError(
@@ -107,7 +107,7 @@ def _paths(layout: Layout, keys: list[Key], folder: str) -> Iterator[tuple[str, 
 
 
 def _is_known(layout: Layout, role: str) -> bool:
-    """Return whether a layout knows a role; it may have roles of its own."""
+    """Return whether a layout knows a role."""
     try:
         layout.role(role)
     except KeyError:

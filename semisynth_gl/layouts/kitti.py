@@ -81,7 +81,7 @@ class Kitti(Layout):
         """Return a pair's files, of the same name in many folders."""
         number = f"{key.sequence:06d}"
         name = f"{number}_{_FIRST_FRAME + key.frame}"
-        # Masks have no file of their own.
+        # Masks have no separate file.
         views = {role: stem for role, stem in view_stems({}, "{channel}_{n}").items() if "visibility" not in role}
         folders = {**_FOLDERS} | {role: folder for role, folder in views.items() if role not in _FOLDERS}
         return {role: f"training/{folder}/{name}" for role, folder in folders.items()} | {

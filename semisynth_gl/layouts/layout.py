@@ -77,7 +77,7 @@ class Layout(ABC):
         Args:
             key: the pair.
             encodings: see `encodings_for`.
-            outputs: those of the dataset; None for all files that the layout knows.
+            outputs: the dataset's; None for all files that the layout knows.
             truth: views that have truth.
         """
         files = {}
@@ -185,7 +185,7 @@ def scene_stems(names: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str
     """Return the names of a frame's arrays in layouts that call the left view 0 and the right one 1.
 
     Args:
-        names: the layout's own names by channel, beside those of Middlebury; see `view_stems`.
+        names: the layout's names by channel, over Middlebury's; see `view_stems`.
 
     Returns:
         Those of the pair's own moment, and those that compare it with another one, view by view.

@@ -68,7 +68,7 @@ class Role:
 
 
 def not_occluded_role(channel: Channel[Any], eye: Eye) -> str:
-    """Return the role of a channel's values less those of points that its mask does not call visible."""
+    """Return the role of a channel's values at the points that its mask calls visible."""
     return f"{channel.name.removeprefix('disparity')}_not_occluded_{eye}".removeprefix("_")
 
 
@@ -80,7 +80,7 @@ def mask_from_not_occluded(
     A hidden point is outside the other image or occluded, see `restore_outside`.
 
     Args:
-        truth: (H, W) float32 px, or (H, W, 2) for flow; inf where there is none.
+        truth: (H, W) float32 px, or (H, W, 2) for flow; inf where unknown.
         not_occluded: likewise.
         channel: the channel of the truth.
         eye: whose they are.
@@ -110,7 +110,7 @@ def stored_mask(mask: NDArray[np.uint8], truth: NDArray[np.float32], channel: Ch
 
     Args:
         mask: (H, W) uint8, the values of `semisynth_gl.frame.frame`.
-        truth: (H, W) float32 px, or (H, W, 2) for flow: what the mask is of; inf where there is none.
+        truth: (H, W) float32 px, or (H, W, 2) for flow: what the mask is of; inf where unknown.
         channel: the channel of the truth.
 
     Returns:
@@ -133,7 +133,7 @@ def restore_outside(
 
     Args:
         mask: (H, W) uint8, as `stored_mask` returns it.
-        truth: (H, W) float32 px, or (H, W, 2) for flow; inf where there is none.
+        truth: (H, W) float32 px, or (H, W, 2) for flow; inf where unknown.
         channel: the channel of the truth.
         eye: whose they are.
 

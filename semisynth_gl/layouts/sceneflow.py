@@ -53,7 +53,7 @@ class SceneFlow(Layout):
 
     lacks = frozenset({"correspondence"})
     encodings = Encodings(flow=FlowPfm())
-    # RAFT-Stereo makes the paths of disparities so, and others those of right images.
+    # RAFT-Stereo derives the paths of disparities by this replacement, other loaders the paths of right images.
     replaced = ("left", "right", _IMAGES, ".png")
     most_frames = 10_000
     right_truth_for = "torchvision's SceneFlowStereo and HSM"

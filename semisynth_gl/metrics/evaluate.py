@@ -46,7 +46,7 @@ class Evaluation:
         scores: by (region,); where the truth has a map of objects, also by (region, part), with the part
             ``background`` or ``foreground``.
         error_map: (H, W, 3) uint8 RGB; None where it was not asked for.
-        negative: whether most values of the prediction are below 0, as those of a flow to the right image are, and
+        negative: whether most values of the prediction are below 0, as in a flow to the right image, and
             disparities of the truth are not.
     """
 
@@ -76,7 +76,7 @@ def evaluate(
         partial: whether predictions may be missing.
 
     Returns:
-        What ``--json`` writes, in JSON's types: ``mean`` has figures by region and name, ``images`` those of each pair.
+        What ``--json`` writes, in JSON's types: ``mean`` has figures by region and name, ``images`` each pair's.
 
     Raises:
         InputError: where folders, names or sizes do not fit, or predictions are missing.

@@ -53,7 +53,7 @@ class PixelComparison:
         truth: (H, W) float32 px.
         error: (H, W) float32 px, absolute; without meaning where not `scored`.
         judged: (H, W) bool, where the benchmark asks for a disparity.
-        estimated: (H, W) bool, where the prediction has a disparity of its own.
+        estimated: (H, W) bool, where the prediction itself has a disparity.
         scored: (H, W) bool, the judged pixels whose `error` counts.
     """
 
@@ -273,7 +273,7 @@ def find_protocol(name: ProtocolName | Protocol) -> Protocol:
     """Return a benchmark's definitions by their name, or those that are given.
 
     Raises:
-        InputError: where there is none of that name.
+        InputError: where no protocol has that name.
     """
     if isinstance(name, Protocol):
         return name

@@ -108,7 +108,7 @@ def score(
 
     Args:
         prediction: (H, W) floats, px; the protocol decides which values are no disparity. Middlebury takes half and
-            quarter sizes too. Errors are those of float32, as in the evaluators.
+            quarter sizes too. Errors are computed in float32, as in the evaluators.
         truth: (H, W) floats, px, inf where there is no disparity.
         protocol: one of `PROTOCOLS`, or its name.
         mask: (H, W) bool, the pixels to count, such as those that both views see; None for all.

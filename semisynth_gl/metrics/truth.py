@@ -47,7 +47,7 @@ class Truth:
     """The truth of a pair's left view.
 
     Attributes:
-        disparity: (H, W) float32 px, inf where there is none.
+        disparity: (H, W) float32 px, inf where unknown.
         visible: (H, W) bool, where the right view sees the point too; None where that is not known.
         objects: (H, W) uint8, 0 in the background, as KITTI's obj_map; None where there is no such map.
         limits: of the disparities.

@@ -41,7 +41,7 @@ _FURTHER: Mapping[str, Callable[[Range, np.random.Generator], Any]] = {
 
 @dataclass(frozen=True, slots=True)
 class Imperfections:
-    """The imperfections of a view, but for motion blur. By default there are none.
+    """The imperfections of a view, except motion blur. The default leaves the image as it is.
 
     Attributes:
         blur_px: standard deviation of the lens blur.

@@ -32,7 +32,7 @@ class Antialias:
 
     @property
     def redraws(self) -> bool:
-        """Whether colour is drawn once more, in a framebuffer of its own."""
+        """Whether colour is drawn once more, in a separate framebuffer."""
         return self.kind in ("msaa", "ssaa")
 
 
@@ -40,7 +40,7 @@ def parse_antialias(text: str) -> Antialias:
     """Read "none", "edges", "msaa4", "ssaa2" and their like.
 
     Raises:
-        InputError: where the text is none of these.
+        InputError: where the text is another one.
     """
     if not re.fullmatch(ANTIALIAS_PATTERN, text):
         raise InputError(f"antialias: expected none, edges, msaa2, msaa4, ... or ssaa2 to ssaa8, got {text}")

@@ -109,7 +109,7 @@ def nvidia_is_named() -> bool:
 
 
 def nvidia_fault(devices: Sequence[Device]) -> str | None:
-    """Say why EGL does not list the GPU of NVIDIA's that the kernel has; None where it does, or there is none."""
+    """Say why EGL does not list the NVIDIA GPU that the kernel has; None where it does, or without such a GPU."""
     if not NVIDIA_CONTROL.exists() or any(device.cuda is not None for device in devices):
         return None
     if not _loads(NVIDIA_LIBRARY):

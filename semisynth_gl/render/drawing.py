@@ -1,4 +1,4 @@
-"""The drawing pass: what each eye sees of a scene, with colour in a pass of its own where it is antialiased."""
+"""The drawing pass: what each eye sees of a scene, with antialiased colour in a separate pass."""
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property

@@ -21,7 +21,7 @@ from semisynth_gl.render.targets import EyeTargets
 _FEWEST_STRIPS, _FEWEST_INSTANCES = 4096, 256
 # Bindings of edges.geom.
 _VERTICES, _STRIPS = 0, 6
-# Texture unit of edges.frag, after those of the atlases.
+# Texture unit of edges.frag, after the units of the atlases.
 _DRAWN = 2
 
 

@@ -51,7 +51,7 @@ class FlowPass:
     def resize(self, size: tuple[int, int]) -> None:
         """Make room for another image size; a size that the driver refuses leaves the pass as it was."""
         then = EyeTargets(self._context, size, ("depth", "surface"), visibility=False)
-        # No pass reads or writes depth there: it has the other moment's rather than one of its own.
+        # No pass reads or writes depth there, so it shares the other moment's depth buffer.
         targets = Targets(self._context, size, FLOW, self._read, then.depth_buffer)
         # moderngl binds the framebuffer in use again after making a new one, so the old ones go last.
         targets.framebuffer.use()

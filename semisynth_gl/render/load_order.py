@@ -1,4 +1,4 @@
-"""Libraries with an LLVM of their own, which must be loaded before Mesa's driver brings the system's.
+"""Libraries that bring an LLVM, which must be loaded before Mesa's driver brings the system's.
 
 Mesa loads its software driver with RTLD_GLOBAL, and with it the system's LLVM: whatever is loaded later finds that
 LLVM's symbols before its own. triton, which PyTorch's optimisers import where it is installed, exports its LLVM, so it

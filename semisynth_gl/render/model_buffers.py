@@ -26,7 +26,7 @@ _TEXELS = {_TRIANGLES: 3, _TRACED: 3}
 
 @dataclass(frozen=True, slots=True)
 class Filled:
-    """Instances that await drawing: first those of which only fronts can be seen, then the others.
+    """Instances that await drawing: first the instances that show only fronts, then the others.
 
     Attributes:
         atlas: the atlas that they wear.

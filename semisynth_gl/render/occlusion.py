@@ -94,7 +94,7 @@ class Occlusion:
 
         Args:
             placed: all instances of the scene.
-            eye: who looks; the constants are those of its drawing pass.
+            eye: who looks; the constants of its drawing pass are bound.
             part: the part of the image that is drawn, or None for all of it.
             targets: what will be drawn to; its depth is drawn over.
             filled: what `ModelBuffers.fill` returned for them, nothing of which was left out yet.

@@ -73,7 +73,7 @@ class OSMesaContext:
             raise BackendError("OSMesa could not make its context current")
 
     def load(self, name: str) -> int:
-        """Return the address of an OpenGL function, 0 where there is none."""
+        """Return the address of an OpenGL function, 0 where OSMesa lacks it."""
         return self._library.OSMesaGetProcAddress(name.encode()) or 0
 
     def __enter__(self) -> Self:

@@ -33,7 +33,7 @@ class Outlines:
         self._edges: dict[int, MeshEdges] = {}
 
     def find(self, placed: Placed, eye: Eye) -> NDArray[np.uint32]:
-        """Find the outlines that one eye may see, those of far instances first.
+        """Find the outlines that one eye may see, far instances first.
 
         Returns:
             (N, 4) uint32: the instance, and of the triangle in front the numbers of the vertices that the edge goes

@@ -68,8 +68,8 @@ def _upload(context: GraphicsContext, layers: NDArray[np.uint8], *, mirrored: bo
 def _draw_levels(context: GraphicsContext, atlas: moderngl.TextureArray, side: int, count: int) -> None:
     """Fill the smaller levels of an atlas of so many patches, each from the one before.
 
-    The bytes are those of llvmpipe's own mipmaps. What makes these it compiles in each new context, which takes longer
-    than all else that a renderer opens with; these shaders come from its cache.
+    The bytes equal llvmpipe's own mipmaps, for which it compiles code in each new context. That takes longer than all
+    else that opens a renderer; these shaders come from its cache.
     """
     gl, unbound = context.gl, context.unbound
     in_use = gl.fbo

@@ -1,4 +1,4 @@
-"""What is read of a pair that was drawn: its own channels, and those of the passes that compare views and moments."""
+"""What is read of a drawn pair: its channels, and the results of passes that compare views and moments."""
 
 from collections.abc import Mapping
 from typing import Any

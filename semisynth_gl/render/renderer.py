@@ -173,7 +173,7 @@ class Renderer:
 
         Args:
             scene: indices must lie within the renderer's models and layers.
-            crop: draw and return this part of both images alone; its pixels are those of the whole image, bit for bit.
+            crop: draw and return this part of both images alone; its pixels equal the whole image's, bit for bit.
             future: how the scene gets to the next frame, for the outputs "flow" and "disparity_change".
             past: how it gets to the previous frame, for the output "flow_backward".
 
@@ -235,7 +235,7 @@ class Renderer:
         return self._draw_pair(scene, shared.crop, seen, shared)
 
     def _check_request(self, scene: Scene, crop: Crop | None, motions: Mapping[str, Motion | None]) -> None:
-        """Raise InputError where what shall be drawn is none, or lacks a motion that an output needs."""
+        """Raise InputError where the scene or the crop cannot be drawn, or a motion is missing that an output needs."""
         check_type("scene", scene, Scene)
         check_type("crop", crop, Crop | None)
         for name, motion in motions.items():
@@ -255,7 +255,7 @@ class Renderer:
             eyes: whose images.
 
         Raises:
-            InputError: where an index is out of range, or an eye is none.
+            InputError: where an index is out of range, or an eye is neither left nor right.
             BackendError: where the image is larger than the driver allows, or drawing failed.
             ContextLostError: where the driver took the context away; another renderer may still be opened.
         """

@@ -49,7 +49,7 @@ DRAWING = {
     "inverse_depth": Attachment(1, 1, "f4", -1),
     "surface": Attachment(2, 2, "u4", 0xFFFFFFFF),
 }
-"""Attachments of the drawing pass: those of its channels, 1 / Z, and the instance and triangle of each pixel."""
+"""Attachments of the drawing pass: its channels, 1 / Z, and the instance and triangle of each pixel."""
 _GREY = Attachment(1, 1, "f1", 0)
 VISIBILITY = _attachments("visibility")
 CORRESPONDENCE = {**_attachments("correspondence"), "disparity": DRAWING["disparity"], **VISIBILITY}
@@ -179,7 +179,7 @@ class BlendTargets:
         self._framebuffer.use()
 
     def release(self) -> None:
-        """Free everything of its own."""
+        """Free all of its OpenGL objects."""
         for resource in (self._framebuffer, self._copied, self._copy):
             resource.release()
 
@@ -227,7 +227,7 @@ class EyeTargets(Targets):
         super().__init__(context, size, attachments, read)
         context.unbound.make_depth_float32(self.depth_buffer.glo, *size)
         self._depth_alone = context.gl.framebuffer(depth_attachment=self.depth_buffer)
-        # No pass reads or writes depth there: it has the drawing pass's rather than one of its own.
+        # No pass reads or writes depth there, so it shares the drawing pass's depth buffer.
         self.visibility = Targets(context, size, VISIBILITY, read, self.depth_buffer) if visibility else None
         self.disparity: Targets | None = None
         if "inverse_depth" in self._attachments:

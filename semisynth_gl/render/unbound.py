@@ -104,7 +104,7 @@ class UnboundCalls:
         Args:
             program: OpenGL's name of it.
             block: the block's name.
-            members: names of its members, or of those of its array's elements.
+            members: names of its members, or of the members of its array's elements.
             array: the array that a storage block holds; "" for a uniform block.
         """
         kind, variables = (_GL_SHADER_STORAGE_BLOCK, _GL_BUFFER_VARIABLE) if array else (_GL_UNIFORM_BLOCK, _GL_UNIFORM)

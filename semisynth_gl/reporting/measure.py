@@ -64,7 +64,7 @@ class PairMeasures:
 
 @dataclass(frozen=True, slots=True)
 class RecipeMeasures:
-    """The measures of a recipe's pairs, means over those of the sample.
+    """The measures of a recipe's pairs, means over the sampled pairs.
 
     Attributes:
         name: the recipe's name.

@@ -103,7 +103,7 @@ class Catalogue:
     ) -> tuple[int, float] | None:
         """Pick a model of some kinds and its diameter; None where the library has none of them.
 
-        Kinds count alike: their weights are those of things in the air.
+        Kinds count alike: the config's weights are for things in the air.
 
         Args:
             sizes_m: smallest and largest diameter of each kind.
@@ -189,7 +189,7 @@ class Arrangement:
             middle: (3,) middle of its bottom.
             half: (3,) half its width and depth, and its height.
             yaw_rad: its turn about z.
-            wears: see `Arrangement`; by default its sides wear one texture of their own.
+            wears: see `Arrangement`; by default its sides share a texture that nothing else wears.
         """
         (x, y, z), at = np.asarray(half, np.float64), np.asarray(middle, np.float64)
         turn = turned_about_z(yaw_rad)

@@ -21,8 +21,8 @@ from semisynth_gl.textures.atlas import Patch
 
 # Sequences among which the first one of a recipe is sought.
 _SOUGHT = 100_000
-# Multiples of this number spread over [0, 1) almost as evenly as those of the golden ratio, and its root is unrelated
-# to the roots that share out the numbers of particles: 221 is 13 times 17, and those are of primes.
+# Multiples of this number spread over [0, 1) almost as evenly as multiples of the golden ratio. Its root is unrelated
+# to the roots that share out the numbers of particles: 221 is 13 times 17, and they are roots of primes.
 _STEP = (221**0.5 - 11) / 10
 
 
@@ -68,7 +68,7 @@ class MixSampler:
     Attributes:
         recipes: the config's recipes.
         samplers: makes the scenes of each recipe.
-        models: the models that `Scene.model` counts: first the models of still things, then those of all recipes.
+        models: the models that `Scene.model` counts: first the models of still things, then the models of all recipes.
     """
 
     def __init__(

@@ -163,7 +163,7 @@ class StatedLayer:
 def stated_layers(
     layers: Sequence[DepthLayerSection], section: ParticlesSection, wanted: Histogram
 ) -> tuple[StatedLayer, ...]:
-    """Return the layers that a config states; where disparities lack, those of most wanted pixels."""
+    """Return the layers that a config states; layers without disparities get the range of most wanted pixels."""
     middle = Range(wanted.quantile(0.1), wanted.quantile(0.9))
     return tuple(
         StatedLayer(layer.disparity_px or middle, layer.count, stated_sizes(section, layer)) for layer in layers

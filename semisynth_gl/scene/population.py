@@ -49,7 +49,7 @@ _OF_DENSITY = 48
 _PRIMES = np.array([n for n in range(2, 230) if all(n % k for k in range(2, n))], np.float64)
 # The aim for a bin keeps this share of itself in each correction: from 0 it could not rise again.
 _LEAST_OF_AIM = 0.1
-# A background is never bare: particles of its own layer cover a pixel this often.
+# A background is never bare: particles of the background's layer cover a pixel this often.
 _POPULATED = 0.5
 
 

@@ -292,7 +292,7 @@ class SceneSampler:
         generations = particles.generation[kept]
         drawn = self._drawn_models(draw, generations, kept)
         patch, scale, offset = self._textures(draw, stage, slots, generations, kept, drawn, particles)
-        # Video frames start at a phase of their own and go round.
+        # Each instance starts its video at a random frame, and goes round.
         count = self._layer_count[patch]
         scene = Scene(
             camera=stage.views[view],
@@ -335,7 +335,7 @@ class SceneSampler:
         return world_from_model
 
     def _particles(self, draw: _Draw, frame: float, generation: NDArray[np.int64] | None = None) -> Particles:
-        """Place the models of all slots at a frame: the models shown then, or those of the generations given."""
+        """Place the models of all slots at a frame: the models shown then, or of the given generations."""
         stage, slots = self._sequence(draw)
         time_s = frame * self._config.sequence.frame_s
         return particles_at(stage.camera, slots, self._release(draw, stage, slots), time_s, generation)

@@ -23,7 +23,7 @@ class Support(NamedTuple):
 
 
 def surfaces_below(corners: Floats, places: Floats) -> list[Support | None]:
-    """Find for each place the highest surface that is not above it; None where there is none.
+    """Find for each place the highest surface that is not above it, or None.
 
     Args:
         corners: (T, 3, 3) float64, corners of triangles in a frame whose z points up.

@@ -31,7 +31,7 @@ _ROUNDING = 1e-9
 def corner_rays(camera: StereoCamera, *eyes: Eye) -> Floats:
     """Return rays (R, 3) through the corners of the named views, or of both, as `StereoCamera.rays` does.
 
-    Of a right camera that deviates, through those of its rectified twin too: pairs of both may show the scene.
+    Where the right camera deviates, the views of its rectified twin count, too: pairs of both may show the scene.
     """
     return np.concatenate([rays for eye, rays in _corner_rays(camera) if not eyes or eye in eyes])
 

@@ -44,7 +44,7 @@ class Split:
         Args:
             items: the items of all splits, such as photographs.
             what: plural noun for the items, for the message.
-            purpose: a number of its own for each kind of items.
+            purpose: another number for each kind of items.
             names: the items' names. Where given, each item draws its rank by its own name, so that a further item moves
                 only the items next to a border between splits; without, by its position.
 

@@ -188,7 +188,7 @@ def survey_clip(clip: Clip, names: Mapping[Path, str], section: TexturesSection)
 
 
 def survey_picture(picture: Picture, section: TexturesSection) -> ClipSurvey:
-    """Measure the crops of a picture, as `survey_clip` does those of an image file."""
+    """Measure the crops of a picture, as `survey_clip` does for an image file."""
     crops = _crops(picture.name, picture.pixels, section)
     for crop in crops:
         _measure(crop, cut_crop(picture.pixels, crop.square.box, section.patch_px), section)

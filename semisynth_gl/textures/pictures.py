@@ -37,7 +37,7 @@ class Picture:
 PictureSource = Callable[[np.random.Generator], Iterable[Picture]]
 """Draws pictures; all that is random in them comes from the generator.
 
-Each split of a dataset has a generator of its own. Pictures are asked for one at a time, and no more of them than give
+Each split of a dataset has another generator. Pictures are asked for one at a time, and no more of them than give
 enough patches, so a function that yields them draws no others. They come in the order in which they are wanted.
 """
 

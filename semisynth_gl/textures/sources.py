@@ -22,8 +22,8 @@ class TextureSource:
     Attributes:
         noun: what patches are cut from, as a card of a dataset calls it.
         patches: what its patches are.
-        files: returns the files that patches are cut from, sorted; raises `InputError` where there are none.
-        pictures: draws the pictures that patches are cut from; None where there are none.
+        files: returns the files that patches are cut from, sorted; raises `InputError` without any.
+        pictures: draws the pictures that patches are cut from, or None.
         licences: returns the licences of its files by their names.
         licence: the licence of all else: the config's, this program's, or none.
         plugin: the plug-in that it is of.
@@ -77,7 +77,7 @@ def open_source(name: str) -> TextureSource:
     """Return a source by its name in a config.
 
     Raises:
-        InputError: where there is none, or a plug-in cannot be used.
+        InputError: where no source has the name, or a plug-in cannot be used.
     """
     plugin = find_source(name, TEXTURE_SOURCES)
     if plugin is None:

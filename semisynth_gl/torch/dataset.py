@@ -87,7 +87,7 @@ class StereoDataset(Dataset[Any]):
         return sample if self._transform is None else self._transform(sample)
 
     def at_epoch(self, epoch: int) -> "StereoDataset":
-        """Return this dataset with the crops of an epoch, counted from 0; each epoch has places of its own.
+        """Return this dataset with the crops of an epoch, counted from 0; the places of crops differ between epochs.
 
         Raises:
             InputError: where the epoch is no whole number of 0 or more.

@@ -82,7 +82,7 @@ class TrainingProcess:
         world_size: number of processes.
 
     Raises:
-        InputError: where the rank is none of these processes.
+        InputError: where no process has the rank.
     """
 
     rank: int = 0

@@ -25,7 +25,7 @@ _WINDOW = 256
 """Turns whose order is drawn at once."""
 _UNIT = 2**32
 _GOLDEN = 2654435769
-"""The golden section of `_UNIT`: its multiples are spread more evenly than those of any other number."""
+"""The golden section of `_UNIT`: its multiples are spread more evenly than multiples of any other number."""
 
 
 class StereoMix(DealtDataset):
@@ -162,7 +162,7 @@ class Turns:
         return int(self._sources[within]), int(self._earlier[within])
 
     def _draw(self, window: int) -> None:
-        """Work out the turns of a window from those of all windows before it."""
+        """Work out the turns of a window from all windows before it."""
         phases = (self._offset + np.arange(window + 1, dtype=np.int64) * _GOLDEN) % _UNIT
         # How many of a window's points, which stand at phase + k * _UNIT, are below the end of each source's share.
         below = (self._ends[:, None] - phases + _UNIT - 1) // _UNIT
@@ -177,7 +177,7 @@ class Turns:
 
 
 class _Passes:
-    """A map-style dataset as a `Source`: read over and over, each pass in an order of its own."""
+    """A map-style dataset as a `Source`: read over and over, each pass in another order."""
 
     together = 1
 

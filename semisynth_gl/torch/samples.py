@@ -33,7 +33,7 @@ def to_sample(index: int, frame: Frame) -> Sample:
         points, of a crop the crop's, and how the right camera deviates: ``right_roll_rad``, ``right_pitch_rad``,
         ``right_y_px``, ``focal_ratio``); and each array of `Frame.arrays`, under its role: images as (3, H, W)
         uint8, of monochrome cameras as (1, H, W), normals as (3, H, W) float32, flow as (2, H, W) float32, ids as
-        (H, W) int32, the rest as (H, W) of its own type.
+        (H, W) int32, the rest as (H, W) of its own dtype.
     """
     deviation = frame.camera.deviation
     camera = {name: float(getattr(frame.camera, name)) for name in _CAMERA}
@@ -111,7 +111,7 @@ def draw_crop(crop: tuple[int, int], sides: tuple[int, int], seed: int, sequence
         sides: height and width of the images, px.
         seed: of the split.
         sequence: number of the sequence; without sequences, of the pair.
-        epoch: each has places of its own.
+        epoch: the places differ between epochs.
     """
     rng = generator(seed, Purpose.CROP, sequence, *([epoch] if epoch else []))
     height, width = crop

@@ -61,7 +61,7 @@ class StereoStream(DealtDataset):
 
     Samples are numbered from 0 on and never repeat within an iteration; each iteration begins at ``selection.first``.
     Without ``selection.frames``, sample n is pair n. A sample is a dictionary, see `to_sample`. Each process that
-    iterates opens a renderer of its own when it begins and releases it when it ends.
+    iterates opens a renderer when it begins and releases it when it ends.
 
     Args:
         config: the configuration.

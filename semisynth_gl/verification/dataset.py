@@ -105,7 +105,7 @@ def _still_needed(number: int, index: Index) -> set[int]:
 
 
 def _check_against(frame: StoredFrame, recent: Mapping[int, StoredFrame], index: Index, verdict: Verdict) -> None:
-    """Check a pair against those of some earlier pairs that it is to be compared with, where they are of its size."""
+    """Compare a pair with the earlier pairs of its sequence or scene that have the same size."""
     sizes = frame.left.image.shape
     for number in _looked_back_at(frame.index, index):
         other = recent.get(number)
@@ -141,7 +141,7 @@ def _check_frame(frame: StoredFrame, index: Index, verdict: Verdict) -> bool:
         for channel in OPPOSITE:
             check_flow(frame, channel, eye, verdict)
         check_change(frame, eye, largest_px, verdict)
-    # Images that are not exact differ between the views as those of a real rig do.
+    # Imperfections make the images of both views differ, as a real rig does.
     imperfect = index.imperfect or not frame.encodings.image.lossless
     for eye in EYES:
         check_correspondence(frame, eye, verdict)

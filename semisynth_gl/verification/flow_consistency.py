@@ -1,4 +1,4 @@
-"""Flow and change of disparity against those of the other view, and against the next frame of a sequence."""
+"""Flow and change of disparity, compared with the other view and with the next frame of a sequence."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -57,7 +57,7 @@ def check_disparity(frame: StoredFrame, largest_px: float | None, verdict: Verdi
         if frame.encodings.signed:
             infinity_px = -frame.camera.doffs_px
             bound = _SIX_DIGITS * abs(infinity_px) + frame.rounding_px(infinity_px)
-            # Where the right camera deviates, infinity has a disparity of its own at each pixel.
+            # Where the right camera deviates, the disparity of infinity differs from pixel to pixel.
             negative = valid & (disparity < infinity_px - bound) & frame.camera.rectified
             fault = f"is below {infinity_px:g}, which is infinitely far away,"
         least = float(disparity.min(where=negative, initial=np.inf))
@@ -189,7 +189,7 @@ def check_calibration(frame: StoredFrame, verdict: Verdict) -> None:
         return
     least, largest = float(valid.min()), float(valid.max())
     for name, written, stored in (("vmin", calibration.vmin_px, least), ("vmax", calibration.vmax_px, largest)):
-        # The encoding rounds the file's disparities, six digits round those of calib.txt.
+        # The encoding rounds the file's disparities; calib.txt has six digits.
         if abs(written - stored) > float(frame.rounding_px(stored)) + _SIX_DIGITS * max(1.0, abs(written), abs(stored)):
             verdict.add("calib", f"{name} is {written:g}, the left disparity's is {stored:g} px")
     if calibration.ndisp < largest * (1 - _SIX_DIGITS) - float(frame.rounding_px(largest)):
