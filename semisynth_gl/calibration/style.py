@@ -44,7 +44,7 @@ _PARTS = 20
 _EVENNESS = 0.1
 # A share of pixels with disparities that are not wanted, which counts as a deviation of one measure.
 _SURPLUS = 0.07
-# What a stop of exposure costs: darker images are to be worth their while.
+# What a stop of exposure costs: darker images must gain more than this.
 _DARK = 0.5
 _EQUAL, _UNTRIED = "Equal weights: no disparity map says otherwise.", "Equal weights: no pairs were tried."
 # Of a mean: the deviation of a place that has one picture, and the least that counts.

@@ -60,7 +60,7 @@ class ByImagecodecs(Codec[NDArray[np.uint8]]):
 
     def decode(self, data: bytes, path: Path) -> NDArray[np.uint8]:
         """Decode an image; see `Codec.decode`."""
-        # Decoders of QOI make up what is missing at the end.
+        # Decoders of QOI invent pixels where the end is missing.
         if data[:4] == b"qoif" and not data.endswith(_QOI_END):
             raise ReadError(path, "does not end as a QOI does: cut off, or something follows")
         decode = getattr(self._library(), f"{self._function}_decode")

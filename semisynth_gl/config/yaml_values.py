@@ -26,7 +26,7 @@ from ruamel.yaml.resolver import VersionedResolver
 from semisynth_gl.inputs.errors import cut
 
 MOST_BYTES = 1 << 18
-"""Most bytes of a text, about what is read in a second where all of it is punctuation."""
+"""Most bytes of a text: a second's reading if all of it is punctuation."""
 
 MOST_VALUES = 10_000
 """Most values in a text, keys apart."""

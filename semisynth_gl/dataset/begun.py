@@ -61,7 +61,7 @@ def read_resumed(place: Place) -> PlanDocument | None:
 
 
 def complete_record(place: Place, shard: Shard) -> RecordDocument | None:
-    """Return a shard's record, or None where the shard is to be made again.
+    """Return a shard's record, or None where the shard must be made again.
 
     That is where the record is missing, cut off, or not this shard's, and where a file is missing or has another size.
 

@@ -248,7 +248,7 @@ class DatasetFiles:
     def _remove(self, beginning: PlanDocument) -> None:
         """Remove an earlier dataset but for its plan: a run that is ended in between leaves what overwriting knows.
 
-        The plan says so first. Else an equal plan would find what is left, and take it for its own work.
+        The plan says so first. Else a run with an equal plan would take the rest for its own work.
         """
         place, plan = self._place, plan_of(beginning)
         names = self._own_files(plan)

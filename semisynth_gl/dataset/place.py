@@ -93,7 +93,7 @@ class Place(ABC):
         return Path(self.address) / name
 
     def own_path(self, name: str, *, in_place: bool = False) -> Path:
-        """Return the path of a file that is to be written, renamed or removed.
+        """Return the path of a file to write, rename or remove.
 
         Args:
             name: the file.

@@ -41,7 +41,7 @@ class Folder(Place):
     def read_part(self, name: str, offset: int, length: int) -> bytes:
         """Read a part of a file."""
         with self.open(name) as file:
-            # At most what is there: a wrong length must not ask for memory.
+            # At most the file's size: a wrong length must not ask for memory.
             length = max(0, min(length, os.fstat(file.fileno()).st_size - offset))
             parts = []
             while length and (part := os.pread(file.fileno(), length, offset)):
@@ -145,7 +145,7 @@ class Folder(Place):
         path.symlink_to(target)
 
     def own_path(self, name: str, *, in_place: bool = False) -> Path:
-        """Return the path of a file that is to be changed, which no link leads out of this folder."""
+        """Return the path of a file to change, which no link leads out of this folder."""
         path, *ways = self.local / name, *map(str, reversed(PurePosixPath(name).parents[:-1]))
         for way in (*ways, name) if in_place else ways:
             try:

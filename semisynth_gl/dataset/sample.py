@@ -167,7 +167,7 @@ def decode_file(layout: Layout, role: str, data: bytes, path: Path, encodings: E
 
 
 def wrong_sizes(values: Mapping[str, Any], size: tuple[int, int]) -> Iterator[tuple[str, str]]:
-    """Yield the role of each file of a pair that goes with images of another size, and what is wrong with it.
+    """Yield the role of each file of a pair whose size differs from the dataset's images, and the fault.
 
     Args:
         values: values by role; of arrays the size counts, and of all that describes a camera the camera's.

@@ -68,7 +68,7 @@ def lost_files(place: Place, plan: Plan) -> list[str]:
 
 
 def check_ways(place: Place, plan: Plan) -> None:
-    """Refuse a folder in which a link would lead what is written, renamed or removed out of it.
+    """Refuse a folder in which a link would lead writes, renames or removals out of it.
 
     The folders of single pairs are looked at when their pairs are written.
 

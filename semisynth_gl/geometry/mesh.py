@@ -114,7 +114,7 @@ def _indices(name: str, triangles: object) -> NDArray[np.uint32]:
 
 
 def _held(name: str, positions: object, uv: object) -> Iterator[NDArray[np.float64]]:
-    """Yield what is array-like as arrays; numbers that are too large for float32 are refused before it rounds them."""
+    """Yield array-likes as arrays; numbers that are too large for float32 are refused before it rounds them."""
     for what, values in (("positions", positions), ("uv", uv)):
         array = to_array(f"mesh {name}: {what}", values, np.float64)
         check_magnitudes(f"mesh {name}: {what}", array)

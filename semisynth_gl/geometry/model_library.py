@@ -196,7 +196,7 @@ def _build(section: ModelsSection, particles: ParticlesSection, split: Split) ->
     user, skipped = list[Mesh](), list[Skipped]()
     if section.folders:
         user, skipped = load_models([expanded(folder) for folder in section.folders])
-    # Of all splits together: what is held out is as frequent as what is not.
+    # Of all splits together: held-out models are as frequent as others.
     user_weight = section.user * min(1.0, len(user) / FULL_FAMILY)
     kinds = [list(family) for family in (SIMPLE_KINDS, COMPLEX_KINDS)]
     if split.models and split.held_out:

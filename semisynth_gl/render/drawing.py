@@ -238,9 +238,9 @@ class Drawing:
         Args:
             placed: the instances.
             eye: who looks.
-            part: what is drawn.
-            crop: what is asked for.
-            targets: what is drawn to.
+            part: the part to draw.
+            crop: the crop that the caller wants.
+            targets: the targets to draw to.
         """
         scene, filled = placed.scene, self._models.fill(placed, eye, part)
         seen: Sequence[Filled] = filled
@@ -302,7 +302,7 @@ def _drawn_part(scene: Scene, eye: Eye, crop: Crop, *, looked_up: bool, border_p
         # rounding.
         border_px = 2
         reach = max(0, ceil(float(camera.disparity_px(scene.near_m)))) + 2
-        # None is smaller than that of what is infinitely far away.
+        # No disparity is smaller than that of infinity.
         behind = max(0, ceil(camera.doffs_px) if signed else 0) + 2
         left, right = (behind, reach) if eye == "left" else (reach, behind)
     x, y = max(0, crop.x_px - left), max(0, crop.y_px - border_px)

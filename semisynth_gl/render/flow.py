@@ -20,7 +20,7 @@ from semisynth_gl.render.targets import FLOW, EyeTargets, Targets
 from semisynth_gl.scene.scene import Motion
 
 _FEWEST_MOVES = 256
-# float32 holds it; what is turned and scaled by more was too small to be seen.
+# float32 holds it; anything turned and scaled by more was too small to be seen.
 _LARGEST_TURN = 1e30
 # Texture units of flow.comp, and its image units.
 _OWN_DEPTH, _OWN_SURFACE, _THEN_DEPTH, _THEN_SURFACE = range(4)

@@ -43,7 +43,7 @@ class Outlines:
         in_sight = in_view(scene.camera, eye, scene.near_of(eye), rows[:, :, 3], placed.radius_m)
         # The sky ends nowhere: beyond it is nothing.
         seen = np.flatnonzero(in_sight & ~scene.sky)
-        # What is in front covers the pixels of what is behind, too. As in the drawing, by the far ends of instances.
+        # Outlines in front must cover outlines behind. The order, as in the drawing, follows the far ends of instances.
         seen = seen[np.argsort(-(rows[seen, 2, 3] + placed.radius_m[seen]), kind="stable")]
         eyes, solid, model = _eyes(rows[seen]), placed.solid[seen], scene.model[seen]
         parts, places = [np.zeros((0, 4), np.uint32)], [np.zeros(0, np.int64)]

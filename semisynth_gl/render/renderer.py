@@ -355,7 +355,7 @@ class Renderer:
             )
 
     def _resize(self, size: tuple[int, int], *, shared: bool) -> None:
-        # Of every pair: what is below touches the driver.
+        # For every pair; the lines below touch the driver.
         if self._reading.fits(size) and self._drawing.fits(size, shared=shared):
             return
         # All or nothing: a size that the driver refuses leaves the renderer as it was.

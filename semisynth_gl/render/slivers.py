@@ -1,4 +1,4 @@
-"""The sliver pass: hides points of one eye's view behind what is narrower than a pixel of the other eye's."""
+"""The sliver pass: hides points of one eye's view behind surfaces narrower than a pixel of the other eye's."""
 
 from math import ceil
 

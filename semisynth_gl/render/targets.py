@@ -172,7 +172,7 @@ class BlendTargets:
         self._copy.filter = (moderngl.NEAREST, moderngl.NEAREST)
 
     def use(self, part: Crop | None, unit: int) -> None:
-        """Copy what is drawn, bind the copy to a texture unit, and let a part of the image, or all, be blended into."""
+        """Copy the drawing, bind the copy to a texture unit, and let a part of the image, or all, be blended into."""
         self._gl.copy_framebuffer(self._copied, self._framebuffer)
         self._copy.use(unit)
         self._framebuffer.scissor = window(part, self._framebuffer.size)

@@ -194,7 +194,7 @@ def measure(
 def _depth_m(
     frame: StoredFrame, x_px: NDArray[np.int64], y_px: NDArray[np.int64], disparity_px: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the left view's depths at pixels (R,), but for those that may be of what is infinitely far away."""
+    """Return the left view's depths at pixels (R,), except where they may be infinite."""
     beyond_px = frame.rounding_px(disparity_px) + _FLOAT32 * abs(frame.camera.doffs_px)
     depth_m, farthest_m = (
         frame.camera.depth_at("left", x_px.astype(np.float64), y_px.astype(np.float64), each)
@@ -207,7 +207,7 @@ def _depth_m(
 def _edges(index: Index, target: Histogram | None, frame: StoredFrame) -> NDArray[np.float64]:
     """Return bins from 0 to the config's limit, or to the image's width without a limit, with the target's edges.
 
-    Signed disparities begin at that of what is infinitely far away, if it is below 0.
+    Signed disparities begin at the disparity of infinity, if it is below 0.
     """
     target_edges = [] if target is None else target.edges_px.tolist()
     limit_px = index.config.disparity.max_px

@@ -263,7 +263,7 @@ class Population:
         Args:
             sizes: the sizes.
             wanted: mean number in the left view.
-            stated: whether the config states it; what is too few is refused then, and else comes near.
+            stated: whether the config states it; too few are then refused, and otherwise come as near as they can.
         """
         # The largest particles of the nearest layer get as wide as the image.
         camera = self._pilots[0][0]

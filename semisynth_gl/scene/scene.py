@@ -75,7 +75,7 @@ class Scene:
         pose: NDArray[np.float64] = self.camera_from_world @ self.world_from_model[which]
         sky = self.sky[which]
         if sky.any():
-            # The camera's place makes no difference to what is infinitely far away.
+            # The camera's place makes no difference to infinitely distant things.
             turned = (self.camera_from_world[:3, :3] @ self.world_from_model[which][..., :3, 3:])[..., 0]
             pose[..., :3, 3] = np.where(sky[..., None], turned, pose[..., :3, 3])
         return pose
@@ -180,7 +180,7 @@ def make_scene(
 
 
 def _for_each(name: str, value: object, n: int) -> NDArray[np.float64]:
-    """Return an (N, 2) array of what is (2,) for all instances, (N, 2), or broadcasts to that."""
+    """Return an (N, 2) array of a value that is (2,) for all instances, (N, 2), or broadcasts to that."""
     array = to_array(name, value, np.float64)
     try:
         return np.broadcast_to(array, (n, 2))

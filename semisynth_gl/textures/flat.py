@@ -10,7 +10,7 @@ _LEFT = (0.2, 0.9)
 
 
 def flat_count(share: float, count: int) -> int:
-    """Return how many of a number of patches are to be flat: where a share is wanted, some, but not all of them."""
+    """Return how many of a number of patches to make flat: with a share above 0, at least one, but not all."""
     return min(max(1, round(share * count)), count - 1) if share else 0
 
 

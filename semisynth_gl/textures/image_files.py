@@ -213,7 +213,7 @@ def _first_entry(folder: str, entered: set[str]) -> bool:
 
 
 def _entries(folder: str) -> list[os.DirEntry[str]]:
-    """Return what is in a folder, sorted by name; nothing where it must not be read, or is no folder."""
+    """Return the entries of a folder, sorted by name; nothing where it must not be read, or is no folder."""
     try:
         return sorted(os.scandir(folder), key=lambda entry: entry.name)
     except OSError:

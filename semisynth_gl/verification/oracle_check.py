@@ -42,7 +42,7 @@ _MEASURES = {
     "flow_backward": "oracle_flow_largest_px",
     "disparity_change": "oracle_change_largest_px",
 }
-# Of what is not in px: the factor to the unit that is shown, the unit, and what follows a value.
+# Of quantities not in px: the factor to the shown unit, the unit, and the text after a value.
 _SCALES = {"normals": (degrees(1), "degrees", ""), "sky": (1.0, "", "")}
 # The frame to which a motion leads, and the channels that compare with it.
 _MOTIONS = {"flow": (+1, ("flow", "disparity_change")), "flow_backward": (-1, ("flow_backward",))}

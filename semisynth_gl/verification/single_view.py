@@ -78,7 +78,7 @@ def _always_valid(frame: StoredFrame) -> bool:
 
 
 def _lacking(frame: StoredFrame, eye: Eye, infinite: Where) -> Where | None:
-    """Return where a disparity is inf, but for the sky where it has none; None where it is not known what is sky."""
+    """Return where a disparity is inf, except in a sky without disparity; None where the sky is not known."""
     if frame.encodings.signed or (frame.camera.doffs_px < 0 and frame.camera.rectified):
         return infinite
     sky = frame.sky(eye)
