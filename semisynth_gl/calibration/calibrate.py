@@ -255,10 +255,8 @@ def _style_summary(style: Style, place: MeasuredPlace | None) -> list[str]:
     lines.append(f"textures         {look}")
     # A single picture has no deviation.
     if compared:
-        lines.append(
-            f"place            {near} of {counted(compared, 'measure')} expected within one standard deviation of its "
-            "pictures"
-        )
+        means = f"means of {near} of {counted(compared, 'measure')}"
+        lines.append(f"place            {means} expected within one standard deviation of its pictures")
     return lines
 
 

@@ -124,11 +124,11 @@ def _summary(comparison: Comparison) -> list[str]:
         )
     if not compared:
         return lines or ["The place has no standard deviations to compare by: its pictures are all alike"]
-    lines += [f"{near} of {counted(compared, 'measure')} within one standard deviation (sd) of the place's pictures"]
+    lines += [f"{near} of {counted(compared, 'measure')} distributed within one standard deviation (sd) of the place"]
     advice = comparison.advice()
     if advice:
         lines.append("The others, the farthest first, with the keys of the config that move them:")
-        lines += [f"  {measure.name}, {by:+.1f} sd: {change or 'no key'}" for measure, by, change in advice]
+        lines += [f"  {measure.name}, {apart:.1f} sd apart: {change or 'no key'}" for measure, apart, change in advice]
     return lines
 
 

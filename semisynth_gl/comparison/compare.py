@@ -11,7 +11,15 @@ from semisynth_gl.comparison.maps import map_files
 from semisynth_gl.comparison.measured_view import WORKING_WIDTH, working_width
 from semisynth_gl.comparison.measures import MEASURES, PROFILES, Measure, Profile
 from semisynth_gl.comparison.place import PlaceFiles, find_place
-from semisynth_gl.comparison.sides import FEWEST, SAMPLE, MeasuredPlace, Side, measure_dataset, measure_place
+from semisynth_gl.comparison.sides import (
+    FEWEST,
+    SAMPLE,
+    MeasuredPlace,
+    Side,
+    distance,
+    measure_dataset,
+    measure_place,
+)
 from semisynth_gl.dataset.configs import recipe_values
 from semisynth_gl.dataset.reader import Dataset, open_dataset
 from semisynth_gl.inputs.arguments import to_real, to_whole
@@ -20,7 +28,8 @@ from semisynth_gl.listener import Listener
 from semisynth_gl.seeds.splits import SplitName
 from semisynth_gl.textures.image_files import find_images
 
-_OFF = 1.0
+# In standard deviations of the place: of means, and of distributions.
+_OFF = _FAR = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,9 +60,20 @@ class Comparison:
             return None
         return (ours - theirs) / unit
 
+    def distance(self, measure: Measure) -> float | None:
+        """Return how far the distributions over the pictures of both sides are apart; None where a side has none.
+
+        This is the Wasserstein-1 distance in the place's `Side.unit`, at least the `difference` without its sign. Where
+        the means agree and the dataset's pictures differ r times as much as the place's, it is about 0.8 |r - 1|.
+        """
+        unit, ours = self.place.side.unit(measure), self.dataset.values[measure.key]
+        if unit is None or not len(ours):
+            return None
+        return distance(ours, self.place.side.values[measure.key]) / unit
+
     def compared(self) -> list[tuple[Measure, float]]:
-        """Return each measure that both sides have, with its `difference`, in the order of the table."""
-        return [(measure, by) for measure in MEASURES if (by := self.difference(measure)) is not None]
+        """Return each measure that both sides have, with its `distance`, in the order of the table."""
+        return [(measure, apart) for measure in MEASURES if (apart := self.distance(measure)) is not None]
 
     def too_few(self) -> list[Measure]:
         """Return the measures that both sides have, but fewer than `FEWEST` pictures of the place."""
@@ -61,14 +81,28 @@ class Comparison:
         return [each for each in MEASURES if len(self.dataset.values[each.key]) and 0 < len(theirs[each.key]) < FEWEST]
 
     def near(self) -> list[Measure]:
-        """Return the measures by which the dataset is within one standard deviation of its place."""
-        return [measure for measure, by in self.compared() if abs(by) <= _OFF]
+        """Return the measures whose distributions are at most one standard deviation apart."""
+        return [measure for measure, apart in self.compared() if apart <= _FAR]
 
     def advice(self) -> list[tuple[Measure, float, str]]:
-        """Return each measure that is off by more than one deviation, the farthest first, with what to change."""
-        off = [(measure, by) for measure, by in self.compared() if abs(by) > _OFF]
-        off.sort(key=lambda each: -abs(each[1]))
-        return [(measure, by, advice(measure, self.recipes, more=by < 0)) for measure, by in off]
+        """Return each measure that is more than one deviation apart, the farthest first, with what to change."""
+        far = sorted((-apart, measure.name, measure) for measure, apart in self.compared() if apart > _FAR)
+        return [(measure, -apart, self._change(measure)) for apart, _, measure in far]
+
+    def _change(self, measure: Measure) -> str:
+        """Return which keys move a mean that is off, or what to do where pictures differ too much or too little."""
+        by = self.difference(measure) or 0.0
+        if abs(by) > _OFF:
+            return advice(measure, self.recipes, more=by < 0)
+        ours, theirs = self.dataset.deviation(measure), self.place.side.deviation(measure)
+        if ours is None or theirs is None:
+            return ""
+        alike = ours < theirs
+        if len(self.recipes) > 1:
+            change = f"let the recipes in scenes differ {'more' if alike else 'less'}"
+        else:
+            change = "add recipes to scenes, or widen ranges" if alike else "narrow the ranges of its keys"
+        return f"the mean fits, the spread is {ours / theirs:.1f} times the place's: {change}"
 
 
 def compare(
@@ -137,16 +171,16 @@ def compare_with_place(
 
 
 def comparison_table(comparison: Comparison) -> list[str]:
-    """Return the lines of a table: each measure's mean and deviation on both sides, and their difference."""
+    """Return the lines of a table: each measure's mean and deviation on both sides, difference and distance."""
     few = comparison.too_few()
-    rows: list[tuple[str, ...]] = [("", "unit", "dataset", "place", "off by")]
+    rows: list[tuple[str, ...]] = [("", "unit", "dataset", "place", "off by", "apart")]
     for measure in MEASURES:
         if comparison.dataset.mean(measure) is None and comparison.place.side.mean(measure) is None:
             continue
-        by = comparison.difference(measure)
+        by, apart = comparison.difference(measure), comparison.distance(measure)
         sides = (_shown(side, measure) for side in (comparison.dataset, comparison.place.side))
         off = "too few" if measure in few else "" if by is None else f"{by:+.1f} sd"
-        rows.append((measure.name, measure.unit, *sides, off))
+        rows.append((measure.name, measure.unit, *sides, off, "" if apart is None else f"{apart:.1f} sd"))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join(
@@ -188,6 +222,7 @@ def comparison_json(comparison: Comparison) -> dict[str, Any]:
                 "dataset": side(comparison.dataset, measure),
                 "place": side(comparison.place.side, measure),
                 "difference": comparison.difference(measure),
+                "distance": comparison.distance(measure),
                 "advice": changes.get(measure.key),
             }
             for measure in MEASURES

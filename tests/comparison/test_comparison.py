@@ -11,7 +11,10 @@ import numpy as np
 import pytest
 from backends import backend_fault
 from hand_made_datasets import write_dataset
+from hypothesis import given
+from hypothesis import strategies as st
 from PIL import Image
+from scipy.stats import wasserstein_distance
 from shared_material import SHARED, needs_shared
 from skimage.measure import label
 from tiny_datasets import tiny
@@ -22,7 +25,7 @@ from semisynth_gl.codecs.pfm import PFM
 from semisynth_gl.codecs.png import GREY8, GREY16, RGB8
 from semisynth_gl.codecs.png16 import KITTI_DISPARITY
 from semisynth_gl.comparison.changes import CHANGES, advice, moved_by
-from semisynth_gl.comparison.compare import compare_with_place
+from semisynth_gl.comparison.compare import Comparison, compare_with_place
 from semisynth_gl.comparison.maps import image_beside, map_files, one_of_each_scene
 from semisynth_gl.comparison.measured_view import fill_holes, make_view, mean_luminance
 from semisynth_gl.comparison.measures import MEASURES, PROFILES
@@ -39,7 +42,7 @@ from semisynth_gl.comparison.quantities import (
     run_lengths,
     slants,
 )
-from semisynth_gl.comparison.sides import FEWEST, frame_view
+from semisynth_gl.comparison.sides import FEWEST, MeasuredPlace, Side, distance, frame_view
 from semisynth_gl.config import Config, load_config
 from semisynth_gl.dataset.reader import open_dataset, read_index
 from semisynth_gl.inputs.errors import InputError, ReadError
@@ -474,10 +477,11 @@ def test_a_dataset_beside_its_own_files_is_without_difference(dataset, tmp_path)
     for name, each in found.items():
         assert each["dataset"]["values"] == pytest.approx(each["place"]["values"]), name
         assert each["difference"] in (None, pytest.approx(0, abs=1e-9)), name
+        assert each["distance"] in (None, pytest.approx(0, abs=1e-9)), name
         assert each["advice"] is None
     assert found["jumps"]["dataset"]["mean"] > 0
     assert said["near"] == said["compared"] > 10
-    assert f"{said['near']} of {said['compared']} measures within one standard deviation" in out
+    assert f"{said['near']} of {said['compared']} measures distributed within one standard deviation" in out
     for each in said["profiles"]:
         assert each["dataset"] == pytest.approx(each["place"])
 
@@ -516,23 +520,60 @@ def test_figures_are_means_and_deviations_and_advice_follows_them(dataset, photo
         assert each["dataset"]["values"] == pytest.approx(values)
         if not measure.of_images:
             assert each["place"] == {"mean": None, "deviation": None, "values": []}
-            assert each["difference"] is each["advice"] is None
+            assert each["difference"] is each["distance"] is each["advice"] is None
             continue
         theirs = np.array(each["place"]["values"])
         assert each["place"]["deviation"] == pytest.approx(np.std(theirs, ddof=1))
         if theirs.std() == 0:
-            assert each["difference"] is each["advice"] is None
+            assert each["difference"] is each["distance"] is each["advice"] is None
             continue
         difference = (np.mean(values) - theirs.mean()) / np.std(theirs, ddof=1)
         assert each["difference"] == pytest.approx(difference)
-        place = [read_index(dataset).config.values]
-        expected = None if abs(difference) <= 1 else advice(measure, place, more=difference < 0)
-        assert each["advice"] == expected
-        assert expected is None or f"  {measure.name}, {difference:+.1f} sd: {expected}" in out
-        off += expected is not None
+        apart = wasserstein_distance(values, theirs) / np.std(theirs, ddof=1)
+        assert each["distance"] == pytest.approx(apart)
+        if apart <= 1:
+            assert each["advice"] is None
+            continue
+        if abs(difference) > 1:
+            place = [read_index(dataset).config.values]
+            assert each["advice"] == advice(measure, place, more=difference < 0)
+        else:
+            assert each["advice"].startswith("the mean fits, the spread is ")
+        assert f"  {measure.name}, {apart:.1f} sd apart: {each['advice'] or 'no key'}" in out
+        off += 1
     assert off > 0
     assert "0 disparity maps" in out
     assert re.search(r"^depth jumps above 1 px +per 100 px +[0-9.]+ ± [0-9.]+ +-$", out, re.MULTILINE)
+
+
+@given(*[st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=9)] * 2)
+def test_the_distance_of_two_samples_is_that_of_scipy(first, second):
+    ours = distance(np.array(first), np.array(second))
+    assert ours == pytest.approx(wasserstein_distance(first, second), rel=1e-9, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("factor", "recipes", "said"),
+    [
+        (1.0, 2, None),
+        (3.0, 2, "the mean fits, the spread is 3.0 times the place's: let the recipes in scenes differ less"),
+        (3.0, 1, "the mean fits, the spread is 3.0 times the place's: narrow the ranges of its keys"),
+        (-0.1, 2, None),
+    ],
+)
+def test_a_mix_of_extremes_with_the_mean_of_its_place_does_not_pass(factor, recipes, said):
+    theirs = np.linspace(-1, 1, 20)
+    none = {measure.key: np.zeros(0) for measure in MEASURES}
+    sides = [Side(none | {"gradient": 10 + values}, {}) for values in (factor * theirs, theirs)]
+    place = MeasuredPlace(sides[1], 20, 20, 0, 0, 0, 0, ())
+    comparison = Comparison(512, sides[0], 20, 20, place, [{}] * recipes)
+    measure = BY_KEY["gradient"]
+    unit = theirs.std(ddof=1)
+    # Each quantile of one sample, and the same of the other.
+    assert comparison.distance(measure) == pytest.approx(abs(abs(factor) - 1) * np.abs(theirs).mean() / unit)
+    assert comparison.difference(measure) == pytest.approx(0, abs=1e-12)
+    assert [text for _, _, text in comparison.advice()] == ([] if said is None else [said])
+    assert comparison.near() == ([measure] if said is None else [])
 
 
 def test_a_sample_is_spread_over_the_dataset(dataset, photographs):
