@@ -29,7 +29,7 @@ TARGET = [f"textures.images=[{Path(data_dir) / 'motorcycle_left.png'}, {Path(dat
 
 # A value on either side where the imperfection goes both ways. A key without a row here has no picture: an error.
 IMPERFECTIONS = {
-    "exposure_stops": (-1.5, 1),
+    "exposure_stops": (-1, 1),
     "gamma": (0.5, 2),
     "noise": (6, 15),
     "blur_px": (1, 2.5),
@@ -140,7 +140,7 @@ def draw_imperfections(folder: Path) -> Iterator[str]:
     settings = [(key, value) for key in ImperfectionsSection.model_fields for value in IMPERFECTIONS[key]]
     for number, (key, value) in enumerate([("", 0.0), *settings]):
         config = load_config("sceneflow", [f"imperfections.{key}={value}", *BESIDE.get(key, ())] if key else [])
-        picture = render_pair(config, index=4).left.image[100:400, 200:650]
+        picture = render_pair(config, index=7).left.image[100:400, 200:650]
         path = f"imperfections/{number}-{key or 'none'}.jpg"
         save(picture, folder / path, 450)
         yield figure(key or "none", f"`{key}: {value}`" if key else "none", path)
