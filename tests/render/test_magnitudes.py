@@ -111,7 +111,9 @@ def check(numbers, antialias="none"):
         )
         aside = 1 / 16 + 2.0**-22 * (abs(camera.cx_px(eye)) + abs(camera.cy_px) + across_px)
         around = []
-        for right, down in ((0, 0), (aside, 0), (-aside, 0), (0, aside), (0, -aside)):
+        # Nearby rays too: those farther aside may pass a wall that is narrower than a pixel on both sides.
+        away = [far for near in (1 / 1024, 1 / 256, 1 / 64, aside) for far in (near, -near)]
+        for right, down in ((0, 0), *((far, 0) for far in away), *((0, far) for far in away)):
             hits = cast_rays(scene, [wall], eye, x + right, y + down)
             around.append(disparity_px(camera, hits, signed=True))
         expected, found = np.array(around), view.disparity.ravel().astype(float)
@@ -162,6 +164,8 @@ def _drawing_works():
 @example({"instance_scale": 7.6e-315}, "none")
 @example({"world_at": 1e300}, "none")
 @example({"uv_offset": 1e300}, "none")
+@example({"instance_at": 0.001, "instance_scale": 0.001, "model_at": 31.622776601683793}, "none")
+@example({"instance_at": 0.01, "model_scale": 31.622776601683793, "instance_scale": 0.01}, "none")
 def test_numbers_of_any_magnitude_are_drawn_as_rays_say_or_refused(numbers, antialias):
     check(numbers, antialias)
 
