@@ -83,9 +83,9 @@ def test_the_documented_figures_are_those_of_the_measured_run():
     rows = motorcycle["figures"]
     trained, untrained, constant = rows["trained"], rows["untrained"], rows["constant, each truth's own median"]
     documented = (
-        f"has an average error of {trained['avgerr']:.2f} px; {trained['bad-2']:.1f} % of the pixels are off by more "
+        f"an average error of {trained['avgerr']:.2f} px; {trained['bad-2']:.1f} % of the pixels are off by more "
         f"than 2 px. Untrained it has {untrained['avgerr']:.2f} px and {untrained['bad-2']:.1f} %, and a constant "
-        f"disparity, the truth's own median, {constant['avgerr']:.2f} px and {constant['bad-2']:.1f} %."
+        f"disparity, the truth's own median, {constant['avgerr']:.2f} px and {constant['bad-2']:.1f} %"
     )
     assert documented in " ".join(text.split())
     assert rows["trained"]["avgerr"] < 0.6 * min(row["avgerr"] for name, row in rows.items() if name != "trained")
