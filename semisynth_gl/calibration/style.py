@@ -1,7 +1,8 @@
 """The style of a calibrated dataset: the mix of its recipes and the look of its surfaces, chosen by what a place shows.
 
-A mean over the pairs of a mix is the mean of its recipes by their weights, so a few pairs of each recipe tell what any
-mix comes to. Blur and exposure are put on rendered images, so that one pair tells of all amounts of them.
+A mean over the pairs of a mix, or a distribution, is the mean of its recipes' by their weights, so a few pairs of each
+recipe tell what any mix comes to. Blur and exposure are put on rendered images, so that one pair tells of all amounts
+of them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -58,6 +59,8 @@ class Trial:
     Attributes:
         means: (R, T, F, B, E, M) float64 by recipe, `TEXELS`, `FLATS`, `BLURS`, `EXPOSURES` and `MEASURES`; nan where
             no pair has the measure.
+        geometry: of each recipe, (P, M) float64, the measures of its P pairs, of which those of disparity maps count;
+            nan where a pair does not have them.
         pairs: number of the pairs.
         shares: (R, K) float64, the expected share of each recipe's pixels in each bin of the wanted disparities; 0 for
             recipes that are solved for what the others lack.
@@ -65,6 +68,7 @@ class Trial:
     """
 
     means: NDArray[np.float64]
+    geometry: tuple[NDArray[np.float64], ...]
     pairs: int
     shares: NDArray[np.float64]
     wanted: NDArray[np.float64]
@@ -117,9 +121,10 @@ def untried_style(recipes: Sequence[SceneRecipe]) -> Style:
 def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Side, blur_scale: float) -> Style:
     """Choose the style whose pairs are expected to come near to a place, in standard deviations of its pictures.
 
-    Weights follow from the measures of disparity maps that recipes move, and from the wanted disparities: what a mix
-    shows too much of, no recipe can take back. Texture scale, blur, flat share and exposure follow from the measures of
-    images, and of borders, that they move. See `semisynth_gl.comparison.changes`.
+    Weights follow from the distributions of the measures of disparity maps that recipes move, and from the wanted
+    disparities: what a mix shows too much of, no recipe can take back. Texture scale, blur, flat share and exposure
+    follow from the means of the measures of images, and of borders, that they move. See
+    `semisynth_gl.comparison.changes`.
 
     Args:
         recipes: the recipes that were tried.
@@ -134,7 +139,7 @@ def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Side, blur
     rows = _rows([measure for measure in moved_by(*_OF_MIX) if measure.of_maps], wanted, geometry)
     if rows:
         mixes = _mixes(len(recipes))
-        off = (mixes @ geometry[:, rows] - wanted[rows]) / unit[rows]
+        off = np.stack([_apart(mixes, trial.geometry, place, row) / unit[row] for row in rows], axis=-1)
         surplus = np.maximum(mixes @ trial.shares - trial.wanted, 0).sum(axis=1, keepdims=True)
         best = np.argmin(_far(off) + _far(surplus / _SURPLUS) + _EVENNESS * (mixes**2).sum(axis=1))
         weights, mix_origin = mixes[best], f"Weights by {_named(rows)} and the wanted disparities"
@@ -168,6 +173,30 @@ def _wanted(place: Side) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     deviations = np.array([place.deviation(measure) for measure in MEASURES], np.float64)
     units = np.where(np.isnan(deviations), _UNKNOWN * np.abs(means), deviations)
     return means, np.maximum(units, _LEAST * np.abs(means))
+
+
+def _apart(
+    mixes: NDArray[np.float64], geometry: Sequence[NDArray[np.float64]], place: Side, row: int
+) -> NDArray[np.float64]:
+    """Return how far the distributions of a measure are apart, in mixes of recipes and at a place, (N,).
+
+    The distribution function of a mix is the mean of its recipes' by their weights; see `Comparison.distance`.
+
+    Args:
+        mixes: (N, R) weights.
+        geometry: see `Trial`; each recipe has a pair with the measure.
+        place: the measures of the place.
+        row: number of the measure.
+    """
+    samples = [values[np.isfinite(values)] for values in (*(pairs[:, row] for pairs in geometry), _values(place, row))]
+    places = np.unique(np.concatenate(samples))
+    *ours, theirs = (np.searchsorted(np.sort(each), places[:-1], "right") / len(each) for each in samples)
+    apart: NDArray[np.float64] = np.abs(mixes @ np.array(ours) - theirs) @ np.diff(places)
+    return apart
+
+
+def _values(place: Side, row: int) -> NDArray[np.float64]:
+    return place.values[MEASURES[row].key]
 
 
 def _rows(measures: Sequence[Measure], wanted: NDArray[np.float64], found: NDArray[np.float64]) -> list[int]:

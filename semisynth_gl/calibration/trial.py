@@ -52,6 +52,7 @@ def _try(facts: ConfigFacts, pairs: int, listener: Listener) -> Trial:
     style = untried_style(tried)
     sums = np.zeros((len(recipes), len(TEXELS), len(FLATS), len(BLURS), len(EXPOSURES), len(MEASURES)))
     counts = np.zeros(sums.shape, np.int64)
+    geometry: list[list[NDArray[np.float64]]] = [[] for _ in recipes]
     target = facts.disparity.target
     shares = np.zeros((len(recipes), len(target.shares)))
     each = pairs * len(cells)
@@ -70,11 +71,12 @@ def _try(facts: ConfigFacts, pairs: int, listener: Listener) -> Trial:
                 r, k = cells[pair.provenance["recipe"]]
                 values = _looks(pair, facts.size.width_px)
                 there = np.isfinite(values)
+                geometry[r].append(values[0, 0])
                 sums[r, k, f] += np.where(there, values, 0)
                 counts[r, k, f] += there
                 listener.on_pair(FinishedPair("train", number))
     means = np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=counts > 0)
-    return Trial(means, each * len(FLATS), shares, target.shares)
+    return Trial(means, tuple(map(np.array, geometry)), each * len(FLATS), shares, target.shares)
 
 
 def _looks(pair: Pair, width_px: int) -> NDArray[np.float64]:
