@@ -6,9 +6,10 @@ from typing import Any
 
 from semisynth_gl.calibration.disparity_range import DisparityRange
 
-_FEW = [2, 6]
+_FLOATING = [12, 40]
+"""Floating things of scenes that are mostly something else. With two to six, pairs were either empty or heaps."""
 _NEAR = (0.4, 0.98)
-"""Floating things of scenes that are mostly something else: the nearer part of the disparities."""
+"""Where these are: the nearer part of the disparities."""
 _ROOM_ENDS = (0.1, 0.4)
 _PANELS = (0.1, 0.8)
 _PANEL_OF_WIDTH = (0.3, 1.0)
@@ -33,7 +34,7 @@ class SceneRecipe:
 def suitable_recipes(scenes: Sequence[str], disparity: DisparityRange, width_px: int) -> tuple[SceneRecipe, ...]:
     """Return the recipes that suit a place.
 
-    Those of furnished, open and still scenes state their few floating things: walls, ground and panels stand where the
+    Those of furnished, open and still scenes state their floating things: walls, ground and panels stand where the
     wanted disparities are. The two of floating things are solved for what the others leave of the wanted distribution.
 
     Args:
@@ -48,7 +49,7 @@ def suitable_recipes(scenes: Sequence[str], disparity: DisparityRange, width_px:
         ends = (float(f"{disparity.target.quantile(share):.3g}") for share in shares)
         return [min(max(end, least), most) for end in ends]
 
-    few = {"layers": [{"disparity_px": between(_NEAR), "count": _FEW}]}
+    floating_things = {"layers": [{"disparity_px": between(_NEAR), "count": _FLOATING}]}
     panels = {
         "panels": [3, 6],
         "panel_disparity_px": between(_PANELS),
@@ -61,17 +62,17 @@ def suitable_recipes(scenes: Sequence[str], disparity: DisparityRange, width_px:
     if "indoor" in scenes:
         room = empty | {"room": 1, "wall_disparity_px": between(_ROOM_ENDS)}
         recipes += [
-            SceneRecipe("room", "furnished rooms", {"background": room, "particles": few}),
+            SceneRecipe("room", "furnished rooms", {"background": room, "particles": floating_things}),
             SceneRecipe(
                 "bare-room",
                 "rooms with little in them",
-                {"background": room, "room": {"furniture": [0, 3], "small": [2, 10]}, "particles": few},
+                {"background": room, "room": {"furniture": [0, 3], "small": [2, 10]}, "particles": floating_things},
             ),
         ]
     if "outdoor" in scenes:
         street = empty | {"street": 1}
         recipes += [
-            SceneRecipe("street", "open scenes along a road", {"background": street, "particles": few}),
+            SceneRecipe("street", "open scenes along a road", {"background": street, "particles": floating_things}),
         ]
     for kind in scenes:
         background, structures = floating[kind]
@@ -80,7 +81,11 @@ def suitable_recipes(scenes: Sequence[str], disparity: DisparityRange, width_px:
             SceneRecipe(
                 name,
                 f"{'walls' if kind == 'indoor' else 'ground'} and panels, and little before them",
-                {"background": empty | {background: 1}, "structures": structures | panels, "particles": few},
+                {
+                    "background": empty | {background: 1},
+                    "structures": structures | panels,
+                    "particles": floating_things,
+                },
             )
         )
     recipes += [
