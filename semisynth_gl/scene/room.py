@@ -14,7 +14,7 @@ from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.scene.arrangement import Arrangement, Catalogue, FloorView
 from semisynth_gl.scene.furnishing import fill_niche, furnish
-from semisynth_gl.scene.rig import Sway, check_reachable, near_depth_m
+from semisynth_gl.scene.rig import BEYOND_NEAR, Sway, check_reachable, near_depth_m
 from semisynth_gl.scene.view_volume import (
     TURNED_BACK,
     box_normals,
@@ -99,7 +99,8 @@ def draw_room(
     wall_px = (background.wall_disparity_px or Range(disparity.min_px, disparity.min_px)).draw(rng)
     check_reachable(camera, wall_px, "background.wall_disparity_px")
     wall_m, near_m = float(camera.depth_m(wall_px)), near_depth_m(camera, disparity)
-    farthest_m = float(camera.depth_m(min(wall_px, disparity.min_px)))
+    # Walls keep clear of the near plane first: a large doffs may leave less than that between the range's two ends.
+    farthest_m = max(float(camera.depth_m(min(wall_px, disparity.min_px))), BEYOND_NEAR * near_m)
     metre = wall_m / float(np.clip(wall_m, _TRUE.low, _TRUE.high))
     height = section.camera_height_m.draw(rng) * metre
     row = section.floor_row.draw(rng) * camera.height_px - 0.5
