@@ -8,7 +8,7 @@ from collections.abc import Callable, Generator, Iterator
 import numpy as np
 import pytest
 from backends import backend_fault
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, seed, settings
 
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.render.backends import Backend
@@ -17,7 +17,7 @@ from semisynth_gl.render.renderer import Renderer
 
 # The same examples in each run, however busy the machine is: a test is red for everybody, or for nobody.
 settings.register_profile("fixed", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-# Others in each run, and each property test several times (make test-heavy).
+# Others for each seed, and each property test several times (make test-heavy, whose seed is the commit).
 settings.register_profile("random", settings.get_profile("fixed"), derandomize=False, print_blob=True)
 settings.load_profile("fixed")
 RANDOM_ROUNDS = 5
@@ -55,6 +55,13 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if metafunc.config.getoption("--hypothesis-profile") == "random" and hasattr(metafunc.function, "hypothesis"):
         metafunc.fixturenames.append("round_of_examples")
         metafunc.parametrize("round_of_examples", range(RANDOM_ROUNDS))
+
+
+def pytest_runtest_setup(item: pytest.Function) -> None:
+    """Seed each round of a property test anew: Hypothesis gives every round the examples of `--hypothesis-seed`."""
+    first, params = item.config.getoption("--hypothesis-seed"), getattr(item, "callspec", None)
+    if first is not None and params is not None and "round_of_examples" in params.params:
+        seed(int(first) * RANDOM_ROUNDS + params.params["round_of_examples"])(item.function)
 
 
 @pytest.hookimpl(tryfirst=True)
