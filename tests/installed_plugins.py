@@ -1,7 +1,7 @@
 """Plug-in packages for the tests, installed in folders of their own."""
 
 import importlib
-import re
+import shutil
 import sys
 import zipfile
 from pathlib import Path
@@ -11,20 +11,14 @@ from hatchling import build
 from semisynth_gl import plugins
 from semisynth_gl.layouts import foreign
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "extending.md"
-_BLOCK = re.compile(r"^`([\w./]+)`[^\n`]*:\n\n(?:<!--[^\n]*-->\n)?```\w+\n(.*?)^```", re.MULTILINE | re.DOTALL)
-EXAMPLES = dict(_BLOCK.findall(PAGE.read_text("utf-8")))
-"""The page's blocks of code by the files that they are of."""
+EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "acme-stereo"
+"""The package that docs/extending.md tells of."""
 
 
-def build_examples(folder, patch):
-    """Write the package of the page, and build its wheel by the page's own pyproject.toml; return the wheel's path."""
-    for name, code in {**EXAMPLES, "acme_stereo/__init__.py": ""}.items():
-        path = folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(code)
-    patch.chdir(folder)
-    return folder / build.build_wheel(str(folder))
+def build_example(folder, patch):
+    """Build the wheel of the example by its own pyproject.toml; return the wheel's path."""
+    patch.chdir(shutil.copytree(EXAMPLE, folder / "acme-stereo", ignore=shutil.ignore_patterns("__pycache__")))
+    return Path.cwd() / build.build_wheel(str(Path.cwd()))
 
 
 def unpack(wheel, folder):

@@ -1,4 +1,4 @@
-"""The blocks of code in README and docs, whether tests run them, and the names that the reference shows."""
+"""The blocks of code in README, docs and examples, whether tests run them, and the names that the reference shows."""
 
 import re
 import shlex
@@ -6,7 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = {page.stem: page for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))}
+_FOLDERS = (ROOT / "docs", ROOT / "examples")
+PAGES = {
+    page.stem: page for page in (ROOT / "README.md", *(page for it in _FOLDERS for page in sorted(it.glob("*.md"))))
+}
 
 REFERENCE = sorted((ROOT / "docs" / "reference").glob("*.md"))
 

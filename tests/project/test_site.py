@@ -28,7 +28,11 @@ import make_gallery
 mkdocs = heavy("mkdocs")
 pytestmark = pytest.mark.heavy
 
-PAGES = [page for folder in ("docs", "benchmarks/results", "benchmarks/peers") for page in (ROOT / folder).glob("*.md")]
+PAGES = [
+    page
+    for folder in ("docs", "examples", "benchmarks/results", "benchmarks/peers")
+    for page in (ROOT / folder).glob("*.md")
+]
 MOST_BYTES_OF_PICTURES = 3_000_000
 
 browser = pytest.fixture(scope="module")(open_browser)
