@@ -15,10 +15,10 @@ BEGIN = "<!-- The table comes from rooms.toml: python docs/make_rooms.py -->\n"
 
 def rooms_table() -> str:
     """Return the rooms as the rows of a Markdown table."""
-    rows = ["| room | idea | may use |", "|---|---|---|"]
+    rows = ["| room | idea |", "|---|---|"]
     for room in tomllib.loads((DOCS / "rooms.toml").read_text("utf-8"))["room"]:
         suffix = "/" if (PACKAGE / room["name"]).is_dir() else ".py"
-        rows.append(f"| `{room['name']}{suffix}` | {room['idea']} | {', '.join(room['uses'])} |")
+        rows.append(f"| `{room['name']}{suffix}` | {room['idea']} |")
     return "\n".join(rows) + "\n"
 
 

@@ -4,6 +4,7 @@ import functools
 import re
 import sys
 from fnmatch import fnmatch
+from itertools import chain
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Literal, Union, get_args, get_origin
@@ -32,9 +33,10 @@ sys.path.insert(0, str(ROOT / "docs"))
 import make_gallery  # noqa: E402 - a script beside the pages
 from make_config import page_with_keys  # noqa: E402 - another
 
+TORCH_NAMES = re.findall(r'^    "(\w+)",$', (ROOT / "semisynth_gl/torch/__init__.py").read_text("utf-8"), re.MULTILINE)
 CONFIG_PAGE = (ROOT / "docs" / "config.md").read_text("utf-8")
 MKDOCS = YAML().load((ROOT / "mkdocs.yml").read_text("utf-8"))
-FOLDERS_OF_PAGES = (".", "docs", "docs/reference", "benchmarks/results", "benchmarks/peers", "shaders")
+FOLDERS_OF_PAGES = (".", "docs", "docs/reference", "benchmarks/results", "benchmarks/peers", "examples", "shaders")
 PAGES = [page for folder in FOLDERS_OF_PAGES for page in sorted((ROOT / folder).glob("*.md"))]
 
 
@@ -124,17 +126,16 @@ def test_every_packaged_config_is_documented():
 
 def test_the_public_names_are_documented_and_no_others():
     page = (ROOT / "docs" / "python.md").read_text("utf-8")
-    table = page.split("| name | what it is |\n|---|---|\n")[1].split("\n\n")[0]
-    named = [re.match(r"\w+", name)[0] for row in table.splitlines() for name in row.split("|")[1].split("`")[1::2]]
-    assert sorted(named) == sorted(semisynth_gl.__all__)
+    table = page.split("| reference | what for | names |\n|---|---|---|\n")[1].split("\n\n")[0]
+    named = {row.split("|")[1]: row.split("|")[3].split("`")[1::2] for row in table.splitlines()}
+    torch = named.pop(" [PyTorch](reference/torch.md) ")
+    assert sorted(chain.from_iterable(named.values())) == sorted(semisynth_gl.__all__)
+    assert sorted(torch) == sorted(TORCH_NAMES)
 
 
 def test_the_reference_shows_each_public_name_once():
-    torch = re.search(r"__all__ = \[(.*?)\]", (ROOT / "semisynth_gl/torch/__init__.py").read_text("utf-8"), re.DOTALL)[
-        1
-    ]
     names = [f"semisynth_gl.{name}" for name in semisynth_gl.__all__]
-    names += [f"semisynth_gl.torch.{name}" for name in re.findall(r'"(\w+)"', torch)]
+    names += [f"semisynth_gl.torch.{name}" for name in TORCH_NAMES]
     names += [
         f"semisynth_gl.{room.__name__.split('.')[-1]}.{name}"
         for room in (metrics, comparison)
