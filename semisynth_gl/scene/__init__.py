@@ -1,1 +1,8 @@
 """The scene of pair i, from (config, seed, i) alone; pure numpy."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]

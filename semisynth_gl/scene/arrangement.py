@@ -4,16 +4,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, cross
 from semisynth_gl.geometry.parts import turned_about_z
+from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.background import FACE, OVERLAP
 from semisynth_gl.scene.rig import BEYOND_NEAR
 from semisynth_gl.scene.support import surfaces_below
-
-Floats = NDArray[np.float64]
 
 # Kinds that are as large as walls.
 _LARGE = frozenset({"house"})
@@ -77,12 +76,12 @@ class Catalogue:
 
     still: tuple[Mesh, ...]
     models: tuple[Mesh, ...]
-    by_name: Mapping[str, NDArray[np.int64]]
+    by_name: Mapping[str, Ints]
     low: Floats
     high: Floats
 
     @classmethod
-    def of(cls, still: Sequence[Mesh], library: Sequence[Mesh], drawn: NDArray[np.int64]) -> "Catalogue":
+    def of(cls, still: Sequence[Mesh], library: Sequence[Mesh], drawn: Ints) -> "Catalogue":
         """Take stock of still models, and of a library of which the models ``drawn``, (D,) int64, may be drawn."""
         models = (*still, *library)
         names = np.array([library[number].name for number in drawn])

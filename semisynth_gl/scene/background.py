@@ -13,6 +13,7 @@ from semisynth_gl.config.scene_sections import BackgroundSection
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh, mesh_grid
 from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.scene import Floats
 from semisynth_gl.scene.rig import STILL, Sway, check_reachable, near_depth_m
 from semisynth_gl.scene.view_volume import (
     TURNED_BACK,
@@ -22,9 +23,6 @@ from semisynth_gl.scene.view_volume import (
     fitted_offsets,
     smallest_offsets,
 )
-
-Floats = NDArray[np.float64]
-
 
 _U, _V, _TRIANGLES = mesh_grid(8, 8)
 # The model of every face: the unit square of the x-y plane, u along x and v along y. It is a grid, because float32

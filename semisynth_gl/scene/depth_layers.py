@@ -13,14 +13,12 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.config import Range
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.histogram import Histogram
+from semisynth_gl.scene import Bools, Floats
 from semisynth_gl.scene.particles import Sizes, path_px
-
-Floats = NDArray[np.float64]
 
 _MOST_LAYERS = 48
 # Above this coverage a layer is closed for all practical purposes (98 %).
@@ -58,7 +56,7 @@ class DepthLayers:
         return (self.low_px + self.high_px) / 2
 
     @property
-    def has_room(self) -> NDArray[np.bool_]:
+    def has_room(self) -> Bools:
         """(K,) whether the layer can hold particles."""
         return self.low_px < self.high_px
 
@@ -105,9 +103,7 @@ def merge_bins(target: Histogram) -> Histogram:
     return target.rebinned(edges) if step > 1 else target
 
 
-def solve_coverage(
-    shares: Floats, bare: Floats, exceedances: Floats, least: Floats, has_room: NDArray[np.bool_]
-) -> Floats:
+def solve_coverage(shares: Floats, bare: Floats, exceedances: Floats, least: Floats, has_room: Bools) -> Floats:
     """Solve the layers' mean coverages lambda, (..., K) float64, by least squares of F between their limits.
 
     The solver stands beside scipy's `lsq_linear`, because it solves the views of all pilot scenes at once: for 32 views

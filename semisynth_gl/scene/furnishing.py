@@ -4,13 +4,11 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.config.scene_sections import RoomSection
+from semisynth_gl.scene import Floats
 from semisynth_gl.scene.arrangement import Arrangement
 from semisynth_gl.scene.wall import Wall
-
-Floats = NDArray[np.float64]
 
 # Diameters of bounding spheres, metres.
 _STANDING: Final[Mapping[str, tuple[float, float]]] = {

@@ -7,14 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.geometry.cells import covered_cells
 from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.background import GRID
 from semisynth_gl.scene.scene import Scene
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,7 +26,7 @@ class Glance:
     """
 
     depth_m: Floats
-    instance: NDArray[np.int64]
+    instance: Ints
     uv: Floats
 
 
@@ -87,9 +85,7 @@ def _cut(corners: Floats, near_m: float) -> Floats:
     )
 
 
-def _rasterise(
-    scene: Scene, points: Floats, triangles: NDArray[np.int64], owner: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64], Floats]:
+def _rasterise(scene: Scene, points: Floats, triangles: Ints, owner: Ints) -> tuple[Ints, Floats, Ints, Floats]:
     """Return the rays that hit triangles, and of their first hits depth, owner and UV.
 
     Args:

@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.frame.camera import StereoCamera
-
-Floats = NDArray[np.float64]
+from semisynth_gl.scene import Bools, Floats
 
 # Large patches are enlarged up to this factor so that none repeats.
 _ENLARGED = 2.0
@@ -30,16 +28,14 @@ class Surfaces:
     unit_m: Floats
     low: Floats
     high: Floats
-    large: NDArray[np.bool_]
+    large: Bools
 
     def extent_px(self, camera: StereoCamera) -> Floats:
         """Return what is seen of each surface, (N, 2): its lengths on the screen as if it faced the camera."""
         return np.asarray((self.high - self.low) * self.unit_m * (camera.focal_px / self.depth_m)[:, None])
 
 
-def wears_large(
-    surfaces: Surfaces, camera: StereoCamera, section: TexturesSection, texels: Floats
-) -> NDArray[np.bool_]:
+def wears_large(surfaces: Surfaces, camera: StereoCamera, section: TexturesSection, texels: Floats) -> Bools:
     """Return which surfaces wear a large patch, (N,): the large ones, and those on which a small one would repeat.
 
     Args:
@@ -57,7 +53,7 @@ def map_patches(
     section: TexturesSection,
     texels: Floats,
     place: Floats,
-    large: NDArray[np.bool_],
+    large: Bools,
 ) -> tuple[Floats, Floats]:
     """Lay patches on surfaces: small ones anywhere, large ones so that none repeats where that is possible.
 

@@ -5,13 +5,13 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.config.model import Config
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.histogram import Histogram, mix_histograms
 from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.scene import Ints
 from semisynth_gl.scene.depth_layers import merge_bins
 from semisynth_gl.scene.population import InView
 from semisynth_gl.scene.sampler import SampledScene, SceneSampler
@@ -47,8 +47,8 @@ class Shares:
         numbers, sequences = np.unique(self._recipes(np.arange(_SOUGHT)), return_index=True)
         return dict(zip(numbers.tolist(), sequences.tolist(), strict=True))
 
-    def _recipes(self, sequences: NDArray[np.int64]) -> NDArray[np.int64]:
-        places: NDArray[np.int64] = np.searchsorted(self._ends, (self._first + sequences * _STEP) % 1.0, side="right")
+    def _recipes(self, sequences: Ints) -> Ints:
+        places: Ints = np.searchsorted(self._ends, (self._first + sequences * _STEP) % 1.0, side="right")
         return places
 
 

@@ -14,17 +14,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.config import Range
 from semisynth_gl.config.scene_sections import DepthLayerSection, ParticlesSection
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.silhouette import draw_scales
 from semisynth_gl.histogram import Histogram
+from semisynth_gl.scene import Bools, Floats, Ints
 from semisynth_gl.scene.rig import STILL, Sway, rotation_about_axis, rotation_from_quaternion
 from semisynth_gl.scene.view_volume import Height, clear_depth_m, height_of_view
-
-Floats = NDArray[np.float64]
 
 _QUANTILES = (np.arange(64) + 0.5) / 64
 
@@ -59,13 +57,13 @@ class Slots:
         return len(self.depth_m)
 
     @property
-    def shown(self) -> NDArray[np.bool_]:
+    def shown(self) -> Bools:
         """(S,) bool, whether a slot shows its models: those that keep clear of the near plane, or rest."""
         shown = self.room_m > 0
         shown[list(self.resting)] = True
         return shown
 
-    def generation(self, time_s: float) -> NDArray[np.int64]:
+    def generation(self, time_s: float) -> Ints:
         """Return the number of the model that each slot shows at a time, (S,); negative for releases before time 0."""
         generation = np.floor(time_s / self.period_s + self.phase).astype(np.int64)
         generation[list(self.resting)] = 0
@@ -291,7 +289,7 @@ class Particles:
             its sway.
     """
 
-    generation: NDArray[np.int64]
+    generation: Ints
     radius_m: Floats
     world_from_model: Floats
 
@@ -306,7 +304,7 @@ def particles_at(
     slots: Slots,
     release: Callable[[int], Release],
     time_s: float,
-    generation: NDArray[np.int64] | None = None,
+    generation: Ints | None = None,
 ) -> Particles:
     """Place every slot's model at a time, directly and without stepping.
 

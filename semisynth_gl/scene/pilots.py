@@ -9,12 +9,12 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.cache.lookup import cached, package_versions
 from semisynth_gl.cache.store import Entry
 from semisynth_gl.config.model import Config
 from semisynth_gl.frame.camera import StereoCamera
+from semisynth_gl.scene import Floats
 from semisynth_gl.scene.arrangement import Catalogue
 from semisynth_gl.scene.structures import draw_stage
 from semisynth_gl.seeds.seeds import Purpose, generator
@@ -36,7 +36,7 @@ class Pilot(NamedTuple):
     """
 
     camera: StereoCamera
-    bare_px: NDArray[np.float64]
+    bare_px: Floats
 
 
 def draw_pilots(config: Config, seed: int, catalogue: Catalogue) -> list[Pilot]:

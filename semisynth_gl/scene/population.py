@@ -10,13 +10,13 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.config.model import Config
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.silhouette import Silhouette
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.inputs.errors import InputError
+from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.arrangement import Catalogue
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, merge_bins, solve_coverage
 from semisynth_gl.scene.particles import (
@@ -32,8 +32,6 @@ from semisynth_gl.scene.particles import (
 from semisynth_gl.scene.pilots import Pilot, draw_pilots
 from semisynth_gl.scene.rig import check_reachable, near_depth_m
 from semisynth_gl.seeds.seeds import Purpose, generator
-
-Floats = NDArray[np.float64]
 
 _COUNTED_PILOTS = 8
 _CORRECTIONS = 6
@@ -360,7 +358,7 @@ def _layer(stated: StatedLayer) -> DepthLayers:
     return DepthLayers(np.array([stated.disparity_px.low]), np.array([stated.disparity_px.high]))
 
 
-def poisson_counts(mean: Floats, quantile: Floats) -> NDArray[np.int64]:
+def poisson_counts(mean: Floats, quantile: Floats) -> Ints:
     """Return quantiles, (K,) in [0, 1), of Poisson distributions with K means: numbers of particles, (K,) int64.
 
     Particles that are thrown independently are Poisson in number. The sum stands here since scipy takes long to import.

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Eye, StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, cross
+from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.scene import Scene
 
 # Rays are compared with triangles' bounding boxes about this many comparisons at a time, to bound memory.
@@ -31,14 +32,12 @@ class Hits:
         triangle: (R,) int64, index into the instance's model.
     """
 
-    depth_m: NDArray[np.float64]
-    instance: NDArray[np.int64]
-    triangle: NDArray[np.int64]
+    depth_m: Floats
+    instance: Ints
+    triangle: Ints
 
 
-def cast_rays(
-    scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: NDArray[np.float64], y_px: NDArray[np.float64]
-) -> Hits:
+def cast_rays(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px: Floats) -> Hits:
     """Cast rays from one eye through pixel positions, whole or fractional.
 
     Of surfaces at one depth, the first instance and triangle wins. Rays pass through surfaces nearer than
@@ -90,9 +89,7 @@ def cast_rays(
     return hits
 
 
-def _boxes(
-    camera: StereoCamera, eye: Eye, vertices: NDArray[np.float64], triangles: NDArray[np.integer], near_m: float
-) -> NDArray[np.float64]:
+def _boxes(camera: StereoCamera, eye: Eye, vertices: Floats, triangles: NDArray[np.integer], near_m: float) -> Floats:
     """Return bounding boxes (4, T), x0 x1 y0 y1, of triangles on the image; all of its plane for a crossed z = near."""
     depth = vertices[:, 2]
     safe = np.where(depth > 0, depth, 1.0)
@@ -111,9 +108,7 @@ def _boxes(
     return boxes
 
 
-def _inside(
-    boxes: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]
-) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+def _inside(boxes: Floats, x: Floats, y: Floats) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
     """Yield all pairs of a position and a box (4, T) around it, in parts of ascending boxes; y ascends."""
     x0, x1, y0, y1 = boxes
     begin, end = np.searchsorted(y, y0.min()), np.searchsorted(y, y1.max(), side="right")
@@ -134,7 +129,7 @@ def _inside(
         yield near[place[within]], box[within]
 
 
-def _depths(direction: NDArray[np.float64], corners: NDArray[np.float64], near_m: float) -> NDArray[np.float64]:
+def _depths(direction: Floats, corners: Floats, near_m: float) -> Floats:
     """Return the depths at which rays hit their triangles (Moller and Trumbore 1997), inf where a ray misses.
 
     Directions have z = 1, so the ray's parameter is the planar depth.
@@ -153,6 +148,6 @@ def _depths(direction: NDArray[np.float64], corners: NDArray[np.float64], near_m
     return np.where(hit, depth, np.inf)
 
 
-def _dot(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+def _dot(left: Floats, right: Floats) -> Floats:
     """Products of vectors (N, 3): sums over rows so short take numpy longer."""
     return left[:, 0] * right[:, 0] + left[:, 1] * right[:, 1] + left[:, 2] * right[:, 2]

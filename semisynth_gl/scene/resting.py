@@ -3,18 +3,16 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.geometry.mesh import Mesh, least_axis
+from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.support import surfaces_below
-
-Floats = NDArray[np.float64]
 
 # Cosine of the steepest slope that a model comes to rest on.
 _STEEPEST = 0.5
 
 
-def triangles_of(models: Sequence[Mesh], model: NDArray[np.int64], world_from_model: Floats) -> Floats:
+def triangles_of(models: Sequence[Mesh], model: Ints, world_from_model: Floats) -> Floats:
     """Return the corners (T, 3, 3) of all triangles of N instances, in the world's frame."""
     parts = [
         (models[number].positions.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3])[models[number].triangles]

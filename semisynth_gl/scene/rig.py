@@ -6,15 +6,13 @@ The sway is a bounded formula of time. So any frame can be rendered first, and w
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.config import Range
 from semisynth_gl.config.dataset_sections import RigSection
 from semisynth_gl.config.rig_sections import CameraSection, DisparitySection
 from semisynth_gl.frame.camera import Deviation, StereoCamera
 from semisynth_gl.inputs.errors import InputError
-
-Floats = NDArray[np.float64]
+from semisynth_gl.scene import Floats
 
 _ALONG_BORDER = 129
 _STEPS = 8

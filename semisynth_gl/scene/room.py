@@ -5,13 +5,13 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.config import Range
 from semisynth_gl.config.rig_sections import DisparitySection
 from semisynth_gl.config.scene_sections import BackgroundSection, RoomSection
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
+from semisynth_gl.scene import Floats
 from semisynth_gl.scene.arrangement import Arrangement, Catalogue, FloorView
 from semisynth_gl.scene.furnishing import fill_niche, furnish
 from semisynth_gl.scene.rig import BEYOND_NEAR, Sway, check_reachable, near_depth_m
@@ -24,8 +24,6 @@ from semisynth_gl.scene.view_volume import (
     smallest_offsets,
 )
 from semisynth_gl.scene.wall import Wall
-
-Floats = NDArray[np.float64]
 
 # Walls of a room whose metres are true stand so far away; a nearer or farther room is scaled.
 _TRUE = Range(2.5, 9.0)

@@ -14,6 +14,7 @@ from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.histogram import Histogram
+from semisynth_gl.scene import Bools, Floats, Ints
 from semisynth_gl.scene.mapping import Surfaces, map_patches, wears_large
 from semisynth_gl.scene.particles import Particles, Release, Slots, draw_release, draw_slots, particles_at
 from semisynth_gl.scene.population import Population
@@ -64,14 +65,14 @@ class SampledScene:
     sequence: int
     frame: int
     attempt: int
-    patch_px: NDArray[np.int64]
-    patch: NDArray[np.int64]
-    slot: NDArray[np.int64]
-    generation: NDArray[np.int64]
-    resting: NDArray[np.bool_]
+    patch_px: Ints
+    patch: Ints
+    slot: Ints
+    generation: Ints
+    resting: Bools
 
     @property
-    def still(self) -> NDArray[np.bool_]:
+    def still(self) -> Bools:
         """(N,) bool, true for walls, grounds, panels and all else of flat faces; models at rest or falling are not."""
         return self.scene.model < len(STILL_MODELS)
 
@@ -93,8 +94,8 @@ class _Draw:
         return generator(self.seed, purpose, self.sequence, *numbers, *redrawn)
 
     def per_slot(
-        self, purpose: Purpose, generation: NDArray[np.int64], slot: NDArray[np.intp], width: int, first_key: int = 0
-    ) -> NDArray[np.float64]:
+        self, purpose: Purpose, generation: Ints, slot: NDArray[np.intp], width: int, first_key: int = 0
+    ) -> Floats:
         """Draw uniform numbers (N, width) that belong to a slot's generation, whatever other slots exist.
 
         The purpose's generators for generations have keys from ``first_key`` on.
@@ -112,12 +113,12 @@ def _generation_key(generation: int) -> int:
     return generation if generation >= 0 else _BEFORE - generation
 
 
-def _ends(patches: Sequence[Patch], section: TexturesSection) -> NDArray[np.float64]:
+def _ends(patches: Sequence[Patch], section: TexturesSection) -> Floats:
     flat = np.array([patch.texture < section.min_texture for patch in patches], np.bool_)
     return np.cumsum(patch_chances([patch.shown for patch in patches], flat, section.flat_share))
 
 
-def _drawn(ends: NDArray[np.float64], chance: NDArray[np.float64]) -> NDArray[np.int64]:
+def _drawn(ends: Floats, chance: Floats) -> Ints:
     """Return the numbers whose chances, which end at (K,) cumulative sums, uniform numbers fall on."""
     return np.minimum(np.searchsorted(ends, chance, side="right"), len(ends) - 1)
 
@@ -324,7 +325,7 @@ class SceneSampler:
             np.isin(slot, list(slots.resting)),
         )
 
-    def _moved(self, draw: _Draw, sampled: SampledScene, frame: float) -> NDArray[np.float64]:
+    def _moved(self, draw: _Draw, sampled: SampledScene, frame: float) -> Floats:
         """Return the poses (N, 4, 4) of a scene's instances at another time, which they need not be drawn at."""
         stage, shown = self._sequence(draw)
         still = len(stage.still)
@@ -334,7 +335,7 @@ class SceneSampler:
         world_from_model[still:] = self._particles(draw, frame, generation).world_from_model[slots]
         return world_from_model
 
-    def _particles(self, draw: _Draw, frame: float, generation: NDArray[np.int64] | None = None) -> Particles:
+    def _particles(self, draw: _Draw, frame: float, generation: Ints | None = None) -> Particles:
         """Place the models of all slots at a frame: the models shown then, or of the given generations."""
         stage, slots = self._sequence(draw)
         time_s = frame * self._config.sequence.frame_s
@@ -349,7 +350,7 @@ class SceneSampler:
 
         return release
 
-    def _drawn_models(self, draw: _Draw, generation: NDArray[np.int64], slot: NDArray[np.intp]) -> NDArray[np.int64]:
+    def _drawn_models(self, draw: _Draw, generation: Ints, slot: NDArray[np.intp]) -> Ints:
         """Return the model of the library that each slot shows in a generation."""
         chance = draw.per_slot(Purpose.SHAPE, generation, slot, 1)[:, 0]
         return self._model_library.drawn[_drawn(self._cumulative, chance)]
@@ -359,11 +360,11 @@ class SceneSampler:
         draw: _Draw,
         stage: Stage,
         slots: Slots,
-        generation: NDArray[np.int64],
+        generation: Ints,
         slot: NDArray[np.intp],
-        model: NDArray[np.int64],
+        model: Ints,
         particles: Particles,
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    ) -> tuple[Ints, Floats, Floats]:
         """Patch (N,), patches per UV unit (N, 2) and UV offset (N, 2) in patches of all instances."""
         section, still = self._config.textures, stage.still
         of_still = draw.generator(Purpose.TEXTURE, 0).random((len(still), 4))

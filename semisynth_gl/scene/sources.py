@@ -13,6 +13,7 @@ from semisynth_gl.config import Config
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import ModelLibrary, build_libraries
 from semisynth_gl.inputs.errors import Skipped
+from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.seeds.splits import Split
 from semisynth_gl.textures.atlas import Atlas
 from semisynth_gl.textures.prepare import prepare_atlas, split_images
@@ -82,7 +83,7 @@ class Sources:
         return {"patches": f"{patches:08x}", "models": f"{models:08x}"}
 
 
-def _rounded(values: NDArray[Any], step: float) -> NDArray[np.int64]:
+def _rounded(values: NDArray[Any], step: float) -> Ints:
     """Round values to whole steps, so that values that differ in their last bits alone come out equal.
 
     Zero and round numbers are frequent, so they lie well inside a step: no last bit moves them to the next.
@@ -90,14 +91,14 @@ def _rounded(values: NDArray[Any], step: float) -> NDArray[np.int64]:
     return np.floor(np.ascontiguousarray(values, np.float64) / step + _OFF_ROUND_NUMBERS).astype(np.int64)
 
 
-def _means(layers: NDArray[np.uint8]) -> NDArray[np.float64]:
+def _means(layers: NDArray[np.uint8]) -> Floats:
     """Return the mean of each component over 4 x 4 parts of each layer, every eighth row counting."""
     some = layers[:, ::_EACH_ROW]
     rows, columns = (np.unique(np.arange(_PARTS) * extent // _PARTS) for extent in some.shape[1:3])
     sums = np.add.reduceat(np.add.reduceat(some, rows, axis=1, dtype=np.uint32), columns, axis=2)
     heights, widths = np.diff(rows, append=some.shape[1]), np.diff(columns, append=some.shape[2])
     pixels = np.multiply.outer(heights, widths)
-    means: NDArray[np.float64] = sums / pixels.reshape(*pixels.shape, *(1,) * (some.ndim - 3))
+    means: Floats = sums / pixels.reshape(*pixels.shape, *(1,) * (some.ndim - 3))
     return means
 
 

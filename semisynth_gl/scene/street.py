@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.config import Range
 from semisynth_gl.config.rig_sections import DisparitySection
@@ -15,8 +14,6 @@ from semisynth_gl.scene.arrangement import Arrangement, Catalogue, FloorView
 from semisynth_gl.scene.background import FACE, GROUND, draw_background, lay_ground
 from semisynth_gl.scene.rig import Sway, near_depth_m
 from semisynth_gl.scene.view_volume import smallest_offsets
-
-Floats = NDArray[np.float64]
 
 # Diameters of bounding spheres, metres.
 _VEHICLES: Final[Mapping[str, tuple[float, float]]] = {"car": (4.2, 5.6), "bicycle": (1.7, 1.9)}

@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.config import Range
 from semisynth_gl.config.model import Config
@@ -13,6 +12,7 @@ from semisynth_gl.config.scene_sections import BackgroundSection, StructuresSect
 from semisynth_gl.frame.camera import RECTIFIED, StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh, mesh_grid
 from semisynth_gl.geometry.model_library import ModelLibrary
+from semisynth_gl.scene import Bools, Floats, Ints
 from semisynth_gl.scene.arrangement import Arrangement, Catalogue
 from semisynth_gl.scene.background import (
     FACE,
@@ -40,8 +40,6 @@ from semisynth_gl.scene.scene import make_scene
 from semisynth_gl.scene.street import draw_street
 from semisynth_gl.scene.view_volume import smallest_offsets
 from semisynth_gl.seeds.seeds import Purpose
-
-Floats = NDArray[np.float64]
 
 _ARC_COLUMNS, _ARC_ROWS = 24, 4
 _HALF_ARC_RAD = np.pi / 3
@@ -85,16 +83,16 @@ class Surroundings:
         sky: (S,) bool, whether it is infinitely far away.
     """
 
-    model: NDArray[np.int64]
+    model: Ints
     world_from_model: Floats
     unit_m: Floats
-    wears: NDArray[np.int64]
-    large: NDArray[np.bool_]
+    wears: Ints
+    large: Bools
     depth_m: Floats
     low: Floats
     high: Floats
     disparity_px: Floats
-    sky: NDArray[np.bool_]
+    sky: Bools
 
     def __len__(self) -> int:
         return len(self.model)
@@ -191,13 +189,13 @@ def _measured(
     camera: StereoCamera,
     near_m: float,
     models: Sequence[Mesh],
-    model: NDArray[np.int64],
+    model: Ints,
     world_from_model: Floats,
     unit_m: Floats,
-    wears: NDArray[np.int64],
-    large: NDArray[np.bool_],
+    wears: Ints,
+    large: Bools,
     hidden_m: Floats,
-    sky: NDArray[np.bool_],
+    sky: Bools,
 ) -> Surroundings:
     """Measure what the left view sees of still things; the sky, and what it does not see, have depths ``hidden_m``."""
     layer = np.zeros(len(model), np.int64)

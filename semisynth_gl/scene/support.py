@@ -3,11 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.geometry.mesh import cross, lengths
-
-Floats = NDArray[np.float64]
+from semisynth_gl.scene import Floats, Ints
 
 
 class Support(NamedTuple):
@@ -53,7 +51,7 @@ def surfaces_below(corners: Floats, places: Floats) -> list[Support | None]:
     return supports
 
 
-def _pairs_over(corners: Floats, places: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _pairs_over(corners: Floats, places: Floats) -> tuple[Ints, Ints]:
     """Return each place (P, 2) and triangle (T, 3, 2) whose bounding box holds it, as two arrays of numbers."""
     (low_x, low_y), (high_x, high_y) = corners.min(axis=1).T.copy(), corners.max(axis=1).T.copy()
     held = []

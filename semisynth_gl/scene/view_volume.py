@@ -4,13 +4,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import EYES, RECTIFIED, Eye, StereoCamera
 from semisynth_gl.geometry.mesh import cross
+from semisynth_gl.scene import Floats
 from semisynth_gl.scene.rig import BEYOND_NEAR, STILL, Sway
-
-Floats = NDArray[np.float64]
 
 WIDEST_RAD = np.deg2rad(85).item()
 """Rays that may turn farther off the optical axis than this have no bounds."""

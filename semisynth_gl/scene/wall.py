@@ -1,11 +1,9 @@
 """A wall of a room, as it is seen from inside."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.geometry.mesh import cross
-
-Floats = NDArray[np.float64]
+from semisynth_gl.scene import Floats
 
 
 class Wall:
