@@ -1,7 +1,8 @@
 """Things that rest: models that stand, lie and hang in a frame whose z points up, and flat rectangles beside them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +13,7 @@ from semisynth_gl.geometry.parts import turned_about_z
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.background import FACE, OVERLAP
 from semisynth_gl.scene.rig import BEYOND_NEAR
+from semisynth_gl.scene.scene import placed_vertices
 from semisynth_gl.scene.support import surfaces_below
 
 # Kinds that are as large as walls.
@@ -19,35 +21,27 @@ _LARGE = frozenset({"house"})
 # Cosine of the steepest slope that a thing stands on.
 _LEVEL = 0.98
 
+Diameters = Mapping[str, tuple[float, float]]
+"""The smallest and the largest diameter of the bounding spheres of some kinds, metres."""
+Picked = tuple[int, float]
+"""The number of a model, and the diameter of its bounding sphere, metres."""
+Corner = tuple[float, float]
+"""A corner of a rectangle: x and y on the floor, or u and v on a wall."""
+
 
 @dataclass(frozen=True, slots=True)
 class FloorView:
-    """The left camera's pose over a floor: z up, y ahead, x to the right, the origin on the floor below the camera.
-
-    Attributes:
-        camera: the camera.
-        camera_from_floor: (4, 4) float64, metres.
-        near_m: nothing stands nearer than this depth.
-    """
+    """The left camera's pose over a floor: z up, y ahead, x to the right, the origin on the floor below the camera."""
 
     camera: StereoCamera
-    camera_from_floor: Floats
-    near_m: float
+    camera_from_floor: Floats  # (4, 4), metres
+    near_m: float  # nothing stands nearer than this depth
 
     @classmethod
     def over_floor(
         cls, camera: StereoCamera, near_m: float, height_m: float, yaw_rad: float, pitch_rad: float, roll_rad: float
     ) -> "FloorView":
-        """Place a camera over a floor.
-
-        Args:
-            camera: the camera.
-            near_m: see `FloorView`.
-            height_m: above the floor.
-            yaw_rad: to the right of y.
-            pitch_rad: downwards.
-            roll_rad: about the optical axis.
-        """
+        """Place a camera over a floor, turned from y to the right, downwards, and about its optical axis."""
         ahead = np.array([np.sin(yaw_rad) * np.cos(pitch_rad), np.cos(yaw_rad) * np.cos(pitch_rad), -np.sin(pitch_rad)])
         right = np.array([np.cos(yaw_rad), -np.sin(yaw_rad), 0.0])
         down = cross(ahead, right)
@@ -64,88 +58,60 @@ class FloorView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Catalogue:
-    """The models that things are taken from.
+    """The models that things are taken from: the still models, then the library."""
 
-    Attributes:
-        still: the still models, which the sampler counts first.
-        models: the still models, then the library.
-        by_name: numbers of the models that things may be, by their names.
-        low: (M, 3) float64, corner of each model's bounding box.
-        high: (M, 3) float64, the opposite corner.
-    """
-
-    still: tuple[Mesh, ...]
     models: tuple[Mesh, ...]
-    by_name: Mapping[str, Ints]
-    low: Floats
-    high: Floats
-
-    @classmethod
-    def of(cls, still: Sequence[Mesh], library: Sequence[Mesh], drawn: Ints) -> "Catalogue":
-        """Take stock of still models, and of a library of which the models ``drawn``, (D,) int64, may be drawn."""
-        models = (*still, *library)
-        names = np.array([library[number].name for number in drawn])
-        by_name = {str(name): len(still) + drawn[names == name] for name in np.unique(names)}
-        boxes = np.array([(mesh.positions.min(axis=0), mesh.positions.max(axis=0)) for mesh in models], np.float64)
-        return cls(tuple(still), models, by_name, boxes[:, 0], boxes[:, 1])
+    by_name: Mapping[str, Ints]  # the numbers of the models that things may be, by their names
+    low: Floats  # (M, 3) the lower corner of each model's bounding box, model units
+    high: Floats  # (M, 3) the opposite corner
 
     def number(self, still: Mesh) -> int:
         """Return the number of a still model."""
-        return next(number for number, mesh in enumerate(self.still) if mesh is still)
+        return next(number for number, mesh in enumerate(self.models) if mesh is still)
 
     def extent(self, number: int) -> Floats:
         """Return the lengths (3,) of a model's bounding box, in model units."""
         return np.asarray(self.high[number] - self.low[number])
 
-    def pick(
-        self, sizes_m: Mapping[str, tuple[float, float]], metre: float, rng: np.random.Generator
-    ) -> tuple[int, float] | None:
-        """Pick a model of some kinds and its diameter; None where the library has none of them.
-
-        Kinds count alike: the config's weights are for things in the air.
-
-        Args:
-            sizes_m: smallest and largest diameter of each kind.
-            metre: length of a metre there.
-            rng: draws both.
-        """
-        kind, variant, size = rng.random(3)
-        known = [name for name in sizes_m if name in self.by_name]
-        if not known:
-            return None
-        name = known[int(kind * len(known))]
-        numbers = self.by_name[name]
-        low, high = sizes_m[name]
-        return int(numbers[int(variant * len(numbers))]), (low + (high - low) * float(size)) * metre
-
 
 @dataclass(slots=True, eq=False)
 class Arrangement:
-    """Still things, gathered one by one.
-
-    Attributes:
-        view: the camera.
-        model: numbers of models.
-        floor_from_model: (4, 4) float64 each.
-        unit_m: (2,) each, length of one UV unit.
-        wears: the number of the thing whose texture each wears: its own, or that of an earlier one.
-        large: whether each wears a large patch, where there are any.
-        farthest_m: no view shows more than this depth, if the walls could be brought in so far.
-    """
+    """Still things, gathered one by one; things that share a texture name the first of them in ``wears``."""
 
     view: FloorView
     catalogue: Catalogue
+    metre: float  # the length of a metre there
+    rng: np.random.Generator
+    farthest_m: float = np.inf  # no view shows more than this depth, if the walls could be brought in so far
     model: list[int] = field(default_factory=list)
-    floor_from_model: list[Floats] = field(default_factory=list)
-    unit_m: list[tuple[float, float]] = field(default_factory=list)
-    wears: list[int] = field(default_factory=list)
-    large: list[bool] = field(default_factory=list)
-    farthest_m: float = np.inf
+    floor_from_model: list[Floats] = field(default_factory=list)  # (4, 4) each
+    unit_m: list[tuple[float, float]] = field(default_factory=list)  # the length of one UV unit
+    wears: list[int] = field(default_factory=list)  # the thing whose texture each wears: itself, or an earlier one
+    large: list[bool] = field(default_factory=list)  # whether each wears a large patch, where there are any
     _taken: list[tuple[float, float, float]] = field(default_factory=list)
-    _raised: list[tuple[tuple[float, float], tuple[float, float], float]] = field(default_factory=list)
+    _raised: list[tuple[Corner, Corner, float]] = field(default_factory=list)
 
     def __len__(self) -> int:
         return len(self.model)
+
+    def pick(self, sizes_m: Diameters) -> Picked | None:
+        """Draw a model of some kinds and its diameter; None where the library has none of these kinds.
+
+        Kinds count alike: the config's weights are for things in the air.
+        """
+        kind, variant, size = self.rng.random(3)
+        known = [name for name in sizes_m if name in self.catalogue.by_name]
+        if not known:
+            return None
+        name = known[int(kind * len(known))]
+        numbers = self.catalogue.by_name[name]
+        low, high = sizes_m[name]
+        return int(numbers[int(variant * len(numbers))]), (low + (high - low) * float(size)) * self.metre
+
+    def extent_m(self, picked: Picked) -> Floats:
+        """Return the lengths (3,) of a picked model's bounding box."""
+        number, size_m = picked
+        return self.catalogue.extent(number) * size_m / 2
 
     def add(
         self, model: int, matrix: Floats, unit_m: tuple[float, float], wears: int | None = None, *, large: bool = True
@@ -161,14 +127,9 @@ class Arrangement:
     def add_rectangle(
         self, corner: ArrayLike, u: ArrayLike, v: ArrayLike, *, model: Mesh = FACE, wears: int | None = None
     ) -> int:
-        """Add a rectangle, or another model over the unit square, that shows the texture upright and unmirrored.
+        """Add a rectangle, or another still model over the unit square, that shows the texture upright and unmirrored.
 
-        Args:
-            corner: (3,) its corner at the top left, as it is seen.
-            u: (3,) its edge to the right.
-            v: (3,) its edge downwards.
-            model: a still model over the unit square of x and y.
-            wears: see `Arrangement`.
+        Seen from its front, ``corner`` (3,) is at the top left, and the edges ``u`` and ``v`` lead right and down.
         """
         edges = np.array([u, v], np.float64)
         sizes = np.linalg.norm(edges, axis=1)
@@ -180,9 +141,7 @@ class Arrangement:
         return self.add(self.catalogue.number(model), matrix, (float(sizes[0]), float(sizes[1])), wears)
 
     def add_box(self, middle: ArrayLike, half: ArrayLike, yaw_rad: float = 0.0, wears: int | None = None) -> int | None:
-        """Add five sides of a box, all but its bottom; return the number of the first.
-
-        Nothing is added, and None is returned, where it comes too near.
+        """Add five sides of a box, all but its bottom; return the number of the first, or None where it is too near.
 
         Args:
             middle: (3,) middle of its bottom.
@@ -192,29 +151,25 @@ class Arrangement:
         """
         (x, y, z), at = np.asarray(half, np.float64), np.asarray(middle, np.float64)
         turn = turned_about_z(yaw_rad)
-        corners = np.array([[i * x, j * y, k * z] for i in (-1, 1) for j in (-1, 1) for k in (0, 1)]) @ turn.T + at
-        if self.view.depth_m(corners).min() < BEYOND_NEAR * self.view.near_m:
+        if self._too_near((-x, -y, 0), (x, y, z), turn, at):
             return None
-
-        def side(corner: ArrayLike, u: ArrayLike, v: ArrayLike, wears: int | None) -> int:
-            begin = turn @ np.asarray(corner, np.float64) + at
-            return self.add_rectangle(begin, turn @ np.asarray(u, float), turn @ np.asarray(v, float), wears=wears)
-
-        first = side((-x, -y, z), (2 * x, 0, 0), (0, 0, -z), wears)
-        same = self.wears[first]
-        side((x, -y, z), (0, 2 * y, 0), (0, 0, -z), same)
-        side((x, y, z), (-2 * x, 0, 0), (0, 0, -z), same)
-        side((-x, y, z), (0, -2 * y, 0), (0, 0, -z), same)
-        side((-x, y, z), (2 * x, 0, 0), (0, -2 * y, 0), same)
+        first = len(self)
+        for corner, u, v in (
+            ((-x, -y, z), (2 * x, 0, 0), (0, 0, -z)),
+            ((x, -y, z), (0, 2 * y, 0), (0, 0, -z)),
+            ((x, y, z), (-2 * x, 0, 0), (0, 0, -z)),
+            ((-x, y, z), (0, -2 * y, 0), (0, 0, -z)),
+            ((-x, y, z), (2 * x, 0, 0), (0, -2 * y, 0)),
+        ):
+            side = self.add_rectangle(turn @ corner + at, turn @ u, turn @ v, wears=wears)
+            wears = self.wears[side]
         return first
 
-    def stand(
-        self, picked: tuple[int, float], at: ArrayLike, yaw_rad: float, stretch: Floats | None = None
-    ) -> int | None:
+    def stand(self, picked: Picked, at: ArrayLike, yaw_rad: float, stretch: Floats | None = None) -> int | None:
         """Stand a model on a place, upright; return its number, or None where it comes too near, and is not added.
 
         Args:
-            picked: number of the model, and its diameter in metres.
+            picked: the model.
             at: (3,) the place, below the model's middle.
             yaw_rad: its turn about z.
             stretch: (3,) factors along the model's own axes.
@@ -224,8 +179,7 @@ class Arrangement:
         low, high = self.catalogue.low[number] * scale, self.catalogue.high[number] * scale
         place = np.asarray(at, np.float64) - (0, 0, low[2])
         turn = turned_about_z(yaw_rad)
-        corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-        if self.view.depth_m(corners @ turn.T + place).min() < BEYOND_NEAR * self.view.near_m:
+        if self._too_near(low, high, turn, place):
             return None
         matrix = np.eye(4)
         matrix[:3, :3] = turn * scale
@@ -233,21 +187,20 @@ class Arrangement:
         unit = float(scale.mean())
         return self.add(number, matrix, (unit, unit), large=self.catalogue.models[number].name in _LARGE)
 
-    def top(self, number: int, x: float, y: float) -> float | None:
-        """Return the height of a thing over a place of the floor; None where its top is not level there.
+    def _too_near(self, low: ArrayLike, high: ArrayLike, turn: Floats, at: Floats) -> bool:
+        """Whether a box between two corners, turned and then moved, has a corner too near."""
+        corners = np.array(list(product(*np.stack([low, high], axis=1))))
+        return bool(self.view.depth_m(corners @ turn.T + at).min() < BEYOND_NEAR * self.view.near_m)
 
-        Args:
-            number: the thing's.
-            x: the place, in the floor's frame, metres.
-            y: the same.
-        """
-        mesh, matrix = self.catalogue.models[self.model[number]], self.floor_from_model[number]
-        corners = (mesh.positions.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3])[mesh.triangles]
+    def top(self, number: int, x: float, y: float) -> float | None:
+        """Return the height of a thing over a place of the floor; None where its top is not level there."""
+        mesh = self.catalogue.models[self.model[number]]
+        corners = placed_vertices(mesh, self.floor_from_model[number])[mesh.triangles]
         top = surfaces_below(corners, np.array([[x, y, np.inf]]))[0]
         return None if top is None or top.normal[2] < _LEVEL else top.height
 
-    def raise_floor(self, low: tuple[float, float], high: tuple[float, float], height_m: float) -> None:
-        """Say that the floor between two corners (x, y) is higher, as on a pavement."""
+    def raise_floor(self, low: Corner, high: Corner, height_m: float) -> None:
+        """Make the floor between two corners higher, as on a pavement."""
         self._raised.append((low, high, height_m))
 
     def floor_m(self, x: float, y: float) -> float:
@@ -256,7 +209,7 @@ class Arrangement:
         return next(raised, 0.0)
 
     def is_free(self, x: float, y: float, radius_m: float) -> bool:
-        """Whether a circle on the floor meets none that is taken; things may come close."""
+        """Whether a circle on the floor meets no taken circle; things may come close."""
         return all((x - a) ** 2 + (y - b) ** 2 > (0.8 * (radius_m + r)) ** 2 for a, b, r in self._taken)
 
     def take(self, x: float, y: float, radius_m: float) -> None:

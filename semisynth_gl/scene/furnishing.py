@@ -1,17 +1,15 @@
 """What stands, lies and hangs in a room."""
 
-from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 
 from semisynth_gl.config.scene_sections import RoomSection
 from semisynth_gl.scene import Floats
-from semisynth_gl.scene.arrangement import Arrangement
+from semisynth_gl.scene.arrangement import Arrangement, Corner, Diameters
 from semisynth_gl.scene.wall import Wall
 
-# Diameters of bounding spheres, metres.
-_STANDING: Final[Mapping[str, tuple[float, float]]] = {
+_STANDING: Final[Diameters] = {
     "table": (1.1, 1.9),
     "chair": (0.95, 1.2),
     "bookcase": (1.2, 2.2),
@@ -41,7 +39,7 @@ _STANDING: Final[Mapping[str, tuple[float, float]]] = {
 _FURNITURE: Final = {name: _STANDING[name] for name in ("table", "bookcase", "shelf", "cuboid", "cube")}
 """Things with a flat top, on which small things stand: half of all that stands."""
 _AT_WALLS: Final = frozenset({"bookcase", "shelf", "picture_frame", "bench", "clothes_rack", "stairs"})
-_SMALL: Final[Mapping[str, tuple[float, float]]] = {
+_SMALL: Final[Diameters] = {
     "bottle": (0.2, 0.35),
     "vase": (0.15, 0.4),
     "mug": (0.09, 0.14),
@@ -72,7 +70,7 @@ _SMALL: Final[Mapping[str, tuple[float, float]]] = {
     "torus": (0.1, 0.25),
     "cloth": (0.4, 0.9),
 }
-_HANGING: Final[Mapping[str, tuple[float, float]]] = {
+_HANGING: Final[Diameters] = {
     "hook_rail": (0.5, 1.0),
     "grating": (0.4, 0.9),
     "lattice_panel": (0.4, 1.0),
@@ -84,144 +82,128 @@ _HANGING: Final[Mapping[str, tuple[float, float]]] = {
 _TRIES = 8
 
 
-def furnish(
-    room: Arrangement, section: RoomSection, walls: tuple[Wall, ...], metre: float, rng: np.random.Generator
-) -> None:
-    """Put things into a room.
-
-    Args:
-        room: the room, to which they are added.
-        section: how many of each sort.
-        walls: its walls, the one ahead first, then those to the right and to the left.
-        metre: length of a metre there.
-        rng: draws them.
-    """
+def furnish(room: Arrangement, section: RoomSection, walls: tuple[Wall, ...]) -> None:
+    """Put things into a room whose walls are the one ahead, then those to the right and to the left."""
+    rng = room.rng
     tops: list[int] = []
     if rng.random() < section.rug:
-        _add_rug(room, walls[0], metre, rng)
+        _add_rug(room, walls[0])
     for _ in range(round(section.pillars.draw(rng))):
-        _add_pillar(room, walls, metre, rng)
+        _add_pillar(room, walls)
     for _ in range(round(section.furniture.draw(rng))):
-        placed = _add_standing(room, walls, metre, rng)
+        placed = _add_standing(room, walls)
         if placed is not None:
             tops.append(placed)
     for _ in range(round(section.small.draw(rng))):
-        picked = room.catalogue.pick(_SMALL, metre, rng)
+        picked = room.pick(_SMALL)
         if picked is None:
             break
         yaw = rng.uniform(0, 2 * np.pi)
-        top = _on_top(room, tops[int(rng.integers(len(tops)))], rng) if tops and rng.random() < 0.7 else None
-        room.stand(picked, (*_on_floor(room, walls, rng), 0) if top is None else top, yaw)
+        top = _on_top(room, tops[int(rng.integers(len(tops)))]) if tops and rng.random() < 0.7 else None
+        room.stand(picked, (*_on_floor(room, walls), 0) if top is None else top, yaw)
     if rng.random() < section.curtain:
-        _hang_curtain(room, walls[int(rng.integers(len(walls)))], rng)
+        _hang_curtain(room, walls[int(rng.integers(len(walls)))])
     for _ in range(round(section.pictures.draw(rng))):
-        _hang(room, walls, metre, rng)
+        _hang(room, walls)
 
 
-def fill_niche(
-    room: Arrangement,
-    wall: Wall,
-    low: tuple[float, float],
-    high: tuple[float, float],
-    deep_m: float,
-    metre: float,
-    rng: np.random.Generator,
-) -> None:
-    """Stand small things in a wall's niche, which reaches from one corner (u, v) to the opposite one."""
-    for share in (np.arange(4) + rng.uniform(0.2, 0.8, 4)) / 4:
-        picked = room.catalogue.pick(_SMALL, metre, rng)
-        if picked is not None and rng.random() < 0.8:
+def fill_niche(room: Arrangement, wall: Wall, low: Corner, high: Corner, deep_m: float) -> None:
+    """Stand small things in a wall's niche, which reaches from one corner to the opposite one."""
+    for share in (np.arange(4) + room.rng.uniform(0.2, 0.8, 4)) / 4:
+        picked = room.pick(_SMALL)
+        if picked is not None and room.rng.random() < 0.8:
             at = wall.at(low[0] + float(share) * (high[0] - low[0]), high[1], 0.5 * deep_m)
-            room.stand(picked, at, rng.uniform(0, 2 * np.pi))
+            room.stand(picked, at, room.rng.uniform(0, 2 * np.pi))
 
 
-def _on_top(room: Arrangement, number: int, rng: np.random.Generator) -> tuple[float, float, float] | None:
+def _on_top(room: Arrangement, number: int) -> tuple[float, float, float] | None:
     """Draw a place on top of a thing; None where its top is not level there."""
     low, high = room.catalogue.low[room.model[number]], room.catalogue.high[room.model[number]]
-    matrix, spot = room.floor_from_model[number], low + (high - low) * (*rng.uniform(0.12, 0.88, 2), 1)
+    matrix, spot = room.floor_from_model[number], low + (high - low) * (*room.rng.uniform(0.12, 0.88, 2), 1)
     x, y, _ = matrix[:3, :3] @ spot + matrix[:3, 3]
     z = room.top(number, x, y)
     return None if z is None else (x, y, z)
 
 
-def _on_floor(room: Arrangement, walls: tuple[Wall, ...], rng: np.random.Generator) -> tuple[float, float]:
+def _on_floor(room: Arrangement, walls: tuple[Wall, ...]) -> tuple[float, float]:
     """Draw a place on the floor, inside the walls, within the view's angle or just beside it."""
     camera, pose = room.view.camera, room.view.camera_from_floor
-    ahead, right, left = walls[0], walls[1].corner[0], walls[2].corner[0]
+    ahead, right, left = walls[0].corner[1], walls[1].corner[0], walls[2].corner[0]
     x, y = 0.0, 0.0
     for _ in range(_TRIES):
-        column = rng.uniform(-0.1, 1.1) * camera.width_px - 0.5
+        column = room.rng.uniform(-0.1, 1.1) * camera.width_px - 0.5
         ray = pose[:3, :3].T @ np.array([(column - camera.cx_left_px) / camera.focal_px, 0, 1])
         flat = ray[:2] / np.linalg.norm(ray[:2])
         reach = min(
-            ahead.corner[1] / flat[1] if flat[1] > 0 else np.inf,
+            ahead / flat[1] if flat[1] > 0 else np.inf,
             right / flat[0] if flat[0] > 0 else np.inf,
             left / flat[0] if flat[0] < 0 else np.inf,
         )
         low = min(room.view.near_m, 0.7 * reach)
-        distance = np.sqrt(rng.uniform((low / reach) ** 2, 1)) * reach
+        distance = np.sqrt(room.rng.uniform((low / reach) ** 2, 1)) * reach
         x, y = float(flat[0] * distance), float(flat[1] * distance)
-        if left < x < right and y < ahead.corner[1]:
+        if left < x < right and y < ahead:
             break
     return x, y
 
 
-def _add_standing(room: Arrangement, walls: tuple[Wall, ...], metre: float, rng: np.random.Generator) -> int | None:
-    """Stand a piece of furniture; return the number of one with a flat top."""
-    picked = room.catalogue.pick(_FURNITURE if rng.random() < 0.5 else _STANDING, metre, rng)
+def _add_standing(room: Arrangement, walls: tuple[Wall, ...]) -> int | None:
+    """Stand a piece of furniture; return its number where it has a flat top."""
+    rng = room.rng
+    picked = room.pick(_FURNITURE if rng.random() < 0.5 else _STANDING)
     if picked is None:
         return None
     number, size = picked
     name = room.catalogue.models[number].name
     stretch = rng.uniform(0.85, 1.0, 3)
     half = room.catalogue.extent(number)[:2] * stretch[:2] * size / 4
+    radius = float(np.linalg.norm(half)) * 0.8
     for _ in range(_TRIES):
-        x, y = _on_floor(room, walls, rng)
+        x, y = _on_floor(room, walls)
         yaw = rng.uniform(0, 2 * np.pi)
         if name in _AT_WALLS or rng.random() < 0.35:
             wall = walls[int(rng.integers(3))]
             yaw = wall.yaw_rad
-            away = float((wall.corner[:2] - (x, y)) @ wall.out[:2]) - half[1] - 0.02 * metre
+            away = float((wall.corner[:2] - (x, y)) @ wall.out[:2]) - half[1] - 0.02 * room.metre
             x, y = x + away * wall.out[0], y + away * wall.out[1]
-        radius = float(np.linalg.norm(half)) * 0.8
-        if room.is_free(x, y, radius):
-            placed = room.stand(picked, (x, y, 0), yaw, stretch)
-            if placed is None:
-                continue
+        placed = room.stand(picked, (x, y, 0), yaw, stretch) if room.is_free(x, y, radius) else None
+        if placed is not None:
             room.take(x, y, radius)
             return placed if name in _FURNITURE else None
     return None
 
 
-def _add_rug(room: Arrangement, ahead: Wall, metre: float, rng: np.random.Generator) -> None:
-    distance = rng.uniform(0.3, 0.8) * float(ahead.corner[1])
-    size, yaw = rng.uniform(0.8, 2.4, 2) * metre, rng.uniform(0, np.pi)
-    room.add_box((rng.uniform(-0.3, 0.3) * distance, distance, 0), (*size / 2, 0.012 * metre), yaw)
+def _add_rug(room: Arrangement, ahead: Wall) -> None:
+    distance = room.rng.uniform(0.3, 0.8) * float(ahead.corner[1])
+    size, yaw = room.rng.uniform(0.8, 2.4, 2) * room.metre, room.rng.uniform(0, np.pi)
+    room.add_box((room.rng.uniform(-0.3, 0.3) * distance, distance, 0), (*size / 2, 0.012 * room.metre), yaw)
 
 
-def _add_pillar(room: Arrangement, walls: tuple[Wall, ...], metre: float, rng: np.random.Generator) -> None:
+def _add_pillar(room: Arrangement, walls: tuple[Wall, ...]) -> None:
     for _ in range(_TRIES):
-        x, y = _on_floor(room, walls, rng)
-        half = rng.uniform(0.12, 0.25) * metre
-        if room.is_free(x, y, half) and room.add_box((x, y, 0), (half, half, -walls[0].down[2]), rng.uniform(0, 1.6)):
+        x, y = _on_floor(room, walls)
+        half = room.rng.uniform(0.12, 0.25) * room.metre
+        size = half, half, walls[0].height_m
+        if room.is_free(x, y, half) and room.add_box((x, y, 0), size, room.rng.uniform(0, 1.6)):
             room.take(x, y, 1.4 * half)
             return
 
 
-def _hang(room: Arrangement, walls: tuple[Wall, ...], metre: float, rng: np.random.Generator) -> None:
+def _hang(room: Arrangement, walls: tuple[Wall, ...]) -> None:
     """Hang a picture, or a thing, on a wall; not before a doorway, a niche or what hangs there already."""
-    picked = room.catalogue.pick(_HANGING, metre, rng) if rng.random() < 0.3 else None
+    rng = room.rng
+    picked = room.pick(_HANGING) if rng.random() < 0.3 else None
     for _ in range(_TRIES):
         wall, u, v = walls[int(rng.integers(len(walls)))], rng.uniform(0.02, 0.9), rng.uniform(0.06, 0.6)
         if picked is None:
-            wide, high = rng.uniform(0.3, 1.2, 2) * metre
+            wide, high = rng.uniform(0.3, 1.2, 2) * room.metre
         else:
-            wide, _, high = room.catalogue.extent(picked[0]) * picked[1] / 2
-        low, opposite = (u, v), (u + wide / wall.length_m, v + high / -wall.down[2])
+            wide, _, high = room.extent_m(picked)
+        low, opposite = (u, v), (u + wide / wall.length_m, v + high / wall.height_m)
         if not wall.is_free(low, opposite):
             continue
         if picked is None:
-            hung = _hang_picture(room, wall, wall.at(u, v), wide, high, rng.uniform(0.01, 0.04) * metre)
+            hung = _hang_picture(room, wall, wall.at(u, v), wide, high, rng.uniform(0.01, 0.04) * room.metre)
         else:
             deep = room.catalogue.high[picked[0]][1] * picked[1] / 2
             foot = wall.at((u + opposite[0]) / 2, opposite[1], -deep)
@@ -244,17 +226,17 @@ def _hang_picture(room: Arrangement, wall: Wall, corner: Floats, wide: float, hi
     return True
 
 
-def _hang_curtain(room: Arrangement, wall: Wall, rng: np.random.Generator) -> None:
+def _hang_curtain(room: Arrangement, wall: Wall) -> None:
     """Hang a curtain from the ceiling, or from below it, before a wall."""
-    picked = room.catalogue.pick({"curtain": (1.0, 1.0)}, 1.0, rng)
+    picked = room.pick({"curtain": (1.0, 1.0)})
     if picked is None:
         return
     number = picked[0]
     extent = room.catalogue.extent(number)
-    high = -wall.down[2] * rng.uniform(0.5, 0.95)
+    high = wall.height_m * room.rng.uniform(0.5, 0.95)
     size = 2 * high / extent[2]
-    top = -wall.down[2] * 0.99 - high
-    middle, half = rng.uniform(0.1, 0.9), extent[0] * size / 4 / wall.length_m
+    top = wall.height_m * 0.99 - high
+    middle, half = room.rng.uniform(0.1, 0.9), extent[0] * size / 4 / wall.length_m
     foot = wall.at(middle, 1.0, -extent[1] * size / 2) + np.array([0, 0, top])
     if room.stand((number, size), foot, wall.yaw_rad) is not None:
         wall.take((middle - half, 0.0), (middle + half, 1.0))

@@ -12,37 +12,25 @@ from semisynth_gl.geometry.cells import covered_cells
 from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.background import GRID
-from semisynth_gl.scene.scene import Scene
+from semisynth_gl.scene.scene import Scene, placed_vertices
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Glance:
-    """What R rays of the left view hit first.
+    """What R rays of the left view hit first."""
 
-    Attributes:
-        depth_m: (R,) float64, planar depth; inf where nothing is hit, or the sky.
-        instance: (R,) int64; -1 where nothing is hit.
-        uv: (R, 2) float64, the model's UV there.
-    """
-
-    depth_m: Floats
-    instance: Ints
-    uv: Floats
+    depth_m: Floats  # (R,) planar depth; inf where nothing is hit, or the sky
+    instance: Ints  # (R,), -1 where nothing is hit
+    uv: Floats  # (R, 2) the model's UV there
 
 
 def glance(scene: Scene, models: Sequence[Mesh]) -> Glance:
-    """Look at a scene on the coarse grid of `grid_px`.
-
-    Args:
-        scene: the instances and the camera.
-        models: the meshes that ``scene.model`` counts.
-    """
+    """Look at a scene on the coarse grid of `grid_px`; ``scene.model`` counts the models."""
     # Points with their UV, and the triangles between them.
     points, triangles, owners, count = [np.empty((0, 5))], [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)], 0
     for number in range(len(scene)):
         mesh = models[int(scene.model[number])]
-        view_from_model = scene.view_from_model(number)
-        vertices = mesh.positions.astype(np.float64) @ view_from_model[:3, :3].T + view_from_model[:3, 3]
+        vertices = placed_vertices(mesh, scene.view_from_model(number))
         if vertices[:, 2].max() < scene.near_m:
             continue
         vertices, drawn = np.concatenate([vertices, mesh.uv], axis=1), mesh.triangles
@@ -67,7 +55,7 @@ def _cut(corners: Floats, near_m: float) -> Floats:
     count = np.count_nonzero(beyond, axis=1)
     crossing = np.flatnonzero((count == 1) | (count == 2))
     one, beyond = count[crossing] == 1, beyond[crossing]
-    # The corner that lies on another side than the two others comes first.
+    # The corner that lies alone on its side of the plane comes first.
     odd = np.where(one, beyond.argmax(axis=1), beyond.argmin(axis=1))
     first, second, third = (corners[crossing, (odd + k) % 3] for k in range(3))
 
@@ -86,13 +74,9 @@ def _cut(corners: Floats, near_m: float) -> Floats:
 
 
 def _rasterise(scene: Scene, points: Floats, triangles: Ints, owner: Ints) -> tuple[Ints, Floats, Ints, Floats]:
-    """Return the rays that hit triangles, and of their first hits depth, owner and UV.
+    """Return the rays that hit triangles, and of their first hits the depths, owners and UV.
 
-    Args:
-        scene: has the camera.
-        points: (V, 5) float64, metres, and UV.
-        triangles: (3, T) the points that are each triangle's corners.
-        owner: (T,) each triangle's.
+    Points (V, 5) are x, y and z in metres, and u and v; each column of ``triangles``, (3, T), names three of them.
     """
     camera, inverse = scene.camera, 1 / points[:, 2]
     sides = zip((0, 1), (camera.width_px, camera.height_px), (camera.cx_left_px, camera.cy_px), strict=True)

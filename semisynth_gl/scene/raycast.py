@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from semisynth_gl.frame.camera import Eye, StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, cross
 from semisynth_gl.scene import Floats, Ints
-from semisynth_gl.scene.scene import Scene
+from semisynth_gl.scene.scene import Scene, placed_vertices
 
 # Rays are compared with triangles' bounding boxes about this many comparisons at a time, to bound memory.
 _COMPARISONS = 1_000_000
@@ -24,35 +24,19 @@ _BOX_MARGIN_PX = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hits:
-    """The first surfaces that R rays hit.
+    """The first surfaces that R rays hit."""
 
-    Attributes:
-        depth_m: (R,) float64 planar depth in the eye's view; inf where a ray hits nothing, or the sky.
-        instance: (R,) int64, -1 where a ray hits nothing.
-        triangle: (R,) int64, index into the instance's model.
-    """
-
-    depth_m: Floats
-    instance: Ints
-    triangle: Ints
+    depth_m: Floats  # (R,) planar depth in the eye's view; inf where a ray hits nothing, or the sky
+    instance: Ints  # (R,), -1 where a ray hits nothing
+    triangle: Ints  # (R,) index into the triangles of the instance's model
 
 
 def cast_rays(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px: Floats) -> Hits:
-    """Cast rays from one eye through pixel positions, whole or fractional.
+    """Cast rays from one eye through R pixel positions, whole (the centres of pixels) or fractional.
 
     Of surfaces at one depth, the first instance and triangle wins. Rays pass through surfaces nearer than
-    ``scene.near_of(eye)``, which the renderer does not draw. The sky is behind all else; of several, the first instance
-    wins.
-
-    Args:
-        scene: the instances and the camera.
-        models: the meshes, in the order of the indices in ``scene.model``.
-        eye: "left" or "right".
-        x_px: (R,) float64, columns of the positions; pixel centres are whole numbers.
-        y_px: (R,) float64, rows of the positions.
-
-    Returns:
-        The R hits.
+    ``scene.near_of(eye)``, which the renderer does not draw. The sky is behind all else; of several skies, the first
+    instance wins.
     """
     camera = scene.camera
     x, y = np.asarray(x_px, np.float64).ravel(), np.asarray(y_px, np.float64).ravel()
@@ -63,8 +47,7 @@ def cast_rays(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px
     sorted_x, sorted_y = x[by_row], y[by_row]
     for number in range(len(scene)):
         mesh = models[int(scene.model[number])]
-        view_from_model = scene.view_from_model(number)
-        vertices = mesh.positions.astype(np.float64) @ view_from_model[:3, :3].T + view_from_model[:3, 3]
+        vertices = placed_vertices(mesh, scene.view_from_model(number))
         vertices[:, 0] -= scene.offset_m(eye, number)
         if turn is not None:
             vertices = vertices @ turn.T
@@ -90,7 +73,10 @@ def cast_rays(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px
 
 
 def _boxes(camera: StereoCamera, eye: Eye, vertices: Floats, triangles: NDArray[np.integer], near_m: float) -> Floats:
-    """Return bounding boxes (4, T), x0 x1 y0 y1, of triangles on the image; all of its plane for a crossed z = near."""
+    """Return the bounding boxes (4, T), x0 x1 y0 y1, of triangles on the image.
+
+    The box of a triangle that crosses the near plane is infinite, and a triangle before that plane has none.
+    """
     depth = vertices[:, 2]
     safe = np.where(depth > 0, depth, 1.0)
     boxes = np.empty((4, len(triangles)))
@@ -149,5 +135,5 @@ def _depths(direction: Floats, corners: Floats, near_m: float) -> Floats:
 
 
 def _dot(left: Floats, right: Floats) -> Floats:
-    """Products of vectors (N, 3): sums over rows so short take numpy longer."""
+    """Return the dot products of vectors (N, 3): numpy's sums over such short rows take longer."""
     return left[:, 0] * right[:, 0] + left[:, 1] * right[:, 1] + left[:, 2] * right[:, 2]

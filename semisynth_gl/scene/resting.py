@@ -6,6 +6,7 @@ import numpy as np
 
 from semisynth_gl.geometry.mesh import Mesh, least_axis
 from semisynth_gl.scene import Floats, Ints
+from semisynth_gl.scene.scene import placed_vertices
 from semisynth_gl.scene.support import surfaces_below
 
 # Cosine of the steepest slope that a model comes to rest on.
@@ -14,35 +15,24 @@ _STEEPEST = 0.5
 
 def triangles_of(models: Sequence[Mesh], model: Ints, world_from_model: Floats) -> Floats:
     """Return the corners (T, 3, 3) of all triangles of N instances, in the world's frame."""
-    parts = [
-        (models[number].positions.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3])[models[number].triangles]
-        for number, matrix in zip(model.tolist(), world_from_model, strict=True)
-    ]
+    meshes = [models[number] for number in model.tolist()]
+    parts = [placed_vertices(mesh, pose)[mesh.triangles] for mesh, pose in zip(meshes, world_from_model, strict=True)]
     return np.concatenate([np.empty((0, 3, 3)), *parts])
 
 
 def come_to_rest(poses: Floats, meshes: Sequence[Mesh], corners: Floats, up: Floats) -> dict[int, Floats]:
-    """Let particles down onto what is below them.
+    """Let P particles with poses (P, 4, 4) down onto triangles (T, 3, 3); return their poses at rest, by number.
 
     Each keeps its turn, and touches the surface below its centre with the point that is lowest over it. One that has
-    nothing below it, or a slope of more than 60 degrees, is left out.
-
-    Args:
-        poses: (P, 4, 4) float64, where the particles are.
-        meshes: the model of each.
-        corners: (T, 3, 3) float64, corners of the triangles that they may lie on.
-        up: (3,) float64, unit, the direction upwards.
-
-    Returns:
-        Their poses (4, 4) at rest, by number.
+    nothing below it, or a slope of more than 60 degrees, is left out. ``up`` is a unit vector (3,).
     """
     # A frame whose z points up.
     aside = np.cross(up, least_axis(up))
     aside /= np.linalg.norm(aside)
     turn = np.stack([aside, np.cross(up, aside), up])
-    turned, rested = corners @ turn.T, dict[int, Floats]()
     places = np.array([turn @ pose[:3, 3] for pose in poses]).reshape(-1, 3)
-    supports = surfaces_below(turned, places)
+    supports = surfaces_below(corners @ turn.T, places)
+    rested = dict[int, Floats]()
     for number, (mesh, pose, place, support) in enumerate(zip(meshes, poses, places, supports, strict=True)):
         if support is None or support.normal[2] < _STEEPEST:
             continue

@@ -6,13 +6,11 @@ from typing import Final
 
 import numpy as np
 
-from semisynth_gl.config import Range
-from semisynth_gl.config.rig_sections import DisparitySection
-from semisynth_gl.config.scene_sections import BackgroundSection, RoomSection
+from semisynth_gl.config import Config, Range
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, make_mesh
 from semisynth_gl.scene import Floats
-from semisynth_gl.scene.arrangement import Arrangement, Catalogue, FloorView
+from semisynth_gl.scene.arrangement import Arrangement, Catalogue, Corner, FloorView
 from semisynth_gl.scene.furnishing import fill_niche, furnish
 from semisynth_gl.scene.rig import BEYOND_NEAR, Sway, check_reachable, near_depth_m
 from semisynth_gl.scene.view_volume import (
@@ -43,7 +41,7 @@ _Fits = Callable[[list[_Rectangle]], bool]
 """Whether no view shows rectangles beyond the farthest depth that a config wants."""
 
 
-def _pierced(low: tuple[float, float], high: tuple[float, float], name: str) -> Mesh:
+def _pierced(low: Corner, high: Corner, name: str) -> Mesh:
     """Build the unit square of x and y, with a rectangular hole from ``low`` to ``high``; u along x and v along y."""
     lines = [
         np.unique(np.concatenate([np.linspace(0, a, 4), np.linspace(a, b, 4), np.linspace(b, 1, 4)]))
@@ -61,7 +59,7 @@ def _pierced(low: tuple[float, float], high: tuple[float, float], name: str) -> 
     return make_mesh(name, np.c_[x, y, np.zeros(len(x))], np.c_[x, y], triangles)
 
 
-def _hole(place: int, rows: tuple[float, float]) -> tuple[tuple[float, float], tuple[float, float]]:
+def _hole(place: int, rows: tuple[float, float]) -> tuple[Corner, Corner]:
     """Return the corners (u, v) of the hole at one of `_HOLES`."""
     (left, right), (top, bottom) = _HOLES[place], rows
     return (left, top), (right, bottom)
@@ -72,28 +70,14 @@ NICHES: Final = tuple(_pierced(*_hole(k, _NICHE_ROWS), "wall with a niche") for 
 
 
 def draw_room(
-    section: RoomSection,
-    background: BackgroundSection,
-    disparity: DisparitySection,
-    camera: StereoCamera,
-    catalogue: Catalogue,
-    rng: np.random.Generator,
-    sway: Sway,
+    config: Config, camera: StereoCamera, catalogue: Catalogue, rng: np.random.Generator, sway: Sway
 ) -> Arrangement:
     """Draw a room with all that is in it; nothing comes nearer than the depth of ``disparity.max_px``.
-
-    Args:
-        section: what rooms hold.
-        background: disparity and turn of the far wall.
-        disparity: its limits.
-        camera: the camera.
-        catalogue: the models.
-        rng: randomness.
-        sway: the motion of the camera.
 
     Raises:
         InputError: where a disparity lies beyond infinity.
     """
+    section, background, disparity = config.room, config.background, config.disparity
     wall_px = (background.wall_disparity_px or Range(disparity.min_px, disparity.min_px)).draw(rng)
     check_reachable(camera, wall_px, "background.wall_disparity_px")
     wall_m, near_m = float(camera.depth_m(wall_px)), near_depth_m(camera, disparity)
@@ -126,7 +110,7 @@ def draw_room(
         view = FloorView.over_floor(camera, near_m, float(offset[5]), *angles)
     right, left, ahead, behind, above, height = offset
     top = above + height
-    room = Arrangement(view, catalogue, farthest_m=farthest_m)
+    room = Arrangement(view, catalogue, metre, rng, farthest_m)
     walls = (
         Wall(np.array([-left, ahead, top]), np.array([left + right, 0, 0]), top),
         Wall(np.array([right, ahead, top]), np.array([0, -ahead - behind, 0]), top),
@@ -144,24 +128,24 @@ def draw_room(
     for wall in walls:
         kind = rng.random()
         if kind < section.doorway:
-            _add_doorway(room, wall, fits, metre, rng)
+            _add_doorway(room, wall, fits)
         elif kind < section.doorway + section.niche:
-            _add_niche(room, wall, fits, metre, rng)
+            _add_niche(room, wall, fits)
         else:
             room.add_rectangle(wall.corner, wall.right, wall.down)
-    furnish(room, section, walls, metre, rng)
+    furnish(room, section, walls)
     return room
 
 
-def _add_doorway(room: Arrangement, wall: Wall, fits: _Fits, metre: float, rng: np.random.Generator) -> None:
+def _add_doorway(room: Arrangement, wall: Wall, fits: _Fits) -> None:
     """Add a wall with a doorway and a room behind it, as large as fits, or the wall alone where none does."""
-    place = int(rng.integers(len(_HOLES)))
-    deep = rng.uniform(0.8, 4) * metre
-    aside = rng.uniform(0.3, 1.5) * metre / wall.length_m
+    place = int(room.rng.integers(len(_HOLES)))
+    deep = room.rng.uniform(0.8, 4) * room.metre
+    aside = room.rng.uniform(0.3, 1.5) * room.metre / wall.length_m
     for share in _SMALLER:
         low, high = _HOLES[place][0] - share * aside, _HOLES[place][1] + share * aside
         behind = _behind(wall, (low, 0.0), (high, 1.0), share * deep)
-        if share * deep >= _SHALLOWEST_M * metre and fits(behind):
+        if share * deep >= _SHALLOWEST_M * room.metre and fits(behind):
             room.add_rectangle(wall.corner, wall.right, wall.down, model=DOORWAYS[place])
             wall.take(*_hole(place, _DOORWAY_ROWS))
             _add_behind(room, behind)
@@ -169,9 +153,9 @@ def _add_doorway(room: Arrangement, wall: Wall, fits: _Fits, metre: float, rng: 
     room.add_rectangle(wall.corner, wall.right, wall.down)
 
 
-def _add_niche(room: Arrangement, wall: Wall, fits: _Fits, metre: float, rng: np.random.Generator) -> None:
+def _add_niche(room: Arrangement, wall: Wall, fits: _Fits) -> None:
     """Add a wall with a niche, and things in it, or the wall alone where the niche does not fit."""
-    place, deep = int(rng.integers(len(_HOLES))), rng.uniform(0.15, 0.4) * metre
+    place, deep = int(room.rng.integers(len(_HOLES))), room.rng.uniform(0.15, 0.4) * room.metre
     low, high = _hole(place, _NICHE_ROWS)
     behind = _behind(wall, low, high, deep)
     if not fits(behind):
@@ -181,10 +165,10 @@ def _add_niche(room: Arrangement, wall: Wall, fits: _Fits, metre: float, rng: np
     wall.take(low, high)
     _add_behind(room, behind)
     # On the niche's floor, which lies a little below its hole.
-    fill_niche(room, wall, low, (high[0], high[1] + _BEHIND), deep, metre, rng)
+    fill_niche(room, wall, low, (high[0], high[1] + _BEHIND), deep)
 
 
-def _behind(wall: Wall, low: tuple[float, float], high: tuple[float, float], deep: float) -> list[_Rectangle]:
+def _behind(wall: Wall, low: Corner, high: Corner, deep: float) -> list[_Rectangle]:
     """Return the inside of a box behind a wall: its far side, floor, ceiling and two sides."""
     # A little larger than its hole: edges that only met would leave gaps in float32.
     (left, top), (right, bottom) = (low[0] - _BEHIND, low[1] - _BEHIND), (high[0] + _BEHIND, high[1] + _BEHIND)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.frame.camera import Eye, StereoCamera
+from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.inputs.arguments import LEAST, check_magnitudes, check_type, to_array, to_magnitude
 from semisynth_gl.inputs.errors import InputError
 
@@ -108,6 +109,11 @@ class Motion:
         if low < -1 or high >= then:
             raise InputError(f"motion: instance must be -1 to {then - 1}, got {low} to {high}")
         check_magnitudes("motion: world_from_model", self.world_from_model)
+
+
+def placed_vertices(mesh: Mesh, target_from_model: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a model's vertices, (V, 3) float64, in the frame that a matrix (4, 4) places it in."""
+    return np.asarray(mesh.positions.astype(np.float64) @ target_from_model[:3, :3].T + target_from_model[:3, 3])
 
 
 def move(scene: Scene, *, world_from_model: object = None, camera_from_world: object = None) -> Motion:

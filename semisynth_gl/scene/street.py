@@ -1,30 +1,27 @@
 """An open scene: ground to the horizon, a road with kerbs, houses, vehicles, trees, poles, fences, people."""
 
-from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 
-from semisynth_gl.config import Range
-from semisynth_gl.config.rig_sections import DisparitySection
-from semisynth_gl.config.scene_sections import BackgroundSection, StreetSection
+from semisynth_gl.config import Config, Range
+from semisynth_gl.config.scene_sections import StreetSection
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import cross
-from semisynth_gl.scene.arrangement import Arrangement, Catalogue, FloorView
+from semisynth_gl.scene.arrangement import Arrangement, Catalogue, Diameters, FloorView
 from semisynth_gl.scene.background import FACE, GROUND, draw_background, lay_ground
 from semisynth_gl.scene.rig import Sway, near_depth_m
 from semisynth_gl.scene.view_volume import smallest_offsets
 
-# Diameters of bounding spheres, metres.
-_VEHICLES: Final[Mapping[str, tuple[float, float]]] = {"car": (4.2, 5.6), "bicycle": (1.7, 1.9)}
-_HOUSES: Final[Mapping[str, tuple[float, float]]] = {"house": (10, 20)}
-_TALL: Final[Mapping[str, tuple[float, float]]] = {
+_VEHICLES: Final[Diameters] = {"car": (4.2, 5.6), "bicycle": (1.7, 1.9)}
+_HOUSES: Final[Diameters] = {"house": (10, 20)}
+_TALL: Final[Diameters] = {
     "tree": (4, 9),
     "street_lamp": (5, 9),
     "road_sign": (2.2, 3),
     "scaffold": (4, 8),
 }
-_LOW: Final[Mapping[str, tuple[float, float]]] = {
+_LOW: Final[Diameters] = {
     "figure": (1.6, 1.9),
     "animal": (0.6, 1.3),
     "bench": (1.4, 2.2),
@@ -39,7 +36,7 @@ _LOW: Final[Mapping[str, tuple[float, float]]] = {
     "table": (1.2, 2.0),
     "clothes_rack": (1.5, 1.9),
 }
-_FENCES: Final[Mapping[str, tuple[float, float]]] = {"fence": (2.2, 3.0)}
+_FENCES: Final[Diameters] = {"fence": (2.2, 3.0)}
 
 # A scene whose metres are true reaches at least this far; where disparities end before, everything is scaled.
 _TRUE_REACH_M = 25.0
@@ -49,9 +46,7 @@ _TRIES = 6
 
 
 def draw_street(
-    section: StreetSection,
-    background: BackgroundSection,
-    disparity: DisparitySection,
+    config: Config,
     camera: StereoCamera,
     catalogue: Catalogue,
     rng: np.random.Generator,
@@ -59,22 +54,15 @@ def draw_street(
     *,
     sky: bool = False,
 ) -> Arrangement:
-    """Draw an open scene, its backdrop first; nothing comes nearer than the depth of ``disparity.max_px``.
+    """Draw an open scene, its backdrop first, which may be the sky.
 
-    Args:
-        section: what streets hold.
-        background: disparity of the far backdrop.
-        disparity: its limits.
-        camera: the camera.
-        catalogue: the models.
-        rng: randomness.
-        sway: the motion of the camera.
-        sky: whether the backdrop is infinitely far away.
+    Nothing comes nearer than the depth of ``disparity.max_px``.
 
     Raises:
         InputError: where a disparity lies beyond infinity, or the backdrop would have to be endless.
     """
-    backdrop = draw_background("plane", background, disparity, camera, rng, sway, sky=sky)
+    section, disparity = config.street, config.disparity
+    backdrop = draw_background("plane", config.background, disparity, camera, rng, sway, sky=sky)
     backdrop_m, near_m = float(backdrop.offset_m[0]), near_depth_m(camera, disparity)
     metre = min(1.0, backdrop_m / _TRUE_REACH_M)
     yaw, pitch, roll = np.deg2rad(rng.normal(size=3) * (section.yaw_deg, section.tilt_deg, section.tilt_deg))
@@ -85,29 +73,29 @@ def draw_street(
     if least > height:
         height = least
         view = FloorView.over_floor(camera, near_m, height, yaw, pitch, roll)
-    street = Arrangement(view, catalogue)
+    street = Arrangement(view, catalogue, metre, rng)
     wide, high = backdrop.size_m[0]
     floor_from_backdrop = np.linalg.inv(view.camera_from_floor) @ backdrop.world_from_face[0]
     street.add(catalogue.number(FACE), floor_from_backdrop, (float(wide), float(high)))
     _add_ground(street, Range(near_m, backdrop_m), height)
-    reach = min(backdrop_m, _FARTHEST * metre)
+    ahead_m = near_m, min(backdrop_m, _FARTHEST * metre)
     road = section.road_width_m.draw(rng) * metre / 2
     pavement = rng.uniform(1.5, 4) * metre
     middle = rng.uniform(-0.5, 0.5) * road
     for side in (-1, 1):
         if rng.random() < section.pavement:
-            _add_pavement(street, middle + side * road, side, pavement, near_m, reach, metre)
-        _add_row(street, section, middle + side * (road + pavement), side, near_m, reach, metre, rng)
+            _add_pavement(street, middle + side * road, side, pavement, ahead_m)
+        _add_row(street, section, middle + side * (road + pavement), side, ahead_m)
     for _ in range(round(section.vehicles.draw(rng))):
         lane = rng.uniform(0.3, 0.85) if rng.random() < 0.8 else rng.uniform(-0.2, 0.2)
         x = middle + (road * lane) * rng.choice((-1, 1))
         facing = rng.normal() * 0.06 + np.pi * int(rng.integers(2))
-        _stand(street, _VEHICLES, (x, x), (near_m, reach), facing, metre, rng)
+        _stand(street, _VEHICLES, (x, x), ahead_m, facing)
     for sizes, count in ((_TALL, section.tall), (_LOW, section.low)):
         for _ in range(round(count.draw(rng))):
             side = rng.choice((-1, 1))
             span = sorted((middle + side * road, middle + side * (road + pavement)))
-            _stand(street, sizes, (span[0], span[1]), (near_m, reach), None, metre, rng)
+            _stand(street, sizes, (span[0], span[1]), ahead_m)
     return street
 
 
@@ -123,10 +111,9 @@ def _add_ground(street: Arrangement, depth_m: Range, height_m: float) -> None:
     street.add(number, np.linalg.inv(camera_from_floor) @ matrix, (float(sizes[0]), float(sizes[1])))
 
 
-def _add_pavement(
-    street: Arrangement, kerb: float, side: int, width: float, near_m: float, reach: float, metre: float
-) -> None:
+def _add_pavement(street: Arrangement, kerb: float, side: int, width: float, ahead_m: tuple[float, float]) -> None:
     """Add a raised pavement in slabs that grow with their distance; the nearest ones may be left out."""
+    (near_m, reach), metre = ahead_m, street.metre
     begin, first = 0.3 * near_m, None
     while begin < reach:
         end = min(begin + max(2.0 * metre, 0.6 * begin), reach)
@@ -140,40 +127,31 @@ def _add_pavement(
 
 
 def _add_row(
-    street: Arrangement,
-    section: StreetSection,
-    border: float,
-    side: int,
-    near_m: float,
-    reach: float,
-    metre: float,
-    rng: np.random.Generator,
+    street: Arrangement, section: StreetSection, border: float, side: int, ahead_m: tuple[float, float]
 ) -> None:
     """Add a row of houses, fences and gaps along one side."""
-    y = rng.uniform(0.2, 1.5) * near_m
-    while y < reach:
+    metre, rng = street.metre, street.rng
+    y = rng.uniform(0.2, 1.5) * ahead_m[0]
+    while y < ahead_m[1]:
         kind = rng.random()
         if kind < section.houses:
             back = rng.uniform(0.1, 3) * metre
             long, high = rng.uniform(6, 16) * metre, rng.uniform(3, 12) * metre
-            picked = street.catalogue.pick(_HOUSES, metre, rng)
+            picked = street.pick(_HOUSES)
             facing = -side * np.pi / 2  # the front, -y, turns to the road
             if picked is not None and rng.random() < 0.7:
-                number, size = picked
-                extent = street.catalogue.extent(number)[:2] * size / 2
-                at = (border + side * (back + extent[1] / 2), y + extent[0] / 2, 0)
-                street.stand(picked, at, facing)
-                y += extent[0] + rng.uniform(0, 2) * metre
+                wide, deep, _ = street.extent_m(picked)
+                street.stand(picked, (border + side * (back + deep / 2), y + wide / 2, 0), facing)
+                y += wide + rng.uniform(0, 2) * metre
             else:
                 street.add_box((border + side * (back + 4 * metre), y + long / 2, 0), (4 * metre, long / 2, high))
                 y += long + rng.uniform(0, 4) * metre
         elif kind < section.houses + section.fences:
             for _ in range(int(rng.integers(2, 7))):
-                picked = street.catalogue.pick(_FENCES, metre, rng)
+                picked = street.pick(_FENCES)
                 if picked is None:
                     break
-                number, size = picked
-                wide, deep, _ = street.catalogue.extent(number) * size / 2
+                wide, deep, _ = street.extent_m(picked)
                 # Clear of the pavement's edge.
                 street.stand(picked, (border + side * (0.1 * metre + deep / 2), y + wide / 2, 0), np.pi / 2)
                 y += wide
@@ -184,24 +162,20 @@ def _add_row(
 
 def _stand(
     street: Arrangement,
-    sizes_m: Mapping[str, tuple[float, float]],
+    sizes_m: Diameters,
     x_m: tuple[float, float],
     y_m: tuple[float, float],
-    yaw_rad: float | None,
-    metre: float,
-    rng: np.random.Generator,
+    yaw_rad: float | None = None,
 ) -> None:
-    """Stand a thing at a free place; near and far places count alike in disparity."""
-    picked = street.catalogue.pick(sizes_m, metre, rng)
+    """Stand a thing at a free place, turned anyhow by default; near and far places count alike in disparity."""
+    picked, rng = street.pick(sizes_m), street.rng
     if picked is None:
         return
-    number, size = picked
-    extent = street.catalogue.extent(number)[:2] * size / 2
+    radius = float(street.extent_m(picked)[:2].max()) / 2
     for _ in range(_TRIES):
         x = rng.uniform(*x_m)
         y = y_m[0] * (y_m[1] / y_m[0]) ** rng.random()
         yaw = rng.uniform(0, 2 * np.pi) if yaw_rad is None else yaw_rad
-        radius = float(extent.max()) / 2
         if street.is_free(x, y, radius) and street.stand(picked, (x, y, street.floor_m(x, y)), yaw) is not None:
             street.take(x, y, radius)
             return

@@ -123,7 +123,12 @@ class Stage:
 
 def take_stock(library: ModelLibrary) -> Catalogue:
     """Return the still models and a library's as those that things at rest are taken from."""
-    return Catalogue.of(STILL_MODELS, library.models, library.drawn[library.chances > 0])
+    drawn = library.drawn[library.chances > 0]
+    names = np.array([library.models[number].name for number in drawn])
+    by_name = {str(name): len(STILL_MODELS) + drawn[names == name] for name in np.unique(names)}
+    models = (*STILL_MODELS, *library.models)
+    boxes = np.array([(mesh.positions.min(axis=0), mesh.positions.max(axis=0)) for mesh in models], np.float64)
+    return Catalogue(models, by_name, boxes[:, 0], boxes[:, 1])
 
 
 def draw_stage(config: Config, catalogue: Catalogue, generator_for: Callable[[Purpose], np.random.Generator]) -> Stage:
@@ -149,9 +154,9 @@ def draw_stage(config: Config, catalogue: Catalogue, generator_for: Callable[[Pu
     kind = draw_kind(config.background, rng)
     sky = kind in ("plane", "street") and _has_sky(config.background, generator_for)
     if kind == "room":
-        things = draw_room(config.room, config.background, config.disparity, camera, catalogue, rng, sway)
+        things = draw_room(config, camera, catalogue, rng, sway)
     elif kind == "street":
-        things = draw_street(config.street, config.background, config.disparity, camera, catalogue, rng, sway, sky=sky)
+        things = draw_street(config, camera, catalogue, rng, sway, sky=sky)
     else:
         background = draw_background(kind, config.background, config.disparity, camera, rng, sway, sky=sky)
         still = draw_surroundings(

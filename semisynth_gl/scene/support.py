@@ -9,23 +9,16 @@ from semisynth_gl.scene import Floats, Ints
 
 
 class Support(NamedTuple):
-    """A place on a surface.
+    """A place on a surface."""
 
-    Attributes:
-        height: its third coordinate.
-        normal: (3,) float64, unit, upwards.
-    """
-
-    height: float
-    normal: Floats
+    height: float  # its z
+    normal: Floats  # (3,) unit, upwards
 
 
 def surfaces_below(corners: Floats, places: Floats) -> list[Support | None]:
-    """Find for each place the highest surface that is not above it, or None.
+    """Find for each place (P, 3) the highest of triangles (T, 3, 3) that is not above it, or None.
 
-    Args:
-        corners: (T, 3, 3) float64, corners of triangles in a frame whose z points up.
-        places: (P, 3) float64, in the same frame; inf as z for the highest surface of all.
+    Both are in a frame whose z points up. A place with z = inf finds the highest triangle of all.
     """
     place, triangle = _pairs_over(corners[..., :2], places[:, :2])
     first = corners[triangle, 0]

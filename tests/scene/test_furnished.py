@@ -127,11 +127,10 @@ def first_hit(triangles: np.ndarray, origin: np.ndarray, direction: np.ndarray) 
 
 def drawn(rig: str, kind: str, seed: int, **keys: object) -> Arrangement:
     """The things of a scene, of a section with other values of some keys."""
-    config = furnished(rig, kind)
-    shared = config.background, config.disparity, CAMERAS[rig], catalogue()
-    if kind == "room":
-        return draw_room(RoomSection.model_validate(keys), *shared, rng(seed), STILL)
-    return draw_street(StreetSection.model_validate(keys), *shared, rng(seed), STILL)
+    sections = {"room": RoomSection, "street": StreetSection}
+    config = furnished(rig, kind).model_copy(update={kind: sections[kind].model_validate(keys)})
+    draw = draw_room if kind == "room" else draw_street
+    return draw(config, CAMERAS[rig], catalogue(), rng(seed), STILL)
 
 
 def corners_of(things: Arrangement) -> list[np.ndarray]:
@@ -252,11 +251,8 @@ def test_drawing_the_same_again_gives_the_same(seed: int, rig: str, kind: str) -
     config = furnished(rig, kind)
 
     def draw() -> Arrangement:
-        if kind == "room":
-            sections = config.room, config.background, config.disparity
-            return draw_room(*sections, CAMERAS[rig], catalogue(), rng(seed), STILL)
-        sections = config.street, config.background, config.disparity
-        return draw_street(*sections, CAMERAS[rig], catalogue(), rng(seed), STILL)
+        draw_things = draw_room if kind == "room" else draw_street
+        return draw_things(config, CAMERAS[rig], catalogue(), rng(seed), STILL)
 
     first, second = draw(), draw()
     assert first.model == second.model
