@@ -1,7 +1,7 @@
 """The background that closes the view: the inside of a cuboid, or one far plane. Both consist of flat faces."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import pyrr
@@ -24,28 +24,27 @@ from semisynth_gl.scene.view_volume import (
     smallest_offsets,
 )
 
-_U, _V, _TRIANGLES = mesh_grid(8, 8)
-# The model of every face: the unit square of the x-y plane, u along x and v along y. It is a grid, because float32
-# rounds a vertex by its distance: a near surface must not hang between vertices far away.
-FACE = make_mesh("face", np.c_[_U, _V, np.zeros(len(_U))], np.c_[_U, _V], _TRIANGLES)
-
-_GROUND_ROWS, _GROUND_COLUMNS = 24, 8
 # The ground's nearest row, as a share of its length.
 _GROUND_FROM = 1 / 400
 
 
-def _ground() -> Mesh:
-    """A wedge with its tip at the origin, 1 long, 2 wide at its end; rows close up towards the tip.
+def _face() -> Mesh:
+    """The unit square of the x-y plane, u along x and v along y."""
+    u, v, triangles = mesh_grid(8, 8)
+    return make_mesh("face", np.c_[u, v, np.zeros(len(u))], np.c_[u, v], triangles)
 
-    float32 rounds a vertex by its distance: a near surface must not hang between vertices far away.
-    """
-    u, v, triangles = mesh_grid(_GROUND_ROWS, _GROUND_COLUMNS)
+
+def _ground() -> Mesh:
+    """A wedge with its tip at the origin, 1 long, 2 wide at its end; rows close up towards the tip."""
+    u, v, triangles = mesh_grid(24, 8)
     along = _GROUND_FROM ** (1 - v)
     across = (2 * u - 1) * along
     return make_mesh("ground", np.c_[across, np.zeros(len(u)), along], np.c_[across, along], triangles)
 
 
-GROUND = _ground()
+# Both are grids, because float32 rounds a vertex by its distance: a near surface must not hang between vertices far
+# away.
+FACE, GROUND = _face(), _ground()
 
 # Side walls stand between these fractions of the way from the nearest allowed place to just outside the view.
 _SIDE_WALL = Range(0.3, 1.1)
@@ -56,23 +55,14 @@ GRID = (48, 32)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Background:
-    """F flat faces in the left camera's frame, metres.
+    """F flat faces in the left camera's frame, metres."""
 
-    Attributes:
-        world_from_face: (F, 4, 4) float64, places the unit square `FACE`.
-        size_m: (F, 2) float64, lengths of the two edges.
-        normal: (F, 3) float64, unit, away from the camera.
-        offset_m: (F,) float64, distance from the left camera's centre; points of a face have normal . p = offset.
-        visible_depth_m: (F,) float64, median depth of a face in the left view; of a hidden face, the back wall's depth.
-        sky: whether it is one face that is infinitely far away; it then stands where its texture is placed.
-    """
-
-    world_from_face: Floats
-    size_m: Floats
-    normal: Floats
-    offset_m: Floats
-    visible_depth_m: Floats
-    sky: bool = False
+    world_from_face: Floats  # (F, 4, 4) places the unit square `FACE`
+    size_m: Floats  # (F, 2) lengths of the two edges
+    normal: Floats  # (F, 3) unit, away from the camera
+    offset_m: Floats  # (F,) distance from the left camera's centre; points of a face have normal . p = offset
+    visible_depth_m: Floats  # (F,) median depth of a face in the left view; of a hidden face, the back wall's depth
+    sky: bool = False  # whether it is one face that is infinitely far away; it then stands where its texture is placed
 
     def disparity_px(self, camera: StereoCamera) -> Floats:
         """Return disparities of the bare background on a coarse grid over the left view, flat float64."""
@@ -86,7 +76,7 @@ Kind = Literal["cuboid", "plane", "room", "street"]
 
 def draw_kind(section: BackgroundSection, rng: np.random.Generator) -> Kind:
     """Draw the kind of one sequence's background, by the weights of a config."""
-    kinds: tuple[Kind, ...] = ("cuboid", "plane", "room", "street")
+    kinds: tuple[Kind, ...] = get_args(Kind)
     weights = np.cumsum([getattr(section, kind) for kind in kinds])
     return kinds[int(np.searchsorted(weights, rng.random() * weights[-1], side="right"))]
 
@@ -223,14 +213,9 @@ def _corner_points(camera: StereoCamera, depth_m: float) -> Floats:
 
 
 def lay_ground(camera: StereoCamera, depth_m: Range, across: Floats, along: Floats, offset_m: float) -> Floats:
-    """Return the pose (4, 4) of the wedge that a ground is, see `GROUND`, in the left camera's frame.
+    """Return the pose (4, 4) of a ground (see `GROUND`), which covers a range of depths, in the left camera's frame.
 
-    Args:
-        camera: the camera.
-        depth_m: depths of its nearest and its farthest part that is needed.
-        across: (3,) unit vector of the ground to the right.
-        along: (3,) unit vector of the ground ahead.
-        offset_m: its distance from the left camera's centre.
+    Its unit vectors ``across`` and ``along`` (3,) lead right and ahead; ``offset_m`` is its distance from the camera.
     """
     down = cross(along, across)
     # The wedge's tip lies behind the cameras, so far that both views fit between its sides.

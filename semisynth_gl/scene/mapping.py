@@ -1,6 +1,6 @@
 """How patches lie on surfaces: how large, where, and which surfaces wear large patches."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -14,21 +14,17 @@ _ENLARGED = 2.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surfaces:
-    """The surfaces of N instances, as their patches have to cover them.
+    """The surfaces of N instances, as their patches have to cover them."""
 
-    Attributes:
-        depth_m: (N,) float64, the depth at which the mapping scale holds.
-        unit_m: (N, 2) float64, length of one UV unit.
-        low: (N, 2) float64, the lowest UV that is seen.
-        high: (N, 2) float64, the highest UV that is seen.
-        large: (N,) bool, whether it wears a large patch however little of it is seen.
-    """
+    depth_m: Floats  # (N,) the depth at which the mapping scale holds
+    unit_m: Floats  # (N, 2) length of one UV unit
+    low: Floats  # (N, 2) the lowest UV that is seen
+    high: Floats  # (N, 2) the highest UV that is seen
+    large: Bools  # (N,) whether it wears a large patch however little of it is seen
 
-    depth_m: Floats
-    unit_m: Floats
-    low: Floats
-    high: Floats
-    large: Bools
+    def __add__(self, other: "Surfaces") -> "Surfaces":
+        both = ((getattr(self, key.name), getattr(other, key.name)) for key in fields(self))
+        return Surfaces(*(np.concatenate(pair) for pair in both))
 
     def extent_px(self, camera: StereoCamera) -> Floats:
         """Return what is seen of each surface, (N, 2): its lengths on the screen as if it faced the camera."""
@@ -38,35 +34,26 @@ class Surfaces:
 def wears_large(surfaces: Surfaces, camera: StereoCamera, section: TexturesSection, texels: Floats) -> Bools:
     """Return which surfaces wear a large patch, (N,): the large ones, and those on which a small one would repeat.
 
-    Args:
-        surfaces: the surfaces.
-        camera: the camera.
-        section: the config's section.
-        texels: (N,) float64, texels per pixel.
+    There are ``texels``, (N,), per pixel where a surface faces the camera at its depth.
     """
     return np.asarray(surfaces.large | (surfaces.extent_px(camera).max(axis=1) * texels > section.patch_px))
 
 
 def map_patches(
-    surfaces: Surfaces,
-    camera: StereoCamera,
-    section: TexturesSection,
-    texels: Floats,
-    place: Floats,
-    large: Bools,
+    surfaces: Surfaces, camera: StereoCamera, section: TexturesSection, texels: Floats, place: Floats, large: Bools
 ) -> tuple[Floats, Floats]:
     """Lay patches on surfaces: small ones anywhere, large ones so that none repeats where that is possible.
 
     Args:
         surfaces: the surfaces.
         camera: the camera.
-        section: the config's section.
-        texels: (N,) float64, texels per pixel where a surface faces the camera at its depth.
-        place: (N, 2) float64, from 0 to 1: where a patch lies.
-        large: (N,) bool, which surfaces wear large patches.
+        section: the sizes of patches.
+        texels: (N,) texels per pixel where a surface faces the camera at its depth.
+        place: (N, 2) from 0 to 1: where a patch lies.
+        large: (N,) which surfaces wear large patches.
 
     Returns:
-        Patches per UV unit and the offset in patches, (N, 2) float64 each.
+        Patches per UV unit and the offset in patches, (N, 2) each.
     """
     # At a large surface's depth, where it faces the camera, one patch spans the view at least.
     spanning = large & surfaces.large

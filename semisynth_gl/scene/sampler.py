@@ -374,13 +374,13 @@ class SceneSampler:
         texels = range_.low * (range_.high / range_.low) ** drawn[:, 3]
         # Lengths of one UV unit: of a model its unit under its mean scale.
         scale = np.linalg.norm(particles.world_from_model[slot, :3, :3], axis=1).mean(axis=1)
-        surfaces = Surfaces(
+        surfaces = still.surfaces + Surfaces(
             # The depth of the path's middle instead of the model's: texture must not slide over it from frame to frame.
-            np.concatenate([still.depth_m, slots.depth_m[slot]]),
-            np.concatenate([still.unit_m, np.repeat(scale[:, None], 2, axis=1)]),
-            np.concatenate([still.low, self._uv[model, 0]]),
-            np.concatenate([still.high, self._uv[model, 1]]),
-            np.concatenate([still.large, np.zeros(len(slot), bool)]),
+            slots.depth_m[slot],
+            np.repeat(scale[:, None], 2, axis=1),
+            self._uv[model, 0],
+            self._uv[model, 1],
+            np.zeros(len(slot), bool),
         )
         patch, large = _drawn(self._ends[0], drawn[:, 0]), np.zeros(len(texels), bool)
         if self._small < len(self._patches):

@@ -8,22 +8,15 @@ import numpy as np
 from semisynth_gl.config import Range
 from semisynth_gl.config.model import Config
 from semisynth_gl.config.rig_sections import DisparitySection
-from semisynth_gl.config.scene_sections import BackgroundSection, StructuresSection
+from semisynth_gl.config.scene_sections import StructuresSection
 from semisynth_gl.frame.camera import RECTIFIED, StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh, mesh_grid
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.scene import Bools, Floats, Ints
 from semisynth_gl.scene.arrangement import Arrangement, Catalogue
-from semisynth_gl.scene.background import (
-    FACE,
-    GROUND,
-    Background,
-    Kind,
-    draw_background,
-    draw_kind,
-    lay_ground,
-)
+from semisynth_gl.scene.background import FACE, GROUND, Background, Kind, draw_background, draw_kind, lay_ground
 from semisynth_gl.scene.glance import glance
+from semisynth_gl.scene.mapping import Surfaces
 from semisynth_gl.scene.rig import (
     BEYOND_NEAR,
     STILL,
@@ -36,7 +29,7 @@ from semisynth_gl.scene.rig import (
     near_depth_m,
 )
 from semisynth_gl.scene.room import DOORWAYS, NICHES, draw_room
-from semisynth_gl.scene.scene import make_scene
+from semisynth_gl.scene.scene import Scene, make_scene, placed_vertices
 from semisynth_gl.scene.street import draw_street
 from semisynth_gl.scene.view_volume import smallest_offsets
 from semisynth_gl.seeds.seeds import Purpose
@@ -67,32 +60,16 @@ _LEFT_OUT = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surroundings:
-    """The still things of one scene: S instances, the background's faces first.
+    """The S still things of one scene, the background's faces first."""
 
-    Attributes:
-        model: (S,) int64, index into `STILL_MODELS` and, behind them, the models of the library.
-        world_from_model: (S, 4, 4) float64, left camera's frame, metres.
-        unit_m: (S, 2) float64, length of one UV unit.
-        wears: (S,) int64, the still thing whose texture each wears: itself, or an earlier one.
-        large: (S,) bool, whether it wears a large patch, where there are any.
-        depth_m: (S,) float64, median depth in the left view; of a hidden face, the depth of the
-            back wall, and of a hidden structure, its nearest depth or that of the near plane.
-        low: (S, 2) float64, about the lowest UV that the left view sees; 0 of what is hidden.
-        high: (S, 2) float64, about the highest UV that the left view sees.
-        disparity_px: flat float64, disparities on a coarse grid over the left view.
-        sky: (S,) bool, whether it is infinitely far away.
-    """
-
-    model: Ints
-    world_from_model: Floats
-    unit_m: Floats
-    wears: Ints
-    large: Bools
-    depth_m: Floats
-    low: Floats
-    high: Floats
-    disparity_px: Floats
-    sky: Bools
+    model: Ints  # (S,) index into `STILL_MODELS` and, behind them, the models of the library
+    world_from_model: Floats  # (S, 4, 4), left camera's frame, metres
+    wears: Ints  # (S,) the still thing whose texture each wears: itself, or an earlier one
+    # What the left view sees: median depths, and about the lowest and the highest UV, 0 of what is hidden. The depth of
+    # a hidden face is the back wall's, and of another hidden thing its nearest depth or the near plane's.
+    surfaces: Surfaces
+    sky: Bools  # (S,) whether it is infinitely far away
+    disparity_px: Floats  # flat, on a coarse grid over the left view
 
     def __len__(self) -> int:
         return len(self.model)
@@ -100,29 +77,19 @@ class Surroundings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stage:
-    """The camera of one sequence, and the still things that it sees.
+    """The camera of one sequence, and the still things that it sees."""
 
-    Attributes:
-        camera: the camera that the scenes are composed for, of the longest baseline.
-        views: the camera of each right view, see `draw_views`.
-        sway: the motion of the camera.
-        background: its kind.
-        still: background and structures.
-        up: (3,) float64, unit, the direction upwards in the left camera's frame.
-        farthest_m: depth that the views of a room keep within; inf for other backgrounds.
-    """
-
-    camera: StereoCamera
-    views: tuple[StereoCamera, ...]
+    camera: StereoCamera  # the one that the scenes are composed for, of the longest baseline
+    views: tuple[StereoCamera, ...]  # the camera of each right view, see `draw_views`
     sway: Sway
     background: Kind
-    still: Surroundings
-    up: Floats
-    farthest_m: float = np.inf
+    still: Surroundings  # background and structures
+    up: Floats  # (3,) unit, the direction upwards in the left camera's frame
+    farthest_m: float = np.inf  # depth that the views of a room keep within; inf for other backgrounds
 
 
 def take_stock(library: ModelLibrary) -> Catalogue:
-    """Return the still models and a library's as those that things at rest are taken from."""
+    """Return the still models and a library's as the models that things at rest are taken from."""
     drawn = library.drawn[library.chances > 0]
     names = np.array([library.models[number].name for number in drawn])
     by_name = {str(name): len(STILL_MODELS) + drawn[names == name] for name in np.unique(names)}
@@ -134,10 +101,7 @@ def take_stock(library: ModelLibrary) -> Catalogue:
 def draw_stage(config: Config, catalogue: Catalogue, generator_for: Callable[[Purpose], np.random.Generator]) -> Stage:
     """Draw the stage of one sequence.
 
-    Args:
-        config: the configuration.
-        catalogue: the models of things at rest, see `take_stock`.
-        generator_for: returns the generator of CAMERA, RIG, SWAY, BACKGROUND, STRUCTURES and SKY.
+    The generators are those for CAMERA, RIG, SWAY, BACKGROUND, STRUCTURES and SKY.
 
     Raises:
         InputError: where a disparity of the config lies beyond infinity, or a far plane would have to be endless.
@@ -152,71 +116,59 @@ def draw_stage(config: Config, catalogue: Catalogue, generator_for: Callable[[Pu
     sway = draw_sway(config.camera, generator_for(Purpose.SWAY))
     rng = generator_for(Purpose.BACKGROUND)
     kind = draw_kind(config.background, rng)
-    sky = kind in ("plane", "street") and _has_sky(config.background, generator_for)
+    may_be_sky = kind in ("plane", "street") and config.background.sky > 0
+    sky = may_be_sky and bool(generator_for(Purpose.SKY).random() < config.background.sky)
     if kind == "room":
         things = draw_room(config, camera, catalogue, rng, sway)
     elif kind == "street":
         things = draw_street(config, camera, catalogue, rng, sway, sky=sky)
     else:
         background = draw_background(kind, config.background, config.disparity, camera, rng, sway, sky=sky)
-        still = draw_surroundings(
-            config.structures, config.disparity, camera, background, generator_for(Purpose.STRUCTURES), sway
-        )
+        rng = generator_for(Purpose.STRUCTURES)
+        still = draw_surroundings(config.structures, config.disparity, camera, background, rng, sway)
         return Stage(camera, views, sway, kind, still, np.array([0.0, -1.0, 0.0]))
     up = things.view.camera_from_floor[:3, 2]
     return Stage(camera, views, sway, kind, _surroundings(things, sky=sky), up, things.farthest_m)
-
-
-def _has_sky(section: BackgroundSection, generator_for: Callable[[Purpose], np.random.Generator]) -> bool:
-    return section.sky > 0 and bool(generator_for(Purpose.SKY).random() < section.sky)
 
 
 def _surroundings(things: Arrangement, *, sky: bool) -> Surroundings:
     """Measure what the camera sees of things at rest, before a sky if the first of them is one."""
     view = things.view
     matrices = view.camera_from_floor @ np.array(things.floor_from_model)
-    return _measured(
-        view.camera,
-        view.near_m,
-        things.catalogue.models,
-        np.array(things.model),
-        matrices,
-        np.array(things.unit_m),
-        np.array(things.wears),
-        np.array(things.large),
-        # What is hidden has the depth of its origin, or of the near plane where that is farther.
-        hidden_m=np.maximum(matrices[:, 2, 3], view.near_m),
-        sky=np.arange(len(matrices)) < int(sky),
-    )
+    scene = _still_scene(view.camera, view.near_m, things.model, matrices, sky=sky)
+    # A hidden thing has the depth of its origin.
+    hidden_m = np.maximum(matrices[:, 2, 3], view.near_m)
+    unit_m, wears, large = np.array(things.unit_m), np.array(things.wears), np.array(things.large)
+    return _measured(scene, things.catalogue.models, unit_m, wears, large, hidden_m)
+
+
+def _still_scene(camera: StereoCamera, near_m: float, model: list[int], matrices: Floats, *, sky: bool) -> Scene:
+    """Return still things as a scene; the first of them may be the sky."""
+    layer, is_sky = np.zeros(len(model), np.int64), np.arange(len(model)) < int(sky)
+    return make_scene(camera, model=model, world_from_model=matrices, layer=layer, near_m=near_m, sky=is_sky)
 
 
 def _measured(
-    camera: StereoCamera,
-    near_m: float,
-    models: Sequence[Mesh],
-    model: Ints,
-    world_from_model: Floats,
-    unit_m: Floats,
-    wears: Ints,
-    large: Bools,
-    hidden_m: Floats,
-    sky: Bools,
+    scene: Scene, models: Sequence[Mesh], unit_m: Floats, wears: Ints, large: Bools, hidden_m: Floats
 ) -> Surroundings:
     """Measure what the left view sees of still things; the sky, and what it does not see, have depths ``hidden_m``."""
-    layer = np.zeros(len(model), np.int64)
-    scene = make_scene(camera, model=model, world_from_model=world_from_model, layer=layer, near_m=near_m, sky=sky)
     seen = glance(scene, models)
-    depth_m, low, high = np.array(hidden_m, np.float64), np.zeros((len(model), 2)), np.zeros((len(model), 2))
+    depth_m, (low, high) = hidden_m.copy(), np.zeros((2, len(scene), 2))
     for number in np.unique(seen.instance[seen.instance >= 0]):
         rays = seen.instance == number
-        if not sky[number]:
+        if not scene.sky[number]:
             depth_m[number] = np.median(seen.depth_m[rays])
         uv = np.sort(seen.uv[rays], axis=0)
         left_out = int(_LEFT_OUT * len(uv))
         low[number], high[number] = uv[left_out], uv[-1 - left_out]
-    disparity_px = camera.disparity_px(seen.depth_m)
+    disparity_px = scene.camera.disparity_px(seen.depth_m)
     return Surroundings(
-        model, world_from_model, unit_m, wears, large, depth_m, low, high, disparity_px[np.isfinite(disparity_px)], sky
+        scene.model,
+        scene.world_from_model,
+        wears,
+        Surfaces(depth_m, unit_m, low, high, large),
+        scene.sky,
+        disparity_px[np.isfinite(disparity_px)],
     )
 
 
@@ -240,39 +192,34 @@ def draw_surroundings(
     bare_px = background.disparity_px(camera)
     # Before a sky, the ground ends where its plane stands.
     farthest_m = float(background.offset_m[0]) if background.sky else float(camera.depth_m(bare_px.min()))
-    model, placed = list[int](), list[Floats]()
+    structures = list[tuple[int, Floats]]()
     if rng.random() < section.ground:
-        model.append(_GROUND)
-        placed.append(_place_ground(section, camera, Range(near_m, farthest_m), rng, sway))
+        structures.append((_GROUND, _place_ground(section, camera, Range(near_m, farthest_m), rng, sway)))
     for _ in range(round(section.panels.draw(rng))):
-        curved = bool(rng.random() < section.panel_curved)
-        model.append(_CURVED if curved else _FACE)
-        placed.append(_place_panel(section, disparity, camera, near_m, rng, curved=curved))
-    faces, size_m = len(background.size_m), list(background.size_m)
-    for number, matrix in zip(model, placed, strict=True):
-        size_m.append(np.linalg.norm(matrix[:3, [0, 2 if number == _GROUND else 1]], axis=0))
-    # A hidden structure has the depth of its nearest vertex, or of the near plane where that is farther.
-    hidden_m = [max(float(_depths_m(*one).min()), near_m) for one in zip(model, placed, strict=True)]
+        structures.append(_place_panel(section, disparity, camera, near_m, rng))
+    # The UV of a ground goes along its x and z.
+    sizes = [np.linalg.norm(matrix[:3, [0, 2 if number == _GROUND else 1]], axis=0) for number, matrix in structures]
+    # A hidden structure has the depth of its nearest vertex.
+    hidden_m = [max(_nearest_m(number, matrix), near_m) for number, matrix in structures]
+    faces, count = len(background.size_m), len(background.size_m) + len(structures)
+    model = [_FACE] * faces + [number for number, _ in structures]
+    matrices = np.array([*background.world_from_face, *(matrix for _, matrix in structures)])
     still = _measured(
-        camera,
-        near_m / BEYOND_NEAR,
+        _still_scene(camera, near_m / BEYOND_NEAR, model, matrices, sky=background.sky),
         STILL_MODELS,
-        np.array([_FACE] * faces + model),
-        np.array([*background.world_from_face, *placed]),
-        np.array(size_m),
-        np.arange(faces + len(model)),
-        np.ones(faces + len(model), bool),
+        np.array([*background.size_m, *sizes]),
+        np.arange(count),
+        np.ones(count, bool),
         np.append(background.visible_depth_m, hidden_m),
-        np.arange(faces + len(model)) < int(background.sky),
     )
-    # Of the background, that before which nothing stands.
-    still.depth_m[:faces] = background.visible_depth_m
-    return still if placed else replace(still, disparity_px=bare_px[np.isfinite(bare_px)])
+    # The background's depths are those without the structures.
+    still.surfaces.depth_m[:faces] = background.visible_depth_m
+    return still if structures else replace(still, disparity_px=bare_px[np.isfinite(bare_px)])
 
 
-def _depths_m(model: int, matrix: Floats) -> Floats:
-    """Return the depths of a still model's vertices."""
-    return np.asarray(STILL_MODELS[model].positions.astype(np.float64) @ matrix[2, :3] + matrix[2, 3])
+def _nearest_m(model: int, matrix: Floats) -> float:
+    """Return the depth of the nearest vertex of a still model."""
+    return float((STILL_MODELS[model].positions.astype(np.float64) @ matrix[2, :3] + matrix[2, 3]).min())
 
 
 def _place_ground(
@@ -310,9 +257,10 @@ def _place_panel(
     camera: StereoCamera,
     near_m: float,
     rng: np.random.Generator,
-    *,
-    curved: bool,
-) -> Floats:
+) -> tuple[int, Floats]:
+    """Draw a panel; return the number of its model, and its pose (4, 4)."""
+    curved = bool(rng.random() < section.panel_curved)
+    number = _CURVED if curved else _FACE
     where = section.panel_disparity_px or _farther_half(disparity, camera)
     check_reachable(camera, where.low, "structures.panel_disparity_px")
     depth = float(camera.depth_m(where.draw(rng)))
@@ -328,11 +276,10 @@ def _place_panel(
     matrix = np.eye(4)
     matrix[:3, 0], matrix[:3, 1] = first * size[0], second * size[1]
     matrix[:3, 2] = normal * size.mean() * (1 if facing else -1)
-    mesh = STILL_MODELS[_CURVED if curved else _FACE]
     # A face begins at its corner, a curved panel lies about its middle.
     begin = np.zeros(3) if curved else -(matrix[:3, 0] + matrix[:3, 1]) / 2
-    nearest = float((mesh.positions.astype(np.float64) @ matrix[:3, :3].T + begin)[:, 2].min())
+    matrix[:3, 3] = begin
+    nearest = float(placed_vertices(STILL_MODELS[number], matrix)[:, 2].min())
     depth = max(depth, BEYOND_NEAR * near_m - nearest)
-    ray = camera.rays("left", np.array(x), np.array(y))
-    matrix[:3, 3] = begin + ray * depth
-    return matrix
+    matrix[:3, 3] = begin + camera.rays("left", np.array(x), np.array(y)) * depth
+    return number, matrix
