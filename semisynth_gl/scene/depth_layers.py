@@ -31,15 +31,10 @@ _SAMPLES = 128
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthLayers:
-    """K layers of depth.
+    """K layers of depth."""
 
-    Attributes:
-        low_px: (K,) float64, lowest disparity of a particle's middle.
-        high_px: (K,) float64, highest disparity of a particle's middle; equal to ``low_px`` in a layer without room.
-    """
-
-    low_px: Floats
-    high_px: Floats
+    low_px: Floats  # (K,) lowest disparity of a particle's middle
+    high_px: Floats  # (K,) highest disparity of a particle's middle; equal to `low_px` in a layer without room
 
     @classmethod
     def from_bins(cls, target: Histogram, min_px: float, max_px: float) -> "DepthLayers":
@@ -63,15 +58,10 @@ class DepthLayers:
     def exceedance(
         self, edges_px: Floats, camera: StereoCamera, drift: Range, sizes: Sizes, heights: Floats, near_m: float
     ) -> Floats:
-        """Return the probability that a particle shows at least a disparity where it covers a pixel, (K, J) float64.
+        """Return the probability that a particle shows at least a disparity (J,) where it covers a pixel, (K, J).
 
-        Args:
-            edges_px: (J,) float64, the disparities.
-            camera: the camera.
-            drift: speed of the particles in a horizontal direction, relative to the speed downwards.
-            sizes: sizes of the particles.
-            heights: mean relief of the models, see `Silhouette`.
-            near_m: depth of the near plane; particles without room before it are not drawn.
+        ``drift`` is the config's, ``heights`` the models' mean relief (see `Silhouette`). Particles that come too near
+        the near plane are not drawn.
         """
         where = _unit_points()
         disparity = self.low_px[:, None] + (self.high_px - self.low_px)[:, None] * where[:, 0]
@@ -104,7 +94,7 @@ def merge_bins(target: Histogram) -> Histogram:
 
 
 def solve_coverage(shares: Floats, bare: Floats, exceedances: Floats, least: Floats, has_room: Bools) -> Floats:
-    """Solve the layers' mean coverages lambda, (..., K) float64, by least squares of F between their limits.
+    """Solve the layers' mean coverages lambda, (..., K), by least squares of F between their limits.
 
     The solver stands beside scipy's `lsq_linear`, because it solves the views of all pilot scenes at once: for 32 views
     it takes a twentieth of the time. Importing scipy takes about as long as importing all else that samples scenes, and
@@ -113,7 +103,7 @@ def solve_coverage(shares: Floats, bare: Floats, exceedances: Floats, least: Flo
     Args:
         shares: (K,) wanted share of a view in each bin.
         bare: (..., K - 1) share of the view that shows less than each inner edge before the layers are filled.
-        exceedances: (..., K, K - 1), `exceedance` of the layers at the inner edges.
+        exceedances: (..., K, K - 1), `DepthLayers.exceedance` at the inner edges.
         least: (..., K) smallest coverages.
         has_room: (K,) whether the layer can hold particles.
     """
@@ -150,13 +140,7 @@ def solve_coverage(shares: Floats, bare: Floats, exceedances: Floats, least: Flo
 
 
 def expected_shares(coverage: Floats, bare: Floats, exceedances: Floats) -> Floats:
-    """Return the shares of the view in the bins, (..., K) float64, by the Boolean model.
-
-    Args:
-        coverage: (..., K) mean coverages.
-        bare: see `solve_coverage`.
-        exceedances: see `solve_coverage`.
-    """
+    """Return the shares of the view in the bins, (..., K), by the Boolean model; see `solve_coverage`."""
     ends = np.zeros((*coverage.shape[:-1], 1))
     return np.diff(np.concatenate([ends, _open_shares(coverage, bare, exceedances), ends + 1], axis=-1))
 

@@ -29,29 +29,17 @@ _QUANTILES = (np.arange(64) + 0.5) / 64
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Slots:
-    """S streams of falling models.
+    """S streams of falling models."""
 
-    Attributes:
-        depth_m: (S,) planar depth of the path's middle.
-        disparity_px: (S,) disparity there.
-        radius_px: (S,) radius of the bounding sphere on the screen.
-        period_s: (S,) time from the emission plane to the end of the view.
-        phase: (S,) age at time 0, in periods, in [0, 1).
-        path_m: (S,) length of a path that does not drift.
-        room_m: (S,) how much nearer than its path's middle a model may come; 0 or less where it is too near there.
-        view: where the views end above and below.
-        resting: poses (4, 4) of the models of slots that rest, by the slot's number.
-    """
-
-    depth_m: Floats
-    disparity_px: Floats
-    radius_px: Floats
-    period_s: Floats
-    phase: Floats
-    path_m: Floats
-    room_m: Floats
+    depth_m: Floats  # (S,) planar depth of the path's middle
+    disparity_px: Floats  # (S,) disparity there
+    radius_px: Floats  # (S,) radius of the bounding sphere on the screen
+    period_s: Floats  # (S,) time from the emission plane to the end of the view
+    phase: Floats  # (S,) age at time 0, in periods, in [0, 1)
+    path_m: Floats  # (S,) length of a path that does not drift
+    room_m: Floats  # (S,) how much nearer than its path's middle a model may come; 0 or less where it is too near there
     view: Height
-    resting: Mapping[int, Floats] = field(default_factory=dict)
+    resting: Mapping[int, Floats] = field(default_factory=dict)  # poses (4, 4) of the models that rest, by slot
 
     def __len__(self) -> int:
         return len(self.depth_m)
@@ -72,38 +60,23 @@ class Slots:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Release:
-    """The release of each slot's model of one generation.
+    """The release of each slot's model of one generation."""
 
-    Attributes:
-        start_px: (S,) image x of the path's middle, left view.
-        quaternion: (S, 4) rotation at release, x y z w.
-        axis: (S, 3) unit axis of the spin.
-        spin_rad_s: (S,) angular speed.
-        drift: (S, 2) speed in x and z relative to the speed downwards.
-        scale: (S, 3) scale along the model's axes relative to its radius, the largest 1.
-    """
-
-    start_px: Floats
-    quaternion: Floats
-    axis: Floats
-    spin_rad_s: Floats
-    drift: Floats
-    scale: Floats
+    start_px: Floats  # (S,) image x of the path's middle, left view
+    quaternion: Floats  # (S, 4) rotation at release, x y z w
+    axis: Floats  # (S, 3) unit axis of the spin
+    spin_rad_s: Floats  # (S,)
+    drift: Floats  # (S, 2) speed in x and z relative to the speed downwards
+    scale: Floats  # (S, 3) scale along the model's axes relative to its radius, the largest 1
 
 
 @dataclass(frozen=True, slots=True)
 class Sizes:
-    """Diameters of models' bounding spheres, drawn uniformly in their logarithm.
-
-    Attributes:
-        low: the smallest diameter.
-        high: the largest diameter.
-        metric: whether diameters are in metres, so that far models are smaller on the screen, or in pixels.
-    """
+    """Diameters of models' bounding spheres, drawn uniformly in their logarithm."""
 
     low: float
     high: float
-    metric: bool = False
+    metric: bool = False  # whether diameters are in metres, so that far models are smaller on the screen, or in pixels
 
     def radius_px(self, camera: StereoCamera, disparity_px: Floats, quantile: Floats) -> Floats:
         """Return the radius on the screen of quantiles at disparities; both broadcast."""
@@ -128,14 +101,7 @@ def stated_sizes(section: ParticlesSection, layer: DepthLayerSection | None = No
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Particles of one range of disparities.
-
-    Attributes:
-        low_px: lowest disparity.
-        high_px: highest disparity.
-        count: number of particles.
-        sizes: sizes of the particles.
-    """
+    """Particles of one range of disparities."""
 
     low_px: float
     high_px: float
@@ -145,13 +111,7 @@ class Batch:
 
 @dataclass(frozen=True, slots=True)
 class StatedLayer:
-    """A depth layer that the config states.
-
-    Attributes:
-        disparity_px: disparities of its particles.
-        count: number of its particles.
-        sizes: sizes of its particles.
-    """
+    """A depth layer of particles that the config states."""
 
     disparity_px: Range
     count: Range
@@ -177,24 +137,20 @@ def stated_batches(layers: Sequence[StatedLayer], rng: np.random.Generator) -> l
 
 
 def expected_cover(camera: StereoCamera, sizes: Sizes, disparity_px: Floats, fill: float) -> Floats:
-    """Return the mean number of times that one particle of a layer covers a pixel of the view, (K,) float64.
+    """Return the mean number of times that one particle of a layer covers a pixel of the view, (K,).
 
-    Args:
-        camera: the camera.
-        sizes: sizes of the particles.
-        disparity_px: (K,) float64, disparity of each layer.
-        fill: mean projected area of the models in units of their bounding sphere's disc.
+    The layers lie at disparities (K,), and ``fill`` is that of the models' mean `Silhouette`.
     """
     radius = sizes.radius_px(camera, disparity_px[:, None], _QUANTILES)
     area = fill * np.pi * radius**2 * _mean_secant(camera)
-    width, height = _release_area_px(camera, disparity_px[:, None], radius)
-    return np.asarray((area / (width * height)).mean(axis=1))
+    released = _release_width_px(camera, disparity_px[:, None], radius) * path_px(camera, radius)
+    return np.asarray((area / released).mean(axis=1))
 
 
 def expected_in_view(camera: StereoCamera, sizes: Sizes, disparity_px: Floats) -> Floats:
-    """Return the share of a layer's particles whose bounding sphere touches the left view, (K,) float64."""
+    """Return the share of the particles at disparities (K,) whose bounding sphere touches the left view, (K,)."""
     radius = sizes.radius_px(camera, disparity_px[:, None], _QUANTILES)
-    width, _ = _release_area_px(camera, disparity_px[:, None], radius)
+    width = _release_width_px(camera, disparity_px[:, None], radius)
     return np.asarray(((camera.width_px + 2 * radius) / width).mean(axis=1))
 
 
@@ -209,9 +165,9 @@ def _mean_secant(camera: StereoCamera) -> float:
     return float(np.sqrt(1 + x**2 + y[:, None] ** 2).mean())
 
 
-def _release_area_px(camera: StereoCamera, disparity_px: Floats, radius_px: Floats) -> tuple[Floats, Floats]:
-    """Width and height, in the left image, of the region that particles pass through: both views and their margin."""
-    return camera.width_px + np.abs(disparity_px) + 2 * radius_px, path_px(camera, radius_px)
+def _release_width_px(camera: StereoCamera, disparity_px: Floats, radius_px: Floats) -> Floats:
+    """Return the width, in the left image, of the region that particles pass through: both views and their margin."""
+    return camera.width_px + np.abs(disparity_px) + 2 * radius_px
 
 
 def path_px(camera: StereoCamera, radius_px: Floats) -> Floats:
@@ -228,16 +184,7 @@ def draw_slots(
     near_m: float = 0.0,
     sway: Sway = STILL,
 ) -> Slots:
-    """Draw the slots of one sequence.
-
-    Args:
-        camera: the camera.
-        section: speeds, and the upper limit of the number.
-        batches: numbers and sizes.
-        rng: randomness.
-        near_m: depth of the near plane.
-        sway: the camera's sway.
-    """
+    """Draw the slots of one sequence: the batches, cut in proportion where there are more than ``section.most``."""
     counts = np.array([batch.count for batch in batches], np.int64)
     if counts.sum() > section.most:
         counts = counts * section.most // counts.sum()
@@ -255,7 +202,7 @@ def draw_slots(
     depth = camera.depth_m(disparity)
     radius_m, view = radius * depth / camera.focal_px, height_of_view(camera, sway)
     path = (view.bottom - view.top) * depth + sum(view.secants) * (radius_m + view.reach_m)
-    width, _ = _release_area_px(camera, disparity, radius)
+    width = _release_width_px(camera, disparity, radius)
     aside = np.hypot(width * depth / camera.focal_px, path) * (1 + section.drift.high)
     room = depth - clear_depth_m(near_m, radius_m, aside, sway)
     return Slots(depth, disparity, radius, path / speed, phase, path, room, view)
@@ -264,7 +211,7 @@ def draw_slots(
 def draw_release(camera: StereoCamera, section: ParticlesSection, slots: Slots, rng: np.random.Generator) -> Release:
     """Draw the release of every slot's model of one generation."""
     total = len(slots)
-    width, _ = _release_area_px(camera, slots.disparity_px, slots.radius_px)
+    width = _release_width_px(camera, slots.disparity_px, slots.radius_px)
     # What has a negative disparity comes into the right view from the left.
     start = rng.random(total) * width - slots.radius_px - 0.5 + np.minimum(slots.disparity_px, 0)
     quaternion = rng.normal(size=(total, 4))
@@ -280,18 +227,11 @@ def draw_release(camera: StereoCamera, section: ParticlesSection, slots: Slots, 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Particles:
-    """The models of all slots at one moment.
+    """The models of all slots at one moment; the world is the left camera's frame without its sway."""
 
-    Attributes:
-        generation: (S,) int64, number of the model in its slot.
-        radius_m: (S,) float64, radius of the bounding sphere.
-        world_from_model: (S, 4, 4) float64, places models of radius 1; the world is the left camera's frame without
-            its sway.
-    """
-
-    generation: Ints
-    radius_m: Floats
-    world_from_model: Floats
+    generation: Ints  # (S,) number of the model in its slot
+    radius_m: Floats  # (S,) radius of the bounding sphere
+    world_from_model: Floats  # (S, 4, 4) places models of radius 1
 
     @property
     def centre_m(self) -> Floats:
@@ -306,15 +246,10 @@ def particles_at(
     time_s: float,
     generation: Ints | None = None,
 ) -> Particles:
-    """Place every slot's model at a time, directly and without stepping.
+    """Place every slot's model at any time, directly and without stepping.
 
-    Args:
-        camera: the camera.
-        slots: the streams.
-        release: returns the release of all slots for a generation.
-        time_s: any time; models of slots that rest do not move.
-        generation: (S,) int64, number of the model in its slot; by default the model that the slot shows at that time.
-            Any other model continues its path, before its release and after its end.
+    By default this is the model that the slot shows at that time. A model of another generation, (S,), continues its
+    path, before its release and after its end. ``release`` returns the release of all slots for a generation.
     """
     if generation is None:
         generation = slots.generation(time_s)

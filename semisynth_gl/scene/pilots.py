@@ -28,24 +28,14 @@ VERSION = 1
 
 
 class Pilot(NamedTuple):
-    """A pilot scene.
-
-    Attributes:
-        camera: its camera.
-        bare_px: flat float64, disparities over its left view without particles.
-    """
+    """A pilot scene."""
 
     camera: StereoCamera
-    bare_px: Floats
+    bare_px: Floats  # flat, disparities over its left view without particles
 
 
 def draw_pilots(config: Config, seed: int, catalogue: Catalogue) -> list[Pilot]:
     """Draw the pilot scenes of a recipe, or load them from the cache.
-
-    Args:
-        config: the configuration; its own recipes are not looked at.
-        seed: 0 or more.
-        catalogue: the models of things at rest.
 
     Raises:
         InputError: where a disparity of the config lies beyond infinity, or a far plane would have to be endless.

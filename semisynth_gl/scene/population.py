@@ -52,15 +52,10 @@ _POPULATED = 0.5
 
 
 class InView(NamedTuple):
-    """What the left views show on average, by the Boolean model.
+    """What the left views show on average, by the Boolean model."""
 
-    Attributes:
-        objects: number of particles that reach into the view.
-        still: share of the view, 0 to 1, that shows background, structures and things at rest.
-    """
-
-    objects: float
-    still: float
+    objects: float  # number of particles that reach into the view
+    still: float  # share of the view, 0 to 1, that shows background, structures and things at rest
 
 
 class _Views(NamedTuple):
@@ -155,10 +150,7 @@ class Population:
         return solved + stated_batches(self._clutter, rng)
 
     def expected(self) -> Histogram:
-        """Return the mean distribution of the dataset, by the Boolean model of the pilot scenes.
-
-        Returns:
-            A histogram in the bins of ``target``.
+        """Return the mean distribution of the dataset, in the bins of ``target``, by the model of the pilot scenes.
 
         Raises:
             InputError: where the target cannot be met, see `draw`.
@@ -196,12 +188,8 @@ class Population:
     ) -> InView:
         """Return what one view shows of stated layers, clutter, and solved particles.
 
-        Args:
-            camera: the view's camera.
-            bare_px: disparities over the view without particles.
-            layers: the stated layers.
-            objects: number of solved particles.
-            cover: (K,) number of times that these cover a pixel at all, and with each inner edge or more.
+        There are so many solved ``objects``, which cover a pixel so many times at all, and with each inner edge or more
+        (K,).
         """
         edges = np.append(-np.inf, self.target.edges_px[1:-1])
         everything = np.array([-np.inf])
@@ -256,12 +244,9 @@ class Population:
         return [self._in_view(each) for each in scaled], [self._corrected(each) for each in scaled]
 
     def _scale(self, sizes: Sizes, wanted: float, *, stated: bool) -> float:
-        """Return the factor of sizes at which a number of objects is in view.
+        """Return the factor of sizes at which a number of objects is in the left view on average.
 
-        Args:
-            sizes: the sizes.
-            wanted: mean number in the left view.
-            stated: whether the config states it; too few are then refused, and otherwise come as near as they can.
+        Too few are refused where the config states the number, and otherwise come as near as they can.
         """
         # The largest particles of the nearest layer get as wide as the image.
         camera = self._pilots[0][0]

@@ -51,12 +51,7 @@ def draw_views(section: CameraSection, camera: StereoCamera, rng: np.random.Gene
 
     The difference of the principal points that was drawn is the longest baseline's. Shorter ones have it in proportion,
     unless the config says where the right principal point is: a surface that has a disparity in one view then has one
-    in all, since all disparities are in proportion too.
-
-    Args:
-        section: the section.
-        camera: as `draw_camera` drew it from the same generator.
-        rng: draws the further baselines.
+    in all, since all disparities are in proportion too. The camera comes from `draw_camera` with the same generator.
     """
     baselines_m = [camera.baseline_m, *(range_m.draw(rng) for range_m in section.baseline_ranges_m[1:])]
 
@@ -106,12 +101,7 @@ def largest_disparity_px(camera: StereoCamera, depth_m: float) -> float:
 
 
 def check_reachable(camera: StereoCamera, disparity_px: float, key: str) -> None:
-    """Check that a disparity has a depth in front of the camera.
-
-    Args:
-        camera: the camera.
-        disparity_px: the disparity.
-        key: the config's key for the disparity, for the message.
+    """Check that a disparity, which the config states under a key, has a depth in front of the camera.
 
     Raises:
         InputError: where d + doffs is not positive: the two rays of such a point never meet.
@@ -125,19 +115,12 @@ def check_reachable(camera: StereoCamera, disparity_px: float, key: str) -> None
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sway:
-    """Six independent oscillations of the left camera, about the world's origin and axes.
+    """Six independent oscillations of the left camera, about the world's origin and axes."""
 
-    Attributes:
-        shift_m: (3,) amplitude of the position along x, y and z.
-        turn_rad: (3,) amplitude of the rotation vector's x, y and z.
-        period_s: (6,) periods of the three shifts and the three turns.
-        phase_rad: (6,) phases at time 0.
-    """
-
-    shift_m: Floats
-    turn_rad: Floats
-    period_s: Floats
-    phase_rad: Floats
+    shift_m: Floats  # (3,) amplitude of the position along x, y and z
+    turn_rad: Floats  # (3,) amplitude of the rotation vector's x, y and z
+    period_s: Floats  # (6,) periods of the three shifts and the three turns
+    phase_rad: Floats  # (6,) phases at time 0
 
     @property
     def reach_m(self) -> float:

@@ -1,9 +1,9 @@
 """Pair i of a dataset as a scene, from (config, seed, i) and nothing else."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from semisynth_gl.config.model import Config
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.frame.camera import StereoCamera
-from semisynth_gl.geometry.mesh import Mesh
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.scene import Bools, Floats, Ints
@@ -37,39 +36,22 @@ _BEFORE = 2**30
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledScene:
-    """A scene with the origin of its instances, as one of its right views sees it.
-
-    Attributes:
-        scene: the arrays that the renderer draws; the instances that stand still come first.
-        views: the camera of each right view of the scene; they differ in the right eye alone.
-        view: number of the right view, whose camera is the scene's.
-        recipe: name of the recipe that the scene is made by; None where the config has no recipes.
-        background: its kind, such as "room".
-        farthest_m: depth that the views of a room keep within; inf for other backgrounds.
-        sequence: number of the sequence.
-        frame: number of the frame within the sequence.
-        attempt: number of attempts of the sequence that failed before.
-        patch_px: (N,) int64, side of the patch that each instance wears.
-        patch: (N,) int64, the patch that each instance wears; a patch of video frames has an atlas layer per frame.
-        slot: (N,) int64, the particles' slot that each instance comes from; -1 for instances that stand still.
-        generation: (N,) int64, number of the model in its slot; -1 for instances that stand still.
-        resting: (N,) bool, whether it is a particle at rest.
-    """
+    """A scene with the origin of its N instances, as one of its right views sees it; still instances come first."""
 
     scene: Scene
-    views: tuple[StereoCamera, ...]
-    view: int
-    recipe: str | None
-    background: str
-    farthest_m: float
+    views: tuple[StereoCamera, ...]  # the camera of each right view; they differ in the right eye alone
+    view: int  # number of the right view, whose camera is the scene's
+    recipe: str | None  # name of the recipe that the scene is made by; None where the config has no recipes
+    background: str  # its kind, such as "room"
+    farthest_m: float  # depth that the views of a room keep within; inf for other backgrounds
     sequence: int
-    frame: int
-    attempt: int
-    patch_px: Ints
-    patch: Ints
-    slot: Ints
-    generation: Ints
-    resting: Bools
+    frame: int  # within the sequence
+    attempt: int  # number of attempts of the sequence that failed before
+    patch_px: Ints  # (N,) side of the patch that each instance wears
+    patch: Ints  # (N,) the patch that each instance wears; a patch of video frames has an atlas layer per frame
+    slot: Ints  # (N,) the particles' slot that each instance comes from; -1 for still instances
+    generation: Ints  # (N,) number of the model in its slot; -1 for still instances
+    resting: Bools  # (N,) whether it is a particle at rest
 
     @property
     def still(self) -> Bools:
@@ -83,7 +65,7 @@ class SampledScene:
 
 @dataclass(frozen=True, slots=True)
 class _Draw:
-    """The source of a sequence's randomness."""
+    """The source of one sequence's randomness."""
 
     seed: int
     sequence: int
@@ -98,7 +80,7 @@ class _Draw:
     ) -> Floats:
         """Draw uniform numbers (N, width) that belong to a slot's generation, whatever other slots exist.
 
-        The purpose's generators for generations have keys from ``first_key`` on.
+        The generators of the generations have keys from ``first_key`` on.
         """
         result = np.empty((len(slot), width))
         for number in np.unique(generation):
@@ -113,7 +95,17 @@ def _generation_key(generation: int) -> int:
     return generation if generation >= 0 else _BEFORE - generation
 
 
+class _Sequence(NamedTuple):
+    """What all frames of a sequence share."""
+
+    draw: _Draw
+    stage: Stage
+    near_m: float  # depth of the near plane
+    slots: Slots
+
+
 def _ends(patches: Sequence[Patch], section: TexturesSection) -> Floats:
+    """Return where the chance of each patch ends in [0, 1), (K,)."""
     flat = np.array([patch.texture < section.min_texture for patch in patches], np.bool_)
     return np.cumsum(patch_chances([patch.shown for patch in patches], flat, section.flat_share))
 
@@ -154,57 +146,51 @@ class SceneSampler:
         self._seed = seed
         self._model_library = library
         self._catalogue = take_stock(library)
+        self.models = self._catalogue.models
         self.population = Population(config, seed, library.silhouette, self._catalogue, wanted)
         self._patches = patches
         self._small = sum(not patch.large for patch in patches)
-        # Where the chance of each patch ends, among the small ones and among the large ones.
+        # Of the small patches, and of the large ones.
         self._ends = [_ends(those, config.textures) for those in (patches[: self._small], patches[self._small :])]
         self._first_layer = np.array([patch.first_layer for patch in patches])
         self._layer_count = np.array([patch.layer_count for patch in patches])
         self._cumulative = np.cumsum(library.chances)
         # The lowest and the highest UV of each model, (M, 2, 2).
         self._uv = np.array([(mesh.uv.min(axis=0), mesh.uv.max(axis=0)) for mesh in library.models], np.float64)
-        self._latest: tuple[_Draw, Stage, Slots] | None = None
-        self.models: tuple[Mesh, ...] = (*STILL_MODELS, *library.models)
+        self._latest: _Sequence | None = None
 
     def sample(self, index: int, attempt: int = 0) -> SampledScene:
         """Sample the scene of pair ``index``, 0 or more; each ``attempt`` draws its whole sequence anew."""
         scene, view = divmod(index, self._config.views)
         number, frame = divmod(scene, self._config.sequence.length)
-        return self._sample_frame(_Draw(self._seed, number, attempt), frame, view)
+        return self._sample_frame(self._sequence(number, attempt), frame, view)
 
     def motion(self, sampled: SampledScene, frames: int) -> Motion:
-        """Return the motion of a scene's instances to a later frame of its sequence, or an earlier one.
+        """Return the motion of a scene's instances to a later frame, or to an earlier one where ``frames`` is negative.
 
-        Args:
-            sampled: the scene.
-            frames: number of frames, negative for an earlier one. That frame may lie beyond both ends of the sequence.
+        That frame may lie beyond both ends of the sequence.
         """
-        draw = _Draw(self._seed, sampled.sequence, sampled.attempt)
-        target = self._sample_frame(draw, sampled.frame + frames, sampled.view)
-        stage, shown = self._sequence(draw)
-        still = len(stage.still)
+        sequence = self._sequence(sampled.sequence, sampled.attempt)
+        target = self._sample_frame(sequence, sampled.frame + frames, sampled.view)
+        still = len(sequence.stage.still)
         # A slot shows one model at a time.
-        instance_of_slot = np.full(len(shown), -1)
+        instance_of_slot = np.full(len(sequence.slots), -1)
         instance_of_slot[target.slot[still:]] = np.arange(still, len(target.slot))
         instance = np.concatenate([np.arange(still), instance_of_slot[sampled.slot[still:]]])
         instance[still:][target.generation[instance[still:]] != sampled.generation[still:]] = -1
-        return Motion(target.scene, self._moved(draw, sampled, target.frame), instance)
+        return Motion(target.scene, self._moved(sequence, sampled, target.frame), instance)
 
     def moment(self, sampled: SampledScene, frames: float) -> Scene:
         """Return a scene's own instances, as they wear what they wear, where they and the camera are at another moment.
 
-        Args:
-            sampled: the scene.
-            frames: how much later, in times between frames; negative for earlier.
+        That is so many times between frames later, or earlier where ``frames`` is negative.
         """
-        draw = _Draw(self._seed, sampled.sequence, sampled.attempt)
+        sequence = self._sequence(sampled.sequence, sampled.attempt)
         frame = sampled.frame + frames
-        camera_from_world = self._sequence(draw)[0].sway.camera_from_world(frame * self._config.sequence.frame_s)
         return replace(
             sampled.scene,
-            camera_from_world=camera_from_world,
-            world_from_model=self._moved(draw, sampled, frame),
+            camera_from_world=sequence.stage.sway.camera_from_world(frame * self._config.sequence.frame_s),
+            world_from_model=self._moved(sequence, sampled, frame),
         )
 
     def provenance(self, sampled: SampledScene) -> dict[str, Any]:
@@ -244,33 +230,33 @@ class SceneSampler:
             for k in range(len(scene))
         ]
 
-    def _sequence(self, draw: _Draw) -> tuple[Stage, Slots]:
-        """Draw the stage and the slots that all frames of a sequence share; the latest sequence is kept."""
-        if self._latest is None or self._latest[0] != draw:
+    def _sequence(self, number: int, attempt: int) -> _Sequence:
+        """Draw what all frames of a sequence share; the latest sequence is kept."""
+        draw = _Draw(self._seed, number, attempt)
+        if self._latest is None or self._latest.draw != draw:
             stage = draw_stage(self._config, self._catalogue, draw.generator)
             rng = draw.generator(Purpose.PARTICLES, 0)
             # A scene that is drawn again takes a number that no other scene has.
-            number = draw.sequence + _REDRAWN * draw.attempt
-            batches = self.population.draw(number, stage.camera, stage.still.disparity_px, rng)
+            batches = self.population.draw(number + _REDRAWN * attempt, stage.camera, stage.still.disparity_px, rng)
             near_m = near_depth_m(stage.camera, self._config.disparity)
             slots = draw_slots(stage.camera, self._config.particles, batches, rng, near_m, stage.sway)
-            self._latest = draw, stage, self._resting(draw, stage, slots)
-        return self._latest[1:]
+            falling = _Sequence(draw, stage, near_m, slots)
+            self._latest = falling._replace(slots=replace(slots, resting=self._resting(falling)))
+        return self._latest
 
-    def _resting(self, draw: _Draw, stage: Stage, slots: Slots) -> Slots:
-        """Let some slots' models down onto what is below them."""
+    def _resting(self, sequence: _Sequence) -> dict[int, Floats]:
+        """Let some slots' models down onto what is below them; return their poses (4, 4) by slot."""
+        draw, stage, near_m, slots = sequence
         chance = draw.generator(Purpose.RESTING).random(len(slots))
         chosen = np.flatnonzero(chance < self._config.particles.resting)
         if not len(chosen):
-            return slots
-        first, camera = np.zeros(len(slots), np.int64), stage.camera
-        particles = particles_at(camera, slots, self._release(draw, stage, slots), 0.0, first)
+            return {}
+        first, camera, still = np.zeros(len(slots), np.int64), stage.camera, stage.still
+        particles = self._particles(sequence, 0.0, first)
         meshes = [self._model_library.models[number] for number in self._drawn_models(draw, first[chosen], chosen)]
-        still = stage.still
         ground = ~still.sky
         corners = triangles_of(self.models, still.model[ground], still.world_from_model[ground])
         rested = come_to_rest(particles.world_from_model[chosen], meshes, corners, stage.up)
-        near_m = near_depth_m(camera, self._config.disparity)
         resting = {}
         for number, pose in rested.items():
             slot = int(chosen[number])
@@ -279,26 +265,24 @@ class SceneSampler:
             clear_m = clear_depth_m(near_m, particles.radius_m[slot], np.hypot(x, y), stage.sway)
             if z > clear_m and -0.5 < row < camera.height_px - 0.5:
                 resting[slot] = pose
-        return replace(slots, resting=resting)
+        return resting
 
-    def _sample_frame(self, draw: _Draw, frame: int, view: int) -> SampledScene:
+    def _sample_frame(self, sequence: _Sequence, frame: int, view: int) -> SampledScene:
         """Sample the scene of any frame of a sequence; the stage's camera is the rig that it is composed for."""
-        config, (stage, slots) = self._config, self._sequence(draw)
-        camera, still = stage.camera, stage.still
-        particles = self._particles(draw, frame)
-        camera_from_world = stage.sway.camera_from_world(frame * config.sequence.frame_s)
-        near_m = near_depth_m(camera, config.disparity)
+        draw, stage, near_m, slots = sequence
+        config, still = self._config, stage.still
+        particles = self._particles(sequence, frame)
         # The near plane is in front of both cameras, so no model can swallow a camera.
         kept = np.flatnonzero(slots.shown)
         generations = particles.generation[kept]
         drawn = self._drawn_models(draw, generations, kept)
-        patch, scale, offset = self._textures(draw, stage, slots, generations, kept, drawn, particles)
+        patch, scale, offset = self._textures(sequence, particles, kept, drawn)
         # Each instance starts its video at a random frame, and goes round.
         count = self._layer_count[patch]
         scene = Scene(
             camera=stage.views[view],
             near_m=near_m,
-            camera_from_world=camera_from_world,
+            camera_from_world=stage.sway.camera_from_world(frame * config.sequence.frame_s),
             model=np.concatenate([still.model, len(STILL_MODELS) + drawn]),
             world_from_model=np.concatenate([still.world_from_model, particles.world_from_model[kept]]),
             layer=self._first_layer[patch] + ((patch * 7919 + draw.sequence) % count + frame) % count,
@@ -306,49 +290,42 @@ class SceneSampler:
             uv_offset=offset,
             sky=np.concatenate([still.sky, np.zeros(len(kept), bool)]),
         )
-        patch_px = np.where(patch >= self._small, config.textures.large_px, config.textures.patch_px)
         slot, generation = (np.concatenate([np.full(len(still), -1), numbers]) for numbers in (kept, generations))
         return SampledScene(
-            scene,
-            stage.views,
-            view,
-            self.recipe,
-            stage.background,
-            stage.farthest_m,
-            draw.sequence,
-            frame,
-            draw.attempt,
-            patch_px,
-            patch,
-            slot,
-            generation,
-            np.isin(slot, list(slots.resting)),
+            scene=scene,
+            views=stage.views,
+            view=view,
+            recipe=self.recipe,
+            background=stage.background,
+            farthest_m=stage.farthest_m,
+            sequence=draw.sequence,
+            frame=frame,
+            attempt=draw.attempt,
+            patch_px=np.where(patch >= self._small, config.textures.large_px, config.textures.patch_px),
+            patch=patch,
+            slot=slot,
+            generation=generation,
+            resting=np.isin(slot, list(slots.resting)),
         )
 
-    def _moved(self, draw: _Draw, sampled: SampledScene, frame: float) -> Floats:
+    def _moved(self, sequence: _Sequence, sampled: SampledScene, frame: float) -> Floats:
         """Return the poses (N, 4, 4) of a scene's instances at another time, which they need not be drawn at."""
-        stage, shown = self._sequence(draw)
-        still = len(stage.still)
+        still = len(sequence.stage.still)
         world_from_model = sampled.scene.world_from_model.copy()
-        slots, generation = sampled.slot[still:], np.zeros(len(shown), np.int64)
+        slots, generation = sampled.slot[still:], np.zeros(len(sequence.slots), np.int64)
         generation[slots] = sampled.generation[still:]
-        world_from_model[still:] = self._particles(draw, frame, generation).world_from_model[slots]
+        world_from_model[still:] = self._particles(sequence, frame, generation).world_from_model[slots]
         return world_from_model
 
-    def _particles(self, draw: _Draw, frame: float, generation: Ints | None = None) -> Particles:
+    def _particles(self, sequence: _Sequence, frame: float, generation: Ints | None = None) -> Particles:
         """Place the models of all slots at a frame: the models shown then, or of the given generations."""
-        stage, slots = self._sequence(draw)
-        time_s = frame * self._config.sequence.frame_s
-        return particles_at(stage.camera, slots, self._release(draw, stage, slots), time_s, generation)
-
-    def _release(self, draw: _Draw, stage: Stage, slots: Slots) -> Callable[[int], Release]:
-        """Return what draws the release of all slots for a generation."""
+        camera, slots = sequence.stage.camera, sequence.slots
 
         def release(number: int) -> Release:
-            rng = draw.generator(Purpose.PARTICLES, 1 + _generation_key(number))
-            return draw_release(stage.camera, self._config.particles, slots, rng)
+            rng = sequence.draw.generator(Purpose.PARTICLES, 1 + _generation_key(number))
+            return draw_release(camera, self._config.particles, slots, rng)
 
-        return release
+        return particles_at(camera, slots, release, frame * self._config.sequence.frame_s, generation)
 
     def _drawn_models(self, draw: _Draw, generation: Ints, slot: NDArray[np.intp]) -> Ints:
         """Return the model of the library that each slot shows in a generation."""
@@ -356,19 +333,13 @@ class SceneSampler:
         return self._model_library.drawn[_drawn(self._cumulative, chance)]
 
     def _textures(
-        self,
-        draw: _Draw,
-        stage: Stage,
-        slots: Slots,
-        generation: Ints,
-        slot: NDArray[np.intp],
-        model: Ints,
-        particles: Particles,
+        self, sequence: _Sequence, particles: Particles, slot: NDArray[np.intp], model: Ints
     ) -> tuple[Ints, Floats, Floats]:
-        """Patch (N,), patches per UV unit (N, 2) and UV offset (N, 2) in patches of all instances."""
+        """Return the patch (N,), patches per UV unit (N, 2) and UV offset (N, 2) in patches of all instances."""
+        draw, stage, _, slots = sequence
         section, still = self._config.textures, stage.still
         of_still = draw.generator(Purpose.TEXTURE, 0).random((len(still), 4))
-        of_slots = draw.per_slot(Purpose.TEXTURE, generation, slot, 4, first_key=1)
+        of_slots = draw.per_slot(Purpose.TEXTURE, particles.generation[slot], slot, 4, first_key=1)
         drawn = np.concatenate([of_still[still.wears], of_slots])
         range_ = section.texels_per_pixel
         texels = range_.low * (range_.high / range_.low) ** drawn[:, 3]

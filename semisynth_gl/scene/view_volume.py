@@ -27,15 +27,15 @@ _ROUNDING = 1e-9
 
 
 def corner_rays(camera: StereoCamera, *eyes: Eye) -> Floats:
-    """Return rays (R, 3) through the corners of the named views, or of both, as `StereoCamera.rays` does.
-
-    Where the right camera deviates, the views of its rectified twin count, too: pairs of both may show the scene.
-    """
+    """Return rays (R, 3) through the corners of the named views, or of both, as `StereoCamera.rays` does."""
     return np.concatenate([rays for eye, rays in _corner_rays(camera) if not eyes or eye in eyes])
 
 
 def _corner_rays(camera: StereoCamera) -> Iterator[tuple[Eye, Floats]]:
-    """Yield each view's eye, and rays (4, 3) through its corners; see `corner_rays`."""
+    """Yield each view's eye, and rays (4, 3) through its corners.
+
+    Where the right camera deviates, the views of its rectified twin count, too: pairs of both may show the scene.
+    """
     x, y = np.array([(0, 0), (1, 0), (0, 1), (1, 1)]).T * [[camera.width_px], [camera.height_px]] - 0.5
     twins = (camera,) if camera.rectified else (camera, replace(camera, deviation=RECTIFIED))
     for eye in EYES:
@@ -50,14 +50,7 @@ def smallest_offsets(camera: StereoCamera, normal: Floats, near_m: float, sway: 
     normal . ray is linear over the image: its largest value is at a corner. A sway moves the eyes by at most its reach,
     and the right one by 2 B sin(angle / 2) more; and it turns a ray by at most its angle towards the normal.
 
-    Args:
-        camera: the camera.
-        normal: (F, 3) float64, unit normals of the walls, away from the camera.
-        near_m: depth of the near plane.
-        sway: the camera's sway.
-
-    Returns:
-        (F,) float64, metres from the left camera's centre.
+    The unit normals (F, 3) lead away from the camera, and the distances (F,) are those from the left camera's centre.
     """
     smallest = np.zeros(len(normal))
     for eye in EYES:
@@ -75,17 +68,10 @@ def smallest_offsets(camera: StereoCamera, normal: Floats, near_m: float, sway: 
 
 
 def deepest_m(camera: StereoCamera, faces: Floats, sway: Sway = STILL) -> float:
-    """Return the largest planar depth of the parts of flat faces that lie in either view; 0 where no part does.
+    """Return the largest planar depth of what either view shows of flat faces at any moment of the sway; 0 for nothing.
 
-    Faces that hide each other count alike.
-
-    Args:
-        camera: the camera.
-        faces: (F, 4, 3) float64, corners of convex faces in turn, in the left camera's frame without its sway.
-        sway: the camera's sway: the result holds at any moment of it.
-
-    Returns:
-        Metres, from the left camera's plane of depth 0.
+    Faces that hide each other count alike. They are convex, with corners (F, 4, 3) in turn, in the left camera's frame
+    without its sway.
     """
     largest = 0.0
     for eye, rays in _corner_rays(camera):
@@ -110,12 +96,7 @@ def box_normals(axes: Floats) -> Floats:
 
 
 def box_faces(normal: Floats, offset_m: Floats) -> Floats:
-    """Return the faces of a box around the left camera as `deepest_m` takes them, (6, 4, 3).
-
-    Args:
-        normal: (6, 3) float64, unit, as `box_normals` returns them.
-        offset_m: (6,) float64, distances of the walls.
-    """
+    """Return the faces (6, 4, 3) of a box around the left camera, of `box_normals` and the walls' distances (6,)."""
     walls = normal * offset_m[:, None]
     faces = []
     for wall in range(6):
@@ -136,19 +117,9 @@ def fitted_offsets(
     *,
     movable: int = 6,
 ) -> tuple[Floats, bool]:
-    """Bring the walls of a box in until no view shows more than a depth, as far as their smallest distances allow.
+    """Bring the first walls of a box in until no view shows more than a depth, as far as ``smallest_m`` allows.
 
-    Args:
-        camera: the camera, inside.
-        normal: (6, 3) float64, as `box_normals` returns them.
-        offset_m: (6,) float64, distances of the walls.
-        smallest_m: (6,) float64, their smallest distances.
-        farthest_m: the depth.
-        sway: the camera's sway.
-        movable: the first so many walls are brought in.
-
-    Returns:
-        The distances of the walls, (6,) float64, and whether all views now keep to the depth.
+    Return the distances (6,) of the walls, and whether all views now keep to the depth; see `box_faces`.
     """
     offset_m = offset_m.copy()
     for _ in range(_FITS):
@@ -163,11 +134,8 @@ def fitted_offsets(
 def clear_depth_m(near_m: float, radius_m: Floats | float, aside_m: Floats | float, sway: Sway) -> Floats:
     """Return the least depth of a sphere's middle with which the sphere stays beyond the near plane in any sway.
 
-    Args:
-        near_m: depth of the near plane.
-        radius_m: the sphere's radius.
-        aside_m: its largest distance from the optical axis of the camera without its sway.
-        sway: the camera's sway. What is aside comes nearer where the camera turns towards it.
+    ``aside_m`` is its largest distance from the optical axis of the camera without its sway: what is aside comes nearer
+    where the camera turns towards it.
     """
     turn = np.sin(sway.angle_rad), max(float(np.cos(sway.angle_rad)), _LEAST_COSINE)
     return np.asarray((near_m + radius_m + sway.reach_m + aside_m * turn[0]) / turn[1])
@@ -175,17 +143,11 @@ def clear_depth_m(near_m: float, radius_m: Floats | float, aside_m: Floats | flo
 
 @dataclass(frozen=True, slots=True)
 class Height:
-    """Where both views end above and below, at any moment of the sway.
+    """Where both views end above and below, at any moment of the sway."""
 
-    Attributes:
-        top: y / z of the highest rays; y points down.
-        bottom: y / z of the lowest rays.
-        reach_m: so far the sway moves an eye.
-    """
-
-    top: float
-    bottom: float
-    reach_m: float
+    top: float  # y / z of the highest rays; y points down
+    bottom: float  # y / z of the lowest rays
+    reach_m: float  # so far the sway moves an eye
 
     @property
     def secants(self) -> tuple[float, float]:
@@ -217,9 +179,7 @@ def _reach_m(camera: StereoCamera, eye: Eye, sway: Sway) -> float:
 def _inwards(rays: Floats, angle_rad: float) -> Floats:
     """Return the unit normals (4, 3) of the sides of a view, inwards; (0, 3) where its rays have no bounds.
 
-    Args:
-        rays: (4, 3) rays through the view's corners.
-        angle_rad: the view turns by up to this angle about any axis.
+    The view has rays (4, 3) through its corners, and turns by up to an angle about any axis.
     """
     rays = rays[list(_IN_TURN)]
     normal = np.array([cross(rays[k], rays[(k + 1) % 4]) for k in range(4)])
