@@ -81,8 +81,7 @@ def draw_kind(section: BackgroundSection, rng: np.random.Generator) -> Kind:
     return kinds[int(np.searchsorted(weights, rng.random() * weights[-1], side="right"))]
 
 
-def draw_background(
-    kind: Literal["cuboid", "plane"],
+def draw_plane(
     section: BackgroundSection,
     disparity: DisparitySection,
     camera: StereoCamera,
@@ -91,28 +90,11 @@ def draw_background(
     *,
     sky: bool = False,
 ) -> Background:
-    """Draw a background of bare faces; a plane may be the sky.
-
-    No wall comes nearer than the depth of ``disparity.max_px`` in either view. The cuboid has both cameras inside, and
-    the plane fills both views, at any moment of the sway.
+    """Draw a far plane that fills both views at any moment of the sway; it may be the sky.
 
     Raises:
-        InputError: where a disparity lies beyond infinity, or the plane would have to be endless.
+        InputError: where its disparity lies beyond infinity, or the plane would have to be endless.
     """
-    if kind == "cuboid":
-        return _cuboid(section, disparity, camera, rng, sway)
-    return _plane(section, disparity, camera, rng, sway, sky=sky)
-
-
-def _plane(
-    section: BackgroundSection,
-    disparity: DisparitySection,
-    camera: StereoCamera,
-    rng: np.random.Generator,
-    sway: Sway,
-    *,
-    sky: bool,
-) -> Background:
     disparity_px = section.plane_disparity_px.draw(rng)
     check_reachable(camera, disparity_px, "background.plane_disparity_px")
     depth = float(camera.depth_m(disparity_px))
@@ -159,9 +141,18 @@ def _widest_rad(camera: StereoCamera, sway: Sway) -> float:
     return widest
 
 
-def _cuboid(
-    section: BackgroundSection, disparity: DisparitySection, camera: StereoCamera, rng: np.random.Generator, sway: Sway
+def draw_cuboid(
+    section: BackgroundSection,
+    disparity: DisparitySection,
+    camera: StereoCamera,
+    rng: np.random.Generator,
+    sway: Sway = STILL,
 ) -> Background:
+    """Draw a cuboid with both cameras inside, none of whose walls comes nearer than the depth of ``disparity.max_px``.
+
+    Raises:
+        InputError: where a disparity lies beyond infinity.
+    """
     turn = np.deg2rad(section.wall_turn_deg)
     angles = rng.uniform(-turn, turn, 3)
     wall_px = section.wall_disparity_px or Range(disparity.min_px, disparity.min_px)

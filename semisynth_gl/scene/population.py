@@ -61,7 +61,7 @@ class InView(NamedTuple):
 class _Views(NamedTuple):
     """The effect of particles in K layers on V views."""
 
-    bare: Floats  # (V, K - 1) share of the view that shows less than each inner edge of the target without particles
+    bare: Floats  # (V, K - 1) share of the view that shows less than each inner edge without solved particles
     exceedances: Floats  # (V, K, K - 1), see `DepthLayers.exceedance`
     least: Floats  # (V, K) smallest coverages
     cover: Floats  # (V, K) coverage that one particle adds
@@ -83,26 +83,14 @@ class _Aim(NamedTuple):
 
 
 class Population:
-    """Numbers of particles for the scenes of one dataset.
+    """Numbers of particles for the scenes of one dataset, with the models' mean silhouette.
 
-    Args:
-        config: the configuration.
-        seed: 0 or more; draws the pilot scenes.
-        silhouette: mean silhouette of the models.
-        catalogue: the models of things at rest in the pilot scenes.
-        wanted: the wanted distribution; by default the config's.
-
-    Attributes:
-        target: the wanted distribution, in bins that depth layers can follow.
+    The seed and the catalogue are for the pilot scenes. By default the wanted distribution is the config's; ``target``
+    is the wanted one in bins that depth layers can follow.
     """
 
     def __init__(
-        self,
-        config: Config,
-        seed: int,
-        silhouette: Silhouette,
-        catalogue: Catalogue,
-        wanted: Histogram | None = None,
+        self, config: Config, seed: int, silhouette: Silhouette, catalogue: Catalogue, wanted: Histogram | None = None
     ) -> None:
         self._config = config
         self._seed = seed
@@ -111,43 +99,40 @@ class Population:
         own = config.wanted_histogram()
         self.target = merge_bins(wanted or own)
         particles = config.particles
-        self._stated = None if particles.layers is None else stated_layers(particles.layers, particles, own)
-        self._clutter = stated_layers(particles.clutter, particles, own)
+        self._solved = particles.layers is None
+        layers, clutter = (stated_layers(each, particles, own) for each in (particles.layers or (), particles.clutter))
+        self._stated_by_key = {"layers": layers, "clutter": clutter}
+        self._stated = (*layers, *clutter)
         self._layers = DepthLayers.from_bins(self.target, config.disparity.min_px, config.disparity.max_px)
         # One for each layer, and the last one for the density.
         self._first_quantile = generator(seed, Purpose.COUNTS).random(len(self._layers) + 1)
 
     def draw(self, sequence: int, camera: StereoCamera, bare_px: Floats, rng: np.random.Generator) -> list[Batch]:
-        """Draw the numbers for one scene.
+        """Draw the numbers for one scene, whose left view has disparities ``bare_px`` without particles.
 
-        Args:
-            sequence: the scene's number. Successive scenes share out each layer's numbers evenly, so that a dataset
-                comes to its target with fewer pairs than independent draws would need.
-            camera: the scene's camera.
-            bare_px: flat float64, disparities over the left view without particles.
-            rng: draws the numbers that the config states.
+        Successive scenes share out each layer's numbers evenly, so that a dataset comes to its target with fewer pairs
+        than independent draws would need. Only the numbers that the config states are drawn from ``rng``.
 
         Raises:
             InputError: where a layer that the config states lies beyond infinity, or the target takes more particles
                 than ``particles.most``, or more or fewer objects than ``particles.density``.
         """
-        particles = self._config.particles
-        for name, stated in (("layers", self._stated or ()), ("clutter", self._clutter)):
+        for key, stated in self._stated_by_key.items():
             lowest = min((layer.disparity_px.low for layer in stated), default=np.inf)
-            check_reachable(camera, lowest, f"particles.{name}.disparity_px")
-        if self._stated is not None:
-            return stated_batches((*self._stated, *self._clutter), rng)
+            check_reachable(camera, lowest, f"particles.{key}.disparity_px")
+        if not self._solved:
+            return stated_batches(self._stated, rng)
         steps = np.sqrt(np.append(_PRIMES[: len(self._layers)], _PRIMES[_OF_DENSITY]))
         quantile = (self._first_quantile + sequence * steps) % 1.0
         aim = self._aim(float(quantile[-1]))
         views = self._views([(camera, bare_px)], aim.sizes)
         mean = (self._coverage(aim.shares, views) / views.cover)[0]
         # The limit cuts the rest in any case.
-        mean *= min(1.0, _BEYOND_MOST * particles.most / max(float(mean.sum()), 1.0))
+        mean *= min(1.0, _BEYOND_MOST * self._config.particles.most / max(float(mean.sum()), 1.0))
         counts = poisson_counts(mean, quantile[:-1])
         layers = zip(self._layers.low_px, self._layers.high_px, counts, strict=True)
         solved = [Batch(low, high, int(count), aim.sizes) for low, high, count in layers]
-        return solved + stated_batches(self._clutter, rng)
+        return solved + stated_batches(self._stated, rng)
 
     def expected(self) -> Histogram:
         """Return the mean distribution of the dataset, in the bins of ``target``, by the model of the pilot scenes.
@@ -155,7 +140,11 @@ class Population:
         Raises:
             InputError: where the target cannot be met, see `draw`.
         """
-        shares = self._solved_shares() if self._stated is None else self._stated_shares(self._stated)
+        if self._solved:
+            shares = np.mean([aim.achieved for aim in self._mean_aims()], axis=0)
+        else:
+            below = np.mean([self._bare_shares(camera, bare_px) for camera, bare_px in self._pilots], axis=0)
+            shares = np.diff(np.concatenate([[0.0], below, [1.0]]))
         return Histogram.from_counts(self.target.edges_px, shares)
 
     def in_view(self) -> InView:
@@ -164,11 +153,10 @@ class Population:
         Raises:
             InputError: where the target cannot be met, see `draw`.
         """
-        if self._stated is None:
+        if self._solved:
             seen = [one for aim in self._mean_aims() for one in self._solved_in_view(aim)]
         else:
-            nothing = np.zeros(len(self.target.edges_px) - 1)
-            seen = [self._one_in_view(camera, bare_px, self._stated, 0.0, nothing) for camera, bare_px in self._pilots]
+            seen = [self._one_in_view(camera, bare_px) for camera, bare_px in self._pilots]
         return InView(*np.mean(seen, axis=0).tolist())
 
     def _solved_in_view(self, aim: _Aim) -> list[InView]:
@@ -176,46 +164,31 @@ class Population:
         views = self._views(self._pilots, aim.sizes)
         seen, coverages = [], self._coverage(aim.shares, views)
         for n, ((camera, bare_px), coverage) in enumerate(zip(self._pilots, coverages, strict=True)):
-            drawn = self._exceedance(self._layers, np.array([-np.inf]), camera, aim.sizes)[:, 0]
+            drawn = self._drawn(self._layers, camera, aim.sizes)
             reaching = drawn * expected_in_view(camera, aim.sizes, self._layers.middle_px)
             objects = float(coverage / views.cover[n] @ reaching)
             cover = np.append(coverage @ drawn, coverage @ views.exceedances[n])
-            seen.append(self._one_in_view(camera, bare_px, (), objects, cover))
+            seen.append(self._one_in_view(camera, bare_px, objects, cover))
         return seen
 
     def _one_in_view(
-        self, camera: StereoCamera, bare_px: Floats, layers: Sequence[StatedLayer], objects: float, cover: Floats
+        self, camera: StereoCamera, bare_px: Floats, objects: float = 0.0, cover: Floats | float = 0.0
     ) -> InView:
-        """Return what one view shows of stated layers, clutter, and solved particles.
+        """Return what one view shows of stated particles, and of so many solved ``objects``.
 
-        There are so many solved ``objects``, which cover a pixel so many times at all, and with each inner edge or more
-        (K,).
+        The solved ones cover a pixel so many times at all, and with each inner edge of the target or more: (K,).
         """
-        edges = np.append(-np.inf, self.target.edges_px[1:-1])
-        everything = np.array([-np.inf])
-        for stated in (*layers, *self._clutter):
+        for stated in self._stated:
             layer = _layer(stated)
-            drawn = self._exceedance(layer, everything, camera, stated.sizes)[0, 0]
+            drawn = self._drawn(layer, camera, stated.sizes)[0]
             objects += stated.count.middle * float(drawn * expected_in_view(camera, stated.sizes, layer.middle_px)[0])
-        before = np.append(cover + self._stated_cover(camera, layers, edges), 0.0)
+        edges = np.append(-np.inf, self.target.edges_px[1:-1])
+        before = np.append(cover + self._stated_cover(camera, edges), 0.0)
         return InView(objects, float(np.exp(-np.interp(bare_px, self.target.edges_px, before)).mean()))
 
     def _mean_aims(self) -> list[_Aim]:
         """Return aims that the mean over a dataset is taken over."""
         return [self._aim((k + 0.5) / _QUANTILES) for k in range(_QUANTILES if len(self._aims[1]) > 1 else 1)]
-
-    def _solved_shares(self) -> Floats:
-        """(K,) mean shares of scenes whose numbers of particles are solved."""
-        return np.asarray(np.mean([aim.achieved for aim in self._mean_aims()], axis=0))
-
-    def _stated_shares(self, layers: Sequence[StatedLayer]) -> Floats:
-        """(K,) mean shares of scenes whose numbers of particles are stated."""
-        inner = self.target.edges_px[1:-1]
-        below = [
-            np.searchsorted(np.sort(bare_px), inner) / len(bare_px) * np.exp(-self._stated_cover(camera, layers, inner))
-            for camera, bare_px in self._pilots
-        ]
-        return np.diff(np.concatenate([[0.0], np.mean(below, axis=0), [1.0]]))
 
     def _aim(self, quantile: float) -> _Aim:
         """Return the aim of a scene whose density is a quantile of the config's range, in [0, 1)."""
@@ -290,49 +263,54 @@ class Population:
         return min(aims, key=lambda aim: float(np.abs(aim.achieved - wanted).sum()))
 
     def _coverage(self, shares: Floats, views: _Views) -> Floats:
-        """(V, K) mean coverages; rounded, since processors differ in the last digits."""
+        """Return the mean coverages, (V, K); rounded, since processors differ in the last digits."""
         coverage = solve_coverage(shares, views.bare, views.exceedances, views.least, self._layers.has_room)
         return np.round(coverage, 9)
 
     def _in_view(self, sizes: Sizes) -> float:
-        """Mean number of particles in the left views of the first pilot scenes."""
+        """Return the mean number of particles in the left views of the first pilot scenes."""
         pilots, in_view = self._pilots[:_COUNTED_PILOTS], []
         views = self._views(pilots, sizes)
         numbers = self._coverage(self.target.shares, views) / views.cover
         for number, (camera, _) in zip(numbers, pilots, strict=True):
-            # Every particle shows more than -inf px, unless it crosses the near plane.
-            drawn = self._exceedance(self._layers, np.array([-np.inf]), camera, sizes)[:, 0]
+            drawn = self._drawn(self._layers, camera, sizes)
             in_view.append(float(number * drawn @ expected_in_view(camera, sizes, self._layers.middle_px)))
         return float(np.mean(in_view))
 
     @cached_property
     def _pilots(self) -> list[Pilot]:
-        """The pilot scenes."""
         return draw_pilots(self._config, self._seed, self._catalogue)
 
     def _views(self, pilots: Sequence[tuple[StereoCamera, Floats]], sizes: Sizes) -> _Views:
         """Work out the effect of particles on views, given as camera and disparities without particles."""
-        edges = self.target.edges_px
-        inner = edges[1:-1]
+        edges, layers = self.target.edges_px, self._layers
         bare, exceedances, least, cover = [], [], [], []
         for camera, bare_px in pilots:
-            exceedances.append(self._exceedance(self._layers, inner, camera, sizes))
-            below = np.searchsorted(np.sort(bare_px), inner) / len(bare_px)
-            bare.append(below * np.exp(-self._stated_cover(camera, (), inner)))
-            background = np.clip(np.searchsorted(edges, np.median(bare_px)) - 1, 0, len(self._layers) - 1)
-            own = (np.arange(len(self._layers)) == background) & self._layers.has_room
-            least.append(np.where(own, _POPULATED, 0.0))
-            cover.append(expected_cover(camera, sizes, self._layers.middle_px, self._silhouette.fill))
+            bare.append(self._bare_shares(camera, bare_px))
+            exceedances.append(self._exceedance(layers, edges[1:-1], camera, sizes))
+            background = np.clip(np.searchsorted(edges, np.median(bare_px)) - 1, 0, len(layers) - 1)
+            least.append(np.where((np.arange(len(layers)) == background) & layers.has_room, _POPULATED, 0.0))
+            cover.append(expected_cover(camera, sizes, layers.middle_px, self._silhouette.fill))
         return _Views(np.array(bare), np.array(exceedances), np.array(least), np.array(cover))
 
-    def _stated_cover(self, camera: StereoCamera, layers: Sequence[StatedLayer], edges_px: Floats) -> Floats:
-        """(E,) number of times that layers and clutter cover a pixel with each of some edges or more."""
+    def _bare_shares(self, camera: StereoCamera, bare_px: Floats) -> Floats:
+        """Return the share of a view that shows less than each inner edge without solved particles, (K - 1,)."""
+        inner = self.target.edges_px[1:-1]
+        below = np.searchsorted(np.sort(bare_px), inner) / len(bare_px)
+        return np.asarray(below * np.exp(-self._stated_cover(camera, inner)))
+
+    def _stated_cover(self, camera: StereoCamera, edges_px: Floats) -> Floats:
+        """Return how many times stated particles cover a pixel with each of some edges or more, (E,)."""
         total = np.zeros(len(edges_px))
-        for stated in (*layers, *self._clutter):
+        for stated in self._stated:
             layer = _layer(stated)
             cover = expected_cover(camera, stated.sizes, layer.middle_px, self._silhouette.fill)[0]
             total += cover * stated.count.middle * self._exceedance(layer, edges_px, camera, stated.sizes)[0]
         return total
+
+    def _drawn(self, layers: DepthLayers, camera: StereoCamera, sizes: Sizes) -> Floats:
+        """Return the share of the particles that are drawn, (K,): all but those that cross the near plane."""
+        return self._exceedance(layers, np.array([-np.inf]), camera, sizes)[:, 0]
 
     def _exceedance(self, layers: DepthLayers, edges_px: Floats, camera: StereoCamera, sizes: Sizes) -> Floats:
         near_m, drift = near_depth_m(camera, self._config.disparity), self._config.particles.drift

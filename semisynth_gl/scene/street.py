@@ -9,7 +9,7 @@ from semisynth_gl.config.scene_sections import StreetSection
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import cross
 from semisynth_gl.scene.arrangement import Arrangement, Catalogue, Diameters, FloorView
-from semisynth_gl.scene.background import FACE, GROUND, draw_background, lay_ground
+from semisynth_gl.scene.background import FACE, GROUND, draw_plane, lay_ground
 from semisynth_gl.scene.rig import Sway, near_depth_m
 from semisynth_gl.scene.view_volume import smallest_offsets
 
@@ -62,7 +62,7 @@ def draw_street(
         InputError: where a disparity lies beyond infinity, or the backdrop would have to be endless.
     """
     section, disparity = config.street, config.disparity
-    backdrop = draw_background("plane", config.background, disparity, camera, rng, sway, sky=sky)
+    backdrop = draw_plane(config.background, disparity, camera, rng, sway, sky=sky)
     backdrop_m, near_m = float(backdrop.offset_m[0]), near_depth_m(camera, disparity)
     metre = min(1.0, backdrop_m / _TRUE_REACH_M)
     yaw, pitch, roll = np.deg2rad(rng.normal(size=3) * (section.yaw_deg, section.tilt_deg, section.tilt_deg))

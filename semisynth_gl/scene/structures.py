@@ -14,7 +14,7 @@ from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh, mesh_grid
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.scene import Bools, Floats, Ints
 from semisynth_gl.scene.arrangement import Arrangement, Catalogue
-from semisynth_gl.scene.background import FACE, GROUND, Background, Kind, draw_background, draw_kind, lay_ground
+from semisynth_gl.scene.background import FACE, GROUND, Background, Kind, draw_cuboid, draw_kind, draw_plane, lay_ground
 from semisynth_gl.scene.glance import glance
 from semisynth_gl.scene.mapping import Surfaces
 from semisynth_gl.scene.rig import (
@@ -123,7 +123,10 @@ def draw_stage(config: Config, catalogue: Catalogue, generator_for: Callable[[Pu
     elif kind == "street":
         things = draw_street(config, camera, catalogue, rng, sway, sky=sky)
     else:
-        background = draw_background(kind, config.background, config.disparity, camera, rng, sway, sky=sky)
+        if kind == "plane":
+            background = draw_plane(config.background, config.disparity, camera, rng, sway, sky=sky)
+        else:
+            background = draw_cuboid(config.background, config.disparity, camera, rng, sway)
         rng = generator_for(Purpose.STRUCTURES)
         still = draw_surroundings(config.structures, config.disparity, camera, background, rng, sway)
         return Stage(camera, views, sway, kind, still, np.array([0.0, -1.0, 0.0]))

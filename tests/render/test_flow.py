@@ -18,7 +18,7 @@ from semisynth_gl.frame.frame import OCCLUDED, OUTSIDE, VISIBLE
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.pairs.pipeline import PairRenderer
 from semisynth_gl.render import listed_steps
-from semisynth_gl.scene.background import draw_background, draw_kind
+from semisynth_gl.scene.background import draw_cuboid, draw_kind, draw_plane
 from semisynth_gl.scene.raycast import cast_rays
 from semisynth_gl.scene.rig import STILL, draw_sway, near_depth_m, rotation_about_axis
 from semisynth_gl.scene.scene import Motion, make_scene, move
@@ -337,7 +337,8 @@ def test_walls_keep_clear_of_a_camera_that_sways(seed, shift, turn, plane, doffs
     section_camera = section_camera.model_copy(update={"sway_m": Range(0, shift), "sway_deg": Range(0, turn)})
     rng = np.random.default_rng(seed)
     sway = draw_sway(section_camera, rng)
-    background = draw_background(draw_kind(section, rng), section, disparity, camera, rng, sway)
+    draw_background = {"cuboid": draw_cuboid, "plane": draw_plane}[draw_kind(section, rng)]
+    background = draw_background(section, disparity, camera, rng, sway)
     still = draw_surroundings(StructuresSection(), disparity, camera, background, rng, sway)
     x, y = (each.ravel() for each in np.meshgrid(np.linspace(-0.49, 59.47, 9), np.linspace(-0.48, 39.49, 7)))
     for time_s in (0.0, 0.31, 7.9):
@@ -391,7 +392,7 @@ def test_a_sway_too_wide_for_a_far_plane_is_refused():
     rng = np.random.default_rng(0)
     sway = draw_sway(section, rng)
     with pytest.raises(InputError, match=r"camera\.sway_deg turns views by up to 69 degrees"):
-        draw_background("plane", background, DisparitySection(min_px=1.0, max_px=64.0), camera, rng, sway)
+        draw_plane(background, DisparitySection(min_px=1.0, max_px=64.0), camera, rng, sway)
 
 
 @pytest.mark.one_backend

@@ -22,7 +22,7 @@ from semisynth_gl.geometry.mesh import make_mesh
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.render.renderer import Renderer
-from semisynth_gl.scene.background import FACE, draw_background, draw_kind
+from semisynth_gl.scene.background import FACE, draw_cuboid, draw_kind
 from semisynth_gl.scene.raycast import Hits, cast_rays
 from semisynth_gl.scene.rig import draw_camera
 from semisynth_gl.scene.sampler import SceneSampler
@@ -522,7 +522,7 @@ def test_walls_leave_no_gap_where_they_meet(open_renderer, index):
     camera = draw_camera(config.camera, generator(1, Purpose.CAMERA, index))
     rng = generator(1, Purpose.BACKGROUND, index)
     assert draw_kind(config.background, rng) == "cuboid"
-    room = draw_background("cuboid", config.background, config.disparity, camera, rng)
+    room = draw_cuboid(config.background, config.disparity, camera, rng)
     scene = make_scene(camera, model=[0] * 6, world_from_model=room.world_from_face, layer=[0] * 6)
     frame = open_renderer([FACE], noise_layers(1, 16)).render(scene)
     assert np.isfinite(frame.left.disparity).all()

@@ -14,7 +14,7 @@ from semisynth_gl.config.scene_sections import BackgroundSection, ParticlesSecti
 from semisynth_gl.frame.camera import EYES, StereoCamera
 from semisynth_gl.geometry.model_library import build_library
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.scene.background import FACE, OVERLAP, draw_background
+from semisynth_gl.scene.background import FACE, OVERLAP, draw_cuboid, draw_plane
 from semisynth_gl.scene.particles import (
     Batch,
     Sizes,
@@ -99,7 +99,7 @@ def test_what_would_stand_nearer_than_allowed_is_refused(setting):
 @pytest.mark.parametrize("drawn_px", [7.0, 60.0])
 def test_a_ground_has_the_disparity_that_is_asked_for_whatever_the_rig(baseline_m, drawn_px):
     camera = replace(CAMERA, baseline_m=baseline_m)
-    background = draw_background("plane", BackgroundSection(), DISPARITY, camera, np.random.default_rng(0))
+    background = draw_plane(BackgroundSection(), DISPARITY, camera, np.random.default_rng(0))
     section = StructuresSection(ground=1, ground_tilt_deg=0, ground_disparity_px=Range(drawn_px, drawn_px))
     still = draw_surroundings(section, DISPARITY, camera, background, np.random.default_rng(0))
     scene = make_scene(camera, model=still.model, world_from_model=still.world_from_model, layer=[0, 0])
@@ -123,7 +123,7 @@ def test_a_ground_has_one_height(tmp_path):
     ):
         load_config(path)
     camera, near = StereoCamera.centred(100, 100, 100.0, 0.1, -10.0), DisparitySection(min_px=20.0, max_px=150.0)
-    background = draw_background("cuboid", BackgroundSection(), near, camera, np.random.default_rng(0))
+    background = draw_cuboid(BackgroundSection(), near, camera, np.random.default_rng(0))
     section = StructuresSection(ground=1, ground_disparity_px=Range(7, 7))
     with pytest.raises(InputError, match=r"structures\.ground_disparity_px: 7 px lies beyond infinity"):
         draw_surroundings(section, near, camera, background, np.random.default_rng(0))
@@ -162,7 +162,7 @@ def test_walls_show_their_patches_near_one_texel_per_pixel(library):
 def test_no_wall_comes_nearer_than_the_largest_disparity(seed, turn, focal, doffs):
     camera = StereoCamera.centred(600, 400, focal, 0.2, doffs)
     section = BackgroundSection(wall_disparity_px=Range(6, 40), wall_turn_deg=turn)
-    background = draw_background("cuboid", section, DISPARITY, camera, np.random.default_rng(seed))
+    background = draw_cuboid(section, DISPARITY, camera, np.random.default_rng(seed))
     y, x = np.mgrid[-0.5:399.6:40, -0.5:599.6:60]
     for eye in EYES:
         origin = background.offset_m - background.normal[:, 0] * camera.offset_m(eye)
@@ -177,7 +177,7 @@ def test_no_wall_comes_nearer_than_the_largest_disparity(seed, turn, focal, doff
 @given(st.integers(0, 2**31))
 def test_faces_lie_in_their_planes_and_close_the_cuboid(seed):
     section = BackgroundSection(wall_disparity_px=Range(6, 40))
-    background = draw_background("cuboid", section, DISPARITY, CAMERA, np.random.default_rng(seed))
+    background = draw_cuboid(section, DISPARITY, CAMERA, np.random.default_rng(seed))
     points = background.world_from_face @ np.c_[FACE.positions, np.ones(len(FACE.positions))].T
     for face in range(6):
         np.testing.assert_allclose(background.normal[face] @ points[face, :3], background.offset_m[face], atol=1e-9)
@@ -193,7 +193,7 @@ def test_faces_lie_in_their_planes_and_close_the_cuboid(seed):
 def test_far_planes_cover_both_views_and_are_valid():
     section = BackgroundSection(cuboid=0.0, plane=1.0, plane_disparity_px=Range(0.2, 0.2))
     camera = StereoCamera.centred(600, 400, 700.0, 0.2)
-    background = draw_background("plane", section, DISPARITY, camera, np.random.default_rng(0))
+    background = draw_plane(section, DISPARITY, camera, np.random.default_rng(0))
     assert len(background.size_m) == 1
     assert camera.disparity_px(background.offset_m)[0] == pytest.approx(0.2)
     low = background.world_from_face[0, :2, 3]
