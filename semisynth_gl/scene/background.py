@@ -177,7 +177,7 @@ def draw_cuboid(
         steepest = float((corner_rays(camera) @ normal[4]).min())
         if steepest > 0:
             offset[4] = min(offset[4], farthest * steepest)
-        offset, fits = fitted_offsets(camera, normal, np.maximum(offset, smallest), smallest, farthest, sway)
+        offset, fits = fitted_offsets(camera, normal, offset, smallest, farthest, sway)
         if fits:
             break
 

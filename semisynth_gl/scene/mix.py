@@ -29,9 +29,7 @@ _STEP = (221**0.5 - 11) / 10
 class Shares:
     """Shares out sequences among recipes, so that successive sequences have each recipe as often as its share says.
 
-    Args:
-        shares: (R,) above 0, sum 1.
-        seed: 0 or more; draws where the sequence of recipes begins.
+    Shares, (R,), are above 0 and have the sum 1. The seed draws where the sequence of recipes begins.
     """
 
     def __init__(self, shares: Sequence[float], seed: int) -> None:
@@ -59,16 +57,7 @@ class MixSampler:
     where recipes state their layers or a target of their own, the others are solved for what the dataset's target then
     lacks.
 
-    Args:
-        config: the configuration.
-        seed: 0 or more.
-        libraries: the models of each recipe, from the same config and seed.
-        patches: the atlas's patches, from the same config and seed.
-
-    Attributes:
-        recipes: the config's recipes.
-        samplers: makes the scenes of each recipe.
-        models: the models that `Scene.model` counts: first the models of still things, then the models of all recipes.
+    The libraries, one for each recipe, and the atlas's patches come from the same config and seed.
     """
 
     def __init__(
@@ -81,16 +70,18 @@ class MixSampler:
         made = list(zip(self.recipes, libraries, strict=True))
 
         def samplers(*, solved: bool, wanted: Histogram | None = None) -> dict[str | None, SceneSampler]:
+            """Make the samplers of recipes whose particles are solved for the target of the mix, or of the others."""
             return {
                 recipe.name: SceneSampler(recipe.config, seed, library, patches, recipe.name, wanted)
                 for recipe, library in made
-                if self._solved(recipe.config) == solved
+                if solved == (recipe.config.particles.layers is None and recipe.config.disparity == config.disparity)
             }
 
         stated = samplers(solved=False)
         rest = self._rest(stated) if 0 < len(stated) < len(made) else None
         by_name = stated | samplers(solved=True, wanted=rest)
         self.samplers = tuple(by_name[recipe.name] for recipe in self.recipes)
+        # Those that `Scene.model` counts: the models of still things, then the models of all recipes.
         self.models: tuple[Mesh, ...] = self.samplers[0].models
 
     def sample(self, index: int, attempt: int = 0) -> SampledScene:
@@ -127,13 +118,10 @@ class MixSampler:
         return mix_histograms(parts, merge_bins(self._config.shown_histogram()).edges_px)
 
     def overview(self, pairs: int) -> list[int]:
-        """Return the numbers of so many pairs that show each recipe, in their order.
+        """Return the numbers of so many pairs, 1 or more, that show each recipe, in their order.
 
         They are the first pair of each recipe, the more frequent recipes before the others, and then the first pairs of
         the dataset that are not among these.
-
-        Args:
-            pairs: how many, at least 1.
         """
         firsts = self._shares.firsts()
         frequent = sorted(firsts, key=lambda number: (-self.recipes[number].share, firsts[number]))
@@ -151,10 +139,6 @@ class MixSampler:
     def _expected(self, sampler: SceneSampler) -> Histogram:
         with _named(sampler.recipe):
             return sampler.population.expected()
-
-    def _solved(self, recipe: Config) -> bool:
-        """Return whether a recipe's particles are solved for the target of the mix."""
-        return recipe.particles.layers is None and recipe.disparity == self._config.disparity
 
     def _rest(self, others: Mapping[str | None, SceneSampler]) -> Histogram:
         """Return what the target of the mix lacks beside other recipes."""

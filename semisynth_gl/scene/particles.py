@@ -117,6 +117,10 @@ class StatedLayer:
     count: Range
     sizes: Sizes
 
+    def batch(self, rng: np.random.Generator) -> Batch:
+        """Draw its number of particles, rounded."""
+        return Batch(self.disparity_px.low, self.disparity_px.high, round(self.count.draw(rng)), self.sizes)
+
 
 def stated_layers(
     layers: Sequence[DepthLayerSection], section: ParticlesSection, wanted: Histogram
@@ -126,14 +130,6 @@ def stated_layers(
     return tuple(
         StatedLayer(layer.disparity_px or middle, layer.count, stated_sizes(section, layer)) for layer in layers
     )
-
-
-def stated_batches(layers: Sequence[StatedLayer], rng: np.random.Generator) -> list[Batch]:
-    """Draw a batch for each layer, its count rounded."""
-    return [
-        Batch(layer.disparity_px.low, layer.disparity_px.high, round(layer.count.draw(rng)), layer.sizes)
-        for layer in layers
-    ]
 
 
 def expected_cover(camera: StereoCamera, sizes: Sizes, disparity_px: Floats, fill: float) -> Floats:

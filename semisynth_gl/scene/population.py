@@ -25,7 +25,6 @@ from semisynth_gl.scene.particles import (
     StatedLayer,
     expected_cover,
     expected_in_view,
-    stated_batches,
     stated_layers,
     stated_sizes,
 )
@@ -121,7 +120,7 @@ class Population:
             lowest = min((layer.disparity_px.low for layer in stated), default=np.inf)
             check_reachable(camera, lowest, f"particles.{key}.disparity_px")
         if not self._solved:
-            return stated_batches(self._stated, rng)
+            return [stated.batch(rng) for stated in self._stated]
         steps = np.sqrt(np.append(_PRIMES[: len(self._layers)], _PRIMES[_OF_DENSITY]))
         quantile = (self._first_quantile + sequence * steps) % 1.0
         aim = self._aim(float(quantile[-1]))
@@ -132,7 +131,7 @@ class Population:
         counts = poisson_counts(mean, quantile[:-1])
         layers = zip(self._layers.low_px, self._layers.high_px, counts, strict=True)
         solved = [Batch(low, high, int(count), aim.sizes) for low, high, count in layers]
-        return solved + stated_batches(self._stated, rng)
+        return solved + [stated.batch(rng) for stated in self._stated]
 
     def expected(self) -> Histogram:
         """Return the mean distribution of the dataset, in the bins of ``target``, by the model of the pilot scenes.

@@ -3,16 +3,18 @@
 The sway is a bounded formula of time. So any frame can be rendered first, and walls keep clear of the camera.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from semisynth_gl.config import Range
+from semisynth_gl.config import Config, Range
 from semisynth_gl.config.dataset_sections import RigSection
 from semisynth_gl.config.rig_sections import CameraSection, DisparitySection
-from semisynth_gl.frame.camera import Deviation, StereoCamera
+from semisynth_gl.frame.camera import RECTIFIED, Deviation, StereoCamera
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import Floats
+from semisynth_gl.seeds.seeds import Purpose
 
 _ALONG_BORDER = 129
 _STEPS = 8
@@ -40,7 +42,62 @@ def draw_camera(section: CameraSection, rng: np.random.Generator) -> StereoCamer
     return StereoCamera(section.width_px, section.height_px, focal_px, baseline_m, cx_left_px, cx_right_px, cy_px)
 
 
-def draw_deviation(section: RigSection, rng: np.random.Generator) -> Deviation:
+@dataclass(frozen=True, slots=True, eq=False)
+class Sway:
+    """Six independent oscillations of the left camera, about the world's origin and axes."""
+
+    shift_m: Floats  # (3,) amplitude of the position along x, y and z
+    turn_rad: Floats  # (3,) amplitude of the rotation vector's x, y and z
+    period_s: Floats  # (6,) periods of the three shifts and the three turns
+    phase_rad: Floats  # (6,) phases at time 0
+
+    @property
+    def reach_m(self) -> float:
+        """Largest distance of the left camera from the origin."""
+        return float(np.linalg.norm(self.shift_m))
+
+    @property
+    def angle_rad(self) -> float:
+        """Largest angle of the rotation, about any axis."""
+        return float(np.linalg.norm(self.turn_rad))
+
+    @property
+    def moves(self) -> bool:
+        """True where the camera moves."""
+        return self.reach_m > 0 or self.angle_rad > 0
+
+    def camera_from_world(self, time_s: float) -> Floats:
+        """Return the left camera's pose at a time, (4, 4) float64; the identity where the camera stands still."""
+        camera_from_world = np.eye(4)
+        if not self.moves:
+            return camera_from_world
+        swing = np.sin(2 * np.pi * time_s / self.period_s + self.phase_rad)
+        turn = self.turn_rad * swing[3:]
+        angle = float(np.linalg.norm(turn))
+        if angle > 0:
+            camera_from_world[:3, :3] = rotation_about_axis(turn[None] / angle, np.array([-angle]))[0]
+        camera_from_world[:3, 3] = -camera_from_world[:3, :3] @ (self.shift_m * swing[:3])
+        return camera_from_world
+
+
+STILL = Sway(np.zeros(3), np.zeros(3), np.ones(6), np.zeros(6))
+"""The sway of a camera that stands still."""
+
+
+def draw_rig(
+    config: Config, generator_for: Callable[[Purpose], np.random.Generator]
+) -> tuple[tuple[StereoCamera, ...], Sway]:
+    """Draw the camera of each right view, and their sway, with the generators for CAMERA, RIG and SWAY."""
+    rng = generator_for(Purpose.CAMERA)
+    views = draw_views(config.camera, draw_camera(config.camera, rng), rng)
+    if not config.rig.none():
+        deviation = _draw_deviation(config.rig, generator_for(Purpose.RIG))
+        twins = (deviation, RECTIFIED) if config.rig.twin else (deviation,)
+        views = tuple(replace(view, deviation=each) for view in views for each in twins)
+    return views, draw_sway(config.camera, generator_for(Purpose.SWAY))
+
+
+def _draw_deviation(section: RigSection, rng: np.random.Generator) -> Deviation:
     """Draw every range of the section once, always in the same order."""
     roll, pitch = (np.deg2rad(range_.draw(rng)).item() for range_ in (section.right_roll_deg, section.right_pitch_deg))
     return Deviation(roll, pitch, section.right_y_px.draw(rng), section.focal_ratio.draw(rng))
@@ -111,48 +168,6 @@ def check_reachable(camera: StereoCamera, disparity_px: float, key: str) -> None
             f"{key}: {disparity_px:g} px lies beyond infinity for a camera whose principal points differ by doffs = "
             f"{camera.doffs_px:g} px: raise {key} above {-camera.doffs_px:g}, or change camera.doffs_px or cx"
         )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Sway:
-    """Six independent oscillations of the left camera, about the world's origin and axes."""
-
-    shift_m: Floats  # (3,) amplitude of the position along x, y and z
-    turn_rad: Floats  # (3,) amplitude of the rotation vector's x, y and z
-    period_s: Floats  # (6,) periods of the three shifts and the three turns
-    phase_rad: Floats  # (6,) phases at time 0
-
-    @property
-    def reach_m(self) -> float:
-        """Largest distance of the left camera from the origin."""
-        return float(np.linalg.norm(self.shift_m))
-
-    @property
-    def angle_rad(self) -> float:
-        """Largest angle of the rotation, about any axis."""
-        return float(np.linalg.norm(self.turn_rad))
-
-    @property
-    def moves(self) -> bool:
-        """True where the camera moves."""
-        return self.reach_m > 0 or self.angle_rad > 0
-
-    def camera_from_world(self, time_s: float) -> Floats:
-        """Return the left camera's pose at a time, (4, 4) float64; the identity where the camera stands still."""
-        camera_from_world = np.eye(4)
-        if not self.moves:
-            return camera_from_world
-        swing = np.sin(2 * np.pi * time_s / self.period_s + self.phase_rad)
-        turn = self.turn_rad * swing[3:]
-        angle = float(np.linalg.norm(turn))
-        if angle > 0:
-            camera_from_world[:3, :3] = rotation_about_axis(turn[None] / angle, np.array([-angle]))[0]
-        camera_from_world[:3, 3] = -camera_from_world[:3, :3] @ (self.shift_m * swing[:3])
-        return camera_from_world
-
-
-STILL = Sway(np.zeros(3), np.zeros(3), np.ones(6), np.zeros(6))
-"""The sway of a camera that stands still."""
 
 
 def draw_sway(section: CameraSection, rng: np.random.Generator) -> Sway:

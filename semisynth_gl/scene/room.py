@@ -102,7 +102,6 @@ def draw_room(
         offset[:2] = smallest[:2] + aside * np.maximum(reach[:2] - smallest[:2], 0.5 * metre)
         offset[2] = wall_m * max(float(np.cos(angles[0]) * np.cos(angles[1])), 0.2)
         offset[3:] = 0.5 * wall_m, above, height
-        offset = np.maximum(offset, smallest)
         offset, in_range = fitted_offsets(camera, normal, offset, smallest, farthest_m, sway, movable=4)
         if in_range:
             break

@@ -116,20 +116,10 @@ def _drawn(ends: Floats, chance: Floats) -> Ints:
 
 
 class SceneSampler:
-    """Samples the scenes of one recipe.
+    """Samples the scenes of one recipe, whose name is None where a dataset has but one.
 
-    Args:
-        config: the configuration; its own recipes are not looked at.
-        seed: 0 or more.
-        library: the models, from the same config and seed.
-        patches: the atlas's patches, from the same config and seed.
-        recipe: name of the recipe; None where a dataset has but one.
-        wanted: the distribution of disparity that the recipe's scenes are to come to; by default the config's.
-
-    Attributes:
-        recipe: name of the recipe.
-        population: numbers of particles, and the disparities that scenes come to.
-        models: the models that `Scene.model` counts: first the models of still things, then the library.
+    The recipes in its config are not looked at. The models and the atlas's patches come from the same config and seed.
+    ``wanted`` is the distribution of disparity that the scenes are to come to; by default the config's.
     """
 
     def __init__(
@@ -146,6 +136,7 @@ class SceneSampler:
         self._seed = seed
         self._model_library = library
         self._catalogue = take_stock(library)
+        # Those that `Scene.model` counts: the models of still things, then the library.
         self.models = self._catalogue.models
         self.population = Population(config, seed, library.silhouette, self._catalogue, wanted)
         self._patches = patches

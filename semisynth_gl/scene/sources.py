@@ -27,17 +27,11 @@ _EACH_ROW = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sources:
-    """The patches and the models of a split's pairs.
+    """The patches and the models of a split's pairs."""
 
-    Attributes:
-        atlas: the patches, as the config's cameras see them: grey ones where these are monochrome.
-        libraries: the models of each recipe, all with the same ``models``; at least one.
-        photographs: the files that the split's patches may come from; none where all patches are drawn.
-    """
-
-    atlas: Atlas
-    libraries: tuple[ModelLibrary, ...]
-    photographs: tuple[Path, ...] = ()
+    atlas: Atlas  # as the config's cameras see it: in grey where they are monochrome
+    libraries: tuple[ModelLibrary, ...]  # the models of each recipe, all with the same `models`; at least one
+    photographs: tuple[Path, ...] = ()  # the files that patches may come from; none where all patches are drawn
 
     @property
     def models(self) -> tuple[Mesh, ...]:

@@ -9,7 +9,7 @@ from semisynth_gl.config import Range
 from semisynth_gl.config.model import Config
 from semisynth_gl.config.rig_sections import DisparitySection
 from semisynth_gl.config.scene_sections import StructuresSection
-from semisynth_gl.frame.camera import RECTIFIED, StereoCamera
+from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.geometry.mesh import Mesh, cross, make_mesh, mesh_grid
 from semisynth_gl.geometry.model_library import ModelLibrary
 from semisynth_gl.scene import Bools, Floats, Ints
@@ -17,17 +17,7 @@ from semisynth_gl.scene.arrangement import Arrangement, Catalogue
 from semisynth_gl.scene.background import FACE, GROUND, Background, Kind, draw_cuboid, draw_kind, draw_plane, lay_ground
 from semisynth_gl.scene.glance import glance
 from semisynth_gl.scene.mapping import Surfaces
-from semisynth_gl.scene.rig import (
-    BEYOND_NEAR,
-    STILL,
-    Sway,
-    check_reachable,
-    draw_camera,
-    draw_deviation,
-    draw_sway,
-    draw_views,
-    near_depth_m,
-)
+from semisynth_gl.scene.rig import BEYOND_NEAR, STILL, Sway, check_reachable, draw_rig, near_depth_m
 from semisynth_gl.scene.room import DOORWAYS, NICHES, draw_room
 from semisynth_gl.scene.scene import Scene, make_scene, placed_vertices
 from semisynth_gl.scene.street import draw_street
@@ -106,14 +96,8 @@ def draw_stage(config: Config, catalogue: Catalogue, generator_for: Callable[[Pu
     Raises:
         InputError: where a disparity of the config lies beyond infinity, or a far plane would have to be endless.
     """
-    rng = generator_for(Purpose.CAMERA)
-    views = draw_views(config.camera, draw_camera(config.camera, rng), rng)
-    if not config.rig.none():
-        deviation = draw_deviation(config.rig, generator_for(Purpose.RIG))
-        twins = (deviation, RECTIFIED) if config.rig.twin else (deviation,)
-        views = tuple(replace(view, deviation=each) for view in views for each in twins)
+    views, sway = draw_rig(config, generator_for)
     camera = max(views, key=lambda view: view.baseline_m)
-    sway = draw_sway(config.camera, generator_for(Purpose.SWAY))
     rng = generator_for(Purpose.BACKGROUND)
     kind = draw_kind(config.background, rng)
     may_be_sky = kind in ("plane", "street") and config.background.sky > 0

@@ -117,11 +117,11 @@ def fitted_offsets(
     *,
     movable: int = 6,
 ) -> tuple[Floats, bool]:
-    """Bring the first walls of a box in until no view shows more than a depth, as far as ``smallest_m`` allows.
+    """Move the walls of a box out to their smallest distances, and the first ones in until no view shows too deep.
 
     Return the distances (6,) of the walls, and whether all views now keep to the depth; see `box_faces`.
     """
-    offset_m = offset_m.copy()
+    offset_m = np.maximum(offset_m, smallest_m)
     for _ in range(_FITS):
         deepest = deepest_m(camera, box_faces(normal, offset_m), sway)
         if deepest <= farthest_m:
