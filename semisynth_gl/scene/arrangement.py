@@ -143,11 +143,8 @@ class Arrangement:
     def add_box(self, middle: ArrayLike, half: ArrayLike, yaw_rad: float = 0.0, wears: int | None = None) -> int | None:
         """Add five sides of a box, all but its bottom; return the number of the first, or None where it is too near.
 
-        Args:
-            middle: (3,) middle of its bottom.
-            half: (3,) half its width and depth, and its height.
-            yaw_rad: its turn about z.
-            wears: see `Arrangement`; by default its sides share a texture that nothing else wears.
+        ``middle`` (3,) is that of the bottom, and ``half`` (3,) half the width and depth, and the height. By default
+        the sides share a texture that nothing else wears.
         """
         (x, y, z), at = np.asarray(half, np.float64), np.asarray(middle, np.float64)
         turn = turned_about_z(yaw_rad)
@@ -166,13 +163,9 @@ class Arrangement:
         return first
 
     def stand(self, picked: Picked, at: ArrayLike, yaw_rad: float, stretch: Floats | None = None) -> int | None:
-        """Stand a model on a place, upright; return its number, or None where it comes too near, and is not added.
+        """Stand a model on a place (3,), upright; return its number, or None where it comes too near, and is not added.
 
-        Args:
-            picked: the model.
-            at: (3,) the place, below the model's middle.
-            yaw_rad: its turn about z.
-            stretch: (3,) factors along the model's own axes.
+        The place lies below the model's middle; ``stretch`` (3,) are factors along the model's own axes.
         """
         number, size_m = picked
         scale = size_m / 2 * (np.ones(3) if stretch is None else stretch)

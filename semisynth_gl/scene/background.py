@@ -90,11 +90,7 @@ def draw_plane(
     *,
     sky: bool = False,
 ) -> Background:
-    """Draw a far plane that fills both views at any moment of the sway; it may be the sky.
-
-    Raises:
-        InputError: where its disparity lies beyond infinity, or the plane would have to be endless.
-    """
+    """Draw a far plane that fills both views at any moment of the sway; it may be the sky."""
     disparity_px = section.plane_disparity_px.draw(rng)
     check_reachable(camera, disparity_px, "background.plane_disparity_px")
     depth = float(camera.depth_m(disparity_px))
@@ -150,8 +146,7 @@ def draw_cuboid(
 ) -> Background:
     """Draw a cuboid with both cameras inside, none of whose walls comes nearer than the depth of ``disparity.max_px``.
 
-    Raises:
-        InputError: where a disparity lies beyond infinity.
+    Both hold at any moment of the sway.
     """
     turn = np.deg2rad(section.wall_turn_deg)
     angles = rng.uniform(-turn, turn, 3)

@@ -18,7 +18,7 @@ from semisynth_gl.config import Range
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.histogram import Histogram
 from semisynth_gl.scene import Bools, Floats
-from semisynth_gl.scene.particles import Sizes, path_px
+from semisynth_gl.scene.particles import Sizes, StatedLayer, path_px
 
 _MOST_LAYERS = 48
 # Above this coverage a layer is closed for all practical purposes (98 %).
@@ -41,6 +41,11 @@ class DepthLayers:
         """Return a layer for each bin of a target, within the limits ``min_px`` and ``max_px``."""
         low = np.maximum(target.edges_px[:-1], min_px)
         return cls(low, np.maximum(low, np.minimum(target.edges_px[1:], max_px)))
+
+    @classmethod
+    def of(cls, stated: StatedLayer) -> "DepthLayers":
+        """Return one layer that the config states."""
+        return cls(np.array([stated.disparity_px.low]), np.array([stated.disparity_px.high]))
 
     def __len__(self) -> int:
         return len(self.low_px)

@@ -44,16 +44,8 @@ def map_patches(
 ) -> tuple[Floats, Floats]:
     """Lay patches on surfaces: small ones anywhere, large ones so that none repeats where that is possible.
 
-    Args:
-        surfaces: the surfaces.
-        camera: the camera.
-        section: the sizes of patches.
-        texels: (N,) texels per pixel where a surface faces the camera at its depth.
-        place: (N, 2) from 0 to 1: where a patch lies.
-        large: (N,) which surfaces wear large patches.
-
-    Returns:
-        Patches per UV unit and the offset in patches, (N, 2) each.
+    There are ``texels``, (N,), per pixel where a surface faces the camera at its depth; ``place``, (N, 2) from 0 to 1,
+    is where its patch lies. Return the patches per UV unit and the offset in patches, (N, 2) each.
     """
     # At a large surface's depth, where it faces the camera, one patch spans the view at least.
     spanning = large & surfaces.large

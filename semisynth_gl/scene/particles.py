@@ -229,11 +229,6 @@ class Particles:
     radius_m: Floats  # (S,) radius of the bounding sphere
     world_from_model: Floats  # (S, 4, 4) places models of radius 1
 
-    @property
-    def centre_m(self) -> Floats:
-        """Centres of the bounding spheres, (S, 3)."""
-        return self.world_from_model[:, :3, 3]
-
 
 def particles_at(
     camera: StereoCamera,

@@ -19,15 +19,7 @@ from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.arrangement import Catalogue
 from semisynth_gl.scene.depth_layers import DepthLayers, expected_shares, merge_bins, solve_coverage
-from semisynth_gl.scene.particles import (
-    Batch,
-    Sizes,
-    StatedLayer,
-    expected_cover,
-    expected_in_view,
-    stated_layers,
-    stated_sizes,
-)
+from semisynth_gl.scene.particles import Batch, Sizes, expected_cover, expected_in_view, stated_layers, stated_sizes
 from semisynth_gl.scene.pilots import Pilot, draw_pilots
 from semisynth_gl.scene.rig import check_reachable, near_depth_m
 from semisynth_gl.seeds.seeds import Purpose, generator
@@ -178,7 +170,7 @@ class Population:
         The solved ones cover a pixel so many times at all, and with each inner edge of the target or more: (K,).
         """
         for stated in self._stated:
-            layer = _layer(stated)
+            layer = DepthLayers.of(stated)
             drawn = self._drawn(layer, camera, stated.sizes)[0]
             objects += stated.count.middle * float(drawn * expected_in_view(camera, stated.sizes, layer.middle_px)[0])
         edges = np.append(-np.inf, self.target.edges_px[1:-1])
@@ -302,7 +294,7 @@ class Population:
         """Return how many times stated particles cover a pixel with each of some edges or more, (E,)."""
         total = np.zeros(len(edges_px))
         for stated in self._stated:
-            layer = _layer(stated)
+            layer = DepthLayers.of(stated)
             cover = expected_cover(camera, stated.sizes, layer.middle_px, self._silhouette.fill)[0]
             total += cover * stated.count.middle * self._exceedance(layer, edges_px, camera, stated.sizes)[0]
         return total
@@ -314,10 +306,6 @@ class Population:
     def _exceedance(self, layers: DepthLayers, edges_px: Floats, camera: StereoCamera, sizes: Sizes) -> Floats:
         near_m, drift = near_depth_m(camera, self._config.disparity), self._config.particles.drift
         return layers.exceedance(edges_px, camera, drift, sizes, self._silhouette.heights, near_m)
-
-
-def _layer(stated: StatedLayer) -> DepthLayers:
-    return DepthLayers(np.array([stated.disparity_px.low]), np.array([stated.disparity_px.high]))
 
 
 def poisson_counts(mean: Floats, quantile: Floats) -> Ints:

@@ -72,11 +72,7 @@ NICHES: Final = tuple(_pierced(*_hole(k, _NICHE_ROWS), "wall with a niche") for 
 def draw_room(
     config: Config, camera: StereoCamera, catalogue: Catalogue, rng: np.random.Generator, sway: Sway
 ) -> Arrangement:
-    """Draw a room with all that is in it; nothing comes nearer than the depth of ``disparity.max_px``.
-
-    Raises:
-        InputError: where a disparity lies beyond infinity.
-    """
+    """Draw a room with all that is in it; nothing comes nearer than the depth of ``disparity.max_px``."""
     section, background, disparity = config.room, config.background, config.disparity
     wall_px = (background.wall_disparity_px or Range(disparity.min_px, disparity.min_px)).draw(rng)
     check_reachable(camera, wall_px, "background.wall_disparity_px")

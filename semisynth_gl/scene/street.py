@@ -44,6 +44,9 @@ _FARTHEST = 90.0
 _KERB = 0.14
 _TRIES = 6
 
+_Span = tuple[float, float]
+"""Where something begins and ends, metres."""
+
 
 def draw_street(
     config: Config,
@@ -54,13 +57,7 @@ def draw_street(
     *,
     sky: bool = False,
 ) -> Arrangement:
-    """Draw an open scene, its backdrop first, which may be the sky.
-
-    Nothing comes nearer than the depth of ``disparity.max_px``.
-
-    Raises:
-        InputError: where a disparity lies beyond infinity, or the backdrop would have to be endless.
-    """
+    """Draw an open scene, its backdrop first; nothing comes nearer than the depth of ``disparity.max_px``."""
     section, disparity = config.street, config.disparity
     backdrop = draw_plane(config.background, disparity, camera, rng, sway, sky=sky)
     backdrop_m, near_m = float(backdrop.offset_m[0]), near_depth_m(camera, disparity)
@@ -111,7 +108,7 @@ def _add_ground(street: Arrangement, depth_m: Range, height_m: float) -> None:
     street.add(number, np.linalg.inv(camera_from_floor) @ matrix, (float(sizes[0]), float(sizes[1])))
 
 
-def _add_pavement(street: Arrangement, kerb: float, side: int, width: float, ahead_m: tuple[float, float]) -> None:
+def _add_pavement(street: Arrangement, kerb: float, side: int, width: float, ahead_m: _Span) -> None:
     """Add a raised pavement in slabs that grow with their distance; the nearest ones may be left out."""
     (near_m, reach), metre = ahead_m, street.metre
     begin, first = 0.3 * near_m, None
@@ -126,9 +123,7 @@ def _add_pavement(street: Arrangement, kerb: float, side: int, width: float, ahe
         begin = end
 
 
-def _add_row(
-    street: Arrangement, section: StreetSection, border: float, side: int, ahead_m: tuple[float, float]
-) -> None:
+def _add_row(street: Arrangement, section: StreetSection, border: float, side: int, ahead_m: _Span) -> None:
     """Add a row of houses, fences and gaps along one side."""
     metre, rng = street.metre, street.rng
     y = rng.uniform(0.2, 1.5) * ahead_m[0]
@@ -160,13 +155,7 @@ def _add_row(
             y += rng.uniform(3, 12) * metre
 
 
-def _stand(
-    street: Arrangement,
-    sizes_m: Diameters,
-    x_m: tuple[float, float],
-    y_m: tuple[float, float],
-    yaw_rad: float | None = None,
-) -> None:
+def _stand(street: Arrangement, sizes_m: Diameters, x_m: _Span, y_m: _Span, yaw_rad: float | None = None) -> None:
     """Stand a thing at a free place, turned anyhow by default; near and far places count alike in disparity."""
     picked, rng = street.pick(sizes_m), street.rng
     if picked is None:

@@ -40,7 +40,7 @@ def test_nothing_in_view_appears_or_disappears(rig, drift, size, seed):
         """Points (S, 300, 3) of the spheres around all models that are shown, in the swaying left camera's frame."""
         of_age = replace(slots, phase=np.full(COUNT, age))
         state = particles_at(camera, of_age, lambda _: release, 0.0, np.zeros(COUNT, np.int64))
-        points = (state.centre_m[:, None] + SPHERE * state.radius_m[:, None, None])[slots.shown]
+        points = (state.world_from_model[:, None, :3, 3] + SPHERE * state.radius_m[:, None, None])[slots.shown]
         pose = sway.camera_from_world(time_s)
         return points @ pose[:3, :3].T + pose[:3, 3]
 

@@ -228,7 +228,7 @@ def test_particles_fall_at_constant_speed_and_are_released_anew():
     del section
     times = np.linspace(0, 3 * slots.period_s.max(), 400)
     states = [particles_at(CAMERA, slots, release, t) for t in times]
-    y = np.array([state.centre_m[:, 1] for state in states])
+    y = np.array([state.world_from_model[:, 1, 3] for state in states])
     generation = np.array([state.generation for state in states])
     same = np.diff(generation, axis=0) == 0
     np.testing.assert_allclose(
@@ -258,7 +258,7 @@ def test_rotation_at_a_time_needs_no_steps():
 def test_layers_hold_their_numbers_at_their_depths():
     _, slots, release = stream(drift=Range(0, 0))
     for time_s in (0.0, 1.7, 100.0):
-        disparity = CAMERA.disparity_px(particles_at(CAMERA, slots, release, time_s).centre_m[:, 2])
+        disparity = CAMERA.disparity_px(particles_at(CAMERA, slots, release, time_s).world_from_model[:, 2, 3])
         assert ((disparity >= 20) & (disparity <= 30)).sum() == 40
         assert ((disparity >= 60) & (disparity <= 90)).sum() == 40
 
