@@ -36,7 +36,7 @@ _BEFORE = 2**30
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledScene:
-    """A scene with the origin of its N instances, as one of its right views sees it; still instances come first."""
+    """A scene as one right view sees it, with the origin of its N instances; those that stand still come first."""
 
     scene: Scene
     views: tuple[StereoCamera, ...]  # the camera of each right view; they differ in the right eye alone
@@ -49,8 +49,8 @@ class SampledScene:
     attempt: int  # number of attempts of the sequence that failed before
     patch_px: Ints  # (N,) side of the patch that each instance wears
     patch: Ints  # (N,) the patch that each instance wears; a patch of video frames has an atlas layer per frame
-    slot: Ints  # (N,) the particles' slot that each instance comes from; -1 for still instances
-    generation: Ints  # (N,) number of the model in its slot; -1 for still instances
+    slot: Ints  # (N,) the particles' slot that each instance comes from; -1 where it stands still
+    generation: Ints  # (N,) number of the model in its slot; -1 where it stands still
     resting: Bools  # (N,) whether it is a particle at rest
 
     @property
