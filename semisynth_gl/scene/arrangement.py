@@ -12,7 +12,7 @@ from semisynth_gl.geometry.mesh import Mesh, cross
 from semisynth_gl.geometry.parts import turned_about_z
 from semisynth_gl.scene import Floats, Ints
 from semisynth_gl.scene.background import FACE, OVERLAP
-from semisynth_gl.scene.rig import BEYOND_NEAR
+from semisynth_gl.scene.rig import BEYOND_NEAR, STILL, Sway
 from semisynth_gl.scene.scene import placed_vertices
 from semisynth_gl.scene.support import surfaces_below
 
@@ -83,6 +83,7 @@ class Arrangement:
     metre: float  # the length of a metre there
     rng: np.random.Generator
     farthest_m: float = np.inf  # no view shows more than this depth, if the walls could be brought in so far
+    sway: Sway = STILL
     model: list[int] = field(default_factory=list)
     floor_from_model: list[Floats] = field(default_factory=list)  # (4, 4) each
     unit_m: list[tuple[float, float]] = field(default_factory=list)  # the length of one UV unit

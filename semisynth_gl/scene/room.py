@@ -1,6 +1,5 @@
 """A room: a box with floor, walls and ceiling, doorways and niches."""
 
-from collections.abc import Callable
 from itertools import pairwise
 from typing import Final
 
@@ -37,8 +36,6 @@ _SHALLOWEST_M = 0.3
 
 _Rectangle = tuple[Floats, Floats, Floats]
 """Corner at the top left, edge to the right and edge downwards, (3,) each; see `Arrangement.add_rectangle`."""
-_Fits = Callable[[list[_Rectangle]], bool]
-"""Whether no view shows rectangles beyond the farthest depth that a config wants."""
 
 
 def _pierced(low: Corner, high: Corner, name: str) -> Mesh:
@@ -105,7 +102,7 @@ def draw_room(
         view = FloorView.over_floor(camera, near_m, float(offset[5]), *angles)
     right, left, ahead, behind, above, height = offset
     top = above + height
-    room = Arrangement(view, catalogue, metre, rng, farthest_m)
+    room = Arrangement(view, catalogue, metre, rng, farthest_m, sway)
     walls = (
         Wall(np.array([-left, ahead, top]), np.array([left + right, 0, 0]), top),
         Wall(np.array([right, ahead, top]), np.array([0, -ahead - behind, 0]), top),
@@ -115,24 +112,19 @@ def draw_room(
     room.add_rectangle((-left, -behind, top), (left + right, 0, 0), (0, ahead + behind, 0))
     room.add_rectangle((right, -behind, top), (-left - right, 0, 0), (0, 0, -top))
 
-    def fits(behind: list[_Rectangle]) -> bool:
-        faces = np.array([[corner, corner + u, corner + u + v, corner + v] for corner, u, v in behind])
-        pose = view.camera_from_floor
-        return deepest_m(camera, faces @ pose[:3, :3].T + pose[:3, 3], sway) <= farthest_m
-
     for wall in walls:
         kind = rng.random()
         if kind < section.doorway:
-            _add_doorway(room, wall, fits)
+            _add_doorway(room, wall)
         elif kind < section.doorway + section.niche:
-            _add_niche(room, wall, fits)
+            _add_niche(room, wall)
         else:
             room.add_rectangle(wall.corner, wall.right, wall.down)
     furnish(room, section, walls)
     return room
 
 
-def _add_doorway(room: Arrangement, wall: Wall, fits: _Fits) -> None:
+def _add_doorway(room: Arrangement, wall: Wall) -> None:
     """Add a wall with a doorway and a room behind it, as large as fits, or the wall alone where none does."""
     place = int(room.rng.integers(len(_HOLES)))
     deep = room.rng.uniform(0.8, 4) * room.metre
@@ -140,7 +132,7 @@ def _add_doorway(room: Arrangement, wall: Wall, fits: _Fits) -> None:
     for share in _SMALLER:
         low, high = _HOLES[place][0] - share * aside, _HOLES[place][1] + share * aside
         behind = _behind(wall, (low, 0.0), (high, 1.0), share * deep)
-        if share * deep >= _SHALLOWEST_M * room.metre and fits(behind):
+        if share * deep >= _SHALLOWEST_M * room.metre and _fits(room, behind):
             room.add_rectangle(wall.corner, wall.right, wall.down, model=DOORWAYS[place])
             wall.take(*_hole(place, _DOORWAY_ROWS))
             _add_behind(room, behind)
@@ -148,12 +140,12 @@ def _add_doorway(room: Arrangement, wall: Wall, fits: _Fits) -> None:
     room.add_rectangle(wall.corner, wall.right, wall.down)
 
 
-def _add_niche(room: Arrangement, wall: Wall, fits: _Fits) -> None:
+def _add_niche(room: Arrangement, wall: Wall) -> None:
     """Add a wall with a niche, and things in it, or the wall alone where the niche does not fit."""
     place, deep = int(room.rng.integers(len(_HOLES))), room.rng.uniform(0.15, 0.4) * room.metre
     low, high = _hole(place, _NICHE_ROWS)
     behind = _behind(wall, low, high, deep)
-    if not fits(behind):
+    if not _fits(room, behind):
         room.add_rectangle(wall.corner, wall.right, wall.down)
         return
     room.add_rectangle(wall.corner, wall.right, wall.down, model=NICHES[place])
@@ -161,6 +153,13 @@ def _add_niche(room: Arrangement, wall: Wall, fits: _Fits) -> None:
     _add_behind(room, behind)
     # On the niche's floor, which lies a little below its hole.
     fill_niche(room, wall, low, (high[0], high[1] + _BEHIND), deep)
+
+
+def _fits(room: Arrangement, behind: list[_Rectangle]) -> bool:
+    """Whether no view shows rectangles beyond the farthest depth that a config wants."""
+    faces = np.array([[corner, corner + u, corner + u + v, corner + v] for corner, u, v in behind])
+    pose = room.view.camera_from_floor
+    return deepest_m(room.view.camera, faces @ pose[:3, :3].T + pose[:3, 3], room.sway) <= room.farthest_m
 
 
 def _behind(wall: Wall, low: Corner, high: Corner, deep: float) -> list[_Rectangle]:
