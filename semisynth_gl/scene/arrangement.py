@@ -96,7 +96,7 @@ class Arrangement:
         return len(self.model)
 
     def pick(self, sizes_m: Diameters) -> Picked | None:
-        """Draw a model of some kinds and its diameter; None where the library has none of these kinds.
+        """Draw a model of some kinds and its diameter; None where the library lacks all of them.
 
         Kinds count alike: the config's weights are for things in the air.
         """
@@ -144,8 +144,8 @@ class Arrangement:
     def add_box(self, middle: ArrayLike, half: ArrayLike, yaw_rad: float = 0.0, wears: int | None = None) -> int | None:
         """Add five sides of a box, all but its bottom; return the number of the first, or None where it is too near.
 
-        ``middle`` (3,) is that of the bottom, and ``half`` (3,) half the width and depth, and the height. By default
-        the sides share a texture that nothing else wears.
+        ``middle`` (3,) is the middle of its bottom, and ``half`` (3,) half its width, half its depth, and its height.
+        By default its sides share a texture that nothing else wears.
         """
         (x, y, z), at = np.asarray(half, np.float64), np.asarray(middle, np.float64)
         turn = turned_about_z(yaw_rad)

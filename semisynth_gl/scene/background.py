@@ -144,9 +144,9 @@ def draw_cuboid(
     rng: np.random.Generator,
     sway: Sway = STILL,
 ) -> Background:
-    """Draw a cuboid with both cameras inside, none of whose walls comes nearer than the depth of ``disparity.max_px``.
+    """Draw a cuboid with both cameras inside at any moment of the sway.
 
-    Both hold at any moment of the sway.
+    No wall comes nearer than the depth of ``disparity.max_px`` in either view.
     """
     turn = np.deg2rad(section.wall_turn_deg)
     angles = rng.uniform(-turn, turn, 3)
@@ -193,7 +193,7 @@ def draw_cuboid(
 
 
 def _corner_points(camera: StereoCamera, depth_m: float) -> Floats:
-    """Corners of both views at one depth of the left camera, (R, 3), in its frame."""
+    """Return the corners of both views at one depth of the left camera, (R, 3), in its frame."""
     at_one_m = {eye: (rays := corner_rays(camera, eye)) / rays[:, 2:] for eye in EYES}
     return np.concatenate([at_one_m[eye] * depth_m + np.array([camera.offset_m(eye), 0, 0]) for eye in EYES])
 

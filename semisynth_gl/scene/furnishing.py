@@ -83,7 +83,7 @@ _TRIES = 8
 
 
 def furnish(room: Arrangement, section: RoomSection, walls: tuple[Wall, ...]) -> None:
-    """Put things into a room whose walls are the one ahead, then those to the right and to the left."""
+    """Put things into a room. Its walls are the wall ahead, the right wall and the left wall."""
     rng = room.rng
     tops: list[int] = []
     if rng.random() < section.rug:

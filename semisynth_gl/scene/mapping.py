@@ -8,7 +8,7 @@ from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.frame.camera import StereoCamera
 from semisynth_gl.scene import Bools, Floats
 
-# Large patches are enlarged up to this factor so that none repeats.
+# Large patches are enlarged up to this factor so that they do not repeat.
 _ENLARGED = 2.0
 
 
@@ -42,7 +42,7 @@ def wears_large(surfaces: Surfaces, camera: StereoCamera, section: TexturesSecti
 def map_patches(
     surfaces: Surfaces, camera: StereoCamera, section: TexturesSection, texels: Floats, place: Floats, large: Bools
 ) -> tuple[Floats, Floats]:
-    """Lay patches on surfaces: small ones anywhere, large ones so that none repeats where that is possible.
+    """Lay patches on surfaces: small ones anywhere, large ones so that they do not repeat where that is possible.
 
     There are ``texels``, (N,), per pixel where a surface faces the camera at its depth; ``place``, (N, 2) from 0 to 1,
     is where its patch lies. Return the patches per UV unit and the offset in patches, (N, 2) each.

@@ -70,7 +70,7 @@ class MixSampler:
         made = list(zip(self.recipes, libraries, strict=True))
 
         def samplers(*, solved: bool, wanted: Histogram | None = None) -> dict[str | None, SceneSampler]:
-            """Make the samplers of recipes whose particles are solved for the target of the mix, or of the others."""
+            """Sample the recipes whose particles are solved for the target of the mix, or the other recipes."""
             return {
                 recipe.name: SceneSampler(recipe.config, seed, library, patches, recipe.name, wanted)
                 for recipe, library in made

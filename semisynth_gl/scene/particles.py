@@ -135,7 +135,7 @@ def stated_layers(
 def expected_cover(camera: StereoCamera, sizes: Sizes, disparity_px: Floats, fill: float) -> Floats:
     """Return the mean number of times that one particle of a layer covers a pixel of the view, (K,).
 
-    The layers lie at disparities (K,), and ``fill`` is that of the models' mean `Silhouette`.
+    The layers lie at disparities (K,); ``fill`` comes from the models' mean `Silhouette`.
     """
     radius = sizes.radius_px(camera, disparity_px[:, None], _QUANTILES)
     area = fill * np.pi * radius**2 * _mean_secant(camera)
@@ -151,7 +151,7 @@ def expected_in_view(camera: StereoCamera, sizes: Sizes, disparity_px: Floats) -
 
 
 def _mean_secant(camera: StereoCamera) -> float:
-    """Mean factor by which things are larger towards the sides of the left view than in its middle.
+    """Return the mean factor by which things are larger towards the sides of the left view than in its middle.
 
     A surface of area a that faces a ray at an angle t to the axis, at depth Z, takes the solid angle a cos(t)^2 / Z^2,
     and a solid angle takes f^2 / cos(t)^3 of the picture: together 1 / cos(t) of the area in the middle.

@@ -74,10 +74,10 @@ class _Aim(NamedTuple):
 
 
 class Population:
-    """Numbers of particles for the scenes of one dataset, with the models' mean silhouette.
+    """Numbers of particles for the scenes of one dataset, whose models have a mean silhouette.
 
-    The seed and the catalogue are for the pilot scenes. By default the wanted distribution is the config's; ``target``
-    is the wanted one in bins that depth layers can follow.
+    The seed and the catalogue are for the pilot scenes. By default the config's distribution is wanted; ``target`` is
+    the wanted distribution in bins that depth layers can follow.
     """
 
     def __init__(
@@ -126,7 +126,7 @@ class Population:
         return solved + [stated.batch(rng) for stated in self._stated]
 
     def expected(self) -> Histogram:
-        """Return the mean distribution of the dataset, in the bins of ``target``, by the model of the pilot scenes.
+        """Return the mean distribution of the dataset, in the bins of ``target``, by the Boolean model of pilot scenes.
 
         Raises:
             InputError: where the target cannot be met, see `draw`.

@@ -75,7 +75,7 @@ def cast_rays(scene: Scene, models: Sequence[Mesh], eye: Eye, x_px: Floats, y_px
 def _boxes(camera: StereoCamera, eye: Eye, vertices: Floats, triangles: NDArray[np.integer], near_m: float) -> Floats:
     """Return the bounding boxes (4, T), x0 x1 y0 y1, of triangles on the image.
 
-    The box of a triangle that crosses the near plane is infinite, and a triangle before that plane has none.
+    A triangle that crosses the near plane has an infinite box, and a triangle before that plane an empty one.
     """
     depth = vertices[:, 2]
     safe = np.where(depth > 0, depth, 1.0)

@@ -134,7 +134,7 @@ def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
         return depth_m
     for _ in range(_STEPS):
         # As if the deviation changed nothing with the depth, which is nearly so.
-        deviates_px = largest_disparity_px(camera, depth_m) - float(camera.disparity_px(depth_m))
+        deviates_px = _largest_disparity_px(camera, depth_m) - float(camera.disparity_px(depth_m))
         if not section.max_px - deviates_px + camera.doffs_px > 0:  # Not a number, too: the eye looks behind the other.
             raise InputError(
                 f"disparity.max_px: {section.max_px:g} px leaves no depth in front of a camera that deviates by "
@@ -145,7 +145,7 @@ def near_depth_m(camera: StereoCamera, section: DisparitySection) -> float:
     return max(depth_m, float(camera.depth_m(section.max_px)))
 
 
-def largest_disparity_px(camera: StereoCamera, depth_m: float) -> float:
+def _largest_disparity_px(camera: StereoCamera, depth_m: float) -> float:
     """Return the largest disparity that either image shows of a plane at a planar depth of the left view."""
     # It lies on the border: of a quotient of two linear functions, the Hessian has a negative determinant everywhere.
     along, across = np.tile(np.linspace(0, 1, _ALONG_BORDER), 2), np.repeat((0.0, 1.0), _ALONG_BORDER)

@@ -174,7 +174,7 @@ class SceneSampler:
     def moment(self, sampled: SampledScene, frames: float) -> Scene:
         """Return a scene's own instances, as they wear what they wear, where they and the camera are at another moment.
 
-        That is so many times between frames later, or earlier where ``frames`` is negative.
+        The other moment is ``frames`` times between frames later, or earlier where that is negative.
         """
         sequence = self._sequence(sampled.sequence, sampled.attempt)
         frame = sampled.frame + frames

@@ -55,8 +55,8 @@ class Surroundings:
     model: Ints  # (S,) index into `STILL_MODELS` and, behind them, the models of the library
     world_from_model: Floats  # (S, 4, 4), left camera's frame, metres
     wears: Ints  # (S,) the still thing whose texture each wears: itself, or an earlier one
-    # What the left view sees: median depths, and about the lowest and the highest UV, 0 of what is hidden. The depth of
-    # a hidden face is the back wall's, and of another hidden thing its nearest depth or the near plane's.
+    # In the left view: the median depths, and about the lowest and the highest UV, which are 0 where a thing is hidden.
+    # Hidden faces have the depth of the back wall, and other hidden things their nearest depth or the near plane's.
     surfaces: Surfaces
     sky: Bools  # (S,) whether it is infinitely far away
     disparity_px: Floats  # flat, on a coarse grid over the left view
@@ -91,7 +91,7 @@ def take_stock(library: ModelLibrary) -> Catalogue:
 def draw_stage(config: Config, catalogue: Catalogue, generator_for: Callable[[Purpose], np.random.Generator]) -> Stage:
     """Draw the stage of one sequence.
 
-    The generators are those for CAMERA, RIG, SWAY, BACKGROUND, STRUCTURES and SKY.
+    It takes the generators for CAMERA, RIG, SWAY, BACKGROUND, STRUCTURES and SKY.
 
     Raises:
         InputError: where a disparity of the config lies beyond infinity, or a far plane would have to be endless.
@@ -199,7 +199,7 @@ def draw_surroundings(
         np.ones(count, bool),
         np.append(background.visible_depth_m, hidden_m),
     )
-    # The background's depths are those without the structures.
+    # As if nothing stood before the background.
     still.surfaces.depth_m[:faces] = background.visible_depth_m
     return still if structures else replace(still, disparity_px=bare_px[np.isfinite(bare_px)])
 

@@ -50,7 +50,7 @@ def smallest_offsets(camera: StereoCamera, normal: Floats, near_m: float, sway: 
     normal . ray is linear over the image: its largest value is at a corner. A sway moves the eyes by at most its reach,
     and the right one by 2 B sin(angle / 2) more; and it turns a ray by at most its angle towards the normal.
 
-    The unit normals (F, 3) lead away from the camera, and the distances (F,) are those from the left camera's centre.
+    The unit normals (F, 3) lead away from the camera, and the distances (F,) begin at the left camera's centre.
     """
     smallest = np.zeros(len(normal))
     for eye in EYES:
@@ -134,8 +134,8 @@ def fitted_offsets(
 def clear_depth_m(near_m: float, radius_m: Floats | float, aside_m: Floats | float, sway: Sway) -> Floats:
     """Return the least depth of a sphere's middle with which the sphere stays beyond the near plane in any sway.
 
-    ``aside_m`` is its largest distance from the optical axis of the camera without its sway: what is aside comes nearer
-    where the camera turns towards it.
+    ``aside_m`` is its largest distance from the optical axis of the camera without its sway: a sphere at the side comes
+    nearer where the camera turns towards it.
     """
     turn = np.sin(sway.angle_rad), max(float(np.cos(sway.angle_rad)), _LEAST_COSINE)
     return np.asarray((near_m + radius_m + sway.reach_m + aside_m * turn[0]) / turn[1])
