@@ -41,12 +41,8 @@ def glance(scene: Scene, models: Sequence[Mesh]) -> Glance:
         triangles.append(drawn + np.int64(count))
         owners.append(np.full(len(drawn), number))
         count += len(vertices)
-    rays = GRID[0] * GRID[1]
-    depth_m, instance, uv = np.full(rays, np.inf), np.full(rays, -1), np.zeros((rays, 2))
     corners = np.ascontiguousarray(np.concatenate(triangles).T)
-    cell, *hit = _rasterise(scene, np.concatenate(points), corners, np.concatenate(owners))
-    depth_m[cell], instance[cell], uv[cell] = hit
-    return Glance(depth_m, instance, uv)
+    return _rasterised(scene, np.concatenate(points), corners, np.concatenate(owners))
 
 
 def _cut(corners: Floats, near_m: float) -> Floats:
@@ -73,8 +69,8 @@ def _cut(corners: Floats, near_m: float) -> Floats:
     )
 
 
-def _rasterise(scene: Scene, points: Floats, triangles: Ints, owner: Ints) -> tuple[Ints, Floats, Ints, Floats]:
-    """Return the rays that hit triangles, and of their first hits the depths, owners and UV.
+def _rasterised(scene: Scene, points: Floats, triangles: Ints, owner: Ints) -> Glance:
+    """Return what the rays hit first of triangles, each of which an instance owns.
 
     Points (V, 5) are x, y and z in metres, and u and v; each column of ``triangles``, (3, T), names three of them.
     """
@@ -90,9 +86,12 @@ def _rasterise(scene: Scene, points: Floats, triangles: Ints, owner: Ints) -> tu
     depth_m = 1 / (own[:, 0] + u * (own[:, 1] - own[:, 0]) + v * (own[:, 2] - own[:, 0]))
     shown_m = np.where(scene.sky[owner[triangle]], np.inf, depth_m)
     order = np.lexsort((shown_m, cell))
-    first_of_cell = order[np.unique(cell[order], return_index=True)[1]]
+    hit, first_of_cell = np.unique(cell[order], return_index=True)
+    first = order[first_of_cell]
     # So is UV over Z.
-    share = np.stack([1 - u - v, u, v], axis=1)[first_of_cell] * own[first_of_cell] * depth_m[first_of_cell, None]
-    corners_uv = points[triangles[:, triangle[first_of_cell]].T, 3:]
-    uv = (share[..., None] * corners_uv).sum(axis=1)
-    return cell[first_of_cell], shown_m[first_of_cell], owner[triangle[first_of_cell]], uv
+    share = np.stack([1 - u - v, u, v], axis=1)[first] * own[first] * depth_m[first, None]
+    rays = GRID[0] * GRID[1]
+    seen = Glance(np.full(rays, np.inf), np.full(rays, -1), np.zeros((rays, 2)))
+    seen.depth_m[hit], seen.instance[hit] = shown_m[first], owner[triangle[first]]
+    seen.uv[hit] = (share[..., None] * points[triangles[:, triangle[first]].T, 3:]).sum(axis=1)
+    return seen
