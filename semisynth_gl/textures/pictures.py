@@ -1,6 +1,5 @@
 """Pictures in memory, which a program draws: patches are cut from them as from photographs."""
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,26 +28,15 @@ class Picture:
 
     def __post_init__(self) -> None:
         given: Any = self.pixels
-        if not isinstance(given, np.ndarray) or given.dtype != np.uint8 or given.shape[2:] != (3,) or given.ndim != 3:
+        if not isinstance(given, np.ndarray) or given.dtype != np.uint8 or given.shape[2:] != (3,):
             what = f"{given.shape} {given.dtype}" if isinstance(given, np.ndarray) else type(given).__name__
             raise InputError(f"picture {self.name!r}: expected an array (H, W, 3) of uint8, got {what}")
 
-
-PictureSource = Callable[[np.random.Generator], Iterable[Picture]]
-"""Draws pictures; all that is random in them comes from the generator.
-
-Each split of a dataset has another generator. Pictures are asked for one at a time, and no more of them than give
-enough patches, so a function that yields them draws no others. They come in the order in which they are wanted.
-"""
 
 TextureImage = Path | Picture
 """An image that patches are cut from: a file, or a picture in memory."""
 
 
 def pixels_of(image: TextureImage) -> NDArray[np.uint8]:
-    """Return the pixels of an image, (H, W, 3) uint8 RGB; a file is read by `read_image`.
-
-    Raises:
-        ImageError: where a file cannot be read.
-    """
+    """Return the pixels of an image, (H, W, 3) uint8 RGB; a file is read by `read_image`, with the same errors."""
     return image.pixels if isinstance(image, Picture) else read_image(image)

@@ -1,18 +1,23 @@
-"""The sources that a config may take its patches from, and all that differs between them."""
+"""The sources that a config may take its patches from, the program's own and plug-ins, and all that differs there."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from semisynth_gl.config.scene_sections import TEXTURE_SOURCES, TexturesSection
+import numpy as np
+
+from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.errors import InputError
-from semisynth_gl.plugins import Plugin
+from semisynth_gl.plugins import Plugin, find_plugin, refuse_clash
 from semisynth_gl.textures.drawn import drawn_pictures
-from semisynth_gl.textures.foreign import find_source, plugin_pictures
 from semisynth_gl.textures.image_files import builtin_licences, builtin_photographs, find_images
-from semisynth_gl.textures.pictures import PictureSource
+from semisynth_gl.textures.pictures import Picture
+
+_FUNCTION = "a function from a numpy.random.Generator to pictures, arrays (H, W, 3) of uint8"
+# A plug-in may yield pictures without end, and no patch can be cut from any of them.
+_MOST_PICTURES = 10_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,17 +27,19 @@ class TextureSource:
     Attributes:
         noun: what patches are cut from, as a card of a dataset calls it.
         patches: what its patches are.
-        files: returns the files that patches are cut from, sorted; raises `InputError` without any.
-        pictures: draws the pictures that patches are cut from, or None.
+        files: returns the files that patches are cut from, sorted; raises `InputError` where there are none.
+        pictures: draws the pictures that patches are cut from, in the order in which they are wanted; all that is
+            random comes from the generator, and each split has another one. No more are asked for than give enough
+            patches. None where patches are cut from no pictures.
         licences: returns the licences of its files by their names.
         licence: the licence of all else: the config's, this program's, or none.
-        plugin: the plug-in that it is of.
+        plugin: the plug-in that draws the pictures.
     """
 
     noun: Literal["photograph", "picture", "pattern"]
     patches: str
     files: Callable[[TexturesSection], Sequence[Path]] = lambda _: ()
-    pictures: PictureSource | None = None
+    pictures: Callable[[np.random.Generator], Iterable[Picture]] | None = None
     licences: Callable[[], Mapping[str, str]] = dict
     licence: Literal["config", "own", "none"] = "config"
     plugin: Plugin | None = None
@@ -69,7 +76,7 @@ _OF_PLUGIN = TextureSource(noun="picture", patches="patches of pictures")
 
 
 def describe_source(name: str) -> TextureSource:
-    """Return a source by its name in a config; that of a plug-in is not imported, and draws nothing."""
+    """Return a source by its name in a config; a plug-in is not imported, and its source draws nothing."""
     return SOURCES.get(name, _OF_PLUGIN)
 
 
@@ -77,9 +84,35 @@ def open_source(name: str) -> TextureSource:
     """Return a source by its name in a config.
 
     Raises:
-        InputError: where no source has the name, or a plug-in cannot be used.
+        InputError: where no source has the name, a plug-in cannot be imported or is no function, or a plug-in has the
+            name of one of the program's own sources.
     """
-    plugin = find_source(name, TEXTURE_SOURCES)
-    if plugin is None:
+    if name in SOURCES:
+        refuse_clash("textures", name)
         return SOURCES[name]
-    return replace(_OF_PLUGIN, pictures=partial(plugin_pictures, plugin), plugin=plugin)
+    plugin = find_plugin("textures", name, SOURCES)
+    if not callable(plugin.value):
+        raise plugin.fault(f"expected {_FUNCTION}, got {type(plugin.value).__name__}")
+    return replace(_OF_PLUGIN, pictures=partial(_plugin_pictures, plugin), plugin=plugin)
+
+
+def _plugin_pictures(plugin: Plugin, rng: np.random.Generator) -> Iterator[Picture]:
+    """Yield the pictures of a plug-in, one at a time, named like ``prints/00003``.
+
+    Raises:
+        InputError: where the plug-in fails, or yields anything but pictures.
+    """
+    with plugin.blamed("fails"):
+        drawn: Any = plugin.value(rng)
+        if isinstance(drawn, np.ndarray) or not hasattr(drawn, "__iter__"):
+            raise InputError(f"expected {_FUNCTION}, got {type(drawn).__name__}")
+        pictures = iter(drawn)
+    for number in range(_MOST_PICTURES):
+        with plugin.blamed(f"fails at picture {number}"):
+            try:
+                pixels = next(pictures)
+            except StopIteration:
+                return
+            # A copy: the plug-in may draw the next picture into the same array.
+            picture = Picture(f"{plugin.name}/{number:05d}", np.array(pixels, order="C"))
+        yield picture
