@@ -11,14 +11,8 @@ from numpy.typing import NDArray
 
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.errors import Skipped
-from semisynth_gl.textures.crops import (
-    Square,
-    crop_boxes,
-    cut_crop,
-    fingerprint,
-    sharpness_measure,
-    texture_measure,
-)
+from semisynth_gl.textures.crop_report import Reason
+from semisynth_gl.textures.crops import Square, crop_boxes, cut_crop, fingerprint, sharpness_measure, texture_measure
 from semisynth_gl.textures.images import ImageError, read_image, stored_size
 from semisynth_gl.textures.pictures import Picture, TextureImage, pixels_of
 
@@ -28,12 +22,7 @@ Clip = tuple[Path, ...]
 
 @dataclass(frozen=True, slots=True)
 class AtlasLimits:
-    """The most that an atlas may have.
-
-    Attributes:
-        layers: layers; 2048 is what every OpenGL 4 driver has.
-        frames: frames of one patch.
-    """
+    """The most layers that an atlas may have, 2048 in every OpenGL 4 driver, and the most frames of one patch."""
 
     layers: int = 2048
     frames: int = 16
@@ -53,13 +42,8 @@ def cut_clips(
 
     Images of one folder with equal size form one image sequence, sorted naturally by name. It is cut into successive
     clips of nearly equal length, of as many frames as leaves room for all patches: the number of crops times frames, or
-    ``max_patches`` times frames where that is less, stays within the limit of layers.
-
-    Args:
-        images: files, in any order.
-        section: the config's section; its ``patch_px``, ``scales`` and ``max_patches`` count.
-        limits: the most layers and frames.
-        alone: whether all patches come from these images; else others may fill ``max_patches``.
+    ``max_patches`` times frames where that is less, stays within the limit of layers. Unless the images are ``alone``,
+    patches of pictures may fill ``max_patches``.
 
     Returns:
         The clips, by folder and name, and the files whose headers could not be read.
@@ -92,18 +76,19 @@ def cut_clips(
 
 @dataclass(slots=True, eq=False)
 class MeasuredCrop:
-    """A crop with its measures.
+    """A crop as measured in all frames of its clip.
 
     Attributes:
-        square: the square; of several frames that of the first one.
+        square: the square; in a clip, of its first frame.
         texture: least `texture_measure` over the frames.
-        sharpness: least `sharpness_measure` over the frames, up to the first in which the crop is flat or blurred.
+        reason: "flat" where any frame has less texture than ``min_texture``, else "blurred" where any is less sharp
+            than ``min_sharpness``; None where the crop is good.
         fingerprint: (112,) float32 of a good crop, see `crops.fingerprint`; empty where no duplicates are wanted.
     """
 
     square: Square
     texture: float = np.inf
-    sharpness: float = np.inf
+    reason: Reason | None = None
     fingerprint: NDArray[np.float32] = field(default_factory=lambda: np.empty(0, np.float32))
 
 
@@ -119,28 +104,25 @@ class PatchFrames:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClipSurvey:
-    """A clip that was read, or a picture, and its crops.
+    """A clip that was read, or a picture.
 
     Attributes:
         frames: the readable frames, or the picture.
+        names: the names of these.
         skipped: the other frames, and why.
-        good: crops that are neither flat nor blurred; this list and the next two are ordered by side, row and column.
-        flat: crops with less texture than ``min_texture`` in any frame.
-        blurred: crops with enough texture, but less sharp than ``min_sharpness`` in any frame.
+        crops: ordered by side, row and column; none where the frames are smaller than a patch.
         still: the pixels of a picture or of a clip of one frame, so that it is not read again.
     """
 
-    frames: tuple[TextureImage, ...]
+    frames: Sequence[TextureImage]
+    names: Sequence[str]
     skipped: Sequence[Skipped]
-    good: list[MeasuredCrop]
-    flat: list[MeasuredCrop]
-    blurred: list[MeasuredCrop]
+    crops: Sequence[MeasuredCrop]
     still: NDArray[np.uint8] | None
 
-    @property
-    def too_small(self) -> bool:
-        """True where the frames have no crop."""
-        return not (self.good or self.flat or self.blurred)
+    def judged(self, reason: Reason | None) -> list[MeasuredCrop]:
+        """Return the crops with a reason against them, or the good ones, in their order."""
+        return [crop for crop in self.crops if crop.reason == reason]
 
     def cut(self, crops: Sequence[MeasuredCrop], patch_px: int) -> list[PatchFrames]:
         """Cut crops out of all frames, which are read again, one at a time."""
@@ -154,14 +136,9 @@ class ClipSurvey:
 
 
 def survey_clip(clip: Clip, names: Mapping[Path, str], section: TexturesSection) -> ClipSurvey:
-    """Read the frames of a clip one at a time, and measure their crops.
+    """Read the frames of a clip one at a time, and measure their crops; ``names`` has the names of the frames.
 
     A frame that cannot be read is skipped, as is one whose upright size differs from the frames before it.
-
-    Args:
-        clip: the frames.
-        names: names of the frames, for the squares.
-        section: the config's section, with the sizes of the crops and the least measures.
     """
     frames: list[Path] = []
     skipped: list[Skipped] = []
@@ -176,54 +153,38 @@ def survey_clip(clip: Clip, names: Mapping[Path, str], section: TexturesSection)
             continue
         if shape is None:
             shape = image.shape
-            crops = _crops(names[path], image, section)
+            crops = _crops(names[path], shape, section)
         elif image.shape != shape:  # equal as stored, but turned by EXIF
             reason = f"is {image.shape[1]} x {image.shape[0]} upright, frames before it {shape[1]} x {shape[0]}"
             skipped.append(Skipped(path, reason))
             continue
         frames.append(path)
-        for crop in crops:
-            _measure(crop, cut_crop(image, crop.square.box, section.patch_px), section)
-    return _survey(tuple(frames), skipped, crops, image if len(clip) == 1 else None, section)
+        _measure(crops, image, section)
+    return ClipSurvey(frames, [names[path] for path in frames], skipped, crops, image if len(clip) == 1 else None)
 
 
 def survey_picture(picture: Picture, section: TexturesSection) -> ClipSurvey:
     """Measure the crops of a picture, as `survey_clip` does for an image file."""
-    crops = _crops(picture.name, picture.pixels, section)
-    for crop in crops:
-        _measure(crop, cut_crop(picture.pixels, crop.square.box, section.patch_px), section)
-    return _survey((picture,), [], crops, picture.pixels, section)
+    crops = _crops(picture.name, picture.pixels.shape, section)
+    _measure(crops, picture.pixels, section)
+    return ClipSurvey([picture], [picture.name], [], crops, picture.pixels)
 
 
-def _crops(name: str, image: NDArray[np.uint8], section: TexturesSection) -> list[MeasuredCrop]:
-    boxes = crop_boxes(image.shape[0], image.shape[1], section.patch_px, section.scales)
+def _crops(name: str, shape: tuple[int, ...], section: TexturesSection) -> list[MeasuredCrop]:
+    boxes = crop_boxes(shape[0], shape[1], section.patch_px, section.scales)
     return [MeasuredCrop(Square(name, *box)) for box in boxes]
 
 
-def _survey(
-    frames: tuple[TextureImage, ...],
-    skipped: Sequence[Skipped],
-    crops: Sequence[MeasuredCrop],
-    still: NDArray[np.uint8] | None,
-    section: TexturesSection,
-) -> ClipSurvey:
-    textured = [crop for crop in crops if crop.texture >= section.min_texture]
-    return ClipSurvey(
-        frames=frames,
-        skipped=skipped,
-        good=[crop for crop in textured if crop.sharpness >= section.min_sharpness],
-        flat=[crop for crop in crops if crop.texture < section.min_texture],
-        blurred=[crop for crop in textured if crop.sharpness < section.min_sharpness],
-        still=still,
-    )
-
-
-def _measure(crop: MeasuredCrop, pixels: NDArray[np.uint8], section: TexturesSection) -> None:
-    """Update the measures of a crop by a further frame, unless the crop is rejected already."""
-    crop.texture = min(crop.texture, texture_measure(pixels))
-    if crop.texture < section.min_texture or crop.sharpness < section.min_sharpness:
-        return
-    crop.sharpness = min(crop.sharpness, sharpness_measure(pixels))
+def _measure(crops: Sequence[MeasuredCrop], image: NDArray[np.uint8], section: TexturesSection) -> None:
+    """Judge crops by a further frame. One that was blurred before may still turn out flat."""
     # Successive clips of a video show much the same, so clips are not compared.
-    if section.min_difference and not section.sequence and crop.sharpness >= section.min_sharpness:
-        crop.fingerprint = fingerprint(pixels)
+    compared = section.min_difference and not section.sequence
+    for crop in crops:
+        pixels = cut_crop(image, crop.square.box, section.patch_px)
+        crop.texture = min(crop.texture, texture_measure(pixels))
+        if crop.texture < section.min_texture:
+            crop.reason = "flat"
+        elif crop.reason is None and sharpness_measure(pixels) < section.min_sharpness:
+            crop.reason = "blurred"
+        elif crop.reason is None and compared:
+            crop.fingerprint = fingerprint(pixels)

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import accumulate, chain, cycle, islice, zip_longest
 from pathlib import Path
 from typing import TypeVar
@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from semisynth_gl.config.scene_sections import TexturesSection
-from semisynth_gl.inputs.errors import InputError, counted
+from semisynth_gl.inputs.errors import InputError, Skipped, counted
 from semisynth_gl.textures.atlas import Atlas, Patch, opaque_layers
 from semisynth_gl.textures.clips import (
     AtlasLimits,
@@ -23,7 +23,7 @@ from semisynth_gl.textures.clips import (
     survey_picture,
 )
 from semisynth_gl.textures.crop_report import JudgedClip, JudgedCrop, TextureReport, crop_counts, rejected_examples
-from semisynth_gl.textures.crops import DuplicateFinder, Square
+from semisynth_gl.textures.crops import DuplicateFinder
 from semisynth_gl.textures.flat import flat_count, lower_contrast
 from semisynth_gl.textures.image_files import relative_names
 from semisynth_gl.textures.pictures import Picture
@@ -70,13 +70,6 @@ def build_atlas(
     with their contrast lowered. Where there are too few others, flat ones are given up until the share is right. All
     images are opened as long as flat crops are missing.
 
-    Args:
-        images: files, as from `find_images`; their order does not matter.
-        section: the config's section.
-        limits: the most layers and frames.
-        rng: source of every random choice.
-        pictures: pictures beside the files, or instead of them.
-
     Returns:
         The atlas, its patches ordered by image, side, row and column, files before pictures; and the files that were
         opened: no other one has a part in the atlas.
@@ -86,19 +79,12 @@ def build_atlas(
     """
     images = sorted(images, key=Path.as_posix)
     names = relative_names(images)
-    clips: list[Clip]
-    clips, skipped = (
-        cut_clips(images, section, limits, alone=pictures is None)
-        if section.sequence
-        else ([(path,) for path in images], [])
-    )
-    patch_limit = min(section.max_patches, limits.layers)
-    flat_limit = flat_count(section.flat_share, patch_limit)
+    clips: list[Clip] = [(path,) for path in images]
+    skipped: list[Skipped] = []
+    if section.sequence:
+        clips, skipped = cut_clips(images, section, limits, alone=pictures is None)
     finder = SubjectFinder(() if section.sequence else images)
-    textured, flat = (_Quota(limit, finder.subject) for limit in (patch_limit - flat_limit, flat_limit))
-    duplicate_finder = DuplicateFinder(section.min_difference)
-    judged: dict[int, JudgedClip] = {}
-    too_small: list[str] = []
+    selection = _Selection(section, limits, rng, finder)
     pending = {int(i): clips[i] for i in rng.permutation(len(clips))}
     drawn: dict[str, str] = {}
     numbered = enumerate(pictures or (), start=len(clips))
@@ -111,62 +97,20 @@ def build_atlas(
             if survey.still is not None and not section.sequence:
                 finder.add(index, survey.still)
         skipped += survey.skipped
-        if survey.too_small:
-            too_small += [frame.name if isinstance(frame, Picture) else names[frame] for frame in survey.frames]
-            continue
-        good = _alternate_sides(survey.good, rng)
-        duplicates = duplicate_finder.find(
-            [crop.square for crop in good], np.array([crop.fingerprint for crop in good])
-        )
-        offered = [crop for crop in good if crop.square not in duplicates][: textured.room]
-        offered_flat = _alternate_sides(survey.flat, rng)[: flat.room] if flat_limit else []
-        patches = survey.cut(offered + offered_flat, section.patch_px)
-        textured.add(index, patches[: len(offered)])
-        flat.add(index, patches[len(offered) :])
-        judged[index] = _judged(survey, duplicates)
+        selection.add(index, survey)
         del survey, image  # and the pixels with them, before the next one is read or drawn
-        if textured.settled and flat.settled:
+        if selection.settled:
             break
-    # The number that makes the share of all patches what it is to be.
-    wanted = min(flat_limit, max(1, round(textured.total * section.flat_share / (1 - section.flat_share))))
-    without = _flat_patches(textured, flat, section.min_texture, rng, wanted) if textured.total and wanted else {}
-    chosen = [
-        patch
-        for index in sorted(judged)
-        # By side, row and column; what was made of a patch stands behind it.
-        for patch in sorted(
-            [*textured.patches[index], *without.get(judged[index].source, [])],
-            key=lambda patch: (patch.square.box[::-1], -patch.contrast),
-        )
-    ]
-    kept = {patch.square for patch in chosen}
-    sources = {square.source for square in kept}
-    all_judged = [judged[index] for index in sorted(judged)]
-    subjects = _shared_subjects(
-        {index: clip.source for index, clip in judged.items() if clip.source in sources}, finder
-    )
-    used = sum(clip.frame_count for clip in all_judged if clip.source in sources)
-    report = TextureReport(
-        images_used=used,
-        images_unused=sum(clip.frame_count for clip in all_judged) - used,
-        too_small=tuple(sorted(too_small)),
-        images_skipped=tuple(sorted(skipped, key=lambda skipped: skipped.path.as_posix())),
-        images_not_opened=sum(map(len, pending.values())),
-        counts=crop_counts(all_judged, kept, [patch.square for patch in chosen if patch.contrast < 1]),
-        subjects=subjects,
-        examples=rejected_examples(all_judged, kept),
-        patch_px=section.patch_px,
-        min_texture=section.min_texture,
-        flat_share=section.flat_share,
-        longest_clip=max((len(patch.frames) for patch in chosen), default=0),
-    )
+    chosen = selection.patches()
+    report = selection.report(chosen, skipped, not_opened=sum(map(len, pending.values())))
     if not chosen:
         raise InputError(_no_patch_message(len(images) + len(drawn), report))
     # The headers of all successive frames are read.
     unopened = set() if section.sequence else set(chain.from_iterable(pending.values()))
+    sources = {patch.square.source for patch in chosen}
     atlas = Atlas(
         opaque_layers([patch.frames for patch in chosen]),
-        _described(chosen, subjects),
+        _described(chosen, report.subjects),
         report,
         {name: digest for name, digest in drawn.items() if name in sources},
     )
@@ -178,19 +122,6 @@ def _note_digest(picture: Picture, drawn: dict[str, str]) -> None:
     if picture.name in drawn:
         raise InputError(f"expected pictures with a name each, got two with the name {picture.name!r}")
     drawn[picture.name] = hashlib.sha256(picture.pixels.tobytes()).hexdigest()
-
-
-def _shared_subjects(sources: Mapping[int, str], finder: SubjectFinder) -> dict[str, str]:
-    """Return the subject, by the name of its first image, of each image that shares one with another.
-
-    Args:
-        sources: names of the images that have patches, by their numbers.
-        finder: knows the subjects.
-    """
-    by_subject: dict[int, list[str]] = defaultdict(list)
-    for index in sorted(sources):
-        by_subject[finder.subject(index)].append(sources[index])
-    return {source: names[0] for names in by_subject.values() if len(names) > 1 for source in names}
 
 
 def _described(chosen: Sequence[PatchFrames], subjects: Mapping[str, str]) -> tuple[Patch, ...]:
@@ -208,38 +139,121 @@ def _described(chosen: Sequence[PatchFrames], subjects: Mapping[str, str]) -> tu
     )
 
 
-def _flat_patches(
-    textured: "_Quota", flat: "_Quota", min_texture: float, rng: np.random.Generator, wanted: int
-) -> dict[str, list[PatchFrames]]:
-    """Choose flat patches, by image.
+class _Selection:
+    """The patches chosen among the crops of all images opened so far, and the fate of the other crops."""
 
-    They are flat crops, evenly over the subjects, and patches made flat for subjects with too few crops.
-    """
+    def __init__(
+        self, section: TexturesSection, limits: AtlasLimits, rng: np.random.Generator, finder: SubjectFinder
+    ) -> None:
+        self._section, self._rng, self._finder = section, rng, finder
+        patch_limit = min(section.max_patches, limits.layers)
+        self._flat_limit = flat_count(section.flat_share, patch_limit)
+        self._textured = _Quota(patch_limit - self._flat_limit, finder.subject)
+        self._flat = _Quota(self._flat_limit, finder.subject)
+        self._duplicates = DuplicateFinder(section.min_difference)
+        self._judged: dict[int, JudgedClip] = {}
+        self._too_small: list[str] = []
 
-    def made(patches: Sequence[PatchFrames]) -> Iterator[PatchFrames]:
-        for patch in cycle(patches):
-            frames, contrast, texture = lower_contrast(patch.frames, min_texture, rng)
-            yield PatchFrames(patch.square, texture, frames, contrast)
+    @property
+    def settled(self) -> bool:
+        return self._textured.settled and self._flat.settled
 
-    whole, crops = textured.by_subject(), flat.by_subject()
-    order = [sorted(whole)[place] for place in rng.permutation(len(whole))]
-    most = -(-wanted // len(order))
-    own = ([(subject, patch) for patch in crops[subject][:most]] for subject in order)
-    chosen = {subject: list[PatchFrames]() for subject in order}
-    for subject, patch in islice(_in_turn(*own), wanted):
-        chosen[subject].append(patch)
-    rest = {subject: chain(crops[subject][most:], made(whole[subject])) for subject in order}
-    while sum(map(len, chosen.values())) < wanted:
-        subject = min(rest, key=lambda subject: len(chosen[subject]))
-        following = next(rest[subject], None)
-        if following is None:
-            del rest[subject]
-        else:
-            chosen[subject].append(following)
-    by_image: dict[str, list[PatchFrames]] = defaultdict(list)
-    for patch in chain.from_iterable(chosen.values()):
-        by_image[patch.square.source].append(patch)
-    return by_image
+    def add(self, index: int, survey: ClipSurvey) -> None:
+        """Choose among the crops of a further clip or picture, and make room for them."""
+        if not survey.crops:
+            self._too_small += survey.names
+            return
+        good = _alternate_sides(survey.judged(None), self._rng)
+        duplicates = self._duplicates.find(
+            [crop.square for crop in good], np.array([crop.fingerprint for crop in good])
+        )
+        offered = [crop for crop in good if crop.square not in duplicates][: self._textured.room]
+        flat = _alternate_sides(survey.judged("flat"), self._rng)[: self._flat.room] if self._flat_limit else []
+        patches = survey.cut(offered + flat, self._section.patch_px)
+        self._textured.add(index, patches[: len(offered)])
+        self._flat.add(index, patches[len(offered) :])
+        crops = [
+            *(JudgedCrop("duplicate", square, like) for square, like in duplicates.items()),
+            *(JudgedCrop(crop.reason, crop.square) for crop in survey.crops if crop.square not in duplicates),
+        ]
+        self._judged[index] = JudgedClip(len(survey.frames), crops)
+
+    def patches(self) -> list[PatchFrames]:
+        """Return all patches, by clip, side, row and column; what was made of a patch stands behind it."""
+        flat = self._flat_patches()
+        return [
+            patch
+            for index, clip in sorted(self._judged.items())
+            for patch in sorted(
+                [*self._textured.patches[index], *flat.get(clip.source, [])],
+                key=lambda patch: (patch.square.box[::-1], -patch.contrast),
+            )
+        ]
+
+    def _flat_patches(self) -> dict[str, list[PatchFrames]]:
+        """Choose flat patches, by image.
+
+        They are flat crops, evenly over the subjects, and patches made flat for subjects with too few crops.
+        """
+        share, textured = self._section.flat_share, self._textured.total
+        # The number that makes the share of all patches what it is to be.
+        wanted = min(self._flat_limit, max(1, round(textured * share / (1 - share))))
+        if not (textured and wanted):
+            return {}
+
+        def made(patches: Sequence[PatchFrames]) -> Iterator[PatchFrames]:
+            for patch in cycle(patches):
+                frames, contrast, texture = lower_contrast(patch.frames, self._section.min_texture, self._rng)
+                yield PatchFrames(patch.square, texture, frames, contrast)
+
+        whole, crops = self._textured.by_subject(), self._flat.by_subject()
+        order = [sorted(whole)[place] for place in self._rng.permutation(len(whole))]
+        most = -(-wanted // len(order))
+        own = ([(subject, patch) for patch in crops[subject][:most]] for subject in order)
+        chosen = {subject: list[PatchFrames]() for subject in order}
+        for subject, patch in islice(_in_turn(*own), wanted):
+            chosen[subject].append(patch)
+        rest = {subject: chain(crops[subject][most:], made(whole[subject])) for subject in order}
+        while sum(map(len, chosen.values())) < wanted:
+            subject = min(rest, key=lambda subject: len(chosen[subject]))
+            following = next(rest[subject], None)
+            if following is None:
+                del rest[subject]
+            else:
+                chosen[subject].append(following)
+        by_image: dict[str, list[PatchFrames]] = defaultdict(list)
+        for patch in chain.from_iterable(chosen.values()):
+            by_image[patch.square.source].append(patch)
+        return by_image
+
+    def report(self, chosen: Sequence[PatchFrames], skipped: Sequence[Skipped], not_opened: int) -> TextureReport:
+        """Return the fate of all images and crops, given the patches."""
+        judged = [clip for _, clip in sorted(self._judged.items())]
+        kept = {patch.square for patch in chosen}
+        sources = {square.source for square in kept}
+        used = sum(clip.frame_count for clip in judged if clip.source in sources)
+        return TextureReport(
+            images_used=used,
+            images_unused=sum(clip.frame_count for clip in judged) - used,
+            too_small=tuple(sorted(self._too_small)),
+            images_skipped=tuple(sorted(skipped, key=lambda skipped: skipped.path.as_posix())),
+            images_not_opened=not_opened,
+            counts=crop_counts(judged, kept, [patch.square for patch in chosen if patch.contrast < 1]),
+            subjects=self._shared_subjects(sources),
+            examples=rejected_examples(judged, kept),
+            patch_px=self._section.patch_px,
+            min_texture=self._section.min_texture,
+            flat_share=self._section.flat_share,
+            longest_clip=max((len(patch.frames) for patch in chosen), default=0),
+        )
+
+    def _shared_subjects(self, sources: Collection[str]) -> dict[str, str]:
+        """Return the subject, by the name of its first image, of each image that shares one with another of these."""
+        by_subject: dict[int, list[str]] = defaultdict(list)
+        for index, clip in sorted(self._judged.items()):
+            if clip.source in sources:
+                by_subject[self._finder.subject(index)].append(clip.source)
+        return {source: names[0] for names in by_subject.values() if len(names) > 1 for source in names}
 
 
 class _Quota:
@@ -311,16 +325,6 @@ def _alternate_sides(crops: Sequence[MeasuredCrop], rng: np.random.Generator) ->
     sides = np.array([crop.square.side_px for crop in crops], dtype=np.int64)
     queues = [rng.permutation(np.flatnonzero(sides == side)) for side in rng.permutation(np.unique(sides))]
     return [crops[i] for i in chain.from_iterable(zip_longest(*queues)) if i is not None]
-
-
-def _judged(survey: ClipSurvey, duplicates: Mapping[Square, Square]) -> JudgedClip:
-    crops = [
-        *(JudgedCrop("flat", crop.square) for crop in survey.flat),
-        *(JudgedCrop("blurred", crop.square) for crop in survey.blurred),
-        *(JudgedCrop("duplicate", square, like) for square, like in duplicates.items()),
-        *(JudgedCrop(None, crop.square) for crop in survey.good if crop.square not in duplicates),
-    ]
-    return JudgedClip(len(survey.frames), crops)
 
 
 def _no_patch_message(images_given: int, report: TextureReport) -> str:
