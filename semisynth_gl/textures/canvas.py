@@ -1,50 +1,41 @@
-"""What all drawn pictures are made with: colours that go together, noise, relief, cells, lettering."""
+"""What all drawn pictures are made with: colours that go together, noise, relief, cells."""
 
-from functools import cache
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
 from semisynth_gl.textures.crops import LUMINANCE_PARTS
 
 SIDE_PX = 768
 """Width and height of a drawn picture."""
 
-FINE = 2
-"""Shapes are drawn at this multiple of their size and reduced, since Pillow draws hard edges."""
-
-SHEET_PX = FINE * SIDE_PX
-"""Width and height of what shapes are drawn on."""
+# Shapes are drawn at this multiple of their size and reduced, since Pillow draws hard edges.
+_FINE = 2
+SHEET_PX = _FINE * SIDE_PX
+"""Width and height of the image that shapes are drawn on."""
 
 Field = NDArray[np.float32]
 Pixels = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
-# Five colours each, found by eye; from dark to light within a palette where there is an order.
-_COLOURS = """
-264653 2a9d8f e9c46a f4a261 e76f51 | 1d3557 457b9d a8dadc f1faee e63946 | 3d405b 81b29a f2cc8f e07a5f f4f1de
-003049 d62828 f77f00 fcbf49 eae2b7 | 606c38 283618 fefae0 dda15e bc6c25 | 5f0f40 9a031e fb8b24 e36414 0f4c5c
-2b2d42 8d99ae edf2f4 ef233c d90429 | 132a13 31572c 4f772d 90a955 ecf39e | 10002b 5a189a 9d4edd e0aaff ff9e00
-335c67 fff3b0 e09f3e 9e2a2b 540b0e | 0b132b 1c2541 3a506b 5bc0be f5f5f0 | 6b2d5c f0386b ff5376 f8c0c8 f5e6c8
-22577a 38a3a5 57cc99 80ed99 faf3dd | 4a2c2a 8c5e3c c19a6b e8d5b5 2f4858 | 233d4d fe7f2d fcca46 a1c181 619b8a
-386641 6a994e a7c957 f2e8cf bc4749 | 33202a 6d4c5b c97b84 a85751 f0d9c0 | 073b4c 118ab2 06d6a0 ffd166 ef476f
-2d2424 5c3d2e b85c38 e0c097 f6efe2 | 27476e 006992 eaf8bf ffb703 d1495b | 1b4332 40916c b7e4c7 f9c74f f3722c
-"""
-_PALETTES = np.array(
-    [
-        [list(bytes.fromhex(code)) for code in five.split()]
-        for line in _COLOURS.strip().splitlines()
-        for five in line.split("|")
-    ],
-    np.float64,
-)
 
-_SYLLABLES = """
-ba be bo bra ca ce chi co cra da de di do dra el en fa fi flo ga go gri ha hi ka ki la le li lo lu ma me mi mo na ne ni
-no o pa pe pi plo ra re ri ro sa se shi so sta ta te ti to tra u va ve vi wa wi xa ya yo za
-"""
+def hex_colours(codes: str) -> NDArray[np.float64]:
+    """Return colours that are written like ``264653``, (N, 3) of 0 to 255."""
+    return np.array([list(bytes.fromhex(code)) for code in codes.split()], np.float64)
+
+
+# Five colours each, found by eye; from dark to light within a palette where there is an order.
+_PALETTES = hex_colours("""
+264653 2a9d8f e9c46a f4a261 e76f51   1d3557 457b9d a8dadc f1faee e63946   3d405b 81b29a f2cc8f e07a5f f4f1de
+003049 d62828 f77f00 fcbf49 eae2b7   606c38 283618 fefae0 dda15e bc6c25   5f0f40 9a031e fb8b24 e36414 0f4c5c
+2b2d42 8d99ae edf2f4 ef233c d90429   132a13 31572c 4f772d 90a955 ecf39e   10002b 5a189a 9d4edd e0aaff ff9e00
+335c67 fff3b0 e09f3e 9e2a2b 540b0e   0b132b 1c2541 3a506b 5bc0be f5f5f0   6b2d5c f0386b ff5376 f8c0c8 f5e6c8
+22577a 38a3a5 57cc99 80ed99 faf3dd   4a2c2a 8c5e3c c19a6b e8d5b5 2f4858   233d4d fe7f2d fcca46 a1c181 619b8a
+386641 6a994e a7c957 f2e8cf bc4749   33202a 6d4c5b c97b84 a85751 f0d9c0   073b4c 118ab2 06d6a0 ffd166 ef476f
+2d2424 5c3d2e b85c38 e0c097 f6efe2   27476e 006992 eaf8bf ffb703 d1495b   1b4332 40916c b7e4c7 f9c74f f3722c
+""").reshape(-1, 5, 3)
 
 
 def palette(rng: np.random.Generator) -> NDArray[np.float64]:
@@ -93,12 +84,8 @@ def fractal(
 ) -> Field:
     """Return noise (H, W) with a mean of about 0 and a standard deviation of about 1.
 
-    Args:
-        rng: source of the noise.
-        shape: height and width.
-        coarsest_px: size of the largest blobs, a power of two.
-        finest_px: size of the smallest ones, a power of two.
-        persistence: contrast of an octave as a part of that of the next coarser one; 1 is that of photographs.
+    Its largest and smallest blobs have the given sizes, powers of two. The contrast of an octave is the one of the next
+    coarser octave times the persistence, which is about 1 in photographs.
     """
     cell, amplitude = coarsest_px, 1.0
     field: Field | None = None
@@ -156,10 +143,16 @@ def mixed(below: ArrayLike, above: ArrayLike, mask: NDArray[Any]) -> Field:
     return np.asarray(low + (high - low) * mask[..., np.newaxis], np.float32)
 
 
+def lit(pixels: NDArray[Any], light: NDArray[Any]) -> NDArray[Any]:
+    """Return pixels (H, W, 3), or a colour, under a light (H, W) that is 1 where it changes nothing."""
+    shaded: NDArray[Any] = pixels * light[..., np.newaxis]
+    return shaded
+
+
 def relief(height: NDArray[Any], strength: float) -> Field:
     """Return the light on a surface of a height in pixels, from the upper left: 1 where it is level; (H, W, 1)."""
     slope = np.diff(height, axis=0, prepend=height[:1]) + np.diff(height, axis=1, prepend=height[:, :1])
-    return np.asarray(np.clip(1 + np.float32(strength) * slope, 0.35, 1.7), np.float32)[..., np.newaxis]
+    return np.asarray(np.clip(1 + strength * slope, 0.35, 1.7), np.float32)[..., np.newaxis]
 
 
 def bent(pixels: NDArray[Any], rows: NDArray[Any], columns: NDArray[Any]) -> NDArray[Any]:
@@ -176,12 +169,7 @@ def bent(pixels: NDArray[Any], rows: NDArray[Any], columns: NDArray[Any]) -> NDA
 def cells(
     rng: np.random.Generator, cell_px: int, irregular: float = 0.9
 ) -> tuple[NDArray[np.int32], Field, NDArray[np.float32]]:
-    """Divide a picture into cells around random points.
-
-    Args:
-        rng: source of the points.
-        cell_px: mean distance of the points.
-        irregular: 0 for squares, up to 1.
+    """Divide a picture into cells around random points, whose mean distance is given: squares at ``irregular`` 0.
 
     Returns:
         The number of each pixel's cell; its distance from the border to the next cell, pixels; and the cells' points as
@@ -206,14 +194,13 @@ def cells(
             second = np.minimum(second, np.maximum(distance, nearest))
             number = np.where(closer, own, number)
             nearest = np.minimum(nearest, distance)
-    border = (np.sqrt(second) - np.sqrt(nearest)) / np.float32(2)
-    whole = (side, side)
+    border = ((np.sqrt(second) - np.sqrt(nearest)) / 2).astype(np.float32)
     cut = np.s_[:SIDE_PX, :SIDE_PX]
-    return number.reshape(whole)[cut], border.reshape(whole)[cut].astype(np.float32), points.reshape(2, -1).T
+    return number.reshape(side, side)[cut], border.reshape(side, side)[cut], points.reshape(2, -1).T
 
 
 def sheet(paper: NDArray[Any]) -> tuple[Image.Image, ImageDraw.ImageDraw]:
-    """Return an image of one colour and `FINE` times the size, to draw shapes on, and its pen."""
+    """Return an image of one colour, `SHEET_PX` along both sides, to draw shapes on, and its pen."""
     image = Image.new("RGB", (SHEET_PX, SHEET_PX), colour(paper))
     return image, ImageDraw.Draw(image)
 
@@ -224,65 +211,25 @@ def vertices(points: NDArray[np.float64]) -> list[tuple[float, float]]:
 
 
 def reduced(image: Image.Image) -> Field:
-    """Return an image of `FINE` times the size at its own size, (H, W, 3)."""
-    return np.asarray(image.reduce(FINE), np.float32)
+    """Return a `sheet` at the size of a picture, (H, W, 3)."""
+    return np.asarray(image.reduce(_FINE), np.float32)
 
 
 def finished(rng: np.random.Generator, image: NDArray[Any], grain: float = 5.0, light: float = 0.06) -> Pixels:
-    """Return a picture as 8-bit RGB, under a grain and uneven light, as all that a camera sees.
+    """Return a picture (H, W, 3) of 0 to 255 as 8-bit RGB, under a grain and uneven light, as all that a camera sees.
 
     Args:
-        rng: source of the grain.
-        image: (H, W, 3) of 0 to 255.
+        rng: source of the grain and the light.
+        image: the picture.
         grain: standard deviation of the grain, levels.
-        light: that of the light, as a part.
+        light: standard deviation of the light, 1 in the mean.
     """
-    shade = 1 + np.float32(light) * fractal(rng, coarsest_px=512, finest_px=64, persistence=0.5)
-    noise = np.float32(grain) * fractal(rng, coarsest_px=16, persistence=1.0)
-    lit: Pixels = np.clip(np.rint(image * shade[..., np.newaxis] + noise[..., np.newaxis]), 0, 255).astype(np.uint8)
-    return lit
+    shade = 1 + light * fractal(rng, coarsest_px=512, finest_px=64, persistence=0.5)
+    noise = grain * fractal(rng, coarsest_px=16, persistence=1.0)
+    levels: Pixels = np.clip(np.rint(lit(image, shade) + noise[..., np.newaxis]), 0, 255).astype(np.uint8)
+    return levels
 
 
-@cache
-def font(size_px: int) -> ImageFont.FreeTypeFont:
-    """Return Pillow's own font, Aileron (CC0), at a size."""
-    return cast("ImageFont.FreeTypeFont", ImageFont.load_default(size_px))
-
-
-def word(rng: np.random.Generator, syllables: int = 0) -> str:
-    """Return an invented word."""
-    count = syllables or int(rng.choice([1, 2, 2, 3, 3, 4]))
-    known = _SYLLABLES.split()
-    return "".join(known[int(number)] for number in rng.integers(0, len(known), count))
-
-
-def words(rng: np.random.Generator, count: int) -> str:
-    """Return a line of invented words, some with a capital letter, a comma or a number."""
-    found = []
-    for chance in rng.random(count):
-        text = word(rng)
-        if chance < 0.06:
-            text = str(int(rng.integers(1, 2100)))
-        found.append(text.title() if chance > 0.85 else f"{text}," if chance > 0.75 else text)
-    return " ".join(found)
-
-
-def lettering(
-    draw: ImageDraw.ImageDraw, rng: np.random.Generator, box: tuple[int, int, int, int], size_px: int, ink: Colour
-) -> None:
-    """Fill a box (left, top, right, bottom) with paragraphs of invented words, cut off at its sides."""
-    left, top, right, bottom = box
-    letters = max(2, int((right - left) / (0.5 * size_px)))
-    y, stop = top, 0
-    while y + size_px < bottom:
-        text = words(rng, letters // 4 + 2)[:letters]
-        if stop == 0:
-            text, stop = text[: int(len(text) * rng.uniform(0.3, 0.9))] + ".", int(rng.integers(3, 9))
-        draw.text((left, y), text.capitalize() if stop == 1 else text, ink, font(size_px))
-        stop -= 1
-        y += round(1.25 * size_px)
-
-
-def fitted(text: str, width_px: float, largest_px: int) -> ImageFont.FreeTypeFont:
-    """Return the font in which a text is as wide as a box, at most of a size."""
-    return font(max(8, min(largest_px, int(20 * width_px / max(font(20).getlength(text), 1)))))
+def as_image(levels: NDArray[Any]) -> Image.Image:
+    """Return levels (H, W, 3) as an image to draw on, cut off to whole numbers of 0 to 255."""
+    return Image.fromarray(np.clip(levels, 0, 255).astype(np.uint8))

@@ -12,6 +12,7 @@ from semisynth_gl.textures.canvas import (
     finished,
     fractal,
     grid,
+    lit,
     mixed,
     palette,
     pick,
@@ -43,11 +44,11 @@ def tartan(rng: np.random.Generator) -> Pixels:
     row, column = (np.clip(np.floor(at), 0, threads - 1).astype(np.int32) for at in (v, u))
     over = (row + column) % 4 < 2
     image = np.where(over[..., np.newaxis], warp[column], weft[row])
-    round_thread = np.where(over, np.abs(u % 1 - np.float32(0.5)), np.abs(v % 1 - np.float32(0.5)))
+    round_thread = np.where(over, np.abs(u % 1 - 0.5), np.abs(v % 1 - 0.5))
     fibre = fractal(rng, coarsest_px=4)
-    image = image * (np.float32(1.18) - 0.75 * round_thread + 0.09 * fibre)[..., np.newaxis]
+    image = lit(image, 1.18 - 0.75 * round_thread + 0.09 * fibre)
     folds = fractal(rng, coarsest_px=256, finest_px=16, persistence=0.5)
-    return finished(rng, image * (1 + np.float32(0.10) * folds)[..., np.newaxis], grain=5)
+    return finished(rng, lit(image, 1 + 0.1 * folds), grain=5)
 
 
 def rug(rng: np.random.Generator) -> Pixels:
@@ -80,16 +81,15 @@ def rug(rng: np.random.Generator) -> Pixels:
     whole = np.block([[pattern[::-1, ::-1], pattern[::-1]], [pattern[:, ::-1], pattern]])
     # Wool was dyed in lots: bands of rows differ.
     lots = 1 + 0.06 * resized(rng.standard_normal((count // 8, 1)).astype(np.float32), (count, 1))
-    tints = colours[whole] * lots[..., np.newaxis] * rng.normal(1, 0.07, (count, count, 1)) + rng.normal(
-        0, 5, (count, count, 3)
-    )
+    tints = lit(colours[whole], lots) * rng.normal(1, 0.07, (count, count, 1))
+    tints += rng.normal(0, 5, (count, count, 3))
     image = np.repeat(np.repeat(tints.astype(np.float32), knot, 0), knot, 1)
     y, x = grid()
     sway = fractal(rng, coarsest_px=128, finest_px=4, persistence=0.6)
     image = bent(image, 3 * sway, 2 * fractal(rng, coarsest_px=64, finest_px=4, persistence=0.6))
-    pile = 1.1 - 0.09 * ((y % knot) == 0) - 0.07 * ((x % knot) == 0) + np.float32(0.08) * fractal(rng, coarsest_px=8)
+    pile = 1.1 - 0.09 * ((y % knot) == 0) - 0.07 * ((x % knot) == 0) + 0.08 * fractal(rng, coarsest_px=8)
     worn = step(fractal(rng, coarsest_px=256) - 1.2, 1.2)
-    image = mixed(image, (176, 160, 138), np.float32(0.45) * worn) * pile[..., np.newaxis].astype(np.float32)
+    image = lit(mixed(image, (176, 160, 138), 0.45 * worn), pile.astype(np.float32))
     return finished(rng, image, grain=6)
 
 
@@ -114,18 +114,15 @@ def knitting(rng: np.random.Generator) -> Pixels:
     y, x = grid()
     sway = fractal(rng, coarsest_px=256, finest_px=8, persistence=0.6)
     u = (x + 3 * sway) / wide
-    side = np.abs(u % 1 - np.float32(0.5))
-    v = (y + 3 * sway) / high + np.float32(1.1) - 1.6 * side
-    row, column = (
-        np.clip(np.floor(v), 0, rows - 1).astype(np.int32),
-        np.clip(np.floor(u), 0, columns - 1).astype(np.int32),
-    )
-    yarn = np.minimum(
-        1, 1.7 * np.sqrt(np.clip((0.5 - np.abs(v % 1 - np.float32(0.5))) * np.minimum(side, 0.5 - side) * 4, 0, 1))
-    )
+    side = np.abs(u % 1 - 0.5)
+    v = (y + 3 * sway) / high + 1.1 - 1.6 * side
+    row = np.clip(np.floor(v), 0, rows - 1).astype(np.int32)
+    column = np.clip(np.floor(u), 0, columns - 1).astype(np.int32)
+    bulge = (0.5 - np.abs(v % 1 - 0.5)) * np.minimum(side, 0.5 - side)
+    yarn = np.minimum(1, 1.7 * np.sqrt(np.clip(bulge * 4, 0, 1)))
     twist = np.sin((v * 5 + np.where(u % 1 < 0.5, 1, -1) * side * 26).astype(np.float32))
     fluff = fractal(rng, coarsest_px=8)
-    image = tints[row, column] * (np.float32(0.38) + 0.68 * yarn + 0.07 * twist + 0.07 * fluff)[..., np.newaxis]
+    image = lit(tints[row, column], 0.38 + 0.68 * yarn + 0.07 * twist + 0.07 * fluff)
     return finished(rng, image.astype(np.float32), grain=5)
 
 
@@ -135,9 +132,8 @@ def flowered(rng: np.random.Generator) -> Pixels:
     colours = palette(rng)
     ground = pick(rng, colours)
     image = np.ones((SIDE_PX, SIDE_PX, 3), np.float32) * ground.astype(np.float32)
-    for layer in range(3):
-        size = (64, 128, 205)[layer]
-        for _ in range((80, 36, 16)[layer]):
+    for size, count in ((64, 80), (128, 36), (205, 16)):
+        for _ in range(count):
             cy, cx = rng.uniform(-20, SIDE_PX + 20, 2)
             radius = size * rng.uniform(0.28, 0.5)
             top, left = max(0, int(cy - radius)), max(0, int(cx - radius))
@@ -146,16 +142,15 @@ def flowered(rng: np.random.Generator) -> Pixels:
             if not v.size:
                 continue
             image[window] = _flower(rng, image[window], v, u, radius, colours)
-    threads = np.float32(0.05) * (np.sin(x * 1.6) * np.sin(y * 1.6)) + np.float32(0.05) * fractal(rng, coarsest_px=4)
+    threads = 0.05 * (np.sin(x * 1.6) * np.sin(y * 1.6)) + 0.05 * fractal(rng, coarsest_px=4)
     folds = fractal(rng, coarsest_px=256, finest_px=16, persistence=0.5)
-    tone = 1 + threads + np.float32(0.08) * folds
-    return finished(rng, image * tone[..., np.newaxis].astype(np.float32), grain=6)
+    return finished(rng, lit(image, (1 + threads + 0.08 * folds).astype(np.float32)), grain=6)
 
 
 def _flower(
     rng: np.random.Generator, below: Field, v: Field, u: Field, radius: float, colours: NDArray[np.float64]
 ) -> Field:
-    distance, angle = np.hypot(v, u), direction(v, u) + np.float32(rng.uniform(0, 7))
+    distance, angle = np.hypot(v, u), direction(v, u) + rng.uniform(0, 7)
     petals = int(rng.integers(4, 10))
     inks = rng.permutation(colours)
     # In float64, as `direction`.
@@ -163,8 +158,7 @@ def _flower(
     reach = radius * (0.45 + 0.5 * lobes)
     veins = 0.85 + 0.25 * distance / radius + 0.08 * np.sin(angle * petals * 4)
     image = mixed(below, inks[0] * 0.55, step(reach - distance + 2, 1.5))
-    image = mixed(
-        image, inks[1].astype(np.float32) * veins[..., np.newaxis].astype(np.float32), step(reach - distance, 1.5)
-    )
-    image = mixed(image, inks[2], step(0.55 * reach - distance, 1.5) * np.float32(0.8))
+    petal = lit(inks[1].astype(np.float32), veins.astype(np.float32))
+    image = mixed(image, petal, step(reach - distance, 1.5))
+    image = mixed(image, inks[2], step(0.55 * reach - distance, 1.5) * 0.8)
     return mixed(image, inks[3], step(0.2 * radius - distance + np.sin(angle * 14), 1.5))

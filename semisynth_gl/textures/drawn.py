@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from semisynth_gl.textures import cloths, graphics, materials, nature, prints
+from semisynth_gl.textures import cloths, materials, nature, prints
 from semisynth_gl.textures.canvas import Pixels
 from semisynth_gl.textures.pictures import Picture
 
@@ -13,7 +13,7 @@ KINDS: tuple[Callable[[np.random.Generator], Pixels], ...] = (
     *(materials.bricks, materials.cobbles, materials.marble, materials.peeling),
     *(materials.terrazzo, materials.tiles, materials.wood),
     *(nature.fields, nature.fruit, nature.leaves, nature.meadow),
-    *(graphics.city_map, graphics.screen),
+    *(prints.city_map, prints.screen),
     *(prints.books, prints.labels, prints.page, prints.poster),
 )
 """The kinds: each draws a picture of `canvas.SIDE_PX` pixels along both sides, all of it from the generator."""

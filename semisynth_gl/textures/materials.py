@@ -10,6 +10,7 @@ from semisynth_gl.textures.canvas import (
     finished,
     fractal,
     grid,
+    lit,
     mixed,
     palette,
     pick,
@@ -40,13 +41,13 @@ def wood(rng: np.random.Generator) -> Pixels:
     across = x + 34 * sway + shift
     for _ in range(int(rng.integers(3, 8))):
         cy, cx, radius = rng.uniform(0, SIDE_PX), rng.uniform(0, SIDE_PX), rng.uniform(8, 26)
-        near = np.exp(-(np.square((y - cy) / 3.2) + np.square(x - cx)) / np.float32(radius**2 * 2))
-        across += near * np.float32(rng.uniform(40, 90))
-    turns = across * np.float32(1 / rng.uniform(18, 44))
-    rings = 2 * np.abs(turns - np.floor(turns) - np.float32(0.35)) - np.float32(0.4)
+        near = np.exp(-(np.square((y - cy) / 3.2) + np.square(x - cx)) / (radius**2 * 2))
+        across += near * rng.uniform(40, 90)
+    turns = across * (1 / rng.uniform(18, 44))
+    rings = 2 * np.abs(turns - np.floor(turns) - 0.35) - 0.4
     field = 1.5 * rings + 0.4 * fibres + 0.4 * sway
     image = toned(field, np.array(_WOODS[int(rng.integers(len(_WOODS)))], np.float64))
-    image *= rng.uniform(0.78, 1.18, (12, 3)).mean(axis=1)[plank][..., np.newaxis].astype(np.float32)
+    image = lit(image, rng.uniform(0.78, 1.18, (12, 3)).mean(axis=1)[plank].astype(np.float32))
     gap = np.abs((x + 0.5) % width - width / 2)
     ends = np.abs((y + rng.uniform(0, 900, 12)[plank]) % 900 - 450).astype(np.float32)
     seam = np.maximum(step(2.5 - np.abs(gap - gap.min()), 1.5), step(2.5 - ends, 1.5))
@@ -61,9 +62,9 @@ def marble(rng: np.random.Generator) -> Pixels:
     cloud = fractal(rng, persistence=0.8)
     image = toned(cloud, [0.6 * pale, 0.9 * pale, 0.8 * pale + 0.2 * pick(rng, colours), np.minimum(1.15 * pale, 250)])
     for number, ink in enumerate(rng.permutation(colours)[:4]):
-        ridge = np.abs(fractal(rng, coarsest_px=256, persistence=rng.uniform(0.5, 0.62)) + np.float32(0.15) * cloud)
-        vein = np.exp(-ridge * np.float32(rng.uniform(10, 34))) * step(cloud * (1 - 2 * (number % 2)) + 1.2, 1.5)
-        image = mixed(image, 0.55 * ink + 10 if number else (250, 248, 240), np.float32(0.85) * vein)
+        ridge = np.abs(fractal(rng, coarsest_px=256, persistence=rng.uniform(0.5, 0.62)) + 0.15 * cloud)
+        vein = np.exp(-ridge * rng.uniform(10, 34)) * step(cloud * (1 - 2 * (number % 2)) + 1.2, 1.5)
+        image = mixed(image, 0.55 * ink + 10 if number else (250, 248, 240), 0.85 * vein)
     return finished(rng, image, grain=5)
 
 
@@ -75,10 +76,10 @@ def terrazzo(rng: np.random.Generator) -> Pixels:
         number, border, points = cells(rng, size)
         shown = rng.random(len(points)) < share
         shrink = rng.uniform(0.08, 0.3, len(points)).astype(np.float32) * size
-        ragged = border - shrink[number] + np.float32(0.04 * size) * fractal(rng, coarsest_px=16, persistence=0.7)
+        ragged = border - shrink[number] + 0.04 * size * fractal(rng, coarsest_px=16, persistence=0.7)
         mask = step(ragged) * shown[number]
         tints = np.array([pick(rng, colours) * rng.uniform(0.75, 1.2) for _ in points], np.float32)
-        chips = tints[number] * (1 + np.float32(0.12) * fractal(rng, coarsest_px=32))[..., np.newaxis]
+        chips = lit(tints[number], 1 + 0.12 * fractal(rng, coarsest_px=32))
         image = mixed(image, chips, mask)
     return finished(rng, image, grain=6)
 
@@ -88,13 +89,13 @@ def cobbles(rng: np.random.Generator) -> Pixels:
     size = int(rng.integers(44, 110))
     number, border, points = cells(rng, size, 0.8)
     sway = fractal(rng, coarsest_px=64, persistence=0.8)
-    dome = np.sqrt(np.clip(border - np.float32(0.05 * size) + 1.2 * sway, 0, None))
+    dome = np.sqrt(np.clip(border - 0.05 * size + 1.2 * sway, 0, None))
     colours = palette(rng)
     stones = np.array([[126, 116, 106], [154, 142, 126], [98, 96, 98], *(0.4 * colours + 70)])
     tints = stones[rng.integers(0, len(stones), len(points))] * rng.uniform(0.75, 1.25, (len(points), 1))
     rough = fractal(rng, coarsest_px=64, persistence=1.0)
-    image = tints.astype(np.float32)[number] * (1 + np.float32(0.16) * rough)[..., np.newaxis]
-    image *= relief(2.2 * dome + 0.5 * rough, 0.3) * (np.float32(0.55) + 0.45 * step(dome, 3))[..., np.newaxis]
+    image = lit(tints.astype(np.float32)[number], 1 + 0.16 * rough)
+    image *= lit(relief(2.2 * dome + 0.5 * rough, 0.3), 0.55 + 0.45 * step(dome, 3))
     mortar = toned(fractal(rng, coarsest_px=16), [[66, 58, 50], [104, 94, 82], [134, 124, 110]])
     return finished(rng, mixed(mortar, image, step(dome)), grain=5)
 
@@ -106,19 +107,18 @@ def bricks(rng: np.random.Generator) -> Pixels:
     width = round(2.6 * height)
     sway = fractal(rng, coarsest_px=64, persistence=0.8)
     row = np.floor((y + sway) / height).astype(np.int32)
-    along = x + sway + (row % 2) * np.float32(0.5 * width)
+    along = x + sway + 0.5 * width * (row % 2)
     number = row * 64 + np.floor(along / width).astype(np.int32)
-    inside = np.minimum(
-        np.minimum((y + sway) % height, height - (y + sway) % height), np.minimum(along % width, width - along % width)
-    )
+    up, left = (y + sway) % height, along % width
+    inside = np.minimum(np.minimum(up, height - up), np.minimum(left, width - left))
     base = np.array([[158, 82, 58], [178, 104, 72], [136, 66, 52], [190, 128, 92], [112, 62, 56]])
     tints = base[rng.integers(0, 5, 4096)] * rng.uniform(0.8, 1.2, (4096, 1))
     rough = fractal(rng, coarsest_px=32, persistence=1.0)
-    image = tints.astype(np.float32)[number % 4096] * (1 + np.float32(0.15) * rough)[..., np.newaxis]
+    image = lit(tints.astype(np.float32)[number % 4096], 1 + 0.15 * rough)
     for ink in palette(rng)[: int(rng.integers(1, 5))]:
         blot = fractal(rng, coarsest_px=512, finest_px=4, persistence=0.55)
-        worn = step(blot - np.float32(rng.uniform(0.5, 1.1)), 0.08) * step(rough + 1.7, 0.3)
-        image = mixed(image, ink * rng.uniform(0.9, 1.1), np.float32(0.85) * worn) * relief(rough, 0.02)
+        worn = step(blot - rng.uniform(0.5, 1.1), 0.08) * step(rough + 1.7, 0.3)
+        image = mixed(image, ink * rng.uniform(0.9, 1.1), 0.85 * worn) * relief(rough, 0.02)
     mortar = toned(fractal(rng, coarsest_px=16), [[150, 142, 132], [182, 174, 162], [206, 200, 190]])
     edge = step(inside - 4, 2)
     return finished(rng, mixed(mortar, image, edge) * relief(3 * step(inside - 3, 4) + 0.4 * rough, 0.16), grain=5)
@@ -129,15 +129,13 @@ def peeling(rng: np.random.Generator) -> Pixels:
     rust = [[48, 26, 20], [112, 56, 30], [164, 86, 40], [196, 124, 62], [90, 62, 50]]
     image = toned(fractal(rng, persistence=1.0), rust)
     for coat in palette(rng)[:4]:
-        edge = fractal(rng, coarsest_px=256, persistence=0.78) - np.float32(rng.uniform(-0.35, 0.35))
+        edge = fractal(rng, coarsest_px=256, persistence=0.78) - rng.uniform(-0.35, 0.35)
         mask = step(edge, 0.05)
         rim = np.exp(-np.square(edge) * 60)
-        paint = coat * (1 + np.float32(0.06) * fractal(rng, coarsest_px=64))[..., np.newaxis]
-        image = mixed(image * (1 - np.float32(0.45) * rim)[..., np.newaxis], paint, mask) * relief(
-            2 * step(edge, 0.12), 0.22
-        )
+        paint = lit(coat, 1 + 0.06 * fractal(rng, coarsest_px=64))
+        image = mixed(lit(image, 1 - 0.45 * rim), paint, mask) * relief(2 * step(edge, 0.12), 0.22)
     streaks = resized(fractal(rng, (64, SIDE_PX), coarsest_px=32), (SIDE_PX, SIDE_PX))
-    return finished(rng, mixed(image, (92, 48, 26), np.float32(0.5) * step(streaks - 1.1, 0.8)), grain=6)
+    return finished(rng, mixed(image, (92, 48, 26), 0.5 * step(streaks - 1.1, 0.8)), grain=6)
 
 
 def tiles(rng: np.random.Generator) -> Pixels:
@@ -145,26 +143,25 @@ def tiles(rng: np.random.Generator) -> Pixels:
     size = int(rng.choice([128, 171, 205]))
     y, x = grid()
     row, column = (np.floor(at / size).astype(np.int32) for at in (y, x))
-    v, u = ((at % size) / np.float32(size) - np.float32(0.5) for at in (y, x))
+    v, u = ((at % size) / np.float32(size) - 0.5 for at in (y, x))
     number = row * 16 + column
     colours = palette(rng)
     colours[0] = 0.15 * colours[0] + 0.85 * np.array([240, 236, 226])
     radius, angle = np.hypot(u, v), direction(v, u)
     one, two, three = (rng.permutation(np.arange(256) % kinds) for kinds in (4, 3, 5))
     petals = np.array([4, 8, 6, 12])[one][number]
-    flower = radius - np.float32(0.30) - np.float32(0.1) * np.cos(petals * angle)
+    flower = radius - 0.3 - np.float32(0.1) * np.cos(petals * angle)
     star = np.abs(u) + np.abs(v) - np.array([0.22, 0.3, 0.16], np.float32)[two][number]
-    corner = np.hypot(np.abs(u) - 0.5, np.abs(v) - 0.5) - np.float32(0.2)
+    corner = np.hypot(np.abs(u) - 0.5, np.abs(v) - 0.5) - 0.2
     pixel = 1.2 / size
     image = np.ones((*u.shape, 3), np.float32) * colours[0].astype(np.float32)
     for shape, shift in ((flower, 0), (star, 1), (corner, 2), (np.abs(flower) - 0.022, 3), (np.abs(corner) - 0.018, 1)):
         tints = colours[1 + (three + shift) % 4].astype(np.float32)[number]
         image = mixed(image, tints, step(-shape, pixel))
-    image *= rng.normal(1, 0.05, 256).astype(np.float32)[number][..., np.newaxis]
-    image *= (1 + np.float32(0.05) * fractal(rng, coarsest_px=64))[..., np.newaxis]
-    edge = (np.float32(0.5) - np.maximum(np.abs(u), np.abs(v))) * size
+    image = lit(image, rng.normal(1, 0.05, 256).astype(np.float32)[number])
+    image = lit(image, 1 + 0.05 * fractal(rng, coarsest_px=64))
+    edge = (0.5 - np.maximum(np.abs(u), np.abs(v))) * size
     crackle = step(np.abs(fractal(rng, coarsest_px=64, persistence=0.6)), 0.035)
-    image = mixed(image, (112, 100, 84), np.float32(0.3) * (1 - crackle))
-    worn = step(fractal(rng, coarsest_px=128) - 1.5, 0.1)
-    image = mixed(image, (178, 140, 108), worn)
+    image = mixed(image, (112, 100, 84), 0.3 * (1 - crackle))
+    image = mixed(image, (178, 140, 108), step(fractal(rng, coarsest_px=128) - 1.5, 0.1))
     return finished(rng, mixed((120, 112, 102), image, step(edge - 2, 1.5)) * relief(2 * step(edge, 6), 0.2), grain=5)

@@ -15,6 +15,8 @@ from semisynth_gl.textures.canvas import (
     finished,
     fractal,
     grid,
+    hex_colours,
+    lit,
     mixed,
     palette,
     pick,
@@ -27,12 +29,9 @@ from semisynth_gl.textures.canvas import (
     vertices,
 )
 
-_GREENS = np.array(
-    [[38, 70, 30], [66, 104, 40], [98, 136, 54], [140, 168, 74], [52, 92, 62], [168, 178, 92]], np.float64
-)
-_AUTUMN = np.array(
-    [[122, 52, 24], [182, 84, 30], [212, 132, 44], [228, 178, 72], [92, 66, 34], [150, 34, 30]], np.float64
-)
+_GREENS = hex_colours("26461e 426828 628836 8ca84a 345c3e a8b25c")
+_AUTUMN = hex_colours("7a3418 b6541e d4842c e4b248 5c4222 96221e")
+_CROPS = hex_colours("7e8e3e b09e54 5c7434 c6b070 806242 466232 9caa5c d6be4a")
 
 
 def _leaf(
@@ -82,8 +81,7 @@ def leaves(rng: np.random.Generator) -> Pixels:
         _leaf(draw, rng, at, lean + rng.normal(0, 1.1), rng.uniform(80, 280), tint)
     rough = fractal(rng, coarsest_px=128)
     light = fractal(rng, coarsest_px=256, finest_px=8, persistence=0.6)
-    tone = 1 + np.float32(0.1) * rough + np.float32(0.14) * light
-    return finished(rng, reduced(image) * tone[..., np.newaxis], grain=6)
+    return finished(rng, lit(reduced(image), 1 + 0.1 * rough + 0.14 * light), grain=6)
 
 
 def meadow(rng: np.random.Generator) -> Pixels:
@@ -95,9 +93,8 @@ def meadow(rng: np.random.Generator) -> Pixels:
         lean, length = rng.normal(0, 0.5), rng.uniform(80, 220)
         tint = varied(rng, _GREENS[int(rng.integers(6))] * (0.5 + 0.6 * depth), 10)
         base, tip = rng.uniform(3, 7), (x + length * np.sin(lean), y - length * np.cos(lean))
-        draw.polygon(
-            [(x - base, y), (x + base, y), (x + 0.4 * length * np.sin(lean * 0.6), y - 0.5 * length), tip], fill=tint
-        )
+        bend = (x + 0.4 * length * np.sin(lean * 0.6), y - 0.5 * length)
+        draw.polygon([(x - base, y), (x + base, y), bend, tip], fill=tint)
     inks = palette(rng)
     for number in range(250):
         at, radius = rng.uniform(0, SHEET_PX, 2), rng.uniform(10, 42) * (1.6 if number > 215 else 1)
@@ -107,23 +104,17 @@ def meadow(rng: np.random.Generator) -> Pixels:
             angle = turn + 2 * np.pi * petal / petals
             out = np.array([np.cos(angle), np.sin(angle)])
             sideways = np.array([-out[1], out[0]]) * np.sin(np.pi / petals) * 0.95
-            outline = [
-                0 * out,
-                0.6 * out + sideways * 0.8,
-                out + sideways * 0.4,
-                1.05 * out,
-                out - sideways * 0.4,
-                0.6 * out - sideways * 0.8,
-            ]
-            draw.polygon(vertices(at + radius * np.array(outline) * squash), fill=varied(rng, ink, 16))
-            draw.line(
-                vertices(at + radius * np.array([0.2 * out, 0.9 * out]) * squash), fill=colour(ink * 0.72), width=2
-            )
+            one_side = [0.6 * out + sideways * 0.8, out + sideways * 0.4]
+            other_side = [out - sideways * 0.4, 0.6 * out - sideways * 0.8]
+            outline = at + radius * np.array([0 * out, *one_side, 1.05 * out, *other_side]) * squash
+            draw.polygon(vertices(outline), fill=varied(rng, ink, 16))
+            vein = at + radius * np.array([0.2 * out, 0.9 * out]) * squash
+            draw.line(vertices(vein), fill=colour(ink * 0.72), width=2)
         heart = radius * 0.28
         box = (at[0] - heart, at[1] - heart * squash[1], at[0] + heart, at[1] + heart * squash[1])
         draw.ellipse(box, fill=varied(rng, np.array([214, 168, 52])), outline=(120, 78, 26), width=2)
     rough = fractal(rng, coarsest_px=64)
-    return finished(rng, reduced(image) * (1 + np.float32(0.1) * rough)[..., np.newaxis], grain=6)
+    return finished(rng, lit(reduced(image), 1 + 0.1 * rough), grain=6)
 
 
 def fruit(rng: np.random.Generator) -> Pixels:
@@ -139,49 +130,35 @@ def fruit(rng: np.random.Generator) -> Pixels:
         radius = largest * rng.uniform(0.5, 1)
         top, left = max(0, int(cy - 1.2 * radius)), max(0, int(cx - 1.2 * radius))
         window = np.s_[top : int(cy + 1.2 * radius) + 2, left : int(cx + 1.2 * radius) + 2]
-        v, u = (y[window] - np.float32(cy)) / np.float32(radius), (x[window] - np.float32(cx)) / np.float32(radius)
+        v, u = (y[window] - np.float32(cy)) / radius, (x[window] - np.float32(cx)) / radius
         squared = v * v + u * u
         tint = pick(rng, colours) * rng.uniform(0.8, 1.15) + rng.normal(0, 8, 3)
         other = pick(rng, colours)
-        blush = step(u * np.float32(rng.normal()) + v * np.float32(rng.normal()) + 0.3 * speckle[window], 0.9)
-        ball = mixed(tint, 0.55 * tint + 0.45 * other, np.float32(0.7) * blush)
+        blush = step(u * rng.normal() + v * rng.normal() + 0.3 * speckle[window], 0.9)
+        ball = mixed(tint, 0.55 * tint + 0.45 * other, 0.7 * blush)
         if number % 3 == 0:
             angle = direction(v, u) + 2.0 * np.sqrt(squared)
             ball = mixed(ball, (244, 240, 232), step(np.sin(angle * 5 + number) - 0.3, 0.3))
         z = np.sqrt(np.clip(1 - squared, 0, 1))
         shade = 0.32 + 0.8 * np.clip(0.75 * z - 0.4 * v - 0.35 * u, 0, 1) + 0.06 * speckle[window]
         gleam = step(0.05 - np.square(u + 0.36) - np.square(v + 0.42), 0.05)
-        ball = mixed(ball * shade[..., np.newaxis], (255, 252, 244), np.float32(0.75) * gleam)
-        below = image[window] * (1 - 0.6 * step(1.35 - squared, 0.5))[..., np.newaxis]
-        image[window] = mixed(below, ball, step((1 - np.sqrt(squared)) * np.float32(radius), 1.2))
+        ball = mixed(lit(ball, shade), (255, 252, 244), 0.75 * gleam)
+        below = lit(image[window], 1 - 0.6 * step(1.35 - squared, 0.5))
+        image[window] = mixed(below, ball, step((1 - np.sqrt(squared)) * radius, 1.2))
     return finished(rng, image, grain=5)
 
 
 def fields(rng: np.random.Generator) -> Pixels:
     """Farmland from above: crops in rows, hedges, paths, trees."""
     number, border, points = cells(rng, int(rng.integers(130, 230)), 1.0)
-    crops = np.array(
-        [
-            [126, 142, 62],
-            [176, 158, 84],
-            [92, 116, 52],
-            [198, 176, 112],
-            [128, 98, 66],
-            [70, 98, 50],
-            [156, 170, 92],
-            [214, 190, 74],
-        ]
-    )
     angles, periods = rng.uniform(0, np.pi, len(points)), rng.uniform(5, 16, len(points))
     y, x = grid()
     rough = fractal(rng)
     along = x * np.cos(angles).astype(np.float32)[number] + y * np.sin(angles).astype(np.float32)[number]
     rows = np.sin((along + 2 * rough) * (2 * np.pi / periods).astype(np.float32)[number])
     strength = rng.uniform(0.03, 0.2, len(points)).astype(np.float32)[number]
-    tints = (crops[rng.integers(0, len(crops), len(points))] * rng.uniform(0.8, 1.15, (len(points), 1))).astype(
-        np.float32
-    )
-    image = tints[number] * (1 + strength * rows + np.float32(0.12) * rough)[..., np.newaxis]
+    tints = _CROPS[rng.integers(0, len(_CROPS), len(points))] * rng.uniform(0.8, 1.15, (len(points), 1))
+    image = lit(tints.astype(np.float32)[number], 1 + strength * rows + 0.12 * rough)
     hedge = step(4 + 2.5 * rough - border)
     image = mixed(image, toned(fractal(rng, coarsest_px=8), [[24, 40, 20], [50, 74, 34], [86, 106, 52]]), hedge)
     image = mixed(image, (206, 192, 166), step(2.2 - np.abs(border - 8)) * (number % 3 == 0))
@@ -191,10 +168,7 @@ def fields(rng: np.random.Generator) -> Pixels:
     trees, distance, middles = cells(rng, 24, 1.0)
     wood = (flow[tuple(np.clip(middles.T, 0, SIDE_PX - 1).astype(np.int32))] > 0.9) | (rng.random(len(middles)) < 0.05)
     crown = np.sqrt(np.clip(distance - 1, 0, None))
+    mask = step(crown) * wood[trees]
     canopy = toned(rough, [[30, 52, 26], [58, 86, 40], [96, 118, 56]]) * relief(2 * crown + 0.4 * rough, 0.3)
-    image = mixed(
-        image * (1 - 0.4 * np.roll(step(crown) * wood[trees], (5, 5), (0, 1)))[..., np.newaxis],
-        canopy,
-        step(crown) * wood[trees],
-    )
-    return finished(rng, image.astype(np.float32), grain=5)
+    image = mixed(lit(image, 1 - 0.4 * np.roll(mask, (5, 5), (0, 1))), canopy, mask)
+    return finished(rng, image, grain=5)

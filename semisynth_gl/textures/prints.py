@@ -1,4 +1,4 @@
-"""Drawn pictures of printed matter: pages, posters, packages, books."""
+"""Drawn pictures with lettering: pages, posters, packages, books, maps, screens."""
 
 import numpy as np
 from PIL import Image, ImageDraw
@@ -7,22 +7,34 @@ from semisynth_gl.textures.canvas import (
     SHEET_PX,
     SIDE_PX,
     Pixels,
+    as_image,
+    cells,
     colour,
     finished,
-    fitted,
-    font,
     fractal,
     ink_on,
-    lettering,
+    lit,
+    mixed,
     palette,
     pick,
     reduced,
     sheet,
+    step,
+    toned,
     varied,
+)
+from semisynth_gl.textures.illustrations import (
+    Box,
+    around,
+    chart,
+    fitted,
+    font,
+    lettering,
+    photograph,
+    printed,
     word,
     words,
 )
-from semisynth_gl.textures.illustrations import Box, around, chart, photograph, printed
 
 _PAPERS = np.array([[244, 240, 230], [236, 228, 208], [250, 250, 248], [226, 232, 234], [240, 226, 214]], np.float64)
 
@@ -54,22 +66,16 @@ def page(rng: np.random.Generator) -> Pixels:
             elif kind < 0.45:
                 chart(draw, rng, box, inks)
             elif kind < 0.6:
-                size = int(rng.integers(26, 58))
-                lines = int(rng.integers(1, 4))
+                size, lines = int(rng.integers(26, 58)), int(rng.integers(1, 4))
                 for line in range(lines):
                     text = words(rng, 2).capitalize()
-                    draw.text(
-                        (left, y + 1.15 * line * size),
-                        text,
-                        varied(rng, pick(rng, inks) * 0.6),
-                        fitted(text, right - left, size),
-                    )
+                    headline = varied(rng, pick(rng, inks) * 0.6)
+                    draw.text((left, y + 1.15 * line * size), text, headline, fitted(text, right - left, size))
                 high = round(1.2 * lines * size)
             else:
                 size = int(rng.choice([11, 13, 15, 18]))
                 if kind > 0.9:
-                    ground = 0.3 * pick(rng, inks) + 0.7 * paper
-                    draw.rectangle(box, fill=colour(ground))
+                    draw.rectangle(box, fill=colour(0.3 * pick(rng, inks) + 0.7 * paper))
                 lettering(draw, rng, (left + 6, y + 4, right - 4, y + high), size, ink)
             y += high + 14
         if rng.random() < 0.5:
@@ -86,31 +92,25 @@ def poster(rng: np.random.Generator) -> Pixels:
         x, y = rng.uniform(-0.1, 1.1, 2) * SHEET_PX
         ink, kind = varied(rng, pick(rng, inks)), int(rng.integers(6))
         if kind == 0:
-            draw.ellipse((x - size / 2, y - size / 2, x + size / 2, y + size / 2), fill=ink)
+            draw.ellipse(around(x, y, size / 2), fill=ink)
         elif kind == 1:
             for ring in range(6):
                 radius = size * (6 - ring) / 10
                 draw.ellipse(around(x, y, radius), fill=ink if ring % 2 else colour(inks[number % 5]))
         elif kind == 2:
             start = rng.uniform(0, 360)
-            draw.pieslice((x - size, y - size, x + size, y + size), start, start + rng.uniform(40, 200), fill=ink)
+            draw.pieslice(around(x, y, size), start, start + rng.uniform(40, 200), fill=ink)
         elif kind == 3:
             turn = rng.uniform(0, np.pi)
             cos, sin = np.cos(turn), np.sin(turn)
             for stripe in range(-4, 5, 2):
                 a, b = stripe * size / 9, (stripe + 1) * size / 9
-                draw.polygon(
-                    [
-                        (x + cos * u - sin * v, y + sin * u + cos * v)
-                        for u, v in ((-size, a), (size, a), (size, b), (-size, b))
-                    ],
-                    fill=ink,
-                )
+                corners = ((-size, a), (size, a), (size, b), (-size, b))
+                draw.polygon([(x + cos * u - sin * v, y + sin * u + cos * v) for u, v in corners], fill=ink)
         elif kind == 4:
             draw.polygon([(x + a, y + b) for a, b in rng.normal(0, size / 2, (3, 2))], fill=ink)
         else:
-            text = word(rng).upper()
-            draw.text((x, y), text, ink, font(20 * int(rng.integers(3, 20))))
+            draw.text((x, y), word(rng).upper(), ink, font(20 * int(rng.integers(3, 20))))
     return printed(rng, reduced(image), grain=5)
 
 
@@ -143,10 +143,8 @@ def _package(draw: ImageDraw.ImageDraw, rng: np.random.Generator, box: Box) -> N
         for stripe in range(left, right, int(rng.integers(14, 40))):
             draw.rectangle((stripe, top, min(stripe + 7, right), bottom), fill=colour(inks[1]))
     elif kind == 1:
-        draw.polygon(
-            [(left, bottom), (left, top + 0.5 * high), (right, top + rng.uniform(0.3, 0.7) * high), (right, bottom)],
-            fill=colour(inks[1]),
-        )
+        slope = [(left, top + 0.5 * high), (right, top + rng.uniform(0.3, 0.7) * high)]
+        draw.polygon([(left, bottom), *slope, (right, bottom)], fill=colour(inks[1]))
     elif kind == 2:
         for _ in range(30):
             dot = around(rng.uniform(left + 12, right - 12), rng.uniform(top + 12, bottom - 12), rng.uniform(3, 12))
@@ -184,9 +182,7 @@ def books(rng: np.random.Generator) -> Pixels:
         ImageDraw.Draw(image).rectangle((0, top + high, SIDE_PX, top + high + 18), fill=colour(wooden))
         top += high + 18
     rough = fractal(rng, coarsest_px=64)
-    return finished(
-        rng, np.asarray(image, np.float32) * (1 + np.float32(0.06) * rough)[..., np.newaxis], grain=5, light=0.12
-    )
+    return finished(rng, lit(np.asarray(image, np.float32), 1 + 0.06 * rough), grain=5, light=0.12)
 
 
 def _spine(rng: np.random.Generator, wide: int, tall: int) -> Image.Image:
@@ -205,6 +201,79 @@ def _spine(rng: np.random.Generator, wide: int, tall: int) -> Image.Image:
     draw.text((0.08 * tall, 0.16 * wide), title, ink, fitted(title, 0.62 * tall, int(0.62 * wide)))
     draw.text((0.74 * tall, 0.3 * wide), author, ink, fitted(author, 0.24 * tall, int(0.36 * wide)))
     # Round: dark at its sides.
-    across = np.linspace(-1, 1, wide)[:, np.newaxis, np.newaxis]
-    lit = np.asarray(lying, np.float64) * (1.12 - 0.55 * across**4 - 0.12 * across)
-    return Image.fromarray(np.clip(lit, 0, 255).astype(np.uint8)).transpose(Image.Transpose.ROTATE_270)
+    across = np.linspace(-1, 1, wide)[:, np.newaxis]
+    shaded = lit(np.asarray(lying, np.float64), 1.12 - 0.55 * across**4 - 0.12 * across)
+    return as_image(shaded).transpose(Image.Transpose.ROTATE_270)
+
+
+def city_map(rng: np.random.Generator) -> Pixels:
+    """A map: heights, water, roads, houses, names."""
+    height = fractal(rng, coarsest_px=512, finest_px=2, persistence=0.52)
+    tints = np.array([(170, 196, 150), (196, 214, 164), (240, 234, 216), (232, 214, 178), (214, 184, 146)])
+    image = toned(height, tints)
+    levels = height * 9
+    contour = step(0.7 - np.abs(levels - np.rint(levels)) / (np.hypot(*np.gradient(levels)) + 1e-3), 0.8)
+    image = mixed(image, (164, 118, 78), 0.75 * contour)
+    water = -0.95 - height
+    image = mixed(image, toned(height * 3 + 3, [[124, 170, 206], [168, 204, 226]]), step(water, 0.01))
+    image = mixed(image, (60, 104, 150), step(1.2 - np.abs(water) / 0.012, 0.6))
+    blocks, border, points = cells(rng, int(rng.integers(44, 72)), 0.75)
+    inks = palette(rng)
+    built = (rng.random(len(points)) < 0.45)[blocks] & (water < -0.03) & (np.abs(height) < 0.9)
+    image = mixed(image, (222, 206, 196), step(border - 3) * built)
+    houses, inside, _ = cells(rng, 13, 0.5)
+    image = mixed(image, 0.4 * inks[0] + (90, 84, 80), step(inside - 2.2) * built * (border > 6) * (houses % 4 > 0))
+    broad = np.maximum(cells(rng, 205, 0.9)[1], 0)
+    for width, road in ((7, (110, 96, 92)), (5, tuple(0.3 * inks[1] + (168, 160, 120)))):
+        image = mixed(image, road, step(width - broad) * (water < 0.02))
+    drawn = as_image(image)
+    draw = ImageDraw.Draw(drawn)
+    for _ in range(50):
+        x, y = rng.uniform(-20, SIDE_PX - 40, 2)
+        size = int(rng.choice([13, 15, 18, 24, 36], p=[0.35, 0.3, 0.2, 0.1, 0.05]))
+        text = word(rng).title() if size < 30 else word(rng, 3).upper()
+        wet = water[int(np.clip(y, 0, SIDE_PX - 1)), int(np.clip(x, 0, SIDE_PX - 1))] > 0
+        ink = (40, 84, 140) if wet else (40, 36, 34)
+        draw.text((x, y), text, ink, font(size), stroke_width=2, stroke_fill=(246, 242, 230))
+        draw.ellipse((x - 9, y + 5, x - 3, y + 11), fill=(190, 50, 44), outline=(40, 30, 30))
+    for line in range(0, SIDE_PX, 171):
+        draw.line((line, 0, line, SIDE_PX), fill=(120, 140, 170))
+        draw.line((0, line, SIDE_PX, line), fill=(120, 140, 170))
+    return printed(rng, np.asarray(drawn, np.float32))
+
+
+def screen(rng: np.random.Generator) -> Pixels:
+    """Windows on a screen: code in colours, tables, charts."""
+    inks = palette(rng)
+    image = as_image(toned(fractal(rng, coarsest_px=512, persistence=0.7), inks))
+    draw = ImageDraw.Draw(image)
+    for _ in range(10):
+        left, top = (int(at) for at in rng.integers(-120, 560, 2))
+        right, bottom = left + int(rng.integers(300, 560)), top + int(rng.integers(260, 480))
+        dark = rng.random() < 0.5
+        paper = np.array([30, 32, 42]) if dark else np.array([248, 248, 250])
+        draw.rectangle((left + 5, top + 6, right + 7, bottom + 8), fill=(14, 14, 18))
+        draw.rectangle((left, top, right, bottom), fill=colour(paper), outline=(96, 96, 104))
+        bar = varied(rng, pick(rng, inks))
+        draw.rectangle((left, top, right, top + 26), fill=bar)
+        draw.text((left + 64, top + 3), words(rng, 2), ink_on(np.array(bar), inks), font(16))
+        for number, light in enumerate(((236, 96, 88), (244, 190, 80), (98, 196, 96))):
+            draw.ellipse((left + 8 + 17 * number, top + 8, left + 19 + 17 * number, top + 19), fill=light)
+        if rng.random() < 0.25:
+            chart(draw, rng, (left + 12, top + 36, right - 12, bottom - 12), inks)
+            continue
+        size = int(rng.choice([12, 14, 16]))
+        vivid = [colour(0.45 * ink + (135 if dark else 0)) for ink in palette(rng)]
+        y, indent = top + 32, 0
+        while y + size < bottom:
+            x = float(left + 34 + 22 * indent)
+            draw.text((left + 6, y), str((y - top) // size), (128, 128, 138), font(size))
+            for _ in range(int(rng.integers(0, 7))):
+                text = word(rng) + str(rng.choice(["", "(", ") ", " = ", ".", ", ", ": ", "[0]", " + "]))
+                if x + font(size).getlength(text) > right - 6:
+                    break
+                draw.text((x, y), text, vivid[int(rng.integers(5))], font(size))
+                x += font(size).getlength(text) + 4
+            indent = int(np.clip(indent + rng.integers(-1, 2), 0, 5))
+            y += round(1.3 * size)
+    return finished(rng, np.asarray(image, np.float32), grain=4, light=0.04)
