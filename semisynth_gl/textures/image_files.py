@@ -20,26 +20,14 @@ _MASKS = frozenset({"mask0nocc.png", "mask1nocc.png"})
 KITTI_2015_MAPS = ("disp_occ_0", "disp_noc_0", "disp_occ_1", "disp_noc_1")
 """KITTI's folders of disparity maps: of the left view, then of the right one."""
 KITTI_2012_MAPS = ("disp_occ", "disp_noc")
-_NO_PHOTOGRAPHS = frozenset(
-    (
-        *KITTI_2015_MAPS,
-        *KITTI_2012_MAPS,
-        *("disp_refl_occ", "disp_refl_noc", "obj_map", "flow_occ", "flow_noc"),
-    )
-)
+_BESIDE = ("disp_refl_occ", "disp_refl_noc", "obj_map", "flow_occ", "flow_noc")
+_NO_PHOTOGRAPHS = frozenset((*KITTI_2015_MAPS, *KITTI_2012_MAPS, *_BESIDE))
 
 
 def find_images(sources: Sequence[str | Path]) -> list[Path]:
-    """Return the image files that the sources name.
+    """Return the image files that the sources name, as `find_files` finds them.
 
-    Args:
-        sources: each a file, a folder (searched recursively, symbolic links followed) or a glob, in which ``**`` stands
-            for any folders and a matching folder is searched like a given one. ``~`` is the home folder. A file that
-            is named in full counts with any extension; in folders and globs only names with one of `image_extensions`
-            count. Files that lie `beside_photographs` never count.
-
-    Returns:
-        The files, sorted by name; a file that is reached twice, or by a link, appears once.
+    Names in folders and globs count with one of `image_extensions`. Files that lie `beside_photographs` never count.
 
     Raises:
         InputError: where a source matches no image.
@@ -63,14 +51,12 @@ def beside_photographs(path: Path) -> bool:
 
 
 def find_files(sources: Sequence[str | Path], extensions: Collection[str]) -> list[Path]:
-    """Return files of any kind; sources are the same as for `find_images`.
+    """Return the files that the sources name, sorted by name; one that is reached twice, or by a link, appears once.
 
-    Args:
-        sources: files, folders and globs.
-        extensions: extensions of files in folders and globs, in lower case and with the dot.
-
-    Returns:
-        The files, sorted by name, each once; a source that matches nothing adds none.
+    A source is a file, a folder (searched recursively, symbolic links followed) or a glob, in which ``**`` stands for
+    any folders and a matching folder is searched like a given one. ``~`` is the home folder. A file that is named in
+    full counts with any extension; in folders and globs only names with one of the extensions count, which are in lower
+    case and have their dot. A source that matches nothing adds no file.
     """
     real_paths = dict(chain.from_iterable(_expand(source, extensions) for source in sources))
     unique: dict[str, str] = {}
@@ -102,12 +88,9 @@ def builtin_licences() -> dict[str, str]:
 
 
 def builtin_photographs() -> list[Path]:
-    """Return the photographs of the installed scikit-image package that ``assets/photographs.yaml`` lists.
+    """Return the photographs of the installed scikit-image package that ``assets/photographs.yaml`` lists, in order.
 
     The package is found without importing it, and nothing is ever downloaded.
-
-    Returns:
-        Their paths, in the order of the list.
 
     Raises:
         InputError: where scikit-image is not installed, or lacks a file of the list.
@@ -129,12 +112,11 @@ def builtin_photographs() -> list[Path]:
     return paths
 
 
-# Paths are strings here and a file's real folder is looked up once: a folder may hold thousands.
-_Paths = Iterator[tuple[str, str]]
-"""The path of each file under the source, and its real path."""
+def _expand(source: str | Path, extensions: Collection[str]) -> Iterator[tuple[str, str]]:
+    """Yield the path of each file under a source, and its real path.
 
-
-def _expand(source: str | Path, extensions: Collection[str]) -> _Paths:
+    Paths are strings here, and a file's real folder is looked up once: a folder may hold thousands.
+    """
     source = str(expanded(source))
     # An existing path comes before a glob: "[" and "*" may stand in a real file name. A pipe or device that is named in
     # full is refused where it is opened.
@@ -159,7 +141,7 @@ def _matches(pattern: str) -> Iterator[str]:
         if part == "**" and number == len(parts) - 1:
             break  # a folder is searched with all below it
         if part == "**":
-            found = dict.fromkeys(chain.from_iterable(_folders_below(path) for path in found))
+            found = dict.fromkeys(folder for path in found for folder, _, _ in folders_below(path, hidden=False))
         elif glob.has_magic(part):
             # As in a shell, a name that begins with a dot is matched by its dot alone.
             names = ((path, entry.name) for path in found for entry in _entries(path or "."))
@@ -173,43 +155,34 @@ def _matches(pattern: str) -> Iterator[str]:
     yield from (path or "." for path in found)
 
 
-def _folders_below(top: str) -> Iterator[str]:
-    """Yield a folder and all below whose names begin with no dot, each once, the nearer to the top the earlier."""
+def folders_below(top: str, *, hidden: bool) -> Iterator[tuple[str, str, list[os.DirEntry[str]]]]:
+    """Yield a folder of a disk and all below it, with their real paths and entries, the nearer to the top the earlier.
+
+    Each is entered once, whatever links lead to it; folders whose names begin with a dot only where ``hidden`` is set.
+    The current folder is the empty path.
+    """
     entered: set[str] = set()
     folders = [top]
     for folder in folders:  # the list grows in the loop
-        if not _first_entry(folder or ".", entered):
+        real = os.path.realpath(folder)
+        if real in entered or of_kernel(real):
             continue
-        yield folder
-        for entry in _entries(folder or "."):
+        entered.add(real)
+        entries = _entries(folder or ".")
+        yield folder, real, entries
+        for entry in entries:
             with suppress(OSError):
-                if entry.is_dir() and not entry.name.startswith("."):
+                if entry.is_dir() and (hidden or not entry.name.startswith(".")):
                     folders.append(os.path.join(folder, entry.name))  # noqa: PTH118
 
 
-def _files_below(top: str, extensions: Collection[str]) -> _Paths:
-    entered: set[str] = set()
-    folders = [top]
-    for folder in folders:  # the list grows in the loop, so that folders nearer to the top come first
-        if not _first_entry(folder, entered):
-            continue
-        real = os.path.realpath(folder)
-        for entry in _entries(folder):
-            path = entry.name if folder == "." else entry.path
+def _files_below(top: str, extensions: Collection[str]) -> Iterator[tuple[str, str]]:
+    for folder, real, entries in folders_below("" if top == "." else top, hidden=True):
+        for entry in entries:
+            path = os.path.join(folder, entry.name)  # noqa: PTH118
             with suppress(OSError):
-                if entry.is_dir():
-                    folders.append(path)
-                elif _has_extension(path, extensions) and os.path.exists(path):  # noqa: PTH110 - not a broken link
+                if not entry.is_dir() and _has_extension(path, extensions) and os.path.exists(path):  # noqa: PTH110 - not a broken link
                     yield path, os.path.realpath(path) if entry.is_symlink() else f"{real}/{entry.name}"
-
-
-def _first_entry(folder: str, entered: set[str]) -> bool:
-    """Return whether a folder is a folder of a disk that was not entered before, and note it."""
-    real = os.path.realpath(folder)
-    if real in entered or of_kernel(real):
-        return False
-    entered.add(real)
-    return True
 
 
 def _entries(folder: str) -> list[os.DirEntry[str]]:

@@ -2,12 +2,13 @@
 
 import glob
 import os
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 
 from semisynth_gl.config.scene_sections import TexturesSection
 from semisynth_gl.inputs.user_files import expanded
+from semisynth_gl.textures.image_files import folders_below
 
 
 def photograph_sources(section: TexturesSection) -> tuple[str, ...]:
@@ -16,12 +17,9 @@ def photograph_sources(section: TexturesSection) -> tuple[str, ...]:
 
 
 def reaching_source(path: Path, sources: Sequence[str], extensions: Collection[str] | None = None) -> str | None:
-    """Return the source by which `find_files` would find a file, or None.
+    """Return the source by which `find_files` would find a file, or None; without extensions, any one counts.
 
-    Args:
-        path: the file; neither it nor its folder need exist. Links on the way to it are followed.
-        sources: files, folders and globs, as `find_files` takes them.
-        extensions: extensions of files in folders and globs, in lower case and with the dot; None for any.
+    Neither the file nor its folder need exist. Links on the way to it are followed.
     """
     real = Path(os.path.realpath(path))
     fits = extensions is None or real.suffix.lower() in extensions
@@ -45,18 +43,7 @@ def _folder_reaches(folder: str, path: Path) -> bool:
     if path.is_relative_to(os.path.realpath(folder)):
         return True
     existing = next(above for above in path.parents if above.is_dir())
-    return str(existing) in _real_folders(folder)
-
-
-def _real_folders(top: str) -> Iterator[str]:
-    entered = set()
-    for folder, below, _ in os.walk(top, followlinks=True):
-        real = os.path.realpath(folder)
-        if real in entered:  # through a link
-            below.clear()
-            continue
-        entered.add(real)
-        yield real
+    return any(str(existing) == real for _, real, _ in folders_below(folder, hidden=True))
 
 
 def _glob_reaches(pattern: str, path: Path) -> bool:
