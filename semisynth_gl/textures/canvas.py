@@ -40,8 +40,7 @@ _PALETTES = hex_colours("""
 
 def palette(rng: np.random.Generator) -> NDArray[np.float64]:
     """Return five colours that go together, in random order, (5, 3) of 0 to 255."""
-    colours = _PALETTES[int(rng.integers(len(_PALETTES)))]
-    return np.clip(rng.permutation(colours) * rng.uniform(0.9, 1.08, 3), 0, 255)
+    return np.clip(rng.permutation(pick(rng, _PALETTES)) * rng.uniform(0.9, 1.08, 3), 0, 255)
 
 
 def colour(values: NDArray[Any]) -> Colour:
@@ -56,7 +55,7 @@ def varied(rng: np.random.Generator, values: NDArray[Any], spread: float = 14.0)
 
 
 def pick(rng: np.random.Generator, colours: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return one of several colours."""
+    """Return one of several colours, or of several sets of colours."""
     chosen: NDArray[np.float64] = colours[int(rng.integers(len(colours)))]
     return chosen
 
@@ -113,6 +112,11 @@ def grid() -> tuple[Field, Field]:
     """Return row and column of each pixel of a picture."""
     rows, columns = np.mgrid[:SIDE_PX, :SIDE_PX].astype(np.float32)
     return rows, columns
+
+
+def window(y: float, x: float, radius: float) -> tuple[slice, slice]:
+    """Return the rows and columns of a picture that a disc may touch."""
+    return slice(max(0, int(y - radius)), int(y + radius) + 2), slice(max(0, int(x - radius)), int(x + radius) + 2)
 
 
 def direction(down: Field, right: Field) -> Field:

@@ -18,6 +18,7 @@ from semisynth_gl.textures.canvas import (
     pick,
     resized,
     step,
+    window,
 )
 
 
@@ -136,12 +137,10 @@ def flowered(rng: np.random.Generator) -> Pixels:
         for _ in range(count):
             cy, cx = rng.uniform(-20, SIDE_PX + 20, 2)
             radius = size * rng.uniform(0.28, 0.5)
-            top, left = max(0, int(cy - radius)), max(0, int(cx - radius))
-            window = np.s_[top : int(cy + radius) + 2, left : int(cx + radius) + 2]
-            v, u = y[window] - np.float32(cy), x[window] - np.float32(cx)
-            if not v.size:
-                continue
-            image[window] = _flower(rng, image[window], v, u, radius, colours)
+            inside = window(cy, cx, radius)
+            v, u = y[inside] - np.float32(cy), x[inside] - np.float32(cx)
+            if v.size:
+                image[inside] = _flower(rng, image[inside], v, u, radius, colours)
     threads = 0.05 * (np.sin(x * 1.6) * np.sin(y * 1.6)) + 0.05 * fractal(rng, coarsest_px=4)
     folds = fractal(rng, coarsest_px=256, finest_px=16, persistence=0.5)
     return finished(rng, lit(image, (1 + threads + 0.08 * folds).astype(np.float32)), grain=6)

@@ -1,7 +1,7 @@
 """Crops: squares of an image, cut and reduced to patches, their measures, and the duplicates among them."""
 
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,10 @@ LUMINANCE_PARTS = np.array(LUMINANCE) / 1000
 # `least_texture` looks at every second pixel of every second row, and the proof at every fourth of these.
 _EVERY, _PART = 2, 4
 
-Cells = tuple[NDArray[np.int64], NDArray[np.int64]]
-"""First pixel and size of each cell along a side."""
+# First pixel and size of each cell along a side.
+_Cells = tuple[NDArray[np.int64], NDArray[np.int64]]
+# The cells of rows, then of columns.
+_Grid = Sequence[_Cells]
 
 # Cells along each side of a patch in which texture and fingerprints are measured.
 _GRID_CELLS = 8
@@ -29,13 +31,7 @@ _FINGERPRINT_LENGTH = 2 * _GRID_CELLS * (_GRID_CELLS - 1)
 
 
 class CropBox(NamedTuple):
-    """A square of an image, in its pixels.
-
-    Attributes:
-        left_px: column of the first pixel in the upright image.
-        top_px: row of the first pixel.
-        side_px: width and height.
-    """
+    """A square of an upright image, from the column and the row of its first pixel on."""
 
     left_px: int
     top_px: int
@@ -43,10 +39,10 @@ class CropBox(NamedTuple):
 
 
 class Square(NamedTuple):
-    """A square of a named image; see `CropBox`.
+    """A `CropBox` of a named image.
 
-    Attributes:
-        source: name of the image, relative to the folder that all images share; of an image sequence its first frame.
+    The ``source`` is the image's path relative to the folder that all images share; of an image sequence, of its first
+    frame.
     """
 
     source: str
@@ -61,19 +57,11 @@ class Square(NamedTuple):
 
 
 def crop_boxes(height: int, width: int, patch_px: int, scales: Sequence[float]) -> list[CropBox]:
-    """Return squares that together cover an image, once for each scale.
+    """Return squares that together cover an image, once for each scale, by increasing side, then by row and column.
 
-    At scale s the side is round(s * patch_px). Along each axis stand as few squares as cover it, evenly spread from
-    border to border, overlapping as much as that needs. A scale whose square does not fit gives none.
-
-    Args:
-        height: height of the image, pixels.
-        width: width of the image, pixels.
-        patch_px: side of a patch, pixels, at least 1.
-        scales: image pixels per patch pixel, each at least 1: crops are reduced, never enlarged.
-
-    Returns:
-        The boxes, by increasing side, then by row, then by column.
+    At scale s, of image pixels per patch pixel, the side is round(s * patch_px); s is at least 1, since crops are
+    reduced, never enlarged. Along each axis stand as few squares as cover it, evenly spread from border to border,
+    overlapping as much as that needs. A scale whose square does not fit gives none.
     """
     return [
         CropBox(left, top, side)
@@ -86,27 +74,17 @@ def crop_boxes(height: int, width: int, patch_px: int, scales: Sequence[float]) 
 
 def _positions(extent: int, side: int) -> list[int]:
     count = -(-extent // side)
-    if count == 1:
-        return [0]
-    gaps = count - 1
+    gaps = max(count - 1, 1)
     # In whole numbers, so that the last square ends exactly at the border and neighbours never leave a gap.
     return [(i * (extent - side) + gaps // 2) // gaps for i in range(count)]
 
 
 def cut_crop(image: NDArray[np.uint8], box: CropBox, patch_px: int) -> NDArray[np.uint8]:
-    """Cut a square out of an image and bring it to the size of a patch.
+    """Cut a square out of an image (H, W, 3), as a patch (patch_px, patch_px, 3) with its own memory.
 
     A square of ``patch_px`` is copied bit for bit. A larger one is averaged over areas: for whole factors each patch
     pixel is the mean of its factor x factor image pixels, rounded; for other factors, image pixels on the border
     between two patch pixels have a part in both.
-
-    Args:
-        image: (H, W, 3) uint8 RGB.
-        box: inside the image, its side at least ``patch_px``.
-        patch_px: side of the result, pixels.
-
-    Returns:
-        (patch_px, patch_px, 3) uint8 RGB, C-contiguous, its own memory.
 
     Raises:
         InputError: where the box leaves the image or is smaller than a patch.
@@ -141,27 +119,18 @@ def texture_measure(patch: NDArray[np.uint8]) -> float:
     The contrast of a cell is the standard deviation of its luminance (0.299 R + 0.587 G + 0.114 B) in 8-bit levels.
     The median makes it a statement about half of the patch: one strong edge across a blank wall does not count for
     much, and slow shading only as far as it changes within a cell. Patches below 16 pixels have fewer cells, of 2
-    pixels or more.
+    pixels or more. The measure goes from 0, every pixel equal in half of the cells, to 127.5.
 
-    Args:
-        patch: (H, W, 3) uint8 RGB, or (H, W) grey: a patch of the atlas, or an image of any shape.
-
-    Returns:
-        The measure in 8-bit levels, from 0 (every pixel equal in half of the cells) to 127.5.
+    The patch is (H, W, 3) RGB or (H, W) grey, and may be an image of any shape.
     """
-    (rows, heights), (columns, widths) = (_cells(extent) for extent in patch.shape[:2])
-    counts = np.multiply.outer(heights, widths)
-    variances = _squares(_luminance(patch), (rows, heights), (columns, widths)) / counts
-    return float(np.median(np.sqrt(variances))) / 1000.0
+    grid = [_cells(extent) for extent in patch.shape[:2]]
+    return _median_contrast(_squares(_luminance(patch), grid), grid)
 
 
 def least_texture(images: Iterable[NDArray[np.uint8]]) -> float:
-    """Return the texture measure of the flattest of several images, by every second pixel of every second row.
+    """Return the `texture_measure` of the flattest of several images, by every second pixel of every second row.
 
     That takes a share of the time, and shows texture of a pixel's size, too.
-
-    Args:
-        images: (H, W, 3) uint8 RGB, or (H, W) grey, each, at least one.
     """
     return min(texture_measure(np.ascontiguousarray(image[::_EVERY, ::_EVERY])) for image in images)
 
@@ -170,26 +139,21 @@ def surely_has_texture(images: Iterable[NDArray[np.uint8]], least: float) -> boo
     """Return True where a sixteenth of the pixels proves that `least_texture` is not below a limit; False says nothing.
 
     About its own mean, a part of a cell's pixels has at most the sum of squares that all of them have about theirs.
-
-    Args:
-        images: (H, W, 3) uint8 RGB, or (H, W) grey, each.
-        least: the limit, 8-bit levels.
     """
     return all(_texture_bound(image) >= least for image in images)
 
 
 def _texture_bound(image: NDArray[np.uint8]) -> float:
     """Return a lower bound of an image's `least_texture`; 0 where the image is too small for one."""
-    cells = [_cells(-(-extent // _EVERY)) for extent in image.shape[:2]]
-    ends = [-(-np.append(starts, starts[-1] + sizes[-1]) // _PART) for starts, sizes in cells]
+    grid = [_cells(-(-extent // _EVERY)) for extent in image.shape[:2]]
+    ends = [-(-np.append(starts, starts[-1] + sizes[-1]) // _PART) for starts, sizes in grid]
     parts = [(end[:-1], np.diff(end)) for end in ends]
     if any(sizes.min() == 0 for _, sizes in parts):
         return 0.0
     step = _EVERY * _PART
-    squares = _squares(_luminance(np.ascontiguousarray(image[::step, ::step])), *parts)
-    variances = squares / np.multiply.outer(cells[0][1], cells[1][1])
+    squares = _squares(_luminance(np.ascontiguousarray(image[::step, ::step])), parts)
     # Less what both measures may round.
-    return float(np.median(np.sqrt(variances))) / 1000.0 * (1 - 1e-9)
+    return _median_contrast(squares, grid) * (1 - 1e-9)
 
 
 def sharpness_measure(patch: NDArray[np.uint8]) -> float:
@@ -199,12 +163,9 @@ def sharpness_measure(patch: NDArray[np.uint8]) -> float:
     2^(k - 1) pixels are averaged by 2 x 2 once more (a Haar decomposition). Photographs have about the same contrast in
     each octave, a little less in the finest; a blur takes the finest away first, whatever the contrast of the whole.
 
-    Args:
-        patch: (P, P, 3) uint8 RGB, P at least 8; rows and columns beyond the last multiple of 8 do not count.
-
-    Returns:
-        0.25 for a smooth patch such as a gradient; 0.26 to 0.33 after a Gaussian blur of 2 pixels; 0.34 to 1.5 for
-        sharp photographs; 4 for white noise; infinite where the third octave has no contrast that could be blurred.
+    It is 0.25 for a smooth patch such as a gradient; 0.26 to 0.33 after a Gaussian blur of 2 pixels; 0.34 to 1.5 for
+    sharp photographs; 4 for white noise; infinite where the third octave has no contrast that could be blurred. The
+    patch is (P, P, 3), P at least 8; rows and columns beyond the last multiple of 8 do not count.
     """
     rows, columns = (extent // 8 * 8 for extent in patch.shape[:2])
     # Whole numbers all through, so that the measure is the same on every machine.
@@ -229,15 +190,11 @@ def fingerprint(patch: NDArray[np.uint8]) -> NDArray[np.float32]:
     equal patches, also where brightness or contrast differ, about 0.01 for a patch compressed hard by JPEG or shifted
     by a pixel of 128, rarely below 0.1 for squares of different photographs, and about 1 for unrelated ones.
 
-    Args:
-        patch: (P, P, 3) uint8 RGB, P at least 16.
-
-    Returns:
-        (112,) float32, whole numbers: their products and sums are exact, in any order.
+    A patch (P, P, 3), P at least 16, has (112,) float32. They are whole numbers, so that their products and sums are
+    exact in any order.
     """
-    (rows, heights), (columns, widths) = (_cells(extent) for extent in patch.shape[:2])
-    sums = np.add.reduceat(np.add.reduceat(_luminance(patch), rows, axis=0, dtype=np.int64), columns, axis=1)
-    means = np.rint(sums / np.multiply.outer(heights, widths))
+    grid = [_cells(extent) for extent in patch.shape[:2]]
+    means = np.rint(_sums(_luminance(patch), grid, np.int64) / _counts(grid))
     changes = np.concatenate([np.diff(means, axis=axis).ravel() for axis in (0, 1)])
     length = np.sqrt(np.square(changes).sum())
     rounded: NDArray[np.float32] = np.rint(changes * (FINGERPRINT_NORM / max(length, 1.0))).astype(np.float32)
@@ -247,8 +204,7 @@ def fingerprint(patch: NDArray[np.uint8]) -> NDArray[np.float32]:
 class DuplicateFinder:
     """Finds crops that look like an earlier one: the same photograph twice, or two frames of a burst.
 
-    Args:
-        min_difference: crops that differ less than this are duplicates; see `fingerprint`.
+    Crops that differ less than ``min_difference`` are duplicates; see `fingerprint`.
     """
 
     def __init__(self, min_difference: float) -> None:
@@ -257,14 +213,10 @@ class DuplicateFinder:
         self._squares: list[Square] = []
 
     def find(self, squares: Sequence[Square], fingerprints: NDArray[np.float32]) -> dict[Square, Square]:
-        """Find the duplicates among the crops of an image; crops of later images are compared with the others.
+        """Return the duplicates among N crops of an image, each with the crop that it looks most like.
 
-        Args:
-            squares: N crops; the first of two that look alike is no duplicate.
-            fingerprints: (N, 112) float32; where it has no elements, nothing is compared.
-
-        Returns:
-            The duplicates, each with the crop that it looks most like.
+        The first of two that look alike is no duplicate, and crops of later images are compared with it. Where the
+        ``fingerprints``, (N, 112), are empty, nothing is compared.
         """
         if not fingerprints.size:
             return {}
@@ -297,17 +249,32 @@ def _luminance(image: NDArray[np.uint8]) -> NDArray[np.int32]:
     return red + green + blue
 
 
-def _squares(luminance: NDArray[np.int32], *cells: Cells) -> NDArray[np.float64]:
-    """Return the sum of squares of (H, W) luminance about the mean of each cell; the cells of rows, then of columns."""
-    (rows, heights), (columns, widths) = cells
+def _squares(luminance: NDArray[np.int32], grid: _Grid) -> NDArray[np.float64]:
+    """Return the sum of squares of (H, W) luminance about the mean of each cell."""
+    (_, heights), (_, widths) = grid
     # Whole numbers up to the mean, so that a flat cell has a deviation of exactly zero.
-    sums = np.add.reduceat(np.add.reduceat(luminance, rows, axis=0, dtype=np.int64), columns, axis=1)
-    means = (sums / np.multiply.outer(heights, widths)).repeat(heights, axis=0).repeat(widths, axis=1)
-    squares: NDArray[np.float64] = np.square(luminance - means)
-    return np.add.reduceat(np.add.reduceat(squares, rows, axis=0), columns, axis=1)
+    means = (_sums(luminance, grid, np.int64) / _counts(grid)).repeat(heights, axis=0).repeat(widths, axis=1)
+    return _sums(np.square(luminance - means), grid, np.float64)
 
 
-def _cells(extent: int) -> Cells:
+def _median_contrast(squares: NDArray[np.float64], grid: _Grid) -> float:
+    """Return the median over cells of the standard deviation in 8-bit levels, from the sums of squares of each cell."""
+    return float(np.median(np.sqrt(squares / _counts(grid)))) / 1000.0
+
+
+def _sums(values: NDArray[Any], grid: _Grid, dtype: type[np.number[Any]]) -> NDArray[Any]:
+    (rows, _), (columns, _) = grid
+    sums: NDArray[Any] = np.add.reduceat(np.add.reduceat(values, rows, axis=0, dtype=dtype), columns, axis=1)
+    return sums
+
+
+def _counts(grid: _Grid) -> NDArray[np.int64]:
+    """Return the number of pixels of each cell."""
+    (_, heights), (_, widths) = grid
+    return np.multiply.outer(heights, widths)
+
+
+def _cells(extent: int) -> _Cells:
     """Return the first pixel and the size of each cell along a side."""
     cells = max(1, min(_GRID_CELLS, extent // 2))
     starts = np.arange(cells, dtype=np.int64) * extent // cells

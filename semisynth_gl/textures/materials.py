@@ -10,6 +10,7 @@ from semisynth_gl.textures.canvas import (
     finished,
     fractal,
     grid,
+    hex_colours,
     lit,
     mixed,
     palette,
@@ -20,13 +21,10 @@ from semisynth_gl.textures.canvas import (
     toned,
 )
 
-_WOODS = (
-    ((58, 34, 20), (112, 70, 40), (158, 108, 66), (190, 142, 94)),
-    ((96, 52, 28), (150, 92, 52), (196, 138, 84), (226, 180, 124)),
-    ((120, 92, 62), (168, 136, 98), (204, 176, 138), (228, 206, 172)),
-    ((54, 20, 16), (104, 42, 28), (142, 66, 42), (176, 98, 66)),
-    ((70, 66, 62), (112, 106, 98), (150, 144, 134), (182, 176, 166)),
-)
+_WOODS = hex_colours("""
+3a2214 704628 9e6c42 be8e5e   60341c 965c34 c48a54 e2b47c   785c3e a88862 ccb08a e4ceac
+361410 682a1c 8e422a b06242   46423e 706a62 969086 b6b0a6
+""").reshape(-1, 4, 3)
 
 
 def wood(rng: np.random.Generator) -> Pixels:
@@ -46,7 +44,7 @@ def wood(rng: np.random.Generator) -> Pixels:
     turns = across * (1 / rng.uniform(18, 44))
     rings = 2 * np.abs(turns - np.floor(turns) - 0.35) - 0.4
     field = 1.5 * rings + 0.4 * fibres + 0.4 * sway
-    image = toned(field, np.array(_WOODS[int(rng.integers(len(_WOODS)))], np.float64))
+    image = toned(field, pick(rng, _WOODS))
     image = lit(image, rng.uniform(0.78, 1.18, (12, 3)).mean(axis=1)[plank].astype(np.float32))
     gap = np.abs((x + 0.5) % width - width / 2)
     ends = np.abs((y + rng.uniform(0, 900, 12)[plank]) % 900 - 450).astype(np.float32)

@@ -7,7 +7,6 @@ from PIL import ImageDraw
 from semisynth_gl.textures.canvas import (
     SHEET_PX,
     SIDE_PX,
-    Field,
     Pixels,
     cells,
     colour,
@@ -27,6 +26,7 @@ from semisynth_gl.textures.canvas import (
     toned,
     varied,
     vertices,
+    window,
 )
 
 _GREENS = hex_colours("26461e 426828 628836 8ca84a 345c3e a8b25c")
@@ -40,7 +40,7 @@ def _leaf(
     at: NDArray[np.float64],
     angle: float,
     length: float,
-    tint: Field,
+    tint: NDArray[np.float64],
 ) -> None:
     """Draw a leaf from its stem at ``at``: a dark edge, two halves in other light, veins."""
     wide, bend = length * rng.uniform(0.16, 0.3), rng.uniform(-0.25, 0.25)
@@ -77,7 +77,7 @@ def leaves(rng: np.random.Generator) -> Pixels:
     lean = rng.uniform(0, 2 * np.pi)
     for number, at in enumerate(places):
         depth = number / count
-        tint = tints[int(rng.integers(len(tints)))] * (0.45 + 0.65 * depth) + rng.normal(0, 10, 3)
+        tint = pick(rng, tints) * (0.45 + 0.65 * depth) + rng.normal(0, 10, 3)
         _leaf(draw, rng, at, lean + rng.normal(0, 1.1), rng.uniform(80, 280), tint)
     rough = fractal(rng, coarsest_px=128)
     light = fractal(rng, coarsest_px=256, finest_px=8, persistence=0.6)
@@ -91,7 +91,7 @@ def meadow(rng: np.random.Generator) -> Pixels:
         depth = number / 1300
         x, y = rng.uniform(-40, SHEET_PX + 40, 2)
         lean, length = rng.normal(0, 0.5), rng.uniform(80, 220)
-        tint = varied(rng, _GREENS[int(rng.integers(6))] * (0.5 + 0.6 * depth), 10)
+        tint = varied(rng, pick(rng, _GREENS) * (0.5 + 0.6 * depth), 10)
         base, tip = rng.uniform(3, 7), (x + length * np.sin(lean), y - length * np.cos(lean))
         bend = (x + 0.4 * length * np.sin(lean * 0.6), y - 0.5 * length)
         draw.polygon([(x - base, y), (x + base, y), bend, tip], fill=tint)
@@ -128,23 +128,22 @@ def fruit(rng: np.random.Generator) -> Pixels:
     for number in range(count):
         cy, cx = rng.uniform(0, SIDE_PX, 2)
         radius = largest * rng.uniform(0.5, 1)
-        top, left = max(0, int(cy - 1.2 * radius)), max(0, int(cx - 1.2 * radius))
-        window = np.s_[top : int(cy + 1.2 * radius) + 2, left : int(cx + 1.2 * radius) + 2]
-        v, u = (y[window] - np.float32(cy)) / radius, (x[window] - np.float32(cx)) / radius
+        inside = window(cy, cx, 1.2 * radius)
+        v, u = (y[inside] - np.float32(cy)) / radius, (x[inside] - np.float32(cx)) / radius
         squared = v * v + u * u
         tint = pick(rng, colours) * rng.uniform(0.8, 1.15) + rng.normal(0, 8, 3)
         other = pick(rng, colours)
-        blush = step(u * rng.normal() + v * rng.normal() + 0.3 * speckle[window], 0.9)
+        blush = step(u * rng.normal() + v * rng.normal() + 0.3 * speckle[inside], 0.9)
         ball = mixed(tint, 0.55 * tint + 0.45 * other, 0.7 * blush)
         if number % 3 == 0:
             angle = direction(v, u) + 2.0 * np.sqrt(squared)
             ball = mixed(ball, (244, 240, 232), step(np.sin(angle * 5 + number) - 0.3, 0.3))
         z = np.sqrt(np.clip(1 - squared, 0, 1))
-        shade = 0.32 + 0.8 * np.clip(0.75 * z - 0.4 * v - 0.35 * u, 0, 1) + 0.06 * speckle[window]
+        shade = 0.32 + 0.8 * np.clip(0.75 * z - 0.4 * v - 0.35 * u, 0, 1) + 0.06 * speckle[inside]
         gleam = step(0.05 - np.square(u + 0.36) - np.square(v + 0.42), 0.05)
         ball = mixed(lit(ball, shade), (255, 252, 244), 0.75 * gleam)
-        below = lit(image[window], 1 - 0.6 * step(1.35 - squared, 0.5))
-        image[window] = mixed(below, ball, step((1 - np.sqrt(squared)) * radius, 1.2))
+        below = lit(image[inside], 1 - 0.6 * step(1.35 - squared, 0.5))
+        image[inside] = mixed(below, ball, step((1 - np.sqrt(squared)) * radius, 1.2))
     return finished(rng, image, grain=5)
 
 

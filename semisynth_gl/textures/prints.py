@@ -172,7 +172,7 @@ def books(rng: np.random.Generator) -> Pixels:
     """Spines of books on shelves."""
     image = Image.new("RGB", (SIDE_PX, SIDE_PX), (30, 24, 20))
     top = -int(rng.integers(0, 80))
-    wooden = np.array([[120, 82, 52], [84, 60, 44], [172, 132, 90]])[int(rng.integers(3))]
+    wooden = pick(rng, np.array([[120, 82, 52], [84, 60, 44], [172, 132, 90]], np.float64))
     while top < SIDE_PX:
         high, left = int(rng.integers(230, 320)), 0
         while left < SIDE_PX:

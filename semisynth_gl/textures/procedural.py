@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.textures.atlas import Atlas, atlas_from_arrays
+from semisynth_gl.textures.canvas import window
 from semisynth_gl.textures.crops import texture_measure
 from semisynth_gl.textures.flat import flat_count, lower_contrast
 
@@ -28,17 +29,8 @@ def procedural_atlas(
     Kinds take turns: noise, stripes, checks, gradient, dots. Each patch is a pattern of random size and direction with
     texture everywhere, coloured by a random palette, under a fine noise of several octaves: between the edges of a
     plain stripe or gradient a matcher would find nothing. A patch with less texture than 5 levels (see
-    `texture_measure`) is drawn again.
-
-    Args:
-        rng: source of every random choice.
-        count: number of patches.
-        patch_px: side of a patch, pixels; at least 16.
-        flat_share: share of the patches whose contrast is lowered.
-        min_texture: the texture that these do not reach, 8-bit levels.
-
-    Returns:
-        An atlas of ``count`` patches of one layer each, their sources named like ``procedural/stripes/00006``.
+    `texture_measure`) is drawn again. Sources are named like ``procedural/stripes/00006``. A ``flat_share`` of the
+    patches get their contrast lowered, until their texture is below ``min_texture``.
 
     Raises:
         InputError: where ``count`` is below 1 or ``patch_px`` below 16.
@@ -162,10 +154,9 @@ def _dots(rng: np.random.Generator, side_px: int) -> _Field:
     centres = rng.uniform(0, side_px, (count, 2))
     radii_px = rng.uniform(0.3, 1.0, count) * largest_px
     for (cx, cy), radius_px, level in zip(centres, radii_px, rng.random(count), strict=True):
-        rows = slice(max(0, int(cy - radius_px)), int(cy + radius_px) + 2)
-        columns = slice(max(0, int(cx - radius_px)), int(cx + radius_px) + 2)
-        inside = np.hypot(x[rows, columns] - cx, y[rows, columns] - cy) <= radius_px
-        field[rows, columns][inside] = level
+        near = window(cy, cx, radius_px)
+        inside = np.hypot(x[near] - cx, y[near] - cy) <= radius_px
+        field[near][inside] = level
     return field
 
 
