@@ -15,16 +15,13 @@ from semisynth_gl.textures.crops import texture_measure
 
 @dataclass(frozen=True, slots=True)
 class Patch:
-    """One square of texture: successive layers of the atlas, and their provenance.
+    """One square of texture: successive layers of the atlas, and the `Square` of an image that they come from.
+
+    The patch was reduced where the square exceeds the size of a layer. An image sequence gives it a layer for each
+    frame, a still image one layer.
 
     Attributes:
-        source: name of the image, as in `Square`.
-        left_px: column of the square's first pixel in the upright image.
-        top_px: row of the square's first pixel.
-        side_px: width and height in the image; the patch was reduced where this exceeds the size of a layer.
-        first_layer: index of its first layer in the atlas.
-        layer_count: number of its layers: 1 for a still image, a layer for each frame of an image sequence.
-        texture: its `texture_measure` in 8-bit levels; of several frames the least.
+        texture: its `texture_measure`; of several frames the least.
         large: whether it is a large patch, for walls and grounds; these stand behind the others.
         contrast: the part of the image's contrast that it has; below 1 where it was lowered to make a flat patch.
         subject: of several photographs of one subject in the atlas, the name of the first; empty of all other images.
@@ -60,8 +57,8 @@ class Atlas:
         layers: (L, P, P, 4) uint8 RGBA, C-contiguous, top row first, A = 255 everywhere. RGBA although no layer is
             transparent, because rows of 4-byte pixels need no padding on the way to OpenGL. Of monochrome cameras
             (L, P, P) uint8, see `in_grey`.
-        patches: the patches in the order of their layers.
-        report: numbers of kept and rejected crops.
+        patches: in the order of their layers.
+        report: the fate of all images and crops.
         pictures: the pictures that patches come from beside files: SHA-256 of their pixels, by name.
         large_layers: (M, Q, Q, 4) uint8 RGBA, or (M, Q, Q) likewise, layers of large patches, counted from L on; M may
             be 0.
@@ -102,14 +99,9 @@ def _each_in_grey(layers: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def atlas_from_arrays(patches: Sequence[NDArray[Any]], sources: Sequence[str] | None = None) -> Atlas:
-    """Make an atlas of given squares; all are kept, whatever texture they have.
+    """Make an atlas of given squares, each (P, P, 3) uint8 RGB; all are kept, whatever texture they have.
 
-    Args:
-        patches: each (P, P, 3) uint8 RGB, all of one size.
-        sources: names for the provenance; ``array/00000`` and so on where not given.
-
-    Returns:
-        An atlas with one patch of one layer for each array, in their order.
+    Each has a patch of one layer. The sources are ``array/00000`` and so on where none are given.
 
     Raises:
         InputError: where there is no patch, a patch is not (P, P, 3) uint8 of the first one's size, or the numbers of

@@ -17,12 +17,9 @@ def flat_count(share: float, count: int) -> int:
 def lower_contrast(
     frames: NDArray[np.uint8], min_texture: float, rng: np.random.Generator
 ) -> tuple[NDArray[np.uint8], float, float]:
-    """Lower the contrast of a patch until it is flat; its mean colour stays.
+    """Lower the contrast of a patch, (F, P, P, 3) uint8 RGB, until it is flat; its mean colour stays.
 
-    Args:
-        frames: (F, P, P, 3) uint8 RGB, one or more frames.
-        min_texture: the limit, 8-bit levels of `texture_measure`, above 0: a random part of it is left.
-        rng: draws the part.
+    A random part of ``min_texture`` is left, which is above 0.
 
     Returns:
         The frames; the part of their contrast that is left, up to rounding; and their least texture measure.

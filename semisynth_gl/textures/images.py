@@ -46,12 +46,7 @@ _REASONS: dict[type[Exception], str] = {
 
 
 class ImageError(InputError):
-    """An image file that cannot be used.
-
-    Attributes:
-        path: the file.
-        reason: a clause such as ``"is truncated or damaged"``.
-    """
+    """An image file that cannot be used, with a reason such as ``"is truncated or damaged"``."""
 
     def __init__(self, path: Path, reason: str) -> None:
         super().__init__(path, reason)  # both arguments, so that the error survives pickling between processes
@@ -100,9 +95,6 @@ def read_image(path: Path) -> NDArray[np.uint8]:
       colour has no texture, so crops that lie in it are left out like any flat crop; and the mean makes a weaker
       artificial edge around a cut-out than black or white would.
 
-    Args:
-        path: a file of any format that Pillow decodes.
-
     Returns:
         (H, W, 3) uint8 RGB, C-contiguous, EXIF orientation applied.
 
@@ -127,15 +119,8 @@ def read_image(path: Path) -> NDArray[np.uint8]:
 def read_reduced(path: Path, least_sides: tuple[int, int]) -> NDArray[np.uint8]:
     """Read an image file upright, a JPEG reduced as its decoder does it, which takes a part of the time.
 
-    Args:
-        path: see `read_image`.
-        least_sides: pixels along each side, before EXIF orientation, that a reduced image has at least.
-
-    Returns:
-        (H, W) uint8 luminance of a JPEG in grey or RGB, else what `read_image` returns.
-
-    Raises:
-        ImageError: see `read_image`.
+    The luminance of a JPEG in grey or RGB is returned, (H, W) uint8, with at least the given sides before EXIF
+    orientation; else what `read_image` returns. It raises the same errors.
     """
     with _opened(path) as image:
         if image.format in {"JPEG", "MPO"} and image.mode in {"L", "RGB"}:

@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,13 +29,7 @@ def with_large_patches(
     The square is as high or as wide as its image; it is averaged, or enlarged where the image is smaller: near walls
     are blurred in photographs too. With ``flat_share``, that share of as many patches is added with their contrast
     lowered: of other subjects where there are more than enough, else of the same ones. Of several images of a subject
-    one is drawn.
-
-    Args:
-        atlas: patches of one size.
-        find: returns the images of the given names.
-        section: the config's section, with the side of a large patch.
-        rng: draws the images and the places of the squares.
+    one is drawn; ``find`` returns the images with given names.
     """
     subjects = {patch.source: patch.subject for patch in atlas.patches}
     sources: dict[str, list[str]] = defaultdict(list)
@@ -68,12 +63,11 @@ def with_large_patches(
         if name in lowered:
             layer, contrast, texture = lower_contrast(layer, section.min_texture, rng)
             add(name, box, layer, texture, contrast)
-    return Atlas(atlas.layers, tuple(patches), atlas.report, atlas.pictures, opaque_layers(stacks))
+    return replace(atlas, patches=tuple(patches), large_layers=opaque_layers(stacks))
 
 
 def _resized(image: NDArray[np.uint8], box: CropBox, side_px: int) -> NDArray[np.uint8]:
     if box.side_px >= side_px:
         return cut_crop(image, box, side_px)
     square = image[box.top_px : box.top_px + box.side_px, box.left_px : box.left_px + box.side_px]
-    enlarged = Image.fromarray(square).resize((side_px, side_px), Image.Resampling.BICUBIC)
-    return np.asarray(enlarged, np.uint8)
+    return np.asarray(Image.fromarray(square).resize((side_px, side_px), Image.Resampling.BICUBIC))

@@ -39,13 +39,9 @@ _NOT_DECISIVE = {"images", "texels_per_pixel", "anisotropy", "large_anisotropy",
 
 
 def prepare_atlas(section: TexturesSection, split: Split, images: Sequence[Path] | None = None) -> Atlas:
-    """Build the patch atlas that a config asks for, or find the same one in the cache.
+    """Build the patch atlas of a split, or find the same one in the cache; pictures are drawn anew for each split.
 
-    Args:
-        section: the config's section.
-        split: the split that the photographs are for; photographs of one subject, and folders of image sequences, are
-            held out together, since they show the same. Pictures are drawn anew for each split.
-        images: the split's files, where the caller has them; by default `split_images` finds them.
+    The images are the ones that `split_images` returns, where the caller has them.
 
     Raises:
         InputError: where no image is found, none is usable, or there are too few to hold some out, or where a plug-in
@@ -101,9 +97,7 @@ def prepare_atlas(section: TexturesSection, split: Split, images: Sequence[Path]
 def split_images(section: TexturesSection, split: Split) -> list[Path]:
     """Return the files that a split's patches may come from, sorted; none where all patches are drawn.
 
-    Args:
-        section: the config's section.
-        split: the split.
+    Photographs of one subject, and folders of image sequences, are held out together, since they show the same.
 
     Raises:
         InputError: where no image is found, or there are too few to hold some out.
@@ -122,14 +116,9 @@ def split_images(section: TexturesSection, split: Split) -> list[Path]:
 
 
 def split_pictures(section: TexturesSection, split: Split) -> Iterable[Picture] | None:
-    """Return the pictures that a split's patches may come from; each is drawn when it is asked for.
+    """Return the pictures that a split's patches may come from, to be gone through once; None where none are drawn.
 
-    Args:
-        section: the config's section.
-        split: the split; the pictures differ between splits.
-
-    Returns:
-        The pictures, to be gone through once; None where the config's source draws none.
+    Each is drawn when it is asked for, and splits have different pictures.
     """
     return _pictures(open_source(section.source), split)
 
@@ -170,10 +159,7 @@ def named_images(
 def share_photographs(split: Split, subjects: Sequence[Sequence[Path]], what: str) -> set[Path]:
     """Return the photographs that a split takes: of each subject all or none; see `Split.share`.
 
-    Args:
-        split: the split.
-        subjects: the photographs of each subject.
-        what: plural noun for the photographs, for the message.
+    The message calls the photographs ``what``, a plural noun.
 
     Raises:
         InputError: where there are too few subjects for each split to take one.
@@ -184,14 +170,9 @@ def share_photographs(split: Split, subjects: Sequence[Sequence[Path]], what: st
 
 
 def pack_atlas(atlas: Atlas, images: Sequence[Path]) -> Entry | None:
-    """Turn an atlas into an entry of the cache.
+    """Turn an atlas into an entry of the cache; None where an image was skipped for a reason that may not hold again.
 
-    Args:
-        atlas: the atlas.
-        images: the files that it was built from; the entry has their numbers, not names, so that the folder may move.
-
-    Returns:
-        The entry; None where an image was skipped for a reason that may not hold the next time.
+    The entry has the numbers of the files that the atlas was built from, not their names, so that the folder may move.
     """
     skipped = atlas.report.images_skipped
     if any(image.reason == OUT_OF_MEMORY or str(image.path) in image.reason for image in skipped):
@@ -203,7 +184,7 @@ def pack_atlas(atlas: Atlas, images: Sequence[Path]) -> Entry | None:
 
 
 def unpack_atlas(entry: Entry, images: Sequence[Path]) -> Atlas:
-    """Turn an entry of the cache back into an equal atlas; for ``images`` see `pack_atlas`."""
+    """Turn an entry of the cache back into an equal atlas, given the files that it was built from."""
     report = entry.values["report"]
     typed = {
         "images_skipped": tuple(Skipped(images[index], reason) for index, reason in report["images_skipped"]),

@@ -262,10 +262,6 @@ class _Quota:
     Of its clips the one with most gives up its last one. A patch that is given up would not come back whatever
     followed, because the largest share only ever shrinks: so giving up early has the same result as collecting
     everything and giving up at the end. Only where two subjects turn out to be one, it has more than its share then.
-
-    Args:
-        limit: the most patches.
-        subject: returns the subject of a clip.
     """
 
     def __init__(self, limit: int, subject: Callable[[int], int]) -> None:

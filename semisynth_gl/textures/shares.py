@@ -35,13 +35,9 @@ def _equal_say(subjects: Sequence[str]) -> NDArray[np.float64]:
 
 
 def equal_shares(counts: Mapping[str, int]) -> dict[str, float]:
-    """Share out surfaces among subjects.
+    """Share out surfaces among subjects, given the number of patches of each: shares of sum 1.
 
-    Args:
-        counts: number of patches by subject, each at least 1.
-
-    Returns:
-        The share of each subject, sum 1: the same for all but those whose patches would be worn too often.
+    They are the same for all subjects but the ones whose patches would be worn too often.
     """
     patches, rest = sum(counts.values()), 1.0
     shares = {}

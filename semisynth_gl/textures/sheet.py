@@ -50,15 +50,8 @@ def draw_texture_sheet(atlas: Atlas, images: Mapping[str, TextureImage], title: 
     """Draw all patches but the large ones by the image that they come from, and below them examples of rejected crops.
 
     Each patch is reduced to a tile, with its scale (image pixels per patch pixel) in the corner where that is not 1,
-    and an orange frame where the patch is flat. Of a patch from an image sequence the first frame is shown.
-
-    Args:
-        atlas: the atlas with its report.
-        images: the images by their names in the atlas, at least `TextureReport.named_images`.
-        title: a line on top.
-
-    Returns:
-        The sheet, 1600 pixels wide.
+    and an orange frame where the patch is flat. Of a patch from an image sequence the first frame is shown. The images
+    go by their names in the atlas, and are at least `TextureReport.named_images`.
     """
     page = _Page()
     page.text(_MARGIN_PX, title, size=_TITLE_PX)

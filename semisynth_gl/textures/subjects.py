@@ -52,8 +52,7 @@ _Signature = NDArray[np.float32]
 class SubjectFinder:
     """Finds out which photographs show one subject: by their names, and by content as their pixels are added.
 
-    Args:
-        photographs: the files, none of which is opened. They have the numbers from 0 on.
+    The given files have the numbers from 0 on; none is opened.
     """
 
     def __init__(self, photographs: Sequence[Path] = ()) -> None:
@@ -73,12 +72,7 @@ class SubjectFinder:
         return first
 
     def add(self, number: int, pixels: NDArray[np.uint8]) -> None:
-        """Compare a photograph with all that were added before it.
-
-        Args:
-            number: its number.
-            pixels: (H, W, 3) uint8 RGB, or (H, W) grey.
-        """
+        """Compare a photograph, (H, W, 3) RGB or (H, W) grey, with all that were added before it."""
         signature = _signature(pixels)
         known = len(self._added)
         if known == self._signatures.shape[1]:
@@ -107,15 +101,9 @@ class SubjectFinder:
 
 
 def photographed_subjects(photographs: Sequence[Path]) -> list[list[Path]]:
-    """Return photographs by subject: in a list each those that show one thing, by their names or their content.
+    """Return photographs by subject, in the order of their first photographs: by their names or their content.
 
-    All are read, for which the cache keeps the result. A photograph that cannot be read is known by its name alone.
-
-    Args:
-        photographs: the files, each once.
-
-    Returns:
-        The subjects, in the order of their first photographs; within one in the order given.
+    All are read, and the cache keeps the result. A photograph that cannot be read is known by its name alone.
     """
 
     def build() -> tuple[tuple[list[int], bool], Sequence[Path]]:

@@ -37,10 +37,7 @@ def groups_by_name(photographs: Sequence[Path]) -> list[list[int]]:
 
     Known are the names of Middlebury, ETH3D, KITTI, EuRoC, SceneFlow and Cityscapes, ``left`` and ``right`` or ``l``
     and ``r`` as words of a file's or folder's name, and folders of a few photographs each whose files have the same
-    names. All photographs in one folder are no group.
-
-    Args:
-        photographs: the files; none is opened.
+    names. All photographs in one folder are no group. No file is opened.
     """
     # Photographs that are numbered on beyond the views of a scene: their numbers are names.
     series = {place for path in photographs for place, number in [_view(path)] if number > _LAST_VIEW}
@@ -57,12 +54,7 @@ def _view(path: Path) -> tuple[tuple[Path, str] | None, int]:
 
 
 def _key(path: Path, series: Collection[tuple[Path, str] | None]) -> tuple[str, str]:
-    """Return a photograph's folder and name without what tells views apart.
-
-    Args:
-        path: the photograph.
-        series: folders and names of views whose numbers tell no views apart.
-    """
+    """Return a photograph's folder and name without what tells views apart; numbers in a series stay in the name."""
     stem = path.stem
     if _view(path)[0] not in series:
         stem = _VIEW.sub(_MARK, stem)
