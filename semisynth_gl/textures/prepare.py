@@ -22,7 +22,7 @@ from semisynth_gl.textures.large import with_large_patches
 from semisynth_gl.textures.pictures import Picture, TextureImage
 from semisynth_gl.textures.procedural import procedural_atlas
 from semisynth_gl.textures.selection import build_atlas
-from semisynth_gl.textures.sources import TextureSource, describe_source, open_source
+from semisynth_gl.textures.sources import describe_source, open_source
 from semisynth_gl.textures.subjects import photographed_subjects
 from semisynth_gl.textures.view_names import groups_by_name
 
@@ -51,25 +51,6 @@ def prepare_atlas(section: TexturesSection, split: Split, images: Sequence[Path]
     if images is None:
         images = split_images(section, split)
 
-    def build() -> tuple[Atlas, Sequence[Path]]:
-        rng = generator(split.seed, Purpose.ATLAS)
-        if section.source == "procedural":
-            count, flat_share = section.max_patches, section.flat_share
-            return procedural_atlas(rng, count, section.patch_px, flat_share, section.min_texture), []
-        pictures = _pictures(source, split)
-        if not section.large_px or section.sequence:
-            return build_atlas(images, section, AtlasLimits(), rng, pictures)
-        kept: dict[str, TextureImage] = {}
-        keeping = None if pictures is None else _keeping(pictures, kept)
-        atlas, opened = build_atlas(images, section, AtlasLimits(), rng, keeping)
-
-        def named(names: Collection[str]) -> dict[str, TextureImage]:
-            again = named_images(section, set(names) - set(kept), split, images)
-            return again | {name: kept[name] for name in names if name in kept}
-
-        large_rng = generator(split.seed, Purpose.LARGE_PATCHES)
-        return with_large_patches(atlas, named, section, large_rng), opened
-
     def key() -> dict[str, Any]:
         return {
             "section": section.model_dump(mode="json", exclude=_NOT_DECISIVE),
@@ -88,10 +69,29 @@ def prepare_atlas(section: TexturesSection, split: Split, images: Sequence[Path]
         key,
         work=f"making {source.patches}" + (f" (images: {len(images):,})" if source.noun == "photograph" else ""),
         files=images,
-        build=build,
+        build=lambda: _build(section, split, images),
         pack=lambda atlas: pack_atlas(atlas, images),
         unpack=lambda entry: unpack_atlas(entry, images),
     )
+
+
+def _build(section: TexturesSection, split: Split, images: Sequence[Path]) -> tuple[Atlas, Sequence[Path]]:
+    """Return the atlas, and the files that were opened for it."""
+    rng = generator(split.seed, Purpose.ATLAS)
+    if section.source == "procedural":
+        count, flat_share = section.max_patches, section.flat_share
+        return procedural_atlas(rng, count, section.patch_px, flat_share, section.min_texture), []
+    pictures = split_pictures(section, split)
+    if not section.large_px or section.sequence:
+        return build_atlas(images, section, AtlasLimits(), rng, pictures)
+    kept: dict[str, TextureImage] = {}
+    keeping = None if pictures is None else _keeping(pictures, kept)
+    atlas, opened = build_atlas(images, section, AtlasLimits(), rng, keeping)
+
+    def named(names: Collection[str]) -> dict[str, TextureImage]:
+        return kept | named_images(section, set(names) - set(kept), split, images)
+
+    return with_large_patches(atlas, named, section, generator(split.seed, Purpose.LARGE_PATCHES)), opened
 
 
 def split_images(section: TexturesSection, split: Split) -> list[Path]:
@@ -120,11 +120,8 @@ def split_pictures(section: TexturesSection, split: Split) -> Iterable[Picture] 
 
     Each is drawn when it is asked for, and splits have different pictures.
     """
-    return _pictures(open_source(section.source), split)
-
-
-def _pictures(source: TextureSource, split: Split) -> Iterable[Picture] | None:
-    return None if source.pictures is None else source.pictures(generator(split.seed, Purpose.PICTURES))
+    draw = open_source(section.source).pictures
+    return None if draw is None else draw(generator(split.seed, Purpose.PICTURES))
 
 
 def _keeping(pictures: Iterable[Picture], kept: dict[str, TextureImage]) -> Iterator[Picture]:
@@ -146,13 +143,11 @@ def named_images(
     """
     found: dict[str, TextureImage] = {name: path for path, name in relative_names(images).items() if name in names}
     missing = set(names) - set(found)
-    if missing:
-        for picture in split_pictures(section, split) or ():
-            if picture.name in missing:
-                found[picture.name] = picture
-                missing.discard(picture.name)
-            if not missing:
-                break
+    pictures = iter(split_pictures(section, split) or ())
+    while missing and (picture := next(pictures, None)):
+        if picture.name in missing:
+            found[picture.name] = picture
+            missing.remove(picture.name)
     return found
 
 
