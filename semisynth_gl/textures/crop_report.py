@@ -25,27 +25,21 @@ _MOST_NAMED = 5
 
 
 class JudgedCrop(NamedTuple):
-    """A crop, and the reason against it.
-
-    Attributes:
-        reason: None where nothing speaks against the crop.
-        square: the crop.
-        like: of a duplicate, the crop that it hardly differs from.
-    """
+    """A crop, the reason against it if there is one, and of a duplicate the crop that it hardly differs from."""
 
     reason: Reason | None
     square: Square
     like: Square | None = None
 
+    @property
+    def squares(self) -> list[Square]:
+        """The crop, behind the one that it hardly differs from."""
+        return [self.square] if self.like is None else [self.like, self.square]
+
 
 @dataclass(frozen=True, slots=True)
 class JudgedClip:
-    """All crops of an image, or of successive frames.
-
-    Attributes:
-        frame_count: number of frames; 1 for a still image.
-        crops: the crops, at least one.
-    """
+    """All crops, at least one, of a still image or of successive frames."""
 
     frame_count: int
     crops: Sequence[JudgedCrop]
@@ -60,16 +54,9 @@ class JudgedClip:
 class CropCount:
     """Numbers of crops of one side in one image; a square that is followed through several frames counts once.
 
-    Attributes:
-        source: name of the image, as in `Square`.
-        side_px: side of the squares in the image.
-        kept: patches of these crops, ``kept_flat`` included.
-        kept_flat: flat patches, as ``flat_share`` wants: of flat crops, and ``lowered``.
-        lowered: patches made flat by lowering the contrast of crops, which are patches themselves, too.
-        flat: rejected, less texture than ``min_texture`` in any frame.
-        blurred: rejected, less sharp than ``min_sharpness`` in any frame.
-        duplicate: rejected, differs less than ``min_difference`` from another crop.
-        surplus: rejected, as there were more than wanted.
+    All patches of these crops are ``kept``. Of these the ones nearly without texture are ``kept_flat``, as
+    ``flat_share`` wants, and of these again the ones made of other patches by lowering the contrast are ``lowered``.
+    The other numbers are of crops that were rejected: for a `Reason`, or as there were more than wanted.
     """
 
     source: str
@@ -99,8 +86,8 @@ class TextureReport:
         counts: by image and side of the squares, in this order; an image without a square has none.
         subjects: of images with patches that show one subject, the subject's name by the image's; see `Patch`.
         examples: a few rejected crops, of different images where possible.
-        patch_px: side of a patch, pixels.
-        min_texture: least texture of a crop that is not flat, 8-bit levels of `texture_measure`.
+        patch_px: side of a patch.
+        min_texture: least `texture_measure` of a crop that is not flat.
         flat_share: share of the surfaces that wear flat patches.
         longest_clip: most layers that one patch has.
     """
@@ -152,8 +139,7 @@ class TextureReport:
     @property
     def named_images(self) -> set[str]:
         """The names of all images of which there are examples, or that are too small."""
-        squares = chain.from_iterable((example.square, example.like) for example in self.examples)
-        return {square.source for square in squares if square is not None} | set(self.too_small)
+        return {square.source for example in self.examples for square in example.squares} | set(self.too_small)
 
     @property
     def grouped_counts(self) -> dict[str, list[CropCount]]:
@@ -217,14 +203,11 @@ class TextureReport:
 
 
 def crop_counts(
-    clips: Sequence[JudgedClip], kept: Collection[Square], lowered: Collection[Square] = ()
+    clips: Sequence[JudgedClip], kept: Collection[Square], lowered: Collection[Square]
 ) -> tuple[CropCount, ...]:
-    """Count the crops of each clip by side, given the squares that became patches.
+    """Count the crops of each clip by side.
 
-    Args:
-        clips: all crops.
-        kept: the squares of all patches.
-        lowered: the square of each patch that was made flat by lowering its contrast.
+    Given are the squares that became patches, and of each patch that was made flat by lowering its contrast the square.
     """
     made = Counter((square.source, square.side_px) for square in lowered)
     counts = []

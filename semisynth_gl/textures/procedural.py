@@ -18,7 +18,7 @@ _Kind = Callable[[np.random.Generator, int], _Field]
 
 # Least texture of a patch, 8-bit levels: above the usual threshold of photographs.
 _MIN_TEXTURE = 5.0
-_COARSEST_NOISE_PX, _FINEST_NOISE_PX = 64, 2
+_FINEST_NOISE_PX = 2
 
 
 def procedural_atlas(
@@ -46,11 +46,10 @@ def procedural_atlas(
     atlas = atlas_from_arrays(patches, [f"procedural/{name}/{i:05d}" for i, (name, _) in enumerate(kinds)])
     if not contrasts:
         return atlas
-    counts = [
-        replace(each, kept_flat=1, lowered=1) if number in contrasts else each
-        for number, each in enumerate(atlas.report.counts)
-    ]
-    described = [replace(patch, contrast=contrasts.get(number, 1.0)) for number, patch in enumerate(atlas.patches)]
+    counts, described = list(atlas.report.counts), list(atlas.patches)
+    for number, contrast in contrasts.items():
+        counts[number] = replace(counts[number], kept_flat=1, lowered=1)
+        described[number] = replace(described[number], contrast=contrast)
     report = replace(atlas.report, counts=tuple(counts), flat_share=flat_share, min_texture=min_texture)
     return replace(atlas, patches=tuple(described), report=report)
 
@@ -75,7 +74,7 @@ def _coloured(rng: np.random.Generator, field: _Field) -> NDArray[np.uint8]:
     return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
 
-def _value_noise(rng: np.random.Generator, side_px: int, coarsest_px: int = _COARSEST_NOISE_PX) -> _Field:
+def _value_noise(rng: np.random.Generator, side_px: int, coarsest_px: int = 64) -> _Field:
     """Add octaves of smoothly interpolated random grids: (P, P) in [0, 1], stretched to that range."""
     field = np.zeros((side_px, side_px))
     persistence = rng.uniform(0.55, 0.95)

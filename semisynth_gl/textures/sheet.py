@@ -3,11 +3,13 @@
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from semisynth_gl.inputs.errors import counted
 from semisynth_gl.textures.atlas import Atlas, Patch
 from semisynth_gl.textures.crop_report import (
     REASONS,
@@ -137,7 +139,7 @@ def _kept_line(counts: Sequence[CropCount], scales: Mapping[int, str]) -> str:
     total, flat = count_crops(counts, "kept"), count_crops(counts, "kept_flat")
     kept = {name: count_crops(counts, "kept", side) for side, name in scales.items()}
     parts = ", ".join(f"{number} at {name}" for name, number in kept.items() if number)
-    text = f"{total} {'patch' if total == 1 else 'patches'}" + (f": {parts}" if parts else "")
+    text = counted(total, "patch") + (f": {parts}" if parts else "")
     return f"{text}; {flat} flat" if flat else text
 
 
@@ -151,11 +153,9 @@ def _draw_rejected(page: _Page, report: TextureReport, images: Mapping[str, Text
     pixels = _read_squares(report, images)
     for reason in REASONS:
         examples = [example for example in report.examples if example.reason == reason]
-        heading = (
-            f"left out as {reason}: {report.total(reason)}, of which {len(examples)} are shown ({_MEANING[reason]})"
-        )
-        pairs = [[square for square in (example.like, example.square) if square] for example in examples]
-        _draw_examples(page, heading, [[(square.source, pixels[square]) for square in pair] for pair in pairs])
+        heading = f"left out as {reason}: {report.total(reason)}, of which {len(examples)} are shown"
+        tiles = [[(square.source, pixels[square]) for square in example.squares] for example in examples]
+        _draw_examples(page, f"{heading} ({_MEANING[reason]})", tiles)
     shown = report.too_small[:_MOST_NAMED]
     heading = f"images smaller than a patch ({report.patch_px} pixels): {len(report.too_small)}"
     _draw_examples(page, heading, [[(source, pixels_of(images[source]))] for source in shown if source in images])
@@ -187,10 +187,8 @@ def _draw_examples(page: _Page, heading: str, examples: Sequence[Sequence[tuple[
 def _read_squares(report: TextureReport, images: Mapping[str, TextureImage]) -> dict[Square, NDArray[np.uint8]]:
     """Cut the squares of all examples out of their images; each image is read once."""
     squares: dict[str, set[Square]] = defaultdict(set)
-    for example in report.examples:
-        for square in (example.square, example.like):
-            if square is not None:
-                squares[square.source].add(square)
+    for square in chain.from_iterable(example.squares for example in report.examples):
+        squares[square.source].add(square)
     pixels: dict[Square, NDArray[np.uint8]] = {}
     for source, image_squares in squares.items():
         image = pixels_of(images[source])
