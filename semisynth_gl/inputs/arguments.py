@@ -1,4 +1,7 @@
-"""Checks of what callers in Python hand in: a wrong type is an error at the call, and not far behind it."""
+"""Checks of what callers in Python hand in: a wrong type is an error at the call, and not far behind it.
+
+Each function raises `InputError`, whose message calls the argument by ``name``, where the argument is unfit.
+"""
 
 from collections.abc import Iterable
 from math import isfinite
@@ -25,53 +28,32 @@ OTHER_UNITS = "float32 does not hold what is worked out of it: choose other unit
 
 
 def check_type(name: str, value: object, expected: type | UnionType, hint: str = "") -> None:
-    """Check that an argument is an instance of a class, or of one of several.
-
-    Args:
-        name: what the message calls the argument.
-        value: the argument.
-        expected: the class.
-        hint: what to do, for the end of the message.
-
-    Raises:
-        InputError: where it is not.
-    """
+    """Check that an argument is an instance of a class, or of one of several; the message ends with the hint."""
     if not isinstance(value, expected):
         raise _wrong(name, f"a {_named(expected)}", value, hint)
 
 
 def check_one_of(name: str, value: object, expected: Iterable[str]) -> None:
-    """Check that an argument is one of several texts.
-
-    Raises:
-        InputError: where it is not.
-    """
+    """Check that an argument is one of several texts."""
     names = tuple(expected)
     if not (isinstance(value, str) and value in names):
         raise InputError(f"{name}: expected one of {', '.join(names)}, got {shown(value)}")
 
 
 def to_whole(name: str, value: object, least: int | None = None, most: int | None = None) -> int:
-    """Convert a whole number, Python's or numpy's, of ``least`` or more and ``most`` or less.
-
-    Raises:
-        InputError: where it is not such a number.
-    """
+    """Convert a whole number, Python's or numpy's, of ``least`` or more and ``most`` or less."""
     if not isinstance(value, Integral) or isinstance(value, bool):
         raise _wrong(name, "a whole number", value)
-    if least is not None and int(value) < least:
-        raise InputError(f"{name} must be {least} or more, got {shown(int(value))}")
-    if most is not None and int(value) > most:
-        raise InputError(f"{name} must be {most} or less, got {shown(int(value))}")
-    return int(value)
+    number = int(value)
+    if least is not None and number < least:
+        raise InputError(f"{name} must be {least} or more, got {shown(number)}")
+    if most is not None and number > most:
+        raise InputError(f"{name} must be {most} or less, got {shown(number)}")
+    return number
 
 
 def to_real(name: str, value: object) -> float:
-    """Convert a finite number of any kind to Python's; float32's would lose digits of all that it meets.
-
-    Raises:
-        InputError: where it is not.
-    """
+    """Convert a finite number of any kind to Python's; a float32 would cost all that it meets its digits."""
     try:
         finite = isinstance(value, Real) and not isinstance(value, bool) and isfinite(value)
     except OverflowError:  # a whole number that no float holds
@@ -82,11 +64,7 @@ def to_real(name: str, value: object) -> float:
 
 
 def to_magnitude(name: str, value: object, *, least: float = 0.0, most: float = MOST) -> float:
-    """Convert 0, or a number from ``least`` to ``most`` in magnitude, to Python's.
-
-    Raises:
-        InputError: where it is not.
-    """
+    """Convert 0, or a number from ``least`` to ``most`` in magnitude, to Python's."""
     number = to_real(name, value)
     magnitude = abs(number)
     if magnitude > most or 0 < magnitude < least:
@@ -96,11 +74,7 @@ def to_magnitude(name: str, value: object, *, least: float = 0.0, most: float = 
 
 
 def check_magnitudes(name: str, array: NDArray[Any]) -> None:
-    """Check that the numbers of an array are finite, and at most `MOST` in magnitude.
-
-    Raises:
-        InputError: where they are not.
-    """
+    """Check that the numbers of an array are finite, and at most `MOST` in magnitude."""
     low, high = float(array.min(initial=0)), float(array.max(initial=0))
     if low >= -MOST and high <= MOST:
         return
@@ -111,16 +85,7 @@ def check_magnitudes(name: str, array: NDArray[Any]) -> None:
 
 
 def to_array(name: str, value: object, dtype: DTypeLike) -> NDArray[Any]:
-    """Convert anything array-like.
-
-    Args:
-        name: what the message calls the argument.
-        value: the argument.
-        dtype: of the array; whole numbers stay what they are, or are refused.
-
-    Raises:
-        InputError: where rows differ in length, or a value is no number of that dtype.
-    """
+    """Convert anything array-like whose rows are of equal length; whole numbers stay exact, or are refused."""
     try:
         array = np.asarray(value)
         result = array.astype(dtype, copy=False)
@@ -137,6 +102,5 @@ def _named(expected: type | UnionType) -> str:
 
 
 def _wrong(name: str, expected: str, value: object, hint: str = "") -> InputError:
-    return InputError(
-        f"{name} must be {expected}, got {shown(value)} ({type(value).__name__})" + (hint and f": {hint}")
-    )
+    end = f": {hint}" if hint else ""
+    return InputError(f"{name} must be {expected}, got {shown(value)} ({type(value).__name__}){end}")

@@ -20,12 +20,7 @@ class InputError(SemisynthError):
 
 
 class ReadError(SemisynthError):
-    """A file is missing, cut off, or not what its name says.
-
-    Args:
-        path: the file.
-        reason: a clause such as ``"ends after 12 of 4096 bytes"``.
-    """
+    """A file is missing, cut off, or not what its name says; the reason is a clause, as of `Skipped`."""
 
     def __init__(self, path: Path, reason: str) -> None:
         super().__init__(f"{path}: {reason}")
@@ -47,12 +42,7 @@ class WorkerError(SemisynthError):
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
-    """A file that was skipped.
-
-    Attributes:
-        path: the file.
-        reason: a clause such as ``"has no triangles"``.
-    """
+    """A file that was skipped, and a clause that says why, such as ``"has no triangles"``."""
 
     path: Path
     reason: str
@@ -97,16 +87,12 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {head}{plural}{of}{rest}"
 
 
-def near(name: str, known: Iterable[str], most: int = 1, least_ratio: float = 0.7) -> list[str]:
-    """Return the known names that a wrong one may have been meant for, the likeliest first.
+def near(name: str, known: Iterable[str], least_ratio: float = 0.7) -> list[str]:
+    """Return the known name that a wrong one was most likely meant for, or nothing.
 
-    Args:
-        name: the wrong name.
-        known: the names that there are.
-        most: how many to return at most.
-        least_ratio: how alike names must be, of 1; see `difflib.SequenceMatcher.ratio`.
+    The two must be alike by ``least_ratio`` or more, see `difflib.SequenceMatcher.ratio`.
     """
-    return difflib.get_close_matches(name, list(known), most, least_ratio)
+    return difflib.get_close_matches(name, list(known), 1, least_ratio)
 
 
 def did_you_mean(names: Iterable[str], otherwise: str = "") -> str:
@@ -116,11 +102,7 @@ def did_you_mean(names: Iterable[str], otherwise: str = "") -> str:
 
 
 def how_to_install(extra: str) -> str:
-    """Return the commands that install what an extra of this package has, from an index or beside a wheel or checkout.
-
-    Args:
-        extra: a name in ``[project.optional-dependencies]`` of pyproject.toml.
-    """
+    """Return the commands that install an extra of pyproject.toml, from an index or beside a wheel or checkout."""
     ours = re.compile(rf"(.*?)\s*;.*\bextra\s*==\s*['\"]{extra}['\"]")
     packages = [f"'{found[1]}'" for text in requires("semisynth-gl") or () if (found := ours.match(text))]
     return (

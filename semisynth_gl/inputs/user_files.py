@@ -65,11 +65,7 @@ def open_file(path: Path) -> BufferedReader:
 
 
 def read_file(path: Path, most_bytes: int | None = None) -> bytes:
-    """Return the bytes of a file of a disk.
-
-    Args:
-        path: the file.
-        most_bytes: the most that the file may have.
+    """Return the bytes of a file of a disk, which may have so many at most.
 
     Raises:
         OSError: see `open_file`; also where the file is larger.
@@ -97,19 +93,13 @@ def of_kernel(path: str | Path) -> bool:
 def _check(path: Path, status: os.stat_result) -> None:
     if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-    kind = _KINDS.get(stat.S_IFMT(status.st_mode))
-    if kind is None and of_kernel(path):
-        kind = "a file of the kernel's"
+    kind = _KINDS.get(stat.S_IFMT(status.st_mode)) or ("a file of the kernel's" if of_kernel(path) else None)
     if kind is not None:
         raise NotOnDiskError(errno.EINVAL, f"it is {kind}, not a file on a disk", str(path))
 
 
 def names_of(argument: str, files: Files) -> list[str]:
-    """Return the names of files, folders and globs.
-
-    Args:
-        argument: what the message calls the argument, without backticks.
-        files: one name, or several.
+    """Return the names of files, folders and globs as a list; the message names the argument.
 
     Raises:
         InputError: where one is no name.
