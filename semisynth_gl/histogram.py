@@ -22,11 +22,7 @@ class Histogram:
 
     @classmethod
     def from_counts(cls, edges_px: ArrayLike, counts: ArrayLike) -> Self:
-        """Build a histogram from counts or weights.
-
-        Args:
-            edges_px: (K + 1,), rising.
-            counts: (K,), 0 or more; they are scaled to a sum of 1.
+        """Build a histogram from (K + 1,) edges and (K,) counts or weights, which are scaled to a sum of 1.
 
         Raises:
             ValueError: where edges do not rise, or counts are negative or all 0.
@@ -60,12 +56,7 @@ class Histogram:
         return type(self)(edges, np.diff(np.maximum.accumulate(np.minimum(cumulative, 1.0))))
 
     def seen_from(self, ratio: float, doffs_px: float) -> Self:
-        """Return the same surfaces' histogram by a rig of another baseline.
-
-        Args:
-            ratio: its baseline in units of this rig's.
-            doffs_px: difference of the principal points, cx_right - cx_left, of both rigs.
-        """
+        """Return the same surfaces' histogram by a rig with ``ratio`` times this rig's baseline, and the same doffs."""
         return type(self)(ratio * (self.edges_px + doffs_px) - doffs_px, self.shares)
 
     def _at_edges(self) -> NDArray[np.float64]:
@@ -73,14 +64,9 @@ class Histogram:
 
 
 class PixelCount:
-    """Counts the disparities of successive images.
+    """Counts the disparities of successive images in (K + 1,) rising edges: ``counts``, (K,) int64.
 
-    Args:
-        edges_px: (K + 1,) rising; the outer bins count what lies beyond their edges.
-
-    Attributes:
-        edges_px: (K + 1,) float64.
-        counts: (K,) int64.
+    The outer bins count what lies beyond their edges, too.
     """
 
     def __init__(self, edges_px: ArrayLike) -> None:

@@ -7,11 +7,9 @@ from semisynth_gl.seeds.splits import SplitName
 
 @dataclass(frozen=True, slots=True)
 class FinishedPair:
-    """A pair that a long function is finished with.
+    """A pair that a long function is finished with, by its number in its split.
 
     Attributes:
-        split: the pair's split of the dataset.
-        index: the pair's number in its split.
         redrawn: why each earlier attempt failed its checks; only the first frame of a sequence has these reasons.
         share_beyond: share of the pixels whose disparity the encoding cannot store, of the view with the larger share.
         kept: whether an earlier run wrote the pair.

@@ -14,13 +14,10 @@ _NO_PROOF = -1
 
 
 class FileFingerprint(NamedTuple):
-    """The state of a file, in JSON's types.
+    """The state of a file, in JSON's types: its size in bytes, its times, and the SHA-256 of its content.
 
-    Attributes:
-        size: in bytes.
-        mtime_ns: time of the last change of the content; -1 where that time proves nothing.
-        ctime_ns: time of the last change of content, name or rights, which programs cannot set back; or -1.
-        sha256: of the content; empty where the content was not read.
+    Times are -1 where they prove nothing: mtime of the last change of the content, and ctime of the last change of
+    content, name or rights, which programs cannot set back. The hash is empty where the content was not read.
     """
 
     size: int
@@ -39,14 +36,9 @@ def stat_fingerprint(path: Path) -> FileFingerprint | None:
 
 
 def read_fingerprint(path: Path, before: FileFingerprint | None) -> FileFingerprint | None:
-    """Return a file's fingerprint with its content.
+    """Return a file's fingerprint with its content; None where it cannot be read or has changed since ``before``.
 
-    Args:
-        path: the file.
-        before: its `stat_fingerprint` from before anything of it was read.
-
-    Returns:
-        The fingerprint; None where the file cannot be read or has changed since ``before``.
+    That is its `stat_fingerprint` from before anything of it was read.
     """
     try:
         with open_file(path) as file:

@@ -36,21 +36,18 @@ def cached(
     pack: Callable[[_Result], Entry | None],
     unpack: Callable[[Entry], _Result],
 ) -> _Result:
-    """Return a result from the cache, or build it and put it there.
+    """Return a result from the cache, or build it and put it there; errors of ``build`` are passed on.
 
     Args:
         kind: the first part of the entry's name.
         version: the builder's, the second part.
-        work: what ``build`` does, where it takes seconds: logged as INFO before it begins.
         key: returns, in JSON's types, all that decides the result except the content of files. Where it raises OSError
             or ImportError, the cache is not used.
+        work: what ``build`` does, where it takes seconds: logged as INFO before it begins.
         files: all files that the build may open. The key must hold their number and order.
         build: returns the result, and the files that it opened.
         pack: turns a result into an entry; None keeps the result out of the cache.
         unpack: turns an entry into a result that equals the built one in every value.
-
-    Raises:
-        SemisynthError: raised by ``build``.
     """
     folder = cache_folder()
     try:
@@ -80,8 +77,8 @@ def cached(
     packed = pack(result)
     if packed is not None:
         counting = frozenset(opened)
-        indices = [index for index, path in enumerate(files) if path in counting]
-        fingerprints = {index: read_fingerprint(files[index], before[index]) for index in indices}
+        numbered = enumerate(zip(files, before, strict=True))
+        fingerprints = {index: read_fingerprint(path, state) for index, (path, state) in numbered if path in counting}
         if None not in fingerprints.values():
             write_entry(name, _with_fingerprints(packed, fingerprints))
     return result
@@ -98,8 +95,7 @@ def package_versions(*packages: str) -> dict[str, str]:
 
 def installed_packages() -> list[str]:
     """Return names and versions of all installed packages, for results that any package may change."""
-    folders = {Path(folder) for folder in sys.path}
-    names = {path.name for folder in folders if folder.is_dir() for path in folder.iterdir()}
+    names = {path.name for folder in map(Path, sys.path) if folder.is_dir() for path in folder.iterdir()}
     return sorted(name for name in names if name.endswith((".dist-info", ".egg-info")))
 
 

@@ -39,11 +39,9 @@ _DTYPES = frozenset(np.dtype(code).str for code in (*np.typecodes["AllInteger"],
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entry:
-    """The content of an entry.
+    """The content of an entry: values in JSON's types, and arrays by name.
 
-    Attributes:
-        values: in JSON's types.
-        arrays: by name. Arrays of an entry from disk are writable, and a write changes nothing on disk.
+    Arrays of an entry from disk are writable, and a write changes nothing on disk.
     """
 
     values: dict[str, Any]
@@ -74,10 +72,7 @@ def cache_summary() -> str:
 
 
 def read_entry(name: str) -> Entry | None:
-    """Return the entry of a name, or None where it is absent or damaged.
-
-    All of it is in memory: whatever becomes of the file later changes nothing.
-    """
+    """Return the entry of a name, all of it in memory; None where it is absent or damaged."""
     folder = cache_folder()
     if folder is None:
         return None
@@ -128,9 +123,8 @@ def _encoded(entry: Entry) -> tuple[bytes, list[NDArray[Any]]]:
 def _read(file: BufferedReader) -> Entry:
     """Read an entry's file.
 
-    Raises:
-        ValueError: where any byte is not as it was written; LookupError, TypeError, OverflowError, RecursionError or
-            MemoryError, too, where the head is somebody else's.
+    Where any byte is not as it was written, this raises ValueError; where the head is somebody else's, LookupError,
+    TypeError, OverflowError, RecursionError or MemoryError, too.
     """
     left = os.fstat(file.fileno()).st_size
     magic, length, checksum = (file.read(size) for size in (len(_MAGIC), _LENGTH, _CHECKSUM))

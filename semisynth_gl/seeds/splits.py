@@ -41,15 +41,11 @@ class Split:
     def share(self, items: Sequence[Item], what: str, purpose: int, names: Sequence[str] | None = None) -> list[Item]:
         """Return the items that this split takes, in their order; no two splits take the same item.
 
-        Args:
-            items: the items of all splits, such as photographs.
-            what: plural noun for the items, for the message.
-            purpose: another number for each kind of items.
-            names: the items' names. Where given, each item draws its rank by its own name, so that a further item moves
-                only the items next to a border between splits; without, by its position.
+        Each kind of items has its own ``purpose``. Where the items have names, each draws its rank by its name, so that
+        a further item moves only the items next to a border between splits; without names, by its position.
 
         Raises:
-            InputError: where there are too few for each split to take one.
+            InputError: where there are too few for each split to take one; ``what`` is the items' plural noun.
         """
         counts = {name: max(1, round(share * len(items))) for name, share in self.held_out.items()}
         rest = len(items) - sum(counts.values())
@@ -64,10 +60,7 @@ class Split:
         else:
             ranks = [generator(self.dataset_seed, Purpose.SPLIT, len(SPLITS), purpose, name).random() for name in names]
             order = np.argsort(ranks)
-        begin = 0
-        for name in ("validation", "test"):
-            count = counts.get(name, 0)
-            if name == self.name:
-                return [items[number] for number in np.sort(order[begin : begin + count])]
-            begin += count
-        return [items[number] for number in np.sort(order[begin:])]
+        validation, test = (counts.get(name, 0) for name in ("validation", "test"))
+        held = np.split(order, [validation, validation + test])
+        own = dict(zip(("validation", "test", "train"), held, strict=True))[self.name]
+        return [items[number] for number in np.sort(own)]
