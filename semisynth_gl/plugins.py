@@ -41,15 +41,7 @@ class MissingPluginError(InputError):
 
 @dataclass(frozen=True)
 class Plugin:
-    """One entry point of an installed package.
-
-    Attributes:
-        group: the sort of plug-in.
-        name: the name under which users ask for it.
-        package: the installed package's name.
-        version: the package's.
-        entry: the entry point.
-    """
+    """One entry point of an installed package; users ask for it by ``name``."""
 
     group: Group
     name: str
@@ -65,11 +57,7 @@ class Plugin:
 
     @cached_property
     def value(self) -> Any:  # noqa: ANN401 - what it should be depends on the group
-        """What the entry point refers to, imported at the first use.
-
-        Raises:
-            InputError: where it cannot be imported.
-        """
+        """What the entry point refers to, imported at the first use; raises InputError where it cannot be imported."""
         with self.blamed("cannot be imported"):
             return self.entry.load()
 
@@ -80,11 +68,7 @@ class Plugin:
 
     @property
     def code_sha256(self) -> str:
-        """SHA-256 of the module that the entry point refers to, or of the modules of the package around it.
-
-        Raises:
-            OSError: where they are not files on disk.
-        """
+        """SHA-256 of the entry point's module, or of its package's modules; raises OSError where they are no files."""
         spec = find_spec(self.entry.module.partition(".")[0])
         if spec is None or (spec.origin is None and not spec.submodule_search_locations):
             raise FileNotFoundError(self.entry.module)
@@ -96,22 +80,14 @@ class Plugin:
         return digest.hexdigest()
 
     def fault(self, fault: str) -> InputError:
-        """Return the error of a plug-in that does not keep to what its group asks for.
-
-        Args:
-            fault: what was expected, and what came.
-        """
+        """Return the error of a plug-in that is not what its group asks for: what was expected, and what came."""
         return InputError(f"{self}: {fault}")
 
     @contextmanager
     def blamed(self, what: str) -> Iterator[None]:
         """Turn any error of the plug-in's own code into an `InputError` that names the plug-in and the line.
 
-        Args:
-            what: what the plug-in did, such as ``"cannot be imported"``.
-
-        Raises:
-            InputError: where the block raises anything but MemoryError and KeyboardInterrupt.
+        The message says what the plug-in did, such as ``"cannot be imported"``. MemoryError and KeyboardInterrupt pass.
         """
         try:
             yield
@@ -144,19 +120,18 @@ def plugin_names(group: Group) -> tuple[str, ...]:
     return tuple(dict.fromkeys(each.name for each in installed_plugins() if each.group == group))
 
 
-def find_plugin(group: Group, name: str, built_in: Collection[str] = ()) -> Plugin:
-    """Return the plug-in of a name; it is not imported yet.
+def _called(group: Group, name: str) -> list[Plugin]:
+    return [each for each in installed_plugins() if each.group == group and each.name == name]
 
-    Args:
-        group: the sort of plug-in.
-        name: its name.
-        built_in: names of the program's own of that sort, for the message.
+
+def find_plugin(group: Group, name: str, built_in: Collection[str] = ()) -> Plugin:
+    """Return the plug-in of a name; it is not imported yet. The message lists ``built_in`` names, too.
 
     Raises:
         MissingPluginError: where no installed package has it.
         InputError: where two packages have it.
     """
-    found = [each for each in installed_plugins() if each.group == group and each.name == name]
+    found = _called(group, name)
     if not found:
         known = sorted({*built_in, *plugin_names(group)})
         expected = f"expected one of {', '.join(known)}" if known else "no installed package has any"
@@ -172,32 +147,16 @@ def find_plugin(group: Group, name: str, built_in: Collection[str] = ()) -> Plug
 
 
 def refuse_clash(group: Group, name: str) -> None:
-    """Refuse plug-ins that have the name of something built in.
-
-    Args:
-        group: the sort of plug-in.
-        name: the name of a built-in one, which is asked for.
-
-    Raises:
-        InputError: where an installed package has a plug-in of that name.
-    """
-    for each in installed_plugins():
-        if each.group == group and each.name == name:
-            raise each.fault(
-                f"expected a name of its own, got that of a built-in {NOUNS[group]}: rename the entry point, or "
-                f"pip uninstall {each.package}"
-            )
+    """Raise InputError where a plug-in has the name of something built in, which is asked for."""
+    for each in _called(group, name):
+        raise each.fault(
+            f"expected a name of its own, got that of a built-in {NOUNS[group]}: rename the entry point, or "
+            f"pip uninstall {each.package}"
+        )
 
 
 def plugin_records(used: Used) -> dict[str, dict[str, dict[str, str]]]:
-    """Return who the plug-ins come from that something uses, for its provenance.
-
-    Args:
-        used: names with their groups, none of them built in.
-
-    Raises:
-        InputError: see `find_plugin`.
-    """
+    """Return who the plug-ins come from that something uses, for its provenance; raises as `find_plugin` does."""
     records: dict[str, dict[str, dict[str, str]]] = {}
     for group, name in sorted(used, key=lambda each: (GROUPS.index(each[0]), each[1])):
         records.setdefault(group, {})[name] = find_plugin(group, name).record
@@ -205,19 +164,14 @@ def plugin_records(used: Used) -> dict[str, dict[str, dict[str, str]]]:
 
 
 def require_plugins(records: Records, groups: Collection[Group] = GROUPS, *, same: bool = False) -> None:
-    """Check that the plug-ins are installed that a dataset was made with.
-
-    Args:
-        records: the dataset's.
-        groups: the only groups to check.
-        same: whether the packages must have the same versions too.
+    """Check that a dataset's plug-ins of some groups are installed, and where ``same``, in the same versions.
 
     Raises:
         MissingPluginError: where one is not, with the command that installs it.
     """
     for group in groups:
         for name, record in records.get(group, {}).items():
-            here = [each.record for each in installed_plugins() if each.group == group and each.name == name]
+            here = [each.record for each in _called(group, name)]
             if (record not in here) if same else not here:
                 package, needed = record["package"], record["version"]
                 raise MissingPluginError(
