@@ -10,19 +10,11 @@ Numbers = NDArray[np.int64]
 def covered_cells(
     x: Floats, y: Floats, triangles: Numbers, columns: int, rows: int
 ) -> tuple[Numbers, Numbers, Floats, Floats]:
-    """Find the cells whose centres lie in triangles.
+    """Find the cells whose centres lie in triangles, (3, T) indices of vertices.
 
-    Args:
-        x: (V,) column of each vertex; the centre of the first cell is (0, 0).
-        y: (V,) row of each vertex.
-        triangles: (3, T) each triangle's vertices.
-        columns: cells in a row of the grid.
-        rows: rows of the grid.
-
-    Returns:
-        A value for each pair of a triangle and a cell that it covers: the triangle, the cell (row times ``columns``
-        plus column), and how far the cell's centre lies from the first corner towards the second and the third one, in
-        lengths of these edges.
+    Vertices lie at column x and row y, (V,) each; the centre of the first cell is (0, 0). Returns a value for each pair
+    of a triangle and a cell that it covers: the triangle, the cell (row times ``columns`` plus column), and how far the
+    cell's centre lies from the first corner towards the second and the third one, in lengths of these edges.
     """
     # Most triangles are smaller than a cell and hold no centre: fewer and fewer go on.
     some_x, low_x, high_x = _spanned(x[triangles], columns)

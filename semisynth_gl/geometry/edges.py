@@ -14,10 +14,10 @@ class MeshEdges:
     """E edges between two triangles, or at a border with the same triangle twice.
 
     Attributes:
-        corners: (2, E, 3) uint32, of the triangle on each side the vertices that the edge goes from and to, and the one
-            opposite. Seen from outside of a solid, the first triangle runs through them anticlockwise and the second
-            one clockwise.
-        plane: (2, 4, E) float32: the plane of each is where n . x = n . p, with n = (to - from) x (opposite - from).
+        corners: (2, E, 3) uint32, for the triangle on each side: the vertices that the edge goes from and to, and the
+            one opposite. Seen from outside of a solid, the first triangle runs through them anticlockwise and the
+            second one clockwise.
+        plane: (2, 4, E) float32, n and n . p of each triangle's plane, with n = (to - from) x (opposite - from).
         below: (2, E) bool, the other side's opposite corner lies where n . x < n . p.
         border: (E,) bool.
     """

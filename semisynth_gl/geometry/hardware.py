@@ -3,7 +3,7 @@
 import numpy as np
 
 from semisynth_gl.geometry.mesh import Mesh, cross, least_axis, merged
-from semisynth_gl.geometry.parts import arc, around, circle, on_circle, placed, rod, smooth, turned, upright, wire
+from semisynth_gl.geometry.parts import arc, around, circle, on_circle, placed, rod, smooth, turned, unit, upright, wire
 from semisynth_gl.geometry.surfaces import box, extruded, grid_surface, lathe
 
 
@@ -145,8 +145,7 @@ def cable(rng: np.random.Generator) -> list[Mesh]:
     knots = np.cumsum(rng.normal(0, (0.06, 0.22, 0.22), (int(rng.integers(7, 13)), 3)) + (0.35, 0, 0), axis=0)
     path = smooth(knots, 10)
     thick = rng.uniform(0.02, 0.035)
-    heading = path[-1] - path[-2]
-    heading /= np.linalg.norm(heading)
+    heading = unit(path[-1] - path[-2])
     tip = path[-1] + 0.2 * heading
     sideways = cross(heading, least_axis(heading))
     sideways *= 0.04 / np.linalg.norm(sideways)

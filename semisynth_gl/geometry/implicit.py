@@ -8,12 +8,11 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.mesh import Floats, Mesh, halved
 from semisynth_gl.geometry.unwrap import project_uv
 
-Floats = NDArray[np.float64]
 Field = Callable[[Floats], Floats]
 """Signed distances, (N,) model units, of points (N, 3): negative inside."""
 
@@ -25,14 +24,7 @@ _FIRST, _LAST = slice(None, -1), slice(1, None)
 
 
 def limb(start: ArrayLike, stop: ArrayLike, radius: float, end_radius: float | None = None) -> Field:
-    """Return the field of a round-ended rod between two points, (3,) each, in model units; a ball where they are one.
-
-    Args:
-        start: first end.
-        stop: second end.
-        radius: at the first end, model units.
-        end_radius: at the second end; by default the same.
-    """
+    """Return the field of a round-ended rod between two points, (3,) each; a ball where they are one."""
     first = np.asarray(start, np.float64)
     along = np.asarray(stop, np.float64) - first
     square = float((along * along).sum())
@@ -60,15 +52,8 @@ def blended(fields: Sequence[Field], softness: float) -> Field:
 def surface_of(name: str, field: Field, low: ArrayLike, high: ArrayLike, cells: int) -> Mesh:
     """Cut the zero surface out of a field, as surface nets do: a vertex for each cell that it passes.
 
-    Args:
-        name: the model's.
-        field: positive at the border of the box.
-        low: (3,) corner of the box, model units.
-        high: (3,) opposite corner.
-        cells: cells along the box's longest side.
-
-    Returns:
-        A closed mesh with UV in model units; its triangles turn anticlockwise as seen from outside.
+    The box from ``low`` to ``high`` has ``cells`` along its longest side; at its border the field is positive. Returns
+    a closed mesh whose triangles turn anticlockwise as seen from outside.
     """
     origin = np.asarray(low, np.float64)
     extent = np.asarray(high, np.float64) - origin
@@ -85,8 +70,7 @@ def surface_of(name: str, field: Field, low: ArrayLike, high: ArrayLike, cells: 
         u, v = (axis + 1) % 3, (axis + 2) % 3
         first, last = (tuple(side if k == axis else slice(None) for k in range(3)) for side in (_FIRST, _LAST))
         crossed = np.argwhere(inside[first] != inside[last])
-        begin = values[first][tuple(crossed.T)]
-        end = values[last][tuple(crossed.T)]
+        begin, end = (values[side][tuple(crossed.T)] for side in (first, last))
         place = crossed.astype(np.float64)
         place[:, axis] += begin / (begin - end)
         cells_around = []
@@ -99,11 +83,9 @@ def surface_of(name: str, field: Field, low: ArrayLike, high: ArrayLike, cells: 
             cells_around.append(np.ravel_multi_index(tuple(cell.T), tuple(counts - 1)))
         quad = np.stack(cells_around, axis=1)
         quads.append(np.where((begin < 0)[:, None], quad, quad[:, ::-1]))
-    quad = np.concatenate(quads)
-    used, corner = np.unique(quad, return_inverse=True)
-    corner = corner.reshape(quad.shape)
+    used, corner = np.unique(np.concatenate(quads), return_inverse=True)
     positions = origin + (sums.reshape(-1, 3)[used] / crossings.reshape(-1)[used, None]) * step
-    return project_uv(name, positions, np.concatenate([corner[:, [0, 1, 2]], corner[:, [0, 2, 3]]]))
+    return project_uv(name, positions, halved(corner.reshape(-1, 4)))
 
 
 def _without_pinches(values: Floats) -> Floats:

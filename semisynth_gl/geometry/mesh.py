@@ -16,7 +16,8 @@ _FAR = 16
 # Beyond, float64 holds it no better than float32 does there: 53 bits less 24.
 _FARTHEST = 2.0**29
 
-Vertices = NDArray[np.float32] | NDArray[np.float64]
+Floats = NDArray[np.float64]
+Vertices = NDArray[np.float32] | Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,17 +87,7 @@ def make_mesh(name: str, positions: object, uv: object, triangles: object) -> Me
 
 
 def make_part(name: str, positions: object, uv: object, triangles: object) -> Mesh:
-    """Build a `Mesh` of float32 wherever it lies: a part of a model, whose origin is the model's.
-
-    Args:
-        name: see `make_mesh`, as for the others.
-        positions: see there.
-        uv: see there.
-        triangles: see there.
-
-    Raises:
-        InputError: see there.
-    """
+    """Do as `make_mesh`, but in float32 wherever the mesh lies: a part of a model, whose origin is the model's."""
     index = _indices(name, triangles)
     vertices, coordinates = (points.astype(np.float32, order="C") for points in _held(name, positions, uv))
     return Mesh(name, vertices, coordinates, index)
@@ -113,7 +104,7 @@ def _indices(name: str, triangles: object) -> NDArray[np.uint32]:
     return np.ascontiguousarray(index, np.uint32)
 
 
-def _held(name: str, positions: object, uv: object) -> Iterator[NDArray[np.float64]]:
+def _held(name: str, positions: object, uv: object) -> Iterator[Floats]:
     """Yield array-likes as arrays; numbers that are too large for float32 are refused before it rounds them."""
     for what, values in (("positions", positions), ("uv", uv)):
         array = to_array(f"mesh {name}: {what}", values, np.float64)
@@ -121,16 +112,10 @@ def _held(name: str, positions: object, uv: object) -> Iterator[NDArray[np.float
         yield array
 
 
-def _rounded_near(points: NDArray[np.float64]) -> Vertices:
+def _rounded_near(points: Floats) -> Vertices:
     """Round points to float32 where they do not lie far from 0."""
-    if points.ndim == 2 and _is_far(points):
-        return np.ascontiguousarray(points)
-    return points.astype(np.float32, order="C")
-
-
-def _is_far(points: Vertices) -> bool:
-    """Return whether points (N, D) lie far from 0, by their reach about their middle."""
-    return _times_away(points) > _FAR
+    is_far = points.ndim == 2 and _times_away(points) > _FAR
+    return np.ascontiguousarray(points) if is_far else points.astype(np.float32, order="C")
 
 
 def _times_away(points: Vertices) -> float:
@@ -144,24 +129,22 @@ def _times_away(points: Vertices) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Centred:
-    """A mesh as it is drawn: in float32, and not far from its origin.
+    """A mesh as it is drawn, in float32 and not far from its origin, and where its origins lie in the given mesh.
 
     Attributes:
-        mesh: the mesh.
-        origin: (3,) float64, where its origin lies in the coordinates of the mesh that was given.
-        uv_origin: (2,) float64, likewise of its UV.
+        origin: (3,) float64.
+        uv_origin: (2,) float64.
     """
 
     mesh: Mesh
-    origin: NDArray[np.float64]
-    uv_origin: NDArray[np.float64]
+    origin: Floats
+    uv_origin: Floats
 
 
 def centred(mesh: Mesh) -> Centred:
     """Move a mesh that lies far from its origin there, and its UV likewise; others stay where they are.
 
-    Raises:
-        InputError: where it lies so far away that float64 does not hold its shape.
+    Raises InputError where it lies so far away that float64 does not hold its shape.
     """
     for what, points in (("positions", mesh.positions), ("uv", mesh.uv)):
         if _FARTHEST < (times := _times_away(points)) < inf:
@@ -173,25 +156,28 @@ def centred(mesh: Mesh) -> Centred:
     return Centred(replace(mesh, positions=positions, uv=uv), origin, uv_origin)
 
 
-def _moved(points: Vertices) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+def _moved(points: Vertices) -> tuple[NDArray[np.float32], Floats]:
     """Return points (N, D) about their middle where they are far away, and that middle, (D,)."""
     origin = np.zeros(points.shape[1])
-    if _is_far(points):
+    if _times_away(points) > _FAR:
         origin = (points.min(axis=0).astype(np.float64) + points.max(axis=0)) / 2
         points = points - origin
     return points.astype(np.float32, copy=False), origin
 
 
-def mesh_grid(rows: int, columns: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+def mesh_grid(rows: int, columns: int) -> tuple[Floats, Floats, NDArray[np.int64]]:
     """Return u and v, 0 to 1, of a grid's (rows + 1) (columns + 1) vertices, and its (T, 3) triangles."""
     v, u = np.meshgrid(np.linspace(0, 1, rows + 1), np.linspace(0, 1, columns + 1), indexing="ij")
-    first = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).ravel()
-    below = first + columns + 1
-    triangles = np.concatenate([np.stack([first, first + 1, below + 1], 1), np.stack([first, below + 1, below], 1)])
-    return u.ravel(), v.ravel(), triangles
+    first = np.arange(v.size).reshape(v.shape)[:-1, :-1].reshape(-1, 1)
+    return u.ravel(), v.ravel(), halved(first + np.array([0, 1, columns + 2, columns + 1]))
 
 
-def cross(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+def halved(quads: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Cut quadrilaterals of indices, (Q, 4), along a diagonal: (2 Q, 3), all first halves before the second ones."""
+    return np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+
+
+def cross(first: Floats, second: Floats) -> Floats:
     """Cross products along the last axis, (..., 3) each: bit for bit equal to `numpy.cross`.
 
     With `numpy.cross` and `numpy.linalg.norm`, which are slow on small arrays, the builders take a quarter longer.
@@ -206,16 +192,21 @@ def cross(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np
     return product
 
 
-def least_axis(direction: NDArray[np.float64]) -> NDArray[np.float64]:
+def least_axis(direction: Floats) -> Floats:
     """Return the unit axis, (3,), along which a direction (3,) has least; the first of those that are equal to 1e-6.
 
     Sines and products of matrices differ in their last bits from processor to processor, and must not choose.
     """
-    axis: NDArray[np.float64] = np.eye(3)[np.argmin(np.round(np.abs(direction), 6))]
+    axis: Floats = np.eye(3)[np.argmin(np.round(np.abs(direction), 6))]
     return axis
 
 
-def lengths(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def face_normals(corners: Floats) -> Floats:
+    """Return the normals of triangles (T, 3, 3), each twice as long as the triangle's area; (T, 3)."""
+    return cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def lengths(vectors: Floats) -> Floats:
     """Lengths along the last axis, (..., D): bit for bit equal to `numpy.linalg.norm`."""
     return np.asarray(np.sqrt(np.add.reduce(vectors * vectors, axis=-1)))
 
@@ -229,10 +220,9 @@ def merged(name: str, parts: Sequence[Mesh]) -> Mesh:
 
 
 def normalised(mesh: Mesh) -> Mesh:
-    """Centre a mesh's bounding box on the origin and scale it to radius 1; its UV scales along.
+    """Centre a mesh's bounding box on the origin and scale it, with its UV, to radius 1.
 
-    Raises:
-        InputError: where all vertices coincide.
+    Raises InputError where all vertices coincide.
     """
     positions = mesh.positions.astype(np.float64)
     centred = positions - (positions.min(axis=0) + positions.max(axis=0)) / 2
@@ -246,13 +236,10 @@ def without_degenerate(mesh: Mesh) -> Mesh:
     """Drop triangles without area, and vertices without a triangle.
 
     A triangle counts as one without area where its height is below a millionth of the mesh's radius: it cannot be
-    seen, and its normal and texture direction are noise.
-
-    Raises:
-        InputError: where no triangle remains.
+    seen, and its normal and texture direction are noise. Raises InputError where no triangle remains.
     """
     corners = mesh.positions.astype(np.float64)[mesh.triangles]
-    double_areas = lengths(cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    double_areas = lengths(face_normals(corners))
     longest = lengths(corners - corners[:, [2, 0, 1]]).max(axis=1)
     sound = double_areas > 1e-6 * mesh.radius * longest
     kept = mesh.triangles[sound]

@@ -10,9 +10,8 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.mesh import Floats, Mesh
 from semisynth_gl.geometry.model_parts import BrokenModelError, PlacedParts
 from semisynth_gl.geometry.model_process import ModelReader
 from semisynth_gl.geometry.model_units import Surface, join_surfaces
@@ -101,7 +100,7 @@ def _placed(read: PlacedParts) -> Iterator[Surface]:
         yield positions[used], renumbered.reshape(-1, 3), downwards
 
 
-def _require_finite(positions: NDArray[np.float64], what: str) -> None:
+def _require_finite(positions: Floats, what: str) -> None:
     for is_bad, label in ((np.isnan(positions), "NaN"), (np.isinf(positions), "infinite")):
         if is_bad.any():
             raise BrokenModelError(f"has {int(is_bad.any(axis=1).sum())} {label} {what}")

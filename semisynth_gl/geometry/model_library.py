@@ -16,7 +16,7 @@ from semisynth_gl.cache.store import Entry
 from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection
 from semisynth_gl.geometry.families import build_family, find_family
 from semisynth_gl.geometry.kinds import COMPLEX_KINDS, SIMPLE_KINDS, kind_weights
-from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.mesh import Floats, Mesh
 from semisynth_gl.geometry.model_files import load_models
 from semisynth_gl.geometry.model_process import PASSING
 from semisynth_gl.geometry.silhouette import Silhouette, mean_silhouette, views_each
@@ -59,7 +59,7 @@ class ModelLibrary:
 
     models: tuple[Mesh, ...]
     drawn: NDArray[np.int64]
-    chances: NDArray[np.float64]
+    chances: Floats
     silhouette: Silhouette
     skipped: tuple[Skipped, ...]
     user_count: int

@@ -39,10 +39,9 @@ class Part:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedParts:
-    """The parts of a model, and its nodes that place them.
+    """The parts of a model, each placed by one node or more.
 
     Attributes:
-        parts: each at least once placed.
         placed: (N,) int64, the part that each node places.
         scene_from_part: (N, 4, 4) float64, where each node places it.
     """

@@ -5,7 +5,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from semisynth_gl.geometry.mesh import Mesh, make_part, merged, normalised, without_degenerate
+from semisynth_gl.geometry.mesh import Floats, Mesh, make_part, merged, normalised, without_degenerate
 from semisynth_gl.geometry.model_parts import BrokenModelError
 from semisynth_gl.geometry.unwrap import project_uv
 from semisynth_gl.inputs.arguments import MOST, check_type, to_array
@@ -21,7 +21,7 @@ PULL_LIMIT = 16
 # lie anywhere on a model.
 _FAR_UV = 1024
 
-Surface = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64] | None]
+Surface = tuple[Floats, NDArray[np.int64], Floats | None]
 """Positions (V, 3), triangles (T, 3), and UV (V, 2) with v downwards where there is a UV map."""
 
 
@@ -56,7 +56,7 @@ def make_model(name: str, positions: object, triangles: object, uv: object = Non
         raise InputError(f"model {name}: {error}") from None
 
 
-def _scaled(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _scaled(values: Floats) -> Floats:
     """Scale numbers of any size to 1."""
     largest = float(np.abs(values).max(initial=0))
     return values / largest if 0 < largest < np.inf else values
@@ -85,9 +85,7 @@ def join_surfaces(name: str, parts: list[Surface]) -> Mesh:
         raise BrokenModelError("has no triangle with an area") from error
 
 
-def _unwrapped(
-    name: str, positions: NDArray[np.float64], triangles: NDArray[np.int64], uv: NDArray[np.float64] | None
-) -> list[Mesh]:
+def _unwrapped(name: str, positions: Floats, triangles: NDArray[np.int64], uv: Floats | None) -> list[Mesh]:
     """Return a part with its UV map in model units where the map is usable, and projected UV elsewhere."""
     if uv is None:
         return [project_uv(name, positions, triangles)]
@@ -113,9 +111,7 @@ def _unwrapped(
     return [kept] if usable.all() else [kept, project_uv(name, positions, triangles[~usable])]
 
 
-def _texture_pull(
-    corners: NDArray[np.float64], uv: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _texture_pull(corners: Floats, uv: Floats) -> tuple[Floats, Floats, Floats]:
     """Return twice the area of triangles, twice their UV area, and how far the texture is pulled over them; (T,) each.
 
     The pull is the largest ratio of a length to its length in UV, over all directions. It is infinite or NaN where the
@@ -132,7 +128,7 @@ def _texture_pull(
         return np.sqrt(np.maximum(determinant, 0)), np.sqrt(np.maximum(uv_determinant, 0)), pull
 
 
-def _inner_products(edges: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+def _inner_products(edges: Floats) -> tuple[Floats, ...]:
     """Return the products first by first, first by second and second by second of edges, (T, 2, D); (T,) each."""
     first, second = edges[:, 0], edges[:, 1]
     return (first * first).sum(axis=1), (first * second).sum(axis=1), (second * second).sum(axis=1)

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.mesh import Floats, Mesh
 from semisynth_gl.geometry.parts import circle, placed, rod, smooth, turned, wire
 from semisynth_gl.geometry.surfaces import box, extruded, lathe
 
@@ -88,7 +88,7 @@ def house(rng: np.random.Generator) -> list[Mesh]:
     return parts
 
 
-def _window(size: NDArray[np.float64], at: Sequence[float]) -> list[Mesh]:
+def _window(size: Floats, at: Sequence[float]) -> list[Mesh]:
     """A frame about a cross, and a sill, sunk into a wall across y; each stands out by another length."""
     wide, high = size
     rim = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * size / 2

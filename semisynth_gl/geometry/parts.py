@@ -4,38 +4,38 @@ from collections.abc import Iterable
 
 import numpy as np
 import pyrr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from semisynth_gl.geometry.mesh import Mesh, cross, least_axis, make_part
+from semisynth_gl.geometry.mesh import Floats, Mesh, cross, least_axis, make_part
 from semisynth_gl.geometry.surfaces import lathe, sweep
 
 
-def circle(radius: float, sides: int, turn_rad: float = 0.0) -> NDArray[np.float64]:
+def circle(radius: float, sides: int, turn_rad: float = 0.0) -> Floats:
     """A regular polygon about the origin, anticlockwise; (sides, 2), model units."""
     return on_circle(radius, turn_rad + np.arange(sides) * (2 * np.pi / sides))
 
 
-def rectangle(width: float, height: float) -> NDArray[np.float64]:
+def rectangle(width: float, height: float) -> Floats:
     """A rectangle about the origin, anticlockwise; (4, 2), model units."""
     return np.array([[-width, -height], [width, -height], [width, height], [-width, height]]) / 2
 
 
-def arc(radius: float, start_rad: float, stop_rad: float, count: int) -> NDArray[np.float64]:
+def arc(radius: float, start_rad: float, stop_rad: float, count: int) -> Floats:
     """Points of a circle about the origin, both ends included; (count, 2), model units."""
     return on_circle(radius, np.linspace(start_rad, stop_rad, count))
 
 
-def on_circle(radius: ArrayLike, angle_rad: ArrayLike) -> NDArray[np.float64]:
+def on_circle(radius: ArrayLike, angle_rad: ArrayLike) -> Floats:
     """Points in polar coordinates, (N,) each or a number; (N, 2), model units."""
     return np.stack([np.multiply(radius, np.cos(angle_rad)), np.multiply(radius, np.sin(angle_rad))], axis=1)
 
 
-def upright(curve: NDArray[np.float64]) -> NDArray[np.float64]:
+def upright(curve: Floats) -> Floats:
     """Stand a plane curve of (P, 2) points up in the plane y = 0, its second axis along z; (P, 3)."""
     return np.column_stack([curve[:, 0], np.zeros(len(curve)), curve[:, 1]])
 
 
-def smooth(points: ArrayLike, steps: int = 6) -> NDArray[np.float64]:
+def smooth(points: ArrayLike, steps: int = 6) -> Floats:
     """A Catmull-Rom curve through (N, D) points, with ``steps`` pieces between neighbours; (steps * (N - 1) + 1, D)."""
     given = np.asarray(points, np.float64)
     extended = np.concatenate([2 * given[:1] - given[1:2], given, 2 * given[-1:] - given[-2:-1]])[:, None]
@@ -48,19 +48,15 @@ def smooth(points: ArrayLike, steps: int = 6) -> NDArray[np.float64]:
     return np.concatenate([curve.reshape(-1, given.shape[1]), given[-1:]])
 
 
-def rounded(corners: ArrayLike, radius: float, steps: int) -> NDArray[np.float64]:
-    """A polyline whose inner corners are replaced by arcs.
+def rounded(corners: ArrayLike, radius: float, steps: int) -> Floats:
+    """A polyline, (N, 3), whose inner corners are replaced by arcs of ``steps`` straight pieces each.
 
-    Args:
-        corners: (N, 3), model units; neighbours are at least two tangents of an arc apart.
-        radius: of the arcs, model units.
-        steps: straight pieces of an arc.
+    Neighbours must be at least two tangents of an arc apart.
     """
     given = np.asarray(corners, np.float64)
     points = [given[:1]]
     for before, corner, after in zip(given[:-2], given[1:-1], given[2:], strict=True):
-        arriving = (corner - before) / np.linalg.norm(corner - before)
-        leaving = (after - corner) / np.linalg.norm(after - corner)
+        arriving, leaving = unit(corner - before), unit(after - corner)
         turn = float(np.arccos(np.clip(arriving @ leaving, -1, 1)))
         if turn < 1e-6:
             points.append(corner[None])
@@ -73,15 +69,7 @@ def rounded(corners: ArrayLike, radius: float, steps: int) -> NDArray[np.float64
 
 
 def rod(start: ArrayLike, stop: ArrayLike, radius: float, end_radius: float | None = None, sides: int = 8) -> Mesh:
-    """A straight round rod between two points, closed; a frustum where its ends differ in radius.
-
-    Args:
-        start: (3,), model units.
-        stop: (3,), model units.
-        radius: at the start, model units.
-        end_radius: at the stop; by default the radius at the start.
-        sides: of the polygon that stands for the circle.
-    """
+    """A straight round rod between two points, closed; a frustum where its ends differ in radius."""
     first, last = np.asarray(start, np.float64), np.asarray(stop, np.float64)
     length = float(np.linalg.norm(last - first))
     taper = radius if end_radius is None else end_radius
@@ -90,13 +78,7 @@ def rod(start: ArrayLike, stop: ArrayLike, radius: float, end_radius: float | No
 
 
 def ball(radius: float, segments: int, rings: int) -> Mesh:
-    """A ball about the origin.
-
-    Args:
-        radius: model units.
-        segments: sides of the polygon that stands for the equator.
-        rings: circles of latitude, poles included.
-    """
+    """A ball about the origin, with ``segments`` sides at its equator and ``rings`` of latitude, poles included."""
     profile = arc(radius, -np.pi / 2, np.pi / 2, rings)
     profile[[0, -1], 0] = 0
     return lathe(profile, segments)
@@ -107,26 +89,20 @@ def wire(path: ArrayLike, radius: float, sides: int = 8, *, closed: bool = False
     return sweep(circle(radius, sides), path, closed=closed)
 
 
-def turned(axis: ArrayLike, angle_rad: float) -> NDArray[np.float64]:
+def turned(axis: ArrayLike, angle_rad: float) -> Floats:
     """Return the (3, 3) rotation about an axis through the origin, by the right-hand rule, for column vectors."""
     # pyrr's matrices are for row vectors.
     return np.asarray(pyrr.matrix33.create_from_axis_rotation(np.asarray(axis, np.float64), angle_rad), np.float64).T
 
 
-def turned_about_z(angle_rad: float) -> NDArray[np.float64]:
+def turned_about_z(angle_rad: float) -> Floats:
     """Return what `turned` does for z, to the last bit and in the same order in memory, in a tenth of the time."""
     sine, cosine = 0.0 + np.sin(angle_rad), np.cos(angle_rad)
     return np.array([[cosine, sine, 0.0], [0.0 - sine, cosine, 0.0], [0.0, 0.0, (1 - cosine) + cosine]]).T
 
 
-def placed(mesh: Mesh, at: ArrayLike = (0.0, 0.0, 0.0), *, rotation: NDArray[np.float64] | None = None) -> Mesh:
-    """Rotate a mesh, then move it.
-
-    Args:
-        mesh: the mesh.
-        at: (3,) new place of its origin, model units.
-        rotation: (3, 3) for column vectors.
-    """
+def placed(mesh: Mesh, at: ArrayLike = (0.0, 0.0, 0.0), *, rotation: Floats | None = None) -> Mesh:
+    """Rotate a mesh, by (3, 3) for column vectors, then move its origin."""
     positions = mesh.positions.astype(np.float64)
     if rotation is not None:
         # Not by BLAS, which rounds equal points of a seam differently, and differently on every machine.
@@ -134,14 +110,17 @@ def placed(mesh: Mesh, at: ArrayLike = (0.0, 0.0, 0.0), *, rotation: NDArray[np.
     return make_part(mesh.name, positions + np.asarray(at), mesh.uv, mesh.triangles)
 
 
-def around(count: int, start_rad: float = 0.0) -> Iterable[NDArray[np.float64]]:
+def around(count: int, start_rad: float = 0.0) -> Iterable[Floats]:
     """Yield ``count`` rotations about z, (3, 3) each, evenly spread over a full turn."""
     return (turned((0, 0, 1), start_rad + 2 * np.pi * i / count) for i in range(count))
 
 
-def onto(axis: NDArray[np.float64]) -> NDArray[np.float64]:
+def onto(axis: Floats) -> Floats:
     """Return a rotation that takes z onto a unit vector; (3, 3) for column vectors."""
-    sideways = least_axis(axis)
-    x = cross(sideways, axis)
-    x /= np.linalg.norm(x)
+    x = unit(cross(least_axis(axis), axis))
     return np.stack([x, cross(axis, x), axis], axis=1)
+
+
+def unit(vector: Floats) -> Floats:
+    """Scale a vector, (3,), to length 1."""
+    return vector / np.linalg.norm(vector)

@@ -1,10 +1,10 @@
 """Things that grow: potted plants, trees, cacti, grass, flowers."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from semisynth_gl.geometry.mesh import Mesh, cross, merged
-from semisynth_gl.geometry.parts import arc, ball, circle, onto, placed, rod, smooth, turned, wire
+from semisynth_gl.geometry.mesh import Floats, Mesh, cross, merged
+from semisynth_gl.geometry.parts import arc, ball, circle, onto, placed, rod, smooth, turned, unit, wire
 from semisynth_gl.geometry.surfaces import grid_surface, lathe, sweep
 from semisynth_gl.geometry.vessels import hollow
 
@@ -26,12 +26,12 @@ def _leaf(length: float, width: float, droop_rad: float, rows: int = 9) -> Mesh:
     return grid_surface(points, uv)
 
 
-def _stem(path: NDArray[np.float64], radius: float, tip: float, sides: int = 6) -> Mesh:
+def _stem(path: Floats, radius: float, tip: float, sides: int = 6) -> Mesh:
     """A stem along a curve, (P, 3), that thins from ``radius`` to ``tip``."""
     return sweep(circle(radius, sides), path, scales=np.linspace(1, tip / radius, len(path)))
 
 
-def _facing(azimuth_rad: float, rise_rad: float) -> NDArray[np.float64]:
+def _facing(azimuth_rad: float, rise_rad: float) -> Floats:
     """Rotation that takes +x up by ``rise_rad`` and then round z by ``azimuth_rad``; (3, 3)."""
     return turned((0, 0, 1), azimuth_rad) @ turned((0, 1, 0), -rise_rad)
 
@@ -70,11 +70,9 @@ def tree(rng: np.random.Generator) -> list[Mesh]:
             path = smooth([foot, middle, end], 3 if level < 3 else 1)
             parts.append(_stem(path, radius, 0.7 * radius, 8 if level < 2 else 5))
             for fork in range(2 if rng.random() < 0.7 or level > 2 else 3):
-                sideways = cross(axis, rng.normal(size=3))
-                sideways /= np.linalg.norm(sideways)
+                sideways = unit(cross(axis, rng.normal(size=3)))
                 heading = turned(axis, np.pi * fork) @ (np.cos(spread) * axis + np.sin(spread) * sideways)
-                heading += (0, 0, 0.15)
-                heading /= np.linalg.norm(heading)
+                heading = unit(heading + (0, 0, 0.15))
                 long = length * shrink * rng.uniform(0.85, 1.1)
                 grown.append((end - 0.3 * radius * axis, heading, long, 0.7 * radius))
         tips = grown
@@ -99,9 +97,7 @@ def cactus(rng: np.random.Generator) -> list[Mesh]:
 def _round_ended(path: ArrayLike, radius: float) -> Mesh:
     """A round tube along a curve, (P, 3), that ends in a ball."""
     points = np.asarray(path, np.float64)
-    heading = points[-1] - points[-2]
-    heading /= np.linalg.norm(heading)
-    end = placed(ball(radius, 20, 13), points[-1], rotation=onto(heading))
+    end = placed(ball(radius, 20, 13), points[-1], rotation=onto(unit(points[-1] - points[-2])))
     return merged("tube", [wire(points, 0.99 * radius, 20), end])
 
 

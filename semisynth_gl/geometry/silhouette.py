@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.config.scene_sections import ParticlesSection
 from semisynth_gl.geometry.cells import covered_cells
-from semisynth_gl.geometry.mesh import Mesh
+from semisynth_gl.geometry.mesh import Floats, Mesh
 
 # All models share the views, but each model has at least so many.
 _VIEWS = 450
@@ -31,20 +30,13 @@ class Silhouette:
     """
 
     fill: float
-    heights: NDArray[np.float64]
+    heights: Floats
 
 
 def mean_silhouette(
-    models: Sequence[Mesh], chances: NDArray[np.float64], section: ParticlesSection, rng: np.random.Generator
+    models: Sequence[Mesh], chances: Floats, section: ParticlesSection, rng: np.random.Generator
 ) -> Silhouette:
-    """Average over models by their chances, and over random directions and scales.
-
-    Args:
-        models: M models.
-        chances: (M,) float64, sum 1.
-        section: its ``stretch`` and ``thinness`` count.
-        rng: draws directions and scales.
-    """
+    """Average over models by their chances, (M,), sum 1, and over random directions and scales."""
     fill = 0.0
     heights, weights = [], []
     views = views_each(len(models))
@@ -70,31 +62,20 @@ def views_each(models: int) -> int:
     return max(_LEAST_VIEWS, -(-_VIEWS // models))
 
 
-def draw_scales(section: ParticlesSection, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Draw how models are stretched along their own three axes, (count, 3) float64, the largest factor of each 1.
-
-    Args:
-        section: its ``stretch`` and ``thinness`` count.
-        count: number of models.
-        rng: draws the factors.
-    """
+def draw_scales(section: ParticlesSection, count: int, rng: np.random.Generator) -> Floats:
+    """Draw how models are stretched along their own three axes, (count, 3) float64, the largest factor of each 1."""
     scales = section.stretch.draw_many(rng, 3 * count).reshape(count, 3)
     scales[:, 2] *= section.thinness.draw_log(rng, count)
     return np.asarray(scales / scales.max(axis=1, keepdims=True))
 
 
-def height_map(mesh: Mesh, axes: NDArray[np.float64], cells: int) -> NDArray[np.float64]:
+def height_map(mesh: Mesh, axes: Floats, cells: int) -> Floats:
     """Project a mesh orthographically and measure the height of its visible surface. This works without OpenGL.
 
-    Args:
-        mesh: the model.
-        axes: (3, 3) float64; its columns are the map's x and y and the direction towards the viewer, in the model's
-            frame. Its rows may be scaled as the model's axes are.
-        cells: width and height of the map, which shows the bounding sphere.
-
-    Returns:
-        (cells, cells) float64: the height of the nearest surface at each cell's centre above the plane through the
-        sphere's centre, in units of the sphere's radius; -inf beside the model.
+    The columns of ``axes``, (3, 3), are the map's x and y and the direction towards the viewer, in the model's frame;
+    its rows may be scaled as the model's axes are. The map, (cells, cells), shows the bounding sphere: the height of
+    the nearest surface at each cell's centre above the plane through the sphere's centre, in units of the sphere's
+    radius; -inf beside the model.
     """
     points = mesh.positions.astype(np.float64) / mesh.radius @ axes
     x, y = ((points[:, axis] + 1) / 2 * cells - 0.5 for axis in (0, 1))

@@ -1,13 +1,10 @@
 """Soft and round things: free-form lumps, figures, animals, cushions, cloth that hangs and cloth that lies."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semisynth_gl.geometry.implicit import Field, blended, limb, surface_of
-from semisynth_gl.geometry.mesh import Mesh, lengths
+from semisynth_gl.geometry.mesh import Floats, Mesh, lengths
 from semisynth_gl.geometry.surfaces import grid_surface
-
-Floats = NDArray[np.float64]
 
 
 def blob(rng: np.random.Generator) -> list[Mesh]:

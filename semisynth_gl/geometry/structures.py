@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from semisynth_gl.geometry.mesh import Mesh, merged
-from semisynth_gl.geometry.parts import arc, on_circle, placed, rectangle, rod, rounded, turned, wire
+from semisynth_gl.geometry.parts import arc, on_circle, placed, rectangle, rod, rounded, turned, unit, wire
 from semisynth_gl.geometry.surfaces import box, extruded, lathe, sweep
 
 
@@ -99,7 +99,7 @@ def pipe_run(rng: np.random.Generator) -> list[Mesh]:
         path = rounded(corners, 0.3, 8)
         parts.append(wire(path, radius, 14))
         for tip, towards in ((path[0], path[1]), (path[-1], path[-2])):
-            along = (towards - tip) / np.linalg.norm(towards - tip)
+            along = unit(towards - tip)
             parts.append(rod(tip - 0.02 * along, tip + 0.04 * along, 1.7 * radius, sides=16))
     return parts
 

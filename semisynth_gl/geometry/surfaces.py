@@ -9,9 +9,20 @@ trimesh.creation has the like, without UV.
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from semisynth_gl.geometry.mesh import Mesh, cross, least_axis, lengths, make_part, merged, without_degenerate
+from semisynth_gl.geometry.mesh import (
+    Floats,
+    Mesh,
+    cross,
+    halved,
+    least_axis,
+    lengths,
+    make_part,
+    merged,
+    mesh_grid,
+    without_degenerate,
+)
 from semisynth_gl.geometry.unwrap import facing_axes
 from semisynth_gl.inputs.errors import InputError
 
@@ -23,38 +34,32 @@ BAND_SHEAR = 0.15
 
 
 def grid_surface(points: ArrayLike, uv: ArrayLike | None = None) -> Mesh:
-    """Triangulate a grid of points; its normal is (along a row) x (along a column).
+    """Triangulate a grid of points (R, C, 3), which may coincide; its normal is (along a row) x (along a column).
 
-    Args:
-        points: (R, C, 3), model units. Points may coincide, as at a pole.
-        uv: (R, C, 2); by default the mean arc lengths along rows and columns, which suit nearly developable sheets.
+    By default UV, (R, C, 2), is the mean arc lengths along rows and columns, which suit nearly developable sheets.
     """
     grid = np.asarray(points, np.float64)
-    rows, columns = grid.shape[:2]
+    rows, columns, _ = grid.shape
     if uv is None:
         along_row = lengths(np.diff(grid, axis=1)).mean(axis=0)
         along_column = lengths(np.diff(grid, axis=0)).mean(axis=1)
         uv = np.stack(np.meshgrid(_cumulative(along_row), -_cumulative(along_column)), axis=2)
-    first = np.arange(rows * columns).reshape(rows, columns)[:-1, :-1].ravel()
-    corner = first[:, None] + np.array([0, 1, columns + 1, columns])
-    triangles = np.concatenate([corner[:, [0, 1, 2]], corner[:, [0, 2, 3]]])
-    mesh = make_part("grid", grid.reshape(-1, 3), np.asarray(uv, np.float64).reshape(-1, 2), triangles)
-    return without_degenerate(mesh)
+    _, _, triangles = mesh_grid(rows - 1, columns - 1)
+    return without_degenerate(
+        make_part("grid", grid.reshape(-1, 3), np.asarray(uv, np.float64).reshape(-1, 2), triangles)
+    )
 
 
 def lathe(profile: ArrayLike, segments: int = 32, *, closed: bool = False) -> Mesh:
-    """Revolve a profile about the z axis.
+    """Revolve a profile, (P, 2) radius and height, about the z axis; ``segments`` sides stand for the circle.
 
-    The surface is closed where the profile starts and ends on the axis, or where ``closed`` joins its ends. The
-    profile is cut into bands, and each band is unrolled like the cone that fits it best: an equidistant conic
+    The outside is to the right of the profile's direction: outwards along the bottom, up the outer side, inwards along
+    the top. The radius is zero only at ends. The surface is closed where the profile starts and ends on the axis, or
+    where ``closed`` joins its ends.
+
+    The profile is cut into bands, and each band is unrolled like the cone that fits it best: an equidistant conic
     projection, exact along the profile, and around it within `BAND_STRETCH` and `BAND_SHEAR`. Cones, cylinders and
     discs are exact.
-
-    Args:
-        profile: (P, 2) radius and height, model units. The outside is to the right of its direction: outwards along
-            the bottom, up the outer side, inwards along the top. The radius is zero only at ends.
-        segments: sides of the polygon that stands for the circle.
-        closed: joins the last point to the first.
     """
     points = np.asarray(profile, np.float64)
     if closed:
@@ -66,8 +71,7 @@ def lathe(profile: ArrayLike, segments: int = 32, *, closed: bool = False) -> Me
     around[-1] = around[0]  # bit for bit, so that the seam closes
     x, y = radius[:, None] * around.T[:, None]
     grid = np.stack(np.broadcast_arrays(x, y, height[:, None]), axis=2)
-    bands = []
-    start = 0
+    bands, start = [], 0
     while start < len(points) - 1:
         stop, offset, slope = _longest_band(radius, arc, start, segments)
         rows = slice(start, stop + 1)
@@ -76,9 +80,7 @@ def lathe(profile: ArrayLike, segments: int = 32, *, closed: bool = False) -> Me
     return merged("lathe", bands)
 
 
-def _longest_band(
-    radius: NDArray[np.float64], arc: NDArray[np.float64], start: int, segments: int
-) -> tuple[int, float, float]:
+def _longest_band(radius: Floats, arc: Floats, start: int, segments: int) -> tuple[int, float, float]:
     """Return the last profile point that one cone fits, and the cone as radius = offset + slope * arc."""
     fit = (start + 1, *_fitted_cone(radius[start : start + 2], arc[start : start + 2]))
     for stop in range(start + 2, len(radius)):
@@ -93,7 +95,7 @@ def _longest_band(
     return fit
 
 
-def _fitted_cone(radius: NDArray[np.float64], arc: NDArray[np.float64]) -> tuple[float, float]:
+def _fitted_cone(radius: Floats, arc: Floats) -> tuple[float, float]:
     """Fit radius = offset + slope * arc by least squares; through the pole where the profile ends on the axis."""
     poles = np.flatnonzero(radius == 0)
     origin = arc[poles[0]] if len(poles) else arc.mean()
@@ -102,9 +104,7 @@ def _fitted_cone(radius: NDArray[np.float64], arc: NDArray[np.float64]) -> tuple
     return float(level - slope * origin), slope
 
 
-def _conic_uv(
-    arc: NDArray[np.float64], offset: float, slope: float, angle: NDArray[np.float64], segments: int
-) -> NDArray[np.float64]:
+def _conic_uv(arc: Floats, offset: float, slope: float, angle: Floats, segments: int) -> Floats:
     """Unroll the cone radius = offset + slope * arc over ``angle``; (R, C, 2). On the meridian of angle 0, v = -arc."""
     half = np.pi / segments
     if abs(slope) < 1e-6:  # a cylinder; its circumference is that of the polygon
@@ -120,17 +120,13 @@ def _conic_uv(
 def sweep(section: ArrayLike, path: ArrayLike, *, closed: bool = False, scales: ArrayLike | float = 1.0) -> Mesh:
     """Carry a polygon along a curve, in frames that turn about the curve as little as possible, and close both ends.
 
+    The section, (S, 2), is anticlockwise and star-shaped about the origin; ``scales`` are its factors at each point of
+    the path, (P,) or a number. No two neighbours on the path, (P, 3), coincide; ``closed`` joins its ends.
+
     UV takes lengths along the curve from its centre line. In a bend of radius R, lengths at distance r from the centre
     line are off by r / R, so bends should be wider than about four times the section.
-
-    Args:
-        section: (S, 2) polygon, anticlockwise, star-shaped about the origin, model units.
-        path: (P, 3), model units; no two neighbours coincide.
-        closed: joins the last point to the first.
-        scales: factor of the section at each path point, (P,) or a number.
     """
-    outline = np.asarray(section, np.float64)
-    points = np.asarray(path, np.float64)
+    outline, points = np.asarray(section, np.float64), np.asarray(path, np.float64)
     factor = np.broadcast_to(np.asarray(scales, np.float64), len(points))
     across, beside, tangent = _frames(points, closed=closed)
     if closed:
@@ -147,9 +143,7 @@ def sweep(section: ArrayLike, path: ArrayLike, *, closed: bool = False, scales: 
     return merged("sweep", parts)
 
 
-def _frames(
-    points: NDArray[np.float64], *, closed: bool
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _frames(points: Floats, *, closed: bool) -> tuple[Floats, Floats, Floats]:
     """Return rotation-minimising frames of a polyline: two unit normals and the tangent, (P, 3) each, right-handed.
 
     Double reflection: Wang et al., Computation of rotation minimizing frames, 2008. On a closed polyline the angle
@@ -191,7 +185,7 @@ def _frames(
     return across, beside, tangent
 
 
-def _cap(ring: NDArray[np.float64], normal: NDArray[np.float64], centre: NDArray[np.float64]) -> Mesh:
+def _cap(ring: Floats, normal: Floats, centre: Floats) -> Mesh:
     """Close a flat ring, (S, 3) and anticlockwise about ``normal``, with a fan around ``centre``."""
     points = np.concatenate([ring, centre[None]])
     first = np.arange(len(ring))
@@ -199,8 +193,8 @@ def _cap(ring: NDArray[np.float64], normal: NDArray[np.float64], centre: NDArray
     return without_degenerate(make_part("cap", points, _planar_uv(points, normal), fan))
 
 
-def _planar_uv(points: NDArray[np.float64], normal: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the texture coordinates of points, (N, 3), on the plane that faces along ``normal``; (N, 2)."""
+def _planar_uv(points: Floats, normal: Floats) -> Floats:
+    """Return the UV of points, (N, 3), on the plane that faces along ``normal``; (N, 2)."""
     u, v = facing_axes(normal[None])
     return np.stack([points @ u[0], points @ v[0]], axis=1)
 
@@ -211,12 +205,7 @@ _BOX_SIDES: Final = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0,
 
 
 def box(size: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
-    """A box with edges along the axes.
-
-    Args:
-        size: (3,) edge lengths, model units.
-        centre: (3,), model units.
-    """
+    """A box with edges along the axes, (3,) lengths of them, model units."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     corners = np.asarray(centre, np.float64) + signs * np.asarray(size, np.float64) / 2
     sides = corners[np.array(_BOX_SIDES)]
@@ -228,16 +217,10 @@ def box(size: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
 
 
 def extruded(outline: ArrayLike, height: float, hole: ArrayLike | None = None) -> Mesh:
-    """Extrude a polygon from z = 0 to ``height``.
+    """Extrude a polygon, (N, 2), anticlockwise and star-shaped about the origin, from z = 0 to ``height``.
 
-    Args:
-        outline: (N, 2), anticlockwise, star-shaped about the origin, model units.
-        height: along z, model units.
-        hole: (N, 2), anticlockwise, inside the outline. Its n-th point faces the n-th point of the outline: the top is
-            a strip between the two.
-
-    Raises:
-        InputError: where hole and outline differ in their number of points.
+    A hole is (N, 2), anticlockwise, and inside the outline. Its n-th point faces the n-th point of the outline: the top
+    is a strip between the two. Raises InputError where hole and outline differ in their number of points.
     """
     outer = np.asarray(outline, np.float64)
     parts = [_wall(outer, height)]
@@ -257,13 +240,13 @@ def extruded(outline: ArrayLike, height: float, hole: ArrayLike | None = None) -
     return merged("extrusion", parts)
 
 
-def _wall(outline: NDArray[np.float64], height: float) -> Mesh:
+def _wall(outline: Floats, height: float) -> Mesh:
     """Build the upright surface over a closed polygon, (N, 2); outwards where the polygon is anticlockwise."""
     loop = np.concatenate([outline, outline[:1]])
     return grid_surface([_at_height(loop, 0.0), _at_height(loop, height)])
 
 
-def _at_height(polygon: NDArray[np.float64], z: float) -> NDArray[np.float64]:
+def _at_height(polygon: Floats, z: float) -> Floats:
     return np.column_stack([polygon, np.full(len(polygon), z)])
 
 
@@ -282,17 +265,11 @@ _CELL_SIDES: Final = (
 def extruded_cells(solid: ArrayLike, x: ArrayLike, y: ArrayLike, height: float) -> Mesh:
     """Extrude the solid cells of a rectangular grid from z = 0 to ``height``: panels, lattices, letters.
 
-    The surface is closed. It is a manifold where no two solid cells touch at a corner alone.
-
-    Args:
-        solid: (R, C) bool, row along y and column along x.
-        x: (C + 1,) increasing borders of the columns, model units.
-        y: (R + 1,) increasing borders of the rows, model units.
-        height: along z, model units.
+    The cells are (R, C) bool, row along y and column along x; x, (C + 1,), and y, (R + 1,), are increasing borders. The
+    surface is closed. It is a manifold where no two solid cells touch at a corner alone.
     """
-    cells = np.asarray(solid, bool)
-    padded = np.pad(cells, 1)
-    rows, columns = np.nonzero(cells)
+    padded = np.pad(np.asarray(solid, bool), 1)
+    rows, columns = np.nonzero(padded[1:-1, 1:-1])
     border_x, border_y = np.asarray(x, np.float64), np.asarray(y, np.float64)
     bounds = np.zeros((2, 3, len(rows)))
     bounds[:, 0] = border_x[columns], border_x[columns + 1]
@@ -305,11 +282,9 @@ def extruded_cells(solid: ArrayLike, x: ArrayLike, y: ArrayLike, height: float) 
         quads.append(bounds[corners, np.arange(3)].transpose(2, 0, 1)[is_open].reshape(-1, 3))
         uv.append(_planar_uv(quads[-1], np.array(normal, np.float64)))
     points = np.concatenate(quads)
-    first = np.arange(0, len(points), 4)[:, None]
-    triangles = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
-    return make_part("cells", points, np.concatenate(uv), triangles)
+    return make_part("cells", points, np.concatenate(uv), halved(np.arange(len(points)).reshape(-1, 4)))
 
 
-def _cumulative(steps: NDArray[np.float64]) -> NDArray[np.float64]:
+def _cumulative(steps: Floats) -> Floats:
     """Return sums of the first 0, 1, .. steps."""
     return np.concatenate([[0.0], np.cumsum(steps)])

@@ -15,11 +15,10 @@ NO_NEIGHBOUR = 0xFFFFFFFF
 
 
 def neighbours(mesh: Mesh) -> NDArray[np.uint32]:
-    """Find the triangle across each edge.
+    """Find the triangle across each edge; (T, 3).
 
-    Returns:
-        (T, 3) uint32; entry k is the triangle across the edge from corner k to corner k + 1, or `NO_NEIGHBOUR` at a
-        border and where more than two triangles meet.
+    Entry k is the triangle across the edge from corner k to corner k + 1, or `NO_NEIGHBOUR` at a border and where more
+    than two triangles meet.
     """
     start, stop, count = _edges(centred(mesh).mesh)
     edge = np.minimum(start, stop) * count + np.maximum(start, stop)

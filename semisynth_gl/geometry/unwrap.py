@@ -4,21 +4,16 @@ import itertools
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from semisynth_gl.geometry.mesh import Mesh, cross, lengths, make_part
+from semisynth_gl.geometry.mesh import Floats, Mesh, cross, face_normals, lengths, make_part
 
 
-def facing_axes(normals: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the texture's axes on planes that face along ``normals``: seen from outside, u to the right, v downwards.
+def facing_axes(normals: Floats) -> tuple[Floats, Floats]:
+    """Return the texture's u and v axes on planes that face along ``normals``; (N, 3) unit vectors each.
 
-    Down is -z, except on planes that face along z, where it is -y.
-
-    Args:
-        normals: (N, 3) unit vectors.
-
-    Returns:
-        The u axes and the v axes, (N, 3) unit vectors each; u, -v and the normal are right-handed.
+    Seen from outside, u runs to the right and v downwards. Down is -z, except on planes that face along z, where it is
+    -y. So u, -v and the normal are right-handed.
     """
     upright = np.abs(normals[:, 2:]) < 1 - 1e-9
     up = np.where(upright, [0.0, 0.0, 1.0], [0.0, 1.0, 0.0])
@@ -43,25 +38,15 @@ def project_uv(name: str, positions: ArrayLike, triangles: ArrayLike) -> Mesh:
     """Give a mesh UV in model units; lengths on the surface and in UV differ by at most the factor `STRETCH_BOUND`.
 
     A vertex whose triangles are projected along several directions is duplicated, once per direction.
-
-    Args:
-        name: see `Mesh`.
-        positions: (V, 3), model units.
-        triangles: (T, 3) indices.
-
-    Raises:
-        InputError: where shapes, indices or values are wrong.
     """
     points = np.asarray(positions, np.float64)
     index = np.asarray(triangles, np.int64)
-    corners = points[index]
-    normals = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     # Not by BLAS, whose rounding, and with it the choice among equals, depends on the machine.
-    direction = np.argmax(np.einsum("ti,di->td", normals, DIRECTIONS), axis=1)
+    direction = np.argmax(np.einsum("ti,di->td", face_normals(points[index]), DIRECTIONS), axis=1)
     # Equal pairs of vertex and direction share a vertex of the result.
     pairs = index * len(DIRECTIONS) + direction[:, None]
     unique, renumbered = np.unique(pairs, return_inverse=True)
     vertex, chart = np.divmod(unique, len(DIRECTIONS))
     u, v = facing_axes(DIRECTIONS)
-    uv = np.stack([(points[vertex] * u[chart]).sum(axis=1), (points[vertex] * v[chart]).sum(axis=1)], axis=1)
+    uv = np.stack([(points[vertex] * axis[chart]).sum(axis=1) for axis in (u, v)], axis=1)
     return make_part(name, points[vertex], uv, renumbered.reshape(-1, 3))

@@ -1,23 +1,17 @@
 """Things that hold something: bottles, vases, mugs, glasses, bowls, baskets, cages."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from semisynth_gl.geometry.mesh import Mesh, lengths
+from semisynth_gl.geometry.mesh import Floats, Mesh, lengths
 from semisynth_gl.geometry.parts import arc, around, placed, rod, smooth, turned, upright, wire
 from semisynth_gl.geometry.surfaces import lathe
 
 
-def hollow(outside: NDArray[np.float64], wall: float) -> NDArray[np.float64]:
-    """A vessel's whole profile from its outer one.
+def hollow(outside: Floats, wall: float) -> Floats:
+    """A vessel's whole profile, (Q, 2), from the middle of the foot over the lip to the middle of the inner floor.
 
-    Args:
-        outside: (P, 2) radius and height from the foot's rim to the lip, rising, model units; without sharp steps,
-            which an offset would fold over.
-        wall: thickness, model units.
-
-    Returns:
-        (Q, 2) from the middle of the foot over the lip to the middle of the inner floor.
+    The outside is (P, 2) radius and height from the foot's rim to the lip, rising, without sharp steps, which an offset
+    by the wall would fold over.
     """
     along = np.gradient(outside, axis=0)
     along /= lengths(along)[:, None]
