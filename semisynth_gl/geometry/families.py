@@ -18,9 +18,8 @@ _FUNCTION = "a function from a numpy.random.Generator to a semisynth_gl.Mesh"
 def find_family(name: str) -> Plugin:
     """Return the plug-in of a family.
 
-    Raises:
-        InputError: where there is none, it cannot be imported, is no function, or has the name of a family that the
-            program has itself.
+    Raises InputError where there is none, or it cannot be imported, is no function, or has the name of a built-in
+    family.
     """
     if name in MODEL_FAMILIES:
         refuse_clash("models", name)
@@ -31,17 +30,11 @@ def find_family(name: str) -> Plugin:
 
 
 def build_family(name: str, variants: int, split: Split) -> list[Mesh]:
-    """Build the models of a family.
+    """Build so many models of a plug-in's family, or a split's share of them.
 
-    Args:
-        name: the plug-in's.
-        variants: number of models to draw.
-        split: the split. Where models are held out, the splits share the models of the dataset's seed; else each split
-            draws models of its own.
-
-    Raises:
-        InputError: where the plug-in cannot be used, fails, or returns no mesh, or where the models are too few for all
-            splits.
+    Where models are held out, the splits share the models of the dataset's seed; else each split draws other models.
+    Raises InputError where the plug-in cannot be used, fails, or returns no mesh, or the models are too few for all
+    splits.
     """
     plugin, numbers = find_family(name), range(variants)
     if not (split.models and split.held_out):

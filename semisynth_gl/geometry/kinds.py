@@ -26,24 +26,14 @@ def _builders(*kinds: Callable[[np.random.Generator], Sequence[Mesh]]) -> Mappin
 SIMPLE_KINDS: Final = _builders(*solids.KINDS)
 """Builders of simple models, the solids of a geometry book, by kind."""
 
-COMPLEX_KINDS: Final = _builders(
-    *furniture.KINDS,
-    *vessels.KINDS,
-    *structures.KINDS,
-    *plants.KINDS,
-    *hardware.KINDS,
-    *soft.KINDS,
-    *outdoors.KINDS,
-)
+_COMPLEX: Final = (furniture, vessels, structures, plants, hardware, soft, outdoors)
+
+COMPLEX_KINDS: Final = _builders(*(kind for module in _COMPLEX for kind in module.KINDS))
 """Builders of complex models, by kind: everyday things with holes, thin parts and overlaps, where networks fail."""
 
 
 def kind_weights(given: Mapping[str, float]) -> dict[str, float]:
-    """Return the weights of all kinds, 1 where none is given.
-
-    Raises:
-        InputError: where a name is that of no kind.
-    """
+    """Return the weights of all kinds, 1 where none is given; raises InputError where no kind has a name."""
     known = [*SIMPLE_KINDS, *COMPLEX_KINDS]
     unknown = [kind for kind in given if kind not in known]
     if unknown:

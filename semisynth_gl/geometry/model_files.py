@@ -31,14 +31,8 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
     single triangles without usable UV get it from `project_uv`. Files of other formats are ignored. Nothing is
     downloaded.
 
-    Args:
-        folders: folders, or single files.
-
-    Returns:
-        The models, named by their paths relative to the folder, and the broken files with a reason each.
-
-    Raises:
-        InputError: where a folder does not exist, or no file has a usable model.
+    Returns the models, named by their paths relative to the folder, and the broken files with a reason each. Raises
+    InputError where a folder does not exist, or no file has a usable model.
     """
     for folder in folders:
         if of_kernel(folder):

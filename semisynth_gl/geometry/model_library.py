@@ -46,15 +46,15 @@ _LOG = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelLibrary:
-    """Models, and the chances of those that are drawn.
+    """Models, and the chances of the drawn ones.
 
     Attributes:
         models: each normalised to radius 1.
         drawn: (M,) int64, the models that are drawn, as indices into ``models``; other recipes may draw the others.
         chances: (M,) float64, sum 1; a family's models share its weight in proportion to the weights of their kinds.
-        silhouette: the mean silhouette of the drawn models.
+        silhouette: the mean of the drawn models.
         skipped: the user's models that could not be used.
-        user_count: number of the user's models, the first of those that are drawn.
+        user_count: how many of the drawn models, from the first on, are the user's.
     """
 
     models: tuple[Mesh, ...]
@@ -71,16 +71,10 @@ class ModelLibrary:
 
 
 def build_library(section: ModelsSection, particles: ParticlesSection, split: Split) -> ModelLibrary:
-    """Build the models that a config asks for, or load them from the cache.
+    """Build the models that a config asks for in a split, or load them from the cache.
 
-    Args:
-        section: weights of families and kinds, and the folders of the user's models.
-        particles: the stretch of models, on which their mean silhouette depends.
-        split: the split whose models are built.
-
-    Raises:
-        InputError: where a folder is missing or has no usable model, a plug-in cannot be used, or models are too few
-            for all splits.
+    Their mean silhouette depends on the stretch of ``particles``. Raises InputError where a folder is missing or has no
+    usable model, a plug-in cannot be used, or models are too few for all splits.
     """
     folders = [expanded(folder) for folder in section.folders]
     if not all(folder.is_dir() for folder in folders):  # a single file may refer to any file beside it
@@ -118,39 +112,28 @@ def build_library(section: ModelsSection, particles: ParticlesSection, split: Sp
 def build_libraries(
     recipes: Sequence[tuple[ModelsSection, ParticlesSection]], split: Split
 ) -> tuple[ModelLibrary, ...]:
-    """Build the library of each recipe. All have the same ``models``: those that any of them draws, each once.
+    """Build the library of each recipe, see `build_library`. All have the same ``models``, each once.
 
     A recipe draws the same models by the same chances as if it alone had a library.
-
-    Args:
-        recipes: the sections of each recipe, see `build_library`.
-        split: the split whose models are built.
-
-    Raises:
-        InputError: see `build_library`.
     """
-    own: list[ModelLibrary] = []
-    for number, (section, particles) in enumerate(recipes):
-        like = (section, particles.stretch, particles.thinness)
-        same = (k for k, (other, its) in enumerate(recipes[:number]) if (other, its.stretch, its.thinness) == like)
-        first = next(same, None)
-        own.append(build_library(section, particles, split) if first is None else own[first])
-    if all(library is own[0] for library in own):
+    likes = [(section, particles.stretch, particles.thinness) for section, particles in recipes]
+    first_like = [likes.index(like) for like in likes]
+    built = {first: build_library(*recipes[first], split) for first in dict.fromkeys(first_like)}
+    own = [built[first] for first in first_like]
+    if len(built) == 1:
         return tuple(own)
-    models: dict[tuple[str, int], Mesh] = {}
+    models: dict[tuple[str, int], tuple[int, Mesh]] = {}
     result = []
     for library in own:
-        seen = Counter[str]()
-        keys = []
+        seen, drawn = Counter[str](), []
         for mesh in library.models:
             digest = _digest(mesh)
             # A library may have equal models, and each has its own chance.
-            keys.append((digest, seen[digest]))
+            number, _ = models.setdefault((digest, seen[digest]), (len(models), mesh))
             seen[digest] += 1
-            models.setdefault(keys[-1], mesh)
-        place = {key: number for number, key in enumerate(models)}
-        result.append(replace(library, drawn=np.array([place[key] for key in keys], np.int64)))
-    return tuple(replace(library, models=tuple(models.values())) for library in result)
+            drawn.append(number)
+        result.append(replace(library, drawn=np.array(drawn, np.int64)))
+    return tuple(replace(library, models=tuple(mesh for _, mesh in models.values())) for library in result)
 
 
 def _digest(mesh: Mesh) -> str:
@@ -193,9 +176,8 @@ def _unpacked(entry: Entry) -> ModelLibrary:
 
 
 def _build(section: ModelsSection, particles: ParticlesSection, split: Split) -> ModelLibrary:
-    user, skipped = list[Mesh](), list[Skipped]()
-    if section.folders:
-        user, skipped = load_models([expanded(folder) for folder in section.folders])
+    folders = [expanded(folder) for folder in section.folders]
+    user, skipped = load_models(folders) if folders else ([], [])
     # Of all splits together: held-out models are as frequent as others.
     user_weight = section.user * min(1.0, len(user) / FULL_FAMILY)
     kinds = [list(family) for family in (SIMPLE_KINDS, COMPLEX_KINDS)]
@@ -205,7 +187,6 @@ def _build(section: ModelsSection, particles: ParticlesSection, split: Split) ->
     foreign = [
         (weight, build_family(name, section.variants, split)) for name, weight in section.families.items() if weight > 0
     ]
-    seed = split.seed
     weights = kind_weights(section.kinds)
     families = [(user_weight, user, [1.0] * len(user))]
     builders = {**SIMPLE_KINDS, **COMPLEX_KINDS}
@@ -214,7 +195,7 @@ def _build(section: ModelsSection, particles: ParticlesSection, split: Split) ->
         if used:
             variants = [(name, number) for name in used for number in range(section.variants)]
             # The kind's name is in the key, not its position: a further kind changes no model of the others.
-            models = [builders[name](generator(seed, Purpose.MODELS, name, number)) for name, number in variants]
+            models = [builders[name](generator(split.seed, Purpose.MODELS, name, number)) for name, number in variants]
             families.append((weight, list(map(marked_solid, models)), [weights[name] for name, _ in variants]))
     families += [(weight, models, [1.0] * len(models)) for weight, models in foreign]
     if not any(weight > 0 and models for weight, models, _ in families):
@@ -225,8 +206,8 @@ def _build(section: ModelsSection, particles: ParticlesSection, split: Split) ->
     library = [mesh for _, models, _ in families for mesh in models]
     chances = np.concatenate([weight * np.array(shares) / max(sum(shares), 1e-300) for weight, _, shares in families])
     chances /= chances.sum()
-    rng = generator(seed, Purpose.MODELS, len(families))
     _tell_costs(user, views_each(len(library)))
+    rng = generator(split.seed, Purpose.MODELS, len(families))
     silhouette = mean_silhouette(library, chances, particles, rng)
     return ModelLibrary(tuple(library), np.arange(len(library)), chances, silhouette, tuple(skipped), len(user))
 
@@ -234,8 +215,7 @@ def _build(section: ModelsSection, particles: ParticlesSection, split: Split) ->
 def _tell_costs(models: Sequence[Mesh], views: int) -> None:
     """Say what models of the user's cost that have very many triangles, before they are measured."""
     for mesh in models:
-        triangles = len(mesh.triangles)
-        if triangles >= _MANY_TRIANGLES:
+        if (triangles := len(mesh.triangles)) >= _MANY_TRIANGLES:
             once = "minutes" if views * triangles >= _MINUTES else "seconds"
             _LOG.info(
                 "%s has %s triangles: to measure it from %d sides takes %s now, and to draw it takes seconds in each "

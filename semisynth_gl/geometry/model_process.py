@@ -42,13 +42,10 @@ _FLOAT, _INDEX = np.dtype(np.float64), np.dtype(np.int64)
 
 
 class ModelReader:
-    """Reads models in another process, which starts with the block and ends with it.
-
-    Attributes:
-        formats: suffixes of files, without the leading dot, that trimesh knows.
-    """
+    """Reads models in another process, which starts with the block and ends with it."""
 
     formats: frozenset[str]
+    """Suffixes of files, without the leading dot, that trimesh knows."""
 
     def __enter__(self) -> Self:
         self._start()
@@ -125,11 +122,9 @@ class ModelReader:
 
 
 def serve(max_memory: int, max_cpu_s: int) -> None:
-    """Answer the questions of a `ModelReader`, from standard input to standard output.
+    """Answer the questions of a `ModelReader`, from standard input to standard output; see `MAX_MEMORY`, `MAX_CPU_S`.
 
-    Args:
-        max_memory: most bytes that reading may take, beside what this process has when it starts.
-        max_cpu_s: most seconds of a processor's time that reading a model may take.
+    The limit of memory comes on top of what this process has when it starts.
     """
     from semisynth_gl.geometry.model_reader import FORMATS, read_parts  # noqa: PLC0415  # trimesh loads in this process alone
 

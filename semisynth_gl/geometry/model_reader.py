@@ -43,16 +43,10 @@ _LIMIT = f"the limit is {MAX_BYTES:,} bytes: decimate the model, for example in 
 
 
 def read_parts(path: Path) -> PlacedParts:
-    """Read a model's file.
+    """Read the parts with triangles of a model's file, in the order of their nodes.
 
     Files that it refers to are looked for in its own folder and below. Nothing is downloaded; materials and textures
     are left out.
-
-    Args:
-        path: a file with a name that ends in one of `FORMATS`, in any case.
-
-    Returns:
-        The parts with triangles, in the order of their nodes.
 
     Raises:
         BrokenModelError: where the file cannot be read, refers to a file elsewhere, or exceeds a limit of
@@ -160,12 +154,7 @@ def _part(geometry: trimesh.Trimesh) -> Part:
 
 
 class _Neighbours(Resolver):
-    """Gives trimesh the regular files in a model's folder and below, and no others.
-
-    Args:
-        model: the model's file.
-        room: most bytes of all files together.
-    """
+    """Gives trimesh the regular files in a model's folder and below, so many bytes in all, and no others."""
 
     def __init__(self, model: Path, room: int) -> None:
         self.file_name = model.name  # trimesh names the parts of an OBJ file by it

@@ -63,11 +63,7 @@ def _scaled(values: Floats) -> Floats:
 
 
 def join_surfaces(name: str, parts: list[Surface]) -> Mesh:
-    """Join surfaces to one model; see `make_model`.
-
-    Raises:
-        BrokenModelError: where there are no triangles, or none has an area.
-    """
+    """Join surfaces to one model, see `make_model`; raises BrokenModelError where no triangle has an area."""
     if not parts:
         raise BrokenModelError("has no triangles")
     # In float64, before anything is rounded: a model may stand far from its origin, or be of any size.

@@ -1,7 +1,8 @@
 """Surfaces of models: revolved, swept, extruded and flat ones.
 
 Every surface has UV in model units, and triangles whose normals point outwards. Seen from outside, u runs to the right
-and v downwards, so that no texture is mirrored. A model stands on z = 0 or near it, and z points up.
+and v downwards, so that no texture is mirrored. A model stands on z = 0 or near it, and z points up. Lengths are in
+model units.
 
 trimesh.creation has the like, without UV.
 """
@@ -205,7 +206,7 @@ _BOX_SIDES: Final = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0,
 
 
 def box(size: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
-    """A box with edges along the axes, (3,) lengths of them, model units."""
+    """A box about its centre; its edges, (3,) lengths, lie along the axes."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     corners = np.asarray(centre, np.float64) + signs * np.asarray(size, np.float64) / 2
     sides = corners[np.array(_BOX_SIDES)]
