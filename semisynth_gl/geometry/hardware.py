@@ -117,11 +117,10 @@ def fan(rng: np.random.Generator) -> list[Mesh]:
     twist = rng.uniform(0.4, 0.9)
     r = np.linspace(0.08, 0.42, 8)
     pitch = twist * (1 - 0.4 * r / 0.42)
-    half = 0.35 * r[:, None] * np.array([-1.0, 0.0, 1.0])
-    along = np.broadcast_to(r[:, None], half.shape)
-    sheet = np.stack([along, half * np.cos(pitch)[:, None], half * np.sin(pitch)[:, None]], axis=2)
-    uv = np.stack([along, half], axis=2)
-    blade = grid_surface(sheet.transpose(1, 0, 2)[::-1], uv.transpose(1, 0, 2)[::-1])
+    half = 0.35 * r * np.array([[1.0], [0.0], [-1.0]])
+    along = np.broadcast_to(r, half.shape)
+    sheet = np.stack([along, half * np.cos(pitch), half * np.sin(pitch)], axis=2)
+    blade = grid_surface(sheet, np.stack([along, half], axis=2))
     parts = [placed(blade, rotation=turn) for turn in around(blades)]
     parts.append(lathe([(0, -0.2), (0.1, -0.16), (0.1, 0.02), (0.05, 0.06), (0, 0.06)], 24))
     for side in (-1, 1):

@@ -4,7 +4,7 @@ Fields use only operations that every processor rounds alike (no powers or expon
 vertices on all machines.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import reduce
 
 import numpy as np
@@ -97,7 +97,8 @@ def _without_pinches(values: Floats) -> Floats:
     while True:
         before = filled.copy()
         for first, second in ((0, 1), (1, 2), (2, 0)):
-            a, b, c, d = (_shifted(filled, {first: i, second: j}) for i, j in _AROUND)
+            squares = np.moveaxis(filled, (first, second), (0, 1))
+            a, b, c, d = (squares[(_FIRST, _LAST)[i], (_FIRST, _LAST)[j]] for i, j in _AROUND)  # views
             for one, other, beside, opposite in ((a, c, b, d), (b, d, a, c)):
                 pinched = (one < 0) & (other < 0) & (beside >= 0) & (opposite >= 0)
                 nearer = beside <= opposite
@@ -105,8 +106,3 @@ def _without_pinches(values: Floats) -> Floats:
                 opposite[pinched & ~nearer] = -_CLEARANCE
         if np.array_equal(filled, before):
             return filled
-
-
-def _shifted(values: Floats, ends: Mapping[int, int]) -> Floats:
-    """Return a view of all but the last, or for 1 of all but the first, entries along some axes."""
-    return values[tuple((_FIRST, _LAST)[ends[axis]] if axis in ends else slice(None) for axis in range(3))]

@@ -1,6 +1,6 @@
 """The mesh type that all builders, the loader and the renderer share, and operations on meshes and vectors."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf
 
@@ -81,19 +81,18 @@ def make_mesh(name: str, positions: object, uv: object, triangles: object) -> Me
     Raises:
         InputError: where shapes, indices or values are wrong.
     """
-    index = _indices(name, triangles)
-    vertices, coordinates = _held(name, positions, uv)
+    vertices, coordinates, index = _arrays(name, positions, uv, triangles)
     return Mesh(name, _rounded_near(vertices), _rounded_near(coordinates), index)
 
 
 def make_part(name: str, positions: object, uv: object, triangles: object) -> Mesh:
     """Do as `make_mesh`, but in float32 wherever the mesh lies: a part of a model, whose origin is the model's."""
-    index = _indices(name, triangles)
-    vertices, coordinates = (points.astype(np.float32, order="C") for points in _held(name, positions, uv))
-    return Mesh(name, vertices, coordinates, index)
+    vertices, coordinates, index = _arrays(name, positions, uv, triangles)
+    return Mesh(name, vertices.astype(np.float32, order="C"), coordinates.astype(np.float32, order="C"), index)
 
 
-def _indices(name: str, triangles: object) -> NDArray[np.uint32]:
+def _arrays(name: str, positions: object, uv: object, triangles: object) -> tuple[Floats, Floats, NDArray[np.uint32]]:
+    """Return array-likes as arrays; numbers that are too large for float32 are refused before it rounds them."""
     check_type("the name of a mesh", name, str)
     index = to_array(f"mesh {name}: triangles", triangles, np.int64)
     if index.size % 3:
@@ -101,15 +100,11 @@ def _indices(name: str, triangles: object) -> NDArray[np.uint32]:
     index = index.reshape(-1, 3)
     if len(index) and int(index.min()) < 0:
         raise InputError(f"mesh {name}: triangle index {int(index.min())} is negative")
-    return np.ascontiguousarray(index, np.uint32)
-
-
-def _held(name: str, positions: object, uv: object) -> Iterator[Floats]:
-    """Yield array-likes as arrays; numbers that are too large for float32 are refused before it rounds them."""
-    for what, values in (("positions", positions), ("uv", uv)):
-        array = to_array(f"mesh {name}: {what}", values, np.float64)
-        check_magnitudes(f"mesh {name}: {what}", array)
-        yield array
+    arrays = []
+    for what, values in ((f"mesh {name}: positions", positions), (f"mesh {name}: uv", uv)):
+        arrays.append(to_array(what, values, np.float64))
+        check_magnitudes(what, arrays[-1])
+    return arrays[0], arrays[1], np.ascontiguousarray(index, np.uint32)
 
 
 def _rounded_near(points: Floats) -> Vertices:

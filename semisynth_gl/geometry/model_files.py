@@ -43,7 +43,9 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
         meshes: list[Mesh] = []
         skipped: list[Skipped] = []
         for path, name in _files(folders, reader.formats):
-            _tell_size(path, name)
+            with suppress(OSError):  # what cannot be read is told when it is read
+                if (size := path.stat().st_size) >= _LARGE_BYTES:
+                    _LOG.info("reading %s, %d MB", name, size // 1_000_000)
             try:
                 with np.errstate(all="ignore"):
                     meshes.append(join_surfaces(name, list(_placed(reader.read(path)))))
@@ -54,13 +56,6 @@ def load_models(folders: Sequence[Path]) -> tuple[list[Mesh], list[Skipped]]:
         reasons = "".join(f"\n  {broken}" for broken in skipped)
         raise InputError(f"models: expected at least one usable model in {where}, found none{reasons}")
     return meshes, skipped
-
-
-def _tell_size(path: Path, name: str) -> None:
-    with suppress(OSError):  # what cannot be read is told when it is read
-        size = path.stat().st_size
-        if size >= _LARGE_BYTES:
-            _LOG.info("reading %s, %d MB", name, size // 1_000_000)
 
 
 def _files(folders: Sequence[Path], formats: Collection[str]) -> Iterator[tuple[Path, str]]:

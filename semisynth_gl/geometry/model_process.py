@@ -38,7 +38,6 @@ PASSING = (_TOO_MUCH_MEMORY, _TOO_MUCH_TIME, _CRASHED)
 """Starts of the reasons for leaving a model out that may not hold the next time."""
 
 _PR_SET_PDEATHSIG = 1
-_FLOAT, _INDEX = np.dtype(np.float64), np.dtype(np.int64)
 
 
 class ModelReader:
@@ -63,14 +62,13 @@ class ModelReader:
         Raises:
             BrokenModelError: likewise, and where reading takes more than `MAX_MEMORY` or `MAX_CPU_S`, or crashes.
         """
-        answer = self._answer(f"{json.dumps(str(path))}\n".encode())
-        if answer is None:
+        try:
+            return self._answer(path)
+        except (BrokenPipeError, EOFError):
             code = self._ended()
             self._start()
-            raise BrokenModelError(_TOO_MUCH_TIME if code == -signal.SIGXCPU else f"{_CRASHED} ({_ending(code)})")
-        if isinstance(answer, str):
-            raise BrokenModelError(answer)
-        return answer
+            reason = _TOO_MUCH_TIME if code == -signal.SIGXCPU else f"{_CRASHED} ({_ending(code)})"
+            raise BrokenModelError(reason) from None
 
     def _start(self) -> None:
         self._process = subprocess.Popen(  # noqa: S603 - this interpreter and this module
@@ -92,33 +90,27 @@ class ModelReader:
             pass
         return self._process.returncode
 
-    def _answer(self, question: bytes) -> PlacedParts | str | None:
-        """Return the parts, or why there are none; None where the process has ended before all of it was sent."""
+    def _answer(self, path: Path) -> PlacedParts:
+        """Ask for a file's parts; raises BrokenPipeError or EOFError where the process ends before it has answered."""
         questions, stream = cast("BinaryIO", self._process.stdin), cast("BufferedReader", self._process.stdout)
-        try:
-            questions.write(question)
-            questions.flush()
-        except BrokenPipeError:
-            return None
+        questions.write(f"{json.dumps(str(path))}\n".encode())
+        questions.flush()
         header = stream.readline()
         if not header.endswith(b"\n"):
-            return None
+            raise EOFError
         answer = json.loads(header)
         if "reason" in answer:
-            return str(answer["reason"])
-        try:
-            parts = tuple(
-                Part(
-                    _received(stream, (vertices, 3), _FLOAT),
-                    _received(stream, (triangles, 3), _INDEX),
-                    _received(stream, (vertices, 2), _FLOAT) if has_uv else None,
-                )
-                for vertices, triangles, has_uv in answer["parts"]
+            raise BrokenModelError(answer["reason"])
+        parts = tuple(
+            Part(
+                _received(stream, (vertices, 3), np.float64),
+                _received(stream, (triangles, 3), np.int64),
+                _received(stream, (vertices, 2), np.float64) if has_uv else None,
             )
-            placed = _received(stream, (answer["placed"],), _INDEX)
-            return PlacedParts(parts, placed, _received(stream, (answer["placed"], 4, 4), _FLOAT))
-        except EOFError:
-            return None
+            for vertices, triangles, has_uv in answer["parts"]
+        )
+        placed = _received(stream, (answer["placed"],), np.int64)
+        return PlacedParts(parts, placed, _received(stream, (answer["placed"], 4, 4), np.float64))
 
 
 def serve(max_memory: int, max_cpu_s: int) -> None:
@@ -167,7 +159,7 @@ def _send(stream: BinaryIO, header: dict[str, Any], *arrays: NDArray[Any] | None
     stream.flush()
 
 
-def _received(stream: BufferedReader, shape: tuple[int, ...], kind: np.dtype[Any]) -> NDArray[Any]:
+def _received(stream: BufferedReader, shape: tuple[int, ...], kind: type[np.generic]) -> NDArray[Any]:
     array = np.empty(shape, kind)
     if stream.readinto(_bytes(array)) < array.nbytes:
         raise EOFError
@@ -179,4 +171,4 @@ def _bytes(array: NDArray[Any]) -> memoryview:
 
 
 def _ending(code: int) -> str:
-    return f"{signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+    return signal.Signals(-code).name if code < 0 else f"exit code {code}"

@@ -204,17 +204,17 @@ def _scenes_in_archive(path: Path, suffix: str, content: bytes) -> list[trimesh.
     members = _unpacked(path, suffix, content)
     resolver = ZipResolver({name: io.BytesIO(member) for name, member in members.items()})
     scenes, first_error = [], None
-    kinds = trimesh_load.mesh_formats()
     for name, member in members.items():
         kind = PurePosixPath(name.lower()).suffix[1:]
-        if kind in kinds:
-            try:
-                # glTF's UV maps are lost with the materials, as in datasets of earlier versions.
-                scenes.append(_scene(member, kind, resolver, skip_materials=True))
-            except MemoryError:
-                raise
-            except Exception as error:  # noqa: BLE001 - a reader may throw anything at a hostile file
-                first_error = first_error or error
+        if kind not in trimesh_load.mesh_formats():
+            continue
+        try:
+            # glTF's UV maps are lost with the materials, as in datasets of earlier versions.
+            scenes.append(_scene(member, kind, resolver, skip_materials=True))
+        except MemoryError:
+            raise
+        except Exception as error:  # noqa: BLE001 - a reader may throw anything at a hostile file
+            first_error = first_error or error
     if first_error and not scenes:
         raise first_error
     return scenes

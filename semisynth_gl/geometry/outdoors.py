@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from semisynth_gl.geometry.mesh import Floats, Mesh
-from semisynth_gl.geometry.parts import circle, placed, rod, smooth, turned, wire
+from semisynth_gl.geometry.parts import circle, placed, rectangle, rod, smooth, turned, wire
 from semisynth_gl.geometry.surfaces import box, extruded, lathe
 
 _LYING = turned((0, 1, 0), np.pi / 2)
@@ -42,18 +42,15 @@ def car(rng: np.random.Generator) -> list[Mesh]:
     top = (front + bonnet + slope, rear - boot - 0.5 * slope)
     glass = [(rear - boot - 0.05, belt - 0.03), (top[1], roof), (top[0], roof), (front + bonnet, belt - 0.03)]
     parts.append(_across(glass, 0.88 * wide))
-    parts += [
-        _wheel(radius, 0.2, (x * (wide / 2 - 0.06), y * 0.31 * long, radius)) for x in (-1, 1) for y in (-1.05, 0.95)
-    ]
+    hubs = [(x * (wide / 2 - 0.06), y * 0.31 * long, radius) for x in (-1, 1) for y in (-1.05, 0.95)]
+    parts += [_wheel(radius, 0.2, hub) for hub in hubs]
     parts += [box((0.24, 0.1, 0.14), (x * (wide / 2 + 0.06), front + bonnet + 0.25, belt - 0.05)) for x in (-1, 1)]
     parts += [box((0.9 * wide, 0.1, 0.16), (0, y, sill + 0.12)) for y in (front - 0.03, rear + 0.04)]
     if rng.random() < 0.25:
         first, last = top[0] + 0.1, top[1] - 0.1
         parts += [rod((x * 0.3 * wide, first, roof + 0.02), (x * 0.3 * wide, last, roof + 0.02), 0.04) for x in (-1, 1)]
-        parts += [
-            rod((-0.38 * wide, y, roof + 0.07), (0.38 * wide, y, roof + 0.07), 0.03)
-            for y in np.linspace(first, last, 5)[1:-1]
-        ]
+        bars = np.linspace(first, last, 5)[1:-1]
+        parts += [rod((-0.38 * wide, y, roof + 0.07), (0.38 * wide, y, roof + 0.07), 0.03) for y in bars]
     return parts
 
 
@@ -91,7 +88,7 @@ def house(rng: np.random.Generator) -> list[Mesh]:
 def _window(size: Floats, at: Sequence[float]) -> list[Mesh]:
     """A frame about a cross, and a sill, sunk into a wall across y; each stands out by another length."""
     wide, high = size
-    rim = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * size / 2
+    rim = rectangle(2, 2) * size / 2
     # extruded along z, which becomes y; it is as long before the wall as behind it
     frame = placed(extruded(rim + 0.09 * np.sign(rim), 0.32, rim), (0, 0.16, 0), rotation=turned((1, 0, 0), np.pi / 2))
     cross = [box((0.08, 0.22, high + 0.1)), box((wide + 0.1, 0.12, 0.08), (0, 0, 0.15 * high))]
@@ -119,10 +116,8 @@ def street_lamp(rng: np.random.Generator) -> list[Mesh]:
     high, reach = rng.uniform(4.5, 8), rng.uniform(0.8, 2)
     parts = [rod((0, 0, 0), (0, 0, 0.9), 0.11, sides=12), rod((0, 0, 0.85), (0, 0, high), 0.07, 0.05, 12)]
     for side in (-1, 1)[: int(rng.integers(1, 3))]:
-        arm = smooth(
-            [(0.02 * side, 0, high - 0.3), (0.3 * side * reach, 0, high + 0.2), (side * reach, 0, high + 0.3)], 5
-        )
-        parts.append(wire(arm, 0.035))
+        arm = [(0.02 * side, 0, high - 0.3), (0.3 * side * reach, 0, high + 0.2), (side * reach, 0, high + 0.3)]
+        parts.append(wire(smooth(arm, 5), 0.035))
         parts.append(box((0.6, 0.22, 0.12), (side * (reach + 0.2), 0, high + 0.27)))
     return parts
 
@@ -168,10 +163,8 @@ def bicycle(rng: np.random.Generator) -> list[Mesh]:
     ]
     parts += [rod(a, b, thick * tube) for a, b, thick in frame]
     parts += [rod(front + (x, 0, 0), head + (0.4 * x, 0, -0.12), 0.013) for x in (-0.045, 0.045)]
-    parts += [
-        rod(head - (0, 0, 0.14), head + (0, -0.045, 0.12), 0.9 * tube),
-        box((0.14, 0.26, 0.06), seat + (0, 0.03, 0.02)),
-    ]
+    parts.append(rod(head - (0, 0, 0.14), head + (0, -0.045, 0.12), 0.9 * tube))
+    parts.append(box((0.14, 0.26, 0.06), seat + (0, 0.03, 0.02)))
     bar = smooth([(-0.28, -0.22, 0.98), (-0.15, -0.36, 0.96), (0.15, -0.36, 0.96), (0.28, -0.22, 0.98)], 4)
     return [*parts, wire(bar - (0, 0, 0.04), 0.014)]
 
