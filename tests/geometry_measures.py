@@ -4,6 +4,13 @@ import numpy as np
 
 from semisynth_gl.geometry.mesh import Mesh
 
+# The unit vector furthest from its nearest direction of projection is equally far from a face, an edge and a corner of
+# a cube next to each other: it lies along x with F x = (1, 1, 1), where the rows of F are those three directions. A
+# projected length shrinks at most by the cosine of its angle, 1 / |x|.
+_FACE_EDGE_CORNER = np.array([[0, 0, 1], [0, 1, 1], [1, 1, 1]]) / np.sqrt([[1], [2], [3]])
+STRETCH_BOUND = float(np.linalg.norm(np.linalg.solve(_FACE_EDGE_CORNER, np.ones(3))))
+"""Largest ratio of a length on a surface to its length in the UV of `project_uv`, about 1.13; the smallest is 1."""
+
 
 def stretch(mesh: Mesh) -> np.ndarray:
     """(T,) factor by which the texture is drawn out or squeezed in its worst direction; 1 where it lies true."""

@@ -10,7 +10,6 @@ from semisynth_gl.inputs.user_files import open_file
 # A file that changes twice within one tick of its file system's clock (two seconds on some) keeps its times. Times
 # prove nothing where they were younger than this when the content was read.
 _YOUNG_NS = 2_000_000_000
-_NO_PROOF = -1
 
 
 class FileFingerprint(NamedTuple):
@@ -48,7 +47,7 @@ def read_fingerprint(path: Path, before: FileFingerprint | None) -> FileFingerpr
     if before is None or stat_fingerprint(path) != before:
         return None
     if max(before.mtime_ns, before.ctime_ns) > time.time_ns() - _YOUNG_NS:
-        return FileFingerprint(before.size, _NO_PROOF, _NO_PROOF, sha256)
+        return FileFingerprint(before.size, -1, -1, sha256)
     return before._replace(sha256=sha256)
 
 

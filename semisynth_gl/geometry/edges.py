@@ -38,10 +38,8 @@ def find_edges(mesh: Mesh) -> MeshEdges:
     own, side, other, border = own[once], side[once], other[once], border[once]
     other = np.where(border, own, other)
     other_side = np.where(border, side, (across[other] == own[:, None]).argmax(axis=1))
-    turns = np.arange(3)
-    first, second = (
-        triangles[number[:, None], (begin[:, None] + turns) % 3] for number, begin in ((own, side), (other, other_side))
-    )
+    sides = ((own, side), (other, other_side))
+    first, second = (triangles[number[:, None], (begin[:, None] + np.arange(3)) % 3] for number, begin in sides)
     points = mesh.positions.astype(np.float64)
     # A neighbour that is wound alike runs along the edge the other way.
     turned = (points[first[:, 0]] != points[second[:, 0]]).any(axis=1)

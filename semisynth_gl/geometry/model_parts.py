@@ -1,21 +1,9 @@
-"""What is read from a model's file, before it becomes a mesh, and how much that may be."""
+"""What is read from a model's file, before it becomes a mesh."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-MAX_BYTES = 256 << 20
-"""Most bytes of a model's file with all that it refers to, unpacked."""
-
-MAX_TRIANGLES = 2_000_000
-"""Most triangles of a model, counted as often as its nodes place them."""
-
-MAX_VERTICES = 20_000_000
-"""Most vertices of a model's parts together, counted likewise; parts that share their vertices count them each."""
-
-MAX_PARTS = 20_000
-"""Most parts that a model's nodes place."""
 
 
 class BrokenModelError(Exception):

@@ -17,17 +17,18 @@ import trimesh
 from trimesh.exchange import load as trimesh_load
 from trimesh.resolvers import Resolver, ZipResolver
 
-from semisynth_gl.geometry.model_parts import (
-    MAX_BYTES,
-    MAX_PARTS,
-    MAX_TRIANGLES,
-    MAX_VERTICES,
-    BrokenModelError,
-    Part,
-    PlacedParts,
-)
+from semisynth_gl.geometry.model_parts import BrokenModelError, Part, PlacedParts
 from semisynth_gl.inputs.errors import cut, described, shown
 from semisynth_gl.inputs.user_files import open_file
+
+MAX_BYTES = 256 << 20
+"""Most bytes of a model's file with all that it refers to, unpacked."""
+
+MAX_TRIANGLES, MAX_VERTICES, MAX_PARTS = 2_000_000, 20_000_000, 20_000
+"""Most triangles, vertices and parts of a model, counted as often as its nodes place them.
+
+Parts that share their vertices count them each.
+"""
 
 # Keeps trimesh's messages off standard error where the application sets up no log.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
@@ -49,8 +50,7 @@ def read_parts(path: Path) -> PlacedParts:
     are left out.
 
     Raises:
-        BrokenModelError: where the file cannot be read, refers to a file elsewhere, or exceeds a limit of
-            `model_parts`.
+        BrokenModelError: where the file cannot be read, refers to a file elsewhere, or exceeds a limit.
         MemoryError: where this process may not have as much memory as the reader takes.
     """
     suffix = max((kind for kind in FORMATS if path.name.lower().endswith(f".{kind}")), key=len, default=None)

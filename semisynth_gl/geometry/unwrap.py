@@ -26,16 +26,9 @@ _STEPS = np.array([step for step in itertools.product((-1, 0, 1), repeat=3) if a
 DIRECTIONS: Final = _STEPS / lengths(_STEPS)[:, None]
 """(26, 3) unit vectors of projection, from a cube's centre to its 6 faces, 12 edges and 8 corners."""
 
-# The unit vector furthest from its nearest direction is equally far from a face, an edge and a corner next to each
-# other: it lies along x with F x = (1, 1, 1), where the rows of F are those three directions. A projected length
-# shrinks at most by the cosine of its angle, 1 / |x|.
-_FACE_EDGE_CORNER: Final = np.array([[0, 0, 1], [0, 1, 1], [1, 1, 1]]) / np.sqrt([[1], [2], [3]])
-STRETCH_BOUND: Final = float(np.linalg.norm(np.linalg.solve(_FACE_EDGE_CORNER, np.ones(3))))
-"""Largest ratio of a length on the surface to its length in UV, about 1.13; the smallest is 1."""
-
 
 def project_uv(name: str, positions: ArrayLike, triangles: ArrayLike) -> Mesh:
-    """Give a mesh UV in model units; lengths on the surface and in UV differ by at most the factor `STRETCH_BOUND`.
+    """Give a mesh UV in model units; a length on the surface is 1 to 1.13 times its length in UV.
 
     A vertex whose triangles are projected along several directions is duplicated, once per direction.
     """

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from geometry_measures import areas, jacobians, stretch, volume
+from geometry_measures import STRETCH_BOUND, areas, jacobians, stretch, volume
 from shared_material import SHARED, needs_shared
 
 from semisynth_gl.config.scene_sections import ModelsSection, ParticlesSection
@@ -17,7 +17,6 @@ from semisynth_gl.geometry.model_files import load_models
 from semisynth_gl.geometry.model_process import ModelReader
 from semisynth_gl.geometry.silhouette import Silhouette, mean_silhouette
 from semisynth_gl.geometry.surfaces import box
-from semisynth_gl.geometry.unwrap import STRETCH_BOUND
 from semisynth_gl.inputs.errors import InputError
 from semisynth_gl.seeds.splits import Split
 

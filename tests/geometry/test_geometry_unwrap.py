@@ -2,13 +2,13 @@ import sys
 
 import numpy as np
 import pytest
-from geometry_measures import jacobians, stretch, volume
+from geometry_measures import STRETCH_BOUND, jacobians, stretch, volume
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from semisynth_gl.geometry.kinds import SIMPLE_KINDS
 from semisynth_gl.geometry.surfaces import box, grid_surface
-from semisynth_gl.geometry.unwrap import DIRECTIONS, STRETCH_BOUND, facing_axes, project_uv
+from semisynth_gl.geometry.unwrap import DIRECTIONS, facing_axes, project_uv
 
 
 def test_there_are_26_directions_of_length_one() -> None:

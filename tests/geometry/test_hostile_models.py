@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 
 from semisynth_gl.geometry import model_process, model_reader
 from semisynth_gl.geometry.model_files import load_models
-from semisynth_gl.geometry.model_parts import MAX_BYTES, BrokenModelError
+from semisynth_gl.geometry.model_parts import BrokenModelError
 from semisynth_gl.geometry.model_process import ModelReader
-from semisynth_gl.geometry.model_reader import read_parts
+from semisynth_gl.geometry.model_reader import MAX_BYTES, read_parts
 
 TRIANGLE = struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0)
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
