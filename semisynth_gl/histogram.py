@@ -24,8 +24,7 @@ class Histogram:
     def from_counts(cls, edges_px: ArrayLike, counts: ArrayLike) -> Self:
         """Build a histogram from (K + 1,) edges and (K,) counts or weights, which are scaled to a sum of 1.
 
-        Raises:
-            ValueError: where edges do not rise, or counts are negative or all 0.
+        Raises ValueError where edges do not rise, or counts are negative or all 0.
         """
         edges, weights = np.asarray(edges_px, np.float64), np.asarray(counts, np.float64)
         if edges.shape != (len(weights) + 1,) or not (np.diff(edges) > 0).all():

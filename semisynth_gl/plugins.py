@@ -166,8 +166,7 @@ def plugin_records(used: Used) -> dict[str, dict[str, dict[str, str]]]:
 def require_plugins(records: Records, groups: Collection[Group] = GROUPS, *, same: bool = False) -> None:
     """Check that a dataset's plug-ins of some groups are installed, and where ``same``, in the same versions.
 
-    Raises:
-        MissingPluginError: where one is not, with the command that installs it.
+    Raises MissingPluginError, with the command that installs it, where one is not.
     """
     for group in groups:
         for name, record in records.get(group, {}).items():

@@ -85,11 +85,7 @@ def cached(
 
 
 def package_versions(*packages: str) -> dict[str, str]:
-    """Return the versions of installed packages by their names.
-
-    Raises:
-        ImportError: where a package has no metadata of an installation.
-    """
+    """Return the versions of installed packages by name; raises ImportError where one has no metadata."""
     return {package: version(package) for package in packages}
 
 

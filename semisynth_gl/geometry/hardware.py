@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from semisynth_gl.geometry.mesh import Mesh, cross, least_axis, merged
-from semisynth_gl.geometry.parts import arc, around, circle, on_circle, placed, rod, smooth, turned, unit, upright, wire
+from semisynth_gl.geometry.mesh import Mesh, cross, least_axis, merged, unit
+from semisynth_gl.geometry.parts import arc, around, circle, on_circle, placed, rod, smooth, turned, upright, wire
 from semisynth_gl.geometry.surfaces import box, extruded, grid_surface, lathe
 
 

@@ -206,6 +206,11 @@ def lengths(vectors: Floats) -> Floats:
     return np.asarray(np.sqrt(np.add.reduce(vectors * vectors, axis=-1)))
 
 
+def unit(vector: Floats) -> Floats:
+    """Scale a vector, (3,), to length 1."""
+    return vector / np.linalg.norm(vector)
+
+
 def merged(name: str, parts: Sequence[Mesh]) -> Mesh:
     """Join meshes into one, vertices in the order given."""
     offsets = np.cumsum([0] + [len(part.positions) for part in parts[:-1]])

@@ -112,7 +112,7 @@ def build_library(section: ModelsSection, particles: ParticlesSection, split: Sp
 def build_libraries(
     recipes: Sequence[tuple[ModelsSection, ParticlesSection]], split: Split
 ) -> tuple[ModelLibrary, ...]:
-    """Build the library of each recipe, see `build_library`. All have the same ``models``, each once.
+    """Build the library of each recipe, see `build_library`; all hold every model that any of them draws, once.
 
     A recipe draws the same models by the same chances as if it alone had a library.
     """

@@ -57,10 +57,9 @@ class ModelReader:
         self._ended()
 
     def read(self, path: Path) -> PlacedParts:
-        """Read a model's file, as `model_reader.read_parts` does.
+        """Read a model's file as `model_reader.read_parts` does.
 
-        Raises:
-            BrokenModelError: likewise, and where reading takes more than `MAX_MEMORY` or `MAX_CPU_S`, or crashes.
+        Raises BrokenModelError likewise, and where reading takes more than `MAX_MEMORY` or `MAX_CPU_S`, or crashes.
         """
         try:
             return self._answer(path)

@@ -94,17 +94,16 @@ def _scene(content: bytes, suffix: str, resolver: Resolver, *, skip_materials: b
 
 def _in_utf8(content: bytes, suffix: str) -> bytes:
     """Return text as UTF-8: for others trimesh needs a further package, though only a comment may be in Latin-1."""
-    text, binary = content, b""
+    text = b""
     if suffix == "ply":
-        header, end, rest = content.partition(b"end_header")
-        text, binary = header, end + rest
-    elif suffix not in _TEXT_FORMATS or _is_binary_stl(content, suffix):
-        return content
+        text = content.partition(b"end_header")[0]
+    elif suffix in _TEXT_FORMATS and not _is_binary_stl(content, suffix):
+        text = content
     try:
         text.decode()
     except UnicodeDecodeError:
-        text = text.decode("latin-1").encode()
-    return text + binary
+        return text.decode("latin-1").encode() + content[len(text) :]
+    return content
 
 
 def _is_binary_stl(content: bytes, suffix: str) -> bool:

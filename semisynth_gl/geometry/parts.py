@@ -6,7 +6,7 @@ import numpy as np
 import pyrr
 from numpy.typing import ArrayLike
 
-from semisynth_gl.geometry.mesh import Floats, Mesh, cross, least_axis, make_part
+from semisynth_gl.geometry.mesh import Floats, Mesh, cross, least_axis, make_part, unit
 from semisynth_gl.geometry.surfaces import lathe, sweep
 
 
@@ -119,8 +119,3 @@ def onto(axis: Floats) -> Floats:
     """Return a rotation that takes z onto a unit vector; (3, 3) for column vectors."""
     x = unit(cross(least_axis(axis), axis))
     return np.stack([x, cross(axis, x), axis], axis=1)
-
-
-def unit(vector: Floats) -> Floats:
-    """Scale a vector, (3,), to length 1."""
-    return vector / np.linalg.norm(vector)

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from semisynth_gl.geometry.mesh import Floats, Mesh, cross, merged
-from semisynth_gl.geometry.parts import arc, ball, circle, onto, placed, rod, smooth, turned, unit, wire
+from semisynth_gl.geometry.mesh import Floats, Mesh, cross, merged, unit
+from semisynth_gl.geometry.parts import arc, ball, circle, onto, placed, rod, smooth, turned, wire
 from semisynth_gl.geometry.surfaces import grid_surface, lathe, sweep
 from semisynth_gl.geometry.vessels import hollow
 

@@ -75,11 +75,9 @@ def cushion(rng: np.random.Generator) -> list[Mesh]:
         square = x * x + y * y
         # a pillow of x^4 + y^4, whose thickness falls towards its seams
         hull = x * x * x * x + y * y * y * y + z * z * (1 + 0.35 * square) - 1
-        dented = [
-            height * np.maximum(1 - ((points - at) * (points - at)).sum(axis=1) / 0.16, 0)
-            for at, height in zip(dents, depth, strict=True)
-        ]
-        return np.asarray((hull + sum(dented)) * half[2] / 2)
+        squares = [((points - dent) * (points - dent)).sum(axis=1) for dent in dents]
+        dented = sum(height * np.maximum(1 - far / 0.16, 0) for far, height in zip(squares, depth, strict=True))
+        return np.asarray((hull + dented) * half[2] / 2)
 
     return [surface_of("cushion", field, -half * 1.15, half * 1.15, 24)]
 

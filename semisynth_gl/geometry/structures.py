@@ -4,8 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from semisynth_gl.geometry.mesh import Mesh, merged
-from semisynth_gl.geometry.parts import arc, on_circle, placed, rectangle, rod, rounded, turned, unit, wire
+from semisynth_gl.geometry.mesh import Mesh, merged, unit
+from semisynth_gl.geometry.parts import arc, on_circle, placed, rectangle, rod, rounded, turned, wire
 from semisynth_gl.geometry.surfaces import box, extruded, lathe, sweep
 
 

@@ -22,6 +22,7 @@ from semisynth_gl.geometry.mesh import (
     make_part,
     merged,
     mesh_grid,
+    unit,
     without_degenerate,
 )
 from semisynth_gl.geometry.unwrap import facing_axes
@@ -158,15 +159,12 @@ def _frames(points: Floats, *, closed: bool) -> tuple[Floats, Floats, Floats]:
         tangent = np.concatenate([step[:1], step[:-1] + step[1:], step[-1:]])
     tangent /= lengths(tangent)[:, None]
     count = len(points)
-    across = np.zeros_like(points)
     axis = least_axis(tangent[0])
-    across[0] = axis - (axis @ tangent[0]) * tangent[0]
-    across[0] /= np.linalg.norm(across[0])
-    stops = [*range(1, count), 0] if closed else range(1, count)
-    moved = across[0]
-    for start, stop in enumerate(stops):
-        chord = points[stop] - points[start]
-        chord /= np.linalg.norm(chord)
+    moved = unit(axis - (axis @ tangent[0]) * tangent[0])
+    normals = [moved]
+    for start in range(count if closed else count - 1):
+        stop = (start + 1) % count
+        chord = unit(points[stop] - points[start])
         reflected = moved - 2 * (chord @ moved) * chord
         heading = tangent[start] - 2 * (chord @ tangent[start]) * chord
         turn = tangent[stop] - heading
@@ -175,8 +173,8 @@ def _frames(points: Floats, *, closed: bool) -> tuple[Floats, Floats, Floats]:
             turn /= length
             reflected = reflected - 2 * (turn @ reflected) * turn
         moved = reflected
-        if stop:
-            across[stop] = moved
+        normals.append(moved)
+    across = np.stack(normals[:count])
     beside = cross(tangent, across)
     if closed:
         mismatch = np.arctan2(moved @ beside[0], moved @ across[0])

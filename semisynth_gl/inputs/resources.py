@@ -6,11 +6,7 @@ from pathlib import Path
 
 
 def data_root(name: str) -> Traversable:
-    """Return the folder of packaged data called ``name`` ("shaders", "configs" or "assets").
-
-    Raises:
-        FileNotFoundError: where neither the installed package nor a checkout has it.
-    """
+    """Return the folder "shaders", "configs" or "assets"; raises FileNotFoundError where it is in neither place."""
     installed = files("semisynth_gl") / name
     if installed.is_dir():
         return installed

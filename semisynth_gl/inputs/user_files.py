@@ -34,8 +34,7 @@ class NotOnDiskError(OSError):
 def expanded(path: str | Path) -> Path:
     """Return a path with the home folder in place of ``~``.
 
-    Raises:
-        InputError: where there is no such user, or the path holds a zero byte, which no name does.
+    Raises InputError where there is no such user, or the path holds a zero byte, which no name does.
     """
     if "\0" in str(path):
         raise InputError(f"{str(path)!r}: expected the name of a file or folder, got one with a zero byte")
@@ -65,11 +64,7 @@ def open_file(path: Path) -> BufferedReader:
 
 
 def read_file(path: Path, most_bytes: int | None = None) -> bytes:
-    """Return the bytes of a file of a disk, which may have so many at most.
-
-    Raises:
-        OSError: see `open_file`; also where the file is larger.
-    """
+    """Return the bytes of a file of a disk; raises as `open_file` does, and OSError where there are too many."""
     with open_file(path) as file:
         data = file.read() if most_bytes is None else file.read(most_bytes + 1)
     if most_bytes is not None and len(data) > most_bytes:
@@ -99,11 +94,7 @@ def _check(path: Path, status: os.stat_result) -> None:
 
 
 def names_of(argument: str, files: Files) -> list[str]:
-    """Return the names of files, folders and globs as a list; the message names the argument.
-
-    Raises:
-        InputError: where one is no name.
-    """
+    """Return the names of files, folders and globs; raises InputError, which names the argument, for anything else."""
     check_type(f"`{argument}`", files, str | PathLike | Sequence)
     several = [files] if isinstance(files, str | PathLike) else files
     for each in several:

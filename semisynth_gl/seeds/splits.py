@@ -42,10 +42,8 @@ class Split:
         """Return the items that this split takes, in their order; no two splits take the same item.
 
         Each kind of items has its own ``purpose``. Where the items have names, each draws its rank by its name, so that
-        a further item moves only the items next to a border between splits; without names, by its position.
-
-        Raises:
-            InputError: where there are too few for each split to take one; ``what`` is the items' plural noun.
+        a further item moves only the items next to a border between splits; without names, by its position. Raises
+        InputError, which calls the items by the plural noun ``what``, where there are too few for each split.
         """
         counts = {name: max(1, round(share * len(items))) for name, share in self.held_out.items()}
         rest = len(items) - sum(counts.values())
