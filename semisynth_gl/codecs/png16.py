@@ -1,6 +1,7 @@
 """Disparity and flow as 16-bit PNG that counts fractions of a pixel."""
 
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,15 +10,12 @@ from semisynth_gl.codecs.codec import Codec
 from semisynth_gl.codecs.png import GREY16, RGB16
 
 _LARGEST = 65535
+_MIDDLE = 2**15
 _KITTI_STEPS = 256
 
 
 class DisparityPng16(Codec[NDArray[np.float32]]):
-    """Disparity as 16-bit grey PNG, (H, W) float32 px; 0 stands for inf.
-
-    Args:
-        steps: values per pixel of disparity.
-    """
+    """Disparity as 16-bit grey PNG of so many steps per pixel, (H, W) float32 px; 0 stands for inf."""
 
     suffix = ".png"
     media_type = "image/png"
@@ -57,56 +55,61 @@ class DisparityPng16(Codec[NDArray[np.float32]]):
         return np.float32((_LARGEST + 0.5) / self.steps)
 
 
-class SignedDisparityPng16(Codec[NDArray[np.float32]]):
-    """Signed disparity as 16-bit grey PNG, (H, W) float32 px: 256 d + 2^15; 0 stands for inf."""
+class _AboutMiddle(Codec[NDArray[np.float32]]):
+    """Signed values as 16-bit PNG, (H, W) or (H, W, C) float32 px: steps times the value, plus 2^15."""
 
     name = "png16"
     suffix = ".png"
     media_type = "image/png"
-    nothing = "0"
     lossless = False
+
+    _steps: ClassVar[int]
+    _least_count: ClassVar[int]
+
+    def exceeds_limit(self, value: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Return where all components are finite and one rounds to a count that cannot be stored, (H, W) bool."""
+        exceeding: NDArray[np.bool_] = _of_all_components(np.isfinite(value)) & ~self._fits(self._counts(value))
+        return exceeding
+
+    def _counts(self, value: NDArray[np.float32]) -> NDArray[np.float64]:
+        # The sum is exact in float64, so it is rounded once.
+        counts: NDArray[np.float64] = np.rint(value.astype(np.float64) * self._steps + _MIDDLE)
+        return counts
+
+    def _values(self, counts: NDArray[np.uint16]) -> NDArray[np.float32]:
+        return (counts.astype(np.float32) - np.float32(_MIDDLE)) / np.float32(self._steps)
+
+    def _fits(self, counts: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return where all components can be stored, (H, W) bool."""
+        return _of_all_components((counts >= self._least_count) & (counts <= _LARGEST))
+
+
+class SignedDisparityPng16(_AboutMiddle):
+    """Signed disparity as 16-bit grey PNG, (H, W) float32 px: 256 d + 2^15; 0 stands for inf."""
+
     description = "16-bit PNG that counts 1/256 px from 32768 on"
-    pixel_bytes = 2.0
+    nothing = "0"
     error_px = 1 / (2 * _KITTI_STEPS)
+    pixel_bytes = 2.0
     limit_px = (2**15 - 1) / _KITTI_STEPS
 
-    _ZERO = 2**15
+    _steps = _KITTI_STEPS
+    _least_count = 1
 
     def encode(self, value: NDArray[np.float32]) -> bytes:
         """Encode a disparity, rounded to 1/256 px; a value that is not finite or too large becomes 0."""
-        counts = self._count(value)
-        return GREY16.encode(np.where(_is_count(counts), counts, 0).astype(np.uint16))
+        counts = self._counts(value)
+        return GREY16.encode(np.where(self._fits(counts), counts, 0).astype(np.uint16))
 
     def decode(self, data: bytes, path: Path) -> NDArray[np.float32]:
         """Decode a disparity; see `Codec.decode`."""
         counts = GREY16.decode(data, path)
-        disparity = (counts.astype(np.float32) - np.float32(self._ZERO)) / np.float32(_KITTI_STEPS)
-        return np.where(counts > 0, disparity, np.float32(np.inf))
-
-    def exceeds_limit(self, value: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Return where a finite disparity rounds to 128 px or more in magnitude, (H, W) bool."""
-        exceeding: NDArray[np.bool_] = np.isfinite(value) & ~_is_count(self._count(value))
-        return exceeding
-
-    def _count(self, disparity: NDArray[np.float32]) -> NDArray[np.float64]:
-        # The sum is exact in float64, so it is rounded once.
-        counts: NDArray[np.float64] = np.rint(disparity.astype(np.float64) * _KITTI_STEPS + self._ZERO)
-        return counts
+        return np.where(counts > 0, self._values(counts), np.float32(np.inf))
 
 
-def _is_count(counts: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return what is a count of `SignedDisparityPng16`; 0 is no count."""
-    is_count: NDArray[np.bool_] = (counts >= 1) & (counts <= _LARGEST)
-    return is_count
-
-
-class FlowPng16(Codec[NDArray[np.float32]]):
+class FlowPng16(_AboutMiddle):
     """KITTI's flow as 16-bit RGB PNG, (H, W, 2) float32 px: 64 u + 2^15, 64 v + 2^15 and 1; three zeros for inf."""
 
-    name = "png16"
-    suffix = ".png"
-    media_type = "image/png"
-    lossless = False
     description = "16-bit RGB PNG of 64 u + 32768, 64 v + 32768 and 1"
     nothing = "0 in the third channel"
     is_image = False
@@ -114,35 +117,24 @@ class FlowPng16(Codec[NDArray[np.float32]]):
     pixel_bytes = 4.0
     limit_px = 32767 / 64
 
-    _STEPS = 64
-    _ZERO = 2**15
+    _steps = 64
+    _least_count = 0
 
     def encode(self, value: NDArray[np.float32]) -> bytes:
         """Encode a flow, rounded to 1/64 px; three zeros where either component is not finite or too large."""
-        counts = self._count(value)
-        valid = _fits(counts)[..., None]
+        counts = self._counts(value)
+        valid = self._fits(counts)[..., None]
         return RGB16.encode(np.concatenate([np.where(valid, counts, 0), valid], axis=2).astype(np.uint16))
 
     def decode(self, data: bytes, path: Path) -> NDArray[np.float32]:
         """Decode a flow; see `Codec.decode`."""
         channels = RGB16.decode(data, path)
-        flow = (channels[..., :2].astype(np.float32) - np.float32(self._ZERO)) / np.float32(self._STEPS)
-        return np.where(channels[..., 2:] > 0, flow, np.float32(np.inf))
-
-    def exceeds_limit(self, value: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Return where a finite flow lies below -512 px or from 512 px on, but for rounding, (H, W) bool."""
-        exceeding: NDArray[np.bool_] = np.isfinite(value).all(axis=2) & ~_fits(self._count(value))
-        return exceeding
-
-    def _count(self, flow: NDArray[np.float32]) -> NDArray[np.float64]:
-        # The sum is exact in float64, so it is rounded once.
-        counts: NDArray[np.float64] = np.rint(flow.astype(np.float64) * self._STEPS + self._ZERO)
-        return counts
+        return np.where(channels[..., 2:] > 0, self._values(channels[..., :2]), np.float32(np.inf))
 
 
-def _fits(counts: NDArray[np.float64]) -> NDArray[np.bool_]:
-    fits: NDArray[np.bool_] = np.all((counts >= 0) & (counts <= _LARGEST), axis=2)
-    return fits
+def _of_all_components(are: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return where each of a pixel's components is so, (H, W) bool."""
+    return np.all(are, axis=2) if are.ndim > 2 else are
 
 
 KITTI_DISPARITY = DisparityPng16(_KITTI_STEPS)
