@@ -27,13 +27,10 @@ IMAGE_CODECS = _by_name(RGB8, QOI, JXL)
 DISPARITY_CODECS = _by_name(PFM, KITTI_DISPARITY, Tiff())
 """Codecs of (H, W) float32 px for ``files.disparity``; all store inf as "no disparity"."""
 
-# In the place of those that cannot store disparities of 0 and below.
-_SIGNED_CODECS = _by_name(SIGNED_DISPARITY)
-
 FLOW_CODECS = _by_name(Flo(), FlowPfm(), FlowPng16())
 """Codecs of (H, W, 2) float32 px for ``files.flow``; all store inf as "no flow"."""
 
-# By the codec of RGB images. QOI has no grey.
+# The codec of grey images by that of RGB images. QOI has no grey.
 _GREY_CODECS: Mapping[Codec[Any], Codec[Any]] = {RGB8: GREY_IMAGE, JXL: JXL_GREY, Jpeg(): Jpeg(grey=True)}
 
 _FIXED: Mapping[str, Codec[Any]] = {
@@ -66,14 +63,14 @@ class Encodings:
         cls, image: str = "png", disparity: str = "pfm", flow: str = "flo", *, signed: bool = False
     ) -> "Encodings":
         """Return the codecs that a config names; raises KeyError for an unknown name."""
-        of_disparity = (DISPARITY_CODECS | _SIGNED_CODECS if signed else DISPARITY_CODECS)[disparity]
-        return cls(IMAGE_CODECS[image], of_disparity, FLOW_CODECS[flow], signed)
+        # Signed disparities have a codec of their own in place of one that cannot store 0 and below.
+        disparity_codecs = DISPARITY_CODECS | (_by_name(SIGNED_DISPARITY) if signed else {})
+        return cls(IMAGE_CODECS[image], disparity_codecs[disparity], FLOW_CODECS[flow], signed)
 
     def in_grey(self, *, three: bool) -> "Encodings":
         """Return the same formats for the images of monochrome cameras, (H, W) uint8.
 
-        Args:
-            three: whether images shall have three equal channels all the same; those without a grey format have them.
+        Images get three equal channels if ``three`` asks for them, or where their format knows no grey.
         """
         grey = None if three else _GREY_CODECS.get(self.image)
         return replace(self, image=grey or ThreeEqual(self.image))
@@ -93,10 +90,10 @@ class Encodings:
         return GREY_IMAGE if self.image in _GREY_CODECS.values() else RGB8
 
     def codec(self, name: str) -> Codec[Any]:
-        """Return the codec that a channel names: ``image``, ``disparity`` or ``flow``, or one that is always the same.
+        """Return the codec that a channel names.
 
-        The fixed ones are ``grey8`` and ``grey16`` (PNG), ``float`` (PFM), ``vector`` (PFM of three channels) and
-        ``shift`` (Middlebury's .flo).
+        ``image``, ``disparity`` and ``flow`` are the dataset's. ``grey8`` and ``grey16`` (PNG), ``float`` (PFM),
+        ``vector`` (PFM of three channels) and ``shift`` (Middlebury's .flo) are the same in all datasets.
         """
         chosen: Mapping[str, Codec[Any]] = {"image": self.image, "disparity": self.disparity, "flow": self.flow}
         return chosen[name] if name in chosen else _FIXED[name]

@@ -16,16 +16,9 @@ _JXL_EFFORT = 1
 
 
 class ByImagecodecs(Codec[NDArray[np.uint8]]):
-    """A format of (H, W, 3) uint8 RGB that imagecodecs encodes and decodes, in one thread as all codecs do.
+    """A format of (H, W, 3) uint8 RGB, or of (H, W) uint8 grey, that imagecodecs encodes and decodes in one thread.
 
-    Args:
-        name: the codec's name in a config.
-        media_type: see `Codec`.
-        description: see `Codec`.
-        function: imagecodecs' name of the format.
-        is_image: see `Codec`.
-        grey: take (H, W) uint8 instead.
-        options: imagecodecs' options of the encoder.
+    ``function`` is imagecodecs' name of the format, ``options`` go to its encoder, and `Codec` explains the rest.
     """
 
     def __init__(

@@ -20,7 +20,7 @@ class Calibration:
 
     Attributes:
         camera: both cameras; the baseline in metres.
-        doffs_px: the line of that name, which should be the camera's.
+        doffs_px: the line ``doffs``, which should be the camera's.
         ndisp: an upper bound of the disparities, whole pixels.
         vmin_px: smallest disparity of the left view.
         vmax_px: largest disparity of the left view.
@@ -148,12 +148,9 @@ def calib_values(text: str) -> dict[str, str]:
 
 
 def calib_matrix(text: str) -> list[float]:
-    """Return the nine numbers of ``[a b c; d e f; g h i]``, row by row.
+    """Return the nine numbers of ``[a b c; d e f; g h i]``, row by row; raises ValueError where it finds others.
 
     Commas may stand between the numbers, and semicolons may be missing.
-
-    Raises:
-        ValueError: where these are no nine numbers.
     """
     rows = [row.replace(",", " ").split() for row in text.strip().removeprefix("[").removesuffix("]").split(";")]
     if [len(row) for row in rows] not in ([3, 3, 3], [9]):

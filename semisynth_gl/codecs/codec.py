@@ -14,7 +14,7 @@ from semisynth_gl.inputs.user_files import read_file
 PHOTOGRAPH_PIXEL_BYTES = 1.8
 """`Codec.pixel_bytes` of RGB images: photographs as PNG, measured over the packaged configs."""
 GREY_PIXEL_BYTES = 0.64
-"""The same of grey images."""
+"""`Codec.pixel_bytes` of grey images, measured likewise."""
 
 Value = TypeVar("Value")
 
@@ -27,8 +27,8 @@ class Codec(ABC, Generic[Value]):
         media_type: the format's media type, or the address of its specification where it has none.
         description: the format in a few words.
         nothing: how the format stores "no value".
-        error_px: largest rounding error of a stored value, px.
-        limit_px: largest magnitude of a stored value, px.
+        error_px: largest rounding error of a stored value.
+        limit_px: largest magnitude of a stored value.
         signed: whether values of 0 and below can be stored.
         is_image: whether readers of images return the value unchanged.
         lossless: whether `decode` returns what `encode` was given, bit for bit.
@@ -59,23 +59,15 @@ class Codec(ABC, Generic[Value]):
 
     @abstractmethod
     def encode(self, value: Value) -> bytes:
-        """Return the bytes of a file that holds the value.
-
-        Raises:
-            InputError: where the format needs a package that is not installed.
-        """
+        """Return the bytes of a file that holds the value; raises InputError where `check_installed` does."""
 
     @abstractmethod
     def decode(self, data: bytes, path: Path) -> Value:
-        """Return the value that a file holds.
-
-        Args:
-            data: the file's bytes.
-            path: the file's name, for messages.
+        """Return the value that a file's bytes hold; the path is for messages.
 
         Raises:
             ReadError: where the bytes are cut off, or are not this format.
-            InputError: where the format needs a package that is not installed.
+            InputError: where `check_installed` raises it.
         """
 
     def exceeds_limit(self, value: NDArray[np.float32]) -> NDArray[np.bool_]:
@@ -93,12 +85,9 @@ class Codec(ABC, Generic[Value]):
 def read_bytes(path: Path, most_bytes: int | None = None) -> bytes:
     """Return a file's bytes.
 
-    Args:
-        path: the file.
-        most_bytes: the most that the file may have.
-
     Raises:
-        ReadError: where the file is missing, not a regular file or too large, or where the disk refuses to read.
+        ReadError: where the file is missing, not a regular file or larger than ``most_bytes``, or where the disk
+            refuses to read.
     """
     try:
         return read_file(path, most_bytes)

@@ -20,15 +20,10 @@ MAP_EXTENSIONS = (".pfm", ".npy", ".png")
 def read_disparity_map(
     path: Path, png_steps: float = KITTI_DISPARITY.steps, *, signed: bool = False
 ) -> NDArray[np.float32]:
-    """Read a disparity map; which values mean "none" is for the caller to say.
+    """Read a PFM, NumPy array or 16-bit grey PNG, told apart by its first bytes, as (H, W) float32 px.
 
-    Args:
-        path: .pfm, .npy or 16-bit grey .png; the file's first bytes tell the format.
-        png_steps: values of a PNG per pixel of disparity.
-        signed: whether a PNG has signed disparities, 1/256 px from 32768 on.
-
-    Returns:
-        (H, W) float32, px; inf where a PNG has 0.
+    A PNG has ``png_steps`` values per pixel of disparity, or signed disparities, 1/256 px from 32768 on. Its 0 becomes
+    inf; which other values mean "none" is for the caller to say.
 
     Raises:
         ReadError: where the file has another format, or not one value per pixel.
@@ -42,10 +37,9 @@ def read_disparity_map(
 
 
 def is_disparity_map(path: Path) -> bool:
-    """Return whether a file may be a disparity map: no pipe, and no picture, which is a PNG that is not 16-bit grey.
+    """Return whether a file of `MAP_EXTENSIONS` may be a disparity map; only a PNG is opened to tell.
 
-    Args:
-        path: .pfm, .npy or .png; of others than PNG, the content is not looked at.
+    A pipe is none, nor is a picture, which is a PNG that is not 16-bit grey.
 
     Raises:
         ReadError: where the file cannot be read.

@@ -13,11 +13,7 @@ _SHARE_OF_BYTES = 0.65
 
 
 class ThreeEqual(Codec[NDArray[np.uint8]]):
-    """(H, W) uint8 grey as an RGB image whose three channels are equal; one of them is read back.
-
-    Args:
-        rgb: codec of (H, W, 3) uint8 RGB.
-    """
+    """(H, W) uint8 grey as an image of the codec ``rgb`` whose three channels are equal; one of them is read back."""
 
     def __init__(self, rgb: Codec[NDArray[np.uint8]]) -> None:
         self.rgb = rgb

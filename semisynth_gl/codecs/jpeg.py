@@ -14,11 +14,7 @@ _BEGIN, _END = b"\xff\xd8", b"\xff\xd9"
 
 
 class Jpeg(Codec[NDArray[np.uint8]]):
-    """JPEG of (H, W, 3) uint8 RGB: quality 100, colour at full size.
-
-    Args:
-        grey: take (H, W) uint8 instead.
-    """
+    """JPEG of (H, W, 3) uint8 RGB, or of (H, W) uint8 grey: quality 100, colour at full size."""
 
     name = "jpg"
     media_type = "image/jpeg"

@@ -15,12 +15,10 @@ _TOLERANT = re.compile(rb"P[Ff]\s+([0-9]{1,9})\s+([0-9]{1,9})\s+([-+0-9.eE]{1,32
 
 
 class Pfm(Codec[NDArray[np.float32]]):
-    """PFM of (H, W) or (H, W, 3) float32; inf stands for "nothing".
+    """PFM of (H, W) or (H, W, 3) float32, by the number of components; inf stands for "nothing".
 
-    Args:
-        components: 1 or 3.
-        tolerant: decode other people's PFM too: big-endian, any scale (its magnitude is ignored, as benchmarks do) and
-            any white space in the header. Otherwise the header must be the type, ``W H`` and ``-1.0``, a line each.
+    The header must be the type, ``W H`` and ``-1.0``, a line each. A tolerant codec decodes other people's PFM too:
+    big-endian, any scale (its magnitude is ignored, as benchmarks do) and any white space in the header.
     """
 
     name = "pfm"

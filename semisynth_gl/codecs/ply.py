@@ -14,12 +14,7 @@ _PROPERTIES = "".join(
 
 
 def encode_points(points: NDArray[np.floating[Any]], colours: NDArray[np.uint8]) -> bytes:
-    """Return a point cloud as a little-endian PLY.
-
-    Args:
-        points: (N, 3) positions, stored as float32.
-        colours: (N, 3) RGB.
-    """
+    """Return points, (N, 3), stored as float32, with their RGB colours, (N, 3), as a little-endian PLY."""
     values = np.empty(len(points), _POINT)
     values["position"], values["colour"] = points, colours
     head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n{_PROPERTIES}end_header\n"

@@ -31,13 +31,7 @@ _MOST_PIXELS = 178_956_970
 
 
 class Png(Codec[NDArray[Any]]):
-    """PNG of unsigned integers: (H, W) grey or (H, W, 3) RGB, uint8 or uint16.
-
-    Args:
-        dtype: np.uint8 or np.uint16.
-        components: 1 for grey, 3 for RGB.
-        pixel_bytes: see `Codec`.
-    """
+    """PNG of uint8 or uint16: (H, W) grey, of one component, or (H, W, 3) RGB, of three."""
 
     name = "png"
     media_type = "image/png"
