@@ -16,9 +16,8 @@ from semisynth_gl.layouts.roles import ROLES
 from semisynth_gl.plugins import Plugin
 from semisynth_gl.seeds.splits import SPLITS, SplitName
 
+# Roles without which no pair can be read back.
 _NEEDED = ("left", "right", "disparity_left", "provenance")
-"""Roles without which no pair can be read back."""
-
 # Pairs at which digits grow, with sequences and without, and in one split and in several.
 _INDICES = (0, 1, 9, 10, 11, 100, 999_999)
 _LENGTHS = (None, 3)
@@ -29,14 +28,11 @@ _PART = re.compile(r"(?!\.{1,2}$)[!-.0-~]+")
 
 @cache
 def checked_layout(plugin: Plugin) -> Layout:
-    """Return the layout of a plug-in.
-
-    Args:
-        plugin: of the group ``layouts``; refers to an instance of `Layout`, or to a subclass without parameters.
+    """Return the layout of a plug-in: the instance of `Layout`, or the subclass without parameters, that it refers to.
 
     Raises:
-        InputError: where it cannot be imported or is no layout, where its own code fails, or where it gives roles that
-            there are not, leaves out one that reading a pair needs, or gives two files of a dataset one path.
+        InputError: where the plug-in cannot be imported or is no layout, or where `check_layout` or the layout's own
+            code fails.
     """
     value = plugin.value
     if isinstance(value, type) and issubclass(value, Layout):
@@ -51,13 +47,11 @@ def checked_layout(plugin: Plugin) -> Layout:
 
 
 def check_layout(layout: Layout) -> None:
-    """Check what a layout says of a few pairs.
-
-    Args:
-        layout: the layout; its own code may raise anything.
+    """Check what a layout says of a few pairs; its own code may raise anything.
 
     Raises:
-        InputError: where a dataset in this layout could not be written, or not be read back.
+        InputError: where a dataset in this layout could not be written or read back: the layout names an unknown role
+            or lacks one that reading a pair needs, gives two files one path, or gives a path that not every system has.
     """
     if not isinstance(layout.packed, bool):
         raise InputError(f"packed: expected True or False, got {shown(layout.packed)}")
@@ -107,7 +101,6 @@ def _paths(layout: Layout, keys: list[Key], folder: str) -> Iterator[tuple[str, 
 
 
 def _is_known(layout: Layout, role: str) -> bool:
-    """Return whether a layout knows a role."""
     try:
         layout.role(role)
     except KeyError:

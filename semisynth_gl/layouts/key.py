@@ -16,8 +16,8 @@ class Key:
         split: the pair's split.
         index: the pair's number in the split.
         sequence_length: how many frames make a sequence in a dataset with an output of `FLOW_OUTPUTS`, whose loaders
-            take names that follow each other for successive frames; None in any other dataset, where each pair has a
-            name of its own. See `sequence_length`.
+            take names that follow each other for successive frames; None in any other dataset, where each pair has
+            another name.
         views: how many pairs show each scene, see `semisynth_gl.config.Config.views`. Loaders of sequences get one for
             each right view, of pairs that are as many apart.
     """
@@ -30,7 +30,7 @@ class Key:
 
     @property
     def sequence(self) -> int:
-        """The number of the sequence that loaders see it in; its own number where it has a name of its own."""
+        """The number of the sequence that loaders see the pair in; `index` in a dataset without such an output."""
         if self.sequence_length is None:
             return self.index
         scene, view = divmod(self.index, self.views)
@@ -38,7 +38,7 @@ class Key:
 
     @property
     def frame(self) -> int:
-        """Its number in that sequence; 0 where it has a name of its own."""
+        """The pair's number in that sequence; 0 in a dataset without such an output."""
         return 0 if self.sequence_length is None else self.index // self.views % self.sequence_length
 
     @property

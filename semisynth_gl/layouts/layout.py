@@ -12,7 +12,6 @@ from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config
 from semisynth_gl.frame.camera import EYES
 from semisynth_gl.frame.frame import CHANNELS, Colour, TruthViews
-from semisynth_gl.frame.frame import ROLES as FRAME_ROLES
 from semisynth_gl.inputs.errors import counted
 from semisynth_gl.layouts.key import Key
 from semisynth_gl.layouts.roles import ROLES, Role
@@ -36,13 +35,13 @@ class Layout(ABC):
         packed: whether the files of a shard are packed into one tar; else they stand by themselves.
         needs: outputs that the layout cannot do without.
         lacks: outputs that the layout has no files for, since none of its loaders could make sense of them.
-        encodings: its own; None where the config's section ``files`` decides.
+        encodings: the layout's own encodings; None where the config's section ``files`` decides.
         three_channels_for: names loaders that fail at grey images of one channel, so that these get three equal ones;
             "" where none does.
         right_truth_for: names loaders that read the right view's truth too; "" where none does.
         positive_for: names loaders that take disparities of 0 and below for none; "" where none does.
         replaced: names that loaders replace, or look for, in the whole path of a file.
-        most_frames: how many frames of a sequence its names can tell apart, where they count frames; None for any.
+        most_frames: how many frames of a sequence the layout's names tell apart, where they count frames; else None.
     """
 
     packed: ClassVar[bool] = False
@@ -83,11 +82,8 @@ class Layout(ABC):
         files = {}
         for name, stem in self.stems(key).items():
             role = self.role(name)
-            if role.output in self.lacks:
-                continue
-            if outputs is not None and role.output is not None and role.output not in outputs:
-                continue
-            if truth == "both" or role.eye != "right":
+            made = outputs is None or role.output is None or role.output in outputs
+            if made and role.output not in self.lacks and (truth == "both" or role.eye != "right"):
                 files[name] = f"{stem}{role.codec(encodings).suffix}"
         return files
 
@@ -106,12 +102,7 @@ class Layout(ABC):
         return ()
 
     def folder(self, split: SplitName, splits: Collection[SplitName]) -> str:
-        """Return the folder of a split below the dataset's, "" or ending in a slash.
-
-        Args:
-            split: the split.
-            splits: all splits of the dataset.
-        """
+        """Return a split's folder in a dataset of these splits, "" or ending in a slash, below the dataset's."""
         return "" if len(splits) == 1 else f"{split}/"
 
     def advice(self, pairs: int, config: Config, split: SplitName) -> list[str]:
@@ -133,11 +124,7 @@ class Layout(ABC):
         return sentences
 
     def place_advice(self, root: str) -> list[str]:
-        """Return sentences on what will keep loaders of this layout from reading a dataset in a folder.
-
-        Args:
-            root: the folder's path.
-        """
+        """Return sentences on what will keep loaders of this layout from reading a dataset in the folder ``root``."""
         return [
             f"Loaders of this layout replace {name!r} wherever it stands in the path of a file, and {root} has it: "
             "choose another folder for `out`, or move this one before training."
@@ -150,12 +137,7 @@ class Layout(ABC):
         return self.encodings_of(config.encodings, config.camera.colour)
 
     def encodings_of(self, chosen: Encodings, colour: Colour) -> Encodings:
-        """Return the encodings that images of a colour and their truth have in this layout.
-
-        Args:
-            chosen: what a config's section ``files`` says, for its disparities.
-            colour: the config's ``camera.colour``.
-        """
+        """Return the encodings in this layout where a config has ``chosen`` these, for images of its colour."""
         encodings = chosen if self.encodings is None else self.own_encodings(signed=chosen.signed)
         return encodings if colour == "rgb" else encodings.in_grey(three=bool(self.three_channels_for))
 
@@ -169,7 +151,7 @@ def view_stems(names: Mapping[str, str], default: str) -> dict[str, str]:
 
     Args:
         names: stems by channel, with ``{n}`` for 0 (left) or 1 (right), ``{view}`` for the view's name and ``{L}`` for
-            the first letter of that, as a capital.
+            the name's first letter, as a capital.
         default: the stem of a channel that ``names`` lacks, with ``{channel}`` too.
     """
     return {
@@ -184,16 +166,11 @@ def view_stems(names: Mapping[str, str], default: str) -> dict[str, str]:
 def scene_stems(names: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
     """Return the names of a frame's arrays in layouts that call the left view 0 and the right one 1.
 
-    Args:
-        names: the layout's names by channel, over Middlebury's; see `view_stems`.
-
-    Returns:
-        Those of the pair's own moment, and those that compare it with another one, view by view.
+    The first mapping has the arrays of the pair's moment, the second one those that compare it with another moment,
+    view by view. ``names`` go over Middlebury's, see `view_stems`.
     """
     stems = view_stems({**_SCENE_NAMES, **names}, "{channel}{n}")
-    flow = [
-        role for eye in EYES for role, (view, channel) in FRAME_ROLES.items() if view == eye and channel.moment != "now"
-    ]
+    flow = [channel.role(eye) for eye in EYES for channel in CHANNELS.values() if channel.moment != "now"]
     return {role: stem for role, stem in stems.items() if role not in flow}, {role: stems[role] for role in flow}
 
 
@@ -205,9 +182,5 @@ SHORT_SPLITS: Mapping[SplitName, str] = {"train": "train", "validation": "val", 
 
 
 def pair_lines(pairs: Iterable[Mapping[str, str]]) -> bytes:
-    """Write a list as loaders read it: left image, right image and left disparity of a pair, a line each.
-
-    Args:
-        pairs: paths by role, without blanks.
-    """
+    """Write a list as loaders read it, from paths by role: left image, right image, left disparity, a line a pair."""
     return "".join(f"{files['left']} {files['right']} {files['disparity_left']}\n" for files in pairs).encode()

@@ -1,6 +1,6 @@
 """The roles of files: what a file of a pair holds, how it is encoded, and with which outputs there is one.
 
-A role is the name of an array of a frame (see `semisynth_gl.frame.frame.ROLES`), or one of those in the table below.
+A role is the name of an array of a frame (see `semisynth_gl.frame.frame.ROLES`), or another name in `ROLES` below.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -27,13 +27,9 @@ _STOPS: Mapping[str, int] = {"right_under": -1, "right_over": 1}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sample:
-    """A pair on its way into files.
+    """A pair on its way into files; values of its frame that the codecs cannot store are invalid already.
 
-    Attributes:
-        key: which pair.
-        frame: images and truth; values that the codecs cannot store are invalid already.
-        provenance: what made the pair, in JSON's types.
-        ndisp: an upper bound of its disparities, whole pixels.
+    Its provenance says in JSON's types what made the pair, and ``ndisp`` bounds its disparities, in whole pixels.
     """
 
     key: Key
@@ -49,7 +45,7 @@ class Role:
     Attributes:
         meaning: the content in a few words.
         codec: from a dataset's encodings to the file's codec.
-        value: from a sample to the value that the codec encodes; None where the sample has none.
+        value: from a sample to the value that the codec encodes; None where the sample has no such value.
         output: the output without which there is no such file; None for a file that every pair has.
         eye: the view whose truth the file holds; None for images and for files about the pair.
         unwrap: from a decoded value, and the file's path for messages, to what a reader of the pair gets.
@@ -75,22 +71,13 @@ def not_occluded_role(channel: Channel[Any], eye: Eye) -> str:
 def mask_from_not_occluded(
     truth: NDArray[np.float32], not_occluded: NDArray[np.float32], channel: Channel[Any], eye: Eye, path: Path
 ) -> NDArray[np.uint8]:
-    """Work out the mask of a disparity or flow from all of it, and from that of the points that the mask calls visible.
+    """Work out the mask of a disparity or flow, (H, W) uint8, from its values at all points and at the visible ones.
 
-    A hidden point is outside the other image or occluded, see `restore_outside`.
-
-    Args:
-        truth: (H, W) float32 px, or (H, W, 2) for flow; inf where unknown.
-        not_occluded: likewise.
-        channel: the channel of the truth.
-        eye: whose they are.
-        path: of the pair, for messages.
-
-    Returns:
-        (H, W) uint8, the values of `semisynth_gl.frame.frame`.
+    A hidden point is outside the other image or occluded, see `restore_outside`. ``truth`` and ``not_occluded`` are
+    (H, W) float32 px, or (H, W, 2) for flow, and inf where unknown; the path is for messages.
 
     Raises:
-        ReadError: where the sizes differ, or a value of the latter is not the former's.
+        ReadError: where the sizes differ, or a value of ``not_occluded`` is not the one in ``truth``.
     """
     roles = not_occluded_role(channel, eye), channel.role(eye)
     if truth.shape != not_occluded.shape:
@@ -106,15 +93,10 @@ def mask_from_not_occluded(
 
 
 def stored_mask(mask: NDArray[np.uint8], truth: NDArray[np.float32], channel: Channel[Any]) -> NDArray[np.uint8]:
-    """Return a mask as files have it, where points outside the other image are occluded too, as in Middlebury's.
+    """Return a mask, (H, W) uint8, as files have it: points outside the other image are occluded, as in Middlebury's.
 
-    Args:
-        mask: (H, W) uint8, the values of `semisynth_gl.frame.frame`.
-        truth: (H, W) float32 px, or (H, W, 2) for flow: what the mask is of; inf where unknown.
-        channel: the channel of the truth.
-
-    Returns:
-        (H, W) uint8: 255 where the point is seen, 128 where it is not, 0 where nothing is known.
+    It is 255 where the point is seen, 128 where it is not, and 0 where nothing is known. ``truth`` is what the mask is
+    of, (H, W) float32 px or (H, W, 2) for flow, inf where unknown.
     """
     # A mask has OUTSIDE = 0 and values from OCCLUDED on.
     stored = _is_known(truth, channel).view(np.uint8)
@@ -125,20 +107,11 @@ def stored_mask(mask: NDArray[np.uint8], truth: NDArray[np.float32], channel: Ch
 def restore_outside(
     mask: NDArray[np.uint8], truth: NDArray[np.float32], channel: Channel[Any], eye: Eye
 ) -> NDArray[np.uint8]:
-    """Return a mask from a file with the values of `semisynth_gl.frame`: an occluded point may be outside in truth.
+    """Return a mask of `stored_mask` with the values of `semisynth_gl.frame`: an occluded point may lie outside.
 
-    It is outside where its position in the other image is. The renderer decides so too, in float32; a disparity that
-    its codec has rounded may fall on the other side of the image's border. Where a file has 0
-    though there is truth, 0 stays.
-
-    Args:
-        mask: (H, W) uint8, as `stored_mask` returns it.
-        truth: (H, W) float32 px, or (H, W, 2) for flow; inf where unknown.
-        channel: the channel of the truth.
-        eye: whose they are.
-
-    Returns:
-        (H, W) uint8.
+    It does where its position in the other image is. The renderer decides so too, in float32; a disparity that
+    its codec has rounded may fall on the other side of the image's border. Where a file has 0 though there is truth,
+    0 stays. ``truth`` is (H, W) float32 px, or (H, W, 2) for flow, and inf where unknown.
     """
     height, width = mask.shape
     # Where there is no truth, nothing is said of the point's position: NaN lies on no side of a border.
@@ -155,9 +128,7 @@ def restore_outside(
 def number_objects(instances: NDArray[np.uint16], table: Sequence[Mapping[str, Any]]) -> NDArray[np.uint8]:
     """Return KITTI's map of objects: 0 for nothing and for walls and the like, else the instance's id, cut to 8 bits.
 
-    Args:
-        instances: (H, W) uint16 ids.
-        table: the provenance's table of instances; row k describes id k + 1.
+    ``instances`` are (H, W) ids, and row k of the provenance's table describes id k + 1.
     """
     ids = np.arange(len(table) + 1)
     objects = 1 + (ids - 1) % _LARGEST_OBJECT
@@ -250,20 +221,14 @@ def _exposed_right(stops: int) -> Role:
     return Role(meaning, lambda encodings: encodings.png, lambda sample: expose(sample.frame.right.image, stops))
 
 
+_MASKED = [
+    (eye, channel, CHANNELS[channel.mask]) for channel in CHANNELS.values() if channel.mask is not None for eye in EYES
+]
+
 ROLES: Mapping[str, Role] = {
     **{role: _channel_role(eye, channel) for role, (eye, channel) in FRAME_ROLES.items()},
-    **{
-        CHANNELS[channel.mask].role(eye): _mask_role(eye, CHANNELS[channel.mask], channel)
-        for channel in CHANNELS.values()
-        if channel.mask is not None
-        for eye in EYES
-    },
-    **{
-        not_occluded_role(channel, eye): _not_occluded(eye, channel, CHANNELS[channel.mask])
-        for channel in CHANNELS.values()
-        if channel.mask is not None
-        for eye in EYES
-    },
+    **{mask.role(eye): _mask_role(eye, mask, channel) for eye, channel, mask in _MASKED},
+    **{not_occluded_role(channel, eye): _not_occluded(eye, channel, mask) for eye, channel, mask in _MASKED},
     **{f"disparity_y_{eye}": _vertical(eye) for eye in EYES},
     **{name: _exposed_right(stops) for name, stops in _STOPS.items()},
     "objects": _fixed("8-bit: 1 to 255 for objects, 0 for all else; of the left view", GREY8, _objects, "instances"),
