@@ -1,8 +1,9 @@
 """What a dataset consists of: its pairs, their shards, and the names of all files of pairs."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config
@@ -12,6 +13,8 @@ from semisynth_gl.frame.camera import EYES
 from semisynth_gl.layouts import Key, Layout, find_layout
 from semisynth_gl.layouts.key import sequence_length
 from semisynth_gl.seeds.splits import SPLITS, SplitName
+
+_Value = TypeVar("_Value")
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,10 +86,21 @@ class Contents:
         """Return the path of each file of a pair by role: below the dataset's folder, or inside a tar."""
         config, layout = self.config, self.layout
         files = layout.files(self.key(split, index), self.encodings, config.outputs, config.truth)
-        if layout.packed:
-            return files
-        folder = self.folder(split)
+        folder = "" if layout.packed else self.folder(split)
         return {role: f"{folder}{path}" for role, path in files.items()}
+
+    def lists(self, keys: Sequence[Key]) -> dict[str, bytes]:
+        """Return the layout's lists about pairs of one split, by path below the dataset's folder."""
+        return self._below_folder(keys[0].split, self.layout.lists(keys, self.encodings))
+
+    def links(self, keys: Sequence[Key]) -> dict[str, str]:
+        """Return the layout's links for pairs of one split: path below the dataset's folder, and relative target."""
+        return self._below_folder(keys[0].split, self.layout.links(keys))
+
+    @property
+    def folders(self) -> list[str]:
+        """The folders below the dataset's that loaders list though they may be empty."""
+        return [f"{self.folder(split)}{path}" for split in self.splits for path in self.layout.folders()]
 
     def images_folder(self) -> str:
         """Return the folder below the dataset's that holds all images, or all tars where shards are packed."""
@@ -112,3 +126,7 @@ class Contents:
             Shard(position, shard_name(self.config.name, split, number), split, first, end)
             for position, (split, number, first, end) in enumerate(ranges)
         ]
+
+    def _below_folder(self, split: SplitName, by_path: Mapping[str, _Value]) -> dict[str, _Value]:
+        folder = self.folder(split)
+        return {f"{folder}{path}": value for path, value in by_path.items()}

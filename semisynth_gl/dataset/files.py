@@ -5,7 +5,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from itertools import islice
-from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
 from semisynth_gl.codecs.json_object import JSON_OBJECT
@@ -13,30 +12,18 @@ from semisynth_gl.dataset.begun import complete_record, plan_of, read_beginning,
 from semisynth_gl.dataset.contents import Shard
 from semisynth_gl.dataset.documents import IndexDocument, PlanDocument
 from semisynth_gl.dataset.locks import lock, open_locked
-from semisynth_gl.dataset.places import Place, entries_below
-from semisynth_gl.dataset.plan import Plan, differences
-from semisynth_gl.dataset.schema import (
-    INDEX,
-    JOURNAL_SUFFIX,
-    LOCK,
-    PARTIAL,
-    PLAN,
-    PROGRAM,
-    REPLACED,
-    UNLOCKED,
-    is_unfinished_file,
-    unfinished_path,
-)
-from semisynth_gl.dataset.whole import (
+from semisynth_gl.dataset.own import (
     check_ways,
-    folders_of,
-    links_of,
-    lists_of,
-    lost_files,
-    own_folders,
-    own_names,
-    plan_document,
+    foreign_names,
+    own_files,
+    remove_dataset,
+    remove_folders,
+    remove_unfinished,
 )
+from semisynth_gl.dataset.places import Place
+from semisynth_gl.dataset.plan import Plan, differences
+from semisynth_gl.dataset.schema import INDEX, JOURNAL_SUFFIX, LOCK, PLAN, PROGRAM, is_unfinished_file
+from semisynth_gl.dataset.whole import links_of, lists_of, lost_files, plan_document
 from semisynth_gl.inputs.errors import InputError, abbreviate
 from semisynth_gl.seeds.splits import SplitName
 
@@ -73,7 +60,7 @@ class DatasetFiles:
         self._beginning = read_beginning(place)
         if self._beginning is None:
             # Another run may have begun the dataset since the line above: `open` resumes it.
-            names = _foreign_names(place)
+            names = foreign_names(place)
             if names and read_beginning(place) is None:
                 advice = "`overwrite` replaces only what this program wrote. " if overwrite else ""
                 raise InputError(
@@ -81,7 +68,7 @@ class DatasetFiles:
                     f"this program. {advice}Choose another for `out`"
                 )
         elif overwrite:
-            self._own_files(plan_of(self._beginning))
+            own_files(place, plan_of(self._beginning))
         else:
             self._check_same(self._beginning)
         self.begun = self._beginning is not None
@@ -93,21 +80,14 @@ class DatasetFiles:
             check_ways(place, plan)
 
     def replaces(self, sources: Mapping[SplitName, Mapping[str, str]]) -> bool:
-        """Return whether `open` will delete an earlier dataset.
-
-        Args:
-            sources: digests of patches and models, by split.
-        """
+        """Return whether `open` will delete an earlier dataset, with the digests of patches and models by split."""
         if not self._overwrite or self._beginning is None:
             return False
         # What a run that overwrites began before it was killed is no earlier dataset: it goes on there.
         return self._place.size(INDEX) is not None or read_object(self._place, PLAN) != self._values(sources)
 
     def open(self, sources: Mapping[SplitName, Mapping[str, str]]) -> None:
-        """Begin the dataset, or resume it.
-
-        Args:
-            sources: digests of patches and models, by split.
+        """Begin the dataset, or resume it, with the digests of patches and models by split.
 
         Raises:
             InputError: where the place cannot be written to, the dataset was begun with other sources, or another run
@@ -118,7 +98,7 @@ class DatasetFiles:
             self._take_lock(alone=replaces)
             self._beginning = read_beginning(place)
             if replaces and self._beginning is not None:
-                self._remove(self._beginning)
+                remove_dataset(place, self._beginning)
                 self._beginning = None
             elif self._beginning is not None:
                 self._check_same(self._beginning)
@@ -146,12 +126,7 @@ class DatasetFiles:
             raise InputError(f"{place.address}: the folder cannot be written to: {error.strerror or error}") from None
 
     def missing(self, shards: Iterable[Shard], *, quick: bool = False) -> list[Shard]:
-        """Return the incomplete shards, which have no record or have files of another size than the record's.
-
-        Args:
-            shards: the shards to look at.
-            quick: stop at the first incomplete shard.
-        """
+        """Return the shards without a record or with files of another size than it says; if quick, the first alone."""
         read_record = partial(complete_record, self._place)
         if self._place.local is not None or quick:
             missing = (shard for shard in shards if read_record(shard) is None)
@@ -162,47 +137,42 @@ class DatasetFiles:
             return [shard for shard, record in zip(shards, pool.map(read_record, shards), strict=True) if not record]
 
     def finish(self, index: IndexDocument, files: Mapping[str, bytes]) -> None:
-        """Write the files about the whole dataset, last of all the index, which says that the dataset is complete.
+        """Write the files about the whole dataset: last of all the index, which says that the dataset is complete.
 
-        Args:
-            index: the index.
-            files: the contents of the card and the Croissant file, by path.
-
-        Raises:
-            OSError: where the disk refuses.
+        ``files`` are the contents of the card and the Croissant file by path.
         """
         for name, data in (lists_of(self._plan) | dict(files)).items():
             self._place.write(name, data)
-        for name in folders_of(self._plan):
+        for name in self._plan.folders:
             self._place.make_folder(name)
         for name, target in links_of(self._plan).items():
             self._place.link(name, target)
         self._place.write(INDEX, JSON_OBJECT.encode(index.values))
         if self._is_alone():
-            self._remove_unfinished()
+            remove_unfinished(self._place)
 
     def close(self) -> None:
         """Unlock the dataset, and remove a folder that this run created and that holds no pair."""
-        local = self._place.local
-        if self._created and local is not None and self._is_alone():
+        place = self._place
+        if self._created and place.local is not None and self._is_alone():
             with suppress(OSError):
-                names = self._place.names()
-                begun = any(self._place.size(name) for name in names if name.endswith(JOURNAL_SUFFIX))
+                names = place.names()
+                begun = any(place.size(name) for name in names if name.endswith(JOURNAL_SUFFIX))
                 if not begun and all(name == PLAN or is_unfinished_file(name) for name in names):
-                    self._remove_unfinished()
-                    self._place.remove(PLAN)
-                    self._remove_folders(self._plan)
-                    local.rmdir()
+                    remove_unfinished(place)
+                    place.remove(PLAN)
+                    remove_folders(place, self._plan)
+                    place.local.rmdir()
         if self._lock is not None:
             self._lock.close()
             self._lock = None
 
     def _check_same(self, beginning: PlanDocument) -> None:
         """Raise InputError where the dataset was begun with another plan; it may have been smaller."""
-        values, began = self._plan.values(), beginning.version
+        address, values, began = self._place.address, self._plan.values(), beginning.version
         if began != values["version"]:
             raise InputError(
-                f"{self._place.address}: holds a dataset that was begun with another version, whose pairs may differ: "
+                f"{address}: holds a dataset that was begun with another version, whose pairs may differ: "
                 f"version ({began} there, {values['version']} now). Go on with {PROGRAM} {began}, choose another "
                 "folder for `out`, or give `overwrite` to replace it. A finished dataset can be read as it is"
             )
@@ -214,14 +184,14 @@ class DatasetFiles:
             changed += differences({"pairs": pairs}, {"pairs": values["pairs"]})
         if changed:
             raise InputError(
-                f"{self._place.address}: holds a dataset that was begun with other values: {abbreviate(changed)}. Give "
+                f"{address}: holds a dataset that was begun with other values: {abbreviate(changed)}. Give "
                 "the same to go on with it, choose another folder for `out`, or give `overwrite` to replace it"
             )
-        fewer = [f"{name} ({pairs[name]} there, {count} now)" for name, count in self._plan.pairs.items()
-                 if count < pairs[name]]  # fmt: skip
+        counts = [(name, pairs[name], count) for name, count in self._plan.pairs.items()]
+        fewer = [f"{name} ({there} there, {now} now)" for name, there, now in counts if now < there]
         if fewer:
             raise InputError(
-                f"{self._place.address}: holds a dataset of more pairs: {abbreviate(fewer)}. Ask for as many or more "
+                f"{address}: holds a dataset of more pairs: {abbreviate(fewer)}. Ask for as many or more "
                 "to go on with it, choose another folder for `out`, or give `overwrite` to replace it"
             )
 
@@ -229,74 +199,15 @@ class DatasetFiles:
         """Return the plan and what it is made from, in JSON's types."""
         return self._plan.values() | {"sources": {split: dict(digests) for split, digests in sources.items()}}
 
-    def _own_files(self, plan: Plan) -> list[str]:
-        """Return the names of the files there; raise InputError where one is not a dataset's, or unfinished."""
-        files = self._place.names()
-        foreign = {name for name in files if not is_unfinished_file(name)}
-        for name in own_names(plan):
-            # A dataset that was hardly begun need not be gone through to its end.
-            if not foreign:
-                break
-            foreign.discard(name)
-        if foreign:
-            raise InputError(
-                f"{self._place.address}: `overwrite` replaces only what this program wrote, but the folder holds "
-                f"{abbreviate(sorted(foreign), 3)}. Choose another folder for `out`, or remove these yourself"
-            )
-        return files
-
-    def _remove(self, beginning: PlanDocument) -> None:
-        """Remove an earlier dataset but for its plan: a run that is ended in between leaves what overwriting knows.
-
-        The plan says so first. Else a run with an equal plan would take the rest for its own work.
-        """
-        place, plan = self._place, plan_of(beginning)
-        names = self._own_files(plan)
-        place.write(PLAN, JSON_OBJECT.encode(plan_document(plan, beginning.values) | {REPLACED: True}))
-        for name in (INDEX, *names):
-            if name not in (PLAN, LOCK):
-                place.remove(name)
-        # Of all files that there may have been: an earlier run may have removed them, and not their folders.
-        self._remove_folders(plan)
-        if place.local is not None:
-            self._remove_partial_folders(place.local)
-
-    def _remove_folders(self, plan: Plan) -> None:
-        """Remove the folders of a dataset's files in which nothing is left."""
-        there = {folder for folder in self._place.folders() if folder.partition("/")[0] != PARTIAL}
-        own: set[str] = set()
-        for folder in own_folders(plan):
-            if own == there:
-                break
-            own.update({folder, *map(str, PurePosixPath(folder).parents)} & there)
-        self._place.remove_empty(own)
-
-    def _remove_unfinished(self) -> None:
-        """Remove the unfinished files that this program left, the lock last; files of others stay."""
-        local = self._place.local
-        if local is None:
-            return
-        with suppress(OSError):
-            for name in filter(is_unfinished_file, self._place.names(PARTIAL)):
-                if name != LOCK:
-                    self._place.remove(name)
-            self._place.remove(LOCK)
-            self._remove_partial_folders(local)
-
-    def _remove_partial_folders(self, local: Path) -> None:
-        unlocked = (path.name for path in (local / PARTIAL).glob(f"{UNLOCKED}*"))
-        self._place.remove_empty([PARTIAL, *(f"{PARTIAL}/{name}" for name in unlocked)])
-
     def _take_lock(self, *, alone: bool) -> None:
         """Lock the dataset: exclusively where this run begins or replaces it, else beside other runs.
 
         Of two runs that begin a dataset at once, one waits until the other has written the plan.
         """
         place = self._place
-        if place.local is None:
-            return
-        path = place.own_path(LOCK, in_place=True)
-        self._lock = open_locked(path, lambda: not alone and read_beginning(place) is not None, patient=not alone)
+        if place.local is not None:
+            path = place.own_path(LOCK, in_place=True)
+            self._lock = open_locked(path, lambda: not alone and read_beginning(place) is not None, patient=not alone)
 
     def _is_alone(self) -> bool:
         """Return whether it is known that no other run works on the dataset; if so, no other run will until `close`."""
@@ -306,24 +217,3 @@ class DatasetFiles:
             return lock(self._lock.fileno(), shared=False)
         except BlockingIOError:
             return False
-
-
-def _foreign_names(place: Place) -> list[str]:
-    """Return the names in a place that has no plan, without those that a run leaves that is killed before its plan."""
-    if place.local is None:
-        return sorted({name.partition("/")[0] for name in place.names()})
-    root = place.local
-    if not root.is_dir():
-        return []
-    plan = unfinished_path(PLAN, 0).removesuffix("0")
-    foreign = []
-    for top in sorted(root.iterdir()):
-        if top.is_symlink() or not top.is_dir():
-            foreign.append(top.name)
-        elif top.name == PARTIAL:
-            names = place.names(PARTIAL)
-            ours = (name for name in names if (name == LOCK and not place.size(name)) or name.startswith(plan))
-            foreign += sorted(set(names) - {name for name in ours if is_unfinished_file(name)})
-        elif next(entries_below(top), None) is not None:
-            foreign.append(top.name)
-    return foreign

@@ -149,16 +149,16 @@ def _free_layouts() -> list[str]:
 
 def _check_names(plan: Plan) -> None:
     """Raise InputError where the layout names a file as every dataset's own files are named."""
-    for split in plan.splits:
-        keys, folder = [plan.key(split, 0)], plan.folder(split)
-        lists = plan.layout.lists(keys, plan.encodings)
-        names = [f"{folder}{path}" for path in (*lists, *plan.layout.links(keys), *plan.layout.folders())]
-        for name in names if plan.layout.packed else (*names, *plan.files(split, 0).values()):
-            if name.partition("/")[0] in _OF_EVERY_DATASET:
-                raise InputError(
-                    f"the layout {plan.layout_name} gives a file the name {name}: expected none in "
-                    f"{', '.join(_OF_EVERY_DATASET)}, which every dataset has"
-                )
+    first = [[plan.key(split, 0)] for split in plan.splits]
+    names = [name for keys in first for name in (*plan.lists(keys), *plan.links(keys))] + plan.folders
+    if not plan.layout.packed:
+        names += [name for split in plan.splits for name in plan.files(split, 0).values()]
+    for name in names:
+        if name.partition("/")[0] in _OF_EVERY_DATASET:
+            raise InputError(
+                f"the layout {plan.layout_name} gives a file the name {name}: expected none in "
+                f"{', '.join(_OF_EVERY_DATASET)}, which every dataset has"
+            )
 
 
 def _shard_pairs(config: Config, layout: Layout, pairs: int) -> int:
