@@ -15,10 +15,6 @@ from semisynth_gl.textures.reach import photograph_sources, reaching_source
 def check_apart(place: Place, plan: Plan) -> None:
     """Refuse a dataset's folder that lies where its photographs or models are sought, or that holds some of them.
 
-    Args:
-        place: the dataset's root.
-        plan: the dataset's plan.
-
     Raises:
         InputError: with both paths.
     """

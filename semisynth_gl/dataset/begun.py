@@ -63,7 +63,7 @@ def read_resumed(place: Place) -> PlanDocument | None:
 def complete_record(place: Place, shard: Shard) -> RecordDocument | None:
     """Return a shard's record, or None where the shard must be made again.
 
-    That is where the record is missing, cut off, or not this shard's, and where a file is missing or has another size.
+    It must be where the record is missing, cut off or another shard's, or a file is missing or has another size.
 
     Raises:
         ReadError: where a link, a folder or the like stands in the place of a file.
@@ -90,14 +90,12 @@ def plan_of(document: PlanDocument) -> Plan:
     except ValidationError as error:
         raise InputError(f"the dataset's plan is not this version's: {str(error).splitlines()[0]}") from None
     contents = document.contents
-    return Plan(
-        config, contents.layout_name, contents.pairs, contents.shard_pairs, config.views, document.seed,
-        document.plugin_records,
-    )  # fmt: skip
+    described = config, contents.layout_name, contents.pairs, contents.shard_pairs, config.views
+    return Plan(*described, document.seed, document.plugin_records)
 
 
 def read_object(place: Place, name: str) -> dict[str, Any] | None:
-    """Return the object in a JSON file; None where the file is missing, cut off or none."""
+    """Return the object in a JSON file; None where the file is missing, cut off or something else."""
     try:
         data = place.read(name)
     except (FileNotFoundError, NotADirectoryError):

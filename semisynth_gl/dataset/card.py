@@ -41,14 +41,7 @@ _MAIN_ROLE = "left"
 
 
 def encode_card(index: IndexDocument) -> bytes:
-    """Encode a dataset's README.md from its index.
-
-    Args:
-        index: as `semisynth_gl.dataset.index.describe_dataset` returns it.
-
-    Returns:
-        YAML between two lines of dashes, and Markdown.
-    """
+    """Encode a dataset's README.md from its index: YAML between two lines of dashes, and Markdown."""
     plan = plan_of(index)
     environment = template_environment()
     environment.filters |= {"bytes": _bytes, "counted": counted, "one_line": _one_line, "plain": _escaped}

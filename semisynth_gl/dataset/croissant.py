@@ -59,12 +59,6 @@ def encode_croissant(index: IndexDocument) -> bytes:
     """Encode a dataset's croissant.json from its index.
 
     The index does not know the publisher, the date, the address and the citation of the dataset: they are left out.
-
-    Args:
-        index: as `semisynth_gl.dataset.index.describe_dataset` returns it.
-
-    Returns:
-        JSON-LD, readable, with a line break at the end.
     """
     plan = plan_of(index)
     tars = [shard for shard in index.shards if shard.tar is not None]

@@ -52,7 +52,7 @@ _Bytes = Annotated[int, Field(ge=0, le=_MOST_BYTES, strict=True)]
 _Pairs = Annotated[int, Field(ge=1, le=MOST_PAIRS)]
 _Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$", strict=True)]
 _FileName = Annotated[str, AfterValidator(_check_below)]
-# Names of files may have bytes that are no UTF-8, which pydantic's own strings refuse.
+# Names of files may have bytes that are not UTF-8, which pydantic's strings refuse.
 _Text = InstanceOf[str]
 
 
@@ -219,12 +219,7 @@ class RecordDocument(ShardEntry):
 
 
 def parse_document(values: Mapping[str, Any], model: type[_Document], path: Path) -> _Document:
-    """Check the values of a document, and return them typed.
-
-    Args:
-        values: in JSON's types.
-        model: the kind of document.
-        path: the document's file, for messages.
+    """Check the values of a document, in JSON's types, and return them typed; the path is for messages.
 
     Raises:
         NewerFormatError: where a newer program wrote it.
@@ -263,13 +258,9 @@ def parse_index(values: Mapping[str, Any], path: Path) -> IndexDocument:
 
 
 def parse_record(values: Mapping[str, Any], shard: Shard, path: Path, *, packed: bool) -> RecordDocument:
-    """Parse the record of a shard: its pairs are the shard's, and the members of a tar stand where its record says.
+    """Parse the record of a shard, in JSON's types; the path is for messages.
 
-    Args:
-        values: in JSON's types.
-        shard: the shard.
-        path: the record's file, for messages.
-        packed: whether the layout packs shards into tars.
+    Its pairs must be the shard's. In a packed shard, the files must stand in the tar where their sizes put them.
 
     Raises:
         ReadError: see `parse_document`.
@@ -278,10 +269,8 @@ def parse_record(values: Mapping[str, Any], shard: Shard, path: Path, *, packed:
     _check_shard(record, shard, "", path)
     expected, came = list(range(shard.first, shard.end)), [sample.pair for sample in record.samples]
     if came != expected:
-        raise ReadError(
-            path, f"samples: expected the pairs {shard.first} to {shard.end - 1}, its record lists "
-            f"{counted(len(came), 'pair')} ({shown(came)})"
-        )  # fmt: skip
+        pairs = f"{counted(len(came), 'pair')} ({shown(came)})"
+        raise ReadError(path, f"samples: expected the pairs {shard.first} to {shard.end - 1}, its record lists {pairs}")
     if not packed:
         return record
     if record.tar != tar_path(shard.name):

@@ -19,10 +19,8 @@ class FileSet:
     """The files of a role and a split.
 
     Attributes:
-        split: the split.
-        role: the role; see `semisynth_gl.layouts.roles`.
+        role: see `semisynth_gl.layouts.roles`.
         pattern: a glob of the paths, below the dataset's folder or inside a tar; the stars stand for the pair.
-        codec: of the files.
         meaning: the content of a file in a few words.
     """
 

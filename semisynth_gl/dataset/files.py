@@ -20,7 +20,7 @@ from semisynth_gl.dataset.own import (
     remove_folders,
     remove_unfinished,
 )
-from semisynth_gl.dataset.places import Place
+from semisynth_gl.dataset.places import Folder, Place
 from semisynth_gl.dataset.plan import Plan, differences
 from semisynth_gl.dataset.schema import INDEX, JOURNAL_SUFFIX, LOCK, PLAN, PROGRAM, is_unfinished_file
 from semisynth_gl.dataset.whole import links_of, lists_of, lost_files, plan_document
@@ -141,20 +141,22 @@ class DatasetFiles:
 
         ``files`` are the contents of the card and the Croissant file by path.
         """
+        place = self._place
         for name, data in (lists_of(self._plan) | dict(files)).items():
-            self._place.write(name, data)
-        for name in self._plan.folders:
-            self._place.make_folder(name)
-        for name, target in links_of(self._plan).items():
-            self._place.link(name, target)
-        self._place.write(INDEX, JSON_OBJECT.encode(index.values))
-        if self._is_alone():
-            remove_unfinished(self._place)
+            place.write(name, data)
+        if isinstance(place, Folder):
+            for name in self._plan.folders:
+                place.make_folder(name)
+            for name, target in links_of(self._plan).items():
+                place.link(name, target)
+        place.write(INDEX, JSON_OBJECT.encode(index.values))
+        if isinstance(place, Folder) and self._is_alone():
+            remove_unfinished(place)
 
     def close(self) -> None:
         """Unlock the dataset, and remove a folder that this run created and that holds no pair."""
         place = self._place
-        if self._created and place.local is not None and self._is_alone():
+        if self._created and isinstance(place, Folder) and self._is_alone():
             with suppress(OSError):
                 names = place.names()
                 begun = any(place.size(name) for name in names if name.endswith(JOURNAL_SUFFIX))
@@ -205,7 +207,7 @@ class DatasetFiles:
         Of two runs that begin a dataset at once, one waits until the other has written the plan.
         """
         place = self._place
-        if place.local is not None:
+        if isinstance(place, Folder):
             path = place.own_path(LOCK, in_place=True)
             self._lock = open_locked(path, lambda: not alone and read_beginning(place) is not None, patient=not alone)
 

@@ -24,13 +24,7 @@ _OWN_LICENCE = "MIT"
 def describe_dataset(
     plan: Plan, sources: Mapping[SplitName, Sources], records: Sequence[RecordDocument]
 ) -> IndexDocument:
-    """Return a dataset's index.
-
-    Args:
-        plan: the plan of the dataset.
-        sources: patches and models of each split.
-        records: the records of all shards, by number.
-    """
+    """Return a dataset's index, from the patches and models of each split and the records of all shards by number."""
     values = plan.values() | {
         "sources": {split: split_sources.digests() for split, split_sources in sources.items()},
         "renderers": sorted({renderer for record in records for renderer in record.renderers}),

@@ -13,10 +13,7 @@ _PATIENCE_S = 30.0
 
 
 def lock(descriptor: int, *, shared: bool) -> bool:
-    """Lock an open file, or go without where the file system has no locks.
-
-    Returns:
-        Whether the file is locked; False where the file system has no locks, as some network file systems.
+    """Lock an open file, and return whether it is locked: some network file systems have no locks.
 
     Raises:
         BlockingIOError: where another process holds the lock.
@@ -31,15 +28,10 @@ def lock(descriptor: int, *, shared: bool) -> bool:
 
 
 def open_locked(path: Path, shared: Callable[[], bool], *, patient: bool) -> BinaryIO:
-    """Open and lock a file, which other runs may remove when they end; see `lock` on file systems without locks.
+    """Open and lock a file, which other runs may remove when they end; close it to unlock it.
 
-    Args:
-        path: the file; a missing file is created, and its folder too.
-        shared: returns whether to lock beside other runs; called before each try.
-        patient: whether to wait up to half a minute for another run's unlocking.
-
-    Returns:
-        The file; close it to unlock it.
+    A missing file is created, and its folder too. ``shared`` is asked before each try whether to lock beside other
+    runs. A patient run waits up to half a minute for another run's unlocking. See `lock` on file systems without locks.
 
     Raises:
         BlockingIOError: where another run holds the lock.

@@ -13,7 +13,7 @@ from pathlib import PurePosixPath
 from semisynth_gl.codecs.json_object import JSON_OBJECT
 from semisynth_gl.dataset.begun import plan_of
 from semisynth_gl.dataset.documents import PlanDocument
-from semisynth_gl.dataset.places import Place, entries_below
+from semisynth_gl.dataset.places import Folder, Place, entries_below
 from semisynth_gl.dataset.plan import Plan
 from semisynth_gl.dataset.schema import (
     CARD,
@@ -58,7 +58,7 @@ def check_ways(place: Place, plan: Plan) -> None:
     Raises:
         InputError: with the link, or what else stands where the dataset has a folder.
     """
-    if place.local is None:
+    if not isinstance(place, Folder):
         return
     place.own_path(LOCK, in_place=True)
     names = [PLAN, *(f"{name}/*" for name in plan.folders)]
@@ -78,7 +78,7 @@ def check_ways(place: Place, plan: Plan) -> None:
 
 def foreign_names(place: Place) -> list[str]:
     """Return what a place without a plan holds of others: a run killed before its plan leaves a lock and folders."""
-    if place.local is None:
+    if not isinstance(place, Folder):
         return sorted({name.partition("/")[0] for name in place.names()})
     if not place.local.is_dir():
         return []
@@ -131,13 +131,13 @@ def remove_dataset(place: Place, beginning: PlanDocument) -> None:
     for name in (INDEX, *names):
         if name not in (PLAN, LOCK):
             place.remove(name)
-    # Of all files that there may have been: an earlier run may have removed them, and not their folders.
-    remove_folders(place, plan)
-    if place.local is not None:
+    if isinstance(place, Folder):
+        # Of all files that there may have been: an earlier run may have removed them, and not their folders.
+        remove_folders(place, plan)
         _remove_partial_folders(place)
 
 
-def remove_folders(place: Place, plan: Plan) -> None:
+def remove_folders(place: Folder, plan: Plan) -> None:
     """Remove the folders of a dataset's files in which nothing is left."""
     there = {folder for folder in place.folders() if folder.partition("/")[0] != PARTIAL}
     own: set[str] = set()
@@ -148,10 +148,8 @@ def remove_folders(place: Place, plan: Plan) -> None:
     place.remove_empty(own)
 
 
-def remove_unfinished(place: Place) -> None:
+def remove_unfinished(place: Folder) -> None:
     """Remove the unfinished files that this program left, the lock last; files of others stay."""
-    if place.local is None:
-        return
     with suppress(OSError):
         for name in filter(is_unfinished_file, place.names(PARTIAL)):
             if name != LOCK:
@@ -160,6 +158,6 @@ def remove_unfinished(place: Place) -> None:
         _remove_partial_folders(place)
 
 
-def _remove_partial_folders(place: Place) -> None:
+def _remove_partial_folders(place: Folder) -> None:
     unlocked = (path.name for path in place.path(PARTIAL).glob(f"{UNLOCKED}*"))
     place.remove_empty([PARTIAL, *(f"{PARTIAL}/{name}" for name in unlocked)])

@@ -5,7 +5,6 @@ processes or threads could share: each reading opens what it needs.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
 from pathlib import Path
 from typing import BinaryIO
 
@@ -52,7 +51,7 @@ class Place(ABC):
         """Write or replace a file atomically.
 
         Raises:
-            InputError: see `own_path`.
+            InputError: where a link, or what else stands in the place of a folder, may lead the file out of the place.
             OSError: where the file cannot be written.
         """
 
@@ -62,46 +61,8 @@ class Place(ABC):
 
     @abstractmethod
     def remove(self, name: str) -> None:
-        """Remove a file; nothing happens where it is missing. Raises InputError, see `own_path`."""
-
-    @abstractmethod
-    def folders(self) -> list[str]:
-        """Return the names of all folders below; none where there are no folders."""
-
-    @abstractmethod
-    def remove_empty(self, folders: Iterable[str]) -> None:
-        """Remove the folders, and the folders above them, that are empty."""
-
-    @abstractmethod
-    def make_folder(self, name: str) -> None:
-        """Make a folder; nothing happens where there are no folders. Raises like `write`."""
-
-    @abstractmethod
-    def link(self, name: str, target: str) -> None:
-        """Make or replace a symbolic link; nothing happens where there are no links.
-
-        Args:
-            name: the link.
-            target: relative to the link's folder.
-
-        Raises:
-            InputError, OSError: like `write`.
-        """
+        """Remove a file, if it is there; raises InputError like `write`."""
 
     def path(self, name: str) -> Path:
         """Return a file's path, for messages and where the place is local."""
         return Path(self.address) / name
-
-    def own_path(self, name: str, *, in_place: bool = False) -> Path:
-        """Return the path of a file to write, rename or remove.
-
-        Args:
-            name: the file.
-            in_place: whether the file itself is opened for writing, and not replaced or removed.
-
-        Raises:
-            InputError: where a link, which may lead out of the place, or anything else stands where a folder on the way
-                should be, or the file that is opened.
-        """
-        del in_place
-        return self.path(name)

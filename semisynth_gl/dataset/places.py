@@ -21,11 +21,7 @@ _ONE_SLASH = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/(?!/)")
 
 
 class Folder(Place):
-    """A folder of this machine.
-
-    Args:
-        path: the folder, which need not exist.
-    """
+    """A folder of this machine, which need not exist."""
 
     local: Path
 
@@ -135,7 +131,7 @@ class Folder(Place):
         self.own_path(f"{name}/*").parent.mkdir(parents=True, exist_ok=True)
 
     def link(self, name: str, target: str) -> None:
-        """Make a symbolic link, in place of one that leads elsewhere."""
+        """Make a symbolic link to a target relative to the link's folder, in place of one that leads elsewhere."""
         path = self.own_path(name)
         if path.is_symlink():
             if os.readlink(path) == target:  # noqa: PTH115 - a Path would drop dots
@@ -145,7 +141,12 @@ class Folder(Place):
         path.symlink_to(target)
 
     def own_path(self, name: str, *, in_place: bool = False) -> Path:
-        """Return the path of a file to change, which no link leads out of this folder."""
+        """Return the path of a file to write, rename or remove, or of one to open for writing in its place.
+
+        Raises:
+            InputError: where a link, which may lead out of this folder, or anything else stands where a folder on the
+                way should be, or the file that is opened.
+        """
         path, *ways = self.local / name, *map(str, reversed(PurePosixPath(name).parents[:-1]))
         for way in (*ways, name) if in_place else ways:
             try:

@@ -27,13 +27,7 @@ _OF_EVERY_DATASET = (INDEX, CARD, CROISSANT, RECORDS, PARTIAL)
 
 @dataclass(frozen=True, slots=True)
 class Plan(Contents):
-    """The plan of a dataset.
-
-    Attributes:
-        config: the configuration.
-        seed: 0 or more.
-        plugins: the packages of the plug-ins that the dataset is made with.
-    """
+    """The plan of a dataset; ``plugins`` are the packages of the plug-ins that the dataset is made with."""
 
     config: Config
     seed: int
@@ -69,14 +63,9 @@ class Plan(Contents):
 def make_plan(
     config: Config, seed: int, layout_name: str, pairs: Mapping[SplitName, int], shard_pairs: int | None = None
 ) -> Plan:
-    """Make a plan.
+    """Make a plan; outputs that the layout needs are added to the config.
 
-    Args:
-        config: the configuration; outputs that the layout needs are added.
-        seed: 0 or more.
-        layout_name: see `semisynth_gl.layouts`.
-        pairs: number of pairs of each split.
-        shard_pairs: number of pairs in a shard; by default for about 1 GB, and fewer in small datasets.
+    A shard has so many pairs, by default for about 1 GB, and fewer in small datasets.
 
     Raises:
         InputError: where there is no such layout, or the numbers or the config's encodings do not go with it.
@@ -90,10 +79,11 @@ def make_plan(
     if shard_pairs is not None:
         shard_pairs = to_whole("`shard_pairs`", shard_pairs, least=1)
     if layout.encodings is not None and config.files != type(config.files)():
+        free = [name for name in LAYOUTS if find_layout(name).encodings is None]
         raise InputError(
             f"the layout {layout_name} has encodings of its own ({layout.encodings.image.name}, "
             f"{layout.encodings.disparity.name}, {layout.encodings.flow.name}): leave files.image, files.disparity and "
-            f"files.flow out of the config, or choose another `layout`: {', '.join(_free_layouts())}"
+            f"files.flow out of the config, or choose another `layout`: {', '.join(free)}"
         )
     length = sequence_length(config.outputs, config.sequence.length)
     if length is not None and layout.most_frames is not None and length > layout.most_frames:
@@ -131,20 +121,11 @@ def make_plan(
 
 
 def used_plugins(config: Config, layout_name: str) -> Records:
-    """Return the packages, as they are installed here, of the plug-ins that a dataset is made with.
-
-    Raises:
-        InputError: where one is not installed.
-    """
+    """Return the packages of a dataset's plug-ins as installed here; raises InputError where one is not installed."""
     used = [*config.used_plugins().values()]
     if layout_name not in LAYOUTS:
         used.append(("layouts", layout_name))
     return plugin_records(used)
-
-
-def _free_layouts() -> list[str]:
-    """Return the names of the layouts whose encodings a config chooses."""
-    return [name for name in LAYOUTS if find_layout(name).encodings is None]
 
 
 def _check_names(plan: Plan) -> None:

@@ -68,15 +68,7 @@ class Index(Contents):
 
 
 class DamagedIndexError(InputError):
-    """A folder has an index or a plan of this program, and neither can be used.
-
-    Args:
-        address: the dataset.
-        faults: what is wrong with each of the two files.
-
-    Attributes:
-        faults: as given.
-    """
+    """A folder has an index or a plan of this program, and neither can be used; ``faults`` says why of each file."""
 
     def __init__(self, address: str, faults: Sequence[str]) -> None:
         super().__init__(f"{address}: not a dataset that can be read: {'; '.join(faults)}")
@@ -84,10 +76,7 @@ class DamagedIndexError(InputError):
 
 
 def read_index(address: str | PathLike[str]) -> Index:
-    """Open a dataset, finished or not.
-
-    Args:
-        address: the dataset's folder, or an address that fsspec knows.
+    """Open a dataset, finished or not, by its folder or an address that fsspec knows.
 
     Raises:
         InputError: where the address has no dataset of this program, or one of a newer format.
@@ -125,10 +114,8 @@ def read_index(address: str | PathLike[str]) -> Index:
 def make_index(place: Place, document: PlanDocument, fault: str | None = None) -> Index:
     """Make the index of a dataset; see `Index`."""
     contents = document.contents
-    return Index(
-        document.config_values, contents.layout_name, contents.pairs, contents.shard_pairs, contents.views, place,
-        document, fault,
-    )  # fmt: skip
+    described = document.config_values, contents.layout_name, contents.pairs, contents.shard_pairs, contents.views
+    return Index(*described, place, document, fault)
 
 
 class Dataset(Sequence[StoredFrame]):
@@ -209,12 +196,10 @@ class Dataset(Sequence[StoredFrame]):
 
     def _read_members(self, split: SplitName, pair: int, names: Sequence[str]) -> dict[str, bytes]:
         """Read a pair's files from the tar of its shard, at their offsets in the shard's record."""
-        shard_pairs = self.about.shard_pairs
-        shard = self._shards[split, pair // shard_pairs * shard_pairs]
-        place = self.about.place
+        shard = self._shards[split, pair - pair % self.about.shard_pairs]
         if shard not in self._records:
             self._records[shard] = self._open_record(shard)
-        return read_members(place, shard, self._records[shard], pair, names)
+        return read_members(self.about.place, shard, self._records[shard], pair, names)
 
     def _open_record(self, shard: Shard) -> RecordDocument:
         """Read a shard's record, and check the size of its tar."""
@@ -243,12 +228,7 @@ def open_dataset(address: str | PathLike[str], split: SplitName | None = None) -
 
 
 def read_record(place: Place, shard: Shard, *, packed: bool) -> RecordDocument:
-    """Read the record of a shard.
-
-    Args:
-        place: the dataset's root.
-        shard: the shard.
-        packed: whether the layout packs shards into tars.
+    """Read the record of a shard, packed where the layout packs shards into tars.
 
     Raises:
         ReadError: where the record is missing, cut off, or not the shard's; see `parse_record`.
@@ -260,14 +240,7 @@ def read_record(place: Place, shard: Shard, *, packed: bool) -> RecordDocument:
 def read_members(
     place: Place, shard: Shard, record: RecordDocument, pair: int, names: Sequence[str]
 ) -> dict[str, bytes]:
-    """Read files of a pair from its shard's tar, at once.
-
-    Args:
-        place: the dataset's root.
-        shard: the shard.
-        record: the shard's record, as `read_record` returns it.
-        pair: the pair's number in its split.
-        names: names of the files in the tar.
+    """Read files of a pair from its shard's tar, at once, by the record that `read_record` returns.
 
     Raises:
         ReadError: where the record lacks a file, or the tar has something else where the file should be.

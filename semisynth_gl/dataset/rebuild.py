@@ -18,13 +18,8 @@ from semisynth_gl.seeds.splits import SplitName
 class RebuiltScenes:
     """Rebuilds the scenes of a split. Photographs are not needed: patches colour a scene and do not shape it.
 
-    Args:
-        index: the index of the dataset.
-        split: the split of the scenes.
-
     Attributes:
-        config: the config of the dataset.
-        seed: the seed of the dataset.
+        config, seed: the dataset's.
         models: the meshes that `Scene.model` indexes.
 
     Raises:
@@ -56,11 +51,7 @@ class RebuiltScenes:
     def sampled(self, frame: StoredFrame) -> SampledScene | None:
         """Rebuild a pair's scene, with the origin of its instances.
 
-        Args:
-            frame: the stored pair.
-
-        Returns:
-            The scene; None where config and seed give another recipe or camera than the pair's provenance has.
+        Return None where config and seed give another recipe or camera than the pair's provenance has.
         """
         # A sequence whose first frame failed the config's checks was drawn again, once for each entry.
         redrawn = frame.provenance.get("redrawn")

@@ -1,7 +1,7 @@
 """The root of a dataset at an address that fsspec knows (``s3://``, ``gs://``, ...)."""
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
@@ -14,10 +14,7 @@ _WITH_BUCKETS = frozenset({"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl
 
 
 class Remote(Place):
-    """An address that fsspec knows.
-
-    Args:
-        address: the address with its protocol.
+    """An address that fsspec knows, with its protocol.
 
     Raises:
         InputError: where fsspec or the protocol's package is not installed, the protocol is unknown, or the address of
@@ -108,19 +105,6 @@ class Remote(Place):
         """Remove a file."""
         with self._clear_errors(), suppress(FileNotFoundError):
             self._system.rm_file(self._at(name))
-
-    def folders(self) -> list[str]:
-        """Return nothing: stores have no folders."""
-        return []
-
-    def remove_empty(self, folders: Iterable[str]) -> None:
-        """Do nothing: stores have no folders."""
-
-    def make_folder(self, name: str) -> None:
-        """Do nothing: stores have no folders."""
-
-    def link(self, name: str, target: str) -> None:
-        """Do nothing: stores have no links."""
 
     def path(self, name: str) -> Path:
         """Return a file's address, which looks like a path."""

@@ -100,11 +100,9 @@ def _same_bits(first: NDArray[Any], second: NDArray[Any]) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class EncodedPair:
-    """A pair as files in memory.
+    """A pair as files in memory: their bytes by path.
 
-    Attributes:
-        files: the files' bytes, by path.
-        share_beyond: share of the pixels whose disparity the codec cannot store, in the view with the larger share.
+    ``share_beyond`` is the share of pixels whose disparity the codec cannot store, in the view with the larger share.
     """
 
     files: dict[str, bytes]
@@ -120,7 +118,7 @@ def encode_pair(
     encodings: Encodings,
     latest: LatestFiles | None = None,
 ) -> EncodedPair:
-    """Encode a pair as files.
+    """Encode a pair as files; a channel that the frame lacks gets no file.
 
     Disparities that the codec cannot store become invalid, in the masks, in the changes of disparity and in the
     calibration too; the provenance then counts them by view under `Channel.beyond_key`. Likewise flow.
@@ -128,11 +126,11 @@ def encode_pair(
     Args:
         layout: names of the files.
         key: the pair.
-        frame: images and truth; a missing channel gets no file.
+        frame: images and truth.
         provenance: the origin of the pair, in JSON's types.
         ndisp: an upper bound of the disparities, whole pixels.
         encodings: see `Layout.encodings_for`.
-        latest: of the pairs before it, where pairs share a view; no value of theirs may have been changed since.
+        latest: the files of earlier pairs, where pairs share a view; no value of theirs may have been changed since.
 
     Raises:
         InputError: where a codec needs a package that is not installed.
@@ -158,20 +156,14 @@ def encode_pair(
 
 
 def decode_file(layout: Layout, role: str, data: bytes, path: Path, encodings: Encodings) -> Any:  # noqa: ANN401 - by role
-    """Decode a role's file; the path is for messages.
-
-    Raises:
-        ReadError: where the file is cut off, or is no file of its role.
-    """
+    """Decode a role's file; the path is for messages. Raises ReadError where the file is cut off or of another kind."""
     return layout.role(role).unwrap(layout.role(role).codec(encodings).decode(data, path), path)
 
 
 def wrong_sizes(values: Mapping[str, Any], size: tuple[int, int]) -> Iterator[tuple[str, str]]:
-    """Yield the role of each file of a pair whose size differs from the dataset's images, and the fault.
+    """Yield the role of each of a pair's values whose size differs from the dataset's height and width, and the fault.
 
-    Args:
-        values: values by role; of arrays the size counts, and of all that describes a camera the camera's.
-        size: height and width that the dataset's images have, px.
+    The size of a camera, a calibration or a provenance is that of the camera's images.
     """
     for role, value in values.items():
         if isinstance(value, np.ndarray):
@@ -194,12 +186,7 @@ def camera_size(value: object) -> tuple[Any, Any] | None:
 
 
 def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) -> StoredFrame:
-    """Assemble a pair from the values of its files.
-
-    Args:
-        key: the pair.
-        values: values by role; at least both images, the left disparity and the provenance.
-        encodings: codecs of the files.
+    """Assemble a pair from values by role: at least both images, the left disparity and the provenance.
 
     Raises:
         ReadError: where the provenance has no camera, or the truth of points that are not occluded is not among the
@@ -226,17 +213,7 @@ def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) ->
         camera = calibration.camera
     frame = Frame.from_arrays(camera, arrays)
     left, right = (_with_outside(frame, eye) for eye in EYES)
-    return StoredFrame(
-        camera,
-        left,
-        right,
-        name=key.name,
-        split=key.split,
-        index=key.index,
-        provenance=provenance,
-        calibration=calibration,
-        encodings=encodings,
-    )
+    return StoredFrame(camera, left, right, key.name, key.split, key.index, provenance, calibration, encodings)
 
 
 def _with_outside(frame: Frame, eye: Eye) -> View:

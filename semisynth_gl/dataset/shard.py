@@ -21,7 +21,7 @@ from semisynth_gl.dataset.begun import complete_record
 from semisynth_gl.dataset.contents import Shard
 from semisynth_gl.dataset.documents import JournalEntry, parse_document
 from semisynth_gl.dataset.locks import lock, open_locked
-from semisynth_gl.dataset.places import Place, sync
+from semisynth_gl.dataset.places import Folder, Place, sync
 from semisynth_gl.dataset.schema import FORMAT, PARTIAL, UNLOCKED, journal_name, log_path, record_path, tar_path
 from semisynth_gl.dataset.tar import tar_end, tar_member
 from semisynth_gl.inputs.errors import ReadError
@@ -36,13 +36,8 @@ class ShardBusyError(Exception):
 class ShardWriter:
     """Writes one shard. Use it in a ``with`` block.
 
-    Files outside tars appear as soon as their pair is complete; a tar appears when all its pairs are complete.
-
-    Args:
-        place: the dataset's root.
-        shard: the shard.
-        packed: whether the shard is a tar.
-        folder: the folder of files outside tars, "" or ending in a slash.
+    Files outside tars appear below ``folder``, "" or ending in a slash, as soon as their pair is complete; the tar of a
+    packed shard appears when all its pairs are complete.
 
     Attributes:
         complete: whether the shard was complete already; such a writer changes nothing and takes no pairs.
@@ -70,7 +65,7 @@ class ShardWriter:
                 return
             self._tar_path = self._work / f"{name}.tar"
             if packed:
-                if self._work.name == PARTIAL:
+                if isinstance(place, Folder) and self._work.name == PARTIAL:
                     place.own_path(f"{PARTIAL}/{name}.tar", in_place=True)
                     if not self._tar_path.exists() and place.size(tar_path(name)) is not None:
                         # The shard has no record: its tar is not complete, though it was renamed already.
@@ -95,11 +90,7 @@ class ShardWriter:
         self._resources.close()
 
     def add(self, files: Mapping[str, bytes], facts: Mapping[str, Any]) -> None:
-        """Add the next pair.
-
-        Args:
-            files: the pair's files, by path below the split's folder, or inside the tar.
-            facts: entries of the shard's record about the pair, in JSON's types.
+        """Add the next pair: its files by path below the split's folder or inside the tar, and facts for the record.
 
         Raises:
             OSError: where the disk is full or refuses; no file of the pair remains then.
@@ -112,15 +103,7 @@ class ShardWriter:
         self.samples.append(JournalEntry.model_validate(entry))
 
     def finish(self, facts: Mapping[str, Any], log: Mapping[str, Any]) -> dict[str, Any]:
-        """Complete the shard after its last pair.
-
-        Args:
-            facts: entries of the record beside the pairs, in JSON's types.
-            log: the content of the shard's log, in JSON's types.
-
-        Returns:
-            The record.
-        """
+        """Complete the shard after its last pair, and return its record, of facts beside the pairs in JSON's types."""
         record: dict[str, Any] = {"shard": self._name, "format": FORMAT} | dict(facts)
         record |= self._finish_files() if self._tar is None else self._finish_tar(self._tar)
         record["samples"] = [
@@ -134,9 +117,14 @@ class ShardWriter:
     def _begin(self) -> tuple[Path, BinaryIO]:
         """Return a folder in which no other run works on the shard, and the journal in it."""
         name, partial = journal_name(self._name), None
-        if self._place.local is not None:
+        if isinstance(self._place, Folder):
             path = self._place.own_path(f"{PARTIAL}/{name}", in_place=True)
-            partial, journal = path.parent, self._resources.enter_context(_open_journal(path))
+            try:
+                # The run that completes the shard removes its journal: `open_locked` looks whether it is still there.
+                opened = open_locked(path, lambda: False, patient=False)
+            except BlockingIOError:
+                raise ShardBusyError(self._name) from None
+            partial, journal = path.parent, self._resources.enter_context(opened)
             if lock(journal.fileno(), shared=False):
                 return partial, journal
         # A store shows complete files only, and without locks another run may be making the shard: unfinished files
@@ -146,18 +134,25 @@ class ShardWriter:
         return work, self._resources.enter_context((work / name).open("a+b"))
 
     def _add_files(self, files: Mapping[str, bytes]) -> dict[str, Any]:
+        named = {f"{self._folder}{path}": data for path, data in files.items()}
+        if isinstance(self._place, Folder):
+            self._write_together(self._place, named)
+        else:
+            for name, data in named.items():
+                self._place.write(name, data)
+        return {
+            "files": {
+                name: {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()} for name, data in named.items()
+            }
+        }
+
+    def _write_together(self, place: Folder, files: Mapping[str, bytes]) -> None:
+        """Write a pair's files under other names, and rename them once all are written."""
         written: list[tuple[Path, Path]] = []
-        described: dict[str, Any] = {}
-        local = self._place.local
         try:
-            for path, data in files.items():
-                name = f"{self._folder}{path}"
-                described[name] = {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
-                if local is None:
-                    self._place.write(name, data)
-                    continue
+            for name, data in files.items():
                 partial = self._work / f"{self._name}.{len(written)}"
-                written.append((partial, self._place.own_path(name)))
+                written.append((partial, place.own_path(name)))
                 # What stands there is a killed run's, or may lead to a file of somebody else's.
                 partial.unlink(missing_ok=True)
                 partial.write_bytes(data)
@@ -169,7 +164,6 @@ class ShardWriter:
                 with suppress(OSError):
                     partial.unlink(missing_ok=True)
             raise
-        return {"files": described}
 
     def _add_members(self, tar: BufferedRandom, files: Mapping[str, bytes]) -> dict[str, Any]:
         begin = at = tar.tell()
@@ -192,7 +186,7 @@ class ShardWriter:
 
     def _finish_files(self) -> dict[str, Any]:
         files = [file for entry in self.samples for file in entry.files.items()]
-        if self._place.local is not None:
+        if isinstance(self._place, Folder):
             paths = [self._place.path(name) for name, _ in files]
             for path in (*paths, *{path.parent for path in paths}):
                 sync(path)
@@ -247,12 +241,3 @@ class ShardWriter:
             return False
         self._tar.seek(begin)
         return isal_zlib.crc32(self._tar.read(end - begin)) == entry.crc32
-
-
-def _open_journal(path: Path) -> BinaryIO:
-    """Open a journal, and lock it where there are locks; the lock ends with this process, however that ends."""
-    try:
-        # The run that completes the shard removes its journal.
-        return open_locked(path, lambda: False, patient=False)
-    except BlockingIOError:
-        raise ShardBusyError(path.stem) from None

@@ -8,14 +8,10 @@ HEADER = tarfile.BLOCKSIZE
 
 
 def tar_member(name: str, data: bytes) -> tuple[bytes, int]:
-    """Encode a file as a member of a tar: header and padded content; no time, no owner, rights 0644.
+    """Encode a file as a member of a tar, header and padded content, and return the content's offset in it too.
 
-    Args:
-        name: the file's name, of at most 100 characters: every reader knows the headers of 1988, which have so many.
-        data: the content.
-
-    Returns:
-        The bytes, and the offset of the content in them.
+    It has no time, no owner and rights 0644. Its name has at most 100 characters: every reader knows the headers of
+    1988, which have so many.
     """
     info = tarfile.TarInfo(name)
     info.size = len(data)
