@@ -44,13 +44,9 @@ _FIXED: Mapping[str, Codec[Any]] = {
 
 @dataclass(frozen=True, slots=True)
 class Encodings:
-    """The codecs of a dataset's files.
+    """The codecs of a dataset's files: of both images, both disparities, and flow to the next and the previous frame.
 
-    Attributes:
-        image: codec of both images.
-        disparity: codec of both disparities.
-        flow: codec of flow to the next and to the previous frame.
-        signed: whether disparities of 0 and below are valid.
+    It also says whether disparities are signed, so that 0 and below are valid.
     """
 
     image: Codec[Any] = IMAGE_CODECS["png"]
@@ -82,19 +78,16 @@ class Encodings:
             return "grey, in three equal channels"
         return "grey" if self.image in _GREY_CODECS.values() else "RGB"
 
-    @property
-    def png(self) -> Codec[Any]:
-        """The codec of images that are PNG in any case, with the channels of all others."""
-        if isinstance(self.image, ThreeEqual):
-            return ThreeEqual(RGB8)
-        return GREY_IMAGE if self.image in _GREY_CODECS.values() else RGB8
-
     def codec(self, name: str) -> Codec[Any]:
-        """Return the codec that a channel names.
+        """Return the codec that a channel or a role names.
 
-        ``image``, ``disparity`` and ``flow`` are the dataset's. ``grey8`` and ``grey16`` (PNG), ``float`` (PFM),
-        ``vector`` (PFM of three channels) and ``shift`` (Middlebury's .flo) are the same in all datasets.
+        ``image``, ``disparity`` and ``flow`` are the dataset's. ``png`` is for images that are PNG in any case, of the
+        same channels as all others. ``grey8`` and ``grey16`` (PNG), ``float`` (PFM), ``vector`` (PFM of three channels)
+        and ``shift`` (Middlebury's .flo) are the same in all datasets.
         """
+        if name == "png":
+            png = GREY_IMAGE if self.image in _GREY_CODECS.values() else RGB8
+            return ThreeEqual(RGB8) if isinstance(self.image, ThreeEqual) else png
         chosen: Mapping[str, Codec[Any]] = {"image": self.image, "disparity": self.disparity, "flow": self.flow}
         return chosen[name] if name in chosen else _FIXED[name]
 

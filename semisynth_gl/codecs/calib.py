@@ -16,14 +16,9 @@ _LINE = re.compile(r"^[ \t]*(\w+)[ \t]*=(.*)$", re.MULTILINE)
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """The content of a calib.txt.
+    """The content of a calib.txt: both cameras, and ``doffs``, which should be the camera's.
 
-    Attributes:
-        camera: both cameras; the baseline in metres.
-        doffs_px: the line ``doffs``, which should be the camera's.
-        ndisp: an upper bound of the disparities, whole pixels.
-        vmin_px: smallest disparity of the left view.
-        vmax_px: largest disparity of the left view.
+    ``ndisp`` bounds the disparities, in whole pixels; ``vmin`` and ``vmax`` are the left view's smallest and largest.
     """
 
     camera: StereoCamera

@@ -83,12 +83,7 @@ class Codec(ABC, Generic[Value]):
 
 
 def read_bytes(path: Path, most_bytes: int | None = None) -> bytes:
-    """Return a file's bytes.
-
-    Raises:
-        ReadError: where the file is missing, not a regular file or larger than ``most_bytes``, or where the disk
-            refuses to read.
-    """
+    """Return a file's bytes; raises ReadError where it is missing, no regular file, too large or cannot be read."""
     try:
         return read_file(path, most_bytes)
     except FileNotFoundError:

@@ -37,12 +37,9 @@ def read_disparity_map(
 
 
 def is_disparity_map(path: Path) -> bool:
-    """Return whether a file of `MAP_EXTENSIONS` may be a disparity map; only a PNG is opened to tell.
+    """Return whether a file of `MAP_EXTENSIONS` may be a disparity map; raises ReadError where it cannot be read.
 
-    A pipe is none, nor is a picture, which is a PNG that is not 16-bit grey.
-
-    Raises:
-        ReadError: where the file cannot be read.
+    Only a PNG is opened to tell: a picture, which is not 16-bit grey, is no disparity map, nor is a pipe.
     """
     if path.suffix.lower() != ".png":
         return True

@@ -13,11 +13,7 @@ from semisynth_gl.textures.reach import photograph_sources, reaching_source
 
 
 def check_apart(place: Place, plan: Plan) -> None:
-    """Refuse a dataset's folder that lies where its photographs or models are sought, or that holds some of them.
-
-    Raises:
-        InputError: with both paths.
-    """
+    """Raise InputError for a dataset's folder that lies where its photographs or models are sought, or holds some."""
     if place.local is None:
         return
     config, folder, real = plan.config, place.local, Path(os.path.realpath(place.local))

@@ -149,10 +149,8 @@ def _loadable(plan: Plan) -> dict[str, Any]:
 def _rights(plan: Plan, index: IndexDocument) -> list[tuple[str, str]]:
     """Return how many photographs and models the dataset was made of, by licence."""
     rows: list[tuple[str, str]] = []
-    for noun, key in (
-        (describe_source(plan.config.textures.source).noun, "photographs"),
-        ("kind of model", "models"),
-    ):
+    photographs = describe_source(plan.config.textures.source).noun
+    for noun, key in ((photographs, "photographs"), ("kind of model", "models")):
         named = {(item.name, item.licence) for split in index.splits.values() for item in getattr(split, key)}
         counts = Counter(licence for _, licence in named)
         rows += [(counted(count, noun), licence) for licence, count in sorted(counts.items())]

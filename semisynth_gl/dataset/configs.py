@@ -11,11 +11,7 @@ from semisynth_gl.inputs.errors import InputError
 
 
 def read_config(index: Index) -> Config:
-    """Return a dataset's config.
-
-    Raises:
-        InputError: where the config in the index is not a config of this version.
-    """
+    """Return a dataset's config; raises InputError where the config in the index is not one of this version."""
     try:
         return Config.model_validate(index.config.values)
     except ValidationError as error:

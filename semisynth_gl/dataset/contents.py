@@ -19,14 +19,9 @@ _Value = TypeVar("_Value")
 
 @dataclass(frozen=True, slots=True)
 class Shard:
-    """A fixed range of a split's pairs, on disk complete or not at all.
+    """A fixed range of a split's pairs, from ``first`` to ``end`` - 1, on disk complete or not at all.
 
-    Attributes:
-        number: the shard's number among all shards of the dataset, which tasks and ``--shards`` count.
-        name: the name of the shard's files, without their ending.
-        split: the split of the pairs.
-        first: number of the first pair.
-        end: number of the last pair, plus 1.
+    It has a number among all shards of the dataset, which tasks and ``--shards`` count, and its files' common name.
     """
 
     number: int
@@ -45,7 +40,7 @@ class Contents:
         layout_name: see `semisynth_gl.layouts`.
         pairs: number of pairs of each split; splits without pairs are left out.
         shard_pairs: number of pairs in a shard; the last shard of a split may have fewer.
-        views: number of pairs that show each scene; see `semisynth_gl.config.Config.views`.
+        views: number of pairs that show each scene.
     """
 
     config: Config | StoredConfig
@@ -96,6 +91,16 @@ class Contents:
     def links(self, keys: Sequence[Key]) -> dict[str, str]:
         """Return the layout's links for pairs of one split: path below the dataset's folder, and relative target."""
         return self._below_folder(keys[0].split, self.layout.links(keys))
+
+    @property
+    def all_lists(self) -> dict[str, bytes]:
+        """The layout's lists about all pairs of each split; see `lists`."""
+        return {path: data for split in self.splits for path, data in self.lists(self.keys(split)).items()}
+
+    @property
+    def all_links(self) -> dict[str, str]:
+        """The layout's links for all pairs of each split; see `links`."""
+        return {path: target for split in self.splits for path, target in self.links(self.keys(split)).items()}
 
     @property
     def folders(self) -> list[str]:

@@ -242,11 +242,7 @@ def parse_document(values: Mapping[str, Any], model: type[_Document], path: Path
 
 
 def parse_index(values: Mapping[str, Any], path: Path) -> IndexDocument:
-    """Parse an index, whose list of shards must be the one that follows from its numbers of pairs.
-
-    Raises:
-        NewerFormatError, ReadError, MissingPluginError: see `parse_document`.
-    """
+    """Parse an index, whose shards must be those of its numbers of pairs; raises what `parse_document` raises."""
     index = parse_document(values, IndexDocument, path)
     # Counted first: a wrong number may ask for a list that no memory holds.
     count = sum(-(-number // index.shard_pairs) for number in index.pairs.values())
@@ -257,13 +253,16 @@ def parse_index(values: Mapping[str, Any], path: Path) -> IndexDocument:
     return index
 
 
+def parse_beginning(values: Mapping[str, Any], name: str, path: Path) -> PlanDocument:
+    """Parse what a dataset began with, its index or its plan by the file's name; see `parse_index`."""
+    return parse_index(values, path) if name == INDEX else parse_document(values, PlanDocument, path)
+
+
 def parse_record(values: Mapping[str, Any], shard: Shard, path: Path, *, packed: bool) -> RecordDocument:
     """Parse the record of a shard, in JSON's types; the path is for messages.
 
-    Its pairs must be the shard's. In a packed shard, the files must stand in the tar where their sizes put them.
-
-    Raises:
-        ReadError: see `parse_document`.
+    Its pairs must be the shard's. In a packed shard, the files must stand in the tar where their sizes put them. Raises
+    ReadError as `parse_document` does.
     """
     record = parse_document(values, RecordDocument, path)
     _check_shard(record, shard, "", path)

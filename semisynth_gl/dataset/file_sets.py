@@ -16,12 +16,9 @@ _SEQUENCES = (0, 1, 3, 123_456)
 
 @dataclass(frozen=True, slots=True)
 class FileSet:
-    """The files of a role and a split.
+    """The files of a role (see `semisynth_gl.layouts.roles`) and a split, and what they hold in a few words.
 
-    Attributes:
-        role: see `semisynth_gl.layouts.roles`.
-        pattern: a glob of the paths, below the dataset's folder or inside a tar; the stars stand for the pair.
-        meaning: the content of a file in a few words.
+    The pattern is a glob of the paths, below the dataset's folder or inside a tar, whose stars stand for the pair.
     """
 
     split: SplitName

@@ -8,7 +8,7 @@ from itertools import islice
 from typing import IO, Any
 
 from semisynth_gl.codecs.json_object import JSON_OBJECT
-from semisynth_gl.dataset.begun import complete_record, plan_of, read_beginning, read_object
+from semisynth_gl.dataset.begun import complete_record, lost_files, plan_document, plan_of, read_beginning, read_object
 from semisynth_gl.dataset.contents import Shard
 from semisynth_gl.dataset.documents import IndexDocument, PlanDocument
 from semisynth_gl.dataset.locks import lock, open_locked
@@ -23,7 +23,6 @@ from semisynth_gl.dataset.own import (
 from semisynth_gl.dataset.places import Folder, Place
 from semisynth_gl.dataset.plan import Plan, differences
 from semisynth_gl.dataset.schema import INDEX, JOURNAL_SUFFIX, LOCK, PLAN, PROGRAM, is_unfinished_file
-from semisynth_gl.dataset.whole import links_of, lists_of, lost_files, plan_document
 from semisynth_gl.inputs.errors import InputError, abbreviate
 from semisynth_gl.seeds.splits import SplitName
 
@@ -142,12 +141,12 @@ class DatasetFiles:
         ``files`` are the contents of the card and the Croissant file by path.
         """
         place = self._place
-        for name, data in (lists_of(self._plan) | dict(files)).items():
+        for name, data in (self._plan.all_lists | dict(files)).items():
             place.write(name, data)
         if isinstance(place, Folder):
             for name in self._plan.folders:
                 place.make_folder(name)
-            for name, target in links_of(self._plan).items():
+            for name, target in self._plan.all_links.items():
                 place.link(name, target)
         place.write(INDEX, JSON_OBJECT.encode(index.values))
         if isinstance(place, Folder) and self._is_alone():

@@ -15,8 +15,7 @@ _PATIENCE_S = 30.0
 def lock(descriptor: int, *, shared: bool) -> bool:
     """Lock an open file, and return whether it is locked: some network file systems have no locks.
 
-    Raises:
-        BlockingIOError: where another process holds the lock.
+    Raises BlockingIOError where another process holds the lock.
     """
     try:
         fcntl.flock(descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
@@ -31,11 +30,8 @@ def open_locked(path: Path, shared: Callable[[], bool], *, patient: bool) -> Bin
     """Open and lock a file, which other runs may remove when they end; close it to unlock it.
 
     A missing file is created, and its folder too. ``shared`` is asked before each try whether to lock beside other
-    runs. A patient run waits up to half a minute for another run's unlocking. See `lock` on file systems without locks.
-
-    Raises:
-        BlockingIOError: where another run holds the lock.
-        OSError: where the file cannot be opened.
+    runs. A patient run waits up to half a minute for another run's unlocking. See `lock` on file systems without locks,
+    and on the error where another run holds the lock.
     """
     deadline = time.monotonic() + (_PATIENCE_S if patient else 0.0)
     while True:

@@ -11,7 +11,7 @@ from itertools import chain
 from pathlib import PurePosixPath
 
 from semisynth_gl.codecs.json_object import JSON_OBJECT
-from semisynth_gl.dataset.begun import plan_of
+from semisynth_gl.dataset.begun import plan_document, plan_of
 from semisynth_gl.dataset.documents import PlanDocument
 from semisynth_gl.dataset.places import Folder, Place, entries_below
 from semisynth_gl.dataset.plan import Plan
@@ -30,7 +30,6 @@ from semisynth_gl.dataset.schema import (
     tar_path,
     unfinished_path,
 )
-from semisynth_gl.dataset.whole import plan_document
 from semisynth_gl.inputs.errors import InputError, abbreviate
 
 
@@ -53,10 +52,8 @@ def own_names(plan: Plan) -> Iterator[str]:
 def check_ways(place: Place, plan: Plan) -> None:
     """Refuse a folder in which a link would lead writes, renames or removals out of it.
 
-    The folders of single pairs are looked at when their pairs are written.
-
-    Raises:
-        InputError: with the link, or what else stands where the dataset has a folder.
+    The folders of single pairs are looked at when their pairs are written. What else stands where the dataset has a
+    folder or link is refused too.
     """
     if not isinstance(place, Folder):
         return
@@ -97,11 +94,7 @@ def foreign_names(place: Place) -> list[str]:
 
 
 def own_files(place: Place, plan: Plan) -> list[str]:
-    """Return the names of a dataset's files in its place, unfinished ones too.
-
-    Raises:
-        InputError: where a file there is somebody else's.
-    """
+    """Return the names of a dataset's files in its place; raises InputError where a file there is somebody else's."""
     files = place.names()
     foreign = {name for name in files if not is_unfinished_file(name)}
     for name in own_names(plan):
@@ -120,10 +113,8 @@ def own_files(place: Place, plan: Plan) -> list[str]:
 def remove_dataset(place: Place, beginning: PlanDocument) -> None:
     """Remove an earlier dataset but for its plan: a run that is ended in between leaves what overwriting knows.
 
-    The plan says so first. Else a run with an equal plan would take the rest for its own work.
-
-    Raises:
-        InputError: see `own_files`.
+    The plan says so first. Else a run with an equal plan would take the rest for its own work. Raises InputError as
+    `own_files` does, before anything is removed.
     """
     plan = plan_of(beginning)
     names = own_files(place, plan)

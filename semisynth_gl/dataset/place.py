@@ -10,24 +10,17 @@ from typing import BinaryIO
 
 
 class Place(ABC):
-    """A dataset's root.
-
-    Attributes:
-        address: the place as the user named it.
-        local: the folder, or None for a place that is not on this machine.
-    """
+    """A dataset's root, at an address that the user gave; ``local`` is its folder, or None if it is on no disk here."""
 
     address: str
     local: Path | None
 
     @abstractmethod
     def read(self, name: str) -> bytes:
-        """Read a file.
+        """Read a file; raises FileNotFoundError where it is missing, and OSError where it cannot be read.
 
         Raises:
-            FileNotFoundError: where the file is missing.
-            ReadError: where the name, or a link, leads out of the place, or is no plain file.
-            OSError: where the file cannot be read.
+            ReadError: where the name, or a link, leads out of the place, or the file is no plain file.
         """
 
     @abstractmethod
@@ -48,11 +41,10 @@ class Place(ABC):
 
     @abstractmethod
     def write(self, name: str, data: bytes) -> None:
-        """Write or replace a file atomically.
+        """Write or replace a file atomically; raises OSError where it cannot be written.
 
         Raises:
             InputError: where a link, or what else stands in the place of a folder, may lead the file out of the place.
-            OSError: where the file cannot be written.
         """
 
     @abstractmethod

@@ -15,8 +15,7 @@ from semisynth_gl.dataset.documents import (
     IndexDocument,
     PlanDocument,
     RecordDocument,
-    parse_document,
-    parse_index,
+    parse_beginning,
     parse_record,
 )
 from semisynth_gl.dataset.places import Place, open_place
@@ -34,13 +33,9 @@ _UNFINISHED = "the dataset is not finished; run its generate command again"
 
 @dataclass(frozen=True, slots=True)
 class Index(Contents):
-    """The index of a dataset, or the plan of an unfinished one.
+    """The index of a dataset, or the plan of an unfinished one, as the document says which was read.
 
-    Attributes:
-        config: the config, as far as readers need it.
-        place: the dataset's root.
-        document: what index.json says, or the plan of an unfinished dataset.
-        fault: why index.json cannot be used and what to do about it, or None.
+    ``fault`` says why index.json cannot be used and what to do about it, or is None.
     """
 
     config: StoredConfig
@@ -99,8 +94,7 @@ def read_index(address: str | PathLike[str]) -> Index:
             raise InputError(f"{address}: {name} is not of {PROGRAM}: program is {shown(values.get('program'))}")
         ours = True
         try:
-            path = place.path(name)
-            document = parse_index(values, path) if name == INDEX else parse_document(values, PlanDocument, path)
+            document = parse_beginning(values, name, place.path(name))
         except ReadError as error:
             faults.append(f"{name}: {error.reason}")
             advice = CHANGED_INDEX
@@ -196,21 +190,16 @@ class Dataset(Sequence[StoredFrame]):
 
     def _read_members(self, split: SplitName, pair: int, names: Sequence[str]) -> dict[str, bytes]:
         """Read a pair's files from the tar of its shard, at their offsets in the shard's record."""
-        shard = self._shards[split, pair - pair % self.about.shard_pairs]
-        if shard not in self._records:
-            self._records[shard] = self._open_record(shard)
-        return read_members(self.about.place, shard, self._records[shard], pair, names)
-
-    def _open_record(self, shard: Shard) -> RecordDocument:
-        """Read a shard's record, and check the size of its tar."""
-        place, name = self.about.place, tar_path(shard.name)
-        record = read_record(place, shard, packed=True)
-        size = place.size(name)
-        if size is None:
-            raise ReadError(place.path(name), _MISSING)
-        if size != record.bytes:
-            raise ReadError(place.path(name), f"has {size} bytes, its record says {record.bytes}")
-        return record
+        place, shard = self.about.place, self._shards[split, pair - pair % self.about.shard_pairs]
+        record = self._records.get(shard)
+        if record is None:
+            record = read_record(place, shard, packed=True)
+            size, path = place.size(tar_path(shard.name)), place.path(tar_path(shard.name))
+            if size != record.bytes:
+                fault = _MISSING if size is None else f"has {size} bytes, its record says {record.bytes}"
+                raise ReadError(path, fault)
+            self._records[shard] = record
+        return read_members(place, shard, record, pair, names)
 
 
 def open_dataset(address: str | PathLike[str], split: SplitName | None = None) -> Dataset:
@@ -228,11 +217,7 @@ def open_dataset(address: str | PathLike[str], split: SplitName | None = None) -
 
 
 def read_record(place: Place, shard: Shard, *, packed: bool) -> RecordDocument:
-    """Read the record of a shard, packed where the layout packs shards into tars.
-
-    Raises:
-        ReadError: where the record is missing, cut off, or not the shard's; see `parse_record`.
-    """
+    """Read the record of a shard, packed into a tar or not; raises ReadError where it is missing or not the shard's."""
     name = record_path(shard.name)
     return parse_record(_read_json(place, name), shard, place.path(name), packed=packed)
 
@@ -242,8 +227,7 @@ def read_members(
 ) -> dict[str, bytes]:
     """Read files of a pair from its shard's tar, at once, by the record that `read_record` returns.
 
-    Raises:
-        ReadError: where the record lacks a file, or the tar has something else where the file should be.
+    A file that the record lacks, or for which the tar has something else, raises ReadError.
     """
     path = place.path(tar_path(shard.name))
     listed = record.samples[pair - shard.first].files
@@ -272,11 +256,7 @@ def read_members(
 
 
 def read_whole(place: Place, name: str) -> bytes:
-    """Read a file of a dataset.
-
-    Raises:
-        ReadError: where it is missing, no plain file, or cannot be read.
-    """
+    """Read a file of a dataset; raises ReadError where it is missing, no plain file, or cannot be read."""
     try:
         return place.read(name)
     except (FileNotFoundError, NotADirectoryError):

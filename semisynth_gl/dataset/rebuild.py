@@ -18,9 +18,7 @@ from semisynth_gl.seeds.splits import SplitName
 class RebuiltScenes:
     """Rebuilds the scenes of a split. Photographs are not needed: patches colour a scene and do not shape it.
 
-    Attributes:
-        config, seed: the dataset's.
-        models: the meshes that `Scene.model` indexes.
+    ``config`` and ``seed`` are the dataset's, and ``models`` the meshes that `Scene.model` indexes.
 
     Raises:
         InputError: where config, seed or patches are not of this version, or models are missing.

@@ -89,13 +89,8 @@ class LatestFiles:
 
 
 def _same_bits(first: NDArray[Any], second: NDArray[Any]) -> bool:
-    if first is second:
-        return True
-    if first.shape != second.shape or first.dtype != second.dtype:
-        return False
-    if not (first.flags.c_contiguous and second.flags.c_contiguous):
-        return False
-    return np.array_equal(first.reshape(-1).view(np.uint8), second.reshape(-1).view(np.uint8))
+    alike = first.shape == second.shape and first.dtype == second.dtype
+    return first is second or (alike and first.tobytes() == second.tobytes())
 
 
 @dataclass(frozen=True, slots=True)

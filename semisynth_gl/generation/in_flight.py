@@ -10,19 +10,11 @@ Encoded = TypeVar("Encoded")
 
 
 def encoded(pairs: Iterable[Drawn], encode: Callable[[Drawn], Encoded], threads: int) -> Generator[Encoded, None, None]:
-    """Encode pairs, and yield them in their order.
+    """Encode pairs, and yield them in their order; compression, checksums and numpy let other threads run.
 
-    Compression, checksums and numpy let other threads run. What was drawn before an error is yielded before the error
-    is raised.
-
-    Args:
-        pairs: draws each pair when it is asked for, in this thread, which owns the context.
-        encode: encodes one; from several threads at once.
-        threads: the most pairs that wait for their end while the next one is drawn, each in a thread; 0 encodes in this
-            thread, as is best where the processor draws.
-
-    Raises:
-        Exception: what drawing or encoding raises.
+    Pairs are drawn in this thread, which owns the context. While the next pair is drawn, so many threads each encode
+    one; 0 encodes in this thread, as is best where the processor draws. What drawing or encoding raises is raised here,
+    once the pairs drawn before are yielded.
     """
     if threads == 0:
         yield from map(encode, pairs)

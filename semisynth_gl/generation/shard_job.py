@@ -35,11 +35,8 @@ class ShardJob:
     """Makes shards, each a task of an engine.
 
     Attributes:
-        plan: the plan of the dataset.
-        place: the dataset's place.
-        backend: "auto", "egl" or "osmesa".
         sources: digests of patches and models, by split; a machine with other photographs must not take part.
-        gpus: CUDA's numbers of the GPUs that workers take turns on; none for the first device of EGL.
+        gpus: CUDA's numbers of the GPUs that workers take turns on; empty for the first device of EGL.
     """
 
     plan: Plan
@@ -50,13 +47,9 @@ class ShardJob:
 
     @contextmanager
     def open(self, worker: int) -> Iterator[Task[ShardState]]:
-        """Open the resources of shards: a renderer of one split at a time, once a shard needs it.
+        """Yield the function that makes the shard of a number; it opens a renderer of one split at a time when needed.
 
-        Args:
-            worker: the worker's number, from 0.
-
-        Yields:
-            The function that makes the shard of a number.
+        Workers are numbered from 0.
         """
         shards = self.plan.shards
         changed = differences(self.plan.plugins, used_plugins(self.plan.config, self.plan.layout_name))
@@ -86,29 +79,20 @@ class ShardJob:
             yield lambda number, listener: self.make(shards[number], partial(renderer_of_split, listener), listener)
 
     def open_renderer(self, split: SplitName, worker: int = 0) -> PairRenderer:
-        """Open the renderer of a split, on a worker's device.
-
-        Args:
-            split: the split of the dataset.
-            worker: the worker's number, from 0.
-        """
+        """Open the renderer of a split, on a worker's device."""
         device_index = egl_index_of_worker(self.gpus, worker)
         return PairRenderer(self.plan.config, self.plan.split(split), self.backend, device_index)
 
     def make(
         self, shard: Shard, renderer_of_split: Callable[[SplitName], PairRenderer], listener: Listener
     ) -> ShardState:
-        """Make a shard, or the pairs that an earlier run did not write.
+        """Make a shard, or the pairs that an earlier run did not write; a shard that lacks nothing needs no renderer.
 
-        Args:
-            shard: a shard of the plan.
-            renderer_of_split: returns the open renderer of a split; not called for a shard that lacks nothing.
-            listener: hears each pair of the shard, and may ask to stop between two of them.
+        The listener hears each pair of the shard, and may ask to stop between two of them.
         """
         try:
-            writer = ShardWriter(
-                self.place, shard, packed=self.plan.layout.packed, folder=self.plan.folder(shard.split)
-            )
+            folder = self.plan.folder(shard.split)
+            writer = ShardWriter(self.place, shard, packed=self.plan.layout.packed, folder=folder)
         except ShardBusyError:
             return "busy"
         with writer:
@@ -151,20 +135,10 @@ class ShardJob:
     def encode(
         self, pair: Pair, split: SplitName, latest: LatestFiles | None = None
     ) -> tuple[dict[str, bytes], dict[str, Any]]:
-        """Encode a pair.
-
-        Args:
-            pair: the pair.
-            split: its split of the dataset.
-            latest: see `encode_pair`.
-
-        Returns:
-            The pair's files by path, and its facts for the record of its shard.
-        """
-        config, layout = self.plan.config, self.plan.layout
-        key, most_px = self.plan.key(split, pair.index), max(1, ceil(config.disparity.max_px))
-        encodings = layout.encodings_for(config)
-        encoded = encode_pair(layout, key, pair.frame, pair.provenance, most_px, encodings, latest)
+        """Return a pair's files by path, and its facts for the record of its shard; see `encode_pair` on ``latest``."""
+        plan, config = self.plan, self.plan.config
+        key, ndisp = plan.key(split, pair.index), max(1, ceil(config.disparity.max_px))
+        encoded = encode_pair(plan.layout, key, pair.frame, pair.provenance, ndisp, plan.encodings, latest)
         return encoded.files, {
             # All pairs of a sequence carry the same redraws.
             "redrawn": pair.provenance.get("redrawn", []) if pair.index % config.sequence_pairs == 0 else [],

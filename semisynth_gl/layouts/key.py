@@ -13,7 +13,6 @@ class Key:
 
     Attributes:
         config: the config's name; letters, digits and hyphens.
-        split: the pair's split.
         index: the pair's number in the split.
         sequence_length: how many frames make a sequence in a dataset with an output of `FLOW_OUTPUTS`, whose loaders
             take names that follow each other for successive frames; None in any other dataset, where each pair has

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from semisynth_gl.codecs import Codec, Encodings
 from semisynth_gl.codecs.calib import KITTI_CALIB, MIDDLEBURY_CALIB, Calibration
 from semisynth_gl.codecs.json_object import JSON_OBJECT
-from semisynth_gl.codecs.png import GREY8
 from semisynth_gl.frame.camera import EYES, OTHER_EYE, Eye
 from semisynth_gl.frame.frame import CHANNELS, OCCLUDED, OUTSIDE, VISIBLE, Channel, Frame, finite_range, through_levels
 from semisynth_gl.frame.frame import ROLES as FRAME_ROLES
@@ -44,7 +43,7 @@ class Role:
 
     Attributes:
         meaning: the content in a few words.
-        codec: from a dataset's encodings to the file's codec.
+        codec_or_name: the file's codec, or its name in a dataset's `Encodings`.
         value: from a sample to the value that the codec encodes; None where the sample has no such value.
         output: the output without which there is no such file; None for a file that every pair has.
         eye: the view whose truth the file holds; None for images and for files about the pair.
@@ -52,11 +51,15 @@ class Role:
     """
 
     meaning: str
-    codec: Callable[[Encodings], Codec[Any]]
+    codec_or_name: Codec[Any] | str
     value: Callable[[Sample], Any]
     output: str | None = None
     eye: Eye | None = None
     unwrap: Callable[[Any, Path], Any] = lambda value, _: value
+
+    def codec(self, encodings: Encodings) -> Codec[Any]:
+        """Return the file's codec in a dataset of these encodings."""
+        return encodings.codec(self.codec_or_name) if isinstance(self.codec_or_name, str) else self.codec_or_name
 
     def described(self, encodings: Encodings) -> str:
         """Return the meaning in a dataset of these encodings: its images may be grey."""
@@ -109,9 +112,9 @@ def restore_outside(
 ) -> NDArray[np.uint8]:
     """Return a mask of `stored_mask` with the values of `semisynth_gl.frame`: an occluded point may lie outside.
 
-    It does where its position in the other image is. The renderer decides so too, in float32; a disparity that
-    its codec has rounded may fall on the other side of the image's border. Where a file has 0 though there is truth,
-    0 stays. ``truth`` is (H, W) float32 px, or (H, W, 2) for flow, and inf where unknown.
+    It does where its position in the other image does. The renderer decides so too, in float32; a disparity that its
+    codec has rounded may fall on the other side of the image's border. Where a file has 0 though there is truth, 0
+    stays. ``truth`` is (H, W) float32 px, or (H, W, 2) for flow, and inf where unknown.
     """
     height, width = mask.shape
     # Where there is no truth, nothing is said of the point's position: NaN lies on no side of a border.
@@ -163,7 +166,7 @@ def _channel_role(eye: Eye, channel: Channel[Any]) -> Role:
 
     meaning = channel.meaning.format(view=eye, other=OTHER_EYE[eye])
     truth_eye = None if channel.name == "image" else eye
-    return Role(meaning, lambda encodings: encodings.codec(channel.codec), value, channel.output, truth_eye)
+    return Role(meaning, channel.codec, value, channel.output, truth_eye)
 
 
 def _mask_role(eye: Eye, mask: Channel[Any], channel: Channel[Any]) -> Role:
@@ -173,7 +176,7 @@ def _mask_role(eye: Eye, mask: Channel[Any], channel: Channel[Any]) -> Role:
 
     seen = mask.meaning.format(view=eye, other=OTHER_EYE[eye]).partition(",")[0]
     meaning = f"{seen}, {OCCLUDED} where it does not, {OUTSIDE} where there is no {channel.codec}"
-    return Role(meaning, lambda encodings: encodings.codec(mask.codec), value, mask.output, eye)
+    return Role(meaning, mask.codec, value, mask.output, eye)
 
 
 def _not_occluded(eye: Eye, channel: Channel[Any], mask: Channel[Any]) -> Role:
@@ -185,7 +188,7 @@ def _not_occluded(eye: Eye, channel: Channel[Any], mask: Channel[Any]) -> Role:
         return np.where(seen[..., None] if channel.components > 1 else seen, view[channel.name], np.float32(np.inf))
 
     meaning = f"{channel.role(eye)}, where its mask says that the point is visible too"
-    return Role(meaning, lambda encodings: encodings.codec(channel.codec), value, mask.output, eye)
+    return Role(meaning, channel.codec, value, mask.output, eye)
 
 
 def _vertical(eye: Eye) -> Role:
@@ -197,7 +200,7 @@ def _vertical(eye: Eye) -> Role:
         return way[..., 1] if eye == "right" else np.where(np.isinf(way[..., 1]), np.float32(np.inf), -way[..., 1])
 
     meaning = f"y_left - y_right of the {eye} view's pixels, float32 px; inf where there is no disparity"
-    return Role(meaning, lambda encodings: encodings.codec("float"), value, "correspondence", eye)
+    return Role(meaning, "float", value, "correspondence", eye)
 
 
 def _objects(sample: Sample) -> NDArray[np.uint8] | None:
@@ -211,14 +214,9 @@ def _calibration(sample: Sample) -> Calibration:
     return Calibration(camera, camera.doffs_px, sample.ndisp, vmin, vmax)
 
 
-def _fixed(meaning: str, codec: Codec[Any], value: Callable[[Sample], Any], output: str | None = None) -> Role:
-    """Return a role whose codec is always the same."""
-    return Role(meaning, lambda _: codec, value, output)
-
-
 def _exposed_right(stops: int) -> Role:
     meaning = f"right image a stop {'darker' if stops < 0 else 'brighter'}"
-    return Role(meaning, lambda encodings: encodings.png, lambda sample: expose(sample.frame.right.image, stops))
+    return Role(meaning, "png", lambda sample: expose(sample.frame.right.image, stops))
 
 
 _MASKED = [
@@ -231,14 +229,12 @@ ROLES: Mapping[str, Role] = {
     **{not_occluded_role(channel, eye): _not_occluded(eye, channel, mask) for eye, channel, mask in _MASKED},
     **{f"disparity_y_{eye}": _vertical(eye) for eye in EYES},
     **{name: _exposed_right(stops) for name, stops in _STOPS.items()},
-    "objects": _fixed("8-bit: 1 to 255 for objects, 0 for all else; of the left view", GREY8, _objects, "instances"),
-    "calibration": _fixed("the cameras, as Middlebury's calib.txt has them", MIDDLEBURY_CALIB, _calibration),
-    "calib_cam_to_cam": _fixed(
+    "objects": Role("8-bit: 1 to 255 for objects, 0 for all else; of the left view", "grey8", _objects, "instances"),
+    "calibration": Role("the cameras, as Middlebury's calib.txt has them", MIDDLEBURY_CALIB, _calibration),
+    "calib_cam_to_cam": Role(
         "the cameras, as KITTI's calib_cam_to_cam.txt has them", KITTI_CALIB, lambda sample: sample.frame.camera
     ),
-    "provenance": _fixed(
-        "what made the pair: seeds, camera, and every instance in the scene",
-        JSON_OBJECT,
-        lambda sample: sample.provenance,
+    "provenance": Role(
+        "what made the pair: seeds, camera, and every instance in the scene", JSON_OBJECT, lambda each: each.provenance
     ),
 }
