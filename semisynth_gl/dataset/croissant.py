@@ -113,15 +113,14 @@ def _file_object(shard: ShardEntry) -> dict[str, Any]:
 def _describe_file_set(file_set: FileSet, tars: Sequence[ShardEntry]) -> dict[str, Any]:
     own = [{"@id": tar.tar} for tar in tars if tar.split == file_set.split]
     contained = {"containedIn": own} if own else {}
-    return {
-        "@type": "cr:FileSet",
-        "@id": _id(file_set),
-        "name": _id(file_set),
-        "description": file_set.meaning,
+    return _named(
+        "FileSet",
+        _id(file_set),
+        description=file_set.meaning,
         **contained,
-        "encodingFormat": file_set.codec.media_type,
-        "includes": file_set.pattern,
-    }
+        encodingFormat=file_set.codec.media_type,
+        includes=file_set.pattern,
+    )
 
 
 def _record_set(file_set: FileSet, *, several: bool) -> dict[str, Any]:
@@ -140,13 +139,12 @@ def _record_set(file_set: FileSet, *, several: bool) -> dict[str, Any]:
     references = {"references": {"field": {"@id": "splits/name"}}} if several else {}
     data_type = "sc:ImageObject" if file_set.codec.is_image else "sc:Text"
     content = _field(f"{name}/content", data_type, source=source | {"extract": {"fileProperty": "content"}})
-    return {
-        "@type": "cr:RecordSet",
-        "@id": name,
-        "name": name,
-        "key": [{"@id": key["@id"]} for key in keys],
-        "field": [*keys, _field(f"{name}/split", value=split, **references), content],
-    }
+    fields = [*keys, _field(f"{name}/split", value=split, **references), content]
+    return _named("RecordSet", name, key=[{"@id": key["@id"]} for key in keys], field=fields)
+
+
+def _named(kind: str, name: str, **properties: object) -> dict[str, Any]:
+    return {"@type": f"cr:{kind}", "@id": name, "name": name, **properties}
 
 
 def _field(name: str, data_type: object = "sc:Text", **properties: object) -> dict[str, Any]:
@@ -162,15 +160,11 @@ def _key_regexes(pattern: str) -> list[str]:
 
 
 def _splits(splits: Sequence[SplitName]) -> dict[str, Any]:
-    return {
-        "@type": "cr:RecordSet",
-        "@id": "splits",
-        "name": "splits",
-        "dataType": "cr:Split",
-        "key": {"@id": "splits/name"},
-        "field": [
-            _field("splits/name"),
-            _field("splits/url", ["sc:URL", "cr:Split"]),
-        ],
-        "data": [{"splits/name": split, "splits/url": _SPLITS[split]} for split in splits],
-    }
+    return _named(
+        "RecordSet",
+        "splits",
+        dataType="cr:Split",
+        key={"@id": "splits/name"},
+        field=[_field("splits/name"), _field("splits/url", ["sc:URL", "cr:Split"])],
+        data=[{"splits/name": split, "splits/url": _SPLITS[split]} for split in splits],
+    )

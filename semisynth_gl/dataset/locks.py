@@ -4,7 +4,7 @@ import fcntl
 import os
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -36,19 +36,15 @@ def open_locked(path: Path, shared: Callable[[], bool], *, patient: bool) -> Bin
     deadline = time.monotonic() + (_PATIENCE_S if patient else 0.0)
     while True:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with suppress(FileNotFoundError):
-            file = path.open("a+b")
+        with suppress(FileNotFoundError), ExitStack() as unless_locked:
+            file = unless_locked.enter_context(path.open("a+b"))
             try:
                 lock(file.fileno(), shared=shared())
                 # A lock of a file that was removed in the meantime keeps nobody out.
                 if os.path.samestat(os.fstat(file.fileno()), path.stat()):
+                    unless_locked.pop_all()
                     return file
             except BlockingIOError:
-                file.close()
                 if time.monotonic() >= deadline:
                     raise
-            except BaseException:
-                file.close()
-                raise
-            file.close()
         time.sleep(_SECONDS_BETWEEN_TRIES)

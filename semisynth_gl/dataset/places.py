@@ -39,11 +39,8 @@ class Folder(Place):
         with self.open(name) as file:
             # At most the file's size: a wrong length must not ask for memory.
             length = max(0, min(length, os.fstat(file.fileno()).st_size - offset))
-            parts = []
-            while length and (part := os.pread(file.fileno(), length, offset)):
-                parts.append(part)
-                offset, length = offset + len(part), length - len(part)
-            return b"".join(parts)
+            file.seek(offset)
+            return file.read(length)
 
     def open(self, name: str) -> BinaryIO:
         """Open a file for reading."""

@@ -6,13 +6,14 @@ from importlib.metadata import version
 from math import ceil
 from typing import Any
 
+from semisynth_gl.codecs import Encodings
 from semisynth_gl.config import Config
 from semisynth_gl.dataset.contents import Contents
 from semisynth_gl.dataset.schema import CARD, CROISSANT, FORMAT, INDEX, PARTIAL, PROGRAM, RECORDS
 from semisynth_gl.frame.frame import CHANNELS
 from semisynth_gl.inputs.arguments import check_type, to_whole
 from semisynth_gl.inputs.errors import InputError, counted, shown
-from semisynth_gl.layouts import LAYOUTS, Layout, find_layout
+from semisynth_gl.layouts import LAYOUTS, find_layout
 from semisynth_gl.layouts.key import sequence_length
 from semisynth_gl.plugins import Records, plugin_records
 from semisynth_gl.seeds.splits import SPLITS, Split, SplitName
@@ -99,7 +100,7 @@ def make_plan(
         )
     encodings = layout.encodings_for(config)
     if encodings.signed and not encodings.disparity.signed:
-        others = [each for each in LAYOUTS if find_layout(each).own_encodings(signed=True).disparity.signed]
+        others = [each for each in LAYOUTS if (find_layout(each).encodings or Encodings()).disparity.signed]
         raise InputError(
             f"the layout {layout_name} stores disparities as {encodings.disparity.description}, which has no values of "
             f"0 and below, but disparity.signed makes these valid: choose another `layout`: {', '.join(others)}"
@@ -108,7 +109,7 @@ def make_plan(
     if lacking := sorted(layout.needs.difference(config.outputs)):
         config = config.model_copy(update={"outputs": (*config.outputs, *lacking)})
     if shard_pairs is None:
-        shard_pairs = _shard_pairs(config, layout, max(counts.values()))
+        shard_pairs = _shard_pairs(config, encodings, max(counts.values()))
     shards = sum(ceil(count / shard_pairs) for count in counts.values())
     if shards > _MOST_SHARDS:
         raise InputError(
@@ -142,8 +143,7 @@ def _check_names(plan: Plan) -> None:
             )
 
 
-def _shard_pairs(config: Config, layout: Layout, pairs: int) -> int:
-    encodings = layout.encodings_for(config)
+def _shard_pairs(config: Config, encodings: Encodings, pairs: int) -> int:
     per_pixel = 0.0
     for channel in CHANNELS.values():
         if channel.output is None or channel.output in config.outputs:

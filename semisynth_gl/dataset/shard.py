@@ -223,9 +223,13 @@ class ShardWriter:
         self._journal.truncate(end)
         self._journal.seek(end)
         if self._tar is not None:
-            end = self.samples[-1].end if self.samples else 0
-            self._tar.truncate(end)
-            self._tar.seek(end)
+            self._tar.truncate(self._tar_end)
+            self._tar.seek(self._tar_end)
+
+    @property
+    def _tar_end(self) -> int:
+        """Where the complete pairs end in the tar."""
+        return self.samples[-1].end if self.samples else 0
 
     def _is_complete(self, entry: JournalEntry) -> bool:
         if self._tar is None:
@@ -236,7 +240,7 @@ class ShardWriter:
                 )
             except FileNotFoundError:
                 return False
-        begin, end = self.samples[-1].end if self.samples else 0, entry.end
+        begin, end = self._tar_end, entry.end
         if not begin < end <= os.fstat(self._tar.fileno()).st_size:
             return False
         self._tar.seek(begin)

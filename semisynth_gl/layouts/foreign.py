@@ -84,9 +84,12 @@ def _paths(layout: Layout, keys: list[Key], folder: str) -> Iterator[tuple[str, 
         stems = layout.stems(key)
         if lacking := [role for role in _NEEDED if role not in stems]:
             raise InputError(f"stems: expected the roles {', '.join(_NEEDED)} and others, got no {', '.join(lacking)}")
-        if unknown := [role for role in stems if not _is_known(layout, role)]:
-            hint = did_you_mean(near(unknown[0], ROLES), f"expected some of {', '.join(ROLES)}")
-            raise InputError(f"stems: there is no role {shown(unknown[0])}; {hint}")
+        for role in stems:
+            try:
+                layout.role(role)
+            except KeyError:
+                hint = did_you_mean(near(role, ROLES), f"expected some of {', '.join(ROLES)}")
+                raise InputError(f"stems: there is no role {shown(role)}; {hint}") from None
         files = layout.files(key, encodings)
         yield from ((f"{folder}{path}", f"{role} of pair {key.index} of {split}") for role, path in files.items())
     for path, data in layout.lists(keys, encodings).items():
@@ -98,11 +101,3 @@ def _paths(layout: Layout, keys: list[Key], folder: str) -> Iterator[tuple[str, 
         if os.path.normpath(PurePosixPath(path).parent / target).startswith(("..", "/")):
             raise InputError(f"links: expected targets below the dataset's folder, got {target!r} for {path}")
     yield from ((f"{folder}{path}", "folder") for path in layout.folders())
-
-
-def _is_known(layout: Layout, role: str) -> bool:
-    try:
-        layout.role(role)
-    except KeyError:
-        return False
-    return True

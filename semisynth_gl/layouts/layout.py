@@ -138,12 +138,8 @@ class Layout(ABC):
 
     def encodings_of(self, chosen: Encodings, colour: Colour) -> Encodings:
         """Return the encodings in this layout where a config has ``chosen`` these, for images of its colour."""
-        encodings = chosen if self.encodings is None else self.own_encodings(signed=chosen.signed)
+        encodings = chosen if self.encodings is None else replace(self.encodings, signed=chosen.signed)
         return encodings if colour == "rgb" else encodings.in_grey(three=bool(self.three_channels_for))
-
-    def own_encodings(self, *, signed: bool) -> Encodings:
-        """Return the layout's own encodings, or the default ones, for disparities that are signed or not."""
-        return replace(self.encodings or Encodings(), signed=signed)
 
 
 def view_stems(names: Mapping[str, str], default: str) -> dict[str, str]:
