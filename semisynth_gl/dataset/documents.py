@@ -226,8 +226,13 @@ def parse_document(values: Mapping[str, Any], model: type[_Document], path: Path
         ReadError: with the keys that are wrong or missing, what was expected, and what came.
         MissingPluginError: where the layout is a plug-in's that is not installed.
     """
-    if issubclass(model, PlanDocument):
-        _check_format(values, path)
+    number = values.get("format")
+    if issubclass(model, PlanDocument) and isinstance(number, int) and number > FORMAT:
+        raise NewerFormatError(
+            f"{path}: format: expected at most {FORMAT}, which {PROGRAM} {version(PROGRAM)} reads, got "
+            f"{shown(number)}: {PROGRAM} {shown(values.get('version'))} wrote the dataset; install that version or a "
+            "newer one"
+        )
     try:
         return model.model_validate(values)
     except MissingPluginError as error:
@@ -286,16 +291,6 @@ def parse_record(values: Mapping[str, Any], shard: Shard, path: Path, *, packed:
     if record.bytes != size:
         raise ReadError(path, f"bytes: expected {size} by the sizes of the files, got {record.bytes}")
     return record
-
-
-def _check_format(values: Mapping[str, Any], path: Path) -> None:
-    number = values.get("format")
-    if isinstance(number, int) and number > FORMAT:
-        raise NewerFormatError(
-            f"{path}: format: expected at most {FORMAT}, which {PROGRAM} {version(PROGRAM)} reads, got "
-            f"{shown(number)}: {PROGRAM} {shown(values.get('version'))} wrote the dataset; install that version or a "
-            "newer one"
-        )
 
 
 def _check_shard(entry: ShardEntry, shard: Shard, prefix: str, path: Path) -> None:

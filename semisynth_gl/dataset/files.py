@@ -32,11 +32,8 @@ _QUESTIONS = 16
 class DatasetFiles:
     """The files of a dataset, new or resumed. Nothing on disk changes before `open`.
 
-    Args:
-        place: the dataset's root.
-        plan: the dataset's plan.
-        overwrite: replace an earlier dataset of this program; an unfinished one of the same plan is resumed. Other
-            people's files are never deleted.
+    With ``overwrite``, an earlier dataset of this program is replaced, and an unfinished one of the same plan resumed.
+    Other people's files are never deleted.
 
     Attributes:
         begun: whether there is a dataset already.

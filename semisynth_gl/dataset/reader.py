@@ -28,7 +28,6 @@ from semisynth_gl.inputs.errors import InputError, ReadError, shown
 from semisynth_gl.seeds.splits import SplitName
 
 _MISSING = "is missing"
-_UNFINISHED = "the dataset is not finished; run its generate command again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +81,7 @@ def read_index(address: str | PathLike[str]) -> Index:
         reason = "expected a folder, got a file" if place.local.exists() else "there is no such folder"
         raise InputError(f"{address}: {reason}")
     faults: list[str] = []
-    advice, ours = _UNFINISHED, False
+    advice, ours = "the dataset is not finished; run its generate command again", False
     for name in (INDEX, PLAN):
         try:
             values = _read_json(place, name)

@@ -71,26 +71,8 @@ class StoredFrame(Frame):
         return np.where(np.asarray(disparity) <= 2 * error, 2 * error, error)
 
 
-class LatestFiles:
-    """The values and files of a left view that successive pairs share."""
-
-    def __init__(self) -> None:
-        self._files: dict[str, tuple[NDArray[Any], bytes]] = {}
-
-    def encode(self, name: str, codec: Codec[Any], value: Any) -> bytes:  # noqa: ANN401 - by role
-        """Encode the value of a role, or return the latest pair's file where that pair has it bit for bit."""
-        if not isinstance(value, np.ndarray):
-            return codec.encode(value)
-        latest = self._files.get(name)
-        if latest is None or not _same_bits(latest[0], value):
-            latest = value, codec.encode(value)
-            self._files[name] = latest
-        return latest[1]
-
-
-def _same_bits(first: NDArray[Any], second: NDArray[Any]) -> bool:
-    alike = first.shape == second.shape and first.dtype == second.dtype
-    return first is second or (alike and first.tobytes() == second.tobytes())
+LatestFiles = dict[str, tuple[NDArray[Any], bytes]]
+"""Value and file of each role of the latest pair, for successive pairs that share a left view."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,19 +98,10 @@ def encode_pair(
     """Encode a pair as files; a channel that the frame lacks gets no file.
 
     Disparities that the codec cannot store become invalid, in the masks, in the changes of disparity and in the
-    calibration too; the provenance then counts them by view under `Channel.beyond_key`. Likewise flow.
-
-    Args:
-        layout: names of the files.
-        key: the pair.
-        frame: images and truth.
-        provenance: the origin of the pair, in JSON's types.
-        ndisp: an upper bound of the disparities, whole pixels.
-        encodings: see `Layout.encodings_for`.
-        latest: the files of earlier pairs, where pairs share a view; no value of theirs may have been changed since.
-
-    Raises:
-        InputError: where a codec needs a package that is not installed.
+    calibration too; the provenance, in JSON's types, then counts them by view under `Channel.beyond_key`. Likewise
+    flow. ``ndisp`` is an upper bound of the disparities in whole pixels, and ``encodings`` are those of
+    `Layout.encodings_for`. Where pairs share a view, ``latest`` has the files of earlier pairs, no value of which may
+    have been changed since. Raises InputError where a codec needs a package that is not installed.
     """
     beyond: dict[str, dict[str, int]] = {}
     for channel in CHANNELS.values():
@@ -144,10 +117,24 @@ def encode_pair(
         role = layout.role(name)
         value = role.value(sample)
         if value is not None:
-            codec = role.codec(encodings)
-            files[path] = codec.encode(value) if latest is None else latest.encode(name, codec, value)
+            files[path] = _encode(name, role.codec(encodings), value, latest)
     pixels = frame.camera.width_px * frame.camera.height_px
     return EncodedPair(files, max(beyond.get(View.disparity.beyond_key, {}).values(), default=0) / pixels)
+
+
+def _encode(role: str, codec: Codec[Any], value: Any, latest: LatestFiles | None) -> bytes:  # noqa: ANN401 - by role
+    """Encode a role's value, or return the latest pair's file where that pair has the value bit for bit."""
+    if latest is None or not isinstance(value, np.ndarray):
+        return codec.encode(value)
+    earlier = latest.get(role)
+    if earlier is None or not _same_bits(earlier[0], value):
+        earlier = latest[role] = value, codec.encode(value)
+    return earlier[1]
+
+
+def _same_bits(first: NDArray[Any], second: NDArray[Any]) -> bool:
+    alike = first.shape == second.shape and first.dtype == second.dtype
+    return first is second or (alike and first.tobytes() == second.tobytes())
 
 
 def decode_file(layout: Layout, role: str, data: bytes, path: Path, encodings: Encodings) -> Any:  # noqa: ANN401 - by role

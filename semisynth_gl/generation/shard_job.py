@@ -124,7 +124,7 @@ class ShardJob:
         """Draw, encode and add pairs, until a stop is asked for."""
         drawn = (renderer.render(index) for index in takewhile(lambda _: not listener.stopping, indices))
         threads = 0 if is_software(renderer.renderer_name) else _ENCODERS
-        latest = LatestFiles() if self.plan.config.views > 1 else None
+        latest: LatestFiles | None = {} if self.plan.config.views > 1 else None
         with closing(encoded(drawn, partial(self.encode, split=split, latest=latest), threads)) as pairs:
             start = time.perf_counter()
             for index, (files, facts) in zip(indices, pairs, strict=False):

@@ -1,12 +1,7 @@
-"""The folders of CREStereo's dataset.
+"""The folders of CREStereo's dataset; docs/layouts.md draws the tree.
 
-``CREStereo/{shapenet,reflective,tree,hole}/NNNNNN_left.jpg``, ``NNNNNN_right.jpg`` and the disparities
-``NNNNNN_left.disp.png`` and ``NNNNNN_right.disp.png``, 16-bit, 1/32 px, 0 where there is none. Beside them, what
-CREStereo has not: ``NNNNNN_left.mask.png``, ``NNNNNN_left.inst.png``, ``NNNNNN_left.depth.pfm``,
-``NNNNNN_left.sky.png``, ``NNNNNN_left.normals.pfm``, ``NNNNNN_left.flow.flo`` and ``NNNNNN_left.flow_mask.png``,
-``NNNNNN_left.flow_backward.flo`` and ``NNNNNN_left.flow_backward_mask.png``, ``NNNNNN_left.disparity_change.pfm``, the
-same of the right view, and ``NNNNNN.json``. Pair 0 is in shapenet, pair 1 in reflective and so on; torchvision wants
-all four filled.
+Pair 0 is in shapenet, pair 1 in reflective and so on; torchvision wants all four filled. CREStereo itself has images
+and disparities alone.
 """
 
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
-"""The folders of ETH3D's two-view benchmark.
+"""The folders of ETH3D's two-view benchmark; docs/layouts.md draws the tree.
 
-``two_view_training/<scene>/`` with im0.png, im1.png and calib.txt, and ``two_view_training_gt/<scene>/`` with
-disp0GT.pfm, mask0nocc.png, and what ETH3D has not: disp1GT.pfm, mask1nocc.png, pair.json and the outputs asked for.
 Names with 0 are the left view's. Both folders hold the same scenes, since loaders pair them by sorting. ``ETH3D/``
 leads to both, for torchvision.
 """

@@ -1,27 +1,10 @@
-"""The folders of KITTI 2015, of which there is ``training`` alone.
+"""The folders of KITTI 2015, of which there is ``training`` alone; docs/layouts.md draws the tree.
 
-``training/`` holds, for pair NNNNNN:
+Masks have no file: they follow from disparities and flow, see `semisynth_gl.layouts.roles.mask_from_not_occluded`.
+``pairs`` and ``filenames`` are ours: provenances, and a list for loaders that read such.
 
-- ``image_2/NNNNNN_10.png`` and ``image_3/NNNNNN_10.png``, the left and the right image
-- ``disp_occ_0/NNNNNN_10.png``, the left view's disparity, and ``disp_noc_0/``, the same where the right view sees the
-  point too; ``disp_occ_1/`` and ``disp_noc_1/`` are the right view's
-- ``obj_map/NNNNNN_10.png``, 0 for walls, ground and the like and 1 to 255 for objects, of the left view
-- ``calib_cam_to_cam/NNNNNN.txt``
-- ``flow_occ/NNNNNN_10.png``, the left view's flow to the next frame, and ``flow_noc/``, the same where that frame
-  shows the point too
-- what no loader of KITTI looks for: ``instances_0/``, ``instances_1/``, ``depth_0/``, ``depth_1/``, ``sky_0/``,
-  ``sky_1/``, ``normals_0/`` and ``normals_1/``; ``flow_occ_right/`` and ``flow_noc_right/``; ``flow_backward_occ/`` and
-  ``flow_backward_noc/``, to the previous frame, and the right view's; ``disparity_change_0/NNNNNN_10.pfm`` and
-  ``disparity_change_1/``
-
-``pairs/NNNNNN.json`` is the provenance, ``filenames/KITTI_2015_train.txt`` a list for loaders that read such, and
-``Kitti2015/training`` leads to the same files, for torchvision. Masks have no file: they follow from disparities and
-flow, see `semisynth_gl.layouts.roles.mask_from_not_occluded`.
-
-In a dataset with an output of flow, NNNNNN is the sequence, and its frames are ``NNNNNN_10``, ``NNNNNN_11`` and so on,
-each with all files. The calibration keeps its name for the first one, as loaders look for it, and is
-``NNNNNN_11.txt`` for the second one; provenances are ``NNNNNN_10.json`` and so on. ``KittiFlow/training`` leads to the
-same files then.
+In a dataset with an output of flow, a number is a sequence's and each frame has all files. Loaders look for the first
+frame's calibration under the number alone.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,9 +1,6 @@
-"""The folders of Middlebury's evaluation set (MiddEval3), full size.
+"""The folders of Middlebury's evaluation set (MiddEval3), full size; docs/layouts.md draws the tree.
 
-``MiddEval3/trainingF/<scene>/`` with im0.png, im1.png, disp0GT.pfm, disp1GT.pfm, mask0nocc.png, mask1nocc.png,
-calib.txt, pair.json and the outputs asked for, disp0y.pfm and disp1y.pfm with correspondences, and
-``MiddEval3/official_train.txt`` with the scenes' names. Images, disparities and flow in another encoding end in its
-name. Names with 0 are the left view's. ``carla-highres/trainingF`` leads to the same scenes.
+Names with 0 are the left view's. Images, disparities and flow in another encoding end in its name.
 """
 
 from collections.abc import Sequence

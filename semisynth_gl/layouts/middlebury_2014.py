@@ -1,8 +1,6 @@
-"""The folders of Middlebury's scenes of 2014.
+"""The folders of Middlebury's scenes of 2014; docs/layouts.md draws the tree.
 
-``2014/<scene>-perfect/`` with im0.png, im1.png, im1E.png, im1L.png, disp0.pfm, disp1.pfm, mask0nocc.png,
-mask1nocc.png, calib.txt, pair.json and the outputs asked for. Names with 0 are the left view's. im1E and im1L are the
-right image a stop darker and a stop brighter. ``Middlebury2014/train/`` leads to the same scenes, for torchvision.
+Names with 0 are the left view's. im1E and im1L are the right image a stop darker and a stop brighter.
 """
 
 from collections.abc import Sequence

@@ -1,21 +1,8 @@
-"""The folders of SceneFlow's FlyingThings3D.
+"""The folders of SceneFlow's FlyingThings3D; docs/layouts.md draws the tree.
 
-Below ``SceneFlow/FlyingThings3D/``, for the pair that is frame FFFF of folder NNNN of letter A, B or C:
-
-- ``frames_cleanpass/TRAIN/A/NNNN/left/FFFF.png`` and ``right/FFFF.png``, the images
-- ``disparity/TRAIN/A/NNNN/left/FFFF.pfm`` and ``right/FFFF.pfm``; ``frames_disparity`` leads to the same folder
-- what SceneFlow has not, below folders of the same form: ``visibility``, ``instances``, ``depth``, ``sky`` and
-  ``normals``, and the provenance as ``pairs/TRAIN/A/NNNN/FFFF.json``
-- ``optical_flow/TRAIN/A/NNNN/into_future/left/OpticalFlowIntoFuture_FFFF_L.pfm`` and
-  ``right/OpticalFlowIntoFuture_FFFF_R.pfm``, flow to the next frame; ``into_past/left/OpticalFlowIntoPast_FFFF_L.pfm``
-  and so on, to the previous one; ``disparity_change/TRAIN/A/NNNN/into_future/left/FFFF.pfm``; and, which SceneFlow has
-  not, ``optical_flow_visibility/TRAIN/A/NNNN/into_future/left/FFFF.png``
-- the folders of Monkaa and Driving, empty, since PSMNet lists them
-
-``filenames/`` has lists of the pairs for loaders that read such. Pairs to train on are under TRAIN and those to test on
-under TEST of one tree; those to validate with are under TEST of a tree of their own. Pair 0 is in A, pair 1 in B, pair
-2 in C, pair 3 in A again. A folder holds up to 1000 frames, from 0000 on: loaders sort or list them, whatever their
-numbers.
+Pairs to train on are under TRAIN and those to test on under TEST of one tree; those to validate with are under TEST of
+another tree. Pair 0 is in A, pair 1 in B, pair 2 in C, pair 3 in A again. A folder holds up to 1000 frames, from 0000
+on: loaders sort or list them, whatever their numbers.
 
 Loaders of flow take the images that follow each other in a folder for successive frames. So in a dataset with such an
 output a folder is a sequence: sequence 0 is A/0000, sequence 1 is B/0000, and frame k of it is 000k.

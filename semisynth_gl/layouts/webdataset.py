@@ -1,10 +1,7 @@
-"""WebDataset: shards are tars, and a pair is the files of one key that stand together in them.
+"""WebDataset: shards are tars, and a pair is the files of one key in them, such as ``00000012``; see docs/layouts.md.
 
-Pair 12 is ``00000012.left.png``, ``.right.png``, ``.disp0.pfm``, ``.disp1.pfm``, the outputs asked for (``.mask0.png``,
-``.inst0.png``, ``.depth0.pfm``, ``.sky0.png``, ``.normals0.pfm``, ``.flow0.flo``, ``.flow_mask0.png``,
-``.flow_backward0.flo``, ``.flow_backward_mask0.png``, ``.disparity_change0.pfm``, and the right view's with 1) and
-``.json``. Images, disparities and flow in another encoding end in its name. The JSON has the same keys with values of
-the same types in every pair, as Hugging Face demands; ``provenance`` in it is all of the provenance, as text.
+Images, disparities and flow in another encoding end in its name. The JSON has the same keys with values of the same
+types in every pair, as Hugging Face demands; ``provenance`` in it is all of the provenance, as text.
 """
 
 import json
