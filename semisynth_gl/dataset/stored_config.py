@@ -16,8 +16,9 @@ from pydantic import (
 )
 from pydantic_core import PydanticKnownError
 
-from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS, Encodings
-from semisynth_gl.config.fields import Finite, count, one_of
+from semisynth_gl.codecs import Encodings
+from semisynth_gl.config.dataset_sections import FilesSection
+from semisynth_gl.config.fields import Finite, count
 from semisynth_gl.config.model import Config
 from semisynth_gl.frame.frame import DEFAULT_OUTPUTS, OUTPUTS, Colour, TruthViews
 
@@ -74,10 +75,8 @@ class _Sequence(StoredObject):
     length: Annotated[int, Field(ge=1, le=MOST_PAIRS)] = 1
 
 
-class _Files(StoredObject):
-    image: Annotated[str, one_of(IMAGE_CODECS)] = Encodings().image.name
-    disparity: Annotated[str, one_of(DISPARITY_CODECS)] = Encodings().disparity.name
-    flow: Annotated[str, one_of(FLOW_CODECS)] = Encodings().flow.name
+class _Files(FilesSection):
+    model_config = ConfigDict(extra="ignore")
 
 
 class _Particles(StoredObject):
