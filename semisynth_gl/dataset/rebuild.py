@@ -55,13 +55,10 @@ class RebuiltScenes:
         redrawn = frame.provenance.get("redrawn")
         rebuilt = self._sampler.sample(frame.index, len(redrawn) if isinstance(redrawn, list) else 0)
         recorded, camera = frame.provenance.get("camera"), rebuilt.scene.camera
-        if rebuilt.recipe != frame.recipe:
+        if rebuilt.recipe != frame.recipe or not isinstance(recorded, dict):
             return None
-        if not isinstance(recorded, dict) or any(
-            recorded.get(name) != value for name, value in camera.values().items() if name != "doffs_px"
-        ):
-            return None
-        return rebuilt
+        same = all(recorded.get(name) == value for name, value in camera.values().items() if name != "doffs_px")
+        return rebuilt if same else None
 
     def motion(self, rebuilt: SampledScene, frames: int) -> Motion:
         """Return the motion of a rebuilt scene to another frame; see `SceneSampler.motion`."""

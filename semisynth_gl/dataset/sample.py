@@ -185,7 +185,8 @@ def assemble_frame(key: Key, values: Mapping[str, Any], encodings: Encodings) ->
         elif mask in arrays and arrays[mask].shape == arrays[role].shape[:2]:
             arrays[mask] = restore_outside(arrays[mask], arrays[role], channel, eye)
     calibration, provenance = values.get("calibration"), values["provenance"]
-    if calibration is None or _deviates(provenance):
+    stored_camera = provenance.get("camera")
+    if calibration is None or (isinstance(stored_camera, dict) and "deviation" in stored_camera):
         # A calibration is that of the rectified pair.
         try:
             camera = StereoCamera.from_values(provenance["camera"])
@@ -207,11 +208,6 @@ def _with_outside(frame: Frame, eye: Eye) -> View:
         return view
     way = view["correspondence"] if "correspondence" in view else frame.ways(eye).astype(np.float32)
     return view.with_channels({"visibility": restore_outside(view["visibility"], way, View.correspondence, eye)})
-
-
-def _deviates(provenance: Mapping[str, Any]) -> bool:
-    camera = provenance.get("camera")
-    return isinstance(camera, dict) and "deviation" in camera
 
 
 def _invalidate(frame: Frame, channel: Channel[Any], codec: Codec[Any]) -> tuple[Frame, dict[str, int]]:
