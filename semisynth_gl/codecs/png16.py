@@ -15,7 +15,7 @@ _KITTI_STEPS = 256
 
 
 class DisparityPng16(Codec[NDArray[np.float32]]):
-    """Disparity as 16-bit grey PNG of so many steps per pixel, (H, W) float32 px; 0 stands for inf."""
+    """Disparity as 16-bit grey PNG that counts steps of a pixel, (H, W) float32 px; 0 stands for inf."""
 
     suffix = ".png"
     media_type = "image/png"
@@ -67,8 +67,8 @@ class _AboutMiddle(Codec[NDArray[np.float32]]):
     _least_count: ClassVar[int]
 
     def exceeds_limit(self, value: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Return where all components are finite and one rounds to a count that cannot be stored, (H, W) bool."""
-        exceeding: NDArray[np.bool_] = _of_all_components(np.isfinite(value)) & ~self._fits(self._counts(value))
+        """Return where all components are finite and one rounds to a count that the format lacks, (H, W) bool."""
+        exceeding: NDArray[np.bool_] = _all_components(np.isfinite(value)) & ~self._fits(self._counts(value))
         return exceeding
 
     def _counts(self, value: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -81,7 +81,7 @@ class _AboutMiddle(Codec[NDArray[np.float32]]):
 
     def _fits(self, counts: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return where all components can be stored, (H, W) bool."""
-        return _of_all_components((counts >= self._least_count) & (counts <= _LARGEST))
+        return _all_components((counts >= self._least_count) & (counts <= _LARGEST))
 
 
 class SignedDisparityPng16(_AboutMiddle):
@@ -132,9 +132,9 @@ class FlowPng16(_AboutMiddle):
         return np.where(channels[..., 2:] > 0, self._values(channels[..., :2]), np.float32(np.inf))
 
 
-def _of_all_components(are: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return where each of a pixel's components is so, (H, W) bool."""
-    return np.all(are, axis=2) if are.ndim > 2 else are
+def _all_components(where: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return where all components of a pixel are true, (H, W) bool."""
+    return np.all(where, axis=2) if where.ndim > 2 else where
 
 
 KITTI_DISPARITY = DisparityPng16(_KITTI_STEPS)

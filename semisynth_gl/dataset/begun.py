@@ -1,4 +1,4 @@
-"""What is there of a dataset that a run has begun: its plan, the records of its complete shards, and what it lacks."""
+"""A dataset that a run has begun: its plan, the records of its complete shards, and the files that it lacks."""
 
 import os
 from collections.abc import Mapping
@@ -49,8 +49,8 @@ def read_resumed(place: Place) -> PlanDocument | None:
 def complete_record(place: Place, shard: Shard) -> RecordDocument | None:
     """Return a shard's record, or None where the shard must be made again.
 
-    It must be where the record is missing, cut off or another shard's, or a file is missing or has another size. What
-    stands in the place of a file, such as a link or a folder, raises ReadError.
+    A record counts only if it is whole and this shard's, and all files are there in the sizes that it says. A link or a
+    folder in the place of a file raises ReadError.
     """
     name = record_path(shard.name)
     values = read_object(place, name)
@@ -83,7 +83,7 @@ def lost_files(place: Place, plan: Plan) -> list[str]:
     """Return which files, links and folders about the whole dataset are missing, cut off, or not its plan's.
 
     A card or a Croissant file with other contents is not lost: users add to them. Nor is a folder in the place of
-    a link, as a copy without links has it. What stands in the place of a file raises ReadError.
+    a link, as a copy without links has it. A link or a folder in the place of a file raises ReadError.
     """
     index = read_object(place, INDEX)
     if index is None:

@@ -21,7 +21,7 @@ _Value = TypeVar("_Value")
 class Shard:
     """A fixed range of a split's pairs, from ``first`` to ``end`` - 1, on disk complete or not at all.
 
-    It has a number among all shards of the dataset, which tasks and ``--shards`` count, and its files' common name.
+    Tasks and ``--shards`` count shards by their number in the dataset; files have the shard's name before their ending.
     """
 
     number: int

@@ -76,14 +76,14 @@ class DatasetFiles:
             check_ways(place, plan)
 
     def replaces(self, sources: Mapping[SplitName, Mapping[str, str]]) -> bool:
-        """Return whether `open` will delete an earlier dataset, with the digests of patches and models by split."""
+        """Return whether `open`, with these digests of patches and models by split, will delete an earlier dataset."""
         if not self._overwrite or self._beginning is None:
             return False
         # What a run that overwrites began before it was killed is no earlier dataset: it goes on there.
         return self._place.size(INDEX) is not None or read_object(self._place, PLAN) != self._values(sources)
 
     def open(self, sources: Mapping[SplitName, Mapping[str, str]]) -> None:
-        """Begin the dataset, or resume it, with the digests of patches and models by split.
+        """Begin or resume the dataset, whose patches and models have these digests by split.
 
         Raises:
             InputError: where the place cannot be written to, the dataset was begun with other sources, or another run
@@ -122,7 +122,7 @@ class DatasetFiles:
             raise InputError(f"{place.address}: the folder cannot be written to: {error.strerror or error}") from None
 
     def missing(self, shards: Iterable[Shard], *, quick: bool = False) -> list[Shard]:
-        """Return the shards without a record or with files of another size than it says; if quick, the first alone."""
+        """Return the shards that `complete_record` finds no record of; if ``quick``, the first of them alone."""
         read_record = partial(complete_record, self._place)
         if self._place.local is not None or quick:
             missing = (shard for shard in shards if read_record(shard) is None)

@@ -1,4 +1,4 @@
-"""What in a folder is a dataset's: nothing else is ever replaced or removed, and no link leads a run out of the folder.
+"""Which files in a folder are a dataset's: no others are replaced or removed, and no link leads a run out of there.
 
 A folder is the program's where its index or plan says so. In such a folder, `own_names` and the names of unfinished
 files (`semisynth_gl.dataset.schema`) are the dataset's, and all other files are somebody else's.
@@ -52,8 +52,8 @@ def own_names(plan: Plan) -> Iterator[str]:
 def check_ways(place: Place, plan: Plan) -> None:
     """Refuse a folder in which a link would lead writes, renames or removals out of it.
 
-    The folders of single pairs are looked at when their pairs are written. What else stands where the dataset has a
-    folder or link is refused too.
+    The folders of single pairs are looked at when their pairs are written. Anything else in the place of the dataset's
+    folders and links is refused too.
     """
     if not isinstance(place, Folder):
         return
@@ -74,7 +74,10 @@ def check_ways(place: Place, plan: Plan) -> None:
 
 
 def foreign_names(place: Place) -> list[str]:
-    """Return what a place without a plan holds of others: a run killed before its plan leaves a lock and folders."""
+    """Return what others have put into a place without a plan.
+
+    A run that is killed before it has written its plan leaves a lock, unfinished plans and empty folders there.
+    """
     if not isinstance(place, Folder):
         return sorted({name.partition("/")[0] for name in place.names()})
     if not place.local.is_dir():
@@ -111,10 +114,10 @@ def own_files(place: Place, plan: Plan) -> list[str]:
 
 
 def remove_dataset(place: Place, beginning: PlanDocument) -> None:
-    """Remove an earlier dataset but for its plan: a run that is ended in between leaves what overwriting knows.
+    """Remove an earlier dataset but for its plan, so that a run that is ended in between can be overwritten too.
 
-    The plan says so first. Else a run with an equal plan would take the rest for its own work. Raises InputError as
-    `own_files` does, before anything is removed.
+    First of all the plan says that the dataset is being replaced: else a run with an equal plan would take the rest for
+    its own work. Raises InputError as `own_files` does, before anything is removed.
     """
     plan = plan_of(beginning)
     names = own_files(place, plan)

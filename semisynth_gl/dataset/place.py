@@ -10,7 +10,7 @@ from typing import BinaryIO
 
 
 class Place(ABC):
-    """A dataset's root, at an address that the user gave; ``local`` is its folder, or None if it is on no disk here."""
+    """A dataset's root, at the address that the user gave; ``local`` is its folder, None if not on this machine."""
 
     address: str
     local: Path | None

@@ -66,7 +66,7 @@ def make_plan(
 ) -> Plan:
     """Make a plan; outputs that the layout needs are added to the config.
 
-    A shard has so many pairs, by default for about 1 GB, and fewer in small datasets.
+    Without ``shard_pairs``, a shard has as many pairs as make about 1 GB, and fewer in small datasets.
 
     Raises:
         InputError: where there is no such layout, or the numbers or the config's encodings do not go with it.

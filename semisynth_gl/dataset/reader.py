@@ -32,7 +32,7 @@ _MISSING = "is missing"
 
 @dataclass(frozen=True, slots=True)
 class Index(Contents):
-    """The index of a dataset, or the plan of an unfinished one, as the document says which was read.
+    """The index of a dataset, or the plan of an unfinished one; ``document`` is the file that was read.
 
     ``fault`` says why index.json cannot be used and what to do about it, or is None.
     """

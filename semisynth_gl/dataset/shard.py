@@ -103,7 +103,7 @@ class ShardWriter:
         self.samples.append(JournalEntry.model_validate(entry))
 
     def finish(self, facts: Mapping[str, Any], log: Mapping[str, Any]) -> dict[str, Any]:
-        """Complete the shard after its last pair, and return its record, of facts beside the pairs in JSON's types."""
+        """Complete the shard after its last pair, with facts for its record and a log, and return the record."""
         record: dict[str, Any] = {"shard": self._name, "format": FORMAT} | dict(facts)
         record |= self._finish_files() if self._tar is None else self._finish_tar(self._tar)
         record["samples"] = [

@@ -12,9 +12,9 @@ Encoded = TypeVar("Encoded")
 def encoded(pairs: Iterable[Drawn], encode: Callable[[Drawn], Encoded], threads: int) -> Generator[Encoded, None, None]:
     """Encode pairs, and yield them in their order; compression, checksums and numpy let other threads run.
 
-    Pairs are drawn in this thread, which owns the context. While the next pair is drawn, so many threads each encode
-    one; 0 encodes in this thread, as is best where the processor draws. What drawing or encoding raises is raised here,
-    once the pairs drawn before are yielded.
+    Pairs are drawn in this thread, which owns the context. While the next pair is drawn, each thread encodes one; 0
+    encodes in this thread, as is best where the processor draws. An error of drawing or encoding is raised here, once
+    the pairs drawn before are yielded.
     """
     if threads == 0:
         yield from map(encode, pairs)

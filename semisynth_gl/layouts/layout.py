@@ -137,7 +137,7 @@ class Layout(ABC):
         return self.encodings_of(config.encodings, config.camera.colour)
 
     def encodings_of(self, chosen: Encodings, colour: Colour) -> Encodings:
-        """Return the encodings in this layout where a config has ``chosen`` these, for images of its colour."""
+        """Return the encodings of images of a colour, and of their truth, where the config has chosen these."""
         encodings = chosen if self.encodings is None else replace(self.encodings, signed=chosen.signed)
         return encodings if colour == "rgb" else encodings.in_grey(three=bool(self.three_channels_for))
 
@@ -178,5 +178,5 @@ SHORT_SPLITS: Mapping[SplitName, str] = {"train": "train", "validation": "val", 
 
 
 def pair_lines(pairs: Iterable[Mapping[str, str]]) -> bytes:
-    """Write a list as loaders read it, from paths by role: left image, right image, left disparity, a line a pair."""
+    """Write a list as loaders read it: each line has a pair's left image, right image and left disparity."""
     return "".join(f"{files['left']} {files['right']} {files['disparity_left']}\n" for files in pairs).encode()

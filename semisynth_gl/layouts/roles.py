@@ -112,9 +112,9 @@ def restore_outside(
 ) -> NDArray[np.uint8]:
     """Return a mask of `stored_mask` with the values of `semisynth_gl.frame`: an occluded point may lie outside.
 
-    It does where its position in the other image does. The renderer decides so too, in float32; a disparity that its
-    codec has rounded may fall on the other side of the image's border. Where a file has 0 though there is truth, 0
-    stays. ``truth`` is (H, W) float32 px, or (H, W, 2) for flow, and inf where unknown.
+    It lies outside where its position lies beyond the other image's border. The renderer decides so too, in float32; a
+    disparity that its codec has rounded may fall on the other side of the border. Where a file has 0 though there is
+    truth, 0 stays. ``truth`` is (H, W) float32 px, or (H, W, 2) for flow, and inf where unknown.
     """
     height, width = mask.shape
     # Where there is no truth, nothing is said of the point's position: NaN lies on no side of a border.
