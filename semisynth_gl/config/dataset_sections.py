@@ -1,13 +1,14 @@
 """The sections that hold for all pairs of a dataset: those whose keys no recipe may change."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from math import degrees
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
-from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS, Encodings
+from semisynth_gl.codecs import DISPARITY_CODECS, FLOW_CODECS, IMAGE_CODECS
 from semisynth_gl.config.fields import (
+    ZERO,
     NotNegative,
     NotNegativeRange,
     Positive,
@@ -24,7 +25,6 @@ from semisynth_gl.config.fields import (
 from semisynth_gl.frame.camera import MOST_FOCAL_RATIO, MOST_TURN_RAD
 from semisynth_gl.seeds.splits import Split, SplitName
 
-_ZERO = Range(0.0, 0.0)
 _MOST_TURN_DEG = round(degrees(MOST_TURN_RAD))
 _SUB_FRAMES = 7
 
@@ -38,31 +38,29 @@ _Licence = Annotated[str, Field(max_length=_LONGEST_LICENCE)]
 
 
 class RigSection(Section):
-    """How the right camera deviates from the rectified one. Drawn per sequence, and recorded. By default it does not.
+    """How the right camera deviates from the rectified one; drawn per sequence, and recorded. By default it does not.
 
-    Truth is exact all the same: the output ``correspondence`` has the way from each pixel to the same point in the
-    other view, and disparity is x_left - x_right. ``disparity`` and ``background`` speak of the rectified pair.
+    Truth stays exact: the output ``correspondence`` has the way from each pixel to the same point in the other view,
+    and disparity is x_left - x_right. ``disparity`` and ``background`` speak of the rectified pair.
 
     Attributes:
-        right_roll_deg: rotation about the viewing direction; a positive one turns the right image clockwise.
-        right_pitch_deg: rotation about the x axis; a positive one moves the right image upwards.
-        right_y_px: the right principal point lies this much lower than the left one.
+        right_roll_deg: rotation about the viewing direction; above 0 turns the right image clockwise.
+        right_pitch_deg: rotation about the x axis; above 0 moves the right image upwards.
+        right_y_px: how much lower the right principal point lies than the left one.
         focal_ratio: right focal length over the left one.
-        twin: show each scene to the rectified right camera too: pair 2 i deviates, and pair 2 i + 1 is its rectified
-            twin, with the same left image.
+        twin: show each scene to the rectified right camera too: pair 2 i deviates, and pair 2 i + 1 is rectified, with
+            the same left image.
     """
 
-    right_roll_deg: Annotated[RangeField, at_most(_MOST_TURN_DEG), at_least(-_MOST_TURN_DEG)] = _ZERO
-    right_pitch_deg: Annotated[RangeField, at_most(_MOST_TURN_DEG), at_least(-_MOST_TURN_DEG)] = _ZERO
-    right_y_px: RangeField = _ZERO
+    right_roll_deg: Annotated[RangeField, at_most(_MOST_TURN_DEG), at_least(-_MOST_TURN_DEG)] = ZERO
+    right_pitch_deg: Annotated[RangeField, at_most(_MOST_TURN_DEG), at_least(-_MOST_TURN_DEG)] = ZERO
+    right_y_px: RangeField = ZERO
     focal_ratio: Annotated[RangeField, at_most(MOST_FOCAL_RATIO), at_least(1 / MOST_FOCAL_RATIO)] = Range(1.0, 1.0)
     twin: bool = False
 
-    @model_validator(mode="after")
-    def _twin_of_another(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.twin and self.model_copy(update={"twin": False}).none():
-            raise ValueError("twin asks for the rectified pair beside one that deviates: give a range of another key")
-        return self
+            yield "twin asks for the rectified pair beside one that deviates: give a range of another key"
 
     def none(self) -> bool:
         """Return whether the pairs are rectified."""
@@ -77,24 +75,23 @@ class ImperfectionsSection(Section):
         gamma: exponent of the tone curve.
         noise: standard deviation of the sensor's noise, 8-bit levels.
         blur_px: standard deviation of the lens blur.
-        motion_blur: how long both eyes expose, as a share of the time between frames.
-        sub_frames: number of moments of the exposure that are drawn and averaged.
+        motion_blur: exposure time of both eyes, as a share of the time between frames.
+        sub_frames: moments of the exposure that are drawn and averaged.
         vignetting: share of the light that is missing half the image's diagonal away from the principal point.
-        white_balance: red and blue are multiplied by 2 to this power, drawn for each of the two; green stays.
+        white_balance: red and blue are each multiplied by 2 to a power drawn from this.
         sharpening: amount of the unsharp mask.
-        jpeg_quality: the image goes through JPEG of this quality, 1 to 100, before it is written. By default it does
-            not.
+        jpeg_quality: send the image through JPEG of this quality, 1 to 100.
     """
 
-    exposure_stops: Annotated[RangeField, at_most(20), at_least(-20)] = _ZERO
+    exposure_stops: Annotated[RangeField, at_most(20), at_least(-20)] = ZERO
     gamma: Annotated[PositiveRange, at_most(100)] = Range(1.0, 1.0)
-    noise: Annotated[NotNegativeRange, at_most(255)] = _ZERO
-    blur_px: Annotated[NotNegativeRange, at_most(1000)] = _ZERO
-    motion_blur: Annotated[NotNegativeRange, at_most(1)] = _ZERO
+    noise: Annotated[NotNegativeRange, at_most(255)] = ZERO
+    blur_px: Annotated[NotNegativeRange, at_most(1000)] = ZERO
+    motion_blur: Annotated[NotNegativeRange, at_most(1)] = ZERO
     sub_frames: Annotated[int, Field(ge=2, le=64)] = _SUB_FRAMES
-    vignetting: Annotated[NotNegativeRange, at_most(0.95)] = _ZERO
-    white_balance: Annotated[RangeField, at_most(4), at_least(-4)] = _ZERO
-    sharpening: Annotated[NotNegativeRange, at_most(10)] = _ZERO
+    vignetting: Annotated[NotNegativeRange, at_most(0.95)] = ZERO
+    white_balance: Annotated[RangeField, at_most(4), at_least(-4)] = ZERO
+    sharpening: Annotated[NotNegativeRange, at_most(10)] = ZERO
     jpeg_quality: Annotated[RangeField, at_least(1), at_most(100)] | None = None
 
     @model_validator(mode="before")
@@ -113,15 +110,13 @@ class ImperfectionsSection(Section):
 
 
 class ChecksSection(Section):
-    """Conditions on a rendered pair. A pair that fails one is drawn again from the next sub-seed.
-
-    The first frame of a sequence is checked, and all its frames are drawn again together.
+    """Conditions on a pair, or on the first frame of a sequence. What fails one is drawn again from the next sub-seed.
 
     Attributes:
         min_brightness: smallest mean of the darker image, 8-bit levels.
         min_texture: smallest texture measure of the flatter image, 8-bit levels.
         min_valid: smallest share of pixels with a valid disparity, in each view.
-        attempts: number of attempts before a pair is an error.
+        attempts: attempts before a pair is an error.
     """
 
     min_brightness: Annotated[float, Field(ge=0, le=255)] = 8.0
@@ -143,55 +138,42 @@ class SequenceSection(Section):
 
 
 class FilesSection(Section):
-    """The encodings of files. Masks and ids are PNG; depth, normals and change of disparity are PFM in any case.
+    """Encodings. Masks and ids are always PNG; depth, normals and change of disparity are PFM.
 
     Attributes:
         image: ``png``, ``qoi`` or ``jxl``, all lossless; the latter two need the extra ``codecs``.
-        disparity: ``pfm``; ``tiff``, smaller, lossless too; or ``png16``, KITTI's, which counts 1/256 px and ends at
-            256 px; of signed disparities, it counts from 32768 on and ends at 128 px to either side.
-        flow: ``flo``, Middlebury's; ``pfm``, SceneFlow's, of three channels; or ``png16``, KITTI's, which counts 1/64
-            px and ends at 512 px.
+        disparity: ``pfm``; ``tiff``, smaller and lossless; or KITTI's ``png16``, which counts 1/256 px up to 256 px,
+            or, of signed disparities, up to 128 px either way.
+        flow: Middlebury's ``flo``; SceneFlow's ``pfm``, of three channels; or KITTI's ``png16``, which counts 1/64 px
+            up to 512 px.
     """
 
     image: Annotated[str, one_of(IMAGE_CODECS)] = "png"
     disparity: Annotated[str, one_of(DISPARITY_CODECS)] = "pfm"
     flow: Annotated[str, one_of(FLOW_CODECS)] = "flo"
 
-    @property
-    def encodings(self) -> Encodings:
-        """The codecs of these names, for disparities that are not signed."""
-        return Encodings.from_names(self.image, self.disparity, self.flow)
-
 
 class SplitsSection(Section):
     """Photographs and models that are held out of training, where a dataset has validation or test pairs.
 
     Attributes:
-        validation: share of the photographs' subjects that only validation pairs show, at least one subject.
-        test: share of the photographs' subjects that only test pairs show, at least one subject.
-        models: hold out the same shares of each family of models too.
+        validation: share of the photographs' subjects for validation pairs alone, at least one subject.
+        test: share for test pairs alone, at least one subject.
+        models: hold out the same shares of each family of models.
     """
 
     validation: Annotated[float, Field(gt=0, lt=1)] = 0.1
     test: Annotated[float, Field(gt=0, lt=1)] = 0.1
     models: bool = False
 
-    @model_validator(mode="after")
-    def _some_to_train_on(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.validation + self.test >= 1:
-            raise ValueError(f"validation and test take {self.validation + self.test:g} of all: nothing is left")
-        return self
+            yield f"validation and test take {self.validation + self.test:g} of all: nothing is left"
 
     def split(self, name: SplitName, splits: Collection[SplitName], seed: int) -> Split:
-        """Return a split of a dataset.
-
-        Args:
-            name: name of the split.
-            splits: names of all splits of the dataset.
-            seed: the dataset's seed.
-        """
+        """Return a split of a dataset that has ``splits``."""
         shares: dict[SplitName, float] = {"validation": self.validation, "test": self.test}
-        held_out = {split: share for split, share in shares.items() if split in splits}
+        held_out = {held: share for held, share in shares.items() if held in splits}
         return Split(seed, name, held_out, self.models)
 
 
@@ -200,8 +182,8 @@ class LicencesSection(Section):
 
     Attributes:
         dataset: licence of the dataset, under the name that the hubs use.
-        images: licence of the user's photographs, and of a plug-in's pictures.
-        models: licence of the user's models, and of a plug-in's.
+        images: licence of your photographs, and of a plug-in's pictures.
+        models: licence of your models, and of a plug-in's.
     """
 
     dataset: _Licence = "unknown"

@@ -5,12 +5,13 @@ its pairs, and a file that changes later changes no dataset that has begun.
 """
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import Field, ValidationError, ValidationInfo, field_validator
 from pydantic_core import InitErrorDetails, PydanticKnownError
 
 from semisynth_gl.config.fields import FROM_LIST, LARGEST, Finite, Positive, Section, Weight, check_not_tiny
@@ -45,11 +46,9 @@ class UniformTarget(Section):
     low_px: Finite | None = None
     high_px: Finite | None = None
 
-    @model_validator(mode="after")
-    def _range(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.low_px is not None and self.high_px is not None and self.low_px >= self.high_px:
-            raise ValueError(f"expected low_px < high_px, got {self.low_px:g} and {self.high_px:g}")
-        return self
+            yield f"expected low_px < high_px, got {self.low_px:g} and {self.high_px:g}"
 
 
 class UniformDepthTarget(Section):
@@ -116,11 +115,9 @@ class HistogramTarget(Section):
     first_px: Finite = 0.0
     shares: Annotated[tuple[Weight, ...], FROM_LIST, Field(min_length=1, max_length=_MOST_BINS)]
 
-    @model_validator(mode="after")
-    def _some_share(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if not sum(self.shares) > 0:
-            raise ValueError("expected at least one share above 0")
-        return self
+            yield "expected at least one share above 0"
 
 
 Distribution = UniformTarget | UniformDepthTarget | GammaTarget | HistogramTarget
@@ -148,11 +145,9 @@ class MixtureTarget(Section):
     form: Literal["mixture"]
     parts: Annotated[tuple[MixturePart, ...], FROM_LIST, Field(min_length=1, max_length=_MOST_PARTS)]
 
-    @model_validator(mode="after")
-    def _some_weight(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if not sum(part.weight for part in self.parts) > 0:
-            raise ValueError("expected at least one weight above 0")
-        return self
+            yield "expected at least one weight above 0"
 
 
 TargetSection = Annotated[Distribution | MixtureTarget, Field(discriminator="form")]

@@ -1,12 +1,20 @@
 """The base class of all sections of a config, and the types of their values."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import partial
-from typing import Annotated, Any, TypeGuard
+from typing import Annotated, Any, Self, TypeGuard
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, PlainValidator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    PlainValidator,
+    model_validator,
+)
 from pydantic_core import ErrorDetails
 
 LARGEST = 1e6
@@ -39,6 +47,16 @@ class Section(BaseModel):
     """Base of all sections: unknown keys are errors, values are not coerced, nothing changes after loading."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    def _faults(self) -> Iterator[str]:
+        """Yield what is wrong with keys together, where each of them alone is right; the first fault is reported."""
+        yield from ()
+
+    @model_validator(mode="after")
+    def _keys_go_together(self) -> Self:
+        for fault in self._faults():
+            raise ValueError(fault)
+        return self
 
 
 def _list_as_tuple(value: Any) -> Any:  # noqa: ANN401 - a validator gets any YAML value
@@ -86,6 +104,9 @@ class Range:
         return self.low + (self.high - self.low) * rng.random(size)
 
 
+ZERO = Range(0.0, 0.0)
+
+
 def reason_of(fault: ErrorDetails) -> str:
     """Return the reason that pydantic, or a validator, gives for a fault, as a clause of a message."""
     if fault["type"] in ("tuple_type", "list_type"):
@@ -116,21 +137,18 @@ def _parse(value: object) -> Range:
     return Range(low, high)
 
 
-def _check_low(value: Range, *, positive: bool) -> Range:
-    if value.low < 0 or (positive and value.low == 0):
-        raise ValueError(f"expected numbers {'above 0' if positive else 'of 0 or more'}")
-    if positive:
-        check_not_tiny(value.low)
+def _check_not_negative(value: Range) -> Range:
+    if value.low < 0:
+        raise ValueError("expected numbers of 0 or more")
     return value
 
 
-def positive_fault(value: Range) -> str | None:
-    """Return why a range is not one of numbers above 0, or None where it is."""
-    try:
-        _check_low(value, positive=True)
-    except ValueError as error:
-        return str(error)
-    return None
+def check_above_zero(value: Range) -> Range:
+    """Return a range; raises ValueError where it reaches below `SMALLEST`."""
+    if value.low <= 0:
+        raise ValueError("expected numbers above 0")
+    check_not_tiny(value.low)
+    return value
 
 
 def at_least(smallest: float) -> AfterValidator:
@@ -200,5 +218,5 @@ Baselines = Annotated[
 """A number of baselines, or the baselines in metres."""
 
 RangeField = Annotated[Range, BeforeValidator(_parse), PlainSerializer(written_range)]
-PositiveRange = Annotated[RangeField, AfterValidator(partial(_check_low, positive=True))]
-NotNegativeRange = Annotated[RangeField, AfterValidator(partial(_check_low, positive=False))]
+PositiveRange = Annotated[RangeField, AfterValidator(check_above_zero)]
+NotNegativeRange = Annotated[RangeField, AfterValidator(_check_not_negative)]

@@ -3,12 +3,11 @@
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import (
     Field,
     SerializerFunctionWrapHandler,
@@ -39,8 +38,9 @@ from semisynth_gl.config.fields import (
     Range,
     Section,
     Weight,
+    check_above_zero,
     one_of,
-    positive_fault,
+    written_range,
 )
 from semisynth_gl.config.merge import Document, merged
 from semisynth_gl.config.partial import partial_section
@@ -48,6 +48,7 @@ from semisynth_gl.config.rig_sections import CameraSection, DisparitySection
 from semisynth_gl.config.scene_sections import (
     TEXTURE_SOURCES,
     BackgroundSection,
+    DepthLayerSection,
     ModelsSection,
     ParticlesSection,
     RoomSection,
@@ -107,12 +108,10 @@ class RecipeSection(_Changes):
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """A recipe by which the scenes of some sequences are made.
+    """A recipe by which the scenes of a share of the sequences are made.
 
-    Attributes:
-        name: its name; None where a config has no recipes, so that all sequences are made by the config itself.
-        share: its share of the sequences.
-        config: the config with the recipe's keys, and with an empty ``scenes``.
+    ``config`` has the recipe's keys and no ``scenes``. Where a config has no recipes, it is its only recipe itself,
+    with the name None.
     """
 
     name: str | None
@@ -129,12 +128,10 @@ class Config(Section):
 
     Attributes:
         name: first part of the name of every sample; letters, digits and hyphens.
-        layout: layout of the dataset where the command names none. By default ``middlebury``, and ``webdataset`` from
-            10,000 pairs on.
-        scenes: recipes. Each sequence takes one, by weight, and its keys override the config's. Without recipes, all
-            sequences follow the config alone.
-        outputs: further outputs beside images and disparities: ``visibility``, ``correspondence``, ``instances``,
-            ``depth``, ``sky``, ``normals``, ``flow``, ``flow_backward``, ``disparity_change``.
+        layout: layout where the command names none; by default ``middlebury``, and ``webdataset`` from 10,000 pairs on.
+        scenes: recipes. Each sequence takes one, by weight; its keys override the config's.
+        outputs: outputs beside images and disparities: ``visibility``, ``correspondence``, ``instances``, ``depth``,
+            ``sky``, ``normals``, ``flow``, ``flow_backward``, ``disparity_change``.
         truth: views whose disparity and outputs are written: ``both``, or ``left`` alone.
         antialias: antialiasing of colour: ``none``, ``edges``, ``msaa4`` (or another number of samples that the driver
             offers), ``ssaa2`` to ``ssaa8``.
@@ -164,84 +161,66 @@ class Config(Section):
     truth: TruthViews = "both"
     antialias: Annotated[str, Field(pattern=ANTIALIAS_PATTERN)] = "none"
 
-    @model_validator(mode="after")
-    def _disparities_are_positive(self) -> Self:
-        if self.disparity.signed:
-            return self
-        background, structures, particles = self.background, self.structures, self.particles
+    def _faults(self) -> Iterator[str]:
+        if not self.disparity.signed:
+            self._check_positive()
+        stated, doffs_px = self._stated_px(), self.camera.all_doffs_px.low
+        lowest = {"disparity.min_px": self.disparity.min_px} | {key: each.low for key, each in stated.items()}
+        for key, low_px in lowest.items():
+            if self.disparity.signed and low_px + doffs_px <= 0:
+                yield (
+                    f"{key} goes down to {low_px:g} px, but where the principal points differ by doffs = "
+                    f"{doffs_px:g} px, disparities end at {-doffs_px:g} px, which is infinitely far away: raise "
+                    f"{key} above that, or raise camera.doffs_px"
+                )
+        limit = self.disparity.max_px
+        for key, values in stated.items():
+            if values.high > limit:
+                yield (
+                    f"{key} goes up to {values.high:g} px, but disparity.max_px, the limit, is {limit:g}: lower the "
+                    "first or raise the second"
+                )
+        if limit < 0 and len(self.camera.baseline_ranges_m) > 1 and self.camera.cx_right_px is None:
+            yield (
+                f"disparity.max_px is {limit:g} px, but shorter baselines have disparities nearer to "
+                "0: state camera.cx_left_px and cx_right_px, which hold for all baselines, or one baseline"
+            )
+        if "disparity_change" in self.outputs and not self.rig.none():
+            yield "the output disparity_change is a rectified pair's: leave it out, or the section rig"
+
+    def _check_positive(self) -> None:
+        background, structures = self.background, self.structures
         stated: dict[Key, Range | None] = {
             ("background", "wall_disparity_px"): background.wall_disparity_px,
             ("background", "plane_disparity_px"): background.plane_disparity_px,
             ("structures", "ground_disparity_px"): structures.ground_disparity_px,
             ("structures", "panel_disparity_px"): structures.panel_disparity_px,
         }
-        for name, layers in (("layers", particles.layers or ()), ("clutter", particles.clutter)):
-            for k, layer in enumerate(layers):
-                stated["particles", name, k, "disparity_px"] = layer.disparity_px
-        faults = [
-            InitErrorDetails(
-                type=PydanticCustomError("disparity", "{reason}", {"reason": reason}),
-                loc=key,
-                input=[range_.low, range_.high] if range_.low < range_.high else range_.low,
-            )
-            for key, range_ in stated.items()
-            if range_ is not None and (reason := positive_fault(range_)) is not None
-        ]
+        stated |= {(*key, "disparity_px"): layer.disparity_px for key, layer in self._layers().items()}
+        faults = []
+        for key, values in stated.items():
+            if values is not None:
+                try:
+                    check_above_zero(values)
+                except ValueError as error:
+                    faults.append(_fault("disparity", str(error), key, written_range(values)))
         if faults:
             raise ValidationError.from_exception_data("Config", faults)
-        return self
-
-    @model_validator(mode="after")
-    def _all_has_a_depth(self) -> Self:
-        if self.disparity.signed:
-            doffs_px = self.camera.all_doffs_px.low
-            lowest = {key: disparity_px.low for key, disparity_px in self._stated_px().items()}
-            for key, low_px in ({"disparity.min_px": self.disparity.min_px} | lowest).items():
-                if low_px + doffs_px <= 0:
-                    raise ValueError(
-                        f"{key} goes down to {low_px:g} px, but where the principal points differ by doffs = "
-                        f"{doffs_px:g} px, disparities end at {-doffs_px:g} px, which is infinitely far away: raise "
-                        f"{key} above that, or raise camera.doffs_px"
-                    )
-        return self
 
     def _stated_px(self) -> dict[str, Range]:
-        """Return the disparities that the sections state, by their keys."""
+        """Return the disparities that the sections state for what scenes show, by their keys."""
         stated = {
             "structures.ground_disparity_px": self.structures.ground_disparity_px,
             "structures.panel_disparity_px": self.structures.panel_disparity_px,
         }
         stated |= {f"background.{key}": disparity_px for key, disparity_px in self.background.shown_px().items()}
-        for name, layers in (("layers", self.particles.layers or ()), ("clutter", self.particles.clutter)):
-            stated |= {f"particles.{name}.{k}": layer.disparity_px for k, layer in enumerate(layers)}
+        stated |= {".".join(map(str, key)): layer.disparity_px for key, layer in self._layers().items()}
         return {key: disparity_px for key, disparity_px in stated.items() if disparity_px is not None}
 
-    @model_validator(mode="after")
-    def _nothing_nearer_than_allowed(self) -> Self:
-        limit = self.disparity.max_px
-        for key, values in self._stated_px().items():
-            if values.high > limit:
-                raise ValueError(
-                    f"{key} goes up to {values.high:g} px, but disparity.max_px, the limit, is {limit:g}: lower the "
-                    "first or raise the second"
-                )
-        return self
-
-    @model_validator(mode="after")
-    def _shorter_baselines_keep_the_limit(self) -> Self:
-        several = len(self.camera.baseline_ranges_m) > 1
-        if self.disparity.max_px < 0 and several and self.camera.cx_right_px is None:
-            raise ValueError(
-                f"disparity.max_px is {self.disparity.max_px:g} px, but shorter baselines have disparities nearer to "
-                "0: state camera.cx_left_px and cx_right_px, which hold for all baselines, or one baseline"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _change_is_of_rectified_pairs(self) -> Self:
-        if "disparity_change" in self.outputs and not self.rig.none():
-            raise ValueError("the output disparity_change is a rectified pair's: leave it out, or the section rig")
-        return self
+    def _layers(self) -> dict[Key, DepthLayerSection]:
+        """Return all depth layers by their keys."""
+        lists = {"layers": self.particles.layers or (), "clutter": self.particles.clutter}
+        return {("particles", name, k): layer for name, layers in lists.items() for k, layer in enumerate(layers)}
 
     @field_validator("scenes")
     @classmethod
@@ -262,10 +241,10 @@ class Config(Section):
             try:
                 config = self._with(section)
             except ValidationError as error:
-                for fault in error.errors(include_url=False):
-                    reason = PydanticCustomError("recipe", "{reason}", {"reason": fault["msg"]})
-                    location = ("scenes", number, *fault["loc"])
-                    faults.append(InitErrorDetails(type=reason, loc=location, input=fault["input"]))
+                faults += [
+                    _fault("recipe", fault["msg"], ("scenes", number, *fault["loc"]), fault["input"])
+                    for fault in error.errors(include_url=False)
+                ]
             else:
                 if section.weight > 0:
                     lowest_px.append(config.lowest_px())
@@ -289,17 +268,15 @@ class Config(Section):
 
     def lowest_px(self) -> float:
         """Return the smallest disparity that the sections allow scenes to show."""
-        lowest = [self.disparity.min_px, *(disparity_px.low for disparity_px in self.background.shown_px().values())]
-        sky_px = -self.camera.all_doffs_px.high
-        return min([*lowest, sky_px] if self.background.shows_sky and (self.disparity.signed or sky_px > 0) else lowest)
+        background, sky_px = self.background, -self.camera.all_doffs_px.high
+        lowest = [self.disparity.min_px, *(disparity_px.low for disparity_px in background.shown_px().values())]
+        return min([*lowest, sky_px] if background.shows_sky and (self.disparity.signed or sky_px > 0) else lowest)
 
     @property
     def encodings(self) -> Encodings:
         """The codecs that the section ``files`` names, for the config's disparities."""
         files = self.files
-        if not self.disparity.signed:
-            return files.encodings
-        return Encodings.from_names(files.image, files.disparity, files.flow, signed=True)
+        return Encodings.from_names(files.image, files.disparity, files.flow, signed=self.disparity.signed)
 
     def recipes(self) -> tuple[Recipe, ...]:
         """Return the recipes of the sequences, at least one; those of weight 0 are left out."""
@@ -331,8 +308,8 @@ class Config(Section):
     def shown_histogram(self) -> Histogram:
         """Return the distribution of disparity that pairs come to where their scenes come to the wanted one.
 
-        It is the wanted one where each scene has one baseline: scenes are made for the longest of theirs, so that the
-        pairs of the others show smaller disparities.
+        The two differ where a scene has several baselines: scenes are made for the longest one, and pairs of the others
+        show smaller disparities.
 
         Raises:
             InputError: see `wanted_histogram`.
@@ -341,7 +318,9 @@ class Config(Section):
         if self.views == 1:
             return wanted
         parts = [(recipe.share, recipe.config.across_baselines(wanted)) for recipe in self.recipes()]
-        return mix_histograms(parts, _joined_edges([part for _, part in parts]))
+        # The one that reaches lowest has the edges of all others.
+        lowest = min((part for _, part in parts), key=lambda part: float(part.edges_px[0]))
+        return mix_histograms(parts, lowest.edges_px)
 
     def across_baselines(self, longest: Histogram) -> Histogram:
         """Return the distribution of disparity over all pairs of scenes, from that of the longest baselines' pairs."""
@@ -379,9 +358,8 @@ class Config(Section):
         return digest_of(self.model_dump(mode="json"))
 
 
-def _joined_edges(histograms: Sequence[Histogram]) -> NDArray[np.float64]:
-    """Return the edges of the histogram that reaches lowest; the others have a part of its edges."""
-    return min(histograms, key=lambda histogram: float(histogram.edges_px[0])).edges_px
+def _fault(kind: str, reason: str, key: Key, value: object) -> InitErrorDetails:
+    return InitErrorDetails(type=PydanticCustomError(kind, "{reason}", {"reason": reason}), loc=key, input=value)
 
 
 def digest_of(values: Mapping[str, Any]) -> str:

@@ -1,12 +1,14 @@
 """The sections on the rig: its cameras, and the disparities that they see."""
 
-from typing import Annotated, Self
+from collections.abc import Iterator
+from typing import Annotated
 
-from pydantic import ValidationInfo, field_validator, model_validator
+from pydantic import ValidationInfo, field_validator
 from pydantic_core import PydanticKnownError
 
 from semisynth_gl.config.distributions import TargetSection, UniformTarget, check_positive
 from semisynth_gl.config.fields import (
+    ZERO,
     Baselines,
     Finite,
     NotNegativeRange,
@@ -20,7 +22,6 @@ from semisynth_gl.config.fields import (
 )
 from semisynth_gl.frame.frame import Colour
 
-_ZERO = Range(0.0, 0.0)
 # What every OpenGL 4.5 driver of today draws, and what fits into the memory of a large machine.
 _WIDEST_PX, _MOST_PIXELS = 16_384, 1 << 27
 # Of baselines that are drawn.
@@ -37,18 +38,18 @@ class CameraSection(Section):
         height_px: image height.
         focal_px: focal length in pixels, instead of ``focal_mm`` and ``sensor_width_mm``.
         focal_mm: focal length in millimetres.
-        sensor_width_mm: width of the sensor that the image covers, in millimetres.
+        sensor_width_mm: width of the sensor that the image covers.
         baseline_m: distance between the two cameras.
-        baselines: how many right cameras see each scene, with a draw of ``baseline_m`` each, or a list of their
-            baselines in metres instead of ``baseline_m``. Pair i shows scene i // N with baseline i % N; the left image
-            is the same in all N pairs, and the scene is made for the longest of its baselines.
-        cx_left_px: x of the left principal point; by default both points lie evenly about the image centre.
+        baselines: how many right cameras see each scene, each with its own draw of ``baseline_m``; or a list of their
+            baselines in metres. Pair i shows scene i // N with baseline i % N and the same left image; the scene is
+            made for its longest baseline.
+        cx_left_px: x of the left principal point; by default both points lie evenly about the centre.
         cx_right_px: x of the right principal point, instead of ``doffs_px``.
-        cy_px: y of both principal points; by default the image centre, (height - 1) / 2.
-        doffs_px: cx_right - cx_left; by default 0. Of several baselines it is the longest one's, and the others have it
-            in proportion.
-        sway_m: amplitude of the rig's sway along each of its axes; by default the rig stands still.
-        sway_deg: amplitude of the rig's rotation about each of its axes.
+        cy_px: y of both principal points; by default the centre, (height - 1) / 2.
+        doffs_px: cx_right - cx_left; by default 0. Of several baselines it is the longest one's, and the others' is in
+            proportion.
+        sway_m: amplitude of the rig's sway along each axis.
+        sway_deg: amplitude of the rig's rotation about each axis.
         sway_s: periods of these oscillations.
         colour: ``rgb``, or ``grey`` for monochrome cameras, whose images have one channel.
     """
@@ -64,46 +65,38 @@ class CameraSection(Section):
     cx_right_px: RangeField | None = None
     cy_px: RangeField | None = None
     doffs_px: RangeField | None = None
-    sway_m: NotNegativeRange = _ZERO
-    sway_deg: NotNegativeRange = _ZERO
+    sway_m: NotNegativeRange = ZERO
+    sway_deg: NotNegativeRange = ZERO
     sway_s: PositiveRange = Range(1.0, 3.0)
     colour: Colour = "rgb"
 
-    @model_validator(mode="after")
-    def _not_too_large(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.width_px * self.height_px > _MOST_PIXELS:
             size = f"{self.width_px} x {self.height_px}"
-            raise ValueError(f"expected width_px x height_px of at most {_MOST_PIXELS}, got {size}")
-        return self
+            yield f"expected width_px x height_px of at most {_MOST_PIXELS}, got {size}"
 
-    @model_validator(mode="after")
-    def _one_focal_length(self) -> Self:
         if (self.focal_px is None) == (self.focal_mm is None):
-            raise ValueError("give either focal_px, or focal_mm with sensor_width_mm")
+            yield "give either focal_px, or focal_mm with sensor_width_mm"
         if (self.focal_mm is None) != (self.sensor_width_mm is None):
-            raise ValueError("focal_mm and sensor_width_mm go together")
+            yield "focal_mm and sensor_width_mm go together"
         if self.cx_right_px is not None and self.doffs_px is not None:
-            raise ValueError("give either cx_right_px or doffs_px, not both")
+            yield "give either cx_right_px or doffs_px, not both"
         if self.cx_right_px is not None and self.cx_left_px is None:
-            raise ValueError("cx_right_px needs cx_left_px beside it")
-        return self
+            yield "cx_right_px needs cx_left_px beside it"
 
-    @model_validator(mode="after")
-    def _baselines_of_one_kind(self) -> Self:
         if isinstance(self.baselines, tuple):
             if self.baseline_m is not None:
-                raise ValueError(
+                yield (
                     "give either baseline_m, or baselines as a list of metres, not both; over a config that has a "
                     "baseline_m, set it to null"
                 )
         elif self.baseline_m is None:
-            raise ValueError("baseline_m is missing: give it, or baselines as a list of metres")
+            yield "baseline_m is missing: give it, or baselines as a list of metres"
         elif self.baselines > 1 and self.baseline_m.low == self.baseline_m.high:
-            raise ValueError(
+            yield (
                 f"baselines asks for {self.baselines} different ones, but baseline_m is {self.baseline_m.low:g} alone: "
                 "make it a range, or list the baselines"
             )
-        return self
 
     @property
     def baseline_ranges_m(self) -> tuple[Range, ...]:
@@ -114,7 +107,7 @@ class CameraSection(Section):
         return (self.baseline_m,) * self.baselines
 
     def baseline_ratios(self) -> list[tuple[float, float]]:
-        """Return shares of the pairs, and the ratio of their baseline to the longest one of the scene, for each."""
+        """Return shares of the pairs, each with the ratio of its baseline to the longest one of the scene."""
         number = len(self.baseline_ranges_m)
         if isinstance(self.baselines, tuple):
             return [(1 / number, metres / max(self.baselines)) for metres in self.baselines]
@@ -142,20 +135,18 @@ class CameraSection(Section):
         if self.doffs_px is not None:
             return self.doffs_px
         left, right = self.cx_left_px, self.cx_right_px
-        return _ZERO if left is None or right is None else Range(right.low - left.high, right.high - left.low)
+        return ZERO if left is None or right is None else Range(right.low - left.high, right.high - left.low)
 
 
 class DisparitySection(Section):
     """The disparities of a dataset, in pixels.
 
     Attributes:
-        signed: disparities of 0 and below are valid, as rigs with different principal points and an infinitely far sky
-            have them. ``min_px`` and all other disparities of the config may then be 0 or below.
+        signed: allow disparities of 0 and below, as rigs with different principal points see far away.
         min_px: walls and particles aim for this disparity or more; a far plane may have less.
-        max_px: hard limit: no pixel exceeds it, because it sets the near plane.
+        max_px: no pixel exceeds it: it sets the near plane.
         target: the wanted distribution over all pixels of a dataset. Its ``form`` is ``uniform``, ``uniform-depth``,
-            ``gamma``, ``histogram`` or ``mixture``, or ``file`` with a ``path``, which becomes a ``histogram`` when the
-            config is read.
+            ``gamma``, ``histogram``, ``mixture``, or ``file`` with a ``path``, which is read as a ``histogram``.
     """
 
     signed: bool = False
@@ -179,8 +170,6 @@ class DisparitySection(Section):
             check_positive(target)
         return target
 
-    @model_validator(mode="after")
-    def _range(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.min_px >= self.max_px:
-            raise ValueError(f"expected min_px < max_px, got {self.min_px:g} and {self.max_px:g}: the range is empty")
-        return self
+            yield f"expected min_px < max_px, got {self.min_px:g} and {self.max_px:g}: the range is empty"

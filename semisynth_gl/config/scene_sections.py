@@ -1,11 +1,13 @@
 """The sections that say what scenes show: those whose keys a recipe may change."""
 
-from typing import Annotated, Literal, Self
+from collections.abc import Iterator
+from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field
 
 from semisynth_gl.config.fields import (
     FROM_LIST,
+    ZERO,
     NotNegative,
     NotNegativeRange,
     PathText,
@@ -21,7 +23,6 @@ from semisynth_gl.config.fields import (
 )
 
 _EDGE_ON_DEG = 90
-_ZERO = Range(0.0, 0.0)
 
 _AtLeastOne = Annotated[float, Field(ge=1, le=1024)]
 
@@ -49,18 +50,17 @@ _FamilyName = Annotated[PluginName, AfterValidator(_check_foreign)]
 
 
 class BackgroundSection(Section):
-    """What closes the view: the inside of a cuboid, one far plane, a furnished room, or a street before a backdrop.
+    """What closes the view: bare walls, a far plane, a furnished room, or a street before a backdrop.
 
     Attributes:
         cuboid: weight of indoor scenes of bare walls.
         plane: weight of outdoor scenes before a bare plane.
-        room: weight of furnished rooms; see the section ``room``.
-        street: weight of furnished open scenes; see the section ``street``.
+        room: weight of furnished rooms, see ``room``.
+        street: weight of furnished open scenes, see ``street``.
         wall_disparity_px: disparity of the back wall of a cuboid or room at the image centre; by default the smallest.
         wall_turn_deg: largest rotation of a cuboid about each axis; rooms turn sideways alone, up to twice as far.
-        plane_disparity_px: disparity of the far plane, or of a street's backdrop, close to zero but above it. Before a
-            sky, the ground ends there.
-        sky: share of the scenes with a far plane or a street's backdrop in which it is infinitely far away.
+        plane_disparity_px: disparity of the far plane, or of a street's backdrop. Before a sky, the ground ends there.
+        sky: share of the outdoor scenes whose far plane or backdrop is infinitely far away.
     """
 
     cuboid: Weight = 1.0
@@ -73,11 +73,9 @@ class BackgroundSection(Section):
     plane_disparity_px: RangeField = Range(0.2, 1.0)
     sky: Share = 0.0
 
-    @model_validator(mode="after")
-    def _some_kind(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.cuboid + self.plane + self.room + self.street == 0:
-            raise ValueError("expected a weight above 0 for cuboid, plane, room or street")
-        return self
+            yield "expected a weight above 0 for cuboid, plane, room or street"
 
     @property
     def shows_sky(self) -> bool:
@@ -85,7 +83,7 @@ class BackgroundSection(Section):
         return self.sky > 0 and self.plane + self.street > 0
 
     def shown_px(self) -> dict[str, Range]:
-        """Return the disparities of what closes the view, by their keys: of kinds that scenes have, where stated."""
+        """Return the disparities that are stated for walls and planes that scenes have, by their keys."""
         wall_px = self.wall_disparity_px if self.cuboid or self.room else None
         plane_px = self.plane_disparity_px if self.plane or self.street else None
         stated = {"wall_disparity_px": wall_px, "plane_disparity_px": plane_px}
@@ -93,20 +91,20 @@ class BackgroundSection(Section):
 
 
 class RoomSection(Section):
-    """Rooms, where ``background.room`` asks for them: what they hold, and how the camera looks into them.
+    """What rooms hold, and how the camera looks into them.
 
     A metre is one where the far wall is 2.5 to 9 m away; nearer and farther rooms are scaled with all they hold.
 
     Attributes:
         camera_height_m: height of the cameras above the floor.
-        floor_row: where the floor meets the far wall, as a share of the image's height from its top; above 1 the
-            floor is out of view, unless things at the side show it.
+        floor_row: where the floor meets the far wall, as a share of the image's height from its top; above 1 the floor
+            is out of view, unless things at the side show it.
         roll_deg: standard deviation of the camera's roll.
         furniture: number of things that stand on the floor.
         small: number of small things, on furniture and on the floor.
         pictures: number of pictures and other things on the walls.
         doorway: share of the walls with a doorway into a second room.
-        niche: share of the walls with a niche in which small things stand.
+        niche: share of the walls with a niche for small things.
         pillars: number of pillars.
         rug: share of the rooms with a rug.
         curtain: share of the rooms with a curtain.
@@ -126,7 +124,7 @@ class RoomSection(Section):
 
 
 class StreetSection(Section):
-    """Open scenes, where ``background.street`` asks for them: a road, what stands along it, a far backdrop.
+    """Streets: a road, what stands along it, a far backdrop.
 
     A metre is one where the backdrop is 25 m away or more; nearer scenes are scaled with all they hold.
 
@@ -156,17 +154,17 @@ class StreetSection(Section):
 
 
 class StructuresSection(Section):
-    """Large still things between background and particles. By default there are none: a scene has only what it needs.
+    """Large still things between background and particles. By default there are none.
 
     Attributes:
         ground: share of scenes with a ground plane.
         ground_height_m: height of the cameras above the ground.
-        ground_disparity_px: instead of ``ground_height_m``, the disparity of a level ground at the middle of the
-            image's lower border; it suits rigs of any baseline.
+        ground_disparity_px: instead of ``ground_height_m``, for rigs of any baseline: the disparity of a level ground
+            at the middle of the image's lower border.
         ground_tilt_deg: largest roll and pitch of the ground.
-        panels: number of free-standing walls in a scene; each is a slanted rectangle.
+        panels: number of free-standing walls, slanted rectangles.
         panel_disparity_px: disparity of a panel's middle; by default in the farther half of the range.
-        panel_size_px: width and height of a panel on the screen, as if it faced the camera.
+        panel_size_px: width and height of a panel, as if it faced the camera.
         panel_slant_deg: angle between a panel's normal and the viewing direction, to any side.
         panel_curved: share of the panels that are bent, as a third of a cylinder.
     """
@@ -175,24 +173,19 @@ class StructuresSection(Section):
     ground_height_m: PositiveRange = Range(1.2, 2.0)
     ground_disparity_px: RangeField | None = None
     ground_tilt_deg: Annotated[float, Field(ge=0, le=30)] = 2.0
-    panels: Annotated[NotNegativeRange, at_most(1000)] = _ZERO
+    panels: Annotated[NotNegativeRange, at_most(1000)] = ZERO
     panel_disparity_px: RangeField | None = None
     panel_size_px: PositiveRange = Range(200.0, 800.0)
     panel_slant_deg: NotNegativeRange = Range(0.0, 75.0)
     panel_curved: Share = 0.5
 
-    @model_validator(mode="after")
-    def _not_edge_on(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.panel_slant_deg.high >= _EDGE_ON_DEG:
-            raise ValueError(f"panel_slant_deg: expected less than {_EDGE_ON_DEG}, got {self.panel_slant_deg.high:g}")
-        return self
+            yield f"panel_slant_deg: expected less than {_EDGE_ON_DEG}, got {self.panel_slant_deg.high:g}"
 
-    @model_validator(mode="after")
-    def _one_height(self) -> Self:
         default = type(self).model_fields["ground_height_m"].default
         if self.ground_disparity_px is not None and self.ground_height_m != default:
-            raise ValueError("give either ground_height_m or ground_disparity_px, not both")
-        return self
+            yield "give either ground_height_m or ground_disparity_px, not both"
 
 
 class DepthLayerSection(Section):
@@ -213,23 +206,21 @@ class ParticlesSection(Section):
     """The falling models.
 
     Attributes:
-        layers: depth layers with their numbers of particles; by default they are solved from ``disparity.target``.
-        clutter: depth layers beside the solved layers, such as many small things far away: a list of
-            ``{disparity_px, count, size_px}``, ranges.
-        density: number of objects that share the target's area. ``default`` keeps the sizes, ``sparse`` has a third as
-            many, larger objects, ``dense`` three times as many, smaller ones; a number is the mean number of objects
-            in the left view, and of a range each sequence draws its number.
-        size_px: diameter of a model's bounding sphere on the screen, drawn uniformly in its logarithm.
-        size_m: diameter of a model's bounding sphere in metres, instead of ``size_px``; a far model is smaller on the
-            screen.
-        stretch: scale along each of a model's own axes relative to the largest scale.
-        thinness: a further scale along one axis, drawn uniformly in its logarithm; 0.05 makes a sheet.
+        layers: depth layers with their numbers of particles; by default solved from ``disparity.target``.
+        clutter: depth layers beside the solved ones, such as many small things far away: a list of ``{disparity_px,
+            count, size_px}``, ranges.
+        density: number of objects that share the target's area. ``default`` keeps the sizes; ``sparse`` has a third as
+            many, larger ones; ``dense`` three times as many, smaller ones; a number is the mean number in the left
+            view, and of a range each sequence draws its number.
+        size_px: diameter of a model's bounding sphere on the screen, uniform in its logarithm.
+        size_m: the same in metres, instead of ``size_px``: far models look smaller.
+        stretch: scale along each of a model's axes, relative to the largest.
+        thinness: a further scale along one axis, uniform in its logarithm; 0.05 makes a sheet.
         fall_m_s: speed downwards.
         drift: speed in a random horizontal direction, relative to the speed downwards.
         spin_deg_s: angular speed about a random axis.
-        resting: share of the models that lie on what is below them, and stay there, instead of falling. Where nothing
-            is below them, or a steep slope, or where they would lie out of view, they fall.
-        most: upper limit of the number of particles in a scene.
+        resting: share of the models that lie still on what is below them, where they can, instead of falling.
+        most: most particles of a scene.
     """
 
     layers: Annotated[tuple[DepthLayerSection, ...], FROM_LIST, Field(max_length=_MOST_ITEMS)] | None = None
@@ -245,13 +236,11 @@ class ParticlesSection(Section):
     resting: Share = 0.0
     most: Annotated[int, count(_MOST_PARTICLES)] = 2000
 
-    @model_validator(mode="after")
-    def _one_answer(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.layers is not None and self.density != "default":
-            raise ValueError("density shares out what the target asks for; with layers, their counts say how many")
+            yield "density shares out what the target asks for; with layers, their counts say how many"
         if self.thinness.high > 1:
-            raise ValueError(f"thinness makes models thinner: expected at most 1, got {self.thinness.high:g}")
-        return self
+            yield f"thinness makes models thinner: expected at most 1, got {self.thinness.high:g}"
 
 
 class ModelsSection(Section):
@@ -260,11 +249,11 @@ class ModelsSection(Section):
     Attributes:
         simple: weight of the simple family (cube, sphere, torus, ...).
         complex: weight of the complex family (chair, mug, plant, ...).
-        user: weight of the models in ``folders``, in full where there are 25 of them or more, else in proportion.
-        kinds: weights of kinds within their family, by name. A kind without a weight has 1, and 0 leaves a kind out.
-        folders: folders of model files; trimesh reads the files.
-        variants: number of models of each kind and of each of ``families``; each variant has its own proportions.
-        families: weights of families of models that plug-ins have, by the plug-in's name.
+        user: weight of the models in ``folders``; fewer than 25 of them count in proportion.
+        kinds: weights of kinds within their family, by name; by default 1, and 0 leaves a kind out.
+        folders: folders of model files.
+        variants: models of each kind and of each of ``families``, each with its own proportions.
+        families: weights of plug-ins' families, by the plug-in's name.
     """
 
     simple: Weight = 1.0
@@ -275,34 +264,32 @@ class ModelsSection(Section):
     variants: Annotated[int, count(100)] = 3
     families: Annotated[dict[_FamilyName, Weight], Field(max_length=_MOST_ITEMS)] = Field(default_factory=dict)
 
-    @model_validator(mode="after")
-    def _some_family(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.simple + self.complex + self.user + sum(self.families.values()) == 0:
-            raise ValueError("expected a weight above 0 for simple, complex or user, or in families")
-        return self
+            yield "expected a weight above 0 for simple, complex or user, or in families"
 
 
 class TexturesSection(Section):
     """The patches: their source, their selection and their mapping onto the models.
 
     Attributes:
-        source: ``images`` (the user's), ``builtin`` (pictures that are drawn, and the photographs in scikit-image),
-            ``photographs`` (those alone), ``procedural``, or the name of a plug-in.
+        source: ``images`` (yours), ``builtin`` (drawn pictures, and the photographs in scikit-image), ``photographs``
+            (those alone), ``procedural``, or the name of a plug-in.
         images: files, folders and globs of the source ``images``.
         patch_px: side of a patch in the atlas.
         scales: sides of the squares cut from an image, in units of ``patch_px``.
-        min_texture: smallest texture measure (`semisynth_gl.textures.crops.texture_measure`). Crops below it are flat
-            and left out, but for ``flat_share``.
-        min_sharpness: smallest sharpness measure (`semisynth_gl.textures.crops.sharpness_measure`). Crops below it are
-            blurred and left out.
-        min_difference: smallest difference of two crops (`semisynth_gl.textures.crops.fingerprint`). A crop that
-            differs less from another crop is left out; 0 keeps all crops.
-        flat_share: share of the surfaces that wear flat patches: flat crops, or others with their contrast lowered.
-        max_patches: largest number of patches.
-        large_px: side of large patches, 0 for none. Each is the largest square of an image; walls, grounds and other
-            large surfaces wear them, on which a small patch would repeat.
+        min_texture: smallest texture measure (`semisynth_gl.textures.crops.texture_measure`); flatter crops are left
+            out, but for ``flat_share``.
+        min_sharpness: smallest sharpness measure (`semisynth_gl.textures.crops.sharpness_measure`); blurred crops are
+            left out.
+        min_difference: smallest difference of two crops (`semisynth_gl.textures.crops.fingerprint`); of crops that are
+            more alike one is left out. 0 keeps all.
+        flat_share: share of the surfaces that wear flat patches: flat crops, or others with less contrast.
+        max_patches: most patches.
+        large_px: side of large patches for walls, grounds and other large surfaces, each the largest square of an
+            image; 0 for none.
         texels_per_pixel: mapping scale: 1 shows a patch at its own resolution, above 1 smaller, below 1 blown up.
-        anisotropy: largest number of samples of a patch for a pixel at a grazing angle; 1 blurs there.
+        anisotropy: most samples of a patch for a pixel at a grazing angle; 1 blurs there.
         large_anisotropy: the same for large patches.
         wrap: continuation of a patch beyond its border: its mirror image, or the patch again.
         sequence: take the images of a folder as successive frames, which an instance shows in turn.
@@ -324,22 +311,17 @@ class TexturesSection(Section):
     wrap: Literal["mirror", "repeat"] = "mirror"
     sequence: bool = False
 
-    @model_validator(mode="after")
-    def _flat_patches_are_possible(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.flat_share > 0 and not (self.min_texture > 0 and self.max_patches > 1):
-            raise ValueError(
+            yield (
                 f"flat_share is {self.flat_share:g}: expected a min_texture above 0, below which patches are flat, and "
                 "max_patches of at least 2"
             )
-        return self
 
-    @model_validator(mode="after")
-    def _atlas_fits_into_memory(self) -> Self:
         most = _MOST_TEXELS // self.patch_px**2
         if self.max_patches > most:
             size = self.max_patches * self.patch_px**2 * _BYTES_PER_TEXEL / 1e9
-            raise ValueError(
+            yield (
                 f"{self.max_patches} patches of {self.patch_px} x {self.patch_px} pixels would take {size:.0f} GB: "
                 f"expected max_patches of at most {most}, or a smaller patch_px"
             )
-        return self

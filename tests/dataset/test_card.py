@@ -246,7 +246,7 @@ def test_mlcroissant_returns_other_encodings_in_tars_unchanged(
     dataset = open_croissant(mlcroissant, tmp_path / "croissant.json")
     for role in ("left", "disparity_left", "flow_left"):
         path = paths(plan, "train", 0)[role]
-        data, codec = encoded(plan, "train", 0)[path], plan.layout.role(role).codec(plan.config.files.encodings)
+        data, codec = encoded(plan, "train", 0)[path], plan.layout.role(role).codec(plan.config.encodings)
         (content,) = [record[f"train-{role}/content"] for record in dataset.records(f"train-{role}")]
         if codec.is_image:
             stored = np.where(np.isinf(value := codec.decode(data, Path(path))), 0, value) if role != "left" else None
