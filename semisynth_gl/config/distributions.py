@@ -35,12 +35,7 @@ _RESOLUTION_PX = 1e-3
 
 
 class UniformTarget(Section):
-    """Every disparity has the same share of the pixels.
-
-    Attributes:
-        low_px: lowest disparity; by default ``disparity.min_px``.
-        high_px: highest disparity; by default ``disparity.max_px``.
-    """
+    """Equally many pixels at each disparity from ``low_px`` to ``high_px``, by default the range of ``disparity``."""
 
     form: Literal["uniform"] = "uniform"
     low_px: Finite | None = None
@@ -60,10 +55,8 @@ class UniformDepthTarget(Section):
 class GammaTarget(Section):
     """A gamma distribution: one hump with a long tail of near things.
 
-    Attributes:
-        origin_px: disparity at which the distribution begins.
-        mean_px: mean of the distribution before the limits of the section ``disparity`` cut it.
-        spread_px: standard deviation of the distribution before the limits cut it.
+    It begins at ``origin_px``; its mean and its standard deviation, ``spread_px``, are those before the limits of the
+    section ``disparity`` cut it.
     """
 
     form: Literal["gamma"]
@@ -81,13 +74,10 @@ class GammaTarget(Section):
         return mean_px
 
     def histogram(self, edges_px: NDArray[np.float64]) -> Histogram:
-        """Integrate the distribution over bins of equal width.
+        """Integrate the distribution over bins of equal width with edges (K + 1,).
 
         Its density is x^(k - 1) exp(-x / theta), with x and the mean counted from the origin, k = (mean / spread)^2 and
         theta = spread^2 / mean. Where all bins lie below the origin, the last one has all.
-
-        Args:
-            edges_px: (K + 1,) float64.
         """
         mean_px = self.mean_px - self.origin_px
         shape, scale = (mean_px / self.spread_px) ** 2, self.spread_px**2 / mean_px
@@ -102,13 +92,7 @@ class GammaTarget(Section):
 
 
 class HistogramTarget(Section):
-    """Shares of pixels in bins.
-
-    Attributes:
-        bin_px: width of a bin.
-        first_px: lowest disparity of the first bin.
-        shares: share of pixels per bin; the shares are scaled to a sum of 1.
-    """
+    """Shares of pixels in bins of one width from ``first_px`` on; they are scaled to a sum of 1."""
 
     form: Literal["histogram"]
     bin_px: Positive
@@ -124,23 +108,14 @@ Distribution = UniformTarget | UniformDepthTarget | GammaTarget | HistogramTarge
 
 
 class MixturePart(Section):
-    """One part of a mixture.
-
-    Attributes:
-        weight: weight of the part.
-        target: distribution of the part.
-    """
+    """One part of a mixture, with its weight."""
 
     weight: Weight = 1.0
     target: Annotated[Distribution, Field(discriminator="form")]
 
 
 class MixtureTarget(Section):
-    """Several distributions, mixed by weights.
-
-    Attributes:
-        parts: the distributions with their weights.
-    """
+    """Several distributions, mixed by weights."""
 
     form: Literal["mixture"]
     parts: Annotated[tuple[MixturePart, ...], FROM_LIST, Field(min_length=1, max_length=_MOST_PARTS)]
@@ -164,12 +139,9 @@ def check_positive(target: TargetSection) -> None:
     for number, part in enumerate(_parts(target)):
         own = part.target
         place = ("mixture", "parts", number, "target", own.form) if mixed else (own.form,)
-        for key, kind, limit in (
-            ("low_px", "greater_than_equal", "ge"),
-            ("high_px", "greater_than", "gt"),
-            ("origin_px", "greater_than_equal", "ge"),
-        ):
+        for key in ("low_px", "high_px", "origin_px"):
             value = getattr(own, key, None)
+            kind, limit = ("greater_than", "gt") if key == "high_px" else ("greater_than_equal", "ge")
             if value is not None and (value < 0 or (value == 0 and limit == "gt")):
                 faults.append(InitErrorDetails(type=kind, loc=(*place, key), input=value, ctx={limit: 0}))
     if faults:
@@ -181,14 +153,9 @@ def _parts(target: TargetSection) -> tuple[MixturePart, ...]:
 
 
 def check_target(target: TargetSection, min_px: float, max_px: float, low_px: float, note: str = "") -> None:
-    """Check that scenes can show a target, but for two hundredths of its pixels.
+    """Check that scenes, which show ``low_px`` to ``max_px``, can show all but 2 % of the pixels of a target.
 
-    Args:
-        target: the target.
-        min_px: ``disparity.min_px``.
-        max_px: ``disparity.max_px``, the largest disparity that scenes show.
-        low_px: the smallest disparity that scenes show.
-        note: what to add about disparities below that.
+    ``note`` adds something about disparities below that range to the message.
 
     Raises:
         ValueError: with the share of the pixels and the disparities that are out of reach.
@@ -205,19 +172,12 @@ def check_target(target: TargetSection, min_px: float, max_px: float, low_px: fl
             raise ValueError(
                 f"disparity.target wants {outside.sum():.1%} of the pixels at {first:g} to {last:g} px, {side} what "
                 f"this config can show, {low_px:g} to {max_px:g} px: change the target, or disparity.min_px and "
-                "disparity.max_px"
-                f"{note if side == 'below' else ''}"
+                f"disparity.max_px{note if side == 'below' else ''}"
             )
 
 
 def wanted_histogram(target: TargetSection, min_px: float, max_px: float, doffs_px: float) -> Histogram:
     """Return a target as a histogram; see `semisynth_gl.config.model.Config.wanted_histogram`.
-
-    Args:
-        target: the target.
-        min_px: ``disparity.min_px``.
-        max_px: ``disparity.max_px``.
-        doffs_px: mean difference of the principal points.
 
     Raises:
         InputError: where a target uniform in depth reaches beyond infinity.
@@ -274,8 +234,7 @@ def _uncut_histogram(target: Distribution, min_px: float, max_px: float) -> Hist
 def read_histogram(path: Path) -> dict[str, Any]:
     """Read a target of form ``histogram`` from a CSV file.
 
-    Args:
-        path: the file. Its lines ``low_px,high_px,share`` rise without gaps; a heading and # comments are allowed.
+    Its lines ``low_px,high_px,share`` rise without gaps; a heading and # comments are allowed.
 
     Raises:
         InputError: where the file cannot be read or a line is wrong, with the number of the line.
@@ -288,19 +247,18 @@ def read_histogram(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: the wanted histogram cannot be read: {error}") from None
     bins: list[tuple[float, float, float]] = []
     for number, line in enumerate(lines, 1):
-        text = line.partition("#")[0].strip()
+        text, expected = line.partition("#")[0].strip(), f"{path}:{number}: expected"
         if not text or (not bins and text.replace(" ", "") == "low_px,high_px,share"):
             continue
         try:
             low, high, share = (float(part) for part in text.split(","))
         except ValueError:
-            fault = f"expected three numbers, low_px,high_px,share, got {shown(text)}"
-            raise InputError(f"{path}:{number}: {fault}") from None
+            raise InputError(f"{expected} three numbers, low_px,high_px,share, got {shown(text)}") from None
         if not (-LARGEST <= low < high <= LARGEST and 0 <= share <= LARGEST):
-            fault = f"expected low_px < high_px and a share of 0 or more, all at most {LARGEST:g}, got {shown(text)}"
-            raise InputError(f"{path}:{number}: {fault}")
+            limits = f"low_px < high_px and a share of 0 or more, all at most {LARGEST:g}"
+            raise InputError(f"{expected} {limits}, got {shown(text)}")
         if bins and abs(bins[-1][1] - low) > _RESOLUTION_PX:
-            raise InputError(f"{path}:{number}: expected the bin to begin at {bins[-1][1]:g} px, where the last ends")
+            raise InputError(f"{expected} the bin to begin at {bins[-1][1]:g} px, where the last ends")
         bins.append((low, high, share))
     if not bins:
         raise InputError(f"{path}: no bins: expected lines low_px,high_px,share")

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from semisynth_gl.config.fields import Range, written_range
-from semisynth_gl.config.keys import members_of
+from semisynth_gl.config.keys import members_of, sections_of
 from semisynth_gl.config.load import load_config, packaged_configs
 from semisynth_gl.config.model import Config
 from semisynth_gl.config.yaml_values import write_yaml
@@ -34,9 +34,7 @@ def summaries() -> dict[str, str]:
 
 
 def explain(name_or_path: str) -> str:
-    """Return a config with all of its keys, defaults included, and a comment on each.
-
-    The text is a config itself, of the same digest.
+    """Return a config as YAML of the same digest, with all of its keys, defaults included, and a comment on each.
 
     Raises:
         InputError: see `load_config`.
@@ -46,40 +44,31 @@ def explain(name_or_path: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ExplainedKey:
-    """A key of a config, for a table.
+    """A key of a config, for a table; ``dotted`` is as ``--set`` takes it.
 
-    Attributes:
-        dotted: the key as ``--set`` takes it.
-        is_section: whether it is a section.
-        is_range: whether it takes a range too.
-        default: its default as YAML, "required", or "" where it has none.
-        meaning: what it is for, in a sentence or several.
+    ``default`` is YAML, "required", or "" where there is none.
     """
 
     dotted: str
-    is_section: bool
-    is_range: bool
-    default: str
     meaning: str
+    default: str = ""
+    is_section: bool = False
+    is_range: bool = False
 
 
 def explained_keys() -> list[ExplainedKey]:
     """Return the keys outside of sections, and then each section with its keys, in the config's order."""
     plain, sections = list[ExplainedKey](), list[ExplainedKey]()
     for name, field in Config.model_fields.items():
-        section = next((each for each in members_of(field.annotation) if _is_section(each)), None)
+        section = next(iter(sections_of(field.annotation)), None)
         if section is None:
             plain.append(_explained(name, field, _meanings(Config)))
             continue
         meaning = (inspect.getdoc(section) or "").partition("\n\n")[0].replace("\n", " ")
-        sections.append(ExplainedKey(name, is_section=True, is_range=False, default="", meaning=meaning))
+        sections.append(ExplainedKey(name, meaning, is_section=True))
         meanings = _meanings(section)
         sections += [_explained(f"{name}.{key}", each, meanings) for key, each in section.model_fields.items()]
     return [*plain, *sections]
-
-
-def _is_section(member: object) -> bool:
-    return isinstance(member, type) and issubclass(member, BaseModel)
 
 
 def _explained(dotted: str, field: FieldInfo, meanings: Mapping[str, str]) -> ExplainedKey:
@@ -88,13 +77,8 @@ def _explained(dotted: str, field: FieldInfo, meanings: Mapping[str, str]) -> Ex
     telling = {word: end for word, end in bounds.items() if 1 < abs(end) < _NO_BOUND or (word, end) == ("lt", 1)}
     said = " and ".join(f"{_BOUNDS[word]} {end:g}" for word, end in telling.items())
     meaning = meanings[key].rstrip(".")
-    return ExplainedKey(
-        dotted,
-        is_section=False,
-        is_range=any(each is Range for each in members_of(field.annotation)),
-        default=_default(field),
-        meaning=f"{meaning}; {said}" if said else meaning,
-    )
+    is_range = any(each is Range for each in members_of(field.annotation))
+    return ExplainedKey(dotted, f"{meaning}; {said}" if said else meaning, _default(field), is_range=is_range)
 
 
 def _default(field: FieldInfo) -> str:
@@ -109,7 +93,6 @@ def _default(field: FieldInfo) -> str:
 
 
 def _short(value: Any) -> Any:  # noqa: ANN401 - any value of a config
-    """Return a value with whole numbers as such."""
     if isinstance(value, list | tuple):
         return [_short(each) for each in value]
     return int(value) if isinstance(value, float) and value.is_integer() else value

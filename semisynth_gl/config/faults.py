@@ -132,12 +132,9 @@ def _explain_form(key: Key, names: Iterable[str], fault: ErrorDetails, document:
 
 
 def _meant_keys(key: Key, siblings: Collection[str], value: object) -> list[str]:
-    """Return the dotted keys that an unknown one may have been meant for.
+    """Return the dotted keys that an unknown one may have been meant for, in its section or another.
 
-    Args:
-        key: the unknown key.
-        siblings: the keys of its section.
-        value: its value; of a misspelt section, the keys in it.
+    Where ``value`` is a mapping of one key, as of a misspelt section, the key in it counts too.
     """
     *above, last = map(str, key)
     inner: list[str] = []

@@ -1,8 +1,6 @@
 """Another size of images than a config was written for: what becomes of its other keys.
 
-`recentred` is for a size that an override or an extending config states: the images are a part of those before, or
-reach beyond them. `scaled` is for another resolution of the same images. What is no number, or none that a config may
-have, is left as it is, for the config's checks to refuse.
+Values that a config may not have are left for the config's checks to refuse.
 """
 
 from collections.abc import Callable, Mapping
@@ -22,13 +20,11 @@ _POINTS = {"cx_left_px": "width_px", "cx_right_px": "width_px", "cy_px": "height
 
 
 def recentred(below: Values, above: Values) -> Values:
-    """Return the values of a config with its principal points in images of the size that goes over it.
+    """Return a config's values with its principal points moved into images of the size that ``above`` states.
 
-    A point keeps its distance from the image's middle; where the focal length changes too, so does the distance.
-
-    Args:
-        below: of the config, in YAML's types.
-        above: what goes over it; may have another ``camera.width_px`` or ``height_px``. Points that it states stay.
+    ``above`` goes over the config. Its images are a part of those before, or reach beyond them: a point keeps its
+    distance from the image's middle; where the focal length changes too, so does the distance. Points that ``above``
+    states stay.
     """
     before, stated = below.get("camera"), above.get("camera")
     if not (isinstance(before, dict) and isinstance(stated, dict)):
@@ -36,29 +32,21 @@ def recentred(below: Values, above: Values) -> Values:
     after = {**before, **stated}
     focal_px, new_focal_px = _focal_px(before), _focal_px(after)
     growth = new_focal_px / focal_px if focal_px and new_focal_px else 1.0
-    moves: dict[str, Callable[[float], float]] = {}
-    for point, side in _POINTS.items():
-        old, new = before.get(side), after.get(side)
-        if _is_possible(old) and _is_possible(new) and old != new and point not in stated:
-            moves[point] = partial(_beside_middle, old, new, growth)
 
     def moved(camera: Values) -> Values:
-        return {key: _mapped(value, moves[key]) if key in moves else value for key, value in camera.items()}
+        return {key: _mapped(value, partial(beside_middle, key)) for key, value in camera.items()}
 
-    return _with_sections(below, {"camera": moved}) if moves else below
+    def beside_middle(key: str, at: float) -> float:
+        old, new = (sides.get(_POINTS.get(key, "")) for sides in (before, after))
+        if _is_possible(old) and _is_possible(new) and old != new and key not in stated:
+            return (new - 1) / 2 + growth * (at - (old - 1) / 2)
+        return at
 
-
-def _beside_middle(old_side: float, new_side: float, growth: float, at: float) -> float:
-    return (new_side - 1) / 2 + growth * (at - (old_side - 1) / 2)
+    return _with_sections(below, {"camera": moved})
 
 
 def scaled(values: Values, factor: float) -> Values:
-    """Return the values of a config whose images are so many times as wide and high, and show the same scenes.
-
-    Args:
-        values: of a config, in YAML's types; the result states the defaults that are in pixels, too.
-        factor: how many times.
-    """
+    """Return a config's values for the same images at another resolution, defaults in pixels among them."""
 
     def with_defaults(name: str) -> Values:
         fields = getattr(Config.model_fields[name].annotation, "model_fields", {})

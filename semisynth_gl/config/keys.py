@@ -13,12 +13,9 @@ from semisynth_gl.config.model import Config
 
 @dataclass(frozen=True, slots=True)
 class ConfigKey:
-    """A key of a config, outside of lists.
+    """A key of a config, outside of lists, by the names of its sections and its own.
 
-    Attributes:
-        parts: the names of its sections, and its own.
-        is_section: whether it has keys below it in any form.
-        of_form: whether only some forms of the key above it have it.
+    A section has keys below it in any form; a key ``of_form`` belongs to some forms of the key above it alone.
     """
 
     parts: tuple[str, ...]
@@ -40,8 +37,8 @@ def config_keys() -> tuple[ConfigKey, ...]:
 def _keys_of(section: type[BaseModel], above: tuple[str, ...], *, of_form: bool) -> Iterator[ConfigKey]:
     for name, field in section.model_fields.items():
         parts = (*above, name)
-        forms, members = by_form(field.annotation), members_of(field.annotation)
-        sections = [each for each in members if not forms and isinstance(each, type) and issubclass(each, BaseModel)]
+        forms = by_form(field.annotation)
+        sections = [] if forms else sections_of(field.annotation)
         yield ConfigKey(parts, bool(sections), of_form)
         for below in (*forms.values(), *sections):
             yield from _keys_of(below, parts, of_form=of_form or bool(forms))
@@ -56,9 +53,14 @@ def members_of(annotation: Any) -> list[Any]:  # noqa: ANN401 - any annotation
     return [] if annotation in (None, NoneType) else [annotation]
 
 
+def sections_of(annotation: Any) -> list[type[BaseModel]]:  # noqa: ANN401 - any annotation
+    """Return the sections that an annotation allows."""
+    return [each for each in members_of(annotation) if isinstance(each, type) and issubclass(each, BaseModel)]
+
+
 def by_form(annotation: Any) -> dict[str, type[BaseModel]]:  # noqa: ANN401 - any annotation
     """Return the sections of a union by the values of their key ``form``."""
-    members = members_of(annotation)
-    if len(members) == 1 or not all(isinstance(member, type) and issubclass(member, BaseModel) for member in members):
+    sections = sections_of(annotation)
+    if len(sections) < 2 or len(sections) < len(members_of(annotation)):
         return {}
-    return {get_args(member.model_fields["form"].annotation)[0]: member for member in members}
+    return {get_args(section.model_fields["form"].annotation)[0]: section for section in sections}

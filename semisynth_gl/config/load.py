@@ -1,7 +1,8 @@
 """Reading a config: YAML with ``extends``, overrides, and errors that name file, line and key."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import replace
 from importlib.resources.abc import Traversable
@@ -76,11 +77,7 @@ def load_config(name_or_path: str | Path, overrides: Overrides = ()) -> Config:
 
 
 def parse_config(text: str, file: str) -> Config:
-    """Read a config from its YAML.
-
-    Args:
-        text: the YAML. A file that it names without a folder is sought beside ``file``.
-        file: the file that messages name.
+    """Read a config from its YAML. ``file`` is named in messages, and files that the YAML names are sought beside it.
 
     Raises:
         InputError: see `load_config`.
@@ -93,8 +90,7 @@ def _validated(document: Document, overrides: Overrides = ()) -> Config:
     for override in overrides.items() if isinstance(overrides, Mapping) else overrides:
         _set(own, *_key_and_value(override))
     document = _over(document, own)
-    _read_plugin_recipes(document)
-    _read_target_files(document)
+    _read_other_sources(document)
     try:
         config = Config.model_validate(document.values)
     except ValidationError as error:
@@ -106,10 +102,8 @@ def _validated(document: Document, overrides: Overrides = ()) -> Config:
     if config.layout is not None and config.layout not in LAYOUTS:
         used[("layout",)] = ("layouts", config.layout)
     for key, (group, name) in used.items():
-        try:
+        with _blamed_on(key, document):
             find_plugin(group, name, _BUILT_IN.get(group, ()))
-        except InputError as error:
-            raise type(error)(f"{named_place(key, document)}: {error}") from None
     return config
 
 
@@ -120,34 +114,34 @@ def _over(base: Document, own: Document) -> Document:
         if not (is_number(factor) and 1 / _MOST_TIMES <= factor <= _MOST_TIMES):
             expected = f"expected a number from 1/{_MOST_TIMES} to {_MOST_TIMES}"
             raise InputError(f"{named_place((_SCALE,), own)}: {expected}, got {shown(factor)}")
-        _read_plugin_recipes(base)
-        _read_target_files(base)
+        _read_other_sources(base)
         base = replace(base, values=scaled(base.values, factor))
     return merged(replace(base, values=recentred(base.values, own.values)), own)
 
 
-def _read_plugin_recipes(document: Document) -> None:
-    """Put the keys of plug-ins' recipes below the recipes that extend them."""
+def _read_other_sources(document: Document) -> None:
+    """Put plug-ins' recipes below the recipes that extend them, and histograms in place of files that targets name."""
     recipes = document.values.get(SCENES)
-    if not isinstance(recipes, list):
-        return
+    recipes = recipes if isinstance(recipes, list) else []
     for number, recipe in enumerate(recipes):
         name = recipe.get(_EXTENDS) if isinstance(recipe, dict) else None
         if isinstance(name, str):
-            try:
+            with _blamed_on((SCENES, number, _EXTENDS), document):
                 keys = plugin_recipe(name)
-            except InputError as error:
-                raise type(error)(f"{named_place((SCENES, number, _EXTENDS), document)}: {error}") from None
             recipes[number] = merged(Document({"recipe": name} | keys), Document(recipe)).values
-
-
-def _read_target_files(document: Document) -> None:
-    """Replace files that targets name by histograms, in the config's target and in recipes."""
-    recipes = document.values.get(SCENES)
     _read_target_file(document, document.values, ())
-    for number, recipe in enumerate(recipes if isinstance(recipes, list) else ()):
+    for number, recipe in enumerate(recipes):
         if isinstance(recipe, dict):
             _read_target_file(document, recipe, (SCENES, number))
+
+
+@contextmanager
+def _blamed_on(key: Key, document: Document) -> Iterator[None]:
+    """Put the place of a key before the message of an error."""
+    try:
+        yield
+    except InputError as error:
+        raise type(error)(f"{named_place(key, document)}: {error}") from None
 
 
 def _read_target_file(document: Document, sections: dict[str, Any], at: Key) -> None:
@@ -166,10 +160,8 @@ def _read_target_file(document: Document, sections: dict[str, Any], at: Key) -> 
     # A path in a config counts from the folder of the config, a path in an override from the working folder.
     place = document.places.get((*at, "path"), OVERRIDES)
     folder = Path() if is_override(place) else Path(place.rpartition(":")[0]).parent
-    try:
+    with _blamed_on((*at, "path"), document):
         disparity[TARGET[1]] = read_histogram(folder / expanded(str(path)))
-    except InputError as error:
-        raise InputError(f"{named_place((*at, 'path'), document)}: {error}") from None
 
 
 def _find_config(name: str) -> Path | Traversable:
@@ -214,40 +206,32 @@ def _parse_document(text: str, path: Path | Traversable, file: str, parents: tup
     base_name = own.values.pop(_EXTENDS, None)
     if base_name is None:
         if _SCALE in own.values:
-            raise InputError(f"{own.places[(_SCALE,)]}: {_SCALE}: expected {_EXTENDS} beside it: it scales that config")
+            raise InputError(f"{named_place((_SCALE,), own)}: expected {_EXTENDS} beside it: it scales that config")
         return own
-    place = own.places[(_EXTENDS,)]
-    if not isinstance(base_name, str):
-        raise InputError(f"{place}: {_EXTENDS}: expected the name of a config, got {shown(base_name)}")
-    try:
+    with _blamed_on((_EXTENDS,), own):
+        if not isinstance(base_name, str):
+            raise InputError(f"expected the name of a config, got {shown(base_name)}")
         beside = path.parent / expanded(base_name) if isinstance(path, Path) else None
         is_beside = beside is not None and os.path.isfile(beside)  # noqa: PTH113 - see _find_config
         base_path = beside if beside is not None and is_beside else _find_config(base_name)
-    except InputError as error:
-        raise InputError(f"{place}: {_EXTENDS}: {error}") from None
     return _over(_read_document(base_path, (*parents, file)), own)
 
 
 def _key_and_value(override: object) -> tuple[str, Any, str]:
     """Return the dotted key and the value of an override, and what messages call it."""
     if isinstance(override, str):
-        key, value = _parsed_override(override)
-        return key, value, f"{OVERRIDE} {cut(key)}"
+        key, equals, text = override.partition("=")
+        if not equals or not key:
+            raise InputError(f"{OVERRIDE} {cut(override)}: expected dotted.key=value, such as camera.width_px=640")
+        try:
+            return key, read_yaml(text)[0], f"{OVERRIDE} {cut(key)}"
+        except YamlError as error:
+            raise InputError(f"{OVERRIDE} {cut(key)}: the value {shown(text)}: {error}") from None
     if isinstance(override, tuple) and len(override) == 2 and isinstance(override[0], str):
         return *override, OVERRIDES
     raise InputError(
         f"overrides: expected 'camera.width_px=640' or ('camera.width_px', 640) of each, got {shown(override)}"
     )
-
-
-def _parsed_override(text: str) -> tuple[str, Any]:
-    key, equals, value = text.partition("=")
-    if not equals or not key:
-        raise InputError(f"{OVERRIDE} {cut(text)}: expected dotted.key=value, such as camera.width_px=640")
-    try:
-        return key, read_yaml(value)[0]
-    except YamlError as error:
-        raise InputError(f"{OVERRIDE} {cut(key)}: the value {shown(value)}: {error}") from None
 
 
 def _set(document: Document, dotted: str, value: Any, place: str) -> None:  # noqa: ANN401 - any YAML value

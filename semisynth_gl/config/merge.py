@@ -22,10 +22,8 @@ _REPLACES = {
 class Document:
     """Plain values of one file or several merged files, and where keys were set, as far as that is known.
 
-    Attributes:
-        values: the values.
-        places: the place of each key, a file and line or an override.
-        files: the files, each before the one that extends it.
+    ``places`` has a file and line, or an override, for each key; ``files`` has each file before the one that extends
+    it.
     """
 
     values: dict[str, Any] = field(default_factory=dict)

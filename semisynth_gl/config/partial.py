@@ -12,8 +12,7 @@ from semisynth_gl.config.fields import Section
 class Partial(Section):
     """Base of partial sections: keys that were not given are absent from its values, whatever their default is.
 
-    Attributes:
-        source: the section that it is a part of, and the keys that it lacks.
+    ``source`` is the section that it is a part of, and the keys that it lacks.
     """
 
     source: ClassVar[tuple[type[Section], tuple[str, ...]]]
@@ -32,10 +31,6 @@ def partial_section(section: type[Section], without: tuple[str, ...] = ()) -> ty
     """Return a section that takes the keys of another one, but for some, and needs none of them.
 
     Each value is checked as in the whole section; rules between keys are checked in the merged section.
-
-    Args:
-        section: the other section.
-        without: its keys to leave out.
     """
     types = get_type_hints(section, include_extras=True)
     fields: dict[str, Any] = {}

@@ -16,9 +16,6 @@ _EXPECTED = "expected a mapping of a config's sections to their keys, or a funct
 def plugin_recipe(name: str) -> dict[str, Any]:
     """Return the keys of a plug-in's recipe, by their section, in JSON's types.
 
-    Args:
-        name: the plug-in's name.
-
     Raises:
         InputError: where there is no such plug-in, or it has no recipe.
     """

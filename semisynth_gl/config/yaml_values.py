@@ -50,12 +50,9 @@ _BASES = {"0x": 16, "0o": 8, "0b": 2}
 
 
 class YamlError(Exception):
-    """A text is not valid YAML, or beyond a limit.
+    """A text is not valid YAML, or beyond a limit: a clause such as ``"not valid YAML: found duplicate key"``.
 
-    Args:
-        line: the line, from 1; None where it is not known.
-        key: the key; empty where it is not known.
-        reason: a clause such as ``"not valid YAML: found duplicate key"``.
+    ``line`` counts from 1 and is None where it is not known.
     """
 
     def __init__(self, line: int | None, key: Key, reason: str) -> None:
@@ -106,12 +103,7 @@ def _read(text: str, *, several: bool) -> tuple[list[Any], dict[Key, int]]:
 
 
 def write_yaml(value: Any, *, flow: bool = False) -> str:  # noqa: ANN401 - any YAML value
-    """Return the YAML of a value, each text and list of values on one line.
-
-    Args:
-        value: plain values.
-        flow: write all of it on one line, without a line break at its end.
-    """
+    """Return the YAML of plain values, each text and list of values on one line; with ``flow`` all on one line."""
     stream, yaml = io.StringIO(), YAML()
     yaml.width = 1 << 20
     if not flow:
