@@ -140,8 +140,8 @@ def calibrate(
     text = config_text(name, facts, style)
     config = _parsed(text, name)
     summary = [*_summary(facts, report), *_style_summary(style, place), *([_expectation(config)] if trials else [])]
-    notes += filter(None, [_baseline_note(facts.ranges["baseline_m"])])
-    notes += filter(None, [left_out(find_files(image_sources, image_extensions()), found)])
+    skipped = left_out(find_files(image_sources, image_extensions()), found)
+    notes += filter(None, [_baseline_note(facts.ranges["baseline_m"]), skipped])
     return Calibration(config, text, summary, notes)
 
 
@@ -212,8 +212,7 @@ def _pairs(
         try:
             open_matcher()
         except InputError as error:
-            pairs_there = counted(len(found), "pair")
-            notes.append(f"not measured in {pairs_there} how far rows are off rectified: {error}")
+            notes.append(f"not measured in {counted(len(found), 'pair')} how far rows are off rectified: {error}")
             return []
     return found
 
@@ -226,8 +225,8 @@ def _tried(facts: ConfigFacts, place: MeasuredPlace, trials: int, listener: List
     try:
         return tried_style(facts, place.side, trials, listener)
     except BackendError as error:
-        advice = "Without OpenGL, 0 `trials` make a config that no pairs were tried for"
-        raise BackendError(f"{error}\n{advice}") from None
+        message = f"{error}\nWithout OpenGL, 0 `trials` make a config that no pairs were tried for"
+        raise BackendError(message) from None
 
 
 def _expectation(config: Config) -> str:
@@ -251,8 +250,8 @@ def _style_summary(style: Style, place: MeasuredPlace | None) -> list[str]:
     look = f"{low:g} to {high:g} texels per pixel, {style.flat_share:.0%} flat, blurred by {style.blur_px:g} px"
     if style.exposure_stops:
         look += f", exposed by {style.exposure_stops:g} stops"
-    near, compared = style.near(place.side)
     lines.append(f"textures         {look}")
+    near, compared = style.near(place.side)
     # A single picture has no deviation.
     if compared:
         means = f"means of {near} of {counted(compared, 'measure')}"

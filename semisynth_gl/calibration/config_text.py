@@ -1,7 +1,4 @@
-"""From a rig's calibration and photographs to a config that `generate` takes as it is, with comments on its numbers.
-
-The template of its text is assets/calibrated.yaml.jinja.
-"""
+"""From a rig's calibration and photographs to a config that `generate` takes, by assets/calibrated.yaml.jinja."""
 
 import json
 import math
@@ -47,18 +44,8 @@ _SOURCES_SHOWN = 5
 class ConfigFacts:
     """The facts that a config is written from.
 
-    Attributes:
-        rigs: the rigs, at least one, scaled.
-        scale: scale of the images against the calibrated size, where the user gave one.
-        disparity: range and histogram of the disparities.
-        images: files, folders and globs of the photographs, absolute.
-        photograph_count: number of photographs.
-        subject_count: number of subjects that they show.
-        large_px: side of large patches.
-        grey: whether all photographs are grey.
-        rectification: how far pairs of photographs are off rectified; None without pairs to match.
-        fitting_count: number of photographs with the size of a calibration; 0 where sizes were not compared.
-        layout: layout of the config's datasets, see `suited_layout`.
+    ``rigs`` are scaled, by the user's ``scale`` where it is given; ``images`` are absolute. ``fitting_count`` is the
+    number of photographs with a calibrated size, and 0 where sizes were not compared.
     """
 
     rigs: Sequence[Rig]
@@ -119,17 +106,9 @@ def config_facts(
 ) -> ConfigFacts:
     """Gather the facts for a config, and check that they fit together.
 
-    Args:
-        rigs: at least one, as calibrated.
-        images: photographs: files, folders and globs.
-        disparity: disparity maps, or a range.
-        scale: scale of images and maps against the calibrated size.
-        other_camera: True if photographs may have other sizes than the rig's images.
-        pairs: left and right photographs of the rig, to match.
-
-    Raises:
-        InputError: where anything is missing or does not fit together, or pairs cannot be matched.
-        ReadError: where a map cannot be read.
+    ``rigs`` are as calibrated; ``scale`` is that of images and maps against their size. With ``other_camera``,
+    photographs may have any size. ``pairs`` are left and right photographs of the rig, to match. Raises InputError
+    where anything is missing or does not fit together, and ReadError where a map cannot be read.
     """
     photographs = find_images(images)
     sizes = photograph_sizes(photographs)
@@ -151,15 +130,10 @@ def config_facts(
 
 
 def suited_layout(config: Config, rigs: Sequence[Rig]) -> str | None:
-    """Return the layout of the benchmark from which all calibrations come.
+    """Return the layout of the benchmark from which all calibrations come, or None where they have several or none.
 
-    Returns:
-        The layout's name. None where calibrations come from no benchmark or from several, the layout cannot hold the
-        config's disparities, or the benchmark's loaders refuse such a dataset.
-
-    Args:
-        config: the config for the rigs.
-        rigs: at least one.
+    It is None too where the layout cannot hold the config's disparities, or the benchmark's loaders refuse such a
+    dataset.
     """
     names = {rig.layout for rig in rigs}
     name = names.pop() if len(names) == 1 else None
@@ -172,13 +146,7 @@ def suited_layout(config: Config, rigs: Sequence[Rig]) -> str | None:
 
 
 def config_text(name: str, facts: ConfigFacts, style: Style) -> str:
-    """Write the config as YAML, with comments that say where its numbers came from.
-
-    Args:
-        name: name of the config.
-        facts: rigs, disparities and photographs.
-        style: mix of the recipes, and look of the surfaces.
-    """
+    """Write the config as YAML, with comments that say where its numbers came from."""
     environment = template_environment()
     environment.filters |= {"comment": _comment, "flow": _flow, "number": _number, "quoted": _quoted, "range": _range}
     shares = [f"{max(share, 0.0):.4f}".rstrip("0").rstrip(".") for share in facts.disparity.target.shares]

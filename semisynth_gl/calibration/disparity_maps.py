@@ -26,11 +26,8 @@ _MARK = 0.001
 class MeasuredMaps:
     """The disparities of several maps, each counting the same whatever its number of values.
 
-    Attributes:
-        histogram: mean of the maps' histograms, in fine bins.
-        pixels: number of pixels of all maps.
-        valid: number of pixels with a disparity.
-        scaled: (N,) sizes of the maps whose disparities were scaled to the rig's width.
+    ``histogram`` has fine bins, ``valid`` counts pixels with a disparity, and ``scaled`` has the sizes of maps whose
+    disparities were scaled to the rig's width.
     """
 
     histogram: Histogram
@@ -40,20 +37,11 @@ class MeasuredMaps:
 
 
 def measure_maps(paths: Sequence[Path], rigs: Sequence[Rig], png_scale: float = KITTI_DISPARITY.steps) -> MeasuredMaps:
-    """Count the disparities of all maps; `read_values` says which numbers mark missing values.
+    """Count the disparities of one or more maps; `read_values` says which numbers mark missing values.
 
     The disparities of a view are in proportion to the width of its image, so those of a map that has no rig's size are
-    scaled by the ratio of the widths.
-
-    Args:
-        paths: the maps, at least one.
-        rigs: at least one; maps of other sizes than their images' are scaled to the median size.
-        png_scale: levels of a PNG per pixel of disparity.
-
-    Raises:
-        InputError: with the numbers, where a map has another shape than the rig's images or is of quite another
-            scale, has no value at all, or values beyond its width.
-        ReadError: where a map cannot be read.
+    scaled by the ratio of its width to the rigs' median one. ``png_scale`` is levels of a PNG per pixel of disparity.
+    Raises InputError where a map does not fit the rigs or has no value, and ReadError where it cannot be read.
     """
     sizes, median = {rig.size for rig in rigs}, median_size(rigs)
     widest = max(width for width, _ in sizes)
@@ -88,22 +76,13 @@ def measure_maps(paths: Sequence[Path], rigs: Sequence[Rig], png_scale: float = 
 
 
 def read_values(path: Path, rigs: Sequence[Rig], png_scale: float = KITTI_DISPARITY.steps) -> NDArray[np.float32]:
-    """Read a disparity map of a rig.
+    """Read a disparity map of one of several rigs: (H, W) float32, px, nan where there is no value.
 
-    Inf and nan are no values, and where no rig has a positive doffs, 0 and negative numbers neither. Where one has,
-    what is far has such disparities, above -doffs: then they are values, but for 0 and the least number of the map
-    where more than a thousandth of the pixels have it to the last bit, as files do that mark by it what has no value.
-
-    Args:
-        path: .pfm or .npy, or 16-bit grey .png, in which 0 is no value and none is negative.
-        rigs: at least one.
-        png_scale: levels of a PNG per pixel of disparity.
-
-    Returns:
-        (H, W) float32, px, nan where there is no value.
-
-    Raises:
-        ReadError: where the file has another format, or not one value per pixel.
+    In .pfm and .npy, inf and nan are no values, and where no rig has a positive doffs, 0 and negative numbers neither.
+    Where one has, what is far has such disparities, above -doffs: then they are values, but for 0 and the least number
+    of the map where more than a thousandth of the pixels have it to the last bit, as files do that mark by it what has
+    no value. In 16-bit grey .png, 0 is no value. Raises ReadError where the file has another format, or not one value
+    per pixel.
     """
     values = read_disparity_map(path, png_scale)
     # At the map's own resolution.

@@ -34,15 +34,7 @@ _NAMED = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DisparityRange:
-    """The values of the config's section ``disparity``.
-
-    Attributes:
-        min_px: least disparity.
-        max_px: largest disparity.
-        bin_px: width of a bin.
-        target: the histogram, in bins of that width.
-        origin: a sentence about the origin of range and histogram.
-    """
+    """The values of the section ``disparity``; bins of ``target`` are ``bin_px`` wide."""
 
     min_px: float
     max_px: float
@@ -58,13 +50,7 @@ class DisparityRange:
 
 @dataclass(frozen=True, slots=True)
 class DisparitySource:
-    """The user's maps or range of disparities; where both are missing, the bounds of the calibrations are taken.
-
-    Attributes:
-        maps: files of disparity maps, to measure the histogram from, one of each scene.
-        png_scale: levels of 16-bit PNG maps per pixel of disparity.
-        range_px: least and largest disparity, where there are no maps.
-    """
+    """The user's maps, one of each scene, or range of disparities; without both, calibrations give the bounds."""
 
     maps: Sequence[Path] = ()
     png_scale: float = KITTI_DISPARITY.steps
@@ -72,16 +58,7 @@ class DisparitySource:
 
 
 def disparity_range(source: DisparitySource, rigs: Sequence[Rig]) -> DisparityRange:
-    """Return range and histogram, with their origin.
-
-    Args:
-        source: maps, or a range, or neither.
-        rigs: at least one.
-
-    Raises:
-        InputError: where the disparities are not known, lie beyond infinity, or do not fit the rigs.
-        ReadError: where a map cannot be read.
-    """
+    """Return range and histogram, with their origin; raises InputError where they are not known or do not fit rigs."""
     least_doffs_px = min(rig.camera.doffs_px for rig in rigs)
     if source.maps:
         measured, count = measure_maps(source.maps, rigs, source.png_scale), len(source.maps)
@@ -94,12 +71,13 @@ def disparity_range(source: DisparitySource, rigs: Sequence[Rig]) -> DisparityRa
             f"{_scaled_maps(measured.scaled, median_size(rigs))}"
         )
         return replace(measured_range(measured.histogram, least_doffs_px), origin=origin)
-    smooth = "the histogram is chosen, not measured: wide and smooth; with disparity maps it would be "
+    ends_px: tuple[float | None, float]
     if source.range_px is not None:
-        origin = f"The range is the one given; {smooth}measured."
-        return replace(chosen_range(*source.range_px, least_doffs_px), origin=origin)
-    low_px, high_px, origin = _calibrated_bounds(rigs, least_doffs_px)
-    return replace(chosen_range(low_px, high_px, least_doffs_px), origin=f"{origin}; {smooth}measured.")
+        ends_px, origin = source.range_px, "The range is the one given"
+    else:
+        ends_px, origin = _calibrated_bounds(rigs, least_doffs_px)
+    smooth = "the histogram is chosen, not measured: wide and smooth; with disparity maps it would be measured."
+    return replace(chosen_range(*ends_px, least_doffs_px), origin=f"{origin}; {smooth}")
 
 
 def _scaled_maps(sizes: Sequence[Size], rig: Size) -> str:
@@ -114,7 +92,7 @@ def _scaled_maps(sizes: Sequence[Size], rig: Size) -> str:
     )
 
 
-def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[float | None, float, str]:
+def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[tuple[float | None, float], str]:
     """Return the range of disparity that calibrations name, its lower end None where unknown, and its origin."""
     largest = []
     for rig in rigs:
@@ -132,14 +110,12 @@ def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[floa
     low_px = min(least) if len(least) == len(rigs) else None
     upper, lower = f"{name} of the calibration", "vmin of the calibration"
     if len(rigs) > 1:
-        upper, lower = (
-            f"the largest of {counted(len(largest), 'calibration')}, {name} of {source}",
-            "the least vmin of all",
-        )
+        upper = f"the largest of {counted(len(largest), 'calibration')}, {name} of {source}"
+        lower = "the least vmin of all"
     if low_px is None:
         lower = "a fiftieth of "
         lower += f"the way there from -doffs, {-least_doffs_px:g} px" if least_doffs_px < 0 else "that"
-    return low_px, high_px, f"max_px is {upper}, min_px {lower}"
+    return (low_px, high_px), f"max_px is {upper}, min_px {lower}"
 
 
 def _vmin_px(rig: Rig) -> float | None:
@@ -156,12 +132,8 @@ def farthest_px(least_doffs_px: float, *, signed: bool = False) -> float:
 def measured_range(histogram: Histogram, least_doffs_px: float = 0.0) -> DisparityRange:
     """Return the range of all but a thousandth of the disparities at either end, and their histogram.
 
-    Args:
-        histogram: the measured disparities, in fine bins.
-        least_doffs_px: the least cx_right - cx_left of the rigs.
-
-    Raises:
-        InputError: where disparities lie beyond infinity.
+    ``least_doffs_px`` is the least cx_right - cx_left of the rigs. Raises InputError where disparities lie beyond
+    infinity.
     """
     low, high = histogram.quantile(_LOWEST), histogram.quantile(_HIGHEST)
     advice = "give disparity maps of these rigs, or calibrate rigs whose doffs differ one by one"
@@ -172,16 +144,9 @@ def measured_range(histogram: Histogram, least_doffs_px: float = 0.0) -> Dispari
 
 
 def chosen_range(low_px: float | None, high_px: float, least_doffs_px: float = 0.0) -> DisparityRange:
-    """Return a wide and smooth histogram over a known range.
+    """Return a wide and smooth histogram over a known range; raises InputError where it is empty or reaches infinity.
 
-    Args:
-        low_px: lower end of the range, 0 or below with a doffs that leaves room for it; None for a fiftieth of the way
-            from the farthest disparity above 0 to the upper end.
-        high_px: upper end of the range.
-        least_doffs_px: the least cx_right - cx_left of the rigs.
-
-    Raises:
-        InputError: where the range is empty, or begins at or beyond infinity.
+    Where ``low_px`` is None, the range begins a fiftieth of the way from the farthest disparity above 0 to ``high_px``.
     """
     farthest = farthest_px(least_doffs_px)
     if farthest > 0:
@@ -202,11 +167,7 @@ def chosen_range(low_px: float | None, high_px: float, least_doffs_px: float = 0
 
 
 def _bins(low: float, high: float) -> tuple[NDArray[np.float64], float]:
-    """Return the edges and the round width of 15 to 22 bins from the lower end of a range to beyond its upper end.
-
-    Raises:
-        InputError: where a config could not state bins as narrow as that.
-    """
+    """Return the edges and the round width of 15 to 22 bins from the lower end of a range to beyond its upper end."""
     if high - low < _LEAST_PX:
         raise InputError(
             f"the range of disparity is {low} to {high} px: expected ends that differ by {_LEAST_PX:g} px or more"

@@ -26,11 +26,7 @@ _RIGHT_OF_FOLDER = {"image_2": "image_3", "image_0": "image_1", "colored_0": "co
 
 
 def open_matcher() -> Any:  # noqa: ANN401 - a module without types
-    """Return OpenCV.
-
-    Raises:
-        InputError: where it is not installed.
-    """
+    """Return OpenCV; raises InputError where it is not installed."""
     try:
         return import_module("cv2")
     except ImportError as error:
@@ -41,11 +37,7 @@ def open_matcher() -> Any:  # noqa: ANN401 - a module without types
 
 
 def given_pairs(left: str, right: str) -> list[tuple[Path, Path]]:
-    """Return the pairs of two sources, each a file, a folder or a glob, in the order of their names.
-
-    Raises:
-        InputError: where a source matches no image, or they match different numbers of them.
-    """
+    """Return the pairs of two sources, each a file, a folder or a glob, in the order of their names."""
     lefts, rights = find_images([left]), find_images([right])
     if len(lefts) != len(rights):
         raise InputError(
@@ -73,14 +65,7 @@ def pairs_among(images: Sequence[Path]) -> list[tuple[Path, Path]]:
 
 
 def match_pair(left: Path, right: Path) -> tuple[Matches, tuple[int, int]]:
-    """Match features of both views.
-
-    Returns:
-        The matches, wrong ones among them, and the images' width and height.
-
-    Raises:
-        InputError: where an image cannot be read, the views differ in size, or OpenCV is not installed.
-    """
+    """Match features of both views, some of them wrongly; also return the images' width and height."""
     images = [to_grey(read_image(path)) for path in (left, right)]
     height, width = images[0].shape
     if images[0].shape != images[1].shape:

@@ -19,7 +19,7 @@ _ROUND_SCALES = tuple(sorted({part / whole for whole in range(2, 9) for part in 
 
 
 def photograph_sizes(images: Sequence[Path]) -> list[Size]:
-    """Return the sizes of photographs, as their headers have them; a file that cannot be read is passed over."""
+    """Return the sizes in the headers of photographs; a file that cannot be read is passed over."""
     sizes = list[Size]()
     for path in images:
         with suppress(ImageError):
@@ -44,18 +44,10 @@ def are_grey(images: Sequence[Path]) -> bool:
 
 
 def check_sizes(photographs: Sequence[Size], calibrated: Sequence[Size], scale: float | None = None) -> int:
-    """Check by their size that photographs were taken with the rig.
-
-    Args:
-        photographs: their sizes.
-        calibrated: sizes of the calibrated images.
-        scale: scale of the photographs against these sizes, where the user gave one.
-
-    Returns:
-        The number of photographs with the size of a calibration.
+    """Check that photographs are as large as a calibration's images times ``scale``, and return how many are.
 
     Raises:
-        InputError: where no photograph can be used, with the numbers and the option that makes it right.
+        InputError: where no photograph is, with the numbers and the option that makes it right.
     """
     sizes = Counter(photographs)
     wanted = [size if scale is None else size.scaled(scale) for size in calibrated]
@@ -83,11 +75,9 @@ def check_sizes(photographs: Sequence[Size], calibrated: Sequence[Size], scale: 
 
 
 def large_side(photographs: Sequence[Size], width_px: int) -> int:
-    """Return a side for large patches: the median of the largest squares of photographs, but no more than is seen.
+    """Return a side for large patches: the median of the largest squares of photographs.
 
-    Args:
-        photographs: their sizes.
-        width_px: width of the rig's images, beyond which nothing of a large patch is seen.
+    It is at most ``width_px``, the width of the rig's images, beyond which nothing of a large patch is seen.
     """
     sides = sorted(map(min, photographs))
     median = sides[len(sides) // 2] if sides else 0

@@ -6,25 +6,18 @@ from typing import Any
 
 from semisynth_gl.calibration.disparity_range import DisparityRange
 
+# Floating things of scenes that are mostly something else. With two to six, pairs were either empty or heaps.
 _FLOATING = [12, 40]
-"""Floating things of scenes that are mostly something else. With two to six, pairs were either empty or heaps."""
+# Shares of the wanted pixels that are farther than the ends of ranges: of these things, of the walls, of the panels.
 _NEAR = (0.4, 0.98)
-"""Where these are: the nearer part of the disparities."""
 _ROOM_ENDS = (0.1, 0.4)
 _PANELS = (0.1, 0.8)
 _PANEL_OF_WIDTH = (0.3, 1.0)
-_SLANT_DEG = [0, 45]
 
 
 @dataclass(frozen=True, slots=True)
 class SceneRecipe:
-    """A recipe of the mix.
-
-    Attributes:
-        name: its name.
-        meaning: what its scenes show, for the comment beside it.
-        keys: the keys that it changes, by section.
-    """
+    """A recipe of the mix: the keys that it changes, by section, and what its scenes show, for a comment."""
 
     name: str
     meaning: str
@@ -32,15 +25,10 @@ class SceneRecipe:
 
 
 def suitable_recipes(scenes: Sequence[str], disparity: DisparityRange, width_px: int) -> tuple[SceneRecipe, ...]:
-    """Return the recipes that suit a place.
+    """Return the recipes that suit a place, whose scenes are "indoor", "outdoor" or both.
 
-    Those of furnished, open and still scenes state their floating things: walls, ground and panels stand where the
-    wanted disparities are. The two of floating things are solved for what the others leave of the wanted distribution.
-
-    Args:
-        scenes: "indoor", "outdoor" or both.
-        disparity: the wanted disparities.
-        width_px: width of the images.
+    Recipes of furnished, open and still scenes state their floating things: walls, ground and panels stand where the
+    wanted disparities are. The last two recipes are solved for what the others leave of the wanted distribution.
     """
     # As the config states them.
     least, most = (float(f"{limit:.10g}") for limit in (disparity.min_px, disparity.max_px))
@@ -49,45 +37,36 @@ def suitable_recipes(scenes: Sequence[str], disparity: DisparityRange, width_px:
         ends = (float(f"{disparity.target.quantile(share):.3g}") for share in shares)
         return [min(max(end, least), most) for end in ends]
 
-    floating_things = {"layers": [{"disparity_px": between(_NEAR), "count": _FLOATING}]}
-    panels = {
+    floating_things: dict[str, Any] = {"layers": [{"disparity_px": between(_NEAR), "count": _FLOATING}]}
+    panels: dict[str, Any] = {
         "panels": [3, 6],
         "panel_disparity_px": between(_PANELS),
         "panel_size_px": [float(round(share * width_px)) for share in _PANEL_OF_WIDTH],
-        "panel_slant_deg": _SLANT_DEG,
+        "panel_slant_deg": [0, 45],
     }
-    floating = {"indoor": ("cuboid", {}), "outdoor": ("plane", {"ground": 1})}
-    empty = {"cuboid": 0, "plane": 0}
+    no_background: dict[str, Any] = {"cuboid": 0, "plane": 0}
     recipes = list[SceneRecipe]()
     if "indoor" in scenes:
-        room = empty | {"room": 1, "wall_disparity_px": between(_ROOM_ENDS)}
+        room = no_background | {"room": 1, "wall_disparity_px": between(_ROOM_ENDS)}
+        empty = {"background": room, "room": {"furniture": [0, 3], "small": [2, 10]}, "particles": floating_things}
         recipes += [
             SceneRecipe("room", "furnished rooms", {"background": room, "particles": floating_things}),
-            SceneRecipe(
-                "bare-room",
-                "rooms with little in them",
-                {"background": room, "room": {"furniture": [0, 3], "small": [2, 10]}, "particles": floating_things},
-            ),
+            SceneRecipe("bare-room", "rooms with little in them", empty),
         ]
     if "outdoor" in scenes:
-        street = empty | {"street": 1}
-        recipes += [
-            SceneRecipe("street", "open scenes along a road", {"background": street, "particles": floating_things}),
-        ]
-    for kind in scenes:
-        background, structures = floating[kind]
-        name = "still" if kind == "indoor" else "still-outdoors"
-        recipes.append(
-            SceneRecipe(
-                name,
-                f"{'walls' if kind == 'indoor' else 'ground'} and panels, and little before them",
-                {
-                    "background": empty | {background: 1},
-                    "structures": structures | panels,
-                    "particles": floating_things,
-                },
-            )
-        )
+        street = {"background": no_background | {"street": 1}, "particles": floating_things}
+        recipes.append(SceneRecipe("street", "open scenes along a road", street))
+    for kind, name, shown, background, ground in (
+        ("indoor", "still", "walls", {"cuboid": 1}, {}),
+        ("outdoor", "still-outdoors", "ground", {"plane": 1}, {"ground": 1}),
+    ):
+        if kind in scenes:
+            still = {
+                "background": no_background | background,
+                "structures": ground | panels,
+                "particles": floating_things,
+            }
+            recipes.append(SceneRecipe(name, f"{shown} and panels, and little before them", still))
     recipes += [
         SceneRecipe("sparse", "fewer and larger floating things", {"particles": {"density": "sparse"}}),
         SceneRecipe("clutter", "many floating things", {}),

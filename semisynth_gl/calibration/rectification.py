@@ -21,12 +21,9 @@ _SAME_SHAPE = 0.02
 class Rectification:
     """The deviations of several pairs' right cameras.
 
-    Attributes:
-        ranges: the least and the largest value over pairs, by key of the config's section ``rig``; empty where matching
-            cannot tell the pairs from rectified ones.
-        deviations: of each pair that has enough matches.
-        points: number of matches of all these pairs.
-        pairs: number of pairs that were matched.
+    ``ranges`` has the least and the largest value by key of the section ``rig``; it is empty where matching cannot tell
+    the pairs from rectified ones. Of ``pairs`` that were matched, ``deviations`` and ``points``, their matches, are
+    from pairs that have enough.
     """
 
     ranges: dict[str, tuple[float, float]]
@@ -53,15 +50,14 @@ class Rectification:
             return f"unknown: none of {counted(self.pairs, 'pair')} has {FEWEST} points whose rows agree"
         if not self.ranges:
             return f"{used}: as good as matches can tell, {MATCHING_PX:g} px"
-        shown = [
-            f"{key} {low:.4g}" if low == high else f"{key} {low:.4g} to {high:.4g}"
-            for key, (low, high) in self.ranges.items()
-        ]
-        return f"{used}: {', '.join(shown)}"
+        shown = {
+            key: f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}" for key, (low, high) in self.ranges.items()
+        }
+        return f"{used}: {', '.join(f'{key} {ends}' for key, ends in shown.items())}"
 
 
 def fitting_pairs(pairs: Sequence[tuple[Path, Path]], rigs: Sequence[Rig]) -> list[tuple[Path, Path]]:
-    """Return those pairs whose left photograph has the shape of a rig's images; see `measure_rectification`."""
+    """Return the pairs whose left photograph has the shape of a rig's images; see `measure_rectification`."""
     fitting = []
     for left, right in pairs:
         with suppress(InputError):
@@ -72,14 +68,10 @@ def fitting_pairs(pairs: Sequence[tuple[Path, Path]], rigs: Sequence[Rig]) -> li
 
 
 def measure_rectification(pairs: Sequence[tuple[Path, Path]], rigs: Sequence[Rig]) -> Rectification:
-    """Match the views of pairs, up to `MOST_PAIRS` of them, and fit what their right cameras deviate.
+    """Match the views of one or more pairs, up to `MOST_PAIRS` of them, and fit what their right cameras deviate.
 
-    Args:
-        pairs: left and right photographs, at least one pair.
-        rigs: the rigs, at least one; pairs of another resolution count for the rig of the median size.
-
-    Raises:
-        InputError: where an image cannot be read, or a pair's size is no rig's, or OpenCV is not installed.
+    Pairs of another resolution count for the rig of the median size. Raises InputError where an image cannot be read, a
+    pair's size is no rig's, or OpenCV is not installed.
     """
     chosen = [pairs[number] for number in spread(len(pairs), MOST_PAIRS)]
     matched, points = [], 0

@@ -35,13 +35,7 @@ class Size(NamedTuple):
 
 
 class DisparityBounds(NamedTuple):
-    """Bounds of the disparities, pixels, where a calibration has them.
-
-    Attributes:
-        ndisp: an upper bound.
-        vmin_px: the least disparity.
-        vmax_px: the largest disparity.
-    """
+    """Least and largest disparity, pixels, where a calibration has them; ``ndisp`` is an upper bound too."""
 
     ndisp: float | None = None
     vmin_px: float | None = None
@@ -53,15 +47,9 @@ NO_BOUNDS = DisparityBounds()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Projections:
-    """Two projection matrices of a calibration, before `rectified` checks them.
+    """Two projection matrices (3, 4) of a calibration, pixels from metres, before `rectified` checks them.
 
-    Attributes:
-        left: (3, 4) float64, pixels from metres.
-        right: (3, 4) float64, from the same frame.
-        size: size of the images; None where the file has none.
-        source: name of the file, or of both files, for messages.
-        bounds: bounds of the disparities.
-        layout: layout of the benchmark whose form the file has; None for files of no benchmark.
+    ``source`` names the file, or both files, for messages; ``layout`` is that of the benchmark whose form the file has.
     """
 
     left: NDArray[np.float64]
@@ -74,14 +62,7 @@ class Projections:
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """A rectified rig.
-
-    Attributes:
-        camera: both cameras.
-        source: name of the calibration, for messages and comments.
-        bounds: bounds of the disparities.
-        layout: layout of the benchmark whose form the calibration has; None for one of no benchmark.
-    """
+    """A rectified rig; ``source`` and ``layout`` as in `Projections`."""
 
     camera: StereoCamera
     source: str
@@ -121,33 +102,17 @@ class Rig:
 
 
 def plain_rig(focal_px: float, baseline_m: float, size: Size) -> Rig:
-    """Return the rig of three numbers, its principal points at the centre of the images.
-
-    Args:
-        focal_px: focal length, pixels.
-        baseline_m: distance of the cameras, metres.
-        size: size of the images.
-
-    Raises:
-        InputError: where the baseline is 0 or negative, or another number is out of range.
-    """
+    """Return the rig of three numbers, its principal points at the centre; raises InputError where one is too large."""
     if not baseline_m > 0:
         raise InputError(f"`baseline_m` {baseline_m:g}: expected a distance above 0, from the left camera to the right")
     return Rig(StereoCamera.centred(*size, focal_px, baseline_m), "the focal length, baseline and size given")
 
 
 def rectified(projections: Projections, size: Size | None) -> Rig:
-    """Check projection matrices, and return their rig.
+    """Check projection matrices, and return their rig; ``size`` is the user's.
 
-    A rectified pair has K [I | t] on both sides, with one focal length, one cy and t along x alone.
-
-    Args:
-        projections: the matrices.
-        size: size of the images from the user, or None.
-
-    Raises:
-        InputError: with the numbers, where the pair is not rectified, the baseline is 0 or negative, the size is not
-            known, or the file and the user disagree about the size.
+    A rectified pair has K [I | t] on both sides, with one focal length, one cy and t along x alone. Raises InputError
+    where the pair is not rectified, the baseline is not above 0, or sizes are missing or differ.
     """
     left, right, source = projections.left, projections.right, projections.source
     for name, matrix in (("left", left), ("right", right)):

@@ -50,20 +50,12 @@ _LARGEST_SIDE_PX = 99_999
 
 
 def read_rigs(sources: Sequence[str | Path], *, size: Size | None = None, unit_m: float | None = None) -> list[Rig]:
-    """Read rectified rigs from calibration files.
+    """Read rectified rigs from calibration files and globs, in the order of the files.
 
-    Args:
-        sources: files and globs. Each file describes a rig, except for ROS's camera_info: two of these, in two files or
-            in one, make a rig, the left one first, or the right camera's alone.
-        size: size of the images, for files without one.
-        unit_m: metres in the unit of an OpenCV file's translation; None where it is not known.
-
-    Returns:
-        The rigs, in the order of their files.
-
-    Raises:
-        InputError: where there is no file, or a rig is not rectified; see `rectified`.
-        ReadError: where a file has none of the formats, or breaks its own.
+    Each file describes a rig, except for ROS's camera_info: two of these, in two files or in one, make a rig, the left
+    one first, or the right camera's alone. ``size`` is for files without one, and ``unit_m`` is metres in the unit of
+    an OpenCV file's translation. Raises InputError where there is no file or a rig is not rectified, and ReadError
+    where a file has none of the formats or breaks its own.
     """
     paths: dict[Path, None] = {}
     for source in sources:
@@ -119,103 +111,109 @@ def _paired(cameras: Sequence[_Camera]) -> Projections:
     return Projections(left_matrix, right.matrix, right.size, right.source)
 
 
+class _FormatError(Exception):
+    """A file breaks its format, as the message says without naming the file."""
+
+
 def _read(path: Path, unit_m: float | None) -> Sequence[Projections | _Camera]:
     try:
-        text = read_bytes(path, _LARGEST_BYTES).decode("utf-8-sig")
+        return _parsed(read_bytes(path, _LARGEST_BYTES).decode("utf-8-sig"), str(path), unit_m)
     except UnicodeDecodeError:
         raise ReadError(path, f"is not text; {_EXPECTED}") from None
+    except _FormatError as error:
+        raise ReadError(path, str(error)) from None
+
+
+def _parsed(text: str, source: str, unit_m: float | None) -> Sequence[Projections | _Camera]:
     calibrations: Sequence[Projections | _Camera]
     if "cam0" in (lines := calib_values(text)):
-        calibrations = [_middlebury(path, lines)]
+        calibrations = [_middlebury(lines, source)]
     elif _KITTI.search(text):
-        calibrations = [_kitti(path, text)]
+        calibrations = [_kitti(text, source)]
     else:
-        documents = _yaml(path, text)
+        documents = _yaml(text)
         for left, right in _OPENCV_PAIRS:
             if left in documents[0] and right in documents[0] and len(documents) == 1:
-                return [_opencv(path, documents[0], (left, right), unit_m)]
-        calibrations = _ros(path, documents)
+                return [_opencv(documents[0], (left, right), source, unit_m)]
+        calibrations = _ros(documents, source)
     if unit_m is not None:
-        raise ReadError(path, "its format states the unit: leave `unit` out, which is for OpenCV's files alone")
+        raise _FormatError("its format states the unit: leave `unit` out, which is for OpenCV's files alone")
     return calibrations
 
 
-def _middlebury(path: Path, values: Mapping[str, str]) -> Projections:
+def _middlebury(values: Mapping[str, str], source: str) -> Projections:
     missing = [key for key in ("cam0", "cam1", "baseline") if key not in values]
     if missing:
-        raise ReadError(
-            path, f"lacks {', '.join(missing)}: expected cam0=[...], cam1=[...], baseline=... in millimetres"
-        )
+        raise _FormatError(f"lacks {', '.join(missing)}: expected cam0=[...], cam1=[...], baseline=... in millimetres")
 
     def number(key: str) -> float:
         try:
             return float(values[key])
         except ValueError:
-            raise ReadError(path, f"{key}: expected a number, got {shown(values[key])}") from None
+            raise _FormatError(f"{key}: expected a number, got {shown(values[key])}") from None
 
-    left, right = (_middlebury_matrix(path, key, values[key]) for key in ("cam0", "cam1"))
+    left, right = (_middlebury_matrix(key, values[key]) for key in ("cam0", "cam1"))
     baseline_m = number("baseline") / 1000
     if not abs(baseline_m) <= LARGEST:
-        raise ReadError(path, f"baseline: expected at most {LARGEST:g} m, got {baseline_m:g} m")
+        raise _FormatError(f"baseline: expected at most {LARGEST:g} m, got {baseline_m:g} m")
     right[0, 3] = -right[0, 0] * baseline_m
     doffs_px = float(right[0, 2] - left[0, 2])
     if "doffs" in values and abs(number("doffs") - doffs_px) > 0.02:
-        raise ReadError(
-            path, f"doffs is {number('doffs'):g}, but cx of cam1 minus cx of cam0 is {doffs_px:g}: one of them is wrong"
+        raise _FormatError(
+            f"doffs is {number('doffs'):g}, but cx of cam1 minus cx of cam0 is {doffs_px:g}: one of them is wrong"
         )
     size = (number("width"), number("height")) if "width" in values and "height" in values else None
     ndisp, vmin, vmax = (number(key) if key in values else None for key in ("ndisp", "vmin", "vmax"))
     # Both have one form: ETH3D's archives are told by their folders, two_view_training and two_view_test.
-    layout = "eth3d" if any(part.startswith(_ETH3D) for part in path.absolute().parts) else "middlebury"
-    return Projections(left, right, _checked_size(path, size), str(path), DisparityBounds(ndisp, vmin, vmax), layout)
+    layout = "eth3d" if any(part.startswith(_ETH3D) for part in Path(source).absolute().parts) else "middlebury"
+    return Projections(left, right, _checked_size(size), source, DisparityBounds(ndisp, vmin, vmax), layout)
 
 
-def _middlebury_matrix(path: Path, key: str, text: str) -> NDArray[np.float64]:
+def _middlebury_matrix(key: str, text: str) -> NDArray[np.float64]:
     """Return a matrix (3, 4), its last column 0."""
     try:
         matrix = np.reshape(calib_matrix(text), (3, 3))
     except ValueError:
-        raise ReadError(path, f"{key}: expected a matrix [f 0 cx; 0 f cy; 0 0 1], got {shown(text, _SHOWN)}") from None
+        raise _FormatError(f"{key}: expected a matrix [f 0 cx; 0 f cy; 0 0 1], got {shown(text, _SHOWN)}") from None
     if not (np.abs(matrix) <= LARGEST).all():
-        raise ReadError(path, f"{key}: expected finite numbers of at most {LARGEST:g}, got {shown(text, _SHOWN)}")
+        raise _FormatError(f"{key}: expected finite numbers of at most {LARGEST:g}, got {shown(text, _SHOWN)}")
     return np.hstack([matrix, np.zeros((3, 1))])
 
 
-def _kitti(path: Path, text: str) -> Projections:
+def _kitti(text: str, source: str) -> Projections:
     values = {key: [float(number) for number in numbers.split()] for key, numbers in _KITTI.findall(text)}
     pair = next((pair for pair in _KITTI_PAIRS if values.keys() >= set(pair)), None)
     if pair is None:
-        raise ReadError(path, f"has {', '.join(values)}: expected P_rect_02 and P_rect_03, or P2 and P3")
+        raise _FormatError(f"has {', '.join(values)}: expected P_rect_02 and P_rect_03, or P2 and P3")
     for key in pair:
         if len(values[key]) != 12:
-            raise ReadError(path, f"{key}: expected 12 numbers, got {len(values[key])}")
+            raise _FormatError(f"{key}: expected 12 numbers, got {len(values[key])}")
     sizes = [values.get(key.replace("P", "S", 1)) for key in pair]
     if sizes[0] != sizes[1] or (sizes[0] is not None and len(sizes[0]) != 2):
-        raise ReadError(path, f"the rectified sizes are {sizes[0]} and {sizes[1]}: expected one width and height")
+        raise _FormatError(f"the rectified sizes are {sizes[0]} and {sizes[1]}: expected one width and height")
     left, right = (np.reshape(values[key], (3, 4)) for key in pair)
-    return Projections(left, right, _checked_size(path, sizes[0]), str(path), layout="kitti")
+    return Projections(left, right, _checked_size(sizes[0]), source, layout="kitti")
 
 
-def _opencv(path: Path, values: Mapping[str, Any], keys: tuple[str, str], unit_m: float | None) -> Projections:
-    left, right = (_matrix(path, key, values[key]) for key in keys)
+def _opencv(values: Mapping[str, Any], keys: tuple[str, str], source: str, unit_m: float | None) -> Projections:
+    left, right = (_matrix(key, values[key]) for key in keys)
     for matrix in (left, right):
         matrix[:, 3] *= 1.0 if unit_m is None else unit_m
     if unit_m is None and right[0, 0] > 0 and abs(right[0, 3]) > LONGEST_M * right[0, 0]:
-        raise ReadError(
-            path,
+        raise _FormatError(
             f"the baseline would be {abs(right[0, 3] / right[0, 0]):g} m: its unit is that of the board that was used "
             "to calibrate; say so with `unit` mm, cm or m",
         )
-    return Projections(left, right, _size(path, values), str(path))
+    return Projections(left, right, _size(values), source)
 
 
-def _ros(path: Path, documents: Sequence[Mapping[str, Any]]) -> Sequence[Projections | _Camera]:
+def _ros(documents: Sequence[Mapping[str, Any]], source: str) -> Sequence[Projections | _Camera]:
     if len(documents) == 1:
         left, right = documents[0].get("left"), documents[0].get("right")
         if isinstance(left, Mapping) and isinstance(right, Mapping):
-            return [_paired([_ros_camera(path, left, "left."), _ros_camera(path, right, "right.")])]
-        return [_ros_camera(path, documents[0], "")]
-    return [_ros_camera(path, values, f"document {number}: ") for number, values in _distinct(documents).items()]
+            return [_paired([_ros_camera(left, "left.", source), _ros_camera(right, "right.", source)])]
+        return [_ros_camera(documents[0], "", source)]
+    return [_ros_camera(values, f"document {number}: ", source) for number, values in _distinct(documents).items()]
 
 
 def _distinct(documents: Sequence[Mapping[str, Any]]) -> dict[int, Mapping[str, Any]]:
@@ -233,38 +231,35 @@ def _distinct(documents: Sequence[Mapping[str, Any]]) -> dict[int, Mapping[str, 
     return distinct
 
 
-def _ros_camera(path: Path, values: Mapping[str, Any], prefix: str) -> _Camera:
+def _ros_camera(values: Mapping[str, Any], prefix: str, source: str) -> _Camera:
     key = next((key for key in _ROS_MATRICES if key in values), None)
     if key is None:
         raw = [key for key in _RAW_CAMERAS if key in values]
         if raw:
-            raise ReadError(
-                path,
+            raise _FormatError(
                 f"{prefix}is not rectified: it has {', '.join(raw)}, the raw cameras, but no P1 and P2. Rectify first "
                 "(OpenCV: stereoRectify gives P1 and P2), and store them beside",
             )
         missing = f"{prefix}projection_matrix: missing: it " if prefix else ""
-        raise ReadError(path, f"{missing}has {', '.join(list(values)[:8]) or 'nothing'}; {_EXPECTED}")
-    matrix = _matrix(path, prefix + key, values[key])
+        raise _FormatError(f"{missing}has {', '.join(list(values)[:8]) or 'nothing'}; {_EXPECTED}")
+    matrix = _matrix(prefix + key, values[key])
     if not matrix.any():
-        raise ReadError(
-            path,
+        raise _FormatError(
             f"{prefix}{key}: is all zeros: the camera is not calibrated, or not rectified. Calibrate the stereo rig "
             "(ROS: `ros2 run camera_calibration cameracalibrator` with both cameras), and give the calibration of the "
             "rectified images",
         )
-    size = _size(path, values)
-    _check_whole_image(path, values, prefix, size)
-    return _Camera(matrix, size, str(path))
+    size = _size(values)
+    _check_whole_image(values, prefix, size)
+    return _Camera(matrix, size, source)
 
 
-def _check_whole_image(path: Path, values: Mapping[str, Any], prefix: str, size: Size | None) -> None:
+def _check_whole_image(values: Mapping[str, Any], prefix: str, size: Size | None) -> None:
     """Refuse a message of ROS whose images are a part of what its matrices are for."""
     for key in ("binning_x", "binning_y"):
         if values.get(key, 0) not in (0, 1):
             fault = f"{prefix}{key}: expected 0 or 1, got {values[key]!r}"[:200]
-            raise ReadError(
-                path,
+            raise _FormatError(
                 f"{fault}: images with binning are smaller than those that the calibration is of. Take them without; "
                 "or, where both directions are binned alike, write 1 here and give `scale`, 0.5 for a binning of 2",
             )
@@ -274,15 +269,14 @@ def _check_whole_image(path: Path, values: Mapping[str, Any], prefix: str, size:
     window = [roi.get(name, 0) for name in ("x_offset", "y_offset", "width", "height")]
     if window not in ([0, 0, 0, 0], [0, 0, *(size or ())]):
         fault = f"{prefix}roi: expected 0 for x_offset, y_offset, width and height, got {window}"[:200]
-        raise ReadError(
-            path,
+        raise _FormatError(
             f"{fault}: the images are a window of those that the calibration is of. Take whole images; or write 0 for "
             "all four, the window's size as the message's width and height, and subtract the offsets from cx and cy in "
             "its projection matrix",
         )
 
 
-def _matrix(path: Path, key: str, node: Any) -> NDArray[np.float64]:  # noqa: ANN401 - any YAML value
+def _matrix(key: str, node: Any) -> NDArray[np.float64]:  # noqa: ANN401 - any YAML value
     """Return a (3, 4) matrix of a mapping with ``data``, of rows, or of 12 numbers."""
     data = node.get("data") if isinstance(node, Mapping) else node
     try:
@@ -290,24 +284,24 @@ def _matrix(path: Path, key: str, node: Any) -> NDArray[np.float64]:  # noqa: AN
     except (TypeError, ValueError):
         values = np.empty(0)
     if values.size != 12 or (isinstance(node, Mapping) and (node.get("rows", 3), node.get("cols", 4)) != (3, 4)):
-        raise ReadError(path, f"{key}: expected a 3 x 4 projection matrix of 12 numbers, got {shown(node, _SHOWN)}")
+        raise _FormatError(f"{key}: expected a 3 x 4 projection matrix of 12 numbers, got {shown(node, _SHOWN)}")
     return values.reshape(3, 4)
 
 
-def _size(path: Path, values: Mapping[str, Any]) -> Size | None:
+def _size(values: Mapping[str, Any]) -> Size | None:
     for width, height in _SIZES:
         if width in values and height in values:
-            return _checked_size(path, [values[width], values[height]])
+            return _checked_size([values[width], values[height]])
     for key in _SIZE_PAIRS:
         value = values.get(key)
         if isinstance(value, Mapping) and "width" in value and "height" in value:
-            return _checked_size(path, [value["width"], value["height"]])
+            return _checked_size([value["width"], value["height"]])
         if isinstance(value, list) and len(value) == 2:
-            return _checked_size(path, value)
+            return _checked_size(value)
     return None
 
 
-def _checked_size(path: Path, size: Sequence[Any] | None) -> Size | None:
+def _checked_size(size: Sequence[Any] | None) -> Size | None:
     # OpenCV writes 0 0 for an unknown size.
     if size is None or list(size) == [0, 0]:
         return None
@@ -317,13 +311,13 @@ def _checked_size(path: Path, size: Sequence[Any] | None) -> Size | None:
         width_px = height_px = 0
     came = f"{shown(size[0])} x {shown(size[1])}"
     if width_px < 1 or height_px < 1:
-        raise ReadError(path, f"expected a width and height of at least 1 pixel, got {came}")
+        raise _FormatError(f"expected a width and height of at least 1 pixel, got {came}")
     if max(width_px, height_px) > _LARGEST_SIDE_PX:
-        raise ReadError(path, f"expected a width and height of at most {_LARGEST_SIDE_PX} pixels, got {came}")
+        raise _FormatError(f"expected a width and height of at most {_LARGEST_SIDE_PX} pixels, got {came}")
     return Size(width_px, height_px)
 
 
-def _yaml(path: Path, text: str) -> Sequence[Mapping[str, Any]]:
+def _yaml(text: str) -> Sequence[Mapping[str, Any]]:
     """Return one or more documents."""
     # OpenCV's first line is no directive of YAML: it has a colon in place of the space. Its matrices are mappings.
     text = re.sub(r"\A%YAML:[^\n]*\n|!!opencv-matrix\b", "", text)
@@ -331,9 +325,9 @@ def _yaml(path: Path, text: str) -> Sequence[Mapping[str, Any]]:
         documents = read_documents(text)
     except YamlError as error:
         line = "" if error.line is None else f"line {error.line}: "
-        raise ReadError(path, f"is no calibration and no YAML ({line}{error}); {_EXPECTED}") from None
+        raise _FormatError(f"is no calibration and no YAML ({line}{error}); {_EXPECTED}") from None
     # `ros2 topic echo` ends each message with a line that opens another document.
     documents = [values for values in documents if values is not None]
     if not documents or not all(isinstance(values, Mapping) for values in documents):
-        raise ReadError(path, f"is no calibration; {_EXPECTED}")
+        raise _FormatError(f"is no calibration; {_EXPECTED}")
     return documents

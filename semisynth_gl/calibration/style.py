@@ -18,22 +18,15 @@ from semisynth_gl.comparison.measures import MEASURES, Measure
 from semisynth_gl.comparison.sides import Side
 from semisynth_gl.inputs.errors import counted
 
+# The values that are tried of textures.texels_per_pixel and flat_share, and of imperfections.blur_px, at the working
+# width, and exposure_stops.
 TEXELS = ((0.8, 1.5), (0.4, 0.75))
-"""The values of ``textures.texels_per_pixel`` that are tried."""
 FLATS = (0.0, 0.5)
-"""The values of ``textures.flat_share`` that are tried."""
 BLURS = (0.0, 0.3, 0.5, 0.7, 1.0)
-"""The values of ``imperfections.blur_px`` that are tried, at the working width."""
 EXPOSURES = (-0.6, 0.0)
-"""The values of ``imperfections.exposure_stops`` that are tried."""
 
 _OF_MIX = ("background.room", "background.street", "structures.panels", "particles.density", "disparity.target")
-_OF_LOOK = (
-    "imperfections.blur_px",
-    "imperfections.exposure_stops",
-    "textures.texels_per_pixel",
-    "textures.flat_share",
-)
+_OF_LOOK = "imperfections.blur_px", "imperfections.exposure_stops", "textures.texels_per_pixel", "textures.flat_share"
 # Between the values that were tried.
 _FINE_FLATS, _FINE_BLURS, _FINE_EXPOSURES = (
     np.round(np.arange(tried[0], tried[-1] + step / 2, step), 9) + 0.0
@@ -54,17 +47,13 @@ _UNKNOWN, _LEAST = 0.25, 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """Means of the measures over trial pairs.
+    """Means of the measures over ``pairs`` trial pairs.
 
-    Attributes:
-        means: (R, T, F, B, E, M) float64 by recipe, `TEXELS`, `FLATS`, `BLURS`, `EXPOSURES` and `MEASURES`; nan where
-            no pair has the measure.
-        geometry: of each recipe, (P, M) float64, the measures of its P pairs, of which those of disparity maps count;
-            nan where a pair does not have them.
-        pairs: number of the pairs.
-        shares: (R, K) float64, the expected share of each recipe's pixels in each bin of the wanted disparities; 0 for
-            recipes that are solved for what the others lack.
-        wanted: (K,) float64, the wanted shares.
+    ``means`` is (R, T, F, B, E, M) float64 by recipe, `TEXELS`, `FLATS`, `BLURS`, `EXPOSURES` and `MEASURES`, and
+    ``geometry`` (P, M) float64 of each recipe, the measures of its P pairs, of which those of disparity maps count;
+    both nan where a pair does not have the measure. ``shares`` is (R, K) float64, the expected share of each recipe's
+    pixels in each bin of the wanted disparities, 0 for recipes that are solved for what the others lack; ``wanted`` is
+    (K,) float64.
     """
 
     means: NDArray[np.float64]
@@ -76,19 +65,10 @@ class Trial:
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """What a config says of its recipes and surfaces.
+    """What a config says of its recipes and surfaces, and where it is from.
 
-    Attributes:
-        recipes: the recipes of the mix.
-        weights: their shares of the scenes; above 0, sum 1.
-        texels_per_pixel: ends of the range.
-        blur_px: in pixels of the config's images.
-        flat_share: share of flat surfaces.
-        exposure_stops: of the config's images, 0 or below.
-        mix_origin: a sentence on where the weights came from.
-        look_origin: a sentence on where the values of surfaces and blur came from.
-        expected: what the pairs of such a dataset are expected to come to, by the key of each measure; nothing where
-            none was tried.
+    ``weights`` are above 0, with a sum of 1. ``blur_px`` counts pixels of the config's images. ``expected`` is what the
+    pairs of such a dataset are expected to come to, by the key of each measure; nothing where none was tried.
     """
 
     recipes: tuple[SceneRecipe, ...]
@@ -123,14 +103,8 @@ def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Side, blur
 
     Weights follow from the distributions of the measures of disparity maps that recipes move, and from the wanted
     disparities: what a mix shows too much of, no recipe can take back. Texture scale, blur, flat share and exposure
-    follow from the means of the measures of images, and of borders, that they move. See
-    `semisynth_gl.comparison.changes`.
-
-    Args:
-        recipes: the recipes that were tried.
-        trial: their measures.
-        place: the measures of the place.
-        blur_scale: pixels of the images for a pixel of blur that was tried.
+    follow from the means of the measures of images, and of borders, that they move; see
+    `semisynth_gl.comparison.changes`. ``blur_scale`` is pixels of the images for a pixel of blur that was tried.
     """
     wanted, unit = _wanted(place)
     weights, mix_origin = np.full(len(recipes), 1 / len(recipes)), ""
@@ -144,14 +118,14 @@ def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Side, blur
         best = np.argmin(_far(off) + _far(surplus / _SURPLUS) + _EVENNESS * (mixes**2).sum(axis=1))
         weights, mix_origin = mixes[best], f"Weights by {_named(rows)} and the wanted disparities"
     looks = _mean(trial.means, 0, weights[:, None, None, None, None, None])
-    looks = _between(looks, 1, FLATS, _FINE_FLATS)
-    looks = _between(looks, 2, BLURS, _FINE_BLURS)
-    looks = _between(looks, 3, EXPOSURES, _FINE_EXPOSURES)
+    fine = (FLATS, _FINE_FLATS), (BLURS, _FINE_BLURS), (EXPOSURES, _FINE_EXPOSURES)
+    for axis, (tried, wanted_values) in enumerate(fine, 1):
+        looks = _between(looks, axis, tried, wanted_values)
     rows = _rows(moved_by(*_OF_LOOK), wanted, looks.reshape(-1, looks.shape[-1]))
     far = _far((looks[..., rows] - wanted[rows]) / unit[rows]) - _DARK * _FINE_EXPOSURES
     texels, flat, blur, exposure = map(int, np.unravel_index(np.argmin(far), far.shape))
     expected = looks[texels, flat, blur, exposure]
-    tried = f"of {counted(trial.pairs, 'pair')} that were rendered and measured"
+    of_pairs = f"of {counted(trial.pairs, 'pair')} that were rendered and measured"
     kept = np.flatnonzero(weights).tolist()
     return Style(
         tuple(recipes[number] for number in kept),
@@ -160,8 +134,8 @@ def fitted_style(recipes: Sequence[SceneRecipe], trial: Trial, place: Side, blur
         float(f"{_FINE_BLURS[blur] * blur_scale:.2g}"),
         float(_FINE_FLATS[flat]),
         float(_FINE_EXPOSURES[exposure]),
-        f"{mix_origin} {tried}." if mix_origin else _EQUAL,
-        f"By {_named(rows)} {tried}.",
+        f"{mix_origin} {of_pairs}." if mix_origin else _EQUAL,
+        f"By {_named(rows)} {of_pairs}.",
         {measure.key: float(value) for measure, value in zip(MEASURES, expected, strict=True) if np.isfinite(value)},
     )
 
@@ -178,25 +152,18 @@ def _wanted(place: Side) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def _apart(
     mixes: NDArray[np.float64], geometry: Sequence[NDArray[np.float64]], place: Side, row: int
 ) -> NDArray[np.float64]:
-    """Return how far the distributions of a measure are apart, in mixes of recipes and at a place, (N,).
+    """Return how far the distributions of a measure in mixes, (N, R) weights of recipes, are from a place's: (N,).
 
     The distribution function of a mix is the mean of its recipes' by their weights; see `Comparison.distance`.
-
-    Args:
-        mixes: (N, R) weights.
-        geometry: see `Trial`; each recipe has a pair with the measure.
-        place: the measures of the place.
-        row: number of the measure.
     """
-    samples = [values[np.isfinite(values)] for values in (*(pairs[:, row] for pairs in geometry), _values(place, row))]
+    samples = [
+        values[np.isfinite(values)]
+        for values in (*(pairs[:, row] for pairs in geometry), place.values[MEASURES[row].key])
+    ]
     places = np.unique(np.concatenate(samples))
     *ours, theirs = (np.searchsorted(np.sort(each), places[:-1], "right") / len(each) for each in samples)
     apart: NDArray[np.float64] = np.abs(mixes @ np.array(ours) - theirs) @ np.diff(places)
     return apart
-
-
-def _values(place: Side, row: int) -> NDArray[np.float64]:
-    return place.values[MEASURES[row].key]
 
 
 def _rows(measures: Sequence[Measure], wanted: NDArray[np.float64], found: NDArray[np.float64]) -> list[int]:
@@ -217,9 +184,9 @@ def _far(off: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _mixes(recipes: int) -> NDArray[np.float64]:
-    """Return all weights (N, R) that are multiples of a twentieth, 1 together, with the last one above 0.
+    """Return all weights (N, R) in twentieths, 1 together, above 0 for the last recipe, which is clutter.
 
-    The last recipe is clutter: it makes up for what the others lack of the wanted disparities.
+    Clutter makes up for what the others lack of the wanted disparities.
     """
     places = _PARTS + recipes - 2
     cuts = np.array([(-1, *cut, places) for cut in combinations(range(places), recipes - 1)])

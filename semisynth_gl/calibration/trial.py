@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semisynth_gl.calibration.config_text import ConfigFacts, config_text
-from semisynth_gl.calibration.recipes import SceneRecipe
 from semisynth_gl.calibration.style import BLURS, EXPOSURES, FLATS, TEXELS, Style, Trial, fitted_style, untried_style
 from semisynth_gl.comparison.measured_view import MeasuredView, make_view, working_width
 from semisynth_gl.comparison.measures import MEASURES
@@ -22,22 +21,12 @@ _SEED = 0
 
 
 def tried_style(facts: ConfigFacts, place: Side, pairs: int, listener: Listener) -> Style:
-    """Choose the best style by pairs of each recipe with each of `TEXELS` and `FLATS`.
+    """Choose the best style by ``pairs`` pairs of each recipe with each of `TEXELS` and `FLATS`.
 
-    They are measured with each of `BLURS` and `EXPOSURES`.
-
-    Args:
-        facts: what the config is written from.
-        place: the measures of the place, at the `working_width` of the images.
-        pairs: number of pairs of each recipe with each of `TEXELS` and `FLATS`, at least 1.
-        listener: hears the number of pairs, and each pair.
-
-    Raises:
-        InputError: where images, models or ranges cannot be used.
-        BackendError: where OpenGL cannot be used.
+    Each pair is measured with each of `BLURS` and `EXPOSURES`. ``place`` has the measures of the place at the
+    `working_width`. Raises InputError where inputs cannot be used, and BackendError where OpenGL cannot be.
     """
-    trial = _try(facts, pairs, listener)
-    return fitted_style(facts.recipes, trial, place, _blur_scale(facts.size.width_px))
+    return fitted_style(facts.recipes, _try(facts, pairs, listener), place, _blur_scale(facts.size.width_px))
 
 
 def _blur_scale(width_px: int) -> float:
@@ -48,7 +37,10 @@ def _blur_scale(width_px: int) -> float:
 def _try(facts: ConfigFacts, pairs: int, listener: Listener) -> Trial:
     recipes = facts.recipes
     cells = {f"{recipe.name}-{k}": (r, k) for r, recipe in enumerate(recipes) for k in range(len(TEXELS))}
-    tried = [_with_texels(name, recipes[r], TEXELS[k]) for name, (r, k) in cells.items()]
+    tried = [
+        replace(recipes[r], name=name, keys={**recipes[r].keys, "textures": {"texels_per_pixel": list(TEXELS[k])}})
+        for name, (r, k) in cells.items()
+    ]
     style = untried_style(tried)
     sums = np.zeros((len(recipes), len(TEXELS), len(FLATS), len(BLURS), len(EXPOSURES), len(MEASURES)))
     counts = np.zeros(sums.shape, np.int64)
@@ -113,7 +105,3 @@ def _as_tried(config: Config) -> Config:
         if "layers" not in recipe.get("particles", {}):
             recipe["disparity"] = {"target": target}
     return Config.model_validate(values)
-
-
-def _with_texels(name: str, recipe: SceneRecipe, texels: tuple[float, float]) -> SceneRecipe:
-    return replace(recipe, name=name, keys={**recipe.keys, "textures": {"texels_per_pixel": list(texels)}})

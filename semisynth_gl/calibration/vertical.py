@@ -1,7 +1,7 @@
 """How far pairs are off rectified: the right camera's deviation that explains the rows of matched points.
 
 A right camera that stands where the rectified one would, but is turned, or has another focal length or a lower
-principal point, moves each point of its image to a place that no depth has a part in. So what brings the rows of all
+principal point, moves each point of its image to a place that does not depend on depth. So what brings the rows of all
 right points to the rows of the left ones is the deviation, with no depth known and nothing linearised.
 
 Signs follow the config's section ``rig``: the camera's frame is x right, y down, z forward, and the rotation
@@ -42,12 +42,7 @@ _STEPS = np.array([1e-3, 1e-6, 1e-6, 1e-6])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matches:
-    """Points that both views of a pair show.
-
-    Attributes:
-        left: (N, 2) float64, x and y px.
-        right: (N, 2) float64.
-    """
+    """Points that both views of a pair show, (N, 2) float64 each, x and y px."""
 
     left: Values
     right: Values
@@ -57,14 +52,9 @@ class Matches:
 class FittedDeviation:
     """The deviation of a pair's right camera, see `semisynth_gl.frame.camera.Deviation`, and how well it is known.
 
-    Attributes:
-        y_px: its principal point lies this much lower than the left one.
-        roll_rad: rotation about z.
-        focal_ratio: its focal length, in units of the left one.
-        pitch_rad: rotation about x, after the roll; 0 where the rows cannot tell it from ``y_px``.
-        residual_px: standard deviation of the rows that fit.
-        share: share of the matches that fit.
-        pitch_error_rad: standard deviation of ``pitch_rad``; inf where it was not asked for.
+    ``pitch_rad`` is 0 where the rows cannot tell it from ``y_px``, and its standard deviation ``pitch_error_rad`` then
+    inf. ``residual_px`` is the standard deviation of the rows that fit, and ``share`` the share of the matches that
+    fit.
     """
 
     y_px: float
@@ -81,7 +71,7 @@ class FittedDeviation:
 
 
 def agree(matches: Matches, camera: StereoCamera) -> bool:
-    """Return whether so many of a pair's matches fit one deviation that they say something of it."""
+    """Return whether enough of a pair's matches fit one deviation."""
     if len(matches.left) < FEWEST:
         return False
     share = fit_deviation(matches, camera, pitch=False).share
@@ -91,39 +81,35 @@ def agree(matches: Matches, camera: StereoCamera) -> bool:
 def deviation_ranges(
     pairs: Sequence[tuple[Matches, StereoCamera]], width_px: int
 ) -> tuple[dict[str, tuple[float, float]], tuple[FittedDeviation, ...]]:
-    """Return the ranges of the section ``rig`` over pairs, and each pair's deviation.
+    """Return the ranges of the section ``rig`` over pairs, for images ``width_px`` wide, and each pair's deviation.
 
-    A key whose deviation moves rows by no more than `MATCHING_PX` (the root mean square over pairs, of the rows that it
-    moves most) is left out: it is not told from matches that are a little off. Pitch is told by what it moves the upper
-    and lower rows more than those in the middle, which takes a wide view.
-
-    Args:
-        pairs: matches of each pair, which `agree`, and the rectified camera of its images.
-        width_px: width of the images that the ranges are for.
+    Each pair is matches that `agree`, with the rectified camera of its images. A key whose deviation moves rows by no
+    more than `MATCHING_PX` (the root mean square over pairs, of the rows that it moves most) is left out: it is not
+    told from matches that are a little off. Pitch is told by what it moves the upper and lower rows more than those in
+    the middle, which takes a wide view.
     """
+    if not pairs:
+        return {}, ()
+    cameras = [camera for _, camera in pairs]
     full = [fit_deviation(matches, camera, pitch=True) for matches, camera in pairs]
-    bends = np.array([_most_px(each, camera)[3] for each, (_, camera) in zip(full, pairs, strict=True)])
-    sure = np.array([abs(each.pitch_rad) > _SURE_DEVIATIONS * each.pitch_error_rad for each in full])
-    if not full or _rms(bends) <= MATCHING_PX or np.mean(sure) <= 0.5:
+    sure = [abs(each.pitch_rad) > _SURE_DEVIATIONS * each.pitch_error_rad for each in full]
+    moved = np.array([_most_px(*both) for both in zip(full, cameras, strict=True)])
+    if _rms(moved[:, 3]) <= MATCHING_PX or np.mean(sure) <= 0.5:
         full = [fit_deviation(matches, camera, pitch=False) for matches, camera in pairs]
-    moved = np.array([_most_px(each, camera) for each, (_, camera) in zip(full, pairs, strict=True)])
+        moved = np.array([_most_px(*both) for both in zip(full, cameras, strict=True)])
     ranges = {}
     for number, key in enumerate(KEYS):
-        values = [
-            each.numbers(width_px / camera.width_px)[number] for each, (_, camera) in zip(full, pairs, strict=True)
-        ]
-        if full and _rms(moved[:, number]) > MATCHING_PX:
+        if _rms(moved[:, number]) > MATCHING_PX:
+            both = zip(full, cameras, strict=True)
+            values = [each.numbers(width_px / camera.width_px)[number] for each, camera in both]
             ranges[key] = min(values), max(values)
     return ranges, tuple(full)
 
 
 def fit_deviation(matches: Matches, camera: StereoCamera, *, pitch: bool) -> FittedDeviation:
-    """Fit the deviation that brings right points to the rows of the left ones, robustly.
+    """Fit the deviation that brings right points to the rows of the left ones, robustly, as some matches are wrong.
 
-    Args:
-        matches: of one pair, at least as many as numbers are fitted; wrong ones among them are told by their rows.
-        camera: the rectified camera of the pair's images.
-        pitch: whether to fit the pitch too.
+    ``camera`` is the rectified camera of the pair's images. There are at least as many matches as numbers to fit.
     """
     rows = matches.left[:, 1]
     difference = matches.right[:, 1] - rows
@@ -155,12 +141,9 @@ def fit_deviation(matches: Matches, camera: StereoCamera, *, pitch: bool) -> Fit
 
 
 def rectified_rows(right: Values, camera: StereoCamera, numbers: Values) -> Values:
-    """Return the rows (N,) that right points (N, 2) would have in the rectified image.
+    """Return the rows (N,) that right points (N, 2) would have in the image of the rectified ``camera``.
 
-    Args:
-        right: x and y in the image of a camera that deviates.
-        camera: the rectified camera.
-        numbers: y_px, roll_rad, focal_ratio, pitch_rad.
+    ``numbers`` are y_px, roll_rad, focal_ratio, pitch_rad of the camera that took them.
     """
     y_px, roll_rad, ratio, pitch_rad = numbers
     x = (right[:, 0] - camera.cx_right_px) / (camera.focal_px * ratio)

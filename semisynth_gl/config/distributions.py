@@ -129,11 +129,7 @@ TargetSection = Annotated[Distribution | MixtureTarget, Field(discriminator="for
 
 
 def check_positive(target: TargetSection) -> None:
-    """Check that no number of a target asks for disparities below 0.
-
-    Raises:
-        ValidationError: with the keys that do, below the target.
-    """
+    """Check that a target asks for no disparities below 0; raises ValidationError with the keys that do."""
     faults: list[InitErrorDetails] = []
     mixed = isinstance(target, MixtureTarget)
     for number, part in enumerate(_parts(target)):
@@ -155,10 +151,7 @@ def _parts(target: TargetSection) -> tuple[MixturePart, ...]:
 def check_target(target: TargetSection, min_px: float, max_px: float, low_px: float, note: str = "") -> None:
     """Check that scenes, which show ``low_px`` to ``max_px``, can show all but 2 % of the pixels of a target.
 
-    ``note`` adds something about disparities below that range to the message.
-
-    Raises:
-        ValueError: with the share of the pixels and the disparities that are out of reach.
+    ``note`` adds something about disparities below that range to the message of the ValueError.
     """
     parts = _parts(target)
     histograms = [_uncut_histogram(part.target, min_px, max_px) for part in parts]
@@ -177,11 +170,7 @@ def check_target(target: TargetSection, min_px: float, max_px: float, low_px: fl
 
 
 def wanted_histogram(target: TargetSection, min_px: float, max_px: float, doffs_px: float) -> Histogram:
-    """Return a target as a histogram; see `semisynth_gl.config.model.Config.wanted_histogram`.
-
-    Raises:
-        InputError: where a target uniform in depth reaches beyond infinity.
-    """
+    """Return a target as a histogram; see `semisynth_gl.config.model.Config.wanted_histogram`."""
     if isinstance(target, HistogramTarget):
         return _uncut_histogram(target, min_px, max_px)
     edges = np.linspace(min_px, max_px, _BINS + 1, dtype=np.float64)
@@ -232,12 +221,9 @@ def _uncut_histogram(target: Distribution, min_px: float, max_px: float) -> Hist
 
 
 def read_histogram(path: Path) -> dict[str, Any]:
-    """Read a target of form ``histogram`` from a CSV file.
+    """Read a target of form ``histogram`` from a CSV file; raises InputError where that is not possible.
 
     Its lines ``low_px,high_px,share`` rise without gaps; a heading and # comments are allowed.
-
-    Raises:
-        InputError: where the file cannot be read or a line is wrong, with the number of the line.
     """
     try:
         lines = read_file(path, _LARGEST_BYTES).decode("utf-8").splitlines()

@@ -34,20 +34,13 @@ def summaries() -> dict[str, str]:
 
 
 def explain(name_or_path: str) -> str:
-    """Return a config as YAML of the same digest, with all of its keys, defaults included, and a comment on each.
-
-    Raises:
-        InputError: see `load_config`.
-    """
+    """Return a config as YAML of the same digest, with all of its keys, defaults included, and a comment on each."""
     return "\n".join(_section(load_config(name_or_path), "")) + "\n"
 
 
 @dataclass(frozen=True, slots=True)
 class ExplainedKey:
-    """A key of a config, for a table; ``dotted`` is as ``--set`` takes it.
-
-    ``default`` is YAML, "required", or "" where there is none.
-    """
+    """A key of a config, for a table; ``default`` is YAML, "required", or "" where there is none."""
 
     dotted: str
     meaning: str

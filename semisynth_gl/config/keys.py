@@ -13,10 +13,7 @@ from semisynth_gl.config.model import Config
 
 @dataclass(frozen=True, slots=True)
 class ConfigKey:
-    """A key of a config, outside of lists, by the names of its sections and its own.
-
-    A section has keys below it in any form; a key ``of_form`` belongs to some forms of the key above it alone.
-    """
+    """A key of a config, outside of lists; some forms of the key above it alone have a key ``of_form``."""
 
     parts: tuple[str, ...]
     is_section: bool

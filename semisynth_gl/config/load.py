@@ -77,11 +77,7 @@ def load_config(name_or_path: str | Path, overrides: Overrides = ()) -> Config:
 
 
 def parse_config(text: str, file: str) -> Config:
-    """Read a config from its YAML. ``file`` is named in messages, and files that the YAML names are sought beside it.
-
-    Raises:
-        InputError: see `load_config`.
-    """
+    """Read a config from its YAML; messages name ``file``, and files that the YAML names are sought beside it."""
     return _validated(_parse_document(text, Path(file), file, ()))
 
 

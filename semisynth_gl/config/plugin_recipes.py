@@ -14,11 +14,7 @@ _EXPECTED = "expected a mapping of a config's sections to their keys, or a funct
 
 
 def plugin_recipe(name: str) -> dict[str, Any]:
-    """Return the keys of a plug-in's recipe, by their section, in JSON's types.
-
-    Raises:
-        InputError: where there is no such plug-in, or it has no recipe.
-    """
+    """Return the keys of a plug-in's recipe, by section, in JSON's types; raises InputError where it has none."""
     plugin = find_plugin("recipes", name)
     value = plugin.value
     if callable(value):

@@ -25,23 +25,12 @@ from ruamel.yaml.resolver import VersionedResolver
 
 from semisynth_gl.inputs.errors import cut
 
-MOST_BYTES = 1 << 18
-"""Most bytes of a text: a second's reading if all of it is punctuation."""
-
-MOST_VALUES = 10_000
-"""Most values in a text, keys apart."""
-
-MOST_KEYS = 1_000
-"""Most keys of all mappings in a text."""
-
+# The most that a text may have: its bytes are a second's reading if all of it is punctuation.
+MOST_BYTES, MOST_VALUES, MOST_KEYS = 1 << 18, 10_000, 1_000
+# Lists and mappings inside each other.
 DEEPEST = 20
-"""Most mappings and lists inside each other."""
-
-LONGEST_NUMBER = 100
-"""Most characters of a number."""
-
-LONGEST_KEY = 200
-"""Most characters of a key."""
+# Characters.
+LONGEST_NUMBER, LONGEST_KEY = 100, 200
 
 Key = tuple[str | int, ...]
 
@@ -50,10 +39,7 @@ _BASES = {"0x": 16, "0o": 8, "0b": 2}
 
 
 class YamlError(Exception):
-    """A text is not valid YAML, or beyond a limit: a clause such as ``"not valid YAML: found duplicate key"``.
-
-    ``line`` counts from 1 and is None where it is not known.
-    """
+    """A text is not valid YAML, or beyond a limit; ``line`` counts from 1 and is None where it is not known."""
 
     def __init__(self, line: int | None, key: Key, reason: str) -> None:
         dotted = ".".join(map(str, key))
@@ -62,23 +48,16 @@ class YamlError(Exception):
 
 
 def read_yaml(text: str) -> tuple[Any, dict[Key, int]]:
-    """Return a text's value, and the line of each key and item, from 1.
+    """Return a text's value, None where it is empty, and the line of each key and item, from 1.
 
-    Keys are texts as they are written; an empty text is None.
-
-    Raises:
-        YamlError: where the text is not valid YAML, has several documents, or is beyond a limit of this module.
+    Keys are texts as they are written. Raises YamlError where the text is not valid, or beyond a limit of this module.
     """
     values, lines = _read(text, several=False)
     return values[0] if values else None, lines
 
 
 def read_documents(text: str) -> list[Any]:
-    """Return the value of each of a text's documents, which lines of ``---`` divide; an empty document is None.
-
-    Raises:
-        YamlError: where the text is not valid YAML, or beyond a limit of this module, which counts all documents.
-    """
+    """Return the value of each of a text's documents, which lines of ``---`` divide; an empty document is None."""
     return _read(text, several=True)[0]
 
 
