@@ -31,7 +31,7 @@ def photograph_sizes(images: Sequence[Path]) -> list[Size]:
 def are_grey(images: Sequence[Path]) -> bool:
     """Return whether photographs come from a monochrome camera: they have one channel, or three equal ones.
 
-    The first coloured one settles it. A file that cannot be read is passed over; without any other, they are not.
+    A file that cannot be read is passed over; without any other, they do not.
     """
     seen = False
     for path in images:
@@ -44,11 +44,7 @@ def are_grey(images: Sequence[Path]) -> bool:
 
 
 def check_sizes(photographs: Sequence[Size], calibrated: Sequence[Size], scale: float | None = None) -> int:
-    """Check that photographs are as large as a calibration's images times ``scale``, and return how many are.
-
-    Raises:
-        InputError: where no photograph is, with the numbers and the option that makes it right.
-    """
+    """Return how many photographs have a calibration's size, times ``scale``; raises InputError where none has."""
     sizes = Counter(photographs)
     wanted = [size if scale is None else size.scaled(scale) for size in calibrated]
     fitting = sum(count for size, count in sizes.items() if size in wanted)
@@ -75,10 +71,7 @@ def check_sizes(photographs: Sequence[Size], calibrated: Sequence[Size], scale: 
 
 
 def large_side(photographs: Sequence[Size], width_px: int) -> int:
-    """Return a side for large patches: the median of the largest squares of photographs.
-
-    It is at most ``width_px``, the width of the rig's images, beyond which nothing of a large patch is seen.
-    """
+    """Return a side for large patches: the median of photographs' largest squares, but no more than the rig can see."""
     sides = sorted(map(min, photographs))
     median = sides[len(sides) // 2] if sides else 0
     return max(min(median, width_px, _LARGEST_SIDE), _SMALLEST_SIDE)

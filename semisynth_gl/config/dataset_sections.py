@@ -44,12 +44,12 @@ class RigSection(Section):
     and disparity is x_left - x_right. ``disparity`` and ``background`` speak of the rectified pair.
 
     Attributes:
-        right_roll_deg: rotation about the viewing direction; above 0 turns the right image clockwise.
-        right_pitch_deg: rotation about the x axis; above 0 moves the right image upwards.
-        right_y_px: how much lower the right principal point lies than the left one.
+        right_roll_deg: rotation about the viewing direction; above 0 turns the image clockwise.
+        right_pitch_deg: rotation about the x axis; above 0 moves the image upwards.
+        right_y_px: how much lower the right principal point lies.
         focal_ratio: right focal length over the left one.
-        twin: show each scene to the rectified right camera too: pair 2 i deviates, and pair 2 i + 1 is rectified, with
-            the same left image.
+        twin: show each scene to the rectified right camera too: pair 2 i deviates, pair 2 i + 1 is rectified, and the
+            left image is the same.
     """
 
     right_roll_deg: Annotated[RangeField, at_most(_MOST_TURN_DEG), at_least(-_MOST_TURN_DEG)] = ZERO
@@ -75,10 +75,10 @@ class ImperfectionsSection(Section):
         gamma: exponent of the tone curve.
         noise: standard deviation of the sensor's noise, 8-bit levels.
         blur_px: standard deviation of the lens blur.
-        motion_blur: exposure time of both eyes, as a share of the time between frames.
-        sub_frames: moments of the exposure that are drawn and averaged.
-        vignetting: share of the light that is missing half the image's diagonal away from the principal point.
-        white_balance: red and blue are each multiplied by 2 to a power drawn from this.
+        motion_blur: exposure time, as a share of the time between frames.
+        sub_frames: moments of the exposure that are averaged.
+        vignetting: light that is missing half the image's diagonal from the principal point, as a share.
+        white_balance: red and blue are each multiplied by 2 to such a power.
         sharpening: amount of the unsharp mask.
         jpeg_quality: send the image through JPEG of this quality, 1 to 100.
     """
@@ -141,11 +141,10 @@ class FilesSection(Section):
     """Encodings. Masks and ids are always PNG; depth, normals and change of disparity are PFM.
 
     Attributes:
-        image: ``png``, ``qoi`` or ``jxl``, all lossless; the latter two need the extra ``codecs``.
-        disparity: ``pfm``; ``tiff``, smaller and lossless; or KITTI's ``png16``, which counts 1/256 px up to 256 px,
-            or, of signed disparities, up to 128 px either way.
-        flow: Middlebury's ``flo``; SceneFlow's ``pfm``, of three channels; or KITTI's ``png16``, which counts 1/64 px
-            up to 512 px.
+        image: ``png``, ``qoi`` or ``jxl``, lossless; the latter two need the extra ``codecs``.
+        disparity: ``pfm``; ``tiff``, smaller; or KITTI's ``png16``, in steps of 1/256 px up to 256 px, or, signed, up
+            to 128 px either way.
+        flow: Middlebury's ``flo``; SceneFlow's ``pfm``; or KITTI's ``png16``, in steps of 1/64 px up to 512 px.
     """
 
     image: Annotated[str, one_of(IMAGE_CODECS)] = "png"
@@ -157,8 +156,8 @@ class SplitsSection(Section):
     """Photographs and models that are held out of training, where a dataset has validation or test pairs.
 
     Attributes:
-        validation: share of the photographs' subjects for validation pairs alone, at least one subject.
-        test: share for test pairs alone, at least one subject.
+        validation: share of the photographs' subjects for validation alone, at least one.
+        test: share for test alone, at least one.
         models: hold out the same shares of each family of models.
     """
 
@@ -181,9 +180,9 @@ class LicencesSection(Section):
     """Licences for index, card and Croissant file; only you know what your photographs and models allow.
 
     Attributes:
-        dataset: licence of the dataset, under the name that the hubs use.
-        images: licence of your photographs, and of a plug-in's pictures.
-        models: licence of your models, and of a plug-in's.
+        dataset: the dataset's, under the name that the hubs use.
+        images: your photographs', and a plug-in's pictures'.
+        models: your models', and a plug-in's.
     """
 
     dataset: _Licence = "unknown"

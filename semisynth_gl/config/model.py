@@ -127,14 +127,14 @@ class Config(Section):
     """All that determines a pair, with a seed and an index. The class of each section documents its keys.
 
     Attributes:
-        name: first part of the name of every sample; letters, digits and hyphens.
-        layout: layout where the command names none; by default ``middlebury``, and ``webdataset`` from 10,000 pairs on.
+        name: first part of every sample's name; letters, digits and hyphens.
+        layout: layout where the command names none; by default ``middlebury``, or ``webdataset`` from 10,000 pairs on.
         scenes: recipes. Each sequence takes one, by weight; its keys override the config's.
         outputs: outputs beside images and disparities: ``visibility``, ``correspondence``, ``instances``, ``depth``,
             ``sky``, ``normals``, ``flow``, ``flow_backward``, ``disparity_change``.
-        truth: views whose disparity and outputs are written: ``both``, or ``left`` alone.
-        antialias: antialiasing of colour: ``none``, ``edges``, ``msaa4`` (or another number of samples that the driver
-            offers), ``ssaa2`` to ``ssaa8``.
+        truth: views whose disparity and outputs are written: ``both`` or ``left``.
+        antialias: of colour: ``none``, ``edges``, ``msaa4`` (or another number of samples that the driver offers),
+            ``ssaa2`` to ``ssaa8``.
     """
 
     name: Name
@@ -162,17 +162,19 @@ class Config(Section):
     antialias: Annotated[str, Field(pattern=ANTIALIAS_PATTERN)] = "none"
 
     def _faults(self) -> Iterator[str]:
-        if not self.disparity.signed:
+        stated = self._stated_px()
+        if self.disparity.signed:
+            doffs_px = self.camera.all_doffs_px.low
+            lowest = {"disparity.min_px": self.disparity.min_px} | {key: each.low for key, each in stated.items()}
+            for key, low_px in lowest.items():
+                if low_px + doffs_px <= 0:
+                    yield (
+                        f"{key} goes down to {low_px:g} px, but where the principal points differ by doffs = "
+                        f"{doffs_px:g} px, disparities end at {-doffs_px:g} px, which is infinitely far away: raise "
+                        f"{key} above that, or raise camera.doffs_px"
+                    )
+        else:
             self._check_positive()
-        stated, doffs_px = self._stated_px(), self.camera.all_doffs_px.low
-        lowest = {"disparity.min_px": self.disparity.min_px} | {key: each.low for key, each in stated.items()}
-        for key, low_px in lowest.items():
-            if self.disparity.signed and low_px + doffs_px <= 0:
-                yield (
-                    f"{key} goes down to {low_px:g} px, but where the principal points differ by doffs = "
-                    f"{doffs_px:g} px, disparities end at {-doffs_px:g} px, which is infinitely far away: raise "
-                    f"{key} above that, or raise camera.doffs_px"
-                )
         limit = self.disparity.max_px
         for key, values in stated.items():
             if values.high > limit:

@@ -36,22 +36,22 @@ class CameraSection(Section):
     Attributes:
         width_px: image width.
         height_px: image height.
-        focal_px: focal length in pixels, instead of ``focal_mm`` and ``sensor_width_mm``.
+        focal_px: focal length in pixels; or give the next two keys.
         focal_mm: focal length in millimetres.
-        sensor_width_mm: width of the sensor that the image covers.
-        baseline_m: distance between the two cameras.
-        baselines: how many right cameras see each scene, each with its own draw of ``baseline_m``; or a list of their
+        sensor_width_mm: width of the sensor under the image.
+        baseline_m: distance between the cameras.
+        baselines: number of right cameras that see each scene, each with its own draw of ``baseline_m``; or a list of
             baselines in metres. Pair i shows scene i // N with baseline i % N and the same left image; the scene is
             made for its longest baseline.
-        cx_left_px: x of the left principal point; by default both points lie evenly about the centre.
-        cx_right_px: x of the right principal point, instead of ``doffs_px``.
-        cy_px: y of both principal points; by default the centre, (height - 1) / 2.
-        doffs_px: cx_right - cx_left; by default 0. Of several baselines it is the longest one's, and the others' is in
-            proportion.
+        cx_left_px: x of the left principal point; by default both lie evenly about the centre.
+        cx_right_px: x of the right one, instead of ``doffs_px``.
+        cy_px: y of both; by default the centre, (height - 1) / 2.
+        doffs_px: cx_right - cx_left, by default 0; of several baselines the longest one's, and in proportion for the
+            others.
         sway_m: amplitude of the rig's sway along each axis.
-        sway_deg: amplitude of the rig's rotation about each axis.
-        sway_s: periods of these oscillations.
-        colour: ``rgb``, or ``grey`` for monochrome cameras, whose images have one channel.
+        sway_deg: amplitude of its rotation about each axis.
+        sway_s: periods of both.
+        colour: ``rgb``, or ``grey`` for monochrome cameras (one channel).
     """
 
     width_px: _Side
@@ -142,11 +142,11 @@ class DisparitySection(Section):
     """The disparities of a dataset, in pixels.
 
     Attributes:
-        signed: allow disparities of 0 and below, as rigs with different principal points see far away.
-        min_px: walls and particles aim for this disparity or more; a far plane may have less.
+        signed: allow disparities of 0 and below, which rigs with different principal points see far away.
+        min_px: walls and particles keep to this or more; a far plane may have less.
         max_px: no pixel exceeds it: it sets the near plane.
-        target: the wanted distribution over all pixels of a dataset. Its ``form`` is ``uniform``, ``uniform-depth``,
-            ``gamma``, ``histogram``, ``mixture``, or ``file`` with a ``path``, which is read as a ``histogram``.
+        target: wanted distribution over all pixels, by its ``form``: ``uniform``, ``uniform-depth``, ``gamma``,
+            ``histogram``, ``mixture``, or ``file`` with a ``path``.
     """
 
     signed: bool = False

@@ -53,14 +53,14 @@ class BackgroundSection(Section):
     """What closes the view: bare walls, a far plane, a furnished room, or a street before a backdrop.
 
     Attributes:
-        cuboid: weight of indoor scenes of bare walls.
+        cuboid: weight of rooms of bare walls.
         plane: weight of outdoor scenes before a bare plane.
-        room: weight of furnished rooms, see ``room``.
-        street: weight of furnished open scenes, see ``street``.
-        wall_disparity_px: disparity of the back wall of a cuboid or room at the image centre; by default the smallest.
+        room: weight of furnished rooms.
+        street: weight of furnished open scenes.
+        wall_disparity_px: disparity of a cuboid's or room's back wall at the image centre; by default the smallest.
         wall_turn_deg: largest rotation of a cuboid about each axis; rooms turn sideways alone, up to twice as far.
-        plane_disparity_px: disparity of the far plane, or of a street's backdrop. Before a sky, the ground ends there.
-        sky: share of the outdoor scenes whose far plane or backdrop is infinitely far away.
+        plane_disparity_px: disparity of the far plane or backdrop; before a sky, the ground ends there.
+        sky: share of outdoor scenes whose far plane or backdrop is infinitely far away.
     """
 
     cuboid: Weight = 1.0
@@ -97,17 +97,17 @@ class RoomSection(Section):
 
     Attributes:
         camera_height_m: height of the cameras above the floor.
-        floor_row: where the floor meets the far wall, as a share of the image's height from its top; above 1 the floor
-            is out of view, unless things at the side show it.
+        floor_row: where the floor meets the far wall, as a share of the image's height; above 1 the floor is out of
+            view, unless things at the side show it.
         roll_deg: standard deviation of the camera's roll.
-        furniture: number of things that stand on the floor.
-        small: number of small things, on furniture and on the floor.
-        pictures: number of pictures and other things on the walls.
-        doorway: share of the walls with a doorway into a second room.
-        niche: share of the walls with a niche for small things.
+        furniture: number of things on the floor.
+        small: number of small things, on furniture and floor.
+        pictures: number of pictures and other things on walls.
+        doorway: share of walls with a doorway into a second room.
+        niche: share of walls with a niche for small things.
         pillars: number of pillars.
-        rug: share of the rooms with a rug.
-        curtain: share of the rooms with a curtain.
+        rug: share of rooms with a rug.
+        curtain: share of rooms with a curtain.
     """
 
     camera_height_m: PositiveRange = Range(0.9, 1.7)
@@ -133,12 +133,12 @@ class StreetSection(Section):
         yaw_deg: standard deviation of the angle between view and road.
         tilt_deg: standard deviation of the camera's pitch and roll.
         road_width_m: width of the road.
-        pavement: share of the road's sides with a raised pavement.
-        houses: share of the plots along the road that hold a house.
-        fences: share of the plots that hold a fence; the rest is open.
+        pavement: share of roadsides with a raised pavement.
+        houses: share of plots along the road with a house.
+        fences: share of plots with a fence; the rest is open.
         vehicles: number of cars and bicycles.
         tall: number of trees, lamps, signs and scaffolds.
-        low: number of people, animals, benches, bins and other things.
+        low: number of people, animals, benches and bins.
     """
 
     camera_height_m: PositiveRange = Range(1.2, 2.0)
@@ -159,14 +159,14 @@ class StructuresSection(Section):
     Attributes:
         ground: share of scenes with a ground plane.
         ground_height_m: height of the cameras above the ground.
-        ground_disparity_px: instead of ``ground_height_m``, for rigs of any baseline: the disparity of a level ground
-            at the middle of the image's lower border.
+        ground_disparity_px: instead, for rigs of any baseline: disparity of a level ground at the middle of the image's
+            lower border.
         ground_tilt_deg: largest roll and pitch of the ground.
         panels: number of free-standing walls, slanted rectangles.
         panel_disparity_px: disparity of a panel's middle; by default in the farther half of the range.
         panel_size_px: width and height of a panel, as if it faced the camera.
-        panel_slant_deg: angle between a panel's normal and the viewing direction, to any side.
-        panel_curved: share of the panels that are bent, as a third of a cylinder.
+        panel_slant_deg: angle between a panel's normal and the view, to any side.
+        panel_curved: share of panels bent as a third of a cylinder.
     """
 
     ground: Share = 0.0
@@ -207,19 +207,19 @@ class ParticlesSection(Section):
 
     Attributes:
         layers: depth layers with their numbers of particles; by default solved from ``disparity.target``.
-        clutter: depth layers beside the solved ones, such as many small things far away: a list of ``{disparity_px,
-            count, size_px}``, ranges.
-        density: number of objects that share the target's area. ``default`` keeps the sizes; ``sparse`` has a third as
-            many, larger ones; ``dense`` three times as many, smaller ones; a number is the mean number in the left
-            view, and of a range each sequence draws its number.
-        size_px: diameter of a model's bounding sphere on the screen, uniform in its logarithm.
-        size_m: the same in metres, instead of ``size_px``: far models look smaller.
+        clutter: further depth layers, such as many small things far away: a list of ``{disparity_px, count, size_px}``,
+            ranges.
+        density: number of objects that share the target's area: ``default`` keeps the sizes, ``sparse`` has a third as
+            many, larger ones, ``dense`` three times as many, smaller ones; or the mean number in the left view, drawn
+            per sequence.
+        size_px: diameter of a model's bounding sphere, uniform in its logarithm.
+        size_m: the same in metres, instead of ``size_px``.
         stretch: scale along each of a model's axes, relative to the largest.
-        thinness: a further scale along one axis, uniform in its logarithm; 0.05 makes a sheet.
+        thinness: further scale along one axis, uniform in its logarithm; 0.05 makes a sheet.
         fall_m_s: speed downwards.
-        drift: speed in a random horizontal direction, relative to the speed downwards.
+        drift: speed in a random horizontal direction, relative to that.
         spin_deg_s: angular speed about a random axis.
-        resting: share of the models that lie still on what is below them, where they can, instead of falling.
+        resting: share of models that lie still on what is below them, where they can, instead of falling.
         most: most particles of a scene.
     """
 
@@ -249,10 +249,10 @@ class ModelsSection(Section):
     Attributes:
         simple: weight of the simple family (cube, sphere, torus, ...).
         complex: weight of the complex family (chair, mug, plant, ...).
-        user: weight of the models in ``folders``; fewer than 25 of them count in proportion.
+        user: weight of the models in ``folders``; fewer than 25 count in proportion.
         kinds: weights of kinds within their family, by name; by default 1, and 0 leaves a kind out.
         folders: folders of model files.
-        variants: models of each kind and of each of ``families``, each with its own proportions.
+        variants: models of each kind and of each of ``families``, of different proportions.
         families: weights of plug-ins' families, by the plug-in's name.
     """
 
@@ -273,26 +273,23 @@ class TexturesSection(Section):
     """The patches: their source, their selection and their mapping onto the models.
 
     Attributes:
-        source: ``images`` (yours), ``builtin`` (drawn pictures, and the photographs in scikit-image), ``photographs``
-            (those alone), ``procedural``, or the name of a plug-in.
+        source: ``images`` (yours), ``builtin`` (drawn pictures and scikit-image's photographs), ``photographs`` (those
+            alone), ``procedural``, or a plug-in's name.
         images: files, folders and globs of the source ``images``.
         patch_px: side of a patch in the atlas.
         scales: sides of the squares cut from an image, in units of ``patch_px``.
-        min_texture: smallest texture measure (`semisynth_gl.textures.crops.texture_measure`); flatter crops are left
-            out, but for ``flat_share``.
-        min_sharpness: smallest sharpness measure (`semisynth_gl.textures.crops.sharpness_measure`); blurred crops are
-            left out.
-        min_difference: smallest difference of two crops (`semisynth_gl.textures.crops.fingerprint`); of crops that are
-            more alike one is left out. 0 keeps all.
-        flat_share: share of the surfaces that wear flat patches: flat crops, or others with less contrast.
+        min_texture: least texture (`semisynth_gl.textures.crops.texture_measure`) of a crop, but for ``flat_share``.
+        min_sharpness: least sharpness (`semisynth_gl.textures.crops.sharpness_measure`) of a crop.
+        min_difference: least difference of two crops (`semisynth_gl.textures.crops.fingerprint`); 0 keeps all.
+        flat_share: share of surfaces that wear flat patches: flat crops, or others with less contrast.
         max_patches: most patches.
-        large_px: side of large patches for walls, grounds and other large surfaces, each the largest square of an
+        large_px: side of large patches, for walls, grounds and other large surfaces, each the largest square of an
             image; 0 for none.
-        texels_per_pixel: mapping scale: 1 shows a patch at its own resolution, above 1 smaller, below 1 blown up.
+        texels_per_pixel: 1 shows a patch at its own resolution, above 1 smaller, below 1 blown up.
         anisotropy: most samples of a patch for a pixel at a grazing angle; 1 blurs there.
         large_anisotropy: the same for large patches.
-        wrap: continuation of a patch beyond its border: its mirror image, or the patch again.
-        sequence: take the images of a folder as successive frames, which an instance shows in turn.
+        wrap: what continues a patch: ``mirror``, its mirror image, or ``repeat``, the patch again.
+        sequence: take a folder's images as successive frames, which an instance shows in turn.
     """
 
     source: PluginName = "builtin"
