@@ -38,7 +38,7 @@ _Licence = Annotated[str, Field(max_length=_LONGEST_LICENCE)]
 
 
 class RigSection(Section):
-    """How the right camera deviates from the rectified one; drawn per sequence, and recorded. By default it does not.
+    """How the right camera deviates from the rectified one, drawn per sequence. By default it does not.
 
     Truth stays exact: the output ``correspondence`` has the way from each pixel to the same point in the other view,
     and disparity is x_left - x_right. ``disparity`` and ``background`` speak of the rectified pair.
@@ -48,8 +48,8 @@ class RigSection(Section):
         right_pitch_deg: rotation about the x axis; above 0 moves the image upwards.
         right_y_px: how much lower the right principal point lies.
         focal_ratio: right focal length over the left one.
-        twin: show each scene to the rectified right camera too: pair 2 i deviates, pair 2 i + 1 is rectified, and the
-            left image is the same.
+        twin: show each scene to the rectified camera too: pair 2 i deviates, pair 2 i + 1 does not, and both have one
+            left image.
     """
 
     right_roll_deg: Annotated[RangeField, at_most(_MOST_TURN_DEG), at_least(-_MOST_TURN_DEG)] = ZERO
@@ -68,7 +68,7 @@ class RigSection(Section):
 
 
 class ImperfectionsSection(Section):
-    """Imperfections of a real rig's images, drawn per pair and eye, and recorded. By default there are none.
+    """Imperfections of a real rig's images, drawn per pair and eye. By default there are none.
 
     Attributes:
         exposure_stops: the image is multiplied by 2 to this power.
@@ -77,7 +77,7 @@ class ImperfectionsSection(Section):
         blur_px: standard deviation of the lens blur.
         motion_blur: exposure time, as a share of the time between frames.
         sub_frames: moments of the exposure that are averaged.
-        vignetting: light that is missing half the image's diagonal from the principal point, as a share.
+        vignetting: share of light missing half the image's diagonal from the principal point.
         white_balance: red and blue are each multiplied by 2 to such a power.
         sharpening: amount of the unsharp mask.
         jpeg_quality: send the image through JPEG of this quality, 1 to 100.
@@ -110,7 +110,7 @@ class ImperfectionsSection(Section):
 
 
 class ChecksSection(Section):
-    """Conditions on a pair, or on the first frame of a sequence. What fails one is drawn again from the next sub-seed.
+    """Conditions on a pair, or a sequence's first frame; what fails one is drawn again from the next sub-seed.
 
     Attributes:
         min_brightness: smallest mean of the darker image, 8-bit levels.
@@ -138,13 +138,13 @@ class SequenceSection(Section):
 
 
 class FilesSection(Section):
-    """Encodings. Masks and ids are always PNG; depth, normals and change of disparity are PFM.
+    """Encodings; masks and ids are PNG, and depth, normals and change of disparity PFM in any case.
 
     Attributes:
         image: ``png``, ``qoi`` or ``jxl``, lossless; the latter two need the extra ``codecs``.
-        disparity: ``pfm``; ``tiff``, smaller; or KITTI's ``png16``, in steps of 1/256 px up to 256 px, or, signed, up
-            to 128 px either way.
-        flow: Middlebury's ``flo``; SceneFlow's ``pfm``; or KITTI's ``png16``, in steps of 1/64 px up to 512 px.
+        disparity: ``pfm``; ``tiff``, smaller; or KITTI's ``png16``: 1/256 px, up to 256 px, or, signed, 128 px either
+            way.
+        flow: Middlebury's ``flo``; SceneFlow's ``pfm``; or KITTI's ``png16``: 1/64 px, up to 512 px.
     """
 
     image: Annotated[str, one_of(IMAGE_CODECS)] = "png"
@@ -153,7 +153,7 @@ class FilesSection(Section):
 
 
 class SplitsSection(Section):
-    """Photographs and models that are held out of training, where a dataset has validation or test pairs.
+    """What is held out of training, where a dataset has validation or test pairs.
 
     Attributes:
         validation: share of the photographs' subjects for validation alone, at least one.

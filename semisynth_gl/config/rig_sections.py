@@ -40,14 +40,12 @@ class CameraSection(Section):
         focal_mm: focal length in millimetres.
         sensor_width_mm: width of the sensor under the image.
         baseline_m: distance between the cameras.
-        baselines: number of right cameras that see each scene, each with its own draw of ``baseline_m``; or a list of
-            baselines in metres. Pair i shows scene i // N with baseline i % N and the same left image; the scene is
-            made for its longest baseline.
-        cx_left_px: x of the left principal point; by default both lie evenly about the centre.
+        baselines: number of right cameras per scene, each with a draw of ``baseline_m``, or a list of metres. Pair i
+            shows scene i // N with baseline i % N and the same left image; the scene is made for its longest baseline.
+        cx_left_px: x of the left principal point; by default both are even about the centre.
         cx_right_px: x of the right one, instead of ``doffs_px``.
         cy_px: y of both; by default the centre, (height - 1) / 2.
-        doffs_px: cx_right - cx_left, by default 0; of several baselines the longest one's, and in proportion for the
-            others.
+        doffs_px: cx_right - cx_left, by default 0; of several baselines the longest one's, the others' in proportion.
         sway_m: amplitude of the rig's sway along each axis.
         sway_deg: amplitude of its rotation about each axis.
         sway_s: periods of both.
@@ -142,11 +140,11 @@ class DisparitySection(Section):
     """The disparities of a dataset, in pixels.
 
     Attributes:
-        signed: allow disparities of 0 and below, which rigs with different principal points see far away.
-        min_px: walls and particles keep to this or more; a far plane may have less.
+        signed: allow 0 and below, which rigs with different principal points see far away.
+        min_px: walls and particles keep to this or more; far planes may have less.
         max_px: no pixel exceeds it: it sets the near plane.
-        target: wanted distribution over all pixels, by its ``form``: ``uniform``, ``uniform-depth``, ``gamma``,
-            ``histogram``, ``mixture``, or ``file`` with a ``path``.
+        target: wanted distribution, by its ``form``: ``uniform``, ``uniform-depth``, ``gamma``, ``histogram``,
+            ``mixture``, or ``file`` with a ``path``.
     """
 
     signed: bool = False

@@ -50,17 +50,17 @@ _FamilyName = Annotated[PluginName, AfterValidator(_check_foreign)]
 
 
 class BackgroundSection(Section):
-    """What closes the view: bare walls, a far plane, a furnished room, or a street before a backdrop.
+    """What closes the view.
 
     Attributes:
         cuboid: weight of rooms of bare walls.
         plane: weight of outdoor scenes before a bare plane.
         room: weight of furnished rooms.
         street: weight of furnished open scenes.
-        wall_disparity_px: disparity of a cuboid's or room's back wall at the image centre; by default the smallest.
+        wall_disparity_px: disparity of the back wall at the image centre; by default the smallest.
         wall_turn_deg: largest rotation of a cuboid about each axis; rooms turn sideways alone, up to twice as far.
-        plane_disparity_px: disparity of the far plane or backdrop; before a sky, the ground ends there.
-        sky: share of outdoor scenes whose far plane or backdrop is infinitely far away.
+        plane_disparity_px: disparity of far plane or backdrop; before a sky, the ground ends there.
+        sky: share of outdoor scenes whose plane or backdrop is infinitely far away.
     """
 
     cuboid: Weight = 1.0
@@ -97,8 +97,8 @@ class RoomSection(Section):
 
     Attributes:
         camera_height_m: height of the cameras above the floor.
-        floor_row: where the floor meets the far wall, as a share of the image's height; above 1 the floor is out of
-            view, unless things at the side show it.
+        floor_row: row where floor and far wall meet, as a share of the image's height; above 1 the floor may be out of
+            view.
         roll_deg: standard deviation of the camera's roll.
         furniture: number of things on the floor.
         small: number of small things, on furniture and floor.
@@ -159,12 +159,11 @@ class StructuresSection(Section):
     Attributes:
         ground: share of scenes with a ground plane.
         ground_height_m: height of the cameras above the ground.
-        ground_disparity_px: instead, for rigs of any baseline: disparity of a level ground at the middle of the image's
-            lower border.
+        ground_disparity_px: instead, for rigs of any baseline: disparity of a level ground at the image's lower border.
         ground_tilt_deg: largest roll and pitch of the ground.
         panels: number of free-standing walls, slanted rectangles.
-        panel_disparity_px: disparity of a panel's middle; by default in the farther half of the range.
-        panel_size_px: width and height of a panel, as if it faced the camera.
+        panel_disparity_px: disparity of a panel's middle; by default the farther half of the range.
+        panel_size_px: width and height of a panel that faces the camera.
         panel_slant_deg: angle between a panel's normal and the view, to any side.
         panel_curved: share of panels bent as a third of a cylinder.
     """
@@ -206,20 +205,19 @@ class ParticlesSection(Section):
     """The falling models.
 
     Attributes:
-        layers: depth layers with their numbers of particles; by default solved from ``disparity.target``.
-        clutter: further depth layers, such as many small things far away: a list of ``{disparity_px, count, size_px}``,
+        layers: depth layers with numbers of particles; by default solved from ``disparity.target``.
+        clutter: further depth layers, such as small things far away: a list of ``{disparity_px, count, size_px}``,
             ranges.
-        density: number of objects that share the target's area: ``default`` keeps the sizes, ``sparse`` has a third as
-            many, larger ones, ``dense`` three times as many, smaller ones; or the mean number in the left view, drawn
-            per sequence.
+        density: number of objects: ``default`` keeps the sizes, ``sparse`` has a third as many, larger ones, ``dense``
+            three times as many, smaller ones; or their mean number in the left view, drawn per sequence.
         size_px: diameter of a model's bounding sphere, uniform in its logarithm.
         size_m: the same in metres, instead of ``size_px``.
         stretch: scale along each of a model's axes, relative to the largest.
-        thinness: further scale along one axis, uniform in its logarithm; 0.05 makes a sheet.
+        thinness: further scale along one axis, uniform in its logarithm; 0.05 is a sheet.
         fall_m_s: speed downwards.
         drift: speed in a random horizontal direction, relative to that.
         spin_deg_s: angular speed about a random axis.
-        resting: share of models that lie still on what is below them, where they can, instead of falling.
+        resting: share of models that lie on what is below them, if they can, instead of falling.
         most: most particles of a scene.
     """
 
@@ -250,9 +248,9 @@ class ModelsSection(Section):
         simple: weight of the simple family (cube, sphere, torus, ...).
         complex: weight of the complex family (chair, mug, plant, ...).
         user: weight of the models in ``folders``; fewer than 25 count in proportion.
-        kinds: weights of kinds within their family, by name; by default 1, and 0 leaves a kind out.
+        kinds: weights of kinds within their family, by name; by default 1.
         folders: folders of model files.
-        variants: models of each kind and of each of ``families``, of different proportions.
+        variants: models per kind and per plug-in's family, of different proportions.
         families: weights of plug-ins' families, by the plug-in's name.
     """
 
@@ -270,26 +268,26 @@ class ModelsSection(Section):
 
 
 class TexturesSection(Section):
-    """The patches: their source, their selection and their mapping onto the models.
+    """The patches: source, selection, and mapping onto models.
 
     Attributes:
         source: ``images`` (yours), ``builtin`` (drawn pictures and scikit-image's photographs), ``photographs`` (those
             alone), ``procedural``, or a plug-in's name.
         images: files, folders and globs of the source ``images``.
         patch_px: side of a patch in the atlas.
-        scales: sides of the squares cut from an image, in units of ``patch_px``.
+        scales: sides of the squares cut from images, in units of ``patch_px``.
         min_texture: least texture (`semisynth_gl.textures.crops.texture_measure`) of a crop, but for ``flat_share``.
         min_sharpness: least sharpness (`semisynth_gl.textures.crops.sharpness_measure`) of a crop.
         min_difference: least difference of two crops (`semisynth_gl.textures.crops.fingerprint`); 0 keeps all.
-        flat_share: share of surfaces that wear flat patches: flat crops, or others with less contrast.
+        flat_share: share of surfaces with flat patches: flat crops, or others with less contrast.
         max_patches: most patches.
-        large_px: side of large patches, for walls, grounds and other large surfaces, each the largest square of an
-            image; 0 for none.
+        large_px: side of large patches, for walls, grounds and other large surfaces, each an image's largest square; 0
+            for none.
         texels_per_pixel: 1 shows a patch at its own resolution, above 1 smaller, below 1 blown up.
-        anisotropy: most samples of a patch for a pixel at a grazing angle; 1 blurs there.
+        anisotropy: most samples of a patch per pixel at a grazing angle; 1 blurs there.
         large_anisotropy: the same for large patches.
-        wrap: what continues a patch: ``mirror``, its mirror image, or ``repeat``, the patch again.
-        sequence: take a folder's images as successive frames, which an instance shows in turn.
+        wrap: what continues a patch beyond its border: its ``mirror`` image, or a ``repeat``.
+        sequence: take a folder's images as frames, which an instance shows in turn.
     """
 
     source: PluginName = "builtin"
