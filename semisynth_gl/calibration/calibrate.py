@@ -260,7 +260,7 @@ def _style_summary(style: Style, place: MeasuredPlace | None) -> list[str]:
 
 
 def _baseline_note(ends_m: tuple[float, float]) -> str | None:
-    """Return what to look at where a baseline is as no rig's: most files do not say in which unit it is."""
+    """Return a warning about an unlikely baseline, as most files do not say in which unit it is."""
     if ends_m[0] >= _SHORTEST_M and ends_m[1] <= LONGEST_M:
         return None
     return (

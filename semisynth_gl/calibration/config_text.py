@@ -135,9 +135,8 @@ def suited_layout(config: Config, rigs: Sequence[Rig]) -> str | None:
     It is None too where the layout cannot hold the config's disparities, or the benchmark's loaders refuse such a
     dataset.
     """
-    names = {rig.layout for rig in rigs}
-    name = names.pop() if len(names) == 1 else None
-    if name is None:
+    name, *others = {rig.layout for rig in rigs}
+    if name is None or others:
         return None
     layout = find_layout(name)
     codec = layout.encodings_for(config).disparity

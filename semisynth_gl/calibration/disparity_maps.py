@@ -1,4 +1,4 @@
-"""Disparity maps, true or predicted, dense or sparse: counting them."""
+"""Counting the disparities of maps, true or predicted, dense or sparse."""
 
 import math
 from collections.abc import Sequence
@@ -76,13 +76,12 @@ def measure_maps(paths: Sequence[Path], rigs: Sequence[Rig], png_scale: float = 
 
 
 def read_values(path: Path, rigs: Sequence[Rig], png_scale: float = KITTI_DISPARITY.steps) -> NDArray[np.float32]:
-    """Read a disparity map of one of several rigs: (H, W) float32, px, nan where there is no value.
+    """Read a disparity map of one of several rigs: (H, W) float32, px, nan where a value is missing.
 
-    In .pfm and .npy, inf and nan are no values, and where no rig has a positive doffs, 0 and negative numbers neither.
-    Where one has, what is far has such disparities, above -doffs: then they are values, but for 0 and the least number
-    of the map where more than a thousandth of the pixels have it to the last bit, as files do that mark by it what has
-    no value. In 16-bit grey .png, 0 is no value. Raises ReadError where the file has another format, or not one value
-    per pixel.
+    In .pfm and .npy, inf and nan mark missing values. Without a positive doffs, 0 and negative numbers do too. With
+    one, far points have such disparities, down to -doffs; then only 0 and the map's least number mark missing values,
+    and only where more than a thousandth of the pixels have exactly that number. In 16-bit grey .png, 0 marks them.
+    Raises ReadError where the file has another format, or not one value per pixel.
     """
     values = read_disparity_map(path, png_scale)
     # At the map's own resolution.
@@ -98,7 +97,7 @@ def read_values(path: Path, rigs: Sequence[Rig], png_scale: float = KITTI_DISPAR
 
 
 def _scale_to(rig: Size, size: Size, path: Path) -> float:
-    """Return what brings the disparities of a map of another size to the rig's width; refuse what cannot be right."""
+    """Return the factor that scales a map of another size to the rig's width; refuse maps of another shape or scale."""
     scale = rig.width_px / size.width_px
     shape = (rig.width_px / rig.height_px) / (size.width_px / size.height_px)
     if not 1 / _MOST_SHAPE <= shape <= _MOST_SHAPE:

@@ -97,15 +97,17 @@ def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[tupl
     largest = []
     for rig in rigs:
         bounds = {"ndisp": rig.bounds.ndisp, "vmax": rig.bounds.vmax_px}
-        named = [(px, name, rig.source) for name, px in bounds.items() if px is not None and 0 < px < math.inf]
-        largest += named[:1]
+        known = [(px, name, rig.source) for name, px in bounds.items() if px is not None and 0 < px < math.inf]
+        largest += known[:1]
     if not largest:
         raise InputError(
             f"the size of disparities is not known: {rigs[0].source} has no ndisp; give disparity maps as "
             "`disparity`, or the range, low and high, as `range_px`"
         )
     high_px, name, source = max(largest)
-    least = [vmin_px for rig in rigs if (vmin_px := _vmin_px(rig)) is not None]
+    # 0 stands for an unknown vmin, and no disparity lies beyond infinity.
+    named = [(rig.bounds.vmin_px, -rig.camera.doffs_px) for rig in rigs]
+    least = [vmin_px for vmin_px, infinity_px in named if vmin_px and vmin_px > min(infinity_px, 0.0)]
     # The least vmin stands for all rigs only where every rig has one.
     low_px = min(least) if len(least) == len(rigs) else None
     upper, lower = f"{name} of the calibration", "vmin of the calibration"
@@ -118,14 +120,8 @@ def _calibrated_bounds(rigs: Sequence[Rig], least_doffs_px: float) -> tuple[tupl
     return (low_px, high_px), f"max_px is {upper}, min_px {lower}"
 
 
-def _vmin_px(rig: Rig) -> float | None:
-    """Return the least disparity that a calibration names; None for 0, which stands for none, and beyond infinity."""
-    vmin_px = rig.bounds.vmin_px
-    return vmin_px if vmin_px and vmin_px > min(-rig.camera.doffs_px, 0.0) else None
-
-
 def farthest_px(least_doffs_px: float, *, signed: bool = False) -> float:
-    """Return the disparity below all others: a depth takes d + doffs above 0, and a config d above 0 unless signed."""
+    """Return the limit below all disparities: d + doffs is above 0, and so is d unless disparities are signed."""
     return -least_doffs_px if signed else max(0.0, -least_doffs_px)
 
 

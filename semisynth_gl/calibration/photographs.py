@@ -29,10 +29,7 @@ def photograph_sizes(images: Sequence[Path]) -> list[Size]:
 
 
 def are_grey(images: Sequence[Path]) -> bool:
-    """Return whether photographs come from a monochrome camera: they have one channel, or three equal ones.
-
-    A file that cannot be read is passed over; without any other, they do not.
-    """
+    """Return whether all photographs that can be read have one channel, or three equal ones."""
     seen = False
     for path in images:
         with suppress(ImageError):

@@ -22,8 +22,8 @@ class Rectification:
     """The deviations of several pairs' right cameras.
 
     ``ranges`` has the least and the largest value by key of the section ``rig``; it is empty where matching cannot tell
-    the pairs from rectified ones. Of ``pairs`` that were matched, ``deviations`` and ``points``, their matches, are
-    from pairs that have enough.
+    the pairs from rectified ones. ``deviations`` and ``points``, the number of matches, are from the pairs that have
+    enough matches.
     """
 
     ranges: dict[str, tuple[float, float]]
@@ -68,7 +68,7 @@ def fitting_pairs(pairs: Sequence[tuple[Path, Path]], rigs: Sequence[Rig]) -> li
 
 
 def measure_rectification(pairs: Sequence[tuple[Path, Path]], rigs: Sequence[Rig]) -> Rectification:
-    """Match the views of one or more pairs, up to `MOST_PAIRS` of them, and fit what their right cameras deviate.
+    """Match the views of one or more pairs, up to `MOST_PAIRS` of them, and fit the deviations of their right cameras.
 
     Pairs of another resolution count for the rig of the median size. Raises InputError where an image cannot be read, a
     pair's size is no rig's, or OpenCV is not installed.

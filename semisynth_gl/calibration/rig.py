@@ -1,7 +1,7 @@
 """Rectified rigs: the checks that all formats of calibrations share, and the ranges over several rigs."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -93,16 +93,13 @@ class Rig:
         """
         camera = self.camera
         left, right, cy = ((c + 0.5) * scale - 0.5 for c in (camera.cx_left_px, camera.cx_right_px, camera.cy_px))
-        return Rig(
-            StereoCamera(*self.size.scaled(scale), camera.focal_px * scale, camera.baseline_m, left, right, cy),
-            self.source,
-            DisparityBounds(*(None if bound is None else bound * scale for bound in self.bounds)),
-            self.layout,
-        )
+        camera = StereoCamera(*self.size.scaled(scale), camera.focal_px * scale, camera.baseline_m, left, right, cy)
+        bounds = DisparityBounds(*(None if bound is None else bound * scale for bound in self.bounds))
+        return replace(self, camera=camera, bounds=bounds)
 
 
 def plain_rig(focal_px: float, baseline_m: float, size: Size) -> Rig:
-    """Return the rig of three numbers, its principal points at the centre; raises InputError where one is too large."""
+    """Return the rig of three numbers, with central principal points; raises InputError where one is out of range."""
     if not baseline_m > 0:
         raise InputError(f"`baseline_m` {baseline_m:g}: expected a distance above 0, from the left camera to the right")
     return Rig(StereoCamera.centred(*size, focal_px, baseline_m), "the focal length, baseline and size given")

@@ -61,10 +61,10 @@ def explain_fault(fault: ErrorDetails, document: Document) -> str:
 
 
 def _blamed(key: Key, reason: str, value: str, document: Document) -> str:
-    """Return a reason with the place that is to blame before it, and the other keys that it names behind it.
+    """Return a reason with the place to blame before it, and the other keys that it names behind it.
 
-    To blame is what was said last of the keys that a reason names: what a file extends, or an option overrides, holds
-    by itself.
+    Of the keys that a reason names, the one that was set last is to blame: what a file extends, or an option overrides,
+    was right by itself.
     """
     own, named = _place(key, document), _named_keys(key, reason, document)
     places = {each: document.places[each] for each in named}
@@ -134,7 +134,7 @@ def _explain_form(key: Key, names: Iterable[str], fault: ErrorDetails, document:
 def _meant_keys(key: Key, siblings: Collection[str], value: object) -> list[str]:
     """Return the dotted keys that an unknown one may have been meant for, in its section or another.
 
-    Where ``value`` is a mapping of one key, as of a misspelt section, the key in it counts too.
+    Where a misspelt section holds a single key, that key tells too.
     """
     *above, last = map(str, key)
     inner: list[str] = []

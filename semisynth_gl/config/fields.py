@@ -1,6 +1,6 @@
 """The base class of all sections of a config, and the types of their values."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any, Self, TypeGuard
 
@@ -67,16 +67,21 @@ def _list_as_tuple(value: Any) -> Any:  # noqa: ANN401 - a validator gets any YA
 FROM_LIST = BeforeValidator(_list_as_tuple)
 
 
+def _rule(holds: Callable[[Any], bool], expected: str) -> AfterValidator:
+    """Return a validator of values that a rule holds for."""
+
+    def check(value: Any) -> Any:  # noqa: ANN401 - a validator of any type
+        if not holds(value):
+            raise ValueError(f"expected {expected}")
+        return value
+
+    return AfterValidator(check)
+
+
 def one_of(names: Iterable[str]) -> AfterValidator:
     """Return a validator that accepts these names alone."""
     known = tuple(names)
-
-    def check(name: str) -> str:
-        if name not in known:
-            raise ValueError(f"expected one of {', '.join(known)}")
-        return name
-
-    return AfterValidator(check)
+    return _rule(known.__contains__, f"one of {', '.join(known)}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,12 +142,6 @@ def _parse(value: object) -> Range:
     return Range(low, high)
 
 
-def _check_not_negative(value: Range) -> Range:
-    if value.low < 0:
-        raise ValueError("expected numbers of 0 or more")
-    return value
-
-
 def check_above_zero(value: Range) -> Range:
     """Return a range; raises ValueError where it reaches below `SMALLEST`."""
     if value.low <= 0:
@@ -153,24 +152,12 @@ def check_above_zero(value: Range) -> Range:
 
 def at_least(smallest: float) -> AfterValidator:
     """Return a validator of ranges that begin at a number or above."""
-
-    def check(value: Range) -> Range:
-        if value.low < smallest:
-            raise ValueError(f"expected at least {smallest:g}")
-        return value
-
-    return AfterValidator(check)
+    return _rule(lambda value: value.low >= smallest, f"at least {smallest:g}")
 
 
 def at_most(largest: float) -> AfterValidator:
     """Return a validator of ranges that end at a number or below."""
-
-    def check(value: Range) -> Range:
-        if value.high > largest:
-            raise ValueError(f"expected at most {largest:g}")
-        return value
-
-    return AfterValidator(check)
+    return _rule(lambda value: value.high <= largest, f"at most {largest:g}")
 
 
 def count(most: int) -> Any:  # noqa: ANN401 - pydantic's
@@ -219,4 +206,4 @@ Baselines = Annotated[
 
 RangeField = Annotated[Range, BeforeValidator(_parse), PlainSerializer(written_range)]
 PositiveRange = Annotated[RangeField, AfterValidator(check_above_zero)]
-NotNegativeRange = Annotated[RangeField, AfterValidator(_check_not_negative)]
+NotNegativeRange = Annotated[RangeField, _rule(lambda value: value.low >= 0, "numbers of 0 or more")]

@@ -48,13 +48,6 @@ def recentred(below: Values, above: Values) -> Values:
 def scaled(values: Values, factor: float) -> Values:
     """Return a config's values for the same images at another resolution, defaults in pixels among them."""
 
-    def with_defaults(name: str) -> Values:
-        fields = getattr(Config.model_fields[name].annotation, "model_fields", {})
-        ranges = {key: field.default for key, field in fields.items() if isinstance(field.default, Range)}
-        stated = {key: [each.low, each.high] for key, each in ranges.items() if key.endswith("_px") or key == _TEXELS}
-        given = values.get(name, {})
-        return {name: {**stated, **given}} if isinstance(given, dict) and stated else {}
-
     def of_images(section: Values) -> Values:
         return {key: _scaled(key, value, factor) for key, value in section.items()}
 
@@ -63,7 +56,12 @@ def scaled(values: Values, factor: float) -> Values:
 
     full = dict(values)
     for name in (*_OF_IMAGES, "textures"):
-        full |= with_defaults(name)
+        fields = getattr(Config.model_fields[name].annotation, "model_fields", {})
+        ranges = {key: field.default for key, field in fields.items() if isinstance(field.default, Range)}
+        stated = {key: [each.low, each.high] for key, each in ranges.items() if key.endswith("_px") or key == _TEXELS}
+        given = values.get(name, {})
+        if isinstance(given, dict) and stated:
+            full[name] = stated | given
     return _with_sections(full, dict.fromkeys(_OF_IMAGES, of_images) | {"textures": of_textures})
 
 
@@ -95,7 +93,7 @@ def _scaled(key: str, value: Any, factor: float) -> Any:  # noqa: ANN401 - any Y
 
 
 def _focal_px(camera: Values) -> float | None:
-    """Return the middle of the focal lengths; None where something of it is missing or no number."""
+    """Return the middle of the focal lengths; None where it cannot be worked out."""
     focal = _middle(camera.get("focal_px"))
     if focal is not None:
         return focal

@@ -13,7 +13,7 @@ from semisynth_gl.config.model import Config
 
 @dataclass(frozen=True, slots=True)
 class ConfigKey:
-    """A key of a config, outside of lists; some forms of the key above it alone have a key ``of_form``."""
+    """A key of a config, outside of lists. One ``of_form`` belongs to some forms of the key above it alone."""
 
     parts: tuple[str, ...]
     is_section: bool

@@ -108,10 +108,9 @@ class RecipeSection(_Changes):
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """A recipe by which the scenes of a share of the sequences are made.
+    """A recipe by which a share of the sequences is made; ``config`` has its keys and no ``scenes``.
 
-    ``config`` has the recipe's keys and no ``scenes``. Where a config has no recipes, it is its only recipe itself,
-    with the name None.
+    A config without recipes is its own only recipe, without a name.
     """
 
     name: str | None
@@ -210,7 +209,7 @@ class Config(Section):
             raise ValidationError.from_exception_data("Config", faults)
 
     def _stated_px(self) -> dict[str, Range]:
-        """Return the disparities that the sections state for what scenes show, by their keys."""
+        """Return the disparities that the sections state for things that scenes show, by their keys."""
         stated = {
             "structures.ground_disparity_px": self.structures.ground_disparity_px,
             "structures.panel_disparity_px": self.structures.panel_disparity_px,
